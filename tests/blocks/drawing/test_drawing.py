@@ -131,7 +131,6 @@ def test_wires_meet_at_the_border_of_an_open_diagram():
     two >> inner.u[1:]
     scene = scene_of(diagram, 1)
     _, box, inside = scene.blocks[-1]
-    assert inside is not None
     ends = sorted(path[-1][1] - box.y for net, _ in scene.wires for path in net.paths)
     edge = inside.edges["u"]
     assert edge.y <= ends[0] < ends[1] <= edge.y + edge.height

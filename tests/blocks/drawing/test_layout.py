@@ -15,7 +15,7 @@ from trussflow.blocks.drawing.routing import NEVER, route, tracks
 TIME_LIMIT = 20.0
 """Time for a picture of 200 blocks on a busy machine [s]; it takes one."""
 
-HEAD, PITCH = 34.0, 18.0
+BOX_HEAD, PIN_PITCH = 34.0, 18.0
 MORE_CROSSINGS, MORE_BENDS = 1, 1.2
 """Limits: so many crossings more, and so many times as many bends, as elkjs has."""
 
@@ -24,7 +24,7 @@ def scattered(number, density=1.6, back=0.1, seed=None):
     """Return boxes wired to some that come shortly before them, and at times to any."""
     chance = Random(number if seed is None else seed)
     inputs, outputs = ([chance.randint(1, 3) for _ in range(number)] for _ in range(2))
-    boxes = [Box(80.0, HEAD + PITCH * max(pins)) for pins in zip(inputs, outputs, strict=True)]
+    boxes = [Box(80.0, BOX_HEAD + PIN_PITCH * max(pins)) for pins in zip(inputs, outputs, strict=True)]
     nets = {}
     free = [(i, k) for i in range(number) for k in range(inputs[i])]
     chance.shuffle(free)
@@ -37,8 +37,8 @@ def scattered(number, density=1.6, back=0.1, seed=None):
             continue
         pin = source, chance.randrange(outputs[source])
         if pin not in nets:
-            nets[pin] = Net(boxes[source].pin(1, HEAD + PITCH * (pin[1] + 0.5)), [])
-        nets[pin].targets.append(boxes[i].pin(0, HEAD + PITCH * (k + 0.5)))
+            nets[pin] = Net(boxes[source].pin(1, BOX_HEAD + PIN_PITCH * (pin[1] + 0.5)), [])
+        nets[pin].targets.append(boxes[i].pin(0, BOX_HEAD + PIN_PITCH * (k + 0.5)))
     for side in (side for box in boxes for side in box.sides):
         side.sort(key=lambda pin: pin.dy)
     return boxes, list(nets.values())
@@ -157,7 +157,7 @@ def test_feedback_goes_back_below():
 
 
 def test_crossed_levels_are_led_over_two_tracks():
-    """Each wire has to end at the height at which the other begins: neither vertical can stand first."""
+    """Two wires end at the heights at which the other begins, so neither vertical can be first."""
     boxes = [Box(40.0, 40.0, layer=i // 2, x=i // 2 * 100.0, y=i % 2 * 100.0) for i in range(4)]
     a, b, c, d = boxes
     nets = [Net(a.pin(1, 20.0), [d.pin(0, 20.0)]), Net(b.pin(1, 20.0), [c.pin(0, 20.0)])]

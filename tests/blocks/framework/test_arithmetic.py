@@ -28,8 +28,8 @@ VALUES = {
     "w": [0.3, 0.4, -2.0],
     "m": [[1.0, 2.0, 3.0], [0.5, -1.0, 0.0]],
 }
-ROUNDING = 1e-12
-"""Of some operations on numbers of size one."""
+OPERATION_TOLERANCE = 1e-12
+"""Round-off of some operations on numbers of size one."""
 
 BINARY = [
     operator.add,
@@ -81,7 +81,7 @@ def test_random_expressions_are_numpys(data):
         with np.errstate(all="ignore"):
             pool.append((function(port, other), 1.0 * function(value, number)))
     port, expected = pool[-1]
-    assert_allclose(value_of(port), expected, rtol=ROUNDING, atol=ROUNDING)
+    assert_allclose(value_of(port), expected, rtol=OPERATION_TOLERANCE, atol=OPERATION_TOLERANCE)
 
 
 @pytest.mark.parametrize(
@@ -104,7 +104,7 @@ def test_random_expressions_are_numpys(data):
 )
 def test_what_reads_as_a_formula(write, expected):
     for backend in ("interpreted", "numpy"):
-        assert_allclose(value_of(write(sources()), backend), expected, rtol=ROUNDING, atol=0.0)
+        assert_allclose(value_of(write(sources()), backend), expected, rtol=OPERATION_TOLERANCE, atol=0.0)
 
 
 def test_units_follow():
@@ -135,7 +135,7 @@ def test_shapes_that_wires_tell_later():
     source = d.add("source", Constant([1.0, 2.0]))
     source >> gain
     source >> other
-    assert_allclose(value_of(product), [3.0, 12.0], rtol=ROUNDING)
+    assert_allclose(value_of(product), [3.0, 12.0], rtol=OPERATION_TOLERANCE)
     assert d.gain.y[1].wiring_diagram() is d
 
 

@@ -91,7 +91,15 @@ def test_methods_that_no_block_states_are_not_overridden(name):
 def test_offset_is_a_free_name():
     """Constants, sines and ramps want a parameter of that name."""
     block = type("Sine", (Block,), {"offset": Parameter(2.0)})().sampled(0.1, 0.05)
-    assert float(block.offset) == 2.0
+    assert block.offset == 2.0
+
+
+class Extra(Block):
+    """A block with ports that are named when it is built."""
+
+    def __init__(self, ports):
+        self.extra_ports = ports
+        super().__init__()
 
 
 @pytest.mark.parametrize(
@@ -100,16 +108,12 @@ def test_offset_is_a_free_name():
         (5, "extra_ports of Extra must be given by name, as a dict, not as 5"),
         ({3: Input()}, "3 is no name"),
         ({"u": 3}, r"Extra: extra port 'u' must be an Input\(...\) or an Output\(...\), not 3"),
+        ({"output": Input()}, "Extra declares 'output', but the block has an attribute"),
     ],
 )
 def test_extra_ports_are_ports_by_name(ports, message):
-    class Extra(Block):
-        def __init__(self):
-            self.extra_ports = ports
-            super().__init__()
-
     with pytest.raises(TrussflowError, match=message):
-        Extra()
+        Extra(ports)
 
 
 def test_declared_names_must_not_be_hidden_by_attributes():
@@ -117,19 +121,11 @@ def test_declared_names_must_not_be_hidden_by_attributes():
         gain = Parameter(1.0)
 
         def __init__(self):
-            self.gain = 3.0  # type: ignore[assignment]
+            self.gain = 3.0
             super().__init__()
 
     with pytest.raises(BlockError, match="Hidden declares 'gain', but the block has an attribute"):
         Hidden()
-
-    class Extra(Block):
-        def __init__(self):
-            self.extra_ports = {"output": Input()}
-            super().__init__()
-
-    with pytest.raises(BlockError, match="Extra declares 'output', but the block has an attribute"):
-        Extra()
 
 
 def test_declarations_are_inherited_from_all_bases():

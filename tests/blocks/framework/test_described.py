@@ -1,4 +1,4 @@
-"""What objects say of themselves, as text and in notebooks."""
+"""Descriptions of objects, as text and in notebooks."""
 
 import xml.etree.ElementTree as ET
 

@@ -1,4 +1,4 @@
-"""Where files go: what is there is looked at first, and temporary folders are named."""
+"""Targets of files: special files are refused, links are followed, temporary folders are named."""
 
 import os
 import stat

@@ -10,7 +10,7 @@ import pytest
 
 from trussflow.blocks.framework.files import LOCK, deleted, own_folder, replaced
 
-KILLED = """
+KILLED_WRITER = """
 import os, sys
 from trussflow.blocks.framework.files import replaced
 with replaced(sys.argv[1]) as partial:
@@ -44,7 +44,7 @@ def test_an_error_leaves_the_old_file_and_nothing_else(tmp_path):
 def test_what_a_killed_process_left_goes_with_the_next_file(tmp_path):
     file, next_file = tmp_path / "result.txt", tmp_path / "next.txt"
     file.write_text("old")
-    subprocess.run([sys.executable, "-c", KILLED, str(file)], check=False)
+    subprocess.run([sys.executable, "-c", KILLED_WRITER, str(file)], check=False)
     assert file.read_text() == "old"
     assert len(list(tmp_path.iterdir())) == 3
     with replaced(next_file) as partial:
@@ -63,7 +63,7 @@ def test_several_are_written_at_once(tmp_path):
 
 @posix
 def test_file_systems_without_locks_will_do(tmp_path, monkeypatch):
-    """Then nobody knows what was left behind, and it stays."""
+    """Leftovers of killed processes cannot be recognized there, and stay."""
     import fcntl
 
     def refused(*_):

@@ -129,7 +129,7 @@ def test_slice_of_an_open_shape_is_refused():
 
 
 def test_ring_without_a_known_shape_is_scalar():
-    """Nothing says that it is anything else; what is wired later must fit."""
+    """A ring without a known shape is scalar, and later wires must fit."""
     diagram, blocks = chain(2)
     blocks[1] >> blocks[0]
     flatten(diagram)
@@ -163,9 +163,9 @@ def test_states_take_the_inferred_shape(backend):
 
 
 def test_long_chains_are_no_problem():
-    """Neither inference nor evaluation recurses once per block."""
+    """Inference and evaluation do not recurse once per block."""
     diagram, blocks = chain(500)
     forces = diagram.add(forces=Forces())
     forces.f >> blocks[0]
     result = simulate(diagram, 0.1, step=0.1, backend="interpreted", log=[blocks[-1].y])
-    assert float(result["p499.y"][0, 1, 2]) == 6.0
+    assert result["p499.y"][0, 1, 2] == 6.0

@@ -54,7 +54,7 @@ def test_what_is_swallowed_comes_again():
 
 
 def test_other_errors_that_it_became_are_ctrl_c():
-    """As in an import of C code, which reports another error."""
+    """An import of C code reports another error than Ctrl-C."""
     with pytest.raises(KeyboardInterrupt), interruptible():  # noqa: PT012
         try:
             signal.raise_signal(signal.SIGINT)
@@ -136,7 +136,7 @@ def test_sessions_swallow_no_ctrl_c(settings, number, request):
     assert swallowed == 0
 
 
-IMPORT = """
+IMPORT_SCRIPT = """
 import signal, sys
 from trussflow.blocks import Diagram, Integrator, Constant, simulate
 class Finder:
@@ -157,11 +157,11 @@ print(simulate(diagram, 1.0, step=0.1, backend="numpy").sizes["time"])
 
 
 def test_ctrl_c_leaves_no_module_half_imported():
-    ended = subprocess.run([sys.executable, "-c", IMPORT], capture_output=True, text=True, check=False)
+    ended = subprocess.run([sys.executable, "-c", IMPORT_SCRIPT], capture_output=True, text=True, check=False)
     assert ended.stdout.split() == ["stopped", "True", "11"], ended.stderr
 
 
-HEAD = """
+SCRIPT_HEAD = """
 import sys
 from trussflow.blocks import *
 diagram = Diagram("loop")
@@ -172,7 +172,7 @@ state >> hold
 def ready(): print("ready", flush=True)
 try:
 """
-TAIL = """
+SCRIPT_TAIL = """
 except KeyboardInterrupt as error:
     print("stopped", getattr(error, "result", {}).keys())
 """
@@ -213,7 +213,7 @@ JOBS = {
         while True: export(Integrator(1.0), tempfile.mkdtemp() + "/one.fmu")
     """,
 }
-CASES = [
+JOB_DELAYS = [
     (job, delay)
     for job in JOBS
     for delay in np.random.default_rng(5 + campaign.SEED).uniform(0.0, 1.0, 5 * campaign.SIZE)
@@ -223,12 +223,11 @@ CASES = [
 @pytest.mark.skipif(os.name != "posix", reason="signals")
 @pytest.mark.parametrize(
     ("job", "delay"),
-    [("streamed", 0.2), *(pytest.param(*case, marks=pytest.mark.campaign) for case in CASES)],
+    [("streamed", 0.2), *(pytest.param(*case, marks=pytest.mark.campaign) for case in JOB_DELAYS)],
 )
 def test_ctrl_c_ends_every_job_soon(job, delay):
-    code = HEAD + textwrap.indent(textwrap.dedent(JOBS[job]), "    ") + TAIL
+    code = SCRIPT_HEAD + textwrap.indent(textwrap.dedent(JOBS[job]), "    ") + SCRIPT_TAIL
     with subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE, text=True) as process:
-        assert process.stdout is not None
         assert process.stdout.readline() == "ready\n"
         time.sleep(delay)
         process.send_signal(signal.SIGINT)

@@ -1,4 +1,4 @@
-"""What a wire may join, and the message when it may not: golden texts with the user's line."""
+"""Wires that fit, and the messages of those that do not: golden texts with the user's line."""
 
 import re
 import sys
@@ -192,7 +192,7 @@ def assigned(d, name, value=3.0):
     setattr(d.truss, name, value)
 
 
-REFUSED = [
+REFUSED_WIRES = [
     (lambda d: d.traj.clock >> d.user.m, "unit 's' does not fit 'm'"),
     # A scale is no quiet conversion: the message gives the factor.
     (lambda d: d.traj.length >> d.user.m, r"unit 'mm' is 0\.001 'm'; insert a Gain with the"),
@@ -221,7 +221,7 @@ REFUSED = [
 ]
 
 
-@pytest.mark.parametrize(("attempt", "message"), REFUSED)
+@pytest.mark.parametrize(("attempt", "message"), REFUSED_WIRES)
 def test_refused_wires_leave_the_diagram_as_it_was(attempt, message):
     """In a notebook the next cell tries again."""
     d = build()

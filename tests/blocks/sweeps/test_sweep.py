@@ -36,11 +36,11 @@ def noisy():
     return diagram
 
 
-VARY = {"back.gain": stats.norm(-1.0, 0.2), "x.integral[0]": stats.uniform(1.0, 2.0)}
+VARIATION = {"back.gain": stats.norm(-1.0, 0.2), "x.integral[0]": stats.uniform(1.0, 2.0)}
 
 
 def test_each_sample_is_the_run_that_a_user_would_make():
-    swept = sweep(decay(2), 1.0, vary=VARY, samples=5, seed=3, step=0.1, executor="serial")
+    swept = sweep(decay(2), 1.0, vary=VARIATION, samples=5, seed=3, step=0.1, executor="serial")
     for k in range(5):
         parameters = {"back.gain": swept["back.gain"].values[k]}
         initial = {"x.integral": [swept["x.integral[0]"].values[k], 1.0]}
@@ -139,7 +139,9 @@ def test_stops_when_the_mean_is_known_well_enough():
 
 
 def test_the_end_is_rerun_from_a_file(tmp_path):
-    swept = sweep(decay(), 1.0, vary=VARY, samples=4, step=0.1, keep={"x.y": "final"}, path=tmp_path / "s")
+    swept = sweep(
+        decay(), 1.0, vary=VARIATION, samples=4, step=0.1, keep={"x.y": "final"}, path=tmp_path / "s"
+    )
     swept.to_netcdf(tmp_path / "swept.nc")
     with xr.open_dataset(tmp_path / "swept.nc") as read:
         worst = int(np.argmax(read["x.y"].values))
@@ -150,7 +152,7 @@ def test_the_end_is_rerun_from_a_file(tmp_path):
             rerun(decay(), read, 7)
 
 
-WRONG = {
+WRONG_SETTINGS = {
     "no parameter or initial state 'back.gian'": {"vary": {"back.gian": [1.0]}},
     "no parameter or initial state 'back.input_unit' .*structure": {"vary": {"back.input_unit": [1.0]}},
     "no parameter or state 'gain': write 'block.gain'": {"vary": {"gain": [1.0]}},
@@ -175,14 +177,14 @@ WRONG = {
 }
 
 
-@pytest.mark.parametrize("message", WRONG)
+@pytest.mark.parametrize("message", WRONG_SETTINGS)
 def test_what_makes_no_sense_is_said_before_anything_runs(message):
     with pytest.raises((SimulationError, NameLookupError), match=message):
-        sweep(decay(), 1.0, step=0.1, **{"vary": {"back.gain": [1.0]}} | WRONG[message])
+        sweep(decay(), 1.0, step=0.1, **{"vary": {"back.gain": [1.0]}} | WRONG_SETTINGS[message])
 
 
 def test_a_value_that_the_run_does_not_take_over_is_an_error(monkeypatch):
-    """Such as when dispersions are drawn, and then forgotten."""
+    """Detect values that are drawn and then not used."""
     run = Simulator.run
 
     def forgets(self, *given, **by_name):
@@ -202,7 +204,7 @@ def test_a_value_that_the_run_does_not_take_over_is_an_error(monkeypatch):
     ],
 )
 def test_nothing_kept_stands_in_for_what_varied(keep, name):
-    """Else `rerun` would begin where the sample ended."""
+    """Prevent that `rerun` begins at the end of the sample."""
     settings = {"vary": {"x.integral": [1.0, 2.0]}, "executor": "serial", "step": 0.1}
     with pytest.raises(SimulationError, match=f"'{name}' cannot be kept by that name"):
         sweep(decay(()), 0.2, keep=keep, **settings)

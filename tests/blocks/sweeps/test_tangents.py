@@ -212,7 +212,7 @@ def test_events_that_are_one_move_as_one():
 
 
 def test_tuning_goes_through_events():
-    """How elastic a ball has to be to be 0.5 m high after 0.85 s."""
+    """Find the restitution with which a ball is 0.5 m high after 0.85 s."""
     found = tune(
         room(),
         0.85,

@@ -14,8 +14,8 @@ from trussflow.blocks import (
     tune,
 )
 
-RANGE = {"law.gain": (0.1, 8.0)}
-STEP = 0.01
+GAIN_RANGE = {"law.gain": (0.1, 8.0)}
+TIME_STEP = 0.01
 
 over_both_ways = pytest.mark.parametrize("derivatives", [True, False])
 
@@ -30,7 +30,7 @@ def mean_error(run):
 
 def test_an_optimum_inside_is_found():
     """From 0, exp(-2 gain) = 1/4 is left after two seconds if the gain is ln 2."""
-    found = tune(approach(), 2.0, missed, RANGE, step=STEP)
+    found = tune(approach(), 2.0, missed, GAIN_RANGE, step=TIME_STEP)
     assert found.values["law.gain"] == pytest.approx(np.log(2.0), rel=1e-4)
     assert found.cost < 1e-8 < found.before
     assert found.message == ""
@@ -40,7 +40,7 @@ def test_an_optimum_inside_is_found():
 def test_a_limit_holds_where_more_would_cost_less():
     """The fastest approach with a force of at most 3 has the gain 3."""
     force = {"force": (lambda run: np.max(np.abs(run["law.y"])), 3.0)}
-    found = tune(approach(), 2.0, mean_error, RANGE, limits=force, step=STEP)
+    found = tune(approach(), 2.0, mean_error, GAIN_RANGE, limits=force, step=TIME_STEP)
     assert found.values["law.gain"] == pytest.approx(3.0, rel=1e-6)
     assert found.limits["force"] == pytest.approx(3.0, rel=1e-6)
     assert found.message == ""
@@ -51,7 +51,7 @@ def test_a_requirement_on_poles_holds(derivatives):
     gains = []
 
     def pole(values):
-        gain = float(values["law.gain"])
+        gain = values["law.gain"]
         gains.append(gain)
         return np.abs(linearize(approach(gain), "law.u", "level.y").poles()).max() + gain
 
@@ -59,10 +59,10 @@ def test_a_requirement_on_poles_holds(derivatives):
         approach(),
         2.0,
         mean_error,
-        RANGE,
+        GAIN_RANGE,
         requirements={"speed": (pole, 4.0)},
         derivatives=derivatives,
-        step=STEP,
+        step=TIME_STEP,
     )
     if not derivatives:
         assert len(gains) == found.runs, "once in each trial"
@@ -71,11 +71,12 @@ def test_a_requirement_on_poles_holds(derivatives):
 
 def test_the_mean_over_samples_is_least():
     samples = [{"level.integral": 0.0}, {"level.integral": 0.5}]
-    found = tune(approach(), 2.0, missed, RANGE, samples=samples, step=STEP)
+    found = tune(approach(), 2.0, missed, GAIN_RANGE, samples=samples, step=TIME_STEP)
     costs = []
     for gain in (found.values["law.gain"] + e for e in (-1e-3, 0.0, 1e-3)):
         runs = [
-            simulate(approach(), 2.0, step=STEP, parameters={"law.gain": gain}, initial=s) for s in samples
+            simulate(approach(), 2.0, step=TIME_STEP, parameters={"law.gain": gain}, initial=s)
+            for s in samples
         ]
         costs.append(np.mean([missed(run) for run in runs]))
     assert costs[1] == min(costs)
@@ -95,13 +96,13 @@ def test_a_search_comes_back_from_where_runs_diverge(derivatives):
         derivatives=derivatives,
     )
     assert found.cost <= found.before
-    assert float(found.values["law.gain"]) < 5.6
+    assert found.values["law.gain"] < 5.6
 
 
 @over_both_ways
 def test_limits_that_cannot_be_met_are_reported(derivatives):
     late = {"late": (lambda run: -run["level.y"][-1], -1.5)}
-    found = tune(approach(), 2.0, missed, RANGE, limits=late, derivatives=derivatives, step=STEP)
+    found = tune(approach(), 2.0, missed, GAIN_RANGE, limits=late, derivatives=derivatives, step=TIME_STEP)
     assert "limits are not met" in found.message
 
 
@@ -113,7 +114,7 @@ def test_derivatives_go_through_what_values_become():
         missed,
         {"log": ([-2.0], [0.0], [2.0])},
         becoming=lambda log: {"law.gain": np.exp(log)[0]},
-        step=STEP,
+        step=TIME_STEP,
     )
     assert found.values["log"] == pytest.approx([np.log(np.log(2.0))], abs=1e-4)
     assert found.runs < 20
@@ -140,7 +141,10 @@ def test_derivatives_go_through_what_values_become():
         ({"samples": [{"level.integral": 1.0}, {}]}, "the same names"),
         ({"iterations": 0}, "iterations"),
         ({"executor": "serial"}, "are for derivatives=False"),
-        ({"model": Simulator(approach(), step=STEP), "derivatives": False}, "give step to it, not to tune"),
+        (
+            {"model": Simulator(approach(), step=TIME_STEP), "derivatives": False},
+            "give step to it, not to tune",
+        ),
         (
             {
                 "model": approach(-400.0),
@@ -153,6 +157,6 @@ def test_derivatives_go_through_what_values_become():
     ],
 )
 def test_bad_input_is_refused(more, match):
-    usual = {"model": approach(), "duration": 1.0, "cost": missed, "vary": RANGE, "step": STEP}
+    usual = {"model": approach(), "duration": 1.0, "cost": missed, "vary": GAIN_RANGE, "step": TIME_STEP}
     with pytest.raises((SimulationError, NameLookupError, DivergenceError), match=match):
         tune(**usual | more)

@@ -2,15 +2,13 @@
 
 import numpy as np
 import pytest
-from systems import approach
+from systems import approach, ports
 
 from trussflow.blocks import (
     Constant,
     Diagram,
     Gain,
-    Input,
     Integrator,
-    Output,
     PythonFunction,
     Relay,
     SimulationError,
@@ -25,8 +23,8 @@ from trussflow.blocks.sweeps import sweep
 from trussflow.blocks.sweeps.samples import Runs
 from trussflow.blocks.tracing import compiler
 
-RANGE = {"law.gain": (0.1, 8.0)}
-STEP = 0.01
+GAIN_RANGE = {"law.gain": (0.1, 8.0)}
+TIME_STEP = 0.01
 
 
 def missed(run):
@@ -65,7 +63,7 @@ def test_python_blocks_may_run_and_any_function_may_cost():
     """Held for 0.1 s, the error is gone after one sample where the gain is 10, though it is rounded."""
     diagram = Diagram("dead-beat")
     goal, law, level = diagram.add(goal=Constant(1.0), law=Gain(6.0), level=Integrator())
-    rounded = PythonFunction(lambda u: float(f"{u:.4f}"), 0.1, inputs={"u": Input()}, outputs={"y": Output()})
+    rounded = PythonFunction(lambda u: float(f"{u:.4f}"), 0.1, **ports(u=(), y=()))
     (goal.y - level.y) >> law >> diagram.add(rounded=rounded).u
     rounded.y >> level
 
@@ -73,7 +71,7 @@ def test_python_blocks_may_run_and_any_function_may_cost():
         return sum((value - 1.0) ** 2 for value in run["level.y"].values[10::10].tolist())
 
     found = tune(
-        diagram, 1.0, cost, {"law.gain": (1.0, 15.0)}, derivatives=False, executor="serial", step=STEP
+        diagram, 1.0, cost, {"law.gain": (1.0, 15.0)}, derivatives=False, executor="serial", step=TIME_STEP
     )
     assert found.values["law.gain"] == pytest.approx(10.0, abs=0.02)
     assert found.runs < 30
@@ -100,12 +98,12 @@ def test_the_optimum_is_that_found_with_derivatives():
                 {"place.integral": 2.0, "speed.integral": 0.3},
             ],
             derivatives=derivatives,
-            step=STEP,
+            step=TIME_STEP,
         )
         for derivatives in (True, False)
     )
     for name, value in exact.values.items():
-        assert float(found.values[name]) == pytest.approx(float(value), abs=5e-3)
+        assert found.values[name] == pytest.approx(value, abs=5e-3)
     assert found.cost == pytest.approx(exact.cost, rel=1e-6)
     assert found.limits["force"] == pytest.approx(4.0, rel=1e-6)
 
@@ -118,13 +116,13 @@ def test_the_mean_of_all_samples_counts_and_limits_hold_in_each():
         return np.abs(run["law.y"].values[[0, -1]])
 
     found = tune(
-        approach(), 2.0, mean_error, RANGE, limits={"force": (forces, 3.0)}, samples=samples,
-        derivatives=False, step=STEP,
+        approach(), 2.0, mean_error, GAIN_RANGE, limits={"force": (forces, 3.0)}, samples=samples,
+        derivatives=False, step=TIME_STEP,
     )  # fmt: skip
     assert found.values["law.gain"] == pytest.approx(2.0, rel=1e-5)
     assert found.limits["force"][0] == pytest.approx(3.0, rel=1e-5)
     costs = [
-        mean_error(simulate(approach(), 2.0, step=STEP, parameters=found.values, initial=one))
+        mean_error(simulate(approach(), 2.0, step=TIME_STEP, parameters=found.values, initial=one))
         for one in samples
     ]
     assert found.cost == pytest.approx(np.mean(costs), rel=1e-12)
@@ -132,7 +130,7 @@ def test_the_mean_of_all_samples_counts_and_limits_hold_in_each():
 
 @pytest.mark.parametrize("worth", [1e5, 1e7], ids=["in lanes", "alone"])
 def test_no_trial_traces_or_compiles(monkeypatch, tmp_path, worth):
-    """Once to run, once more for lanes, whatever the number of trials; in lanes all samples run at once."""
+    """Code is compiled once, and once more for lanes, for any number of trials."""
     counts = {"prepared": 0, "compiled": 0, "in lanes": 0}
 
     def counted(owner, attribute, name):
@@ -150,7 +148,9 @@ def test_no_trial_traces_or_compiles(monkeypatch, tmp_path, worth):
     counted(compiler, "_build", "compiled")
     counted(Lanes, "run", "in lanes")
     samples = [{"level.integral": 0.01 * k} for k in range(2 * compiler.lanes())]
-    found = tune(approach(), 2.0, missed, RANGE, samples=samples, derivatives=False, step=STEP, workers=2)
+    found = tune(
+        approach(), 2.0, missed, GAIN_RANGE, samples=samples, derivatives=False, step=TIME_STEP, workers=2
+    )
     trials = found.runs // len(samples)
     assert trials > 5
     lanes = worth == 1e5
@@ -166,37 +166,37 @@ def test_an_interrupted_search_goes_on(monkeypatch, tmp_path):
         return own(self, values)
 
     monkeypatch.setattr(Runs, "run", counted)
-    settings = {"derivatives": False, "step": STEP, "executor": "serial"}
-    whole = tune(approach(), 2.0, missed, RANGE, **settings)
+    settings = {"derivatives": False, "step": TIME_STEP, "executor": "serial"}
+    whole = tune(approach(), 2.0, missed, GAIN_RANGE, **settings)
     number = len(runs)
     assert whole.runs == number
-    first = tune(approach(), 2.0, missed, RANGE, iterations=4, path=tmp_path, **settings)
+    first = tune(approach(), 2.0, missed, GAIN_RANGE, iterations=4, path=tmp_path, **settings)
     assert "exceeded" in first.message
-    again = tune(approach(), 2.0, missed, RANGE, path=tmp_path, **settings)
+    again = tune(approach(), 2.0, missed, GAIN_RANGE, path=tmp_path, **settings)
     assert again.values == whole.values
     assert len(runs) == 2 * number
     with pytest.raises(SimulationError, match="holds another sweep: its keep"):
-        tune(approach(), 2.0, mean_error, RANGE, path=tmp_path, **settings)
+        tune(approach(), 2.0, mean_error, GAIN_RANGE, path=tmp_path, **settings)
 
 
 @pytest.mark.parametrize("most", [8.0, 1.9, -1.0], ids=["free", "limited", "not to be met"])
 def test_what_is_stopped_by_hand_returns_the_best_until_then(most):
-    """Of what was tried, and within the limits if anything was; the gains tried are those of the runs."""
+    """Return the best trial, within the limits if any was; the gains are those of the runs."""
     gains = []
 
     def cost_of(gain):
-        return missed(simulate(approach(gain), 2.0, step=STEP))
+        return missed(simulate(approach(gain), 2.0, step=TIME_STEP))
 
     def cost(run):
-        gains.append(float(run["law.y"][0]))
+        gains.append(run["law.y"].values[0])
         if len(gains) == 7:
             raise KeyboardInterrupt
         return missed(run)
 
     with pytest.raises(SimulationInterrupted, match="stopped after 6 trials; the best is") as stopped:
         tune(
-            approach(), 2.0, cost, RANGE, requirements={"gain": (lambda v: v["law.gain"], most)},
-            derivatives=False, executor="serial", step=STEP,
+            approach(), 2.0, cost, GAIN_RANGE, requirements={"gain": (lambda v: v["law.gain"], most)},
+            derivatives=False, executor="serial", step=TIME_STEP,
         )  # fmt: skip
     best = stopped.value.result
     met = [gain for gain in gains[:6] if gain <= most]

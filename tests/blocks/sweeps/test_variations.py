@@ -1,4 +1,4 @@
-"""What varies: drawn as distributions say, combined in all ways; nonsense is refused by our errors."""
+"""Variations: distributions, combinations, and arguments that are refused."""
 
 import contextlib
 import itertools
@@ -16,10 +16,10 @@ from trussflow.blocks import Gain, SimulationError, TrussflowError, sweep
 from trussflow.blocks.sweeps.sweep import sweep as function
 from trussflow.blocks.sweeps.variations import METHODS, drawn
 
-LISTS = st.lists(st.lists(st.integers(0, 9), min_size=1, max_size=4), max_size=3)
+VALUE_LISTS = st.lists(st.lists(st.integers(0, 9), min_size=1, max_size=4), max_size=3)
 
 
-@given(LISTS, st.integers(0, 3), st.integers(1, 20), st.sampled_from(["random", "latin", "halton"]))
+@given(VALUE_LISTS, st.integers(0, 3), st.integers(1, 20), st.sampled_from(["random", "latin", "halton"]))
 def test_all_combinations_come_with_all_draws(lists, distributions, samples, method):
     if not lists and not distributions:
         return
@@ -45,13 +45,14 @@ def test_draws_have_the_distribution_that_was_asked_for(method):
         "a.t": stats.truncnorm(-1, 2),
         "a.u": stats.uniform(),
     }
-    found = drawn(wanted | {("b.x", "b.y"): joint}, 1024, 7, method)
+    vary = wanted | {("b.x", "b.y"): joint}
+    found = drawn(vary, 1024, 7, method)
     for name, distribution in wanted.items():
         assert stats.kstest(found[name], distribution.cdf).pvalue > 1e-3
     # Of 1024 independent draws the error is 0.5 * 5 / 32 at five standard deviations.
     assert_allclose(np.cov(found["b.x"], found["b.y"]), joint.cov, rtol=0.0, atol=0.08)
-    assert_array_equal(found["b.x"], drawn(wanted | {("b.x", "b.y"): joint}, 1024, 7, method)["b.x"])
-    assert (found["b.x"] != drawn(wanted | {("b.x", "b.y"): joint}, 1024, 8, method)["b.x"]).any()
+    assert_array_equal(found["b.x"], drawn(vary, 1024, 7, method)["b.x"])
+    assert (found["b.x"] != drawn(vary, 1024, 8, method)["b.x"]).any()
 
 
 def test_arrays_vary_together_with_numbers():
@@ -85,7 +86,7 @@ def test_more_samples_begin_with_the_same():
     assert_array_equal(few["a.n"], many["a.n"][:10])
 
 
-NONSENSE = [
+NONSENSE_VALUES = [
     *(None, True, 0, -1, 1.5, math.nan, math.inf, 10**30, 1 + 2j, "", "x", b"x", object()),
     *(
         [],
@@ -107,7 +108,7 @@ NONSENSE = [
 @pytest.mark.parametrize("argument", sorted({*function.__annotations__} - {"return", "settings", "progress"}))
 def test_nonsense_is_refused_by_our_errors(argument, tmp_path):
     diagram = decay(())
-    for k, value in enumerate(NONSENSE):
+    for k, value in enumerate(NONSENSE_VALUES):
         if argument == "duration" and isinstance(value, int) and value > 1:
             continue  # a run that takes so long is no nonsense
         usual = {"vary": {"back.gain": stats.norm()}, "samples": 2, "executor": "serial"}
@@ -117,7 +118,7 @@ def test_nonsense_is_refused_by_our_errors(argument, tmp_path):
         more = {} if argument in ("model", "duration") else {argument: value}
         with contextlib.suppress(TrussflowError):
             sweep(model, duration, step=0.1, **usual | more)
-    for value in NONSENSE:
+    for value in NONSENSE_VALUES:
         with contextlib.suppress(TrussflowError):
             sweep(diagram, 0.2, vary={"back.gain": value}, step=0.1, executor="serial")
         with contextlib.suppress(TrussflowError):

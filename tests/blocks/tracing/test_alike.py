@@ -71,7 +71,7 @@ def called(made):
     return made(1.0)
 
 
-DIFFERENT = {
+DIFFERENT_ATTRIBUTES = {
     "a number": (1.0, 1.0 + 2**-52, lambda made: made),
     "the sign of a zero": (0.0, -0.0, bits),
     "whole or not": (1, 1.0, kind),
@@ -115,20 +115,20 @@ def test_equal_blocks_are_traced_once_and_keep_their_own_parameters():
         assert found[name] == 0.7 * slope * 2.0
 
 
-@pytest.mark.parametrize("what", DIFFERENT)
+@pytest.mark.parametrize("what", DIFFERENT_ATTRIBUTES)
 def test_blocks_that_differ_in_an_attribute_keep_their_own_equations(what):
-    a, b, reads = DIFFERENT[what]
+    a, b, reads = DIFFERENT_ATTRIBUTES[what]
     blocks = {"a": Made(a, reads), "b": Made(b, reads), "again": Made(a, reads)}
     found = shown(many(**blocks))
     marks = {name: mark(block) for name, block in blocks.items()}
     assert marks["a"] != marks["b"]
     assert marks["a"] == marks["again"]
     for name, block in blocks.items():
-        assert found[name] == 0.7 * float(reads(block.made))
+        assert found[name] == 0.7 * reads(block.made)
     assert found["a"] != found["b"]
 
 
-TABLE = {"a": 2.0, "b": 3.0}
+GAIN_TABLE = {"a": 2.0, "b": 3.0}
 
 
 class Asking(Block):
@@ -147,19 +147,21 @@ class Asking(Block):
         return {"y": u.u * self._asks(self)}
 
 
-ASKS = {
-    "its name": lambda block: TABLE[block.name],
-    "its path": lambda block: TABLE[block.path],
-    "the path of its port": lambda block: TABLE[block.ports["u"].path[0]],
-    "what is beside it": lambda block: TABLE[next(n for n, b in block.parent.blocks.items() if b is block)],
-    "its parameter": lambda block: float(block.gain),
-    "all its parameters": lambda block: float(block.parameters["gain"]),
+IDENTITY_READERS = {
+    "its name": lambda block: GAIN_TABLE[block.name],
+    "its path": lambda block: GAIN_TABLE[block.path],
+    "the path of its port": lambda block: GAIN_TABLE[block.ports["u"].path[0]],
+    "what is beside it": lambda block: GAIN_TABLE[
+        next(n for n, b in block.parent.blocks.items() if b is block)
+    ],
+    "its parameter": lambda block: block.gain,
+    "all its parameters": lambda block: block.parameters["gain"],
 }
 
 
-@pytest.mark.parametrize("asks", ASKS)
+@pytest.mark.parametrize("asks", IDENTITY_READERS)
 def test_blocks_that_ask_who_they_are_are_told_it(asks):
-    found = shown(many(a=Asking(ASKS[asks], 2.0), b=Asking(ASKS[asks], 3.0)))
+    found = shown(many(a=Asking(IDENTITY_READERS[asks], 2.0), b=Asking(IDENTITY_READERS[asks], 3.0)))
     assert found == {"source": 0.7, "a": 1.4, "b": 0.7 * 3.0}
 
 
@@ -212,7 +214,7 @@ def test_a_fault_is_told_of_the_first_block_that_has_it():
         shown(many(**faulty))
 
 
-LINEAR = {
+LINEAR_BLOCKS = {
     "ones": lambda k: [TransferFunction([k - 2.0, 1.0], [1.0, k - 3.0, 1.0, k - 4.0])],
     "state space": lambda k: [
         StateSpace(*(np.random.default_rng(k).integers(-2, 3, s) * 0.5 for s in ((3, 3), 3, 3, ())))
@@ -222,10 +224,10 @@ LINEAR = {
 }
 
 
-@pytest.mark.parametrize("which", LINEAR)
+@pytest.mark.parametrize("which", LINEAR_BLOCKS)
 def test_what_is_shared_is_the_same_program_to_the_bit(which, monkeypatch):
     def codes():
-        blocks = [block for k in range(1, 9) for block in LINEAR[which](k)]
+        blocks = [block for k in range(1, 9) for block in LINEAR_BLOCKS[which](k)]
         diagram = many(**{f"b{k}": block for k, block in enumerate(blocks)})
         plan = Plan(diagram)
         ports = [block.ports["y"] for block in plan.system.blocks.values()]

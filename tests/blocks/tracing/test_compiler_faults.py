@@ -91,7 +91,7 @@ if os.name != "nt" and os.geteuid() == 0:  # only the superuser can give files a
     [*range(6), *(pytest.param(6 + k, marks=pytest.mark.campaign) for k in range(100 * campaign.SIZE))],
 )
 def test_cached_files_that_are_damaged_or_not_ours_are_made_anew(seed, cache):
-    """Any of the damages to the library, to its hash, or to both; afterwards the cache is used again."""
+    """Damage the library, its hash, or both; afterwards the cache is used again."""
     random = np.random.default_rng(campaign.SEED + seed)
     library = answer()
     good = library.read_bytes()
@@ -128,7 +128,7 @@ def test_a_library_that_fits_its_hash_and_is_none_is_made_anew(content):
 
 @pytest.mark.parametrize("spoil", [foreign, lambda path: path.chmod(0o777), lambda path: path.chmod(0o770)])
 def test_folder_that_others_may_write_to_is_not_used(spoil, cache):
-    """Nothing that another user could have put there is loaded, whatever its hash."""
+    """Refuse a folder that another user could have written to, whatever the hash."""
     if spoil is foreign and os.geteuid() != 0:
         pytest.skip("only the superuser can give files away")
     planted = answer()
@@ -153,7 +153,7 @@ def test_a_new_folder_is_ours_alone(cache):
 
 # -- compilers ----------------------------------------------------------------------------------
 
-SCRIPTS = {
+COMPILER_SCRIPTS = {
     "fails": ("exit 3", "said nothing, and ended with code 3"),
     "fails in no language": (r"printf '\377\376 no' >&2; exit 1", "failed:\n\ufffd\ufffd no"),
     "killed": ("kill -9 $$", "ended with code -9"),
@@ -166,10 +166,10 @@ SCRIPTS = {
 }
 
 
-@pytest.mark.parametrize("script", SCRIPTS)
+@pytest.mark.parametrize("script", COMPILER_SCRIPTS)
 def test_compilers_that_do_not_work(script, run, tmp_path, monkeypatch):
     """Compiled code is refused with one error, and "auto" interprets with one warning that says why."""
-    code, message = SCRIPTS[script]
+    code, message = COMPILER_SCRIPTS[script]
     mine = tmp_path / "cc"
     asked = "" if script == "hangs when asked" else '[ "$1" = --version ] && exit 0\n'
     mine.write_text(f"#!/bin/sh\n{asked}{code}\n")
@@ -192,7 +192,7 @@ def test_compilers_that_do_not_work(script, run, tmp_path, monkeypatch):
 
 # -- temporary folders --------------------------------------------------------------------------
 
-HOLDER = (
+HOLDER_SCRIPT = (
     "import sys, time; from trussflow.blocks.framework.temporary import process_folder\n"
     "(process_folder() / 'file').write_text('')\n"
     "print(process_folder(), flush=True)\n"
@@ -203,7 +203,7 @@ HOLDER = (
 def holder(place, start=subprocess.Popen):
     """Start a process that has a temporary folder."""
     process = start(
-        [sys.executable, "-c", HOLDER],
+        [sys.executable, "-c", HOLDER_SCRIPT],
         stdin=subprocess.PIPE,
         stdout=subprocess.PIPE,
         text=True,
@@ -230,7 +230,7 @@ def test_temporary_folders_go_with_their_process_or_at_the_next_start(tmp_path):
 
 # -- surroundings -------------------------------------------------------------------------------
 
-SIMULATE = """
+SIMULATION_SCRIPT = """
 import resource, signal, sys, tempfile
 from trussflow.blocks import Constant, Diagram, Integrator, simulate
 d = Diagram("d")
@@ -265,7 +265,7 @@ NO_FOLDER = "if small: cannot compile .*No such file or directory: '/nowhere"
 def test_surroundings_give_one_line(variables, arguments, backend, message):
     """Full disks, missing rights and missing folders; limits of 100 and 3000 bytes represent a full disk."""
     ended = subprocess.run(
-        [sys.executable, "-c", SIMULATE, *arguments],
+        [sys.executable, "-c", SIMULATION_SCRIPT, *arguments],
         capture_output=True,
         text=True,
         env={**os.environ, **variables},

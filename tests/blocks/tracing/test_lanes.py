@@ -14,15 +14,15 @@ from trussflow.blocks.tracing.compiler import compile_library
 from trussflow.blocks.tracing.operations import FORMULAS
 from trussflow.blocks.tracing.tracing import from_expression, repeated, symbol, to_expression, tracing
 
-ROUNDED = 3.0  # units in the last place: of the series, and of NumPy's own functions
-ROUNDED_POWER = 45.0  # the same for a power, whose logarithm is multiplied by up to 20
+FUNCTION_ERROR = 3.0  # units in the last place: of the series, and of NumPy's own functions
+POWER_ERROR = 45.0  # the same for a power, whose logarithm is multiplied by up to 20
 
 NAMES = {number: name for name, number in vars(ca).items() if name.startswith("OP_")}
 OPERATIONS = {NAMES[number]: number for number in FORMULAS if number >= 0}
 
-ORDINARY = (0.7, -0.7, 3.5, -2.0, 1.0, 5e4)
-EXTREME = (0.0, -0.0, 1e-310, -1e-310, 1e200, -1e200, 1e308, np.inf, -np.inf, np.nan)
-OPERANDS = np.array(list(product(ORDINARY + EXTREME, repeat=2)))
+ORDINARY_NUMBERS = (0.7, -0.7, 3.5, -2.0, 1.0, 5e4)
+EXTREME_NUMBERS = (0.0, -0.0, 1e-310, -1e-310, 1e200, -1e200, 1e308, np.inf, -np.inf, np.nan)
+OPERANDS = np.array(list(product(ORDINARY_NUMBERS + EXTREME_NUMBERS, repeat=2)))
 
 
 def apply(operation, a, b):
@@ -66,7 +66,7 @@ def test_c_does_what_the_interpreter_does(count):
         for column, (name, operation) in enumerate(OPERATIONS.items()):
             function = LOSE_NAN.get(name) or ca.Function("one", [x, y], [apply(operation, x, y)])
             expected = np.asarray(function(a, b)).ravel()
-            tolerance = ROUNDED_POWER if "POW" in name else ROUNDED
+            tolerance = POWER_ERROR if "POW" in name else FUNCTION_ERROR
             assert_allclose(
                 found[:, column], expected, rtol=tolerance * np.finfo(float).eps, atol=0, err_msg=name
             )
@@ -92,7 +92,7 @@ def test_every_numpy_function_that_can_be_traced_has_its_c():
 # -- the functions that lanes.h has of its own ------------------------------------------------
 
 FUNCTIONS = {"sin": np.sin, "cos": np.cos, "exp": np.exp, "log": np.log, "pow": np.power}
-LIMITS = dict.fromkeys(FUNCTIONS, ROUNDED) | {"pow": ROUNDED_POWER}
+ERROR_LIMITS = dict.fromkeys(FUNCTIONS, FUNCTION_ERROR) | {"pow": POWER_ERROR}
 
 
 @pytest.fixture(scope="module")
@@ -160,7 +160,7 @@ def test_functions_of_lanes_are_accurate(name, width, lanes):
     found = lanes(function, width, *arguments)
     expected = FUNCTIONS[function](*(v.astype(np.longdouble) for v in arguments))
     error = np.abs(found - expected) / np.spacing(np.abs(expected.astype(float)))
-    assert error.max() < LIMITS[function], [v[np.argmax(error)] for v in arguments]
+    assert error.max() < ERROR_LIMITS[function], [v[np.argmax(error)] for v in arguments]
 
 
 @pytest.mark.parametrize("width", [2, 4])
@@ -174,7 +174,7 @@ def test_one_lane_at_the_edge_leaves_the_others_right(function, width, lanes):
         arguments = [first.ravel(), second][: FUNCTIONS[function].nin]
         with np.errstate(all="ignore"):
             expected = FUNCTIONS[function](*arguments)
-        tolerance = LIMITS[function] * np.finfo(float).eps
+        tolerance = ERROR_LIMITS[function] * np.finfo(float).eps
         found = lanes(function, width, *arguments)
         assert_allclose(found, expected, rtol=tolerance, atol=0)
 

@@ -132,8 +132,8 @@ def test_weighted_gramian_equals_numpy(groups):
     filled[:, -1] = False  # an actuator that does nothing
     matrix = np.where(filled, generator.standard_normal(filled.shape), 0.0)
     weights = generator.uniform(0.5, 2.0, filled.shape[1])
-    entries, w = symbol("a", (int(filled.sum()),)), symbol("w", weights.shape)
-    numbers = iter(range(int(filled.sum())))
+    entries, w = symbol("a", (filled.sum(),)), symbol("w", weights.shape)
+    numbers = iter(range(filled.sum()))
     rows_of_symbols = [
         np.stack([entries[next(numbers)] if f else np.zeros(()) for f in row]) for row in filled
     ]

@@ -21,12 +21,12 @@ from trussflow.blocks.library.algebra import Function
 from trussflow.blocks.tracing.block_check import isolate
 from trussflow.blocks.tracing.tracing import symbol, to_expression
 
-BATCH = 200
+BATCH_SIZE = 200
 ROUND_OFF = 1e-9  # relative to the largest number on the way, whose last digits are lost where it cancels
-SIZE = 3
-T, X = symbol("t", ()), symbol("x", (2 * SIZE,))
+VECTOR_SIZE = 3
+T, X = symbol("t", ()), symbol("x", (2 * VECTOR_SIZE,))
 
-ONE = [
+UNARY_CALLS = [
     *("abs", "sqrt", "square", "reciprocal", "sign", "exp", "expm1", "log", "log1p", "log10", "log2", "exp2"),
     *("sin", "cos", "tan", "arcsin", "arccos", "arctan", "sinh", "cosh", "tanh"),
     *("arcsinh", "arccosh", "arctanh"),
@@ -36,7 +36,7 @@ ONE = [
     *("nanmean", "max", "min", "sum", "mean", "prod", "ptp", "std", "var", "all", "any", "median"),
     "count_nonzero",
 ]
-TWO = [
+BINARY_CALLS = [
     *("add", "subtract", "multiply", "divide", "power", "mod", "fmod", "floor_divide", "maximum", "minimum"),
     *("fmax", "fmin", "arctan2", "hypot", "copysign", "heaviside", "logaddexp", "logaddexp2", "isclose"),
     *("less", "less_equal", "greater", "greater_equal", "equal", "not_equal", "logical_and", "logical_or"),
@@ -45,7 +45,7 @@ TWO = [
 NUMBERS = (0.0, 1.0, -1.0, 0.5, 2.0, 3.0, 0.1, -2.5, 7.0, 1e-3, 1e6)
 REFUSED_BY_NUMPY = (TypeError, ValueError, IndexError, AttributeError, OverflowError, np.linalg.LinAlgError)
 
-SPECIAL = {
+SPECIAL_CALLS = {
     "where": lambda a, b, c: np.where(np.greater(a, 0), b, c),
     "clip": lambda a: np.clip(a, -1, 2),
     "interp": lambda a: np.interp(a, [-1, 0, 2], [3, 1, 4.0], left=7.0, right=8.0),
@@ -65,11 +65,11 @@ SPECIAL = {
 
 
 ARITY = (
-    {name: f.__code__.co_argcount for name, f in SPECIAL.items()}
-    | dict.fromkeys(ONE, 1)
-    | dict.fromkeys(TWO, 2)
+    {name: f.__code__.co_argcount for name, f in SPECIAL_CALLS.items()}
+    | dict.fromkeys(UNARY_CALLS, 1)
+    | dict.fromkeys(BINARY_CALLS, 2)
 )
-FUNCTIONS = {name: getattr(np, name) for name in (*ONE, *TWO)} | SPECIAL
+FUNCTIONS = {name: getattr(np, name) for name in (*UNARY_CALLS, *BINARY_CALLS)} | SPECIAL_CALLS
 
 
 @dataclass(frozen=True)
@@ -93,7 +93,7 @@ def drawn(rng, depth):
     """Return a random composition."""
     if depth == 0 or rng.random() < 0.1:
         return Node(str(rng.choice([*"uvuv", *map(repr, NUMBERS[: rng.integers(1, 12)])])))
-    name = str(rng.choice([*ONE, *TWO, *TWO, *SPECIAL]))
+    name = str(rng.choice([*UNARY_CALLS, *BINARY_CALLS, *BINARY_CALLS, *SPECIAL_CALLS]))
     return Node(name, tuple(drawn(rng, depth - 1) for _ in range(ARITY[name])))
 
 
@@ -117,15 +117,15 @@ def points():
         -1.0,
         1e17,
     ]
-    found = [rng.uniform(-3, 3, (2, SIZE)) for _ in range(4)]
-    found += [rng.choice(mixed, (2, SIZE)) for _ in range(12)]
-    found += [np.full((2, SIZE), a) for a in (0.5, 0.0, 2.0, np.inf, np.nan)]
-    return found + [np.round(rng.uniform(-9, 9, (2, SIZE))) / [[2], [10]] for _ in range(4)]
+    found = [rng.uniform(-3, 3, (2, VECTOR_SIZE)) for _ in range(4)]
+    found += [rng.choice(mixed, (2, VECTOR_SIZE)) for _ in range(12)]
+    found += [np.full((2, VECTOR_SIZE), a) for a in (0.5, 0.0, 2.0, np.inf, np.nan)]
+    return found + [np.round(rng.uniform(-9, 9, (2, VECTOR_SIZE))) / [[2], [10]] for _ in range(4)]
 
 
 @dataclass
 class Watch:
-    """What happens on the way to NumPy's result."""
+    """Observations on the way to NumPy's result."""
 
     largest: float = 1.0
     simplified: bool = False  # CasADi may have simplified where NumPy gets NaN or infinity
@@ -193,7 +193,7 @@ def judged(node, u, v, found):
             continue
         others = [node(u, v, lambda _n, _o, result: np.add(result, 0.0)), node(u + 0.0, v + 0.0)]
         for k in range(4):
-            factor = 1.0 + 1e-12 * np.random.default_rng(k).choice([-1.0, 1.0], SIZE)
+            factor = 1.0 + 1e-12 * np.random.default_rng(k).choice([-1.0, 1.0], VECTOR_SIZE)
             others += [node(u * factor, v), node(u, v * factor), node(u, v, shaken(k))]
         spread = [np.ravel(np.asarray(other, dtype=float)) for other in others]
         if any(
@@ -226,29 +226,30 @@ def evaluated(batch, judge):
 
 def traced(node):
     """Return the expression of a composition; None if it is refused by one error of ours."""
-    shape = np.shape(node(*np.random.default_rng(1).uniform(0.5, 1.0, (2, SIZE))))
-    block = Function(lambda u, v: node(u, v), {"u": Input(SIZE), "v": Input(SIZE)}, {"y": Output(shape)})
+    shape = np.shape(node(*np.random.default_rng(1).uniform(0.5, 1.0, (2, VECTOR_SIZE))))
+    block = Function(
+        lambda u, v: node(u, v), {"u": Input(VECTOR_SIZE), "v": Input(VECTOR_SIZE)}, {"y": Output(shape)}
+    )
     Diagram("d").add(f=block)
     try:
         template = isolate(block).template
     except TrussflowError:
         return None
-    assert template is not None
-    return to_expression(template([T, X[:SIZE], X[SIZE:]])["output"]["y"])
+    return to_expression(template([T, X[:VECTOR_SIZE], X[VECTOR_SIZE:]])["output"]["y"])
 
 
 @pytest.mark.filterwarnings("ignore")
 @pytest.mark.parametrize("number", [150, pytest.param(5000 * campaign.SIZE, marks=pytest.mark.campaign)])
 def test_random_compositions_agree_or_are_refused(number):
     rng = np.random.default_rng(campaign.SEED)
-    counts = Counter[str]()
+    counts = Counter()
     batch = []
     wrong = []
     with np.errstate(all="ignore"):
         while counts["drawn"] < number:
-            node = drawn(rng, int(rng.integers(1, 5)))
+            node = drawn(rng, rng.integers(1, 5))
             try:
-                node(*np.random.default_rng(1).uniform(0.5, 1.0, (2, SIZE)))
+                node(*np.random.default_rng(1).uniform(0.5, 1.0, (2, VECTOR_SIZE)))
             except REFUSED_BY_NUMPY:
                 continue  # NumPy refuses it as well
             counts["drawn"] += 1
@@ -256,7 +257,7 @@ def test_random_compositions_agree_or_are_refused(number):
             counts["refused" if expression is None else "accepted"] += 1
             if expression is not None:
                 batch.append((node, expression))
-            if len(batch) == BATCH or (batch and counts["drawn"] == number):
+            if len(batch) == BATCH_SIZE or (batch and counts["drawn"] == number):
                 wrong += evaluated(batch, judged)
                 batch = []
     assert counts["accepted"] > counts["refused"]
@@ -353,6 +354,6 @@ def test_compilers_do_not_make_numbers_of_nan():
     outers, inners = ("sin", "cos", "tan", "sinh", "ceil"), ("arctan", "arcsin", "arctanh")
     nodes = [Node(outer, (Node(inner, (v,)),)) for outer, inner in itertools.product(outers, inners)]
     _, compiled = compiled_program(map(traced, nodes), X)
-    values = compiled(np.concatenate([np.zeros(SIZE), [np.nan, 0.5, np.nan]])).reshape(-1, SIZE)
+    values = compiled(np.concatenate([np.zeros(VECTOR_SIZE), [np.nan, 0.5, np.nan]])).reshape(-1, VECTOR_SIZE)
     for node, found in zip(nodes, values, strict=True):
         assert_array_equal(np.isnan(found), [True, False, True], err_msg=str(node))

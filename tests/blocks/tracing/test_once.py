@@ -1,4 +1,4 @@
-"""What equations share is computed once, and never again for what it was not computed from."""
+"""Memoized results of equations: computed once for equal arguments, and anew for others."""
 
 import numpy as np
 from numpy.testing import assert_array_equal

@@ -29,7 +29,7 @@ class Ring(Block):
         return {"x": np.stack([a / total + b for a, (b,) in zip(first, second, strict=True)])}
 
 
-@pytest.mark.parametrize(("length", "file"), [(1, 300), (2, 10**9), (5, 900), (40, 10**9)])
+@pytest.mark.parametrize(("length", "file"), [(1, 300), (5, 900), (40, 10**9)])
 def test_pieces_compute_the_same(length, file, tmp_path, monkeypatch):
     diagram = Diagram("ring")
     diagram.add(ring=Ring())

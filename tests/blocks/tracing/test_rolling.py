@@ -28,7 +28,7 @@ from trussflow.blocks.tracing.codegen import c_sources
 
 
 class Alike(Block):
-    """All that makes elements alike, and almost alike."""
+    """Elements with equal and with almost equal equations."""
 
     y, shifted, normed, turned = Output("n"), Output("n"), Output("n"), Output("n")
     x = State("n", initial=0.3)
@@ -114,10 +114,10 @@ def test_loops_give_the_numbers_of_code_written_out(diagram, monkeypatch, tmp_pa
         simulator = Simulator(diagram, step=1e-3, backend="compiled")
         code = "".join(c_sources(simulator.prepared.programs))
         assert bool(re.search(r"i < \d+; \+\+i\) \{", code)) == (name == "rolled")
-        results.append(simulator.run(0.05))
+        results.append(simulator.run(0.02))
     for signal in results[0].data_vars:
         assert_array_equal(results[0][signal], results[1][signal])
-    plain = simulate(diagram, 0.05, step=1e-3, backend="numpy")
+    plain = simulate(diagram, 0.02, step=1e-3, backend="numpy")
     for signal in plain.data_vars:
         assert_allclose(results[0][signal], plain[signal], rtol=1e-13, atol=1e-14)
 
@@ -131,7 +131,7 @@ def test_a_long_vector_is_as_much_code_as_a_short_one():
 
 
 def test_a_matrix_is_a_loop_of_tables():
-    """Not a statement for each of its numbers: compilers take minutes for those, and processors longer."""
+    """A statement for each number would take compilers minutes, and processors longer."""
     simulator = Simulator(full(90), step=1e-3, backend="interpreted")
     code = "".join(c_sources(simulator.prepared.programs[:1]))
     assert code.count("static const double c") >= 90
@@ -162,7 +162,7 @@ class Steps(Block):
 
 
 def test_loops_compute_no_long_value_again_and_again():
-    """Of a matrix product behind which others follow, each of which takes the one before twice."""
+    """A matrix product is followed by others, each of which takes the one before twice."""
     diagram = Diagram("steps")
     source, back, product, steps = diagram.add(
         source=Integrator(np.ones(100)),

@@ -6,7 +6,7 @@ import sys
 
 import pytest
 
-LOOP = """
+LOOP_SCRIPT = """
 import numpy as np
 from trussflow.blocks.tracing import compiler
 compiler.FLAGS = (*compiler.FLAGS, "-fsanitize=address,undefined", "-fno-sanitize-recover=all")
@@ -25,7 +25,7 @@ for solver in ("rk4", "euler"):
 simulate(diagram, 1.0, solver="RK45", backend="compiled", progress=False)
 """
 
-MORE = """
+OTHER_SCRIPT = """
 growth = Diagram("growth")
 x = growth.add(x=Integrator(1.0))
 f = growth.add(f=Function(lambda u: u**3, {"u": Input()}, {"y": Output()}))
@@ -76,8 +76,10 @@ simulate(allocation, 2.0, step=0.1, backend="compiled", progress=False)
 @pytest.mark.parametrize(
     ("code", "printed"),
     [
-        (LOOP, "clean"),
-        pytest.param(LOOP + MORE, "diverged diverged diverged clean", marks=pytest.mark.campaign),
+        (LOOP_SCRIPT, "clean"),
+        pytest.param(
+            LOOP_SCRIPT + OTHER_SCRIPT, "diverged diverged diverged clean", marks=pytest.mark.campaign
+        ),
     ],
     ids=["short", "long"],
 )

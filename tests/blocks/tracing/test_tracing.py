@@ -80,7 +80,7 @@ def test_equal_calls_are_shared():
 
 
 def test_constants_and_symmetric_duplicates_are_preserved():
-    """What follows a kernel still sees its zeros, ones and symmetry."""
+    """Equations behind a kernel still see its zeros, ones and symmetry."""
 
     def kernel(a, b):
         zero = 0.0 * a
