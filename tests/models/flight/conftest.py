@@ -7,6 +7,7 @@ import pytest
 import systems
 import xarray as xr
 
+from trussflow.blocks import sweep
 from trussflow.models.flight import samples
 from trussflow.models.flight import tuned as tuned_study
 from trussflow.models.flight.flights import Flights
@@ -22,7 +23,7 @@ def plant(request, monkeypatch):
     """Prepare each study once, and run it in this process; ordinary ones with six modes."""
     monkeypatch.setattr(TunableTruss, "accurate", getattr(TunableTruss, request.param))
     monkeypatch.setattr(tuned_study, "Flights", cache(Flights))
-    monkeypatch.setattr(samples, "sweep", partial(samples.sweep, executor="serial"))
+    monkeypatch.setattr(samples, "sweep", partial(sweep, executor="serial"))
     return request.param
 
 

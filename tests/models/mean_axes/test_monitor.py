@@ -114,7 +114,7 @@ def test_a_path_becomes_slower_after_a_loss(duration, arrival):
     Shorter missions have the same accelerations. Attitude and joints are held all the same.
     """
     scale = duration / 60.0
-    mission = replace(Mission.of_case(1), position=[0.0, 0.0, 6.0 * scale**2], duration=duration)
+    mission = replace(Mission.of_case(1), position=6.0 * scale**2 * np.eye(3)[2], duration=duration)
     plant = SpaceTruss.consistent()
     shares = shares_left(DYNAMICS, path_of(mission, plant), ActuatorLimits.flight())
     assert_array_equal(shares[:3], 1.0)

@@ -131,6 +131,7 @@ def test_interrupt_keeps_what_was_logged(tmp_path):
     process = subprocess.Popen(
         [sys.executable, "-m", *words], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
     )
+    assert process.stderr is not None
     while "real time" not in process.stderr.read(1) + process.stderr.readline():
         assert process.poll() is None
     time.sleep(0.5)

@@ -107,6 +107,7 @@ def test_matrices_of_another_program_are_a_mission(tmp_path, kind, matrices):
     assert modes.masses.sum() == pytest.approx(sum(MASSES), rel=1e-12)
     assert_allclose(modes.frequencies, frequencies(matrices)[:6], rtol=1e-9)
     assert_allclose(modes.grasp_positions, POSITIONS[[0, 2]], rtol=0, atol=1e-12)
+    assert flown.rods is not None
     assert len(flown.rods) == len(ENDS)
 
 

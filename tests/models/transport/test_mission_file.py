@@ -38,6 +38,7 @@ def test_a_new_mission_is_read_and_wired(tmp_path):
     assert flown.mission.case is None
     assert flown.mission.attitude[2] == pytest.approx(np.deg2rad(10.0), rel=1e-15)
     assert flown.mission.duration == pytest.approx(30.0, rel=1e-15)
+    assert flown.hardware is not None
     assert flown.hardware.limits(flown.truss)[:6] == pytest.approx([4.0] * 3 + [0.3] * 3, rel=1e-12)
     assert {"actuators", "sensors", "controller"} <= set(flown.diagram().blocks)
     said = {told.key: (told.value, told.place) for told in flown.told}

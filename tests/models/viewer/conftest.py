@@ -81,8 +81,8 @@ class Watched:
 
     def __init__(self, page):
         self.page = page
-        self.requests = []
-        self.complaints = []
+        self.requests: list[str] = []
+        self.complaints: list[str] = []
         page.on("request", lambda request: self.requests.append(request.url))
         page.on("pageerror", lambda error: self.complaints.append(str(error)))
         page.on("console", lambda m: self.complaints.append(m.text) if m.type == "error" else None)

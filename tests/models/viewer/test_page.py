@@ -49,7 +49,7 @@ class Content:
 @pytest.fixture
 def content(tmp_path):
     """Return a function that writes a page and reads what it carries."""
-    return lambda *args, **options: Content(replay(*args, tmp_path / "page.html", **options))
+    return lambda run, truss, **more: Content(replay(run, truss, tmp_path / "page.html", **more))
 
 
 def test_page_carries_what_was_logged(page_file, run):
