@@ -36,7 +36,7 @@ from trussflow.blocks import (
 from trussflow.fmu.exporting.export import export
 from trussflow.models import SpaceTruss
 
-ERROR = 3  # the status of both versions of FMI
+ERROR_STATUS = 3  # the status of both versions of FMI
 
 
 class Oscillator(Block):
@@ -158,7 +158,7 @@ class Instance:
     @property
     def errors(self):
         """Everything logged with status Error."""
-        return "\n".join(text for status, text in self.log if status == ERROR)
+        return "\n".join(text for status, text in self.log if status == ERROR_STATUS)
 
     def start(self, values=None, begin=0.0, stop=None):
         """Initialize, with values of variables."""

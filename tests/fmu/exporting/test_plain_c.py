@@ -30,7 +30,7 @@ from trussflow.models import SpaceTruss
 
 STRICT = ("-std=c99", "-pedantic", "-Wall", "-Wextra", "-Werror")
 ZIG = (sys.executable, "-m", "ziglang", "cc")
-STEP = 1e-3
+TIME_STEP = 1e-3
 
 
 class Compiled:
@@ -65,10 +65,10 @@ class Compiled:
 
 def check_equal(item, inputs, tmp_path, steps=200, **settings):
     """Check the outputs against a session, bit by bit, with inputs that change in every step."""
-    source = export(item, tmp_path / "made.c", kind="c", step=STEP, **settings)
+    source = export(item, tmp_path / "made.c", kind="c", step=TIME_STEP, **settings)
     compiled = Compiled(source, *FLAGS)
     rng = np.random.default_rng(1)
-    with Session(item, step=STEP) as session:
+    with Session(item, step=TIME_STEP) as session:
         session.start()
         for k in range(steps):
             given = {name: rng.standard_normal(np.shape(like)) for name, like in inputs.items()}
@@ -79,7 +79,7 @@ def check_equal(item, inputs, tmp_path, steps=200, **settings):
                 got = compiled.get(name.replace(".", "_"), np.shape(value))
                 assert got.tobytes() == np.asarray(value, dtype=float).tobytes(), (name, k)
             assert compiled("step") == 0
-            session.advance((k + 1) * STEP)
+            session.advance((k + 1) * TIME_STEP)
             assert compiled("time", returns=ctypes.c_double) == session.time
 
 
@@ -181,16 +181,16 @@ class Sampled(Block):
         return {"total": x.total + u.u, "scaled": x.scaled}
 
 
-@pytest.mark.parametrize("block", [Continuous(), Sampled().sampled(STEP)], ids=["continuous", "sampled"])
+@pytest.mark.parametrize("block", [Continuous(), Sampled().sampled(TIME_STEP)], ids=["continuous", "sampled"])
 def test_states_can_be_set_until_time_goes_on(block, tmp_path):
-    made = Compiled(export(block, tmp_path / "made.c", kind="c", step=STEP))
-    with Session(block, step=STEP) as session:
+    made = Compiled(export(block, tmp_path / "made.c", kind="c", step=TIME_STEP))
+    with Session(block, step=TIME_STEP) as session:
         session.start(initial={f"{block.name}.total": [3.0, 4.0]}, inputs={"u": 5.0})
         assert made.set("total", np.array([3.0, 4.0])) == 0
         made.set("u", 5.0)
         assert made.get("y", ()) == session.outputs["y"] == 243.0
         assert made("step") == 0
-        session.advance(STEP)
+        session.advance(TIME_STEP)
         assert made.set("total", np.zeros(2)) == 1
         assert made.get("y", ()) == session.outputs["y"]
     assert "set_scaled" not in (tmp_path / "made.h").read_text()
@@ -203,12 +203,12 @@ def test_a_step_that_is_not_finite_changes_nothing(tmp_path):
     before = made.get("y", ())
     made.set("u", np.inf)
     assert made("step") == 1
-    assert made("time", returns=ctypes.c_double) == STEP
+    assert made("time", returns=ctypes.c_double) == TIME_STEP
     assert made.get("y", ()) == before
     made.set("u", 0.0)
     assert made("step") == 0
     assert made.set("initial_value", 2.0) == 1
-    held = Compiled(export(UnitDelay(STEP), tmp_path / "held.c", kind="c"))
+    held = Compiled(export(UnitDelay(TIME_STEP), tmp_path / "held.c", kind="c"))
     held.set("u", np.nan)  # no state of the solver sees it
     assert held("step") == 1
     assert held("time", returns=ctypes.c_double) == 0.0

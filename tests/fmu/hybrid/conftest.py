@@ -31,8 +31,8 @@ from trussflow.blocks import (
     triggered,
 )
 
-STEP = 0.02
-FIXED_STEP = {"step": STEP}
+TIME_STEP = 0.02
+FIXED_STEP = {"step": TIME_STEP}
 PRECISE = {"rtol": 1e-11, "atol": 1e-13}
 TOLERANCES = {"RK45": 3e-9, "LSODA": 1e-7, "BDF": 1e-7, "Radau": 1e-7}
 

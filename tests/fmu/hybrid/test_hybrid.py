@@ -22,7 +22,7 @@ from trussflow.blocks import (
 from trussflow.fmu import Fmu, export
 
 REPOSITORY = Path(__file__).parents[3]
-STEP = 0.02
+TIME_STEP = 0.02
 
 
 @pytest.mark.parametrize("backend", ["numpy", "compiled"])
@@ -39,7 +39,7 @@ def test_simulated_by_other_solvers(case, solver):
 
 
 def exported_case(case, version, exported):
-    return exported(case.build(), version, case.name, step=STEP)
+    return exported(case.build(), version, case.name, step=TIME_STEP)
 
 
 def check_native(case, version, exported):
@@ -76,13 +76,15 @@ def test_a_foreign_importer(case, kind, exported):
 
 def test_python_fmus(case, tmp_path):
     importer = Diagram("importer")
-    importer.add(fmu=Fmu(export(case.build(), tmp_path / "case.fmu", kind="python", step=STEP), step=0.1))
+    importer.add(
+        fmu=Fmu(export(case.build(), tmp_path / "case.fmu", kind="python", step=TIME_STEP), step=0.1)
+    )
     case.run("rk4", importer, step=0.1)
 
 
 def test_plain_c(case, tmp_path):
-    path = export(case.build(), tmp_path / "case_c.c", kind="c", step=STEP)
-    ticks = ", ".join(str(round(t / STEP)) for t in case.exact)
+    path = export(case.build(), tmp_path / "case_c.c", kind="c", step=TIME_STEP)
+    ticks = ", ".join(str(round(t / TIME_STEP)) for t in case.exact)
     main = tmp_path / "main.c"
     main.write_text(
         f"""#include <stdio.h>
@@ -109,7 +111,7 @@ int main(void) {{
 def test_sessions(case):
     """Advanced in parts that fit no step, and gone back from time to time."""
     found = []
-    with Session(case.build(), step=STEP) as session:
+    with Session(case.build(), step=TIME_STEP) as session:
         for t in case.exact:
             snapshot = session.save()
             for _ in range(2):
@@ -123,7 +125,9 @@ def test_sessions(case):
 def test_members_of_a_co_simulation(case):
     """Communication is at samples and every 0.1 s, events are anywhere in between."""
     diagram = case.build()
-    result = cosimulate(diagram, max(case.exact), step=0.1, solver_step=STEP, log={"y": diagram.port("y")})
+    result = cosimulate(
+        diagram, max(case.exact), step=0.1, solver_step=TIME_STEP, log={"y": diagram.port("y")}
+    )
     case.check(result)
 
 
@@ -153,7 +157,7 @@ def test_model_descriptions(cases, version, exported):
 
 @pytest.mark.parametrize("early", [False, True])
 def test_steps_that_end_at_an_event(cases, early, exported, instance):
-    """Where an importer of FMI 3 allows it; the first bounce is at sqrt(0.2) s."""
+    """Early return needs the consent of the importer; the first bounce is at sqrt(0.2) s."""
     one = instance(exported_case(cases["bouncing ball"], "3.0", exported), earlyReturnAllowed=early).start()
     _, _, returned, reached = one.doStep(0.0, 0.5)
     assert returned == early

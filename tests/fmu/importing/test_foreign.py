@@ -43,7 +43,7 @@ def run(plant, solver, **options):
 
 @pytest.mark.parametrize("solver", ["rk4", "euler"])
 def test_casadi_model_exchange_equals_the_block_in_process(casadi_fmu, solver):
-    """The same stages with the same numbers, parameters and initial states by name: equal to round-off."""
+    """Runs are equal to round-off, with parameters and initial states by name."""
     plant = Fmu(casadi_fmu, parameters={"damping": 0.4})
     theirs = run(plant, solver, initial={"plant.q_state": 0.2})
     ours = run(Oscillator(damping=0.4, start=0.2), solver)

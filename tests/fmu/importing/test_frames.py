@@ -1,4 +1,4 @@
-"""What comes from the process of an FMU: exactly what was sent, or a refusal, in time."""
+"""Messages from the process of an FMU arrive exactly as they were sent, or are refused in time."""
 
 import math
 import os

@@ -14,7 +14,7 @@ from trussflow.blocks.framework.errors import TrussflowError
 from trussflow.fmu import Fmu
 from trussflow.fmu.errors import FmuCrashError, FmuTimeoutError
 
-LIMIT = 1.0  # [s] for each call
+CALL_LIMIT = 1.0  # [s] for each call
 LONG_LIMIT = 60.0  # [s] for a call that ends by itself, however busy the machine is
 MAX_DELAY = 2.0  # [s] over the limit, until all is gone
 MEMORY_LIMIT = 300e6  # [B]
@@ -67,7 +67,7 @@ CHOSEN = np.random.default_rng(3 + campaign.SEED).permutation(len(ALL))[:COUNT]
 PARTS = np.array_split(CHOSEN, -(-COUNT // 50))
 
 
-def run(path, kind, limit=LIMIT):
+def run(path, kind, limit=CALL_LIMIT):
     """Call each function that an FMU has here."""
     step = 0.1 if kind == "cs" else None
     diagram = Diagram("d")
@@ -100,7 +100,7 @@ def test_error_messages(make_fmu, hostile_binaries, tmp_path, monkeypatch, funct
         run(
             make_fmu("ball", 2, kinds=("cs",), more=hostile_binaries),
             "cs",
-            LIMIT if misdeed == "hang" else LONG_LIMIT,
+            CALL_LIMIT if misdeed == "hang" else LONG_LIMIT,
         )
 
 
@@ -141,7 +141,7 @@ def test_whatever_an_fmu_does(make_fmu, hostile_binaries, tmp_path, monkeypatch,
             wrong += [repr(error)]
         took = time.time() - mark.stat().st_mtime if mark.exists() else 0.0
         monkeypatch.delenv("MISDEED_DONE")
-        wrong += [f"took {took:.2f} s"] * (took > LIMIT + MAX_DELAY)
+        wrong += [f"took {took:.2f} s"] * (took > CALL_LIMIT + MAX_DELAY)
         wrong += [f"left process {process}" for process in marked(mark)]
         wrong += ["left a descriptor"] * (len(os.listdir("/proc/self/fd")) > descriptors)
         left = (tmp_path / "scratch").glob("trussflow-*/*")

@@ -23,7 +23,7 @@ from trussflow.fmu import Fmu, export_ssp, import_ssp
 
 MUTATIONS = 200 * campaign.SIZE
 RUN_INTERVAL = 10  # one in so many of the accepted files runs, in a process of its own: they hold native code
-LIMIT = 1.0  # [s] for each call of a binary
+CALL_LIMIT = 1.0  # [s] for each call of a binary
 MAX_SECONDS = 10.0  # [s] for one file
 
 JUNK = [
@@ -151,7 +151,7 @@ def used(path, runs):
         diagram = import_ssp(path, step=0.1)
     else:
         diagram = Diagram("d")
-        seconds, size = (LIMIT, 500e6) if runs else (None, None)
+        seconds, size = (CALL_LIMIT, 500e6) if runs else (None, None)
         block = diagram.add(fmu=Fmu(path, step=0.1, time_limit=seconds, memory_limit=size))
         for port in block.inputs():
             diagram.ground(port)

@@ -22,7 +22,7 @@ def driven(plant, duration, step, **options):
 @versions
 @pytest.mark.parametrize("solver", ["rk4", "euler"])
 def test_model_exchange_equals_the_block(exported, systems, version, solver):
-    """The same solver takes the same stages: equal to round-off, parameters changed too."""
+    """Runs by one solver are equal to round-off, with changed parameters too."""
     settings = {"solver": solver, "parameters": {"plant.stiffness": [7.0, 8.0, 9.0]}}
     path = exported(systems.Oscillator(3), version, "three")
     ours, theirs = (

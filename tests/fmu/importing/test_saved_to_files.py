@@ -10,7 +10,7 @@ from trussflow.blocks import Diagram, Session, SimulationError, SimulationInterr
 from trussflow.blocks.simulation.streamed_log import StreamedLog
 from trussflow.fmu import Fmu
 
-STEP = 0.01
+TIME_STEP = 0.01
 
 
 def bouncing(path, kind, **options):
@@ -26,7 +26,7 @@ def bouncing(path, kind, **options):
 @pytest.mark.parametrize("kind", ["cs", "me"])
 def test_another_session_goes_on_bit_for_bit(make_fmu, kind, version, options, tmp_path):
     diagram = bouncing(make_fmu("ball", version), kind, **options)
-    one, other = (Session(diagram, step=STEP) for _ in "ab")
+    one, other = (Session(diagram, step=TIME_STEP) for _ in "ab")
     with one, other:
         one.advance(0.73)
         one.save(tmp_path / "ball.state")
@@ -42,7 +42,7 @@ def test_another_session_goes_on_bit_for_bit(make_fmu, kind, version, options, t
 
 @pytest.mark.parametrize("kind", ["cs", "me"])
 def test_a_run_is_resumed_bit_for_bit(make_fmu, kind, tmp_path, monkeypatch):
-    running = Simulator(bouncing(make_fmu("ball", 2), kind), step=STEP)
+    running = Simulator(bouncing(make_fmu("ball", 2), kind), step=TIME_STEP)
 
     def result(name):
         path = tmp_path / f"{name}.nc"
@@ -69,18 +69,18 @@ def test_fmus_that_cannot_be_written_down_say_why(make_fmu, kind, tmp_path):
     """In one process they go back all the same, if they can do that."""
     held = make_fmu("ball", 2, replace={'canSerializeFMUstate="true"': ""})
     message = r"block 'ball' keeps a state of FMU 'ball', which cannot turn it into bytes \(no canSerialize"
-    with Session(bouncing(held, kind), step=STEP) as session:
+    with Session(bouncing(held, kind), step=TIME_STEP) as session:
         session.advance(0.3)
         with pytest.raises(SimulationError, match=rf"cannot save to '.*a\.state': {message}"):
             session.save(tmp_path / "a.state")
         session.restore(session.save())
     with pytest.raises(SimulationError, match=message):  # before anything is computed
-        Simulator(bouncing(held, kind), step=STEP).run(
+        Simulator(bouncing(held, kind), step=TIME_STEP).run(
             1e9, stream_to=tmp_path / "a.nc", checkpoint_every=1.0, progress=False
         )
     flags = 'canGetAndSetFMUstate="true" canSerializeFMUstate="true"'
     stuck = make_fmu("ball", 2, replace={flags: ""})
-    with Session(bouncing(stuck, kind), step=STEP) as session:
+    with Session(bouncing(stuck, kind), step=TIME_STEP) as session:
         session.advance(0.3)
         why = r"cannot save: block 'ball' .*; its FMU cannot save its state \(no canGetAndSet"
         with pytest.raises(SimulationError, match=why):

@@ -9,16 +9,16 @@ from systems import HiddenSum
 from trussflow.blocks import Diagram, Session, Simulator, cosimulate
 from trussflow.fmu import Fmu
 
-STEP = 0.05
+TIME_STEP = 0.05
 
 
 @pytest.fixture
 def diagram(make_fmu):
     found = Diagram("shared")
     found.add(
-        stepping=Fmu(make_fmu("ball"), kind="cs", step=STEP, parameters={"e": 0.6}),
+        stepping=Fmu(make_fmu("ball"), kind="cs", step=TIME_STEP, parameters={"e": 0.6}),
         exchanging=Fmu(make_fmu("ball", 3), kind="me"),
-        total=HiddenSum().sampled(STEP),
+        total=HiddenSum().sampled(TIME_STEP),
     )
     (found.stepping.h + found.exchanging.h) >> found.total.u[0]
     return found
@@ -37,15 +37,15 @@ def values(result):
 
 
 def test_every_run_of_it_is_equal_to_a_run_alone(diagram):
-    points = STEP * np.arange(1, 21)
-    with Session(diagram, step=STEP, outputs=PORTS) as session:
+    points = TIME_STEP * np.arange(1, 21)
+    with Session(diagram, step=TIME_STEP, outputs=PORTS) as session:
         alone = [advanced(session, float(t)) for t in points]
     assert np.ptp(alone, axis=0).min() > 0.5
-    simulator = Simulator(diagram, step=STEP, log=PORTS)
+    simulator = Simulator(diagram, step=TIME_STEP, log=PORTS)
     whole = values(simulator.run(1.0, progress=False))
-    coupled = values(cosimulate(diagram, 1.0, step=STEP, log=PORTS, progress=False))
+    coupled = values(cosimulate(diagram, 1.0, step=TIME_STEP, log=PORTS, progress=False))
 
-    one = Session(diagram, step=STEP, outputs=PORTS)
+    one = Session(diagram, step=TIME_STEP, outputs=PORTS)
     other = one.twin()
     with one, other, ThreadPoolExecutor(3) as pool:
         interleaved = []
@@ -54,7 +54,7 @@ def test_every_run_of_it_is_equal_to_a_run_alone(diagram):
             interleaved.append(pair)
             if number == 9:  # in the middle of both sessions
                 runs = [pool.submit(simulator.run, 1.0, progress=False) for _ in range(3)]
-                beside = cosimulate(diagram, 1.0, step=STEP, log=PORTS, progress=False)
+                beside = cosimulate(diagram, 1.0, step=TIME_STEP, log=PORTS, progress=False)
                 for run in runs:
                     np.testing.assert_array_equal(values(run.result()), whole)
                 np.testing.assert_array_equal(values(beside), coupled)

@@ -13,9 +13,9 @@ from trussflow.models.transport.wiring import transport_diagram
 
 pytestmark = pytest.mark.campaign
 
-DURATION = 1.0  # s
-INNER = 2.5e-4  # s; inside the FMUs
-LOGGED = 4e-3  # s
+RUN_DURATION = 1.0  # s
+INNER_STEP = 2.5e-4  # s; inside the FMUs
+LOG_STEP = 4e-3  # s
 
 # As steep as in Case 1: 6 m in 60 s.
 CASE = Mission.of_case(1)
@@ -54,19 +54,19 @@ LOG = {"coordinates": "truss.coordinates", "error": "controller.error"}
 
 @pytest.fixture(scope="module")
 def plant(tmp_path_factory):
-    return export(SpaceTruss.published(), tmp_path_factory.mktemp("plant") / "p.fmu", step=INNER)
+    return export(SpaceTruss.published(), tmp_path_factory.mktemp("plant") / "p.fmu", step=INNER_STEP)
 
 
 @pytest.fixture(scope="module")
 def command(tmp_path_factory):
     file = tmp_path_factory.mktemp("controller") / "c.fmu"
-    return export(controller(), file, kind="python", step=INNER)
+    return export(controller(), file, kind="python", step=INNER_STEP)
 
 
 @pytest.fixture(scope="module")
 def whole():
     return simulate(
-        loop(SpaceTruss.published(), controller()), DURATION, step=INNER, log_step=LOGGED, log=LOG
+        loop(SpaceTruss.published(), controller()), RUN_DURATION, step=INNER_STEP, log_step=LOG_STEP, log=LOG
     )
 
 
@@ -75,11 +75,11 @@ def error(result, whole):
     return float(abs(result["coordinates"] - whole["coordinates"]).max())
 
 
-def check(diagram, step, whole, order, duration=DURATION, **settings):
+def check(diagram, step, whole, order, duration=RUN_DURATION, **settings):
     """Halve the step: the error falls with the order; the tracking error hardly changes."""
     errors = []
     for h in (step, step / 2):
-        master = CoSimulator(diagram, step=h, log=LOG, log_step=LOGGED, **settings)
+        master = CoSimulator(diagram, step=h, log=LOG, log_step=LOG_STEP, **settings)
         result = master.run(duration)
         errors.append(error(result, whole))
         tracking, best = (float(abs(r["error"]).max()) for r in (result, whole.sel(time=result["time"])))
@@ -92,15 +92,15 @@ def check(diagram, step, whole, order, duration=DURATION, **settings):
 @pytest.mark.parametrize(
     ("coupling", "extrapolation", "step", "order", "duration"),
     [
-        ("jacobi", 0, 1e-3, 1, DURATION),
-        ("gauss-seidel", 0, 1e-3, 1, DURATION),
-        ("jacobi", 1, 5e-4, 2, DURATION),
+        ("jacobi", 0, 1e-3, 1, RUN_DURATION),
+        ("gauss-seidel", 0, 1e-3, 1, RUN_DURATION),
+        ("jacobi", 1, 5e-4, 2, RUN_DURATION),
         ("iterate", 1, 2e-3, 2, 0.2),
     ],
 )
 def test_the_plant_as_a_native_fmu(coupling, extrapolation, step, order, duration, plant, whole):
     diagram = loop(Fmu(plant), controller())
-    settings = {"coupling": coupling, "extrapolation": extrapolation, "solver_step": INNER}
+    settings = {"coupling": coupling, "extrapolation": extrapolation, "solver_step": INNER_STEP}
     check(diagram, step, whole, order, duration, **settings)
 
 

@@ -59,7 +59,7 @@ def test_a_resized_array_has_the_values_of_the_block(make_fmu, chosen, gains):
     )
 )
 def test_no_number_is_bent_to_fit_a_type(kind, value):
-    """What an FMU is given is the number itself, or to single precision, or an error."""
+    """An FMU receives the number itself, or its single precision, or there is an error."""
     variable = replace(VARIABLE, type=kind)
     library = SimpleNamespace(accessors=Library3.accessors, description=SimpleNamespace(name="f"))
     bank = VariableBuffers([variable], cast("Library", library), writes=True)
@@ -111,7 +111,7 @@ def test_states_of_size_zero(make_fmu):
 @versions
 @pytest.mark.parametrize("solver", ["rk4", "DOP853"])
 def test_discrete_inputs_come_with_the_others(make_fmu, version, solver):
-    """What may change at events only came one step later than what may change at any time."""
+    """Discrete inputs must not arrive one step later than continuous ones."""
     diagram = Diagram("jump")
     fmu = Fmu(make_fmu("types", version), kind="me", start={"in": 0.0} if version == 3 else {})
     jump = Step(0.5)

@@ -25,7 +25,7 @@ from trussflow.blocks import (
 )
 from trussflow.fmu import ExportError, Fmu, FmuArchiveError, SspError, export, export_ssp, import_ssp
 
-STEP = 2.0**-7  # s; a power of two, so that times added up are exact
+TIME_STEP = 2.0**-7  # s; a power of two, so that times added up are exact
 
 
 class Mass(Block):
@@ -59,8 +59,8 @@ class Filter(Block):
 @pytest.fixture(scope="module")
 def fmus(tmp_path_factory):
     folder = tmp_path_factory.mktemp("fmus")
-    export(Mass(), folder / "mass.fmu", step=STEP)
-    export(Filter(), folder / "filter.fmu", step=STEP)
+    export(Mass(), folder / "mass.fmu", step=TIME_STEP)
+    export(Filter(), folder / "filter.fmu", step=TIME_STEP)
     return folder
 
 
@@ -68,7 +68,7 @@ def loop(fmus, **limits):
     diagram = Diagram("loop")
     mass, law = diagram.add(
         mass=Fmu(fmus / "mass.fmu", parameters={"stiffness": 7.0}, start={"wind": 0.25}),
-        law=Fmu(fmus / "filter.fmu", step=2 * STEP, tolerance=1e-6, delayed=True, **limits),
+        law=Fmu(fmus / "filter.fmu", step=2 * TIME_STEP, tolerance=1e-6, delayed=True, **limits),
     )
     mass.position >> law.position
     law.force >> mass.force
@@ -132,10 +132,10 @@ def facts(diagram):
 @pytest.mark.parametrize("make", [limited, nested])
 def test_a_diagram_comes_back_unchanged(make, fmus, tmp_path):
     diagram = make(fmus)
-    file = export_ssp(diagram, tmp_path / "system.ssp", step=STEP)
+    file = export_ssp(diagram, tmp_path / "system.ssp", step=TIME_STEP)
     again = import_ssp(file)
     assert facts(again) == facts(diagram)
-    second = export_ssp(again, tmp_path / "again.ssp", step=STEP)
+    second = export_ssp(again, tmp_path / "again.ssp", step=TIME_STEP)
     assert second.read_bytes() == file.read_bytes()
 
 
@@ -154,14 +154,18 @@ def test_fmpy_runs_it_with_the_same_digits(fmus, tmp_path):
     theirs = diagram()
     # fmpy connects inputs without a connection to something: leave none
     theirs.expose(wind=theirs.mass.wind)
-    file = export_ssp(theirs, tmp_path / "loop.ssp", step=STEP)
+    file = export_ssp(theirs, tmp_path / "loop.ssp", step=TIME_STEP)
     stiffness = SimpleNamespace(parameters=[SimpleNamespace(name="mass.stiffness", value=7.0)])
     expected = simulate_ssp(
-        str(file), stop_time=2.0, step_size=STEP, parameter_set=stiffness, input={"wind": lambda _t: 0.25}
+        str(file),
+        stop_time=2.0,
+        step_size=TIME_STEP,
+        parameter_set=stiffness,
+        input={"wind": lambda _t: 0.25},
     )
     ours = diagram()
-    ours.add(gust=Step(STEP, final_value=0.25, unit="N")) >> ours.mass.wind
-    found = cosimulate(ours, 2.0, step=STEP)
+    ours.add(gust=Step(TIME_STEP, final_value=0.25, unit="N")) >> ours.mass.wind
+    found = cosimulate(ours, 2.0, step=TIME_STEP)
     # fmpy's row at t is what its FMUs show at t + H
     for name, signal in (
         ("mass.position", found["mass.position"]),
@@ -195,11 +199,16 @@ def with_plant(fmus):
 @pytest.mark.parametrize(
     ("make", "path", "step", "message"),
     [
-        (with_plant, "a.ssp", STEP, r"'loop' to SSP.*'plant' \(StateSpace\).*trussflow\.fmu"),
-        (lambda fmus: Fmu(fmus / "mass.fmu"), "a.ssp", STEP, "to SSP: it is no diagram; put it into one"),
-        (lambda _: Diagram("empty"), "a.ssp", STEP, r"'empty' to SSP.*it has no block"),
+        (with_plant, "a.ssp", TIME_STEP, r"'loop' to SSP.*'plant' \(StateSpace\).*trussflow\.fmu"),
+        (
+            lambda fmus: Fmu(fmus / "mass.fmu"),
+            "a.ssp",
+            TIME_STEP,
+            "to SSP: it is no diagram; put it into one",
+        ),
+        (lambda _: Diagram("empty"), "a.ssp", TIME_STEP, r"'empty' to SSP.*it has no block"),
         (loop, "a.ssp", -1.0, r"step = -1\.0 must be a positive"),
-        (loop, "nowhere/a.ssp", STEP, r"cannot write .*there is no folder"),
+        (loop, "nowhere/a.ssp", TIME_STEP, r"cannot write .*there is no folder"),
     ],
 )
 def test_exports_that_are_refused(make, path, step, message, fmus, tmp_path):
@@ -209,7 +218,7 @@ def test_exports_that_are_refused(make, path, step, message, fmus, tmp_path):
 
 
 def test_arrays_of_fmi_3_are_refused(tmp_path):
-    export(Filter(), tmp_path / "three.fmu", version="3.0", step=STEP)
+    export(Filter(), tmp_path / "three.fmu", version="3.0", step=TIME_STEP)
     diagram = Diagram("three")
     diagram.ground(diagram.add(law=Fmu(tmp_path / "three.fmu")).position)
     with pytest.raises(ExportError, match=r"'law\.force' to SSP.*array variable of FMI 3.*FMI 2\.0"):

@@ -29,7 +29,7 @@ class After(Block):
 
 
 class Pair(Block):
-    """Of two levels, the first starts at three, the second one above the first input."""
+    """Two levels: the first starts at three, the second one above the first input."""
 
     u = Input(2)
     y = Output(2)

@@ -11,7 +11,7 @@ from systems import ports
 from trussflow.blocks import Block, Function, Input, Output, State, repeated
 from trussflow.fmu.exporting.description.export_interface import ExportInterface
 
-EXACT = 1e-12
+RELATIVE_TOLERANCE = 1e-12
 """Relative to the largest entry: the same derivatives, summed in another order."""
 
 
@@ -29,7 +29,7 @@ def jacobians(interface, x, u):
     return np.vstack(blocks)
 
 
-def check(one, interface, expected, tolerance=EXACT):
+def check(one, interface, expected, tolerance=RELATIVE_TOLERANCE):
     """Compare products with the Jacobian and its transpose, for random seeds."""
     unknown = [*interface.variables.derivatives, *interface.variables.outputs]
     known = [*interface.variables.inputs, *interface.variables.states]

@@ -57,7 +57,7 @@ def test_the_same_numbers(version, kind, tmp_path):
 
 @kinds
 def test_a_solution_is_followed(version, kind, tmp_path):
-    """Of sin(y - 20 t) = 0, the one that moves, not the one nearest to zero."""
+    """The solution of sin(y - 20 t) = 0 that moves, not the one nearest to zero."""
     diagram = Diagram("follower", loops="solve")
     ports = {"back": Input(), "u": Input()}
     ramp, law = diagram.add(
@@ -74,7 +74,7 @@ def test_a_solution_is_followed(version, kind, tmp_path):
 
 @versions
 def test_directional_derivatives(version, exported, instance):
-    """Of y by x and w: 1 / (1 + 3 y^2), at points that no step led to."""
+    """Derivatives of y by x and w are 1 / (1 + 3 y^2), also at points that no step reached."""
     one = instance(exported(cubic(), version), "me").start({"w": 0.5})
     y = np.roots([1.0, 0.0, 1.0, -2.5])[-1].real
     sizes = () if one.scalar else (1,)
@@ -92,7 +92,7 @@ def test_importers_are_asked_to_report_their_steps(exported):
 
 
 def test_a_loop_that_cannot_be_solved_fails_the_step(tmp_path):
-    """Of y^2 = 1 - t, from 1 s on there is no y."""
+    """From 1 s on, y^2 = 1 - t has no solution."""
     roots = Diagram("roots", loops="solve")
     ports = {"u": Input(), "back": Input()}
     ramp, root = roots.add(

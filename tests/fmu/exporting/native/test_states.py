@@ -8,7 +8,7 @@ from fmpy.fmi1 import FMICallException
 
 from trussflow.blocks import Block, Input, Output, State
 
-STEP = 0.01
+TIME_STEP = 0.01
 versions = pytest.mark.parametrize("version", ["2.0", "3.0"])
 
 
@@ -31,16 +31,16 @@ def test_a_restored_state_runs_on_bit_by_bit(version, exported, instance, system
     """With sampled blocks inside, saved between their instants; also in a second instance."""
     path = exported(systems.hybrid(), version)
     one, two = instance(path).start({"target": 0.7}), instance(path).start()
-    one.step(0, 33, STEP)
+    one.step(0, 33, TIME_STEP)
     state = one.getFMUState()
     content = one.serializeFMUState(state)
-    first = one.step(33, 73, STEP)
+    first = one.step(33, 73, TIME_STEP)
     one.setFMUState(state)
-    np.testing.assert_array_equal(one.step(33, 73, STEP), first)
-    assert not np.array_equal(two.step(0, 5, STEP)[-1], first[-1])
+    np.testing.assert_array_equal(one.step(33, 73, TIME_STEP), first)
+    assert not np.array_equal(two.step(0, 5, TIME_STEP)[-1], first[-1])
     other = two.deserializeFMUState(content)
     two.setFMUState(other)
-    np.testing.assert_array_equal(two.step(33, 73, STEP), first)
+    np.testing.assert_array_equal(two.step(33, 73, TIME_STEP), first)
     one.freeFMUState(state)
     two.freeFMUState(other)
 
@@ -64,12 +64,12 @@ def test_fifty_instances_at_once(exported, instance, systems):
     together = [prepared(i) for i in range(50)]
     for k in range(20):
         for one in together:
-            one.doStep(STEP * k, STEP)
+            one.doStep(TIME_STEP * k, TIME_STEP)
     found = np.array([one.get("position") for one in together])
     assert len(np.unique(found)) == 50
     for i in (0, 17, 49):
         alone = prepared(i)
-        alone.step(0, 20, STEP)
+        alone.step(0, 20, TIME_STEP)
         assert alone.get("position") == found[i]
 
 
@@ -81,7 +81,7 @@ def test_instances_leak_nothing(exported, instance, systems):
     def cycle():
         fmu.component = one.fmi2Instantiate(b"again", 1, one.guid.encode(), b"", one.callbacks, 0, 0)
         one.start()
-        one.doStep(0.0, STEP)
+        one.doStep(0.0, TIME_STEP)
         one.getDirectionalDerivative(one.references["y"], one.references["u"], [1.0])
         one.freeFMUState(one.getFMUState())
         one.fmi2FreeInstance(one.component)

@@ -173,7 +173,7 @@ def test_a_jump_where_a_step_ends_belongs_to_the_step_after(version, jump, expor
 
 @versions
 def test_a_jump_of_a_sampled_signal_is_reported(version, exported, instance, systems):
-    """Some importers begin integration anew only where a state is said to have changed."""
+    """Some importers restart the integration only where the FMU reports a changed state."""
     one = instance(exported(systems.hybrid(), version), "me").start()
     reported = []
     for time in (0.0, 0.005, 0.01, 0.02, 0.03, 0.04, 0.06):  # ticks every 20 ms, and 10 + k 50 ms

@@ -9,7 +9,7 @@ from systems import HiddenSum
 from trussflow.blocks import INFERRED, Block, Diagram, Input, Output, Parameter, PythonFunction, State
 from trussflow.fmu.exporting.export import export as fmu_export
 
-STEP = 1e-3
+TIME_STEP = 1e-3
 
 
 class Pendulum(Block):
@@ -46,15 +46,15 @@ class Controller(Block):
         return {"total": x.total + 0.1 * (u.goal - u.angle)}
 
 
-LIMIT = 0.4
+TORQUE_LIMIT = 0.4
 
 
 def limited(torque):
     """Cut off what is beyond a global of the user's file, as no tracer can follow."""
     for i in range(2):
-        if abs(torque[i]) > LIMIT:
+        if abs(torque[i]) > TORQUE_LIMIT:
             torque = torque.copy()
-            torque[i] = np.sign(torque[i]) * LIMIT
+            torque[i] = np.sign(torque[i]) * TORQUE_LIMIT
     return torque
 
 
@@ -87,7 +87,7 @@ def export(tmp_path_factory):
 
     def exported(item, **settings):
         path = tmp_path_factory.mktemp("fmu") / f"it_{next(numbers)}.fmu"
-        return fmu_export(item, path, kind="python", **({"step": STEP} | settings))
+        return fmu_export(item, path, kind="python", **({"step": TIME_STEP} | settings))
 
     return exported
 

@@ -11,7 +11,7 @@ from fmpy.fmi1 import FMICallException
 
 from trussflow.blocks import Block, Input, Output, State
 
-POINT = 0.01
+COMMUNICATION_STEP = 0.01
 
 
 class Growth(Block):
@@ -34,10 +34,10 @@ def test_many_instances_at_once_do_not_mix(number, loop_fmu, instance):
     many = [instance(loop_fmu).start({"goal[1]": goal}) for goal in goals]
     for k in range(10):
         for one in many:
-            one.doStep(k * POINT, POINT)
+            one.doStep(k * COMMUNICATION_STEP, COMMUNICATION_STEP)
     ends = np.array([one.get() for one in many])
     for i in (0, number // 3, number - 1):
-        alone = instance(loop_fmu).start({"goal[1]": goals[i]}).step(0, 10, POINT)[-1]
+        alone = instance(loop_fmu).start({"goal[1]": goals[i]}).step(0, 10, COMMUNICATION_STEP)[-1]
         np.testing.assert_array_equal(ends[i], alone)
     assert len(np.unique(ends, axis=0)) == number
     assert "".join(one.errors for one in many) == ""
@@ -54,7 +54,7 @@ def census():
 def test_instances_that_come_and_go_leave_nothing(loop_fmu, instance):
     def cycle():
         one = instance(loop_fmu).start({"goal[1]": 1.0})
-        one.step(0, 2, POINT)
+        one.step(0, 2, COMMUNICATION_STEP)
         one.freeFMUState(one.getFMUState())
         one.free()
 
@@ -68,11 +68,11 @@ def test_instances_that_come_and_go_leave_nothing(loop_fmu, instance):
 
 def test_unpacked_files_may_be_deleted(loop_fmu, instance, tmp_path):
     first = instance(loop_fmu).start()
-    expected = first.step(0, 5, POINT)
+    expected = first.step(0, 5, COMMUNICATION_STEP)
     first.free()
     shutil.rmtree(first.folder)
     again = instance(shutil.copy(loop_fmu, tmp_path / "again.fmu")).start()
-    np.testing.assert_array_equal(again.step(0, 5, POINT), expected)
+    np.testing.assert_array_equal(again.step(0, 5, COMMUNICATION_STEP), expected)
 
 
 def test_after_a_failed_step_only_restoring_or_reset_help(export, instance):

@@ -11,11 +11,11 @@ from systems import ports
 from trussflow.blocks import Block, Function, Input, Output, PythonFunction
 from trussflow.fmu.errors import ExportError
 
-POINT = 0.01
+COMMUNICATION_STEP = 0.01
 
 
 def python(function):
-    return PythonFunction(function, POINT, **ports(u=(), y=()))
+    return PythonFunction(function, COMMUNICATION_STEP, **ports(u=(), y=()))
 
 
 @pytest.fixture
@@ -41,7 +41,7 @@ def refused(one, time, length, message):
 def test_values_that_are_refused(one, values, message):
     one.start()
     one.set(values)
-    refused(one, 0.0, POINT, message)
+    refused(one, 0.0, COMMUNICATION_STEP, message)
 
 
 def test_fixed_parameter_cannot_be_set_later(one):
@@ -49,19 +49,24 @@ def test_fixed_parameter_cannot_be_set_later(one):
 
     Dependencies of Python blocks are unknown: with one in the loop, every parameter is tunable.
     """
-    one.start().doStep(0.0, POINT)
+    one.start().doStep(0.0, COMMUNICATION_STEP)
     one.set({"law.gain": 3.0})
-    one.doStep(POINT, POINT)
+    one.doStep(COMMUNICATION_STEP, COMMUNICATION_STEP)
     one.set({"plant.release[1]": 1.0})
     if "sum[1]" in one.references:
-        one.doStep(2 * POINT, POINT)
+        one.doStep(2 * COMMUNICATION_STEP, COMMUNICATION_STEP)
     else:
-        refused(one, 2 * POINT, POINT, "'plant.release[1]' cannot be set once time goes on")
+        refused(
+            one,
+            2 * COMMUNICATION_STEP,
+            COMMUNICATION_STEP,
+            "'plant.release[1]' cannot be set once time goes on",
+        )
 
 
 def test_initialization_out_of_bounds(one):
     text = "initialization failed: parameter 'stiffness' of block 'plant' is -1.0"
-    refused(one.start({"plant.stiffness": -1.0}), 0.0, POINT, text)
+    refused(one.start({"plant.stiffness": -1.0}), 0.0, COMMUNICATION_STEP, text)
 
 
 def test_unknown_value_reference_and_wrong_type(one):
@@ -85,7 +90,7 @@ def test_steps_that_make_no_sense(one, time, length, message):
 
 
 def test_step_without_initialization(one):
-    refused(one, 0.0, POINT, "a step is possible only between initialization and termination")
+    refused(one, 0.0, COMMUNICATION_STEP, "a step is possible only between initialization and termination")
 
 
 def failing(u):
@@ -97,10 +102,10 @@ def failing(u):
 def test_error_in_users_code_is_logged_with_its_cause(export, instance, caplog):
     """The traceback leads to the line; Python's log has it as well."""
     one = instance(export(python(failing))).start()
-    one.doStep(0.0, POINT)
+    one.doStep(0.0, COMMUNICATION_STEP)
     one.set({"u": 2.0})
     with caplog.at_level(logging.ERROR):
-        refused(one, POINT, POINT, "raised ZeroDivisionError at t = 0.01 s: 100 %")
+        refused(one, COMMUNICATION_STEP, COMMUNICATION_STEP, "raised ZeroDivisionError at t = 0.01 s: 100 %")
     # Not the file's name: what cloudpickle 3.1.3 and later packs forgets it, the line stays.
     line = f"line {failing.__code__.co_firstlineno + 2}, in failing"
     assert line in one.errors
@@ -125,7 +130,7 @@ def test_libraries_that_are_missing_are_named(export, instance, tmp_path):
     assert names == ["casadi", "numpy", "platformdirs", "scipy", "tqdm"]
     one = instance(broken)
     text = "No module named 'library_that_is_not_there'; this FMU needs casadi>="
-    refused(one.start(), 0.0, POINT, text)
+    refused(one.start(), 0.0, COMMUNICATION_STEP, text)
     assert np.isnan(one.get("y"))
 
 

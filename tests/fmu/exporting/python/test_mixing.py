@@ -132,7 +132,7 @@ def test_only_needed_modules_go_along(export, instance):
 
 @pytest.mark.campaign
 def test_blocks_of_the_models_go_along(export):
-    """With the parameter files beside them; the copy was tried before it was written."""
+    """Their parameter files go along; the copy runs before it is written."""
     few = held(export(SpaceTruss.published()))
     assert "models/plant/space_truss.py" in few
     assert any(name.startswith("models/parameters/") for name in few)

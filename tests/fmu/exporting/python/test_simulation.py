@@ -8,8 +8,8 @@ from systems import PythonBall, ports
 from trussflow.blocks import Diagram, PythonFunction, Session, Step, TransferFunction
 from trussflow.fmu.exporting.export import export as fmu_export
 
-AGREEMENT = 1e-10  # of the requirement; the same code runs in both, so it is equal to the bit
-POINT = 0.01
+AGREEMENT_TOLERANCE = 1e-10  # of the requirement; the same code runs in both, so it is equal to the bit
+COMMUNICATION_STEP = 0.01
 
 
 def test_validator_reports_nothing(loop_fmu):
@@ -25,13 +25,13 @@ def test_stepped_fmu_equals_the_diagram_in_this_process(loop_fmu, instance, make
         for k in range(30):
             goal = [np.sin(k), 0.5]
             one.set({"goal": goal})
-            one.doStep(k * POINT, POINT)
+            one.doStep(k * COMMUNICATION_STEP, COMMUNICATION_STEP)
             session.set(goal=goal)
-            session.advance((k + 1) * POINT)
+            session.advance((k + 1) * COMMUNICATION_STEP)
             found.append(one.get(*session.outputs))
             expected.append(np.concatenate([v.ravel() for v in session.outputs.values()]))
     assert np.ptp(expected, axis=0).min() > 1e-3
-    np.testing.assert_allclose(found, expected, rtol=0, atol=AGREEMENT)
+    np.testing.assert_allclose(found, expected, rtol=0, atol=AGREEMENT_TOLERANCE)
     assert one.errors == ""
 
 
@@ -59,7 +59,7 @@ def test_both_kinds_of_fmu_give_the_same(make_loop, tmp_path, instance):
             rows.append(one.get())
         ends.append((list(one.references), rows))
     assert ends[0][0] == ends[1][0]
-    np.testing.assert_allclose(ends[1][1], ends[0][1], rtol=0, atol=AGREEMENT)
+    np.testing.assert_allclose(ends[1][1], ends[0][1], rtol=0, atol=AGREEMENT_TOLERANCE)
 
 
 def test_states_derivatives_and_parameters_can_be_read(loop_fmu, instance):
@@ -68,17 +68,17 @@ def test_states_derivatives_and_parameters_can_be_read(loop_fmu, instance):
     np.testing.assert_array_equal(one.get("plant.v"), [0.0, 0.5])
     np.testing.assert_array_equal(one.get("der(plant.q)"), [0.0, 0.5])
     assert one.get("plant.stiffness", "goal[1]", "time").tolist() == [7.0, 1.0, 0.0]
-    one.step(0, 3, POINT)
-    assert one.get("time") == 3 * POINT
+    one.step(0, 3, COMMUNICATION_STEP)
+    assert one.get("time") == 3 * COMMUNICATION_STEP
     assert one.errors == ""
     one.terminate()
-    assert one.get("time") == 3 * POINT
+    assert one.get("time") == 3 * COMMUNICATION_STEP
 
 
 def test_outputs_follow_inputs_and_tuned_parameters_at_once(loop_fmu, instance):
     """Torque = gain (goal - angle) while the law's clock ticks; a tuned gain counts from now."""
     one = instance(loop_fmu).start()
-    one.step(0, 2, POINT)
+    one.step(0, 2, COMMUNICATION_STEP)
     angle, total = one.get("angle[1]"), one.get("torque[1]") + 2 * one.get("angle[1]")
     for gain, goal in ((2.0, 1.0), (3.0, 1.0), (3.0, -2.0)):
         one.set({"law.gain": gain, "goal[1]": goal})
