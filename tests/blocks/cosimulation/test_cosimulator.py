@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 import xarray as xr
 from numpy.testing import assert_allclose, assert_array_equal
+from systems import ports
 
 from trussflow.blocks import (
     Constant,
@@ -97,7 +98,7 @@ def test_members_that_exchange_only_sampled_signals_equal_the_whole(coupling, ex
     """Held signals are exact in every scheme, for every partition into members."""
 
     def diagram():
-        same = PythonFunction(lambda u: u, H, inputs={"u": Input()}, outputs={"y": Output()})
+        same = PythonFunction(lambda u: u, H, **ports(u=(), y=()))
         sampled = Diagram("sampled")
         hold, a, b = sampled.add(hold=ZeroOrderHold(2 * H), a=plant(), b=same if python else ZeroOrderHold(H))
         a.y[0] >> b.u
@@ -228,7 +229,7 @@ def test_a_duration_is_a_whole_number_of_steps():
     """But for round-off, as in a whole run."""
     with pytest.raises(SimulationError, match=r"the duration of 1\.03 s is not a whole number"):
         cosimulate(nested(), 1.03, step=H)
-    added_up = float(np.cumsum([H / 3] * 3000)[-1])  # off by more than the last places
+    added_up = np.cumsum([H / 3] * 3000)[-1]  # off by more than the last places
     assert added_up != 1000 * H
     assert cosimulate(nested(), added_up, step=H, log=["plant.y"])["time"].size == 1001
 

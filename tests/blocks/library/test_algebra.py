@@ -79,7 +79,7 @@ def test_function_wraps_any_numpy_function(respond):
         outputs={"power": Output(), "moment": Output(3)},
     )
     result = respond(block, 0.01, force=u, velocity=v)
-    assert float(result["block.power"][0]) == u @ v
+    assert result["block.power"][0] == u @ v
     assert_allclose(result["block.moment"][0], np.cross(u, v), rtol=ROUND_OFF)
     assert_array_equal(respond(Function(np.abs), 0.01, u=u)["block.y"][0], np.abs(u))
 

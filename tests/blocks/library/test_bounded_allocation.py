@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 from scipy.optimize import lsq_linear
+from systems import ports
 
 from trussflow.blocks import (
     BoundedAllocation,
@@ -12,9 +13,7 @@ from trussflow.blocks import (
     Diagram,
     DivergenceError,
     Function,
-    Input,
     OperatingPoint,
-    Output,
     RateBoundedAllocation,
     Session,
     Sine,
@@ -223,7 +222,7 @@ def test_slope_by_weights():
         return bounded_least_squares(matrix, one, 1.5 * one[0], weights, preferred, -limits, limits)[0]
 
     at = np.array([0.5, 3.0, 0.7])
-    block = Function(command, {"u": Input(3)}, {"y": Output(3)})
+    block = Function(command, **ports(u=3, y=3))
     model = linearize(block, at=OperatingPoint(inputs={"u": at}))
     assert_allclose(model.D, slopes(command, at), rtol=0, atol=1e-8)
     assert np.max(np.abs(model.D)) > 0.01

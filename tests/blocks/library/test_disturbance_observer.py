@@ -56,4 +56,4 @@ def test_estimate_may_be_fed_back_to_the_acceleration():
     compensation >> observer.nominal_acceleration
     result = simulate(diagram, 6.0, step=0.01)
     # What is left of the disturbance, exp(-L t), leaves the velocity at its integral 1/L.
-    assert float(result["velocity.y"][-1]) == pytest.approx(0.25, rel=0.01)
+    assert result["velocity.y"][-1] == pytest.approx(0.25, rel=0.01)

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from systems import ports
 
 from trussflow.blocks import (
     Block,
@@ -17,7 +18,6 @@ from trussflow.blocks import (
     DiagramError,
     Function,
     Gain,
-    Input,
     Integrator,
     NameLookupError,
     OpenInputError,
@@ -52,7 +52,7 @@ def function(law, u=1.0, **ports):
 
 
 def python(law):
-    return run(PythonFunction(law, 0.1, inputs={"u": Input()}, outputs={"y": Output()}))
+    return run(PythonFunction(law, 0.1, **ports(u=(), y=())))
 
 
 class Forgetful(Block):
@@ -189,4 +189,4 @@ def test_what_is_frozen_is_frozen_on_purpose():
 
     simulator = Simulator(diagram, step=0.1, backend="interpreted")
     factor[0] = 5.0
-    assert float(simulator.run(0.1)["law.y"][-1]) == 2.0
+    assert simulator.run(0.1)["law.y"][-1] == 2.0

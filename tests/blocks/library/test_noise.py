@@ -83,7 +83,7 @@ def allan_deviation(rate, samples, step):
     """Return the overlapping Allan deviation of rates, over all channels [IEEE Std 952, annex C]."""
     angle = np.concatenate([np.zeros((1, rate.shape[1])), np.cumsum(rate, axis=0)]) * step
     second = angle[2 * samples :] - 2 * angle[samples:-samples] + angle[: -2 * samples]
-    return float(np.sqrt(np.mean(second**2) / 2) / (samples * step))
+    return np.sqrt(np.mean(second**2) / 2) / (samples * step)
 
 
 def test_drift_is_a_random_walk(respond):

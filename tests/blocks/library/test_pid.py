@@ -57,8 +57,8 @@ def test_back_calculation_shortens_the_overshoot_of_a_limited_loop():
     def overshoot(**settings):
         pid = PID(1.0, 0.5, 1.5, lower=-0.2, upper=0.2, **settings)
         result = simulate(loop(pid, 3.0), 60.0, step=0.01)
-        assert float(abs(result["pid.y"]).max()) <= 0.2
-        return float(result["motor.y"].max()) - 3.0
+        assert abs(result["pid.y"]).max() <= 0.2
+        return result["motor.y"].max() - 3.0
 
     assert 0.0 < overshoot(back_calculation=2.0) < overshoot() < 0.3 * overshoot(back_calculation=0.0)
 

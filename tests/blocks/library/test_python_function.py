@@ -5,6 +5,7 @@ import pickle
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
+from systems import ports
 
 from trussflow.blocks import (
     BlockError,
@@ -36,10 +37,10 @@ def test_function_may_do_anything(respond):
     block = PythonFunction(
         decide, 0.1, inputs={"u": Input(), "v": Input(2)}, outputs={"y": Output(2), "n": Output()}
     )
-    block_result = respond(block, 0.5, {"log_step": 0.1}, u=Ramp(), v=[1.0, 2.0])
+    result = respond(block, 0.5, {"log_step": 0.1}, u=Ramp(), v=[1.0, 2.0])
     signs = np.array([-1, -1, -1, 1, 1, 1])
-    assert_array_equal(block_result["block.y"], np.outer(signs, [1.0, 2.0]))
-    assert_array_equal(block_result["block.n"], np.where(signs > 0, 42.0, 0.0))
+    assert_array_equal(result["block.y"], np.outer(signs, [1.0, 2.0]))
+    assert_array_equal(result["block.n"], np.where(signs > 0, 42.0, 0.0))
 
 
 FOURTH_ORDER = 1e-7
@@ -53,8 +54,7 @@ def test_continuous_function_without_memory(settings):
     """A lag whose law is Python: exact, in a loop, with its slope in linear models."""
     diagram = Diagram("lag")
     law, lag = diagram.add(
-        law=PythonFunction(lambda u: float(str(float(-u))), inputs={"u": Input()}, outputs={"y": Output()}),
-        lag=Integrator(1.0),
+        law=PythonFunction(lambda u: float(str(float(-u))), **ports(u=(), y=())), lag=Integrator(1.0)
     )
     law >> lag >> law
     result = simulate(diagram, 2.0, **settings)
@@ -64,19 +64,15 @@ def test_continuous_function_without_memory(settings):
 
 def test_linear_model_and_session_of_it():
     diagram = Diagram("lag")
-    law = diagram.add("law", PythonFunction(abs, inputs={"u": Input()}, outputs={"y": Output()}))
+    law = diagram.add("law", PythonFunction(abs, **ports(u=(), y=())))
     law >> diagram.add("lag", Integrator(1.0))
     diagram.expose(u=law.u, y=diagram.lag.y)
-    model = linearize(diagram, at=operating(-2.0))
+    model = linearize(diagram, at=OperatingPoint(inputs={"u": -2.0}))
     assert_allclose(model.B, [[-1.0]], rtol=0, atol=FOURTH_ORDER)
     with Session(diagram, step=0.1) as session:
         session.set(u=-3.0)
         session.advance(1.0)
         assert_allclose(session.outputs["y"], 4.0, rtol=0, atol=FOURTH_ORDER)
-
-
-def operating(u):
-    return OperatingPoint(inputs={"u": u})
 
 
 @as_block

@@ -42,7 +42,7 @@ def test_a_quarter_of_the_acceleration_takes_twice_the_time():
     """The first sample apart, before which the share is not known."""
     slow, given = flown(Constant(0.25), 2.2 * TIME), flown(Constant(1.0), 2.2 * TIME, time=2.0 * TIME)
     for name in MOTION:
-        scale = float(np.abs(given[f"given.{name}"]).max())
+        scale = np.abs(given[f"given.{name}"]).max()
         assert_allclose(slow[f"retimed.{name}"], given[f"given.{name}"], rtol=0.0, atol=ROUND_OFF * scale)
 
 
@@ -85,7 +85,7 @@ def test_less_is_left_at_any_time(first, share, later, second):
     assert not ds[at_rest].any()
     told = np.searchsorted(time, known[1] + SAMPLE)  # that it comes back is noticed one sample later
     assert -ROUND_OFF <= arrival[-1] - arrival[told] <= 1.01 * SAMPLE
-    assert s[told:, 0].max() <= 7.0 + WAY[0] * max(float(beyond[told]), 0.0) + ROUND_OFF or ds[told, 0] <= 0.0
+    assert s[told:, 0].max() <= 7.0 + WAY[0] * max(beyond[told], 0.0) + ROUND_OFF or ds[told, 0] <= 0.0
 
 
 def test_stops_as_soon_as_it_can_if_the_goal_is_too_near():
@@ -95,7 +95,7 @@ def test_stops_as_soon_as_it_can_if_the_goal_is_too_near():
     v, a = 15 / 8 * WAY[0] / TIME, 0.1 * LIMIT[0]
     farthest = 1.0 + WAY[0] / 2 + 15 / 16 * v**2 / a
     assert_allclose(position.max(), farthest, rtol=ROUND_OFF, atol=0.0)
-    stopped = float(result["time"][np.flatnonzero(speed <= 0.0)[1]])
+    stopped = result["time"][np.flatnonzero(speed <= 0.0)[1]]
     assert_allclose(stopped, 30.0 + 15 / 8 * v / a, rtol=0.0, atol=1.01 * SAMPLE)
     assert position[-1] == pytest.approx(7.0, rel=ROUND_OFF)
 

@@ -6,6 +6,7 @@ import sys
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
+from systems import ports
 
 import trussflow.blocks as library
 from trussflow.blocks import (
@@ -30,7 +31,6 @@ from trussflow.blocks import (
     Gain,
     GridTable,
     Ground,
-    Input,
     IntegralSlidingMode,
     Integrator,
     KalmanFilter,
@@ -38,7 +38,6 @@ from trussflow.blocks import (
     LinearProcess,
     MatrixGain,
     Noise,
-    Output,
     Product,
     Pulse,
     PythonFunction,
@@ -122,7 +121,7 @@ def smooth():
         product=Product("*/"),
         joined=Concatenate([2, 2]),
         function=Function(np.tanh),
-        python=PythonFunction(lambda u: u.max(), 0.1, inputs={"u": Input(2)}, outputs={"y": Output()}),
+        python=PythonFunction(lambda u: u.max(), 0.1, **ports(u=2, y=())),
         terminator=Terminator(),
         state_space=StateSpace(A, np.ones((3, 2)), np.eye(3)),
         discrete_state_space=DiscreteStateSpace(A, np.ones((3, 2)), np.eye(3), sample_time=0.05),
