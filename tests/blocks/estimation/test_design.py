@@ -78,7 +78,7 @@ def test_plant_is_sampled_exactly_with_its_disturbances():
     wide = block_diag(A, np.diag([-0.2, -0.5, 0.0]))
     wide[3, 4], wide[2, 6] = 1.0, 1.0
     sampled = control.c2d(control.ss(wide, np.vstack([B, np.zeros((3, 2))])[:, :1], np.eye(7), 0), EVERY)
-    process = block.process
+    process: Any = block.process
     np.testing.assert_allclose(process.A, sampled.A, rtol=0, atol=ROUND_OFF)
     np.testing.assert_allclose(process.B, sampled.B, rtol=0, atol=ROUND_OFF)
     np.testing.assert_array_equal(process.C, [[1, 0, 0, 0, 0, 1, 0]])

@@ -2,7 +2,6 @@
 
 import contextlib
 from inspect import signature
-from types import SimpleNamespace
 from typing import Any
 
 import control
@@ -21,6 +20,7 @@ from trussflow.blocks import (
     LinearProcess,
     NameLookupError,
     ParameterError,
+    Signals,
     SimulationError,
     StateSpace,
     TrussflowError,
@@ -155,7 +155,7 @@ def test_unobserved_states_that_decay_may_be_allowed():
         ),
         (
             lambda: ExtendedKalmanFilter(SCALAR, initial_covariance=1.0).check_parameters(
-                SimpleNamespace(owner="filter", initial_covariance=np.array([[-1.0]]))
+                Signals("filter", {"initial_covariance": np.array([[-1.0]])})
             ),
             ParameterError,
             r"initial_covariance' of .* is not positive semidefinite",

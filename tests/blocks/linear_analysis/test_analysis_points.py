@@ -36,9 +36,9 @@ def attitude():
     computer.expose(angles=law.u, bias=trimmer.u2, torque=trimmer.y)
     computer.add_analysis_points(wanted=law.y)
     plant = StateSpace(
-        [[-1.0, 1, 0, 0], [-1, -1, 0, 0], [0, 0, -1, 1], [0, 0, -2, -1]],
-        [[0, 0], [1, 0], [0, 0], [0, 1.0]],
-        [[1.0, 0, 0, 0], [0, 0, 1, 0]],
+        np.array([[-1, 1, 0, 0], [-1, -1, 0, 0], [0, 0, -1, 1], [0, 0, -2, -1]]),
+        np.array([[0, 0], [1, 0], [0, 0], [0, 1]]),
+        np.array([[1, 0, 0, 0], [0, 0, 1, 0]]),
     )
     diagram.add(plant=plant, computer=computer)
     plant.y >> computer.angles
