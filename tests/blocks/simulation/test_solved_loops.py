@@ -204,7 +204,7 @@ def test_sessions_go_on_to_the_bit():
 # -- what cannot be solved ---------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("solver", ["rk4", "RK45"])
+@pytest.mark.parametrize("solver", ["rk4", "euler", "RK45"])
 def test_no_solution_is_an_error_that_says_where_and_when(backend, solver):
     """Of y^2 = 1 - x and dx/dt = y + 1 there is none after x = 1."""
     diagram = circle(law(lambda back, u: 1.0 - u - back**2 + back, "back", "u"))
