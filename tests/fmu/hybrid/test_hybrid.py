@@ -25,8 +25,18 @@ REPOSITORY = Path(__file__).parents[3]
 TIME_STEP = 0.02
 
 
-@pytest.mark.parametrize("backend", ["numpy", "compiled"])
-@pytest.mark.parametrize("solver", ["rk4", "RK45"])
+solvers = pytest.mark.parametrize(
+    ("solver", "backend"),
+    [
+        ("rk4", "numpy"),
+        ("rk4", "compiled"),
+        ("RK45", "compiled"),
+        pytest.param("RK45", "numpy", marks=pytest.mark.campaign),
+    ],
+)
+
+
+@solvers
 def test_simulated(case, solver, backend):
     case.run(solver, backend=backend)
 
@@ -164,8 +174,7 @@ def test_steps_that_end_at_an_event(cases, early, exported, instance):
     assert reached == pytest.approx(np.sqrt(0.2) if early else 0.5, abs=1e-12)
 
 
-@pytest.mark.parametrize("solver", ["rk4", "RK45"])
-@pytest.mark.parametrize("backend", ["numpy", "compiled"])
+@solvers
 def test_events_without_end(endless, solver, backend):
     build, t = endless
     with pytest.raises(SimulationError, match=rf"events without end at t = {t} s: .* bring it to rest"):

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from trussflow.blocks import Constant, Diagram, Ramp, Session, WiringError, simulate
+from trussflow.blocks import Constant, Diagram, Ramp, Session, simulate
 from trussflow.blocks.framework.errors import BlockError
 from trussflow.fmu import Fmu, FmuError, FmuUnitError
 from trussflow.fmu.fmi_units import FmiUnit
@@ -135,13 +135,6 @@ def test_a_unit_may_be_only_a_name(make_fmu):
     """A unit that the FMU does not define has the meaning that it has here."""
     path = make_fmu("ball", replace={'<BaseUnit m="1" s="-2"/>': ""})
     assert Fmu(path, step=0.1).description.units["m/s2"].exponents is None
-
-
-def test_a_unit_that_does_not_fit_is_refused_when_wired(make_fmu):
-    diagram = Diagram("units")
-    diagram.add(fmu=Fmu(make_fmu("types"), kind="cs", step=0.1), force=Constant(1.0, unit="N"))
-    with pytest.raises(WiringError, match=r"unit 'N' does not fit 'N\*m'"):
-        diagram.force >> diagram.fmu.u
 
 
 @pytest.mark.parametrize(("value", "name"), [(2.5, "number"), (3e9, "number"), (0.5, "flag")])

@@ -168,7 +168,6 @@ def imports_trussflow(u):
         ),
         (lambda: Once().sampled(0.1), {}, r"copy .* does not run: OSError: the device is taken"),
         (lambda: Function(lambda u: 1.0 / u, **ports(u=(), y=())), {}, "'y' has no start value"),
-        (lambda: python(failing), {"parameters": {"mass": 1.0}}, "no parameter 'mass'"),
     ],
 )
 def test_exports_that_are_refused(export, make, settings, message):
