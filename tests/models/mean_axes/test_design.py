@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
+from scipy.linalg import expm
 
 from trussflow.models import FreeModes, MeanAxesDesign, ModelError, SpaceTruss
 
@@ -35,3 +36,19 @@ def test_gain_depends_on_the_ratio_of_noises_alone():
     assert_allclose(louder.estimator_gain(free), gain, rtol=0, atol=1e-6 * np.abs(gain).max())
     blind = replace(DESIGN, position_noise=1e-2, rate_noise=1e-2).estimator_gain(free)
     assert np.abs(blind[:68]).max() < 0.5 * np.abs(gain[:68]).max()
+
+
+def test_estimator_settles():
+    """Predicted and corrected at rest, every error decays: eigenvalues inside the unit circle."""
+    free = FreeModes.of(SpaceTruss.consistent().dynamics, DESIGN.estimated_modes)
+    m, h = len(free.inertia), DESIGN.estimated_modes
+    A = np.zeros((3 * m + 2 * h,) * 2)
+    A[:m, m : 2 * m] = np.eye(m)
+    A[m : 2 * m, 2 * m + 2 * h :] = np.linalg.inv(free.inertia)
+    A[2 * m : 2 * m + h, 2 * m + h : 2 * m + 2 * h] = np.eye(h)
+    A[2 * m + h : 2 * m + 2 * h, 2 * m : 2 * m + h] = -np.diag(free.frequencies[:h] ** 2)
+    C = np.zeros((2 * m, len(A)))
+    C[:, : 2 * m] = np.eye(2 * m)
+    C[:m, 2 * m : 2 * m + h] = C[m:, 2 * m + h : 2 * m + 2 * h] = -free.root_motion
+    error = expm(A * DESIGN.sample_time) @ (np.eye(len(A)) - DESIGN.estimator_gain(free) @ C)
+    assert np.abs(np.linalg.eigvals(error)).max() < 0.99995
