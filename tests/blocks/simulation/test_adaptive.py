@@ -1,7 +1,5 @@
 """Adaptive and stiff solvers: tolerance, break points, exact Jacobian; order of the fixed ones."""
 
-from typing import Any
-
 import numpy as np
 import pytest
 import scipy.linalg
@@ -25,7 +23,7 @@ from trussflow.blocks.simulation.adaptive import IMPLICIT, METHODS, integrate
 
 ORDER_TOLERANCE = 0.1
 SOLVER_TOLERANCE = 1e-8
-PRECISE: dict[str, Any] = {"rtol": SOLVER_TOLERANCE, "atol": SOLVER_TOLERANCE}
+PRECISE = {"rtol": SOLVER_TOLERANCE, "atol": SOLVER_TOLERANCE}
 GLOBAL_TOLERANCE = 100.0 * SOLVER_TOLERANCE  # the error at the end adds up those of many steps
 A = np.array([[-0.3, 1.0, 0.2], [-1.5, -0.1, 0.0], [0.1, 0.4, -0.7]])
 

@@ -18,7 +18,7 @@ SOLVERS = [
 ]
 
 
-class Ball(systems.Ball):  # type: ignore[misc]
+class Ball(systems.Ball):
     level = Parameter(0.0, unit="m")
 
     def indicators(self, t, x, u, p):

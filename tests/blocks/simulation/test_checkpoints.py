@@ -296,12 +296,12 @@ def test_a_run_killed_at_any_instant_goes_on_bit_for_bit(solver, kills, tmp_path
             if number >= kills and resumed:
                 break
             print(random.uniform(0.0, 0.6), file=process.stdin, flush=True)
-            if process.stdout.readline() == "0\n":  # type: ignore[union-attr]  # it was complete before
+            if process.stdout.readline() == "0\n":  # it was complete before
                 with xr.open_dataset(path, engine="netcdf4", decode_cf=False) as complete:
                     check_same(complete.load(), expected)
                 path.unlink()
             resumed += (tmp_path / "run.nc.partial" / "checkpoint").exists()
-        process.stdin.close()  # type: ignore[union-attr]
+        process.stdin.close()
     assert resumed
     check_same(checkpointed(simulator(solver), path), expected)
     assert sorted(p.name for p in tmp_path.iterdir()) == ["run.nc", "warm.nc", "whole.nc"]  # nothing stays

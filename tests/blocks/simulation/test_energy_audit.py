@@ -1,7 +1,5 @@
 """Energy audits: supplied is stored or dissipated; an error in a block or a wire shows where it is."""
 
-from typing import Any
-
 import numpy as np
 import pytest
 import systems
@@ -60,7 +58,7 @@ class WrongSpring(Spring):
         return {"length": -u.velocity}
 
 
-SETTINGS: dict[str, Any] = {"step": 5e-3, "backend": "interpreted"}
+SETTINGS = {"step": 5e-3, "backend": "interpreted"}
 
 
 def audit(spring, signs="+-", **settings):
@@ -139,7 +137,7 @@ def test_steady_power_is_supplied_delivered_or_dissipated():
     assert_allclose(values, [2.0 * (50.0 - 20.0), 0.0, 2.0 * 30.0, 0.0], rtol=0, atol=1e-9)
 
 
-class Ball(systems.Ball):  # type: ignore[misc]
+class Ball(systems.Ball):
     """A ball of 1 kg, which counts the energy that its bounces take."""
 
     energy, lost = Output(unit="J"), Output(unit="J")
@@ -183,9 +181,9 @@ def test_account_errors():
         ({"oscillator": EnergyAccount()}, "cannot audit 'oscillator' by"),
     ):
         with pytest.raises((BlockError, SimulationError, AttributeError), match=message):
-            energy_audit(diagram, 1.0, accounts=accounts, **SETTINGS)  # type: ignore[arg-type]
+            energy_audit(diagram, 1.0, accounts=accounts, **SETTINGS)
     with pytest.raises(BlockError, match=r"'force' is no pair of ports; give tuples"):
-        EnergyAccount(supplied=("force", "velocity"))  # type: ignore[arg-type]
+        EnergyAccount(supplied=("force", "velocity"))
     wide = Diagram("wide")
     constant, other = wide.add(constant=Constant(np.ones(2)), other=Constant(np.ones(3)))
     with pytest.raises(BlockError, match="they have 2 and 3 elements"):

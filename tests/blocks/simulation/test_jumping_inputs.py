@@ -68,7 +68,7 @@ def test_sampled_inputs_that_jump_cause_events(solver, python):
     source, relay = diagram.add(source=Step(0.6, initial_value=1.0, final_value=-1.0), relay=Relay())
     hold = ZeroOrderHold(0.25)
     if python:
-        hold = PythonFunction(lambda u: u, 0.25, inputs={"u": Input()}, outputs={"y": Output()})  # type: ignore[assignment]
+        hold = PythonFunction(lambda u: u, 0.25, inputs={"u": Input()}, outputs={"y": Output()})
     diagram.add(hold=hold)
     source >> diagram.hold >> relay
     result = simulate(diagram, 1.0, step=0.05, solver=solver)

@@ -1,7 +1,5 @@
 """Runs side by side, one in each lane of vectors: to the bit what each is alone, whatever the others do."""
 
-from typing import Any
-
 import numpy as np
 import pytest
 from scipy import stats
@@ -140,7 +138,7 @@ def test_each_lane_is_the_run_alone_to_the_bit(diagram, solver):
     found = lanes.run(0.9, each, "stop")
     for result, (parameters, initial) in zip(found, each, strict=True):
         assert_same(result, simulator.run(0.9, parameters=parameters, initial=initial))
-    ends = {result.to_array().values[:, -1].tobytes() for result in found}  # type: ignore[union-attr]
+    ends = {result.to_array().values[:, -1].tobytes() for result in found}
     assert len(ends) == len(each)
 
 
@@ -185,12 +183,7 @@ def exploding():
 
 def test_a_run_that_diverges_disturbs_no_other(monkeypatch):
     starts = [0.1, 3.0, -1.0, 0.9, 0.2, 1.5, -2.0, 0.05, 40.0, 0.3, 0.1]
-    settings: dict[str, Any] = {
-        "vary": {"x.integral": starts},
-        "keep": "all",
-        "executor": "serial",
-        "step": STEP,
-    }
+    settings = {"vary": {"x.integral": starts}, "keep": "all", "executor": "serial", "step": STEP}
     alone = sweep(exploding(), 2.0, **settings)
     assert alone["status"].values.tolist().count("diverged") == 4
     monkeypatch.setattr(*ALWAYS)
@@ -216,7 +209,7 @@ def test_a_sweep_is_the_same_in_lanes(monkeypatch, executor):
             return super().run(duration, each, not_finite)
 
     monkeypatch.setattr(samples, "Lanes", Counted)
-    settings: dict[str, Any] = {
+    settings = {
         "vary": {"f.x[0]": stats.norm(0.3, 0.2), "f.offset": stats.uniform(0.0, 0.3)},
         "samples": 24,  # full groups, of whatever lanes there are
         "seed": 4,
@@ -239,7 +232,7 @@ def test_refused_values_and_logs_are_reported_as_alone(monkeypatch):
     x >> root.u
     up[1] >> x
     starts, scales = [5.0, 0.5, 3.0, 0.2, 7.0], [1.0, -1.0]
-    settings: dict[str, Any] = {
+    settings = {
         "vary": {"x.integral": starts, "root.scale": scales, "up.value[1]": [-1.0, -0.5]},
         "keep": "all",
         "executor": "serial",
@@ -288,10 +281,10 @@ def test_what_differs_from_run_to_run_goes_alone(diagram, settings):
 
 
 def test_short_or_small_sweeps_limits_and_functions_that_build_compile_nothing(monkeypatch):
-    asked = []  # type: ignore[var-annotated]
+    asked = []
     monkeypatch.setattr(samples, "Lanes", asked.append)
     monkeypatch.setattr("trussflow.blocks.sweeps.sweep.lanes", lambda: 4)
-    settings: dict[str, Any] = {"vary": {"f.offset": [0.1, 0.2, 0.3]}, "keep": "all", "step": STEP}
+    settings = {"vary": {"f.offset": [0.1, 0.2, 0.3]}, "keep": "all", "step": STEP}
     sweep(functions(), 1.0, **settings, executor="serial")
     monkeypatch.setattr(*ALWAYS)
     sweep(functions(), 1.0, **settings, executor="serial", time_limit=60.0)

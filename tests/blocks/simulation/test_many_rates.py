@@ -1,7 +1,5 @@
 """Diagrams with more sample times than each set of them that ticks together has a program for."""
 
-from typing import Any
-
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
@@ -41,7 +39,7 @@ CHAIN = [
 
 def made(kind, period, offset):
     if kind == "python":
-        ports: dict[str, Any] = {"inputs": {"u": Input()}, "outputs": {"y": Output()}}
+        ports = {"inputs": {"u": Input()}, "outputs": {"y": Output()}}
         return PythonFunction(lambda u: 2.0 * u + 1.0, period, offset=offset, **ports)
     return (ZeroOrderHold if kind == "hold" else UnitDelay)(period, offset=offset)
 

@@ -27,7 +27,7 @@ from trussflow.blocks import (
 SOLVERS = ("rk4", "euler", "RK45", "DOP853", "LSODA", "BDF", "Radau")
 
 
-class Oscillator(systems.Oscillator):  # type: ignore[misc]
+class Oscillator(systems.Oscillator):
     """The oscillator in Python."""
 
     traced = False
@@ -36,7 +36,7 @@ class Oscillator(systems.Oscillator):  # type: ignore[misc]
         return {"y": ()}
 
 
-class Ball(systems.PythonBall):  # type: ignore[misc]
+class Ball(systems.PythonBall):
     """A ball that notes the times of its bounces."""
 
     def __init__(self, **parameters):

@@ -291,7 +291,7 @@ def test_runs_may_begin_at_any_time(settings):
     logged = simulate(found, 0.5, start=1.25, log_step=0.2, **settings)
     assert_allclose(logged["time"], [1.25, 1.45, 1.65, 1.75], rtol=0, atol=ROUND_OFF)
     with pytest.raises(ParameterError, match="start must be numeric, not 'x'"):
-        simulate(found, 1.0, start="x", **settings)  # type: ignore[arg-type]
+        simulate(found, 1.0, start="x", **settings)
 
 
 def test_results_in_other_forms(result, tmp_path):
@@ -323,8 +323,8 @@ def test_results_in_other_forms(result, tmp_path):
         (lambda r: plot(r, "truss"), "cannot plot 'truss': the signals of the result are: truss.q, "),
         (lambda r: to_control(r, ["nothing"]), "cannot hand over 'nothing': the signals"),
         (lambda r: to_control(r, []), "cannot hand over nothing: name the outputs"),
-        (lambda _: to_pandas(3), "cannot tabulate 3: it is no result of a run"),  # type: ignore[arg-type]
-        (lambda _: save(3, "run.csv"), r"cannot write to 'run\.csv' 3: it is no result"),  # type: ignore[arg-type]
+        (lambda _: to_pandas(3), "cannot tabulate 3: it is no result of a run"),
+        (lambda _: save(3, "run.csv"), r"cannot write to 'run\.csv' 3: it is no result"),
         (lambda _: load("there/is/none.nc"), r"cannot read a result from 'there/is/none\.nc': "),
     ],
 )

@@ -244,7 +244,7 @@ class Traced(Block):
 
 
 def test_an_open_that_would_go_wrong_silently_is_refused():
-    kept = []  # type: ignore[var-annotated]
+    kept = []
 
     class Shared(Counter):
         def open(self, p):
@@ -318,7 +318,7 @@ def test_errors_name_the_member_and_keep_its_messages():
     message = r"member 'python' raised RuntimeError at t = 0.2 s: no"
     with pytest.raises(SimulationError, match=message) as info:
         cosimulate(loop(Steps(fails=0.25)), 0.5, step=0.1)
-    assert "2 steps" in info.value.result.attrs["messages"]  # type: ignore[attr-defined]
+    assert "2 steps" in info.value.result.attrs["messages"]
     assert "5 steps" in cosimulate(loop(Steps()), 0.5, step=0.1).attrs["messages"]
 
 

@@ -3,7 +3,6 @@
 import copy
 import pickle
 import warnings
-from typing import Any
 
 import numpy as np
 import pytest
@@ -31,7 +30,7 @@ from trussflow.blocks import (
 from trussflow.blocks.framework.errors import SimulationWarning
 from trussflow.blocks.simulation.run import Run
 
-SETTINGS: dict[str, Any] = {"step": 0.1, "backend": "interpreted"}
+SETTINGS = {"step": 0.1, "backend": "interpreted"}
 
 
 def falling():
@@ -68,7 +67,7 @@ def test_output_that_stops_being_finite_warns_at_the_line_of_the_user(backend):
 def test_run_stops_where_an_output_stops_being_finite(path):
     with pytest.raises(DivergenceError, match=r"'root\.y' stopped.* t = 0\.6 s; the log") as caught:
         simulate(falling(), 1.0, not_finite="stop", stream_to=path, **SETTINGS)
-    assert_allclose(caught.value.result["time"], np.arange(6) / 10, rtol=0, atol=1e-15)  # type: ignore[arg-type, index]
+    assert_allclose(caught.value.result["time"], np.arange(6) / 10, rtol=0, atol=1e-15)
 
 
 def test_run_stops_there_also_if_a_state_stops_being_finite_soon_after(path):
@@ -77,7 +76,7 @@ def test_run_stops_there_also_if_a_state_stops_being_finite_soon_after(path):
     diagram.blocks["root"] >> diagram.add(i=Integrator())
     with pytest.raises(DivergenceError, match=r"^'root\.y' stopped.* t = 0\.6 s; the log") as caught:
         simulate(diagram, 1.0, solver="euler", not_finite="stop", stream_to=path, **SETTINGS)
-    assert caught.value.result.sizes["time"] == 6  # type: ignore[attr-defined]
+    assert caught.value.result.sizes["time"] == 6
     assert path is None or [*path.parent.iterdir()] == [path]
 
 
@@ -88,7 +87,7 @@ def test_ctrl_c_after_an_output_stopped_being_finite_is_ctrl_c(path, monkeypatch
     monkeypatch.setattr(Run, "finish", stopped)
     with pytest.raises(SimulationInterrupted, match="stopped at t = 1 s") as caught:
         simulate(falling(), 1.0, not_finite="stop", stream_to=path, **SETTINGS)
-    assert caught.value.result.sizes["time"] == 6  # type: ignore[attr-defined]
+    assert caught.value.result.sizes["time"] == 6
     assert path is None or [*path.parent.iterdir()] == [path]
 
 

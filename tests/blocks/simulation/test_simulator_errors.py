@@ -3,7 +3,6 @@
 import signal
 import subprocess
 import sys
-from typing import Any
 
 import numpy as np
 import pytest
@@ -50,7 +49,7 @@ class Grower(Block):
         return {"q": np.stack([p.rate * x.q[0], blown])}
 
 
-class Counter(systems.Counter):  # type: ignore[misc]
+class Counter(systems.Counter):
     """It shows the root of what is left of 3.5."""
 
     def output(self, t, x, u, p):
@@ -110,7 +109,7 @@ def test_divergence_names_the_state_and_keeps_the_log(backend, tmp_path):
     assert str(error.value).startswith(
         "'box.q' (element 1) stopped being finite at t = 0.5 s; the last good step is at t = 0.4 s"
     )
-    error.value.result.close()  # type: ignore[attr-defined]
+    error.value.result.close()
     with xr.open_dataset(path) as result:
         assert_allclose(result.time, [0.0, 0.1, 0.2, 0.3, 0.4], rtol=ROUND_OFF)
         assert_array_equal(result["box.y"], np.ones((5, 2)))
@@ -134,7 +133,7 @@ def test_divergence_names_the_signal_that_caused_it():
 def test_adaptive_solver_that_gives_up_keeps_the_log(solver, backend):
     with pytest.raises(DivergenceError, match=f"solver {solver} gave up after t = 0.4") as error:
         simulate(grower(rate=-1.0), 1.0, solver=solver, backend=backend, log_step=0.05)
-    result: Any = error.value.result
+    result = error.value.result
     assert_allclose(result.time[:9], 0.05 * np.arange(9), rtol=0, atol=1e-12)
     assert_allclose(result["box.y"][:, 0], np.exp(-result.time), rtol=1e-6)
     assert result.sizes["time"] in (9, 10)  # 0.45 s itself may or may not be reached
@@ -154,7 +153,7 @@ def test_divergence_of_a_sampled_block(backend, solver):
     with pytest.raises(DivergenceError) as error, np.errstate(invalid="ignore"):
         simulate(counter(), 1.0, step=0.1, log_step=0.1, backend=backend, solver=solver)
     assert str(error.value).startswith("'count.y' stopped being finite at t = 0.4 s")
-    assert error.value.result.sizes["time"] == 4  # type: ignore[attr-defined]
+    assert error.value.result.sizes["time"] == 4
 
 
 @pytest.mark.parametrize(
@@ -191,11 +190,11 @@ def interrupt(t):
 @pytest.mark.parametrize("solver", ["rk4", "RK45"])
 def test_interrupted_run_keeps_its_log(solver):
     diagram = grower()
-    ports: dict[str, Any] = {"inputs": {"u": Input()}, "outputs": {"y": Output()}}
+    ports = {"inputs": {"u": Input()}, "outputs": {"y": Output()}}
     diagram.add(time=systems.Time()) >> diagram.add(block=PythonFunction(interrupt, 0.1, **ports))
     with pytest.raises(SimulationInterrupted, match=r"stopped at t = 0\.4 s") as error:
         simulate(diagram, 1.0, step=0.1, log_step=0.1, solver=solver, backend="numpy")
-    result: Any = error.value.result
+    result = error.value.result
     assert_allclose(result.time, [0.0, 0.1, 0.2, 0.3], rtol=0, atol=1e-12)
     assert result.attrs["status"] == "interrupted"
     assert isinstance(error.value, KeyboardInterrupt)
@@ -224,7 +223,7 @@ def test_control_c_stops_a_long_run(solver):
     with subprocess.Popen(
         [sys.executable, "-c", SCRIPT, solver], stdout=subprocess.PIPE, text=True
     ) as process:
-        assert process.stdout.readline() == "ready\n"  # type: ignore[union-attr]
+        assert process.stdout.readline() == "ready\n"
         with pytest.raises(subprocess.TimeoutExpired):
             process.wait(0.5)
         process.send_signal(signal.SIGINT)

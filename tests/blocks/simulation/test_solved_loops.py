@@ -1,7 +1,5 @@
 """Algebraic loops that are solved: exact answers, every backend, sampled loops, kinks, several solutions."""
 
-from typing import Any
-
 import numpy as np
 import pytest
 from hypothesis import given
@@ -220,7 +218,7 @@ def test_no_solution_is_an_error_that_says_where_and_when(backend, solver):
         values(
             diagram, "law.y", initial={"law.y": 1.0}, solver=solver, backend=backend, step=0.01, log_step=0.1
         )
-    result: Any = caught.value.result
+    result = caught.value.result
     assert_allclose(result["law.y"] ** 2, 1.0 - result["state.y"], rtol=0, atol=ROUND_OFF)
 
 

@@ -13,7 +13,7 @@ from trussflow.blocks.simulation.state_bytes import decode, encode
 
 OF = {"FMU": "an FMU", "step": 0.1}
 NUMBERS = np.random.default_rng(0).standard_normal((2, 3)) * 10.0 ** np.arange(-300, 300, 200)
-VALUES = (  # type: ignore[var-annotated]
+VALUES = (
     None,
     True,
     0,

@@ -9,7 +9,6 @@ import sys
 import time
 import tracemalloc
 from pathlib import Path
-from typing import Any
 
 import campaign
 import numpy as np
@@ -150,7 +149,7 @@ def test_ctrl_c_within_the_log_loses_and_doubles_nothing(
         interrupted(place, name, number, patched)
         with pytest.raises(SimulationInterrupted, match="stopped at") as stopped:
             simulator.run(3.0, stream_to=tmp_path / "run.nc")
-    result: Any = stopped.value.result
+    result = stopped.value.result
     assert result.attrs["status"] == "interrupted"
     last = float(result.time[-1]) if result.sizes["time"] else 0.0
     reached = float(str(stopped.value).split()[4])
@@ -249,7 +248,7 @@ def test_ctrl_c_waits_for_files_that_are_deleted(place, name, of, simulator, who
     interrupting(place, name, monkeypatch, of)
     with pytest.raises(SimulationInterrupted, match="stopped at") as stopped:
         simulator.run(3.0, stream_to=tmp_path / "run.nc")
-    result: Any = stopped.value.result
+    result = stopped.value.result
     xr.testing.assert_equal(result.load(), whole)
     result.close()
     assert [p.name for p in tmp_path.iterdir()] == ["run.nc"]
