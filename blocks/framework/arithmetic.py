@@ -166,7 +166,18 @@ def _shape(function: np.ufunc, shapes: list[Any]) -> Shape:
 
 
 def operation(function: np.ufunc, operands: Sequence[Any]) -> Sum | Operation:
-    """Return the block that makes a `function` of the `operands`, ports and numbers."""
+    """Return the block that applies a `function` to the `operands`, ports and numbers.
+
+    Raises
+    ------
+    BlockError
+        If an operand is a bool, as ``a == b`` of ports gives it.
+    """
+    if any(isinstance(each, bool | np.bool_) for each in operands):
+        raise BlockError(
+            "True and False are not signals. `==` and `!=` compare the ports themselves; "
+            "write np.equal(a, b) or np.not_equal(a, b) to compare their signals"
+        )
     if function in SIGNS and all(isinstance(each, Port) for each in operands):
         return Sum(SIGNS[function])
     shapes = [port.shape for port in operands if isinstance(port, Port)]

@@ -207,3 +207,14 @@ def test_what_is_no_arithmetic():
     with pytest.raises(WiringError, match=r"'c\.y' in diagram 'd': its block is in 'e'"):
         d.a * Diagram("e").add("c", Constant(1.0))
     assert set(d.blocks) == {*VALUES, "two"}
+
+
+@pytest.mark.parametrize("compare", [operator.eq, operator.ne])
+@pytest.mark.parametrize("combine", [operator.and_, operator.mul, operator.add, lambda a, b: b - a])
+def test_identity_of_ports_is_no_operand(compare, combine):
+    d = Diagram("d")
+    port = d.add(a=Constant(1.0)).y
+    assert {port: 1}[port] == 1
+    with pytest.raises(WiringError, match=r"write np\.equal\(a, b\)"):
+        combine(port > 0.5, compare(port, 1.0))
+    assert value_of(np.equal(port, 1.0)) == 1.0
