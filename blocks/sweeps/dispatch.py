@@ -61,7 +61,8 @@ class Dispatch:
         self._fresh = deque(np.flatnonzero(~pieces.finished).tolist())
         self._again: deque[int] = deque()
         self._running: dict[Future[Any], tuple[list[int], bool]] = {}
-        self._seconds, self._done = 0.0, 0
+        self._seconds = 0.0
+        self._timed = 0
 
     def run(self, name: str, room: int, progress: bool) -> int:
         """Run all samples, or until it is enough; return how many of the first ones are wanted [-].
@@ -111,7 +112,7 @@ class Dispatch:
         if again:
             numbers = [self._again.popleft()]
         else:
-            size = int(TASK_SECONDS * self._done / self._seconds) if self._done else 1
+            size = int(TASK_SECONDS * self._timed / self._seconds) if self._seconds else 1
             groups = min(size, TASK_SAMPLES, len(self._fresh) // room) // self._together
             size = max(1, groups) * self._together
             numbers = [self._fresh.popleft() for _ in range(min(size, len(self._fresh)))]
@@ -142,9 +143,11 @@ class Dispatch:
             status, message = "lost", f"its worker ended twice: {error}"
             if hung:
                 status, message = "timeout", "it did not stop at its time limit, so its process was ended"
-            samples, seconds = [Sample(numbers[0], self._values(numbers[0]), status, message)], 0.0
+            self._pieces.add([Sample(numbers[0], self._values(numbers[0]), status, message)])
+            return
         self._pieces.add(samples)
-        self._seconds, self._done = self._seconds + seconds, self._done + len(samples)
+        self._seconds += seconds
+        self._timed += len(samples)
 
     def _broken(self, error: BaseException) -> SimulationError:
         kept = f"{self._pieces.finished.sum()} of {self.total} samples are finished"

@@ -222,7 +222,7 @@ class Runs:
                 found.values = reduced(result, self.recipe.keep) if self.recipe.keep is not None else {}
         except NotTakenOverError:
             raise
-        except Exception as error:  # noqa: BLE001 - of user's functions and blocks: a failed sample is a result
+        except (Exception, SystemExit) as error:  # noqa: BLE001 - a failed sample is a result
             found = Sample(number, dict(values))
             logged: Any = getattr(error, "result", None)
             if logged is not None:

@@ -1,40 +1,42 @@
-"""A process that runs samples for another one, until that ends or a sample hangs."""
+"""Worker process of a sweep: it runs samples until its parent ends or a sample hangs."""
 
 from __future__ import annotations
 
 import os
 import pickle
 import queue
-import sys
 import threading
-from typing import Any
+from typing import Any, BinaryIO
 
 from trussflow.blocks.framework.errors import SimulationError
 from trussflow.blocks.sweeps import samples
 
 
 def main() -> None:
-    """Do what comes in, until nothing comes any more."""
+    """Compute the tasks that arrive, until none arrives any more."""
+    # Copies of the descriptors: user code may close or use 0 and 1.
+    requests = os.fdopen(os.dup(0), "rb")
     answers = os.fdopen(os.dup(1), "wb")
-    os.dup2(2, 1)  # what blocks print goes where errors go
+    os.dup2(os.open(os.devnull, os.O_RDONLY), 0)
+    os.dup2(2, 1)
     tasks: queue.SimpleQueue[Any] = queue.SimpleQueue()
-    threading.Thread(target=_listen, args=(tasks,), daemon=True).start()
+    threading.Thread(target=_listen, args=(tasks, requests), daemon=True).start()
     samples.watch()
     while True:
         function, arguments = tasks.get()
         try:
             answer = True, function(*arguments)
-        except Exception as error:  # noqa: BLE001 - whoever asked is told
+        except Exception as error:  # noqa: BLE001 - the parent process gets it
             ours = isinstance(error, samples.NotTakenOverError)
             answer = False, error if ours else SimulationError(f"{type(error).__name__}: {error}")
         pickle.dump(answer, answers)
         answers.flush()
 
 
-def _listen(tasks: queue.SimpleQueue[Any]) -> None:
-    """Take tasks; without whoever gives them there is nothing to do, also in the middle of a sample."""
+def _listen(tasks: queue.SimpleQueue[Any], requests: BinaryIO) -> None:
+    """Queue the tasks that arrive; end the process, also within a sample, if no more can arrive."""
     while True:
         try:
-            tasks.put(pickle.load(sys.stdin.buffer))
-        except EOFError:
+            tasks.put(pickle.load(requests))
+        except (EOFError, OSError, ValueError):
             os._exit(0)

@@ -227,3 +227,34 @@ def test_what_cannot_be_sent_is_said_at_once():
 def test_samples_of_other_shapes_stand_beside_each_other():
     found = swept([-1.0, -2.0, -3.0], lambda run: np.zeros(2 + (gain(run) == -2.0)), executor="serial")
     assert_array_equal(found["end"], [[0, 0, np.nan], [0, 0, 0], [0, 0, np.nan]])
+
+
+@pytest.mark.parametrize(
+    ("failure", "status"),
+    [("hang", "timeout"), ("exit", "lost"), ("sys.exit", "failed"), ("close", "lost"), ("raise", "failed")],
+)
+@pytest.mark.parametrize("failing", [{-1.0}, {-3.0}, {-1.0, -2.0, -3.0}], ids=["first", "last", "all"])
+def test_no_order_of_failures_ends_a_sweep(failure, status, failing):
+    actions = {
+        "hang": lambda: next(n for n in itertools.count() if n < 0),
+        "exit": lambda: os._exit(3),
+        "sys.exit": lambda: sys.exit(3),
+        "close": lambda: os.closerange(0, 99),
+        "raise": lambda: 1 / 0,
+    }
+
+    def keep(run):
+        if gain(run) in failing:
+            actions[failure]()
+        return end(run)
+
+    gains = [-1.0, -2.0, -3.0]
+    found = swept(gains, keep, workers=1, time_limit=1.0, progress=False)
+    assert found["status"].values.tolist() == [status if each in failing else "complete" for each in gains]
+
+
+@pytest.mark.parametrize("executor", ["serial", "threads"])
+def test_a_sample_that_exits_fails_alone(executor):
+    found = swept([-1.0, -2.0], lambda run: sys.exit(3) if gain(run) == -1.0 else end(run), executor=executor)
+    assert found["status"].values.tolist() == ["failed", "complete"]
+    assert found["message"].values[0] == "SystemExit: 3"
