@@ -21,7 +21,6 @@ from trussflow.blocks.linear_analysis.margins import (
     disk_margin,
     frequencies_about,
     real_sensitivities,
-    response,
     sensitivity_matrices,
 )
 from trussflow.blocks.linear_analysis.operating_point import OperatingPoint
@@ -215,7 +214,7 @@ def loop_margins(
     low, high = 1e-3 * sizes.min(initial=1.0), 1e3 * sizes.max(initial=1.0)
     high = np.pi / loop.dt if sampled else high
     grid = frequencies_about(rates, low, high) if omega is None else np.asarray(omega, dtype=float)
-    gains = channel_responses(response(loop, grid))
+    gains = channel_responses(loop, grid)
     ends = real_sensitivities(loop, sizes.min(initial=1.0))
     channels = {
         label: channel_margins(gains[:, k], grid, label, ends[:, k])

@@ -12,7 +12,7 @@ independently and at the same time.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
@@ -25,8 +25,11 @@ if TYPE_CHECKING:
 
 Complex = NDArray[np.complex128]
 
-LOOKED_AT = 12
-"""Frequencies at which a multi-loop disk margin is computed exactly, at most."""
+REFINED_SHARE = 1.1
+"""Minima of the disk margin on the grid up to this multiple of the least one are refined [-]."""
+
+FREQUENCY_TOLERANCE = 1e-10
+"""Relative tolerance of the frequency at which a disk margin is least [-]."""
 
 NOTHING = 1e-9
 """Loop gain below which nothing comes back [-]."""
@@ -104,17 +107,38 @@ def response(model: control.StateSpace, omega: Vector) -> Complex:
     return np.asarray(np.moveaxis(model(on_the_border(model, omega), squeeze=False), 2, 0))
 
 
-def channel_responses(gains: Complex) -> Complex:
-    """Return the loop gain of each channel with the others closed, (frequencies, channels).
+def sensitivities(model: control.StateSpace, omega: Vector) -> Complex:
+    """Return the sensitivity (I + L)^-1 of a loop gain L, of shape (frequencies, channels, channels) [-].
+
+    It follows from the closed loop, so it is finite where L is infinite.
 
     Parameters
     ----------
-    gains : array, shape (k, m, m)
-        Loop gain with all channels opened [-].
+    model : control.StateSpace
+        L, square.
+    omega : array, shape (k,)
+        Frequencies [rad/s].
     """
-    S = np.linalg.inv(np.eye(gains.shape[1]) + gains)
-    loops: Complex = 1.0 / np.einsum("kii->ki", S) - 1.0
-    return loops
+    import control  # takes a while to import
+
+    return response(control.ss(*sensitivity_matrices(model), model.dt), omega)
+
+
+def channel_responses(model: control.StateSpace, omega: Vector) -> Complex:
+    """Return the loop gain of each channel with the others closed, of shape (frequencies, channels) [-].
+
+    It is infinite where the sensitivity of a channel is 0, as at the poles of L on the imaginary axis.
+
+    Parameters
+    ----------
+    model : control.StateSpace
+        Loop gain with all channels opened, square.
+    omega : array, shape (k,)
+        Frequencies [rad/s].
+    """
+    S = np.einsum("kii->ki", sensitivities(model, omega))
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return np.asarray(np.where(S == 0.0, np.inf, 1.0 / S - 1.0))
 
 
 def sensitivity_matrices(model: control.StateSpace) -> tuple[Vector, Vector, Vector, Vector]:
@@ -156,7 +180,7 @@ def channel_margins(gain: Complex, omega: Vector, channel: str, ends: npt.ArrayL
     Parameters
     ----------
     gain : array, shape (k,)
-        Loop gain for negative feedback [-].
+        Loop gain for negative feedback; infinite values are left out [-].
     omega : array, shape (k,)
         Frequencies, close enough for interpolation [rad/s].
     channel : str
@@ -166,6 +190,8 @@ def channel_margins(gain: Complex, omega: Vector, channel: str, ends: npt.ArrayL
     """
     import control  # takes a while to import
 
+    finite = np.isfinite(gain)
+    gain, omega = gain[finite], omega[finite]
     if np.abs(gain).max(initial=0.0) < NOTHING:  # nothing comes back
         return Margins(channel=channel)
     data = control.FrequencyResponseData(gain, omega, smooth=True)
@@ -187,9 +213,7 @@ def channel_margins(gain: Complex, omega: Vector, channel: str, ends: npt.ArrayL
     )
 
 
-def disk_margin(
-    model: control.StateSpace, omega: Vector, looked_at: int = LOOKED_AT
-) -> tuple[float, float, float, float]:
+def disk_margin(model: control.StateSpace, omega: Vector) -> tuple[float, float, float, float]:
     r"""Return the multi-loop disk margin of a group of channels.
 
     Parameters
@@ -197,9 +221,7 @@ def disk_margin(
     model : control.StateSpace
         Loop gain of the group for negative feedback, all other channels closed; stable when closed.
     omega : array, shape (k,)
-        Where to look for the least margin [rad/s].
-    looked_at : int
-        Frequencies at which it is computed, at most [-].
+        Ascending frequencies, close enough to separate the minima of the margin [rad/s].
 
     Returns
     -------
@@ -210,23 +232,39 @@ def disk_margin(
     Notes
     -----
     The margin at a frequency is at least :math:`1/\rho(|S - I/2|)`, with the Perron root of
-    the absolute values. Frequencies are taken in the order of that bound, until it exceeds the
-    margin found.
+    the absolute values. It is computed by python-control where that bound allows a minimum, and the minima
+    on the grid are refined between their neighbours.
     """
     import control  # takes a while to import
+    from scipy.optimize import minimize_scalar
 
-    one = np.eye(model.ninputs)
-    S = np.linalg.inv(one + response(model, omega))
-    bounds = 1.0 / np.abs(np.linalg.eigvals(np.abs(S - one / 2))).max(axis=1)
-    least: tuple[float, float, float, float] = (np.inf, np.inf, np.inf, np.nan)
-    for k in np.argsort(bounds)[:looked_at]:
-        if bounds[k] >= least[0]:
-            break
-        found: Any = control.disk_margins(model, omega[k : k + 1])
-        if found[0] < least[0]:
-            disk, gain, phase = (float(v) for v in found)
-            least = disk, gain, phase, float(omega[k])
-    return least
+    deviations = sensitivities(model, omega) - np.eye(model.ninputs) / 2
+    bounds = 1.0 / np.abs(np.linalg.eigvals(np.abs(deviations))).max(axis=1)
+
+    def margin(frequencies: Vector) -> Vector:
+        return np.asarray(control.disk_margins(model, frequencies, returnall=True)[0])
+
+    margins = np.full(len(omega), np.inf)
+    order = np.argsort(bounds)
+    limit = REFINED_SHARE * margin(omega[order[:1]])[0]
+    near = np.sort(order[: np.searchsorted(bounds[order], limit)])
+    margins[near] = margin(omega[near])
+    best = omega[margins.argmin()]
+    padded = np.concatenate([[np.inf], margins, [np.inf]])
+    minima = (margins <= padded[:-2]) & (margins <= padded[2:]) & (margins <= REFINED_SHARE * margins.min())
+    for k in np.flatnonzero(minima):
+        ends = np.log(omega[[max(k - 1, 0), min(k + 1, len(omega) - 1)]])
+        refined = minimize_scalar(
+            lambda log_frequency: margin(np.exp([log_frequency]))[0],
+            bounds=ends,
+            method="bounded",
+            options={"xatol": FREQUENCY_TOLERANCE},
+        )
+        if refined.fun < margins.min():
+            margins[k] = refined.fun
+            best = np.exp(refined.x)
+    disk, gain, phase = (float(value) for value in control.disk_margins(model, np.array([best])))
+    return disk, gain, phase, float(best)
 
 
 def channel_disks(model: control.StateSpace, omega: Vector) -> tuple[Vector, Vector]:

@@ -86,7 +86,7 @@ def draw_demand_loops(loops: Mapping[str, OpenLoop], natural: Vector, folder: Pa
     found = {}
     for name, loop in loops.items():
         omega, names = frequencies(loop), loop.channel_names()
-        gains = channel_responses(response(loop.demand_loop, omega))
+        gains = channel_responses(loop.demand_loop, omega)
         found[name] = omega, {c: gains[:, names.index(c)] for c in SHOWN_CHANNELS}
     _bode(found, natural, (-80, 120), folder / "bode_demand_loops.png")
 
@@ -106,7 +106,7 @@ def draw_modal_loops(loops: Mapping[str, OpenLoop], natural: Vector, folder: Pat
     found = {}
     for name, loop in loops.items():
         omega = frequencies(loop, 0.1, 1e3)
-        gains = channel_responses(response(loop.modal_loop, omega))
+        gains = channel_responses(loop.modal_loop, omega)
         found[name] = omega, {f"mode {k + 1}": gain for k, gain in enumerate(gains.T)}
     _bode(found, natural, (-80, 60), folder / "bode_modal_loops.png")
 

@@ -14,7 +14,6 @@ from trussflow.blocks.linear_analysis.margins import (
     channel_responses,
     frequencies_about,
     real_sensitivities,
-    response,
 )
 from trussflow.models.modal_analysis.linear_loop import OpenLoop
 
@@ -77,7 +76,7 @@ def _all_margins(
     loop: OpenLoop, opened: control.StateSpace, names: Sequence[str], omega: Vector | None
 ) -> list[Margins]:
     omega = frequencies(loop) if omega is None else omega
-    gains = channel_responses(response(opened, omega))
+    gains = channel_responses(opened, omega)
     ends = real_sensitivities(opened, float(omega[0]))
     each = zip(gains.T, names, ends.T, strict=True)
     return [channel_margins(gain, omega, name, real) for gain, name, real in each]

@@ -8,7 +8,7 @@ import numpy as np
 import xarray as xr
 
 from trussflow.blocks.framework.types import Vector
-from trussflow.blocks.linear_analysis.margins import Margins, channel_responses, disk_margin, response
+from trussflow.blocks.linear_analysis.margins import Margins, channel_responses, disk_margin
 from trussflow.models.modal_analysis.linear_loop import OpenLoop
 from trussflow.models.modal_analysis.margins import demand_margins, frequencies, modal_margins
 from trussflow.models.modal_analysis.participation import POLE_HEADER, pole_rows, poles
@@ -110,7 +110,7 @@ def modal_table(loop: OpenLoop, *, stable: bool) -> str:
         Whether it is stable, so that there are margins.
     """
     omega = frequencies(loop, 0.1, 1e3)
-    gains = channel_responses(response(loop.modal_loop, omega))
+    gains = channel_responses(loop.modal_loop, omega)
     header = ("mode", "largest gain [dB]", "at [rad/s]", "phase there [deg]", *list(MARGINS)[2:])
     margins = modal_margins(loop, omega) if stable else [None] * loop.modes
     rows = []

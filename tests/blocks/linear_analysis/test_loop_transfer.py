@@ -1,5 +1,6 @@
 """Loops broken at any wire: the loop gain, ready for the margins of python-control."""
 
+import campaign
 import control
 import numpy as np
 import pytest
@@ -25,6 +26,7 @@ from trussflow.blocks import (
     sensitivity,
 )
 from trussflow.blocks.framework.errors import LinearAnalysisError
+from trussflow.blocks.linear_analysis.margins import disk_margin, frequencies_about, sensitivity_matrices
 
 KP, KD = 20.0, 3.0
 
@@ -179,6 +181,38 @@ def test_margins_of_a_loop_are_those_of_python_control_and_of_its_sensitivity():
     assert type(control.feedback(opened)) is control.StateSpace
     with pytest.raises(LinearAnalysisError, match=r"closed, it has the unstable poles 1\+2j, 1-2j"):
         loop_margins(turned_loop(), "law.y")
+
+
+def disk_margin_and_scan(loop):
+    """Return the disk margin of a loop gain, and the least of a scan of a denser grid."""
+    poles = np.concatenate([loop.poles(), np.linalg.eigvals(sensitivity_matrices(loop)[0])])
+    sizes = np.abs(poles)
+    ends = 1e-3 * sizes.min(), 1e3 * sizes.max()
+    scan = frequencies_about(poles, *ends, points=3000)
+    exact = control.disk_margins(loop, scan, returnall=True)[0]
+    return disk_margin(loop, frequencies_about(poles, *ends))[0], exact.min()
+
+
+@pytest.mark.parametrize("a", [1.0, 2.0, 3.0, 5.0, 10.0, 30.0, 100.0])
+def test_disk_margin_of_the_spinning_satellite(a):
+    A, C = [[0.0, a], [-a, 0.0]], [[1.0, a], [-a, 1.0]]
+    loop = Diagram("satellite")
+    plant, back = loop.add(plant=StateSpace(A, np.eye(2), C), back=Gain([-1.0, -1.0]))
+    plant.y >> back >> plant.u
+    _, scanned = disk_margin_and_scan(control.ss(A, np.eye(2), C, 0))
+    assert loop_margins(loop, "back.y").disk == pytest.approx(scanned, rel=1e-6)
+
+
+@pytest.mark.parametrize("loops", [5, pytest.param(200 * campaign.SIZE, marks=pytest.mark.campaign)])
+def test_disk_margin_is_never_above_a_scan(loops):
+    rng = np.random.default_rng(campaign.SEED)
+    while loops:
+        n, m = rng.integers(2, 7), rng.integers(2, 4)
+        A, B, C = rng.standard_normal((n, n)), rng.standard_normal((n, m)), rng.standard_normal((m, n))
+        if np.linalg.eigvals(A - B @ C).real.max() < -0.01:
+            loops -= 1
+            margin, scanned = disk_margin_and_scan(control.ss(A, B, C, 0))
+            assert 0.99 * scanned < margin <= (1.0 + 1e-6) * scanned
 
 
 def turned_loop():
