@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from math import isfinite, isnan
@@ -56,28 +57,34 @@ def instructions_of(function: ca.Function) -> list[Instruction]:
     return found
 
 
-def fused(instructions: list[Instruction]) -> list[Instruction]:
-    """Multiply and add at once wherever a product is added or subtracted; drop products of no other use.
+def fused(instructions: list[Instruction], signals: int | None = None) -> list[Instruction]:
+    """Fuse products with the sums that use them (multiply-add, rounded once), and drop the products.
 
-    Compilers may not do that by themselves: each would choose others, for each processor. What is fused
-    depends on the operands alone, so the same equations round alike whatever else a program computes. No
-    square is fused: x**2 that overflows is infinite, and 2 x - x**2 then NaN, as in NumPy.
+    Only a product without another use is fused, and no signal of the diagram, so that ``u - f(u)`` is
+    exactly 0 where f returns u: on all backends a signal is one rounded number. Compilers may not fuse by
+    themselves: each would choose other products, for each processor. Squares are not fused: a square that
+    overflows is infinite, and ``2 x - x**2`` then NaN, as in NumPy.
 
     Parameters
     ----------
     instructions : list of Instruction
         Each behind its operands.
+    signals : int, optional
+        Number of the output that lists the products which are signals; it is dropped.
     """
-    found: list[Instruction] = []
+    uses = Counter(operand for each in instructions for operand in each.operands)
+    result: list[Instruction] = []
     for instruction in instructions:
+        if instruction.operation == ca.OP_OUTPUT and instruction.place[0] == signals:
+            instruction = Instruction(ca.OP_CONST, ())
         for place, operand in enumerate(instruction.operands):
             operation = FUSED.get((instruction.operation, place))
-            if operation and instructions[operand].operation == ca.OP_MUL:
+            if operation and instructions[operand].operation == ca.OP_MUL and uses[operand] == 1:
                 operands = (*instructions[operand].operands, instruction.operands[1 - place])
                 instruction = replace(instruction, operation=operation, operands=operands)
                 break
-        found.append(instruction)
-    return needed(found)
+        result.append(instruction)
+    return needed(result)
 
 
 def needed(instructions: list[Instruction]) -> list[Instruction]:
