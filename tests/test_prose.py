@@ -20,7 +20,43 @@ DESCRIBED = re.compile(r"\s*[\w, *]+ : .*$")
 ONE_WORD = re.compile(r"[A-Z]{2,}$")
 
 # Breaches of the rules left in each package. Lower a number when you mend one; never raise it.
-EXCEPTIONS = {}
+EXCEPTIONS = {
+    "blocks/command": 3,
+    "blocks/cosimulation": 22,
+    "blocks/drawing": 36,
+    "blocks/estimation": 13,
+    "blocks/framework": 77,
+    "blocks/library": 44,
+    "blocks/linear_analysis": 131,
+    "blocks/simulation": 94,
+    "blocks/sweeps": 83,
+    "blocks/tracing": 83,
+    "examples": 8,
+    "fmu": 2,
+    "fmu/exporting": 50,
+    "fmu/importing": 13,
+    "fmu/runtime": 53,
+    "fmu/ssp": 9,
+    "models": 17,
+    "models/dynamics": 12,
+    "models/feasibility": 38,
+    "models/flight": 111,
+    "models/geometry": 12,
+    "models/hardware": 21,
+    "models/mean_axes": 34,
+    "models/modal_analysis": 50,
+    "models/plant": 7,
+    "models/reporting": 29,
+    "models/reproduction": 61,
+    "models/robots": 24,
+    "models/transport": 55,
+    "models/truss": 26,
+    "models/viewer": 28,
+    "tests": 4,
+    "tests/benchmarks": 24,
+    "tests/blocks": 58,
+    "tests/models": 75,
+}
 
 
 def descriptions(docstring):
