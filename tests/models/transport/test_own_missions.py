@@ -7,9 +7,10 @@ import pytest
 from numpy.testing import assert_array_equal
 
 from trussflow.blocks import ShapedTrajectory, SimulationWarning
+from trussflow.blocks.library.trajectory import Trajectory
 from trussflow.models import FreeModes
 from trussflow.models.dynamics.task_space import to_body
-from trussflow.models.feasibility import ActuatorLimits, fastest
+from trussflow.models.feasibility import ActuatorLimits, FastestPath, fastest
 from trussflow.models.geometry.rotation import euler_rotation
 from trussflow.models.transport import MissionFile, mean_axes_transport, tidy
 
@@ -115,17 +116,20 @@ def test_the_path_leaves_a_margin(mission):
 @pytest.mark.campaign
 def test_the_boom_follows_the_fastest_path_of_half_its_strength():
     """Shaped for its first mode, of which less than half the vibration is left."""
-    boom = MissionFile.read(EXAMPLES / "boom_mission.toml")
-    truss = boom.truss
-    half = ActuatorLimits(force=2.5, base_torque=0.15, joint_torque=0.15)
-    way = [[0, 0, 0, 0, 0, 0], [0, 0, 0.5, 0, 0, 0], [0, 0.3, 1, 0, 0, 0]]
-    path = fastest(truss, truss.dynamics.rest[:6] + np.array(way), half)
-    assert path.duration < 12.0  # s, where the quintic takes 60
-    first = FreeModes.of(truss.dynamics, 1).frequencies[0] / (2.0 * np.pi)
     left = []
-    for each in (path, ShapedTrajectory(path, first, kind="ZV")):
+    for shaped in (False, True):
+        boom = MissionFile.read(EXAMPLES / "boom_mission.toml")
+        truss = boom.truss
+        half = ActuatorLimits(force=2.5, base_torque=0.15, joint_torque=0.15)
+        way = [[0, 0, 0, 0, 0, 0], [0, 0, 0.5, 0, 0, 0], [0, 0.3, 1, 0, 0, 0]]
+        path: Trajectory = fastest(truss, truss.dynamics.rest[:6] + np.array(way), half)
+        assert isinstance(path, FastestPath)
+        assert path.duration < 12.0  # s, where the quintic takes 60
+        if shaped:
+            first = FreeModes.of(truss.dynamics, 1).frequencies[0] / (2.0 * np.pi)
+            path = ShapedTrajectory(path, first, kind="ZV")
         diagram = mean_axes_transport(
-            boom.mission, truss, design=boom.design, hardware=boom.hardware, path=each
+            boom.mission, truss, design=boom.design, hardware=boom.hardware, path=path
         )
         result = tidy(boom.simulator(diagram).run(16.0, progress=False), truss)
         assert np.abs(result["position_error"]).max() < 2.0 * ROOT_TOLERANCE
