@@ -245,7 +245,6 @@ def test_two_runs_lie_over_each_other(opened, truss, run, make_run, tmp_path):
     assert window.complaints == []
 
 
-@campaign
 def test_narrow_windows_scroll_downwards_only(window):
     page = window.page
     page.set_viewport_size({"width": 380, "height": 760})
