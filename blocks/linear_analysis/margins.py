@@ -252,17 +252,17 @@ def disk_margin(model: control.StateSpace, omega: Vector) -> tuple[float, float,
     best = omega[margins.argmin()]
     padded = np.concatenate([[np.inf], margins, [np.inf]])
     minima = (margins <= padded[:-2]) & (margins <= padded[2:]) & (margins <= REFINED_SHARE * margins.min())
-    for k in np.flatnonzero(minima):
-        ends = np.log(omega[[max(k - 1, 0), min(k + 1, len(omega) - 1)]])
+    for k in np.flatnonzero(minima).tolist():
+        low, high = float(omega[max(k - 1, 0)]), float(omega[min(k + 1, len(omega) - 1)])
         refined = minimize_scalar(
-            lambda log_frequency: margin(np.exp([log_frequency]))[0],
-            bounds=ends,
+            lambda frequency: float(margin(np.array([frequency]))[0]),
+            bounds=(low, high),
             method="bounded",
-            options={"xatol": FREQUENCY_TOLERANCE},
+            options={"xatol": FREQUENCY_TOLERANCE * high},
         )
         if refined.fun < margins.min():
             margins[k] = refined.fun
-            best = np.exp(refined.x)
+            best = refined.x
     disk, gain, phase = (float(value) for value in control.disk_margins(model, np.array([best])))
     return disk, gain, phase, float(best)
 

@@ -11,6 +11,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from math import prod
+from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -132,7 +133,7 @@ class Evaluation:
     @cached_property
     def products(self) -> list[ca.SX]:
         """Elements of the outputs computed so far that are products, of an evaluation with symbols."""
-        elements = (e for value in self._chosen.values() for e in to_expression(value).nonzeros())
+        elements: list[Any] = [e for value in self._chosen.values() for e in to_expression(value).nonzeros()]
         return [*{e.element_hash(): e for e in elements if e.op() == ca.OP_MUL}.values()]
 
     def _solve(self, stage: Stage) -> None:
