@@ -42,7 +42,11 @@ def flown(request):
     return fly
 
 
-over_cases = pytest.mark.parametrize("name", ["case 1", pytest.param("case 2", marks=pytest.mark.campaign)])
+over_cases = pytest.mark.parametrize(
+    ("name", "flown"),
+    [("case 1", 1.5), *(pytest.param(f"case {k}", 80.0, marks=pytest.mark.campaign) for k in (1, 2))],
+    indirect=["flown"],
+)
 
 
 def peak(result, name):
@@ -72,7 +76,6 @@ def test_force_sharing_in_case_1(flown):
     assert force[robots.index(3)] < 0.1
 
 
-@begun_and_whole
 @over_cases
 def test_theorem_1(flown, name):
     """After the start has died away, the estimate is within xi/L of the disturbance."""
@@ -84,7 +87,6 @@ def test_theorem_1(flown, name):
     assert error[time > 5 / bandwidth].max() <= xi / bandwidth
 
 
-@begun_and_whole
 @over_cases
 def test_consistent_plant_tracks_better(flown, name):
     """With actuator work on the modes, allocated so that feedback does none."""
@@ -96,7 +98,7 @@ def test_consistent_plant_tracks_better(flown, name):
 
 
 @whole
-@over_cases
+@pytest.mark.parametrize("name", ["case 1", "case 2"])
 def test_consistent_plant_is_stable(flown, name):
     ours = flown(f"{name} consistent")
     late, moving = ours["time"].values > 70.0, ours["time"].values < 60.0
