@@ -20,7 +20,7 @@ ROOT = Path(__file__).parents[1]
 
 
 class Fault(NamedTuple):
-    """A replacement in a file, and the test files that see it, the cheapest first."""
+    """A replacement in a file, and the test files that fail with it."""
 
     file: str
     tests: str
@@ -399,7 +399,7 @@ def test_no_fault_passes(packages_copy):
 
 
 @pytest.mark.parametrize("fault", FAULTS, ids=lambda fault: f"{fault.file}: {fault.reason}")
-def test_a_fault_is_seen(packages_copy, fault):
+def test_a_fault_fails_a_test(packages_copy, fault):
     source = (ROOT / fault.file).read_text(encoding="utf-8")
     assert source.count(fault.old) == 1
     place = copied(packages_copy, fault.file)
