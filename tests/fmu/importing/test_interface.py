@@ -260,6 +260,5 @@ def test_outputs_may_be_delayed_on_purpose(make_fmu, delayed):
     ramp = diagram.add(fmu=block, ramp=Ramp())[1]
     ramp >> block.u
     y = simulate(diagram, 0.4, step=0.1)["fmu.y"].values
-    np.testing.assert_allclose(
-        y[1:], 2 * np.array([0.0, 0.1, 0.2, 0.3]) if delayed else 0.2 * np.arange(1, 5), atol=1e-15
-    )
+    expected = 2 * np.array([0.0, 0.1, 0.2, 0.3]) if delayed else 0.2 * np.arange(1, 5)
+    np.testing.assert_allclose(y[1:], expected, rtol=1e-15, atol=1e-15)
