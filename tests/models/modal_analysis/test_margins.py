@@ -60,7 +60,7 @@ def test_nothing_comes_back():
 
 def test_sensitivity_gives_each_channel_with_the_others_closed(loop, omega):
     some = omega[omega > 0.3][::60]  # below, the loop gain is beyond round-off of 1 / (1 + L)
-    each = channel_responses(response(loop.demand_loop, some))
+    each = channel_responses(loop.demand_loop, some)
     for k in (2, 5, 20):
         direct = response(loop.closed_but([k]), some)[:, 0, 0]
         assert_allclose(each[:, k], direct, rtol=1e-6, atol=1e-9)
@@ -90,10 +90,11 @@ def test_gains_within_the_disk_keep_the_loop_stable(loop, omega, margins, rng):
 
 
 def test_disk_margin_is_that_of_python_control(loop, omega):
-    grid = omega[:: len(omega) // 40]
-    expected = control.disk_margins(loop.closed_but([0, 1, 2]), grid)
-    found = disk_margin(loop.closed_but([0, 1, 2]), grid, looked_at=len(grid))
-    assert_allclose(found[:3], expected, rtol=1e-6)
+    model = loop.closed_but([0, 1, 2])
+    expected = control.disk_margins(model, omega)
+    found = disk_margin(model, omega)
+    assert found[0] <= expected[0]
+    assert_allclose(found[:3], expected, rtol=1e-3)
 
 
 def test_modal_margins_where_actuators_work_on_the_modes(published_loop):
