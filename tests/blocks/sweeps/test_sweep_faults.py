@@ -229,28 +229,35 @@ def test_samples_of_other_shapes_stand_beside_each_other():
     assert_array_equal(found["end"], [[0, 0, np.nan], [0, 0, 0], [0, 0, np.nan]])
 
 
+FAILURES = {"hang": "timeout", "exit": "lost", "close": "lost", "raise": "failed"}
+ORDERS = {"first": {-1.0}, "last": {-3.0}, "all": {-1.0, -2.0, -3.0}}
+
+
 @pytest.mark.parametrize(
-    ("failure", "status"),
-    [("hang", "timeout"), ("exit", "lost"), ("sys.exit", "failed"), ("close", "lost"), ("raise", "failed")],
+    ("failure", "order"),
+    [
+        ("hang", "first"),
+        ("exit", "all"),
+        *(pytest.param(*each, marks=pytest.mark.campaign) for each in itertools.product(FAILURES, ORDERS)),
+    ],
 )
-@pytest.mark.parametrize("failing", [{-1.0}, {-3.0}, {-1.0, -2.0, -3.0}], ids=["first", "last", "all"])
-def test_no_order_of_failures_ends_a_sweep(failure, status, failing):
+def test_no_order_of_failures_ends_a_sweep(failure, order):
     actions = {
         "hang": lambda: next(n for n in itertools.count() if n < 0),
         "exit": lambda: os._exit(3),
-        "sys.exit": lambda: sys.exit(3),
         "close": lambda: os.closerange(0, 99),
         "raise": lambda: 1 / 0,
     }
 
     def keep(run):
-        if gain(run) in failing:
+        if gain(run) in ORDERS[order]:
             actions[failure]()
         return end(run)
 
     gains = [-1.0, -2.0, -3.0]
     found = swept(gains, keep, workers=1, time_limit=1.0, progress=False)
-    assert found["status"].values.tolist() == [status if each in failing else "complete" for each in gains]
+    expected = [FAILURES[failure] if each in ORDERS[order] else "complete" for each in gains]
+    assert found["status"].values.tolist() == expected
 
 
 @pytest.mark.parametrize("executor", ["serial", "threads"])
