@@ -193,8 +193,7 @@ def _program(program: Program, kernels: dict[int, str], numbers: Numbers) -> lis
             size += -(-symbols.numel() // 8) * 8  # whole lines of 64 bytes
         called.append(f"  {kernels[id(call)]}({', '.join(starts)});")
     written += ["result[{}]", f"w[{size} + {{}}]"]
-    whole = fused(instructions_of(program.graph), signals=len(program.calls) + 1)
-    found = rolled(whole, read, len(program.calls), written[-1], numbers)
+    found = rolled(fused(instructions_of(program.graph)), read, len(program.calls), written[-1], numbers)
     instructions, loops, common = found
     size += common
     apart = len(instructions) > PIECE

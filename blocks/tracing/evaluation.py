@@ -9,9 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from functools import cached_property
 from math import prod
-from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -129,12 +127,6 @@ class Evaluation:
                 self._solve(stage)
             for port in stage.ports:
                 self.output(port)
-
-    @cached_property
-    def products(self) -> list[ca.SX]:
-        """Elements of the outputs computed so far that are products, of an evaluation with symbols."""
-        elements: list[Any] = [e for value in self._chosen.values() for e in to_expression(value).nonzeros()]
-        return [*{e.element_hash(): e for e in elements if e.op() == ca.OP_MUL}.values()]
 
     def _solve(self, stage: Stage) -> None:
         """Find the torn signals of a loop: what their blocks make of them is what they are."""

@@ -57,26 +57,21 @@ def instructions_of(function: ca.Function) -> list[Instruction]:
     return found
 
 
-def fused(instructions: list[Instruction], signals: int | None = None) -> list[Instruction]:
+def fused(instructions: list[Instruction]) -> list[Instruction]:
     """Fuse products with the sums that use them (multiply-add, rounded once), and drop the products.
 
-    Only a product without another use is fused, and no signal of the diagram, so that ``u - f(u)`` is
-    exactly 0 where f returns u: on all backends a signal is one rounded number. Compilers may not fuse by
-    themselves: each would choose other products, for each processor. Squares are not fused: a square that
-    overflows is infinite, and ``2 x - x**2`` then NaN, as in NumPy.
+    Only a product without another use is fused, so that ``u - f(u)`` is exactly 0 where f returns u, as in
+    NumPy. Compilers may not fuse by themselves: each would choose other products, for each processor.
+    Squares are not fused: a square that overflows is infinite, and ``2 x - x**2`` then NaN, as in NumPy.
 
     Parameters
     ----------
     instructions : list of Instruction
         Each behind its operands.
-    signals : int, optional
-        Number of the output that lists the products which are signals; it is dropped.
     """
     uses = Counter(operand for each in instructions for operand in each.operands)
     result: list[Instruction] = []
     for instruction in instructions:
-        if instruction.operation == ca.OP_OUTPUT and instruction.place[0] == signals:
-            instruction = Instruction(ca.OP_CONST, ())
         for place, operand in enumerate(instruction.operands):
             operation = FUSED.get((instruction.operation, place))
             if operation and instructions[operand].operation == ca.OP_MUL and uses[operand] == 1:

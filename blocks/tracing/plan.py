@@ -346,8 +346,7 @@ class Plan:
                     now = Evaluation(new.system, new.feedthrough, new.leaves, active, new.templates)
                     now.compute(self.order(active))
                     evaluated[active] = now
-                now = evaluated[active]
-                arrays = quantity.collect(self, now)
+                arrays = quantity.collect(self, evaluated[active])
                 column = ca.vertcat(*map(to_expression, arrays)) if arrays else ca.SX(0, 1)
-                programs.append(lower(quantity.name, leaves, column, trace, now.products))
+                programs.append(lower(quantity.name, leaves, column, trace))
         return programs

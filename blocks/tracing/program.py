@@ -7,7 +7,7 @@ code (for speed).
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cached_property
 
 import casadi as ca
@@ -31,15 +31,12 @@ class Program:
         The kernels it calls, in order.
     result : casadi.SX
         The vector it computes.
-    signals : casadi.SX
-        Products that are signals of the diagram: they are rounded before they are used.
     """
 
     name: str
     inputs: tuple[ca.SX, ...]
     calls: tuple[KernelCall, ...]
     result: ca.SX
-    signals: ca.SX = field(default_factory=lambda: ca.SX(0, 1))
 
     @property
     def size(self) -> int:
@@ -51,11 +48,11 @@ class Program:
         """All straight-line code in one function.
 
         Its inputs are those of the program, then the results of each kernel; its outputs the
-        inputs of each kernel, then the result, then the signals. Kernel arrays are stored element
-        by element, the instances of an element side by side.
+        inputs of each kernel, then the result. Kernel arrays are stored element by element,
+        the instances of an element side by side.
         """
         leaves = [*self.inputs, *(ca.vec(c.symbols.T) for c in self.calls)]
-        roots = [*(ca.vec(c.inputs.T) for c in self.calls), self.result, self.signals]
+        roots = [*(ca.vec(c.inputs.T) for c in self.calls), self.result]
         return _straight(f"{self.name}_graph", leaves, roots)
 
     @cached_property
@@ -128,9 +125,7 @@ class Program:
         return ca.Function("jacobian", self.inputs, [derivatives])
 
 
-def lower(
-    name: str, inputs: Sequence[ca.SX], result: ca.SX, trace: Trace, signals: Sequence[ca.SX] = ()
-) -> Program:
+def lower(name: str, inputs: Sequence[ca.SX], result: ca.SX, trace: Trace) -> Program:
     """Build the program of a traced expression.
 
     Parameters
@@ -143,8 +138,6 @@ def lower(
         A column, in `inputs` and in the results of the kernels in `trace`.
     trace : Trace
         The kernel calls recorded while the expression was traced.
-    signals : sequence of casadi.SX
-        Products that are signals of the diagram.
     """
     calls: list[KernelCall] = []
     wanted = symbols_of(result)
@@ -152,8 +145,7 @@ def lower(
         if not wanted.isdisjoint(call.gives):
             calls.append(call)
             wanted |= call.reads
-    products = ca.vertcat(ca.SX(0, 1), *signals)
-    return Program(name, tuple(inputs), tuple(calls[::-1]), ca.densify(result), products)
+    return Program(name, tuple(inputs), tuple(calls[::-1]), ca.densify(result))
 
 
 def _straight(name: str, inputs: Sequence[ca.SX], results: Sequence[ca.SX]) -> ca.Function:
