@@ -21,6 +21,7 @@ from trussflow.blocks import (
     linearize,
     simulate,
 )
+from trussflow.blocks.tracing import c_function
 from trussflow.blocks.tracing.bounded_least_squares import bounded_least_squares
 
 PROBLEM_COUNT = 100 * campaign.SIZE
@@ -175,6 +176,13 @@ def slopes(function, at):
     return np.transpose([(function(at + e) - function(at - e)) / 2e-6 for e in 1e-6 * np.eye(at.size)])
 
 
+@pytest.fixture
+def own_kernel():
+    """Forget the kernels of this process: after `check_block` CasADi cannot differentiate a shared one."""
+    c_function._kernel.cache_clear()
+
+
+@pytest.mark.usefixtures("own_kernel")
 @pytest.mark.parametrize("size", [0.3, 1.0, 3.0])  # none, some, all that matter at limits
 def test_linear_model_is_the_slope(size):
     """All inputs vary; the metric stays symmetric."""
@@ -214,6 +222,7 @@ def test_effort_that_weighs_nothing_costs_no_digits(backend):
     assert_allclose(session.outputs["command"], exact, rtol=0, atol=1e-9)
 
 
+@pytest.mark.usefixtures("own_kernel")
 def test_slope_by_weights():
     def command(weights):
         matrix, limits = np.array([[1.0, 2.0, 3.0]]), np.array([0.2, 0.2, 9.0])
