@@ -188,7 +188,7 @@ def disk_margin_and_scan(loop):
     poles = np.concatenate([loop.poles(), np.linalg.eigvals(sensitivity_matrices(loop)[0])])
     sizes = np.abs(poles)
     ends = 1e-3 * sizes.min(), 1e3 * sizes.max()
-    scan = frequencies_about(poles, *ends, points=3000)
+    scan = frequencies_about(poles, *ends, points=1200)
     exact = control.disk_margins(loop, scan, returnall=True)[0]
     return disk_margin(loop, frequencies_about(poles, *ends))[0], exact.min()
 
