@@ -5,7 +5,7 @@ import pickle
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import assume, given
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 
@@ -80,6 +80,7 @@ def test_random_expressions_are_numpys(data):
             other = number = np.array(data.draw(st.floats(-2.0, 2.0)))
         with np.errstate(all="ignore"):
             pool.append((function(port, other), 1.0 * function(value, number)))
+    assume(all(np.isfinite(value).all() for _, value in pool))
     port, expected = pool[-1]
     assert_allclose(value_of(port), expected, rtol=OPERATION_TOLERANCE, atol=OPERATION_TOLERANCE)
 
