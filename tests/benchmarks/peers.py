@@ -64,7 +64,7 @@ def by_hand(case, method="RK45", rtol=RTOL, atol=ATOL):
         def happens(t, x):
             return float(case.indicator(t, x, m))
 
-        happens.terminal, happens.direction = True, 1  # type: ignore[attr-defined]
+        happens.terminal, happens.direction = True, 1
         while t < case.duration:
             found = solve_ivp(rates, (t, case.duration), x, method, events=happens, rtol=rtol, atol=atol)
             t, x = float(found.t[-1]), found.y[:, -1]

@@ -56,7 +56,7 @@ def engine_by_hand():
         def spark(_t, x, following=following):
             return float(x[0] - following)
 
-        spark.terminal = True  # type: ignore[attr-defined]
+        spark.terminal = True
         found = solve_ivp(rates, (t, DURATION), x, events=spark, rtol=1e-8, atol=1e-10)
         t, x = float(found.t[-1]), found.y[:, -1]
         following, torque = following + np.pi, 40 - x[1] / 20

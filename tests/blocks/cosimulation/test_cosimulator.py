@@ -268,7 +268,7 @@ def test_ctrl_c_keeps_the_log(stepping, monkeypatch):
     monkeypatch.setattr(kind, "advance", interrupted)
     with pytest.raises(SimulationInterrupted, match=r"stopped at t = 0\.5 s") as caught:
         master.run(1.0)
-    assert len(caught.value.result["time"]) == 9  # type: ignore[index]
+    assert len(caught.value.result["time"]) == 9
     assert diagram.own.runs[-1].calls[-1] == "close"
     monkeypatch.undo()
     assert len(master.run(1.0)["time"]) == 17

@@ -147,7 +147,7 @@ def test_steps_that_a_member_refuses_are_shortened(stepping):
 def test_a_tolerance_that_cannot_be_kept_ends_the_run_with_its_log():
     with pytest.raises(SimulationError, match=r"cannot keep the tolerance at t = .*'[ab]\.y'") as caught:
         cosimulate(stiff_and_slow(), 4.0, step=2.0**-4, members=["a"], tolerance=1e-6)
-    assert caught.value.result.attrs["status"] == "failed"  # type: ignore[attr-defined]
+    assert caught.value.result.attrs["status"] == "failed"
 
 
 def test_divergence_in_a_trial_is_a_rejection_until_the_step_is_the_smallest():

@@ -192,7 +192,7 @@ def within(group):
         (lambda: enabled(python()), r"cannot put 'function' \(PythonFunction\) into a group: it is a P"),
         (lambda: enabled(enabled(timer())), "cannot make a group of .*: it has a port 'enable' already"),
         (lambda: enabled(within(enabled(timer()))), "cannot put 'inner.count' into a group: it is in one"),
-        (lambda: enabled(Gain(1.0)), "it is no Diagram"),  # type: ignore[arg-type]
+        (lambda: enabled(Gain(1.0)), "it is no Diagram"),
         (lambda: triggered(timer()), r"cannot trigger 'count' \(Integrator\): it has continuous states"),
         (lambda: enabled(timer(), states="kept"), "states of a group"),
         (lambda: enabled(timer(), outputs="kept"), "outputs of a group"),

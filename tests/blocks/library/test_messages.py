@@ -125,7 +125,7 @@ UNTYPED: Any = Diagram("d")
         (lambda: Diagram("d").add(b=Forgetful()), BlockError, r"must call super\(\)\.__init__\(\)"),
         (Late, BlockError, r"cannot set 'size' of 'Late': .* set it before super\(\)\.__init__\(\)"),
         (lambda: UNTYPED.add(Gain(1.0)), DiagramError, r"say diagram\.add\(name=Gain\(\.\.\.\)\)"),
-        (lambda: StateMachine(["a"], 0.1), NameLookupError, "modes must be given by name"),  # type: ignore[arg-type]
+        (lambda: StateMachine(["a"], 0.1), NameLookupError, "modes must be given by name"),
         (lambda: added().g << added().g, WiringError, "wires are source >> target"),
         (index_of_unknown_shape, WiringError, r"cannot index 's\.y': its shape is not known yet"),
         (lambda: run(Gain(1.0), dt=0.1), SimulationError, "unknown setting 'dt'; there are: step, solver"),
@@ -166,7 +166,7 @@ UNTYPED: Any = Diagram("d")
         (lambda: run(Gain(1.0), log=[3]), SimulationError, "cannot log 3: give ports"),
         (lambda: run(Gain(1.0), log=3), SimulationError, "must be a list or a dict, not 3"),
         # What stays Python's, as blocks/README.md says, and NumPy's own.
-        (lambda: Step(1.0, time=0.5), TypeError, "multiple values for argument 'time'"),  # type: ignore[misc]
+        (lambda: Step(1.0, time=0.5), TypeError, "multiple values for argument 'time'"),
         (lambda: added().g.gain.__setitem__(..., 3.0), ValueError, "read-only"),
     ],
 )

@@ -141,4 +141,4 @@ def test_decorated_functions_are_blocks():
     with pytest.raises(WiringError, match=r"limited takes 1 ports \(u\), or none, not \(1\.0,\)"):
         limited(1.0)
     with pytest.raises(BlockError, match="as_block makes blocks of functions, not of 3"):
-        as_block(3)  # type: ignore[call-overload]
+        as_block(3)

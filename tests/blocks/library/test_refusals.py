@@ -93,19 +93,19 @@ def shaped(trajectory=1.0, frequency=0.4, **settings):
         (lambda: Select([5], size=3), "element 5 of a vector of size 3"),
         (lambda: Concatenate([]), "Concatenate needs the size of at least one input"),
         (lambda: Concatenate([1, 2], units=("N",)), "2 inputs; give a list of as many units"),
-        (lambda: Function(np.abs, {"u": 3}), r"input 'u' must be an Input\(...\), not 3"),  # type: ignore[dict-item]
-        (lambda: Function(3), "Function needs a function that it can call, not 3"),  # type: ignore[arg-type]
+        (lambda: Function(np.abs, {"u": 3}), r"input 'u' must be an Input\(...\), not 3"),
+        (lambda: Function(3), "Function needs a function that it can call, not 3"),
         (lambda: Function(np.abs, u, {"u": Output()}), "'u' is declared as an input and as an output"),
         (lambda: Function(np.abs, outputs={}), "Function needs at least one output"),
         (lambda: PythonFunction(abs, 0.0, inputs=u, outputs=y), "cannot sample 'PythonFunction' every 0.0 s"),
         (
-            lambda: PythonFunction(abs, 0.1, inputs={}, outputs=u),  # type: ignore[arg-type]
+            lambda: PythonFunction(abs, 0.1, inputs={}, outputs=u),
             r"PythonFunction: output 'u' must be an Output\(...\)",
         ),
         (lambda: PythonFunction(abs, 0.1, inputs={"name": Input()}, outputs=y), "declares 'name'"),
-        (lambda: as_block(3), "as_block makes blocks of functions, not of 3"),  # type: ignore[call-overload]
+        (lambda: as_block(3), "as_block makes blocks of functions, not of 3"),
         (lambda: BoundedAllocation(0, [1]), "cannot meet 0 demands"),
-        (lambda: BoundedAllocation(1.5, [1]), "cannot meet 1.5 demands"),  # type: ignore[arg-type]
+        (lambda: BoundedAllocation(1.5, [1]), "cannot meet 1.5 demands"),
         (lambda: BoundedAllocation(1, 1.0), r"got weights of shape \(\)"),
         (lambda: BoundedAllocation(1, []), r"got weights of shape \(0,\)"),
         (lambda: BoundedAllocation(1, [1], soft_weights=1.0), r"got soft_weights of shape \(\)"),
@@ -137,15 +137,15 @@ def shaped(trajectory=1.0, frequency=0.4, **settings):
         (lambda: VariableDelay(0.0, 1.0), "'shortest' of VariableDelay is 0; it must be above 0"),
         (lambda: VariableDelay(1.0, 1.0), "'longest' of VariableDelay is 1; it must be above 1"),
         (lambda: Drift(1.0, 0.1, seed=1, correlation_time=0), "'correlation_time' of Drift is 0; it must be"),
-        (lambda: Relay(start_on=2), "start_on=True or"),  # type: ignore[arg-type]
+        (lambda: Relay(start_on=2), "start_on=True or"),
         (lambda: Switch([1.0, 1.0]), r"Switch needs increasing thresholds; got \[1.0, 1.0\]"),
         (lambda: Pulse(0.0), "'period' of Pulse is 0; it must be above 0"),
         (lambda: Pulse(width=1.0), "'width' of Pulse is 1; it is a part of the period"),
         (lambda: LimitedIntegrator(reset="up"), "'up'"),
-        (lambda: TimeFunction(3), "TimeFunction needs a function of time, not 3"),  # type: ignore[arg-type]
-        (lambda: TimeFunction(lambda: 1.0), "needs a function of time: .*argument"),  # type: ignore[misc, arg-type]
+        (lambda: TimeFunction(3), "TimeFunction needs a function of time, not 3"),
+        (lambda: TimeFunction(lambda: 1.0), "needs a function of time: .*argument"),
         (lambda: Step(np.nan), "'time' of Step is not finite: nan"),
-        (lambda: Ramp(start_time="now"), "'start_time' of Ramp must be numeric, not 'now'"),  # type: ignore[arg-type]
+        (lambda: Ramp(start_time="now"), "'start_time' of Ramp must be numeric, not 'now'"),
         (lambda: Chirp(1, 2, 0.0), "'duration' of Chirp is 0; it must be above 0"),
         (lambda: Table([0.0], [1.0]), r"Table needs at least two increasing points; got \[0.0\]"),
         (lambda: Table([0.0, 1.0], [[0, 1], [1, 2]]), "one number up per element .* one Table"),
@@ -200,7 +200,7 @@ def test_arguments_of_blocks(build, message):
         ),
         (lambda: Noise(-1.0, 0.1, seed=1), "'standard_deviation' of Noise is -1"),
         (lambda: Noise(1.0, 0.1, seed=-1), "'seed' of Noise is -1"),
-        (lambda: Noise(1.0, 0.1, seed=1.5), "'seed' of Noise is 1.5; it must be a whole number"),  # type: ignore[arg-type]
+        (lambda: Noise(1.0, 0.1, seed=1.5), "'seed' of Noise is 1.5; it must be a whole number"),
         (lambda: Drift(-1.0, 0.1, seed=1), "'standard_deviation' of Drift is -"),
         (lambda: Relay(0.0, 1.0), "the lower level of Relay exceeds the upper one: 1.0 and 0.0"),
         (lambda: LimitedIntegrator(lower=1.0, upper=1.0), "must be below the upper one: 1.0, 1.0"),

@@ -79,7 +79,7 @@ def test_bytes_that_are_no_state_are_refused(loop_fmu, instance):
 
 class SecretiveRun(Running):
     def __init__(self, block):
-        self.output = block.output  # type: ignore[method-assign]
+        self.output = block.output
 
 
 class Secretive(PythonFunction):
