@@ -8,15 +8,14 @@ import os
 import shutil
 import subprocess
 import sys
-import tomllib
-from pathlib import Path
 from typing import NamedTuple
 
 import pytest
+from sources import ROOT, SETUPTOOLS
 
 pytestmark = pytest.mark.campaign
 
-ROOT = Path(__file__).parents[1]
+FOLDERS = SETUPTOOLS["package-dir"]
 
 
 class Fault(NamedTuple):
@@ -360,17 +359,11 @@ FAULTS = (
 # fmt: on
 
 
-def folders():
-    """Return the folder of each package that ``pyproject.toml`` maps to one."""
-    setuptools = tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]["setuptools"]
-    return setuptools["package-dir"]
-
-
 @pytest.fixture(scope="module")
 def packages_copy(tmp_path_factory):
     """Copy the packages to where a path of imports finds them."""
     copy, skipped = tmp_path_factory.mktemp("packages"), shutil.ignore_patterns("__pycache__")
-    for package, folder in sorted(folders().items()):
+    for package, folder in sorted(FOLDERS.items()):
         place = copy.joinpath(*package.split("."))
         shutil.copytree(ROOT / folder, place, ignore=skipped, dirs_exist_ok=True)
     return copy
@@ -379,7 +372,7 @@ def packages_copy(tmp_path_factory):
 def copied(copy, file):
     """Return the path of a file of the repository in the copy of the packages."""
     package, folder = max(
-        ((package, folder) for package, folder in folders().items() if file.startswith(f"{folder}/")),
+        ((package, folder) for package, folder in FOLDERS.items() if file.startswith(f"{folder}/")),
         key=lambda pair: len(pair[1]),
     )
     return copy.joinpath(*package.split("."), file.removeprefix(f"{folder}/"))
