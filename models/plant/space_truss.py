@@ -50,17 +50,19 @@ class SpaceTruss(Block):
 
     .. math::
         \dot q = N(q)\,v, \qquad
-        M(q)\,\dot v = P Q - [0;\ \Lambda\tau + 2\zeta\sqrt{\Lambda}\,\dot\tau] - F^{I,nl}(q, v)
+        M(q)\,\dot v = [P_r Q;\ f] - [0;\ \Lambda\tau + 2\zeta\sqrt{\Lambda}\,\dot\tau]
+        - F^{I,nl}(q, v)
 
-    With :math:`P = P_Q` the actuators act on the modes as well; without `modal_actuation` the
-    modal rows of :math:`P` are zero.
+    with :math:`P_Q = [P_r; P_f]`. The input `modal_force` is added to f, and the output `modal_demand` is
+    the generalized force of the actuators on the modes, :math:`P_f Q`. With `modal_actuation` the plant adds
+    it to f itself. Otherwise a wire ``modal_demand >> modal_force`` does, or nothing does, as in the paper.
 
     Parameters
     ----------
     dynamics : TrussDynamics
         Truss and robots; any number of robots, joints and modes.
     modal_actuation : bool
-        Whether the actuators do work on the modes (Eq. 42 in full).
+        Whether the plant itself adds the modal demand to the modal force (Eq. 42 in full).
     start : Vector, optional
         `initial_coordinates` [m, unit of the attitude, rad, kg^½·m]; by default the dynamics' own rest.
     speeds : Vector, optional
@@ -83,6 +85,19 @@ class SpaceTruss(Block):
         "actuators",
         unit=Attribute("actuator_units"),
         meaning="Q: force and torque on each base in its own axes, then joint torques",
+    )
+    modal_force = Input(
+        "modes",
+        unit=f"{MODAL_UNIT}/s**2",
+        default=0.0,
+        meaning="generalized force on the modes, part of f",
+        dims=("mode",),
+    )
+    modal_demand = Output(
+        "modes",
+        unit=f"{MODAL_UNIT}/s**2",
+        meaning="P_f Q, generalized force of the actuators on the modes",
+        dims=("mode",),
     )
     coordinates = Output("nq", unit=Attribute("coordinate_units"), meaning="q")
     speeds = Output("n", unit=Attribute("speed_units"), meaning="v")
@@ -231,6 +246,15 @@ class SpaceTruss(Block):
         truss = accurate_modes(modes, highest_frequency).damped(_damping(damping))
         return cls(_dynamics(truss, arm, elastic_integrals=True), modal_actuation=True)
 
+    def opened(self) -> Self:
+        """Return the same plant without `modal_actuation`, for a wire from modal demand to modal force."""
+        return type(self)(
+            self.dynamics,
+            modal_actuation=False,
+            start=self.parameters["initial_coordinates"],
+            speeds=np.broadcast_to(self.parameters["initial_speeds"], self.n),
+        )
+
     def turned(self, attitude: Vector) -> Self:
         """Return the same truss, at rest in another attitude; missions start from there.
 
@@ -347,6 +371,7 @@ class SpaceTruss(Block):
             "task_position": position,
             "task_velocity": task_velocity(dynamics.attitude, position, x.v[:rigid]),
             "rigid_speeds": x.v[:rigid],
+            "modal_demand": terms.actuation_matrix[rigid:] @ u.actuation,
             "modal_coordinate": modal,
             "modal_rate": x.v[rigid:],
             "grasp_displacement": dynamics.grasp_displacement(x.q, self.modal_data(p)),
@@ -368,8 +393,10 @@ class SpaceTruss(Block):
         """Return the equations of motion, and the generalized accelerations that solve them."""
         terms = self.dynamics.evaluate(x.q, x.v, self.modal_data(p))
         active = terms.actuation_matrix @ u.actuation
-        if not self.modal_actuation:  # the work that Eq. 42 has the actuators do on the modes left out
-            active = np.concatenate([active[: self.rigid], np.zeros(self.modes)])
+        modal = u.modal_force
+        if self.modal_actuation:
+            modal = active[self.rigid :] + modal
+        active = np.concatenate([active[: self.rigid], modal])
         elastic = self.dynamics.elastic_force(x.q, x.v, p.frequency, p.damping_ratio)
         return terms, solve_positive_definite(terms.mass_matrix, active + elastic - terms.bias)
 
