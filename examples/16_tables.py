@@ -2,8 +2,7 @@
 Tables, noise and drift
 =======================
 
-A measured thrust curve played back over time, a lookup table of drag, and a sensor with white noise and
-slow drift.
+A measured thrust curve over time, a lookup table of drag, and a sensor with white noise and slow drift.
 """
 
 import matplotlib.pyplot as plt
@@ -32,7 +31,7 @@ drift.y >> measured.u3
 sled.draw("sled.svg")
 
 # %%
-# Random numbers come from seeds: the same run gives the same noise, on every machine.
+# Noise comes from seeds, so a run gives the same noise on every machine.
 
 result = simulate(sled, 10.0, step=1e-3, log=[speed.y, measured.y], log_step=0.01)
 plt.plot(result["time"], result["measured.y"], color="lightgrey", label="measured")

@@ -2,8 +2,7 @@
 Limits: saturation, dead zone, rate limit, quantizer
 ====================================================
 
-What real actuators and converters do to a sine of amplitude one. Sampled blocks are coloured by their
-rate.
+The effect of common actuator and converter limits on a sine of amplitude one. Colours show sample times.
 """
 
 import matplotlib.pyplot as plt

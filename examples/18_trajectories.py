@@ -2,8 +2,8 @@
 Trajectories
 ============
 
-Three ways over two metres: a quintic with no jump in acceleration, the quickest within limits of velocity
-and acceleration, and a spline through waypoints.
+Three trajectories over two metres: a quintic with continuous acceleration, the fastest one within limits of
+velocity and acceleration (trapezoid), and a spline through waypoints.
 """
 
 import matplotlib.pyplot as plt

@@ -2,9 +2,8 @@
 Allocation within limits
 ========================
 
-Five thrusters in a plane share a demand of force and torque. Without limits the weighted pseudo-inverse
-asks for what no thruster can give; bounded allocation gives up as little as it must, and no command
-leaves its limits.
+Five thrusters in a plane share a demand of force and torque. The weighted pseudo-inverse
+exceeds the limits of the thrusters; bounded allocation keeps them and minimizes the error of the demand.
 """
 
 import matplotlib.pyplot as plt

@@ -2,9 +2,8 @@
 Algebraic loops
 ===============
 
-Two amplifiers without memory that read each other: nothing says which comes first, and nothing is
-guessed. The error names the way around, port by port, and the picture shows it in red. (To have such
-equations solved: the example *Algebraic loops, solved*.)
+Two amplifiers without memory that read each other have no order of evaluation. The error prints the loop,
+port by port, and the picture shows it in red. (The example *Algebraic loops, solved* solves such equations.)
 """
 
 from trussflow.blocks import AlgebraicLoopError, Constant, Diagram, Gain, Sum, TransferFunction, simulate
@@ -21,7 +20,7 @@ except AlgebraicLoopError as problem:
     print(problem)
 
 # %%
-# No amplifier is infinitely fast. With a lag in the circle there is an order again, and the loop settles at
+# Real amplifiers have a lag. With a lag in the loop there is an order again, and the loop settles at
 # 2 / (1 + 0.6):
 
 loop = Diagram("loop with a lag")

@@ -2,8 +2,8 @@
 Solvers and steps
 =================
 
-Fixed steps by Runge-Kutta (fourth order) or Euler (first), or SciPy's adaptive solvers. An oscillator has
-an exact solution: errors fall with the step as the order says, down to rounding.
+Fixed steps by Runge-Kutta (fourth order) or Euler (first order), or SciPy's adaptive solvers, on an
+oscillator with an exact solution. Errors decrease with the order of the method, down to round-off.
 """
 
 import time
@@ -33,7 +33,7 @@ plt.legend()
 plt.show()
 
 # %%
-# Adaptive solvers take a tolerance instead:
+# Adaptive solvers have tolerances instead of a step:
 
 for solver in ("RK45", "DOP853", "LSODA", "Radau"):
     begun = time.perf_counter()

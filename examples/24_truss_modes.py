@@ -2,8 +2,7 @@
 The truss and its modes
 =======================
 
-The truss of the paper: its point masses, where the robots grasp it, and its first six modes, which stand
-for its flexibility. Everything about it is data that can be looked at.
+The truss of the paper: point masses, grasp points, and the first six modes, which represent its flexibility.
 """
 
 import matplotlib.pyplot as plt

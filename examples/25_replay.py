@@ -2,9 +2,8 @@
 A run in motion
 ===============
 
-The base of one robot pushes the truss for a moment, with nobody in control. ``replay`` writes the run as
-one page: the truss as it moves and deforms, exaggerated as far as the slider says, and charts of all that
-was logged.
+The base of one robot pushes the truss for a moment, without control. ``replay`` writes the run as one page:
+the truss in motion, with deformations exaggerated by a slider, and charts of all logged signals.
 """
 
 import numpy as np

@@ -2,8 +2,8 @@
 A truss of your own
 ===================
 
-Another truss is other data: stiffer, heavier, with a payload, or from your own finite elements as a
-``TrussModes``. With a ``TunableTruss`` all of it is parameters: one compiled program flies every draw.
+A truss is data: stiffer, heavier, with a payload, or from your own finite elements as a ``TrussModes``. In a
+``TunableTruss`` these data are parameters, so one compiled program simulates every Monte Carlo sample.
 """
 
 import matplotlib.pyplot as plt

@@ -2,9 +2,9 @@
 A mission as a file
 ===================
 
-What is flown can be said in a file: structure, robots, hardware, control law, path. It extends another,
-here the first mission of the paper, and says only what differs; numbers carry their units. The command
-``trussflow fly mission.toml`` flies it, ``--explain`` lists every value and the file that says so.
+A file defines structure, robots, hardware, controller and path. It extends another file, here Case 1 of the
+paper, and contains only the differences; numbers carry units. ``trussflow fly mission.toml`` simulates it,
+``--explain`` lists every value with the file that sets it.
 """
 
 import tempfile
@@ -34,7 +34,7 @@ with tempfile.TemporaryDirectory() as folder:
     flown = MissionFile.read(path)
 
 # %%
-# Before it is flown: how fast could the actuators do it at all? A linear programme over all of them says it.
+# Feasibility: a linear program over all actuators gives the least duration of the path.
 
 print(flown.title)
 print(f"the path takes {flown.mission.duration:g} s, the actuators need {flown.least_duration():.1f} s")
@@ -43,7 +43,7 @@ for told in flown.told:
         print(f"  {told.key} = {told.value}")
 
 # %%
-# Then it is a diagram like any other.
+# The mission is a diagram like any other.
 
 result = tidy(flown.simulator(flown.diagram()).run(flown.duration, progress=False), flown.truss)
 _, axes = plt.subplots(2, sharex=True)

@@ -1,11 +1,11 @@
 """
-A mission of one's own: a boom, two arms
-========================================
+A mission of your own: a boom, two arms
+=======================================
 
-``boom_mission.toml`` says all: a frame as nodes and members in a file beside it, at each of two grasps an arm
-of another kind, from URDF (``walker.urdf`` turns four joints, ``slider.urdf`` slides and tilts), thrusters
-and sensors with steps and noise, the law of the mean axes. The same as
-``trussflow fly boom_mission.toml``, which writes a page with the flight in motion.
+``boom_mission.toml`` defines the mission: a frame of nodes and members (``boom.toml``), two different arms
+from URDF (``walker.urdf`` with four joints, ``slider.urdf``, which slides and tilts), quantized thrusters,
+noisy sensors, and the mean-axes controller. ``trussflow fly boom_mission.toml`` does the same and writes a
+page.
 """
 
 import matplotlib.pyplot as plt
@@ -23,7 +23,7 @@ print(
 )
 
 # %%
-# Fly it. The controller sees root and joints through noise of 1e-4, its thrust comes in steps of 0.1 N.
+# Run it. Measurements of root and joints have noise of 1e-4, thrust has a quantum of 0.1 N.
 
 result = tidy(flown.simulator(flown.diagram()).run(flown.duration, progress=False), flown.truss)
 error = 1e6 * np.linalg.norm(result["position_error"], axis=1)
@@ -36,7 +36,7 @@ axes[1].plot(result["time"], error)
 axes[1].set(xlabel="time [s]", ylabel="error [µm]")
 
 # %%
-# At the start, and half a metre on:
+# At the start, and after half a metre:
 
 axis = plt.figure(figsize=(8, 4)).add_subplot(projection="3d")
 for height, colour in ((0.0, "lightgrey"), (0.5, "tab:blue")):

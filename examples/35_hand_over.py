@@ -1,9 +1,9 @@
 """
-A robot lets go: three fly the truss back
-=========================================
+A robot lets go: three carry the truss back
+===========================================
 
-Four robots carry the truss to where it is needed. Then one of them leaves for other work, and those that
-stay bring the truss back: with another controller, as they are three now.
+Four robots carry the truss to its destination. Then one of them leaves, and the remaining three bring the
+truss back with a controller for three robots.
 """
 
 from dataclasses import replace
@@ -20,7 +20,7 @@ there, four = Mission.of_case(1), SpaceTruss.consistent()
 
 
 def flight(mission, truss):
-    """Fly a mission by its mean axes."""
+    """Simulate a mission under mean-axes control."""
     diagram = mean_axes_transport(mission, truss)
     log = ["truss.q", "truss.v", "trajectory.position"]
     return Simulator(diagram, step=2e-3, log=log, log_step=0.1).run(75.0, progress=False)
@@ -29,8 +29,8 @@ def flight(mission, truss):
 way = flight(there, four)
 
 # %%
-# Robot 2 lets go where they are at the end, in what motion is left there. Whether the others can fly back,
-# and if one of them is lost on the way, is asked before:
+# Robot 2 lets go in the final state, with the remaining motion. Feasibility of the way back, also with one
+# more failure, is checked first:
 
 three = four.without(2, way["truss.q"].values[-1], way["truss.v"].values[-1])
 back = replace(there, case=None, position=-there.position)
@@ -39,7 +39,7 @@ for verdict in survey(three.dynamics, path_of(back, three), ActuatorLimits.fligh
 home = flight(back, three)
 
 # %%
-# The controller of the three begins with what it measures; nothing jumps.
+# The controller of the three starts from its measurements, without a jump.
 
 figure, axes = plt.subplots(2, sharex=True)
 for result, start, label in ((way, 0.0, "four"), (home, 75.0, "three")):

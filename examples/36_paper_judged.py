@@ -1,10 +1,10 @@
 """
-The paper, judged
-=================
+The paper, checked
+==================
 
-What Li, Wei and Chen (2026) say of their loop was put to runs of it, statement by statement.
-``make reproduce`` flies the runs and writes a report, with every number of it in ``evidence.json``; all that
-stands here is read from there. The report itself: :doc:`/reproduction/README`.
+The statements of Li, Wei and Chen (2026) about their loop, compared with simulations. ``make reproduce`` runs
+them and writes a report with every number in ``evidence.json``, from which this page is made. The report:
+:doc:`/reproduction/README`.
 """
 
 import json
@@ -35,7 +35,7 @@ axes.invert_yaxis()
 axes.legend(loc="center left", bbox_to_anchor=(1.0, 0.5))
 
 # %%
-# What does not come out as the paper says, in its words and in ours.
+# Statements that are not reproduced, in the words of the paper and of the report.
 
 for claim in claims:
     if claim["verdict"] != "reproduced":
@@ -44,7 +44,7 @@ for claim in claims:
         print(textwrap.indent(textwrap.fill(told, 72), "    "), end="\n\n")
 
 # %%
-# The laws beside each other, as printed: the greatest distance of the root from its path.
+# Comparison of the controllers as printed: peak position error of the root.
 
 laws = {"proposed": "", "conventional": "-smc", "PD": "-pd"}
 _, axes = plt.subplots(figsize=(7, 3), layout="constrained")
@@ -57,7 +57,7 @@ axes.legend()
 plt.show()
 
 # %%
-# The paper's Figure 16 as flown here, one of all that the report shows:
+# The paper's Figure 16 as simulated here, one of the figures of the report:
 #
 # .. image:: /reproduction/figure-16.png
 #    :alt: Tracking errors under different controllers in Case 1

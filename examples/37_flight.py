@@ -1,11 +1,11 @@
 """
-What flies, and where loops end
-===============================
+Robustness limits of the controllers
+====================================
 
-How much of each imperfection does a loop take, alone, while all else is exact? ``make flight`` finds it by
-bisection, for the paper's law, for its form that leaves the modes alone, and for the loop of the mean axes,
-and flies the last on hundreds of trusses that it does not know. The numbers here are read from what that
-writes, ``evidence.json``; how they came about is told in :doc:`/flight/README`.
+The largest value of each imperfection that a controller tolerates, with everything else exact. ``make
+flight`` finds it by bisection for the paper's controller, its mode-neutral form, and the mean-axes
+controller, and runs the last one on hundreds of uncertain trusses. The numbers are read from
+``evidence.json``; the report is :doc:`/flight/README`.
 """
 
 import json
@@ -25,8 +25,8 @@ for name, number in numbers.items():
         ends.setdefault(f"{what} [{number['unit']}]", {}).setdefault(law, {})[end] = number["value"]
 
 # %%
-# A dot is the worst that is flown, a cross the next that is lost; without a cross, nothing that was tried is.
-# What decides is how long commands are held, and how late they come.
+# A dot is the largest tolerated value, a cross the smallest value with a failed run; without a cross no tried
+# value failed. Hold time and delay separate the controllers most.
 
 laws = list(dict.fromkeys(law for each in ends.values() for law in each))
 _, grid = plt.subplots(
@@ -48,8 +48,7 @@ for axes in grid.flat[len(ends) :]:
 plt.show()
 
 # %%
-# The loop of the mean axes on trusses drawn at random, behind sensors and actuators as they are: how the
-# greatest values of its flights are spread.
+# Mean-axes control of random trusses with realistic sensors and actuators: distribution of the peak values.
 #
 # .. image:: /flight/draws.png
-#    :alt: How the draws are spread
+#    :alt: Distribution of the samples

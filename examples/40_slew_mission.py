@@ -1,10 +1,10 @@
 """
-A large slew: past the end of Euler angles
-==========================================
+A large slew: beyond Euler angles
+=================================
 
-``slew_mission.toml`` takes the boom of an earlier example and turns it over by half a circle, while it goes a
-metre up. Euler angles end at 90 degrees about body x, so the file asks for a quaternion; its path is then
-an axis times an angle. Thrusters, wheels, sensors and the law of the mean axes are the same.
+``slew_mission.toml`` turns the boom of an earlier example by 180 degrees while it rises by one metre. Euler
+angles are singular at 90 degrees about body x, so the file selects a quaternion; its path is an axis times an
+angle. Thrusters, wheels, sensors and mean-axes controller are the same.
 """
 
 import matplotlib.pyplot as plt
@@ -20,8 +20,8 @@ print(
 result = tidy(flown.simulator(flown.diagram()).run(flown.duration, progress=False), flown.truss)
 
 # %%
-# The quaternion goes from (1, 0, 0, 0) to (0, 1, 0, 0), and phi, if there were one, through 90 degrees. The
-# errors are small turns about the axes of the boom.
+# The quaternion goes from (1, 0, 0, 0) to (0, 1, 0, 0); an Euler angle phi would pass 90 degrees. The errors
+# are small rotations about the axes of the boom.
 
 rotations = np.array([QUATERNION.rotation(a) for a in result["attitude"].values])
 up = np.rad2deg(np.arctan2(rotations[:, 2, 1], rotations[:, 2, 2]))
