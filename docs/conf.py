@@ -164,7 +164,22 @@ def public() -> dict[str, list[tuple[str, object]]]:
             }
             if places:
                 found[places[max(places, key=len)]].append((f"trussflow.{facade}.{name}", thing))
-    return found
+    return {subject: sorted(things, key=place) for subject, things in found.items()}
+
+
+ORDER = ("Diagram", "Block", "Input", "Output", "Parameter", "State", "simulate", "Simulator", "SpaceTruss")
+"""Names that come first on their page."""
+
+
+def is_error(thing: object) -> bool:
+    """Return whether an object is an exception class."""
+    return inspect.isclass(thing) and issubclass(thing, BaseException)
+
+
+def place(pair: tuple[str, object]) -> tuple[bool, int]:
+    """Return the sort key of a name: `ORDER` first, errors last."""
+    name = pair[0].rpartition(".")[2]
+    return is_error(pair[1]), ORDER.index(name) if name in ORDER else len(ORDER)
 
 
 EQUATIONS = (
@@ -174,10 +189,6 @@ EQUATIONS = (
 """Methods that every block has; `Block` and `Equations` document them."""
 
 
-ORDER = {name: k for k, name in enumerate(("Diagram", "Block", "Input", "Output", "Parameter", "State"))}
-"""Names that come first on their page."""
-
-
 def reference_index(subjects: dict[str, list[tuple[str, object]]]) -> str:
     """Return the source of the index: all pages, and every public name with its summary."""
     text = "Reference\n=========\n\n.. toctree::\n   :maxdepth: 1\n\n"
@@ -185,9 +196,8 @@ def reference_index(subjects: dict[str, list[tuple[str, object]]]) -> str:
     for subject, things in subjects.items():
         text += f"\n{subject}\n{'-' * len(subject)}\n\n"
         for path, thing in things:
-            role = "exc" if inspect.isclass(thing) and issubclass(thing, BaseException) else "obj"
             summary = (inspect.getdoc(thing) or "").partition("\n")[0]
-            text += f"* :py:{role}:`~{path}`: {summary}\n"
+            text += f"* :py:obj:`~{path}`: {summary}\n"
     return text
 
 
@@ -199,8 +209,7 @@ def slug(subject: str) -> str:
 def reference_page(subject: str, things: list[tuple[str, object]]) -> str:
     """Return the source of a reference page."""
     text = f"{subject}\n{'=' * len(subject)}\n\n"
-    things = sorted(things, key=lambda pair: ORDER.get(pair[0].rpartition(".")[2], len(ORDER)))
-    errors = [path for path, thing in things if inspect.isclass(thing) and issubclass(thing, BaseException)]
+    errors = [path for path, thing in things if is_error(thing)]
     for path, thing in things:
         if path not in errors:
             kind = "class" if inspect.isclass(thing) else "function"
