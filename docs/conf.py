@@ -124,12 +124,14 @@ SUBJECTS = {
         f"blocks.library.{m}"
         for m in ("continuous", "discrete", "transport_delay", "rigid_body", "python_control")
     ],
-    "Trajectories": [f"blocks.library.{m}" for m in ("trajectory", "retiming", "shaping")],
+    "Trajectories": [f"blocks.control.{m}" for m in ("trajectory", "time_scaling", "input_shaping")],
     "Control laws and allocation": [
-        f"blocks.library.{m}"
-        for m in ("pd", "pid", "state_machine", "sliding_mode", "disturbance_observer", "allocation")
+        "blocks.library.state_machine",
+        *(f"blocks.control.{m}" for m in ("pd", "pid", "sliding_mode", "disturbance_observer", "allocation")),
     ],
-    "Estimation": ["blocks.estimation"],
+    "Kalman filters": [
+        f"blocks.control.{m}" for m in ("kalman_filter", "kalman_design", "process_models", "covariances")
+    ],
     "Linear analysis": ["blocks.linear_analysis"],
     "Co-simulation": ["blocks.cosimulation"],
     "FMUs": ["fmu"],

@@ -28,7 +28,7 @@ class Fault(NamedTuple):
     new: str
 
 
-CONTROL = "tests/blocks/library/test_pid.py tests/models/geometry/test_rotation.py tests/fmu/ssp/test_ssp.py"
+CONTROL = "tests/blocks/control/test_pid.py tests/models/geometry/test_rotation.py tests/fmu/ssp/test_ssp.py"
 """Tests that must pass with an unchanged copy."""
 
 # fmt: off
@@ -54,7 +54,7 @@ FAULTS = (
     Fault("blocks/framework/files.py", "tests/blocks/framework/test_files.py",
           "a lock on a folder no longer excludes other processes",
           "fcntl.LOCK_EX |", "fcntl.LOCK_SH |"),
-    Fault("blocks/library/pid.py", "tests/blocks/library/test_pid.py",
+    Fault("blocks/control/pid.py", "tests/blocks/control/test_pid.py",
           "the filter of the derivative starts with the wrong reference weight",
           "smooth = p.reference_rate_weight * u.reference", "smooth = u.reference"),
     Fault("blocks/library/transport_delay.py", "tests/blocks/test_planted_gaps.py",
@@ -72,7 +72,7 @@ FAULTS = (
     Fault("blocks/library/rigid_body.py", "tests/blocks/library/test_rigid_body.py",
           "sign of the gyroscopic torque",
           "np.cross(x.w, momentum)", "np.cross(momentum, x.w)"),
-    Fault("blocks/library/sliding_mode.py", "tests/blocks/library/test_sliding_mode.py",
+    Fault("blocks/control/sliding_mode.py", "tests/blocks/control/test_sliding_mode.py",
           "exponent of the terminal sliding variable",
           "p.beta / (2.0 - p.beta)", "p.beta"),
     Fault("blocks/library/sources.py", "tests/blocks/library/test_sources.py",
@@ -174,16 +174,16 @@ FAULTS = (
           "tests/blocks/linear_analysis/uncertainty/test_uncertainty.py",
           "mixed second differences of an uncertain model",
           "np.sum(corners, axis=0) / 4.0", "np.sum(corners, axis=0) / 2.0"),
-    Fault("blocks/estimation/covariances.py", "tests/blocks/estimation/test_design.py",
+    Fault("blocks/control/covariances.py", "tests/blocks/control/test_kalman_design.py",
           "the transition matrix of a sampled covariance is transposed",
           "turned = flow[n:, n:].T", "turned = flow[n:, n:]"),
-    Fault("blocks/estimation/filters.py", "tests/blocks/estimation/test_filters_in_runs.py",
+    Fault("blocks/control/kalman_filter.py", "tests/blocks/control/test_kalman_filters_in_runs.py",
           "the prediction uses the undelayed command",
           "given[self.behind : self.late]", "given[self.behind + 1 :]"),
-    Fault("blocks/estimation/processes.py", "tests/blocks/estimation/test_extended_filter.py",
+    Fault("blocks/control/process_models.py", "tests/blocks/control/test_extended_kalman_filter.py",
           "weight of the middle of Simpson's rule",
           "4 * second @ Q", "2 * second @ Q"),
-    Fault("blocks/estimation/design.py", "tests/blocks/estimation/test_design.py",
+    Fault("blocks/control/kalman_design.py", "tests/blocks/control/test_kalman_design.py",
           "density of a Gauss-Markov disturbance",
           "2 * one.standard_deviation**2 / one.time_constant",
           "one.standard_deviation**2 / one.time_constant"),

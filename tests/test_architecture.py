@@ -7,16 +7,14 @@ from sources import ALL_FILES, MODULES, PACKAGE_FILES, SETUPTOOLS, module_of, pl
 
 # Packages that the modules of a package may import, besides their own and the loose modules of their
 # top package (errors, validation). `__init__` and `__main__` may import everything below them.
-FRAMEWORK, TRACING, SIMULATION, LIBRARY, COSIMULATION, LINEAR, ESTIMATION, DRAWING, SWEEPS = (
+FRAMEWORK, TRACING, SIMULATION, LIBRARY, COSIMULATION, LINEAR, CONTROL, DRAWING, SWEEPS = (
     f"trussflow.blocks.{name}"
     for name in (
         *("framework", "tracing", "simulation", "library", "cosimulation", "linear_analysis"),
-        "estimation",
-        "drawing",
-        "sweeps",
+        *("control", "drawing", "sweeps"),
     )
 )
-BLOCKS = (FRAMEWORK, TRACING, SIMULATION, LIBRARY, COSIMULATION, LINEAR, f"{LINEAR}.frequency", ESTIMATION)
+BLOCKS = (FRAMEWORK, TRACING, SIMULATION, LIBRARY, COSIMULATION, LINEAR, f"{LINEAR}.frequency", CONTROL)
 FMU, MODELS = "trussflow.fmu", "trussflow.models"
 PHYSICS = tuple(f"{MODELS}.{name}" for name in ("geometry", "truss", "robots", "dynamics", "plant"))
 STUDY = (*BLOCKS, *PHYSICS, f"{MODELS}.reporting", f"{MODELS}.transport")
@@ -31,7 +29,7 @@ PACKAGES = {
     LINEAR: (FRAMEWORK, TRACING, SIMULATION),
     f"{LINEAR}.frequency": (FRAMEWORK, TRACING, SIMULATION, LIBRARY, LINEAR),
     f"{LINEAR}.uncertainty": (FRAMEWORK, LINEAR),
-    ESTIMATION: (FRAMEWORK, TRACING, LIBRARY, LINEAR),
+    CONTROL: (FRAMEWORK, TRACING, LIBRARY, LINEAR),
     DRAWING: (FRAMEWORK, TRACING),
     SWEEPS: (FRAMEWORK, TRACING, SIMULATION),
     FMU: (FRAMEWORK,),
@@ -57,8 +55,8 @@ PACKAGES = {
     f"{MODELS}.dynamics": (FRAMEWORK, TRACING, *PHYSICS[:3]),
     f"{MODELS}.plant": (FRAMEWORK, TRACING, *PHYSICS[:4]),
     f"{MODELS}.hardware": (FRAMEWORK, LIBRARY, *PHYSICS),
-    f"{MODELS}.feasibility": (FRAMEWORK, LIBRARY, *PHYSICS),
-    f"{MODELS}.mean_axes": (FRAMEWORK, TRACING, LIBRARY, ESTIMATION, *PHYSICS),
+    f"{MODELS}.feasibility": (FRAMEWORK, CONTROL, *PHYSICS),
+    f"{MODELS}.mean_axes": (FRAMEWORK, TRACING, LIBRARY, CONTROL, *PHYSICS),
     f"{MODELS}.viewer": (FRAMEWORK, *PHYSICS),
     f"{MODELS}.transport": (
         *BLOCKS,

@@ -1,1 +1,1 @@
-"""The general blocks: sources, algebra, dynamics, control. They know no truss."""
+"""General blocks: sources, algebra, dynamics, nonlinearities, switching, groups."""

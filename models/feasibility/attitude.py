@@ -18,9 +18,9 @@ import numpy as np
 import numpy.typing as npt
 import scipy
 
+from trussflow.blocks.control.trajectory import PEAK_ACCELERATION, Quintic
 from trussflow.blocks.framework.types import Vector
 from trussflow.blocks.framework.validation import is_whole
-from trussflow.blocks.library.trajectory import PEAK_ACCELERATION, Quintic
 from trussflow.models.dynamics.dynamics import TrussDynamics
 from trussflow.models.errors import ModelError
 from trussflow.models.feasibility.failures import ActuatorLimits, Failure, single_failures

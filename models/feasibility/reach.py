@@ -20,10 +20,10 @@ from typing import NamedTuple
 
 import numpy as np
 
+from trussflow.blocks.control.trajectory import Quintic
 from trussflow.blocks.framework.declarations import Signals
 from trussflow.blocks.framework.types import Vector
 from trussflow.blocks.framework.validation import is_whole, shown
-from trussflow.blocks.library.trajectory import Quintic
 from trussflow.models.dynamics.assembly import DynamicsTerms
 from trussflow.models.dynamics.dynamics import TrussDynamics
 from trussflow.models.dynamics.task_space import task_drift, to_body

@@ -53,7 +53,7 @@ class MeanAxesAllocation(MeanAxesBlock):
 
     See Also
     --------
-    trussflow.blocks.library.allocation.BoundedAllocation : The same for one demand.
+    trussflow.blocks.control.allocation.BoundedAllocation : The same for one demand.
     """
 
     slow_force = Input("rigid", unit=Attribute("force_units"), meaning="u_s")

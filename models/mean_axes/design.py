@@ -7,7 +7,7 @@ from dataclasses import dataclass, fields
 import numpy as np
 import scipy
 
-from trussflow.blocks.estimation.covariances import sampled_covariance, steady_covariance
+from trussflow.blocks.control.covariances import sampled_covariance, steady_covariance
 from trussflow.blocks.framework.types import Vector
 from trussflow.blocks.framework.validation import is_whole, shown
 from trussflow.models.errors import ModelError

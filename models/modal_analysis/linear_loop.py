@@ -23,8 +23,8 @@ from typing import Any
 import control
 import numpy as np
 
+from trussflow.blocks.control.disturbance_observer import DisturbanceObserver
 from trussflow.blocks.framework.types import Vector
-from trussflow.blocks.library.disturbance_observer import DisturbanceObserver
 from trussflow.blocks.linear_analysis.linearize import Linearizer, linearize
 from trussflow.models.dynamics.dynamics import TrussDynamics
 from trussflow.models.errors import ModelError

@@ -10,10 +10,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from trussflow.blocks.control.trajectory import Trajectory
 from trussflow.blocks.framework.diagram import Diagram
 from trussflow.blocks.framework.port import Port
 from trussflow.blocks.framework.types import Vector
-from trussflow.blocks.library.trajectory import Trajectory
 from trussflow.blocks.simulation.adaptive import METHODS
 from trussflow.blocks.simulation.simulator import Simulator
 from trussflow.blocks.simulation.solver import FIXED_STEP

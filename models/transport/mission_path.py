@@ -6,9 +6,9 @@ from dataclasses import replace
 
 import numpy as np
 
+from trussflow.blocks.control.input_shaping import SHAPERS, ShapedTrajectory
+from trussflow.blocks.control.trajectory import Quintic, Trajectory
 from trussflow.blocks.framework.types import Vector
-from trussflow.blocks.library.shaping import SHAPERS, ShapedTrajectory
-from trussflow.blocks.library.trajectory import Quintic, Trajectory
 from trussflow.models.dynamics.task_space import moved
 from trussflow.models.feasibility import ActuatorLimits, TrussPath, fastest
 from trussflow.models.geometry.attitude import EULER

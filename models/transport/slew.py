@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import numpy.typing as npt
 
+from trussflow.blocks.control.time_scaling import RetimedQuintic
+from trussflow.blocks.control.trajectory import Quintic
 from trussflow.blocks.framework.declarations import Attribute, Parameter
 from trussflow.blocks.framework.port import Output
 from trussflow.blocks.framework.types import Array
-from trussflow.blocks.library.retiming import RetimedQuintic
-from trussflow.blocks.library.trajectory import Quintic
 from trussflow.models.dynamics.task_space import moved
 from trussflow.models.plant.space_truss import SpaceTruss
 

@@ -4,15 +4,15 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+from trussflow.blocks.control.allocation import WeightedAllocation
+from trussflow.blocks.control.disturbance_observer import DisturbanceObserver
+from trussflow.blocks.control.pd import PD
+from trussflow.blocks.control.sliding_mode import ConventionalSlidingMode, IntegralSlidingMode
+from trussflow.blocks.control.time_scaling import RetimedQuintic
+from trussflow.blocks.control.trajectory import Quintic, Trajectory
 from trussflow.blocks.framework.block import Block
 from trussflow.blocks.framework.diagram import Diagram
 from trussflow.blocks.framework.units import Unit
-from trussflow.blocks.library.allocation import WeightedAllocation
-from trussflow.blocks.library.disturbance_observer import DisturbanceObserver
-from trussflow.blocks.library.pd import PD
-from trussflow.blocks.library.retiming import RetimedQuintic
-from trussflow.blocks.library.sliding_mode import ConventionalSlidingMode, IntegralSlidingMode
-from trussflow.blocks.library.trajectory import Quintic, Trajectory
 from trussflow.models.dynamics.dynamics import TrussDynamics
 from trussflow.models.errors import ModelError
 from trussflow.models.geometry.attitude import EULER

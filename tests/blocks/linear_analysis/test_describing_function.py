@@ -26,8 +26,8 @@ from trussflow.blocks import (
     loop_transfer,
     measured_response,
 )
+from trussflow.blocks.control.sliding_mode import signed_power
 from trussflow.blocks.framework.errors import LinearAnalysisError
-from trussflow.blocks.library.sliding_mode import signed_power
 
 LAW: dict[str, Any] = {
     "gamma": 1.0,

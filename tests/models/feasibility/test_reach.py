@@ -6,7 +6,7 @@ from numpy.testing import assert_allclose
 from scipy.optimize import linprog
 
 from trussflow.blocks import Quintic
-from trussflow.blocks.library.trajectory import PEAK_ACCELERATION
+from trussflow.blocks.control.trajectory import PEAK_ACCELERATION
 from trussflow.models import ModelError, SpaceTruss
 from trussflow.models.feasibility import ActuatorLimits, Failure, shares_left, single_failures, survey
 from trussflow.models.transport import Mission, path_of

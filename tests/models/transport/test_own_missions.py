@@ -7,7 +7,7 @@ import pytest
 from numpy.testing import assert_array_equal
 
 from trussflow.blocks import ShapedTrajectory, SimulationWarning
-from trussflow.blocks.library.trajectory import Trajectory
+from trussflow.blocks.control.trajectory import Trajectory
 from trussflow.models import FreeModes
 from trussflow.models.dynamics.task_space import to_body
 from trussflow.models.feasibility import ActuatorLimits, FastestPath, fastest

@@ -117,13 +117,13 @@ def test_only_needed_modules_go_along(export, instance):
     """Unless the user's code refers to the package as such: then all of it, under its new name."""
     few = held(export(Gain(2.0)))
     assert {"blocks/library/algebra.py", "blocks/tracing/driver.c", "blocks/tracing/fixed_step.h"} <= few
-    assert not few & {"blocks/__init__.py", "blocks/library/pd.py", "fmu/exporting/export.py"}
+    assert not few & {"blocks/__init__.py", "blocks/control/pd.py", "fmu/exporting/export.py"}
 
     def function(u):
         return trussflow.blocks.Gain(u).parameters["gain"] + len(trussflow.blocks.__name__)
 
     fmu = export(PythonFunction(function, 0.01, **ports(u=(), y=())))
-    assert {"blocks/__init__.py", "blocks/library/pd.py"} <= held(fmu)
+    assert {"blocks/__init__.py", "blocks/control/pd.py"} <= held(fmu)
     one = instance(fmu).start({"u": 2.0})
     one.doStep(0.0, 0.01)
     assert one.errors == ""

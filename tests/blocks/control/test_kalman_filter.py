@@ -7,7 +7,7 @@ from scipy.integrate import quad_vec
 from scipy.linalg import expm, solve_discrete_are
 
 from trussflow.blocks import ExtendedKalmanFilter, KalmanFilter, LinearProcess
-from trussflow.blocks.estimation.covariances import sampled_covariance
+from trussflow.blocks.control.covariances import sampled_covariance
 
 TOLERANCE = 1e-10
 SEEDS = range(20)

@@ -1,4 +1,4 @@
-"""Covariances: checked, sampled, and the steady one of a Kalman filter."""
+"""Covariance matrices of Kalman filters: checks, exact sampling, steady state, observability."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from trussflow.blocks.framework.types import Vector
 from trussflow.blocks.framework.validation import finite_array
 
 ROUND_OFF = 1e-10
-"""What counts as zero, relative to the largest: of asymmetry, of eigenvalues, of couplings of states."""
+"""Relative tolerance below which asymmetry, eigenvalues and couplings of states count as zero [-]."""
 
 
 def covariance(what: str, value: npt.ArrayLike, size: int, *, definite: bool = False) -> Vector:
@@ -22,11 +22,11 @@ def covariance(what: str, value: npt.ArrayLike, size: int, *, definite: bool = F
     Parameters
     ----------
     what : str
-        What it is, for messages.
+        Name of the matrix in messages.
     value : array_like
         A matrix, its diagonal, or one number for all of the diagonal [any].
     size : int
-        How many rows it must have [-].
+        Required number of rows [-].
     definite : bool
         Whether it must be positive definite, not only semidefinite.
 
@@ -54,11 +54,11 @@ def covariance(what: str, value: npt.ArrayLike, size: int, *, definite: bool = F
 
 
 def sampled_covariance(A: Vector, density: Vector, time: float) -> Vector:
-    r"""Return the covariance of what white noise adds to a linear system within a time.
+    r"""Return the covariance that white noise adds to the state of a linear system within one sample.
 
     .. math:: Q_k = \int_0^T e^{A s} Q e^{A^T s} ds
 
-    from one exponential of a matrix, over a time so short that nothing is lost in it, doubled from there.
+    The integral is computed by one matrix exponential over a short time, which is then doubled repeatedly.
 
     Parameters
     ----------
@@ -85,7 +85,7 @@ def sampled_covariance(A: Vector, density: Vector, time: float) -> Vector:
 
 
 def steady_covariance(A: Vector, C: Vector, Q: Vector, R: Vector, names: Sequence[str]) -> Vector:
-    r"""Return the covariance of the state, predicted by one sample, that a filter comes to.
+    r"""Return the steady-state covariance of the one-sample prediction of a Kalman filter.
 
     It is the stabilizing solution of
 
@@ -101,7 +101,7 @@ def steady_covariance(A: Vector, C: Vector, Q: Vector, R: Vector, names: Sequenc
     Raises
     ------
     LinearAnalysisError
-        If no noise drives a state that does not decay, or there is no solution.
+        If no noise drives a state that does not decay, or the Riccati equation has no solution.
 
     References
     ----------
@@ -114,7 +114,7 @@ def steady_covariance(A: Vector, C: Vector, Q: Vector, R: Vector, names: Sequenc
             f"no process noise drives {still}, which do not decay: a steady filter would stop looking at "
             "what is measured; give them noise, a disturbance a density above 0, or take kind='varying'"
         )
-    # In units of the measurements' noise, and one of the states that makes both terms of P alike.
+    # Scale measurements by their noise and states by one unit, so that both terms of P have similar size.
     seen = np.linalg.solve(np.linalg.cholesky(R), C)
     noise, shown = float(np.linalg.norm(Q)), float(np.linalg.norm(seen))
     unit = (noise / max(shown**2, 1e-99)) ** 0.25 or 1.0
@@ -129,7 +129,7 @@ def steady_covariance(A: Vector, C: Vector, Q: Vector, R: Vector, names: Sequenc
 
 
 def refuse_unobserved(A: Vector, C: Vector, names: Sequence[str], *, allow_decaying: bool) -> None:
-    """Refuse states that measurements do not show.
+    """Raise `LinearAnalysisError` for states that are not observable.
 
     Parameters
     ----------
@@ -138,12 +138,12 @@ def refuse_unobserved(A: Vector, C: Vector, names: Sequence[str], *, allow_decay
     names : sequence of str
         Names of its states.
     allow_decaying : bool
-        Whether such states are allowed if they decay by themselves.
+        Whether unobservable states are allowed if they are stable.
 
     Raises
     ------
     LinearAnalysisError
-        If there are such states; the message names them.
+        If a state is unobservable; the message names it.
     """
     if unseen := hidden(A, C, names, slowest=1.0 - ROUND_OFF if allow_decaying else 0.0):
         raise LinearAnalysisError(
@@ -156,9 +156,8 @@ def refuse_unobserved(A: Vector, C: Vector, names: Sequence[str], *, allow_decay
 def hidden(A: Vector, C: Vector, names: Sequence[str], slowest: float) -> str:
     """Return the names of the states in the unobservable modes of (A, C) that decay no faster than given.
 
-    The unobservable subspace is made smaller step by step: first all that C does not see, then that part
-    of it which A leaves in it. Unlike eigenvectors, that needs no care where modes coincide, as rigid ones
-    do.
+    The unobservable subspace is the largest A-invariant subspace of the null space of C. It is found by
+    repeated restriction, which, unlike eigenvectors, is well conditioned for repeated rigid-body modes.
 
     Parameters
     ----------
@@ -167,11 +166,11 @@ def hidden(A: Vector, C: Vector, names: Sequence[str], slowest: float) -> str:
     names : sequence of str
         Names of the states.
     slowest : float
-        Factor by which such a mode shrinks in each sample, at least [1].
+        Smallest modulus of an eigenvalue that counts as not decaying [-].
     """
     from scipy.linalg import matrix_balance, schur
 
-    # In units that make couplings alike; chains, which have no way back, need one for that: a small one.
+    # Balance the couplings. Chains of integrators have no return path; a small coupling provides one.
     couplings = np.abs(A - np.eye(len(A)))
     _, (units, _) = matrix_balance(couplings + 1e-6 * couplings.max(), permute=False, separate=True)
     rates, C = (A - np.eye(len(A))) * units / units[:, None], C * units
@@ -192,6 +191,6 @@ def hidden(A: Vector, C: Vector, names: Sequence[str], slowest: float) -> str:
 
 
 def _null_space(matrix: Vector, largest: float) -> Vector:
-    """Return an orthonormal basis of what a matrix maps to zero, to round-off of the largest there may be."""
+    """Return an orthonormal basis of the null space of a matrix whose largest singular value is `largest`."""
     _, values, rows = np.linalg.svd(matrix)
     return np.asarray(rows[np.sum(values > ROUND_OFF * largest) :].T)

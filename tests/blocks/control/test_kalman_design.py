@@ -23,7 +23,7 @@ from trussflow.blocks import (
     kalman_filter,
     linearize,
 )
-from trussflow.blocks.estimation.covariances import sampled_covariance
+from trussflow.blocks.control.covariances import sampled_covariance
 
 ROUND_OFF = 1e-12
 EVERY = 0.02  # s

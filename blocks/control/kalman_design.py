@@ -1,4 +1,4 @@
-"""Kalman filters in one call, from a diagram or a linear model."""
+"""Design of Kalman filters from a diagram or a linear model."""
 
 from __future__ import annotations
 
@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 
-from trussflow.blocks.estimation.covariances import covariance, refuse_unobserved
-from trussflow.blocks.estimation.filters import ExtendedKalmanFilter, KalmanFilter
-from trussflow.blocks.estimation.processes import NonlinearProcess
+from trussflow.blocks.control.covariances import covariance, refuse_unobserved
+from trussflow.blocks.control.kalman_filter import ExtendedKalmanFilter, KalmanFilter
+from trussflow.blocks.control.process_models import NonlinearProcess
 from trussflow.blocks.framework.block import Block
 from trussflow.blocks.framework.errors import LinearAnalysisError, NameLookupError, ParameterError
 from trussflow.blocks.framework.system import flatten
@@ -37,20 +37,20 @@ if TYPE_CHECKING:
     import control
 
 Model = Callable[[Array, Array, Array], Array]
-"""Rates of all states, and then what is measured, of (t, x, all inputs)."""
+"""State derivatives followed by measurements, as a function of (t, x, all inputs)."""
 
 ByName = Mapping[str, npt.ArrayLike]
-"""Covariances by the name of what they are of."""
+"""Covariances, keyed by the name of a state or signal."""
 
 
 @dataclass(frozen=True)
 class GaussMarkov:
-    r"""A slow disturbance that forgets: :math:`\dot d = -d / \tau + w`.
+    r"""First-order Gauss-Markov disturbance: :math:`\dot d = -d / \tau + w`.
 
     Parameters
     ----------
     standard_deviation : float
-        Of d in the long run, above 0 [unit of the signal].
+        Stationary standard deviation of d, above 0 [unit of the signal].
     time_constant : float
         τ > 0 [s].
 
@@ -69,20 +69,20 @@ class GaussMarkov:
 
 @dataclass(frozen=True, eq=False)
 class Plant:
-    """A plant opened at its inputs.
+    """Plant with its inputs, states and outputs as vectors.
 
     Attributes
     ----------
     model : callable
-        Its equations.
+        State derivatives and measurements.
     states, inputs, outputs : list of str
         Names; all outputs are measured.
     commands : list of int
-        Which of the inputs are commands [-].
+        Indices of the inputs that are commands [-].
     at : tuple
-        Time, states and inputs where it is linearized, and where the estimate starts [as declared].
+        Time, states and inputs of the operating point; the estimate starts there [as declared].
     units : mapping of str to Unit
-        Of measurements and of commands, as a filter takes them.
+        Units of measurements and commands.
     """
 
     model: Model
@@ -111,48 +111,48 @@ def kalman_filter(
     allow_unobserved: bool = False,
     steps: int = 1,
 ) -> KalmanFilter | ExtendedKalmanFilter:
-    r"""Return a Kalman filter for a plant: a sampled block that estimates its states, each by its name.
+    r"""Return a Kalman filter for a plant: a sampled block that estimates the states of the plant.
 
-    The plant is linearized by exact Jacobians and sampled exactly, its commands held;
-    ``kind="extended"`` keeps its own equations instead. The inputs are `measurement` and `command`,
-    nothing else; `estimate` is the state now, `prediction` the state when the command given now begins to
-    act: the states of the plant, then the disturbances. ``of("block.state")`` is the part of the estimate
-    that is one state, to be wired. A covariance is given as a matrix, as its diagonal, or as one number
-    for all of the diagonal.
+    The plant is linearized by exact Jacobians and sampled exactly with held commands;
+    ``kind="extended"`` uses the nonlinear equations instead. The block has the inputs `measurement` and
+    `command`. The output `estimate` is the current state, `prediction` the state at the time when the current
+    command begins to act. Both hold the states of the plant, then those of the disturbances;
+    ``of("block.state")`` returns the port of one state. A covariance may be a matrix, its diagonal, or one
+    number for the whole diagonal.
 
     Parameters
     ----------
     plant : Block or control.StateSpace
-        A diagram or block, whose signals the filter takes and gives as they are. Or a linear model in
-        continuous time, such as `linearize` returns: then all are deviations from where it was linearized.
+        Diagram or block; the filter then works on the signals themselves. Or a continuous-time linear
+        model, such as `linearize` returns; the filter then works on deviations from the operating point.
     measured, inputs : Port, str or sequence of these, optional
-        What is measured, and what is commanded: ports of any block within, whole or sliced, as for
-        `linearize`; what drives a commanded port in the diagram is cut off. By default all that there are.
+        Measured and commanded ports of any inner block, whole or sliced, as for `linearize`. Wires that
+        drive a commanded port are cut. The default is all outputs and all inputs of the plant.
     every : float
         Time between samples [s].
     measurement_noise : array_like
-        Covariance of the noise in one measurement, positive definite [unit²].
+        Covariance of the noise of one measurement, positive definite [unit²].
     process_noise : mapping or array_like, optional
-        Power spectral density of white noise, two-sided, by the name of what it enters: a state, into
-        whose rate [(unit/s)² s], or an input, to which it adds [unit² s]. Or that of the rates of all
-        states.
+        Two-sided power spectral density of white noise, keyed by the name of a state, whose derivative it
+        enters [(unit/s)² s], or of an input, to which it is added [unit² s]. An array is the density of
+        the derivatives of all states.
     disturbances : mapping, optional
-        Slow disturbances to be estimated, by the name of what they add to: the rate of a state, an input,
-        or a measured output. A density says how fast a constant may wander [unit²/s]; or a `GaussMarkov`.
-        The names of the estimates begin with ``disturbance.``.
+        Slow disturbances to estimate, keyed by the state, input or measured output to which they are added
+        (to a state: to its derivative). A value is the density of a random walk [unit²/s] or a
+        `GaussMarkov`. The names of these estimates begin with ``disturbance.``.
     command_delay, measurement_delay : float
-        From a command until it acts, and from what is measured until it arrives: multiples of `every` [s].
+        Delay of the actuators and delay of the measurements, multiples of `every` [s].
     kind : str
-        ``"steady"``: constant gain. ``"varying"``: linear, best from the first measurement on.
-        ``"extended"``: linearized at the estimate in each sample.
+        ``"steady"``: constant gain. ``"varying"``: linear and time-varying, optimal from the first
+        measurement on. ``"extended"``: linearized at the estimate in each sample.
     initial_covariance : mapping or array_like
-        Of the error of the first estimate, by name, or of all; not for the steady filter [unit²].
+        Covariance of the initial estimation error, by name or of all states; unused if steady [unit²].
     at : OperatingPoint, optional
-        Where a diagram is linearized, and where the estimate starts.
+        Operating point of the linearization and start of the estimate.
     allow_unobserved : bool
-        Whether states that the measurements do not show may be left to the model, if they decay.
+        Whether unobservable states are allowed if they are stable; the model alone then estimates them.
     steps : int
-        Steps of the integration in each sample, for the extended filter [-].
+        Integration steps per sample of the extended filter [-].
 
     Returns
     -------
@@ -162,10 +162,10 @@ def kalman_filter(
     Raises
     ------
     LinearAnalysisError
-        If what is measured does not show a state, white noise is in what is measured, or the plant cannot
-        be linearized.
+        If a state is unobservable, white noise reaches a measurement directly, or the plant cannot be
+        linearized.
     NameLookupError
-        If there is no state or signal of a name; the message lists those there are.
+        If a name matches no state or signal; the message lists the valid names.
     ParameterError
         If a covariance is missing, of another shape, or not symmetric and positive (semi)definite.
     SimulationError
@@ -174,8 +174,7 @@ def kalman_filter(
     Notes
     -----
     The covariance of the noise in a sample is that of Van Loan (1978), the filter that of Anderson and
-    Moore (1979). Whether an extended filter can observe what it should is not checked: it changes with
-    the state.
+    Moore (1979). The observability of an extended filter depends on the state and is not checked.
     """
     one_of("kind of Kalman filter", kind, ("steady", "varying", "extended"))
     slow = by_name("disturbances", disturbances)
@@ -215,12 +214,12 @@ def _of_block(
     *,
     linear: bool,
 ) -> Plant:
-    """Open a diagram at commands, measurements, and what noise and disturbances enter."""
+    """Open a diagram at its commands, its measurements and the inputs of noise and disturbances."""
     system = flatten(plant, external=True)
     commands, seen = all_named(system, inputs, plant.inputs()), all_named(system, measured, plant.outputs())
     known, put_in = set(all_labels([*commands, *seen])), [*commands]
     for name in names:
-        with contextlib.suppress(NameLookupError):  # the name of a state, or of nothing, which is told later
+        with contextlib.suppress(NameLookupError):  # a state, or an unknown name, which is reported later
             one = named(system, name)
             put_in += [one] if one.port.is_input and not known.issuperset(one.labels()) else []
     driven = [one.port for one in commands if one.port.block is not plant]
@@ -284,10 +283,10 @@ def _linear(matrix: Vector, x0: Vector, v0: Vector, rest: Vector) -> Model:
 def _with_disturbances(
     plant: Plant, process_noise: Any, slow: Mapping[str, Any], sampling: Mapping[str, Any]
 ) -> tuple[NonlinearProcess, Vector, Vector]:
-    """Return a plant with its disturbances as states, its state and its command where it rests."""
+    """Return a plant with its disturbances as states, and state and command of the operating point."""
     n, k = len(plant.states), len(plant.states) + len(plant.inputs)
     labels = [*plant.states, *plant.inputs, *plant.outputs]
-    # What white noise w and disturbances d add to: columns of rates, inputs and outputs.
+    # Columns that add white noise w and disturbances d to derivatives, inputs and outputs.
     by_w, density = _assembled("process_noise", process_noise, labels[:k], n)
     by_w = np.eye(len(labels), k) @ by_w
     markov = {name: one for name, one in slow.items() if isinstance(one, GaussMarkov)}
@@ -330,9 +329,9 @@ def _with_disturbances(
 
 
 def _assembled(what: str, given: Any, labels: Sequence[str], whole: int) -> tuple[Vector, Vector]:
-    """Return which signals have a covariance, as columns of the identity, and that covariance.
+    """Return the columns of the identity of the signals with a covariance, and this covariance.
 
-    Given by names, it is block diagonal; else it is that of the first signals, the `whole` number [-].
+    A mapping gives a block-diagonal matrix. An array is the covariance of the first `whole` signals [-].
     """
     from scipy.linalg import block_diag
 

@@ -16,7 +16,7 @@ from trussflow.blocks import (
     Quintic,
     simulate,
 )
-from trussflow.blocks.library.sliding_mode import signed_power, unit_vector
+from trussflow.blocks.control.sliding_mode import signed_power, unit_vector
 
 ROUND_OFF = 1e-14  # relative: a few operations of 1e-16 each
 GAINS = {"gamma": 1.0, "mu": 0.25, "beta": 0.9, "eta": 0.001, "sigma": 0.3, "boundary_layer": 1e-3}

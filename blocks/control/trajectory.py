@@ -18,7 +18,7 @@ from trussflow.blocks.library.piecewise import piece, polynomial, row_for_each
 from trussflow.blocks.library.signals import ACCELERATION_UNIT, VELOCITY_UNIT, finite, set_motion_units
 
 PEAK_ACCELERATION = 10.0 / np.sqrt(3.0)
-"""Of `Quintic`, for a displacement and a duration of 1, when (1 ± 1/√3)/2 of the time is over."""
+"""Peak acceleration of `Quintic` for unit displacement and duration, at the times (1 ± 1/√3)/2."""
 
 
 class Trajectory(Block):
@@ -155,9 +155,9 @@ class Trapezoid(Trajectory):
     max_velocity, max_acceleration : array_like
         Limits above 0 [unit/s, unit/s^2]; one number, or one per element.
     start : array_like
-        Where the motion starts [unit].
+        Initial position [unit].
     start_time : float
-        When the motion starts [s].
+        Start time of the motion [s].
     unit : str, tuple of str or None
         Unit of the position, or one per element; None leaves units unchecked.
 

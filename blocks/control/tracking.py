@@ -1,4 +1,4 @@
-"""What tracking controllers have in common: reference, measurement and error."""
+"""Inputs and error signals that tracking controllers share."""
 
 from __future__ import annotations
 

@@ -1,43 +1,43 @@
-"""A path that becomes slower, under way, when less acceleration is left."""
+"""Trajectory that slows down during the motion when less acceleration is available."""
 
 from __future__ import annotations
 
 import numpy as np
 import numpy.typing as npt
 
+from trussflow.blocks.control.trajectory import PEAK_ACCELERATION, Quintic, from_rest_to_rest
 from trussflow.blocks.framework.block import Values
 from trussflow.blocks.framework.declarations import Signals, State
 from trussflow.blocks.framework.port import Input, Output
 from trussflow.blocks.framework.types import Array
 from trussflow.blocks.framework.units import Unit
-from trussflow.blocks.library.trajectory import PEAK_ACCELERATION, Quintic, from_rest_to_rest
 
 PEAK_BRAKING = 15.0 / 8.0
-"""Greatest deceleration of a stop along `from_rest_to_rest`, from a speed of 1 in a time of 1."""
+"""Peak deceleration of a stop along `from_rest_to_rest`, from unit speed in unit time."""
 
-LEAST_SHARE = 1e-6
-"""Of the acceleration: with less, the path coasts."""
+MIN_SHARE = 1e-6
+"""Share of the acceleration below which the path coasts [-]."""
 
-ARRIVED = 1e-9
-"""Share of the displacement that is no distance."""
+DISTANCE_TOLERANCE = 1e-9
+"""Fraction of the displacement that counts as zero distance [-]."""
 
 
 class RetimedQuintic(Quintic):
-    r"""Move as `Quintic` does, and when less acceleration is left, more slowly from there on.
+    r"""Quintic trajectory that slows down when less acceleration is available.
 
-    The path is straight, :math:`x = x_0 + \Delta s`. When only the share f < 1 is left of the peak
-    acceleration of the motion as given, :math:`a = 10 f / (\sqrt3\, T^2)`, a plan is made from
-    :math:`s_0, v_0`, position and speed of that instant: to stop, and meanwhile to go the rest D of the way,
+    The path is straight, :math:`x = x_0 + \Delta s`. If only the share f < 1 of the peak acceleration
+    remains, :math:`a = 10 f / (\sqrt3\, T^2)`, the block makes a plan from the position and speed
+    :math:`s_0, v_0` of that instant: a stop, superimposed on a motion over the remaining distance D,
 
     .. math::
         \dot s = v_0\,(1 - p(\tau)) + \frac{D}{T'}\,p'(\tau), \qquad \tau = \frac{t - t_0}{T'}, \qquad
         p = 10 \tau^3 - 15 \tau^4 + 6 \tau^5, \qquad D = 1 - s_0 - \tfrac12 v_0 T'
 
-    in the time T' in which the peaks of both accelerations add up to a. The plan starts and ends without
-    acceleration; only what was left of the plan before breaks off. If the goal is too near to stop there, D
-    is zero: the path stops as soon as it can, beyond the goal, and then comes back. A new plan is made when
-    the share becomes smaller than that of the plan, never when it grows or is NaN. Without any share to
-    speak of (below 1e-6) the path coasts.
+    in the time T' in which the peaks of both accelerations add up to a. A plan starts and ends with zero
+    acceleration; the acceleration of the previous plan ends with a jump. If the goal is too near to stop
+    there, D is zero: the path stops as soon as possible beyond the goal and then returns. The block makes a
+    new plan if the share falls below that of the current plan, never if it grows or is NaN. Below a share of
+    1e-6 the path coasts.
 
     Parameters
     ----------
@@ -46,7 +46,7 @@ class RetimedQuintic(Quintic):
     duration : float
         T > 0 [s].
     sample_time : float
-        How often the path is computed and the share is looked at [s].
+        Sample time of the path and of the input `share` [s].
     start : array_like
         x_0 [unit].
     start_time : float
@@ -63,13 +63,13 @@ class RetimedQuintic(Quintic):
 
     Notes
     -----
-    The share is one of demands in a fixed direction. If the path turns a body, its demands grow with the
-    square of the speed as well, and a share found for the motion as given is a guide only.
+    The share scales demands in a fixed direction. If the path rotates a body, demands also grow with the
+    square of the speed, so that a share computed for the original motion is approximate.
     """
 
-    share = Input(default=1.0, meaning="f: what is left of the peak acceleration")
-    arrival = Output(unit="s", meaning="when the path will rest at the goal")
-    overshoot = Output(meaning="how far beyond the goal the plan stops, as a share of the displacement")
+    share = Input(default=1.0, meaning="f: available share of the peak acceleration")
+    arrival = Output(unit="s", meaning="time at which the path rests at the goal")
+    overshoot = Output(meaning="overshoot of the plan beyond the goal, as a share of the displacement")
 
     began = State(initial="start_time", unit="s", meaning="t_0 of the plan")
     lasts = State(initial="duration", unit="s", meaning="T' of the plan")
@@ -92,11 +92,11 @@ class RetimedQuintic(Quintic):
         self.sampled(sample_time)
 
     def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
-        """Return position, velocity and acceleration, and where the plan leads."""
+        """Return position, velocity and acceleration, arrival time and overshoot."""
         s, ds, dds = _planned(t, x)
         beyond = x.passed + x.speed * x.lasts / 2.0 + x.way - 1.0
-        beyond = np.where(np.abs(beyond) > ARRIVED, beyond, 0.0)
-        back = p.duration * np.sqrt(np.maximum(np.abs(beyond), ARRIVED) / x.allowed)
+        beyond = np.where(np.abs(beyond) > DISTANCE_TOLERANCE, beyond, 0.0)
+        back = p.duration * np.sqrt(np.maximum(np.abs(beyond), DISTANCE_TOLERANCE) / x.allowed)
         return {
             "position": self.moved(p.start, p.displacement * s),
             "velocity": p.displacement * ds,
@@ -106,18 +106,19 @@ class RetimedQuintic(Quintic):
         }
 
     def update(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
-        """Make a new plan if less is left than it needs, or if it has stopped beside the goal."""
+        """Make a new plan if the share has fallen, or if the plan has stopped away from the goal."""
         s, ds, _ = _planned(t, x)
-        share = np.where(u.share < LEAST_SHARE, LEAST_SHARE, u.share)
+        share = np.where(u.share < MIN_SHARE, MIN_SHARE, u.share)
         worse, ended = share < x.allowed, t >= x.began + x.lasts
         allowed = np.where(worse, share, x.allowed)
         a, left, speed = allowed * PEAK_ACCELERATION / p.duration**2, 1.0 - s, np.abs(ds)
         stop = PEAK_BRAKING * speed / a
         gain = (PEAK_ACCELERATION / 2.0 - PEAK_BRAKING) * speed
-        # At a distance of zero the root would have no derivative.
-        go = (np.sqrt(gain**2 + 4.0 * a * PEAK_ACCELERATION * np.maximum(np.abs(left), ARRIVED)) - gain) / (
-            2.0 * a
-        )
+        # The square root has no derivative at a distance of zero.
+        go = (
+            np.sqrt(gain**2 + 4.0 * a * PEAK_ACCELERATION * np.maximum(np.abs(left), DISTANCE_TOLERANCE))
+            - gain
+        ) / (2.0 * a)
         reaches = (left - ds * stop / 2.0) * ds >= 0.0
         lasts = np.where(reaches, go, stop)
         plan = {
@@ -128,7 +129,7 @@ class RetimedQuintic(Quintic):
             "way": np.where(reaches, left - ds * lasts / 2.0, 0.0),
             "allowed": allowed,
         }
-        arrived = np.logical_and(ended, np.abs(left) <= ARRIVED)
+        arrived = np.logical_and(ended, np.abs(left) <= DISTANCE_TOLERANCE)
         new = np.logical_and(np.logical_or(worse, ended), np.logical_not(arrived))
         return {name: np.where(new, value, x[name]) for name, value in plan.items()}
 

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 
+from trussflow.blocks.control.trajectory import Trajectory
 from trussflow.blocks.framework.block import Block, Values
 from trussflow.blocks.framework.declarations import Signals
 from trussflow.blocks.framework.errors import BlockError
 from trussflow.blocks.framework.types import Array
 from trussflow.blocks.framework.validation import finite_array
-from trussflow.blocks.library.trajectory import Trajectory
 
 SHAPERS = ("ZV", "ZVD")
 

@@ -27,7 +27,7 @@ from trussflow.blocks import (
     ZeroOrderHold,
     kalman_filter,
 )
-from trussflow.blocks.estimation.covariances import hidden
+from trussflow.blocks.control.covariances import hidden
 
 
 def oscillator(**settings):

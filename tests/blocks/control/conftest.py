@@ -4,8 +4,11 @@ from typing import Any
 
 import numpy as np
 import pytest
+import systems
 
 from trussflow.blocks import Signals
+
+interpreted = pytest.fixture(scope="module", autouse=True)(systems.interpreted)
 
 
 @pytest.fixture(scope="session")

@@ -1,4 +1,4 @@
-"""What a Kalman filter believes: how the state goes on by one sample, and what the sensors show of it."""
+"""Process models of Kalman filters: propagation by one sample, and measurement equation."""
 
 from __future__ import annotations
 
@@ -8,8 +8,8 @@ from functools import cached_property, partial
 import numpy as np
 import numpy.typing as npt
 
-from trussflow.blocks.estimation.covariances import covariance as checked
-from trussflow.blocks.estimation.covariances import sampled_covariance
+from trussflow.blocks.control.covariances import covariance as checked
+from trussflow.blocks.control.covariances import sampled_covariance
 from trussflow.blocks.framework.errors import BlockError, Explained, TracingError
 from trussflow.blocks.framework.types import Array, Vector
 from trussflow.blocks.framework.validation import as_shape, finite_array, positive, positive_whole
@@ -20,14 +20,14 @@ from trussflow.blocks.tracing.calling import brief
 
 
 class Process:
-    """A model in steps of one sample, the command held in each.
+    """Process model in steps of one sample, with held commands.
 
     Parameters
     ----------
     every : float
         Length of a sample [s].
     noise : array_like
-        Covariance of the noise in one measurement, positive definite; one number or a vector is a
+        Covariance of the noise of one measurement, positive definite; one number or a vector is a
         diagonal [any].
     sizes : tuple of int
         Number of states, measurements and commands [-].
@@ -37,11 +37,11 @@ class Process:
     Raises
     ------
     ParameterError
-        If the covariance is none.
+        If the covariance is not symmetric and positive definite.
     BlockError
-        If there are not as many names as states.
+        If the number of names differs from the number of states.
     SimulationError
-        If the length of a sample is not above 0.
+        If `every` is not above 0.
     """
 
     def __init__(
@@ -55,7 +55,7 @@ class Process:
             raise BlockError(f"a process of {self.order} states cannot have {len(self.state_names)} names")
 
     def step(self, t: Array, x: Array, u: Array) -> tuple[Array, Array, Array]:
-        """Return the state one sample later, its Jacobian, and the covariance of what noise adds.
+        """Return the state one sample later, its Jacobian, and the covariance added by noise.
 
         Parameters
         ----------
@@ -67,7 +67,7 @@ class Process:
         raise NotImplementedError
 
     def measure(self, t: Array, x: Array, u: Array) -> tuple[Array, Array]:
-        """Return what the sensors show, and its Jacobian by the state.
+        """Return the measurement and its Jacobian with respect to the state.
 
         Parameters
         ----------
@@ -101,7 +101,7 @@ class LinearProcess(Process):
     Raises
     ------
     BlockError
-        If sizes do not fit, or a covariance is none.
+        If sizes do not fit, or a covariance is not positive (semi)definite.
     """
 
     def __init__(
@@ -161,7 +161,7 @@ class NonlinearProcess(Process):
     noise : array_like
         Covariance of v, positive definite [as declared].
     steps : int
-        Steps in one sample [-].
+        Integration steps per sample [-].
     state_names : sequence of str, optional
         Names of the states.
 
@@ -170,7 +170,7 @@ class NonlinearProcess(Process):
     TracingError
         If a function cannot be traced.
     BlockError
-        If one returns another number of elements, or a covariance is none.
+        If a function returns another number of elements, or a covariance is not positive (semi)definite.
     """
 
     def __init__(
@@ -210,12 +210,12 @@ class NonlinearProcess(Process):
 
     @cached_property
     def _parts(self) -> tuple[ArrayFunction, ...]:
-        """Half a step, its Jacobian, and that of the outputs."""
+        """Half a step, its Jacobian, and the Jacobian of the outputs."""
         half = ArrayFunction.of(partial(_rk4, self._rates, self.every / self._steps / 2), self._shapes)
         return half, half.jacobian(1), self._outputs.jacobian(1)
 
     def step(self, t: Array, x: Array, u: Array) -> tuple[Array, Array, Array]:
-        """Return what `x` [as declared] at `t` [s] becomes by `u`, its Jacobian, and what noise adds."""
+        """Return state one sample after `x` [as declared] at `t` [s], Jacobian and noise covariance."""
         (half, by_x, _), Q, h = self._parts, self._density, self.every / self._steps
         whole, spread = np.eye(self.order), np.zeros((self.order, self.order))
         for _ in range(self._steps):
@@ -228,11 +228,11 @@ class NonlinearProcess(Process):
         return x, whole, spread
 
     def measure(self, t: Array, x: Array, u: Array) -> tuple[Array, Array]:
-        """Return h(`t`, `x`, `u`) [as declared], and its exact Jacobian by the state."""
+        """Return h(`t`, `x`, `u`) [as declared], and its exact Jacobian with respect to the state."""
         return self._outputs(t, x, u), self._parts[2](t, x, u)
 
     def linearized(self, t: float, x: Vector, u: Vector) -> LinearProcess:
-        """Return the process tangent to this one at a point, sampled exactly.
+        """Return the linearization of the process at a point, sampled exactly.
 
         Parameters
         ----------

@@ -10,6 +10,7 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
+from trussflow.blocks.control.tracking import Tracking, errors
 from trussflow.blocks.framework.block import Values
 from trussflow.blocks.framework.declarations import Parameter, Signals, State
 from trussflow.blocks.framework.errors import ParameterError
@@ -18,7 +19,6 @@ from trussflow.blocks.framework.types import Array
 from trussflow.blocks.framework.units import Unit
 from trussflow.blocks.library.piecewise import limited
 from trussflow.blocks.library.signals import ACCELERATION_UNIT, VELOCITY_UNIT, ShapeLike
-from trussflow.blocks.library.tracking import Tracking, errors
 from trussflow.blocks.tracing.once import once
 from trussflow.blocks.tracing.tracing import elementwise
 

@@ -19,7 +19,7 @@ from trussflow.blocks.library.signals import Shaped, ShapeLike
 
 
 class PIDSettings(TypedDict, total=False):
-    """What a PID controller can be told besides its gains."""
+    """Settings of a PID controller besides its gains."""
 
     lower: npt.ArrayLike
     upper: npt.ArrayLike

@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from trussflow.blocks.estimation.covariances import covariance, refuse_unobserved, steady_covariance
-from trussflow.blocks.estimation.processes import LinearProcess, Process
+from trussflow.blocks.control.covariances import covariance, refuse_unobserved, steady_covariance
+from trussflow.blocks.control.process_models import LinearProcess, Process
 from trussflow.blocks.framework.block import Block, Values
 from trussflow.blocks.framework.clock import exact, ticks
 from trussflow.blocks.framework.declarations import Attribute, Parameter, Signals, State
@@ -24,24 +24,23 @@ from trussflow.blocks.tracing.linear_algebra import solve_positive_definite
 
 
 class Filter(Block):
-    """Base of Kalman filters; it knows when what is told of what.
+    """Base of Kalman filters with delayed commands and measurements.
 
-    At an instant the measurement shows the plant as it was m samples before, the command arrives n samples
-    later, and the command given now is not known yet. So the filter works on the state of m samples ago,
-    which the command of m + n samples ago drives: with white noise that is the filter without delays, m
-    samples late. From there it predicts over the delays with the commands given since; none can do better.
+    A measurement shows the plant m samples ago, and a command acts n samples later. The filter therefore
+    updates the state of m samples ago, driven by the command of m + n samples ago. For white noise this is
+    the filter without delays, m samples late, and optimal. The filter then predicts over the delays with the
+    commands sent since.
 
     Parameters
     ----------
     process : Process
         The model.
     command_delay, measurement_delay : float
-        From a command until it acts, and from what is measured until it arrives: multiples of the sample
-        time [s].
+        Delay of the actuators and delay of the measurements, multiples of the sample time [s].
     initial_estimate : array_like, shape (n,)
         Estimate before the first measurement [any].
     initial_command : array_like
-        What was commanded before the start [any].
+        Commands before the start [any].
     measurement_unit, command_unit : str, tuple of str or None
         Units of the inputs, or one per element; None leaves them unchecked.
     **parameters : array_like
@@ -55,14 +54,20 @@ class Filter(Block):
         If a delay is no multiple of the sample time.
     """
 
-    measurement = Input("measurements", unit=Attribute("measurement_unit"), meaning="what the sensors show")
+    measurement = Input(
+        "measurements", unit=Attribute("measurement_unit"), meaning="measurements of the sensors"
+    )
     estimate = Output("order", meaning="state now, from all measurements so far")
-    prediction = Output("order", meaning="state when the command given now begins to act")
-    innovation = Output("measurements", meaning="measurement less what the filter expected")
-    predicted = State("order", initial="initial_estimate", meaning="state measured next, as expected")
-    sent = State(("late", "commands"), initial="initial_command", meaning="commands under way, oldest first")
+    prediction = Output("order", meaning="state when the current command begins to act")
+    innovation = Output("measurements", meaning="measurement minus its prediction")
+    predicted = State("order", initial="initial_estimate", meaning="predicted state at the next measurement")
+    sent = State(
+        ("late", "commands"),
+        initial="initial_command",
+        meaning="commands that have not acted yet, oldest first",
+    )
     initial_estimate = Parameter(shape="order", meaning="estimate before the first measurement")
-    initial_command = Parameter(shape=("late", "commands"), meaning="what was commanded before the start")
+    initial_command = Parameter(shape=("late", "commands"), meaning="commands before the start")
 
     def __init__(
         self,
@@ -82,13 +87,13 @@ class Filter(Block):
         self.behind = self._samples("measurement_delay", measurement_delay)
         self.late = self.ahead + self.behind
         self.measurement_unit, self.command_unit = measurement_unit, command_unit
-        command = Input("commands", unit=Attribute("command_unit"), meaning="what the actuators are told")
+        command = Input("commands", unit=Attribute("command_unit"), meaning="commands of the actuators")
         self.extra_ports = {"command": command} if self.commands else {}
         super().__init__(initial_estimate=initial_estimate, initial_command=initial_command, **parameters)
         self.sampled(process.every)
 
     def _samples(self, name: str, given: float) -> int:
-        """Return how many samples a delay is."""
+        """Return a delay as a number of samples."""
         owner = type(self).__name__
         delay, what = finite(owner, name, given), f"{name} of {owner}"
         if delay < 0:
@@ -96,19 +101,19 @@ class Filter(Block):
         return ticks(exact(delay), exact(self.process.every), what, "take a sample time that divides it")
 
     def of(self, name: str, output: str = "estimate") -> Port:
-        """Return the part of an output that is a state, such as ``of("plant.position[0:3]")``.
+        """Return the port of one state of an output, such as ``of("plant.position[0:3]")``.
 
         Parameters
         ----------
         name : str
             Name of the state.
         output : str
-            Which output, ``"estimate"`` or ``"prediction"``.
+            Name of the output, ``"estimate"`` or ``"prediction"``.
 
         Raises
         ------
         NameLookupError
-            If there is no such state; the message lists them.
+            If there is no such state; the message lists the states.
         """
         return self.port(output)[label_places(self.state_names, name).tolist()]
 
@@ -120,12 +125,12 @@ class Filter(Block):
         x : Signals
             States of the filter [as declared].
         H : Array
-            Jacobian of what is measured by the state [as declared].
+            Jacobian of the measurement with respect to the state [as declared].
         """
         raise NotImplementedError
 
     def _all(self, t: Array, x: Signals, u: Signals) -> tuple[Values, Values]:
-        """Return the outputs, and the states after the instant."""
+        """Return the outputs and the updated states."""
         given = [*x.sent, u.command if self.commands else np.zeros(0)]
         then = t - self.behind * self.process.every
         shown, H = self.process.measure(then, x.predicted, given[0])
@@ -143,18 +148,18 @@ class Filter(Block):
     def _later(
         self, t: Array, x: Array, P: Array | None, commands: Sequence[Array]
     ) -> tuple[Array, Array | None]:
-        """Return the state and its covariance as many samples later as there are commands."""
+        """Propagate the state and its covariance by one sample per command."""
         for command in commands:
             x, by_x, added = self.process.step(t, x, command)
             P, t = None if P is None else by_x @ P @ by_x.T + added, t + self.process.every
         return x, P
 
     def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
-        """Return what the measurement tells."""
+        """Return the estimate, the prediction and the innovation."""
         return self._all(t, x, u)[0]
 
     def update(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
-        """Return what is expected of the next measurement."""
+        """Return the prediction for the next measurement."""
         return self._all(t, x, u)[1]
 
 
@@ -167,15 +172,15 @@ class KalmanFilter(Filter):
         K &= P C^T S^{-1}, & S &= C P C^T + R
 
     with the symbols of `LinearProcess`, and P the covariance of :math:`\bar x` in the steady state, from
-    the discrete Riccati equation. The inputs are the measurement y and, where there is one, the command u
-    as it is applied. The estimate uses both up to now, but for the command of this very instant.
+    the discrete Riccati equation. The inputs are the measurement y and, if the process has commands, the
+    applied command u. The estimate at an instant uses the commands before this instant only.
 
     Parameters
     ----------
     process : LinearProcess
         The model.
     allow_unobserved : bool
-        Whether states that the measurements do not show may be left to the model, if they decay.
+        Whether unobservable states are allowed if they are stable.
     **settings
         As for `Filter`: command_delay, measurement_delay, initial_estimate, initial_command,
         measurement_unit, command_unit.
@@ -190,8 +195,7 @@ class KalmanFilter(Filter):
     Raises
     ------
     LinearAnalysisError
-        If a state cannot be estimated: the measurements do not show it, or it does not decay and no noise
-        drives it.
+        If a state is unobservable, or does not decay although no noise drives it.
 
     References
     ----------
@@ -220,10 +224,10 @@ class KalmanFilter(Filter):
 
 
 class ExtendedKalmanFilter(Filter):
-    r"""The Kalman filter that carries its covariance along: time-varying, and extended.
+    r"""Time-varying and extended Kalman filter, which propagates its covariance.
 
-    Of a `LinearProcess` it is the filter that is best from the first measurement on; a `NonlinearProcess`
-    is linearized at the estimate, by exact Jacobians. With H that of what is measured,
+    For a `LinearProcess` the filter is optimal from the first measurement on. A `NonlinearProcess` is
+    linearized at the estimate by exact Jacobians. With H the Jacobian of the measurement,
 
     .. math::
 
@@ -247,15 +251,15 @@ class ExtendedKalmanFilter(Filter):
     References
     ----------
     Bar-Shalom, Li, Kirubarajan (2001), *Estimation with Applications to Tracking and Navigation*,
-    sections 5.2 and 10.3.3; the form of P after a measurement is Joseph's.
+    sections 5.2 and 10.3.3; the covariance update is in Joseph form.
     """
 
     covariance = Output(("order", "order"), meaning="covariance of the error of the estimate")
-    innovation_covariance = Output(("measurements", "measurements"), meaning="covariance it should have")
+    innovation_covariance = Output(("measurements", "measurements"), meaning="covariance of the innovation")
     predicted_covariance = State(
-        ("order", "order"), initial="initial_covariance", meaning="of the state measured next, as expected"
+        ("order", "order"), initial="initial_covariance", meaning="covariance of the predicted state"
     )
-    initial_covariance = Parameter(shape=("order", "order"), meaning="of the initial estimate")
+    initial_covariance = Parameter(shape=("order", "order"), meaning="covariance of the initial estimate")
 
     def __init__(self, process: Process, *, initial_covariance: npt.ArrayLike, **settings: Any) -> None:
         _check_process("ExtendedKalmanFilter", process, Process)
@@ -263,11 +267,11 @@ class ExtendedKalmanFilter(Filter):
         super().__init__(process, initial_covariance=first, **settings)
 
     def check_parameters(self, p: Signals) -> None:
-        """Refuse an initial covariance that is none."""
+        """Raise `ParameterError` for an invalid initial covariance."""
         covariance(f"parameter 'initial_covariance' of {p.owner}", p.initial_covariance, self.order)
 
     def weighted(self, x: Signals, H: Array) -> tuple[Array, Array | None, Values]:
-        """Return the gain, and the covariance of the state measured."""
+        """Return the gain and the covariance after the measurement."""
         P, R = x.predicted_covariance, self.process.noise
         S = H @ P @ H.T + R
         gain = solve_positive_definite(S, H @ P).T
@@ -281,7 +285,7 @@ def _check_process(owner: str, process: object, kind: type[Process]) -> None:
 
 
 def _joseph(P: Array, K: Array, H: Array, R: Vector) -> Array:
-    """Return the covariance after a measurement in the form that round-off cannot make negative."""
+    """Return the covariance after a measurement in Joseph form, which stays positive semidefinite."""
     rest = np.eye(K.shape[0]) - K @ H
     after = rest @ P @ rest.T + K @ R @ K.T
     return (after + after.T) / 2

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from numpy.testing import assert_allclose, assert_array_equal
 
 from trussflow.blocks import Constant, Diagram, Quintic, RetimedQuintic, Signals, Step, TimeTable, simulate
-from trussflow.blocks.library.trajectory import PEAK_ACCELERATION
+from trussflow.blocks.control.trajectory import PEAK_ACCELERATION
 
 WAY, TIME, SAMPLE = np.array([6.0, -2.0]), 60.0, 0.5
 LIMIT = PEAK_ACCELERATION * WAY / TIME**2  # of the motion as given

@@ -1,0 +1,1 @@
+"""Control blocks: trajectories, observers, sliding mode, allocation, PD, PID and Kalman filters."""

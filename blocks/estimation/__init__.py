@@ -1,1 +1,0 @@
-"""Estimation: Kalman filters as blocks, and their design from linear models and diagrams."""

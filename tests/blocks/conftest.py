@@ -1,0 +1,34 @@
+"""Evaluation of one block, and its response in a small diagram."""
+
+import numpy as np
+import pytest
+
+from trussflow.blocks import Block, Constant, Diagram, Signals, simulate
+
+
+@pytest.fixture(scope="session")
+def evaluate():
+    """Return the outputs of one block at one instant, in plain NumPy."""
+
+    def outputs(block, t=0.0, states=None, **inputs):
+        def signals(values):
+            return Signals("block", {n: np.asarray(v, dtype=float) for n, v in values.items()})
+
+        return block.output(np.float64(t), signals(states or {}), signals(inputs), signals(block.parameters))
+
+    return outputs
+
+
+@pytest.fixture(scope="session")
+def respond():
+    """Simulate one block, its inputs driven by constants or by sources."""
+
+    def response(block, duration, settings=None, **inputs):
+        diagram = Diagram("test")
+        diagram.add(block=block)
+        for name, value in inputs.items():
+            source = value if isinstance(value, Block) else Constant(value)
+            diagram.connect(diagram.add(**{f"{name}_source": source}).y, block.port(name))
+        return simulate(diagram, duration, **{"step": 0.01, **(settings or {})})
+
+    return response
