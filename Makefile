@@ -1,7 +1,7 @@
-# Everything runs in .venv, which is built on first use and brought up to date when needed.
-# Variables: PYTHON, the interpreter to build it with; PYTEST_ARGS, e.g. -k truss; WORKERS, for the tests;
-# CAMPAIGN, the size of the campaign; VENV and EXTRA, another environment and what is installed there.
-# The tests under another Python: make test PYTHON=python3.13 VENV=.venv-3.13 EXTRA=test
+# All targets run in .venv, which is created on first use and updated when needed.
+# Variables: PYTHON, the interpreter; PYTEST_ARGS, e.g. -k truss; WORKERS, number of test processes;
+# CAMPAIGN, size of the campaign; VENV and EXTRA, another environment and its extra.
+# Tests with another Python: make test PYTHON=python3.13 VENV=.venv-3.13 EXTRA=test
 
 PYTHON ?= python3
 WORKERS ?= 2
@@ -10,29 +10,29 @@ CAMPAIGN ?= 1
 VENV ?= .venv
 EXTRA ?= dev
 OLDEST := .venv-oldest
-BIN := $(VENV)/bin
+BIN := $(VENV)/$(if $(filter Windows_NT,$(OS)),Scripts,bin)
 PIP_INSTALL := $(BIN)/python -m pip install --quiet --disable-pip-version-check
 
 .PHONY: help transport reproduce flight sweep check types rules test campaign test-oldest format docs bench bench-check bench-growth bench-instructions bench-peers clean FORCE
 .DELETE_ON_ERROR:
 
 help:
-	@echo "make transport  run the first transport mission; results go to results/case1"
-	@echo "make reproduce  reproduce and judge the whole source paper: docs/reproduction"
-	@echo "make flight     fly the loop of the mean axes on 400 trusses, and others to where they end: docs/flight"
-	@echo "make sweep      fly 1000 trusses by each law, and tell how often it flies and what matters: docs/sweep"
+	@echo "make transport  simulate Case 1 of the paper: results/case1/index.html"
+	@echo "make reproduce  simulate and check the claims of the paper: docs/reproduction"
+	@echo "make flight     robustness of the controllers, 400 Monte Carlo samples: docs/flight"
+	@echo "make sweep      1000 Monte Carlo samples of each controller: docs/sweep"
 	@echo "make check      check format, style, types, imports, docstrings, links and prose"
 	@echo "make test       check every law once"
-	@echo "make campaign   run random cases, kills, faults and long runs; CAMPAIGN=10 runs ten times as many"
-	@echo "make test-oldest  run the tests of the blocks with the oldest libraries allowed"
+	@echo "make campaign   run random cases, killed processes, faults and long runs; CAMPAIGN=10 runs ten times as many"
+	@echo "make test-oldest  run the tests of blocks with the oldest allowed libraries"
 	@echo "make format     format the code"
 	@echo "make docs       build the site: site/index.html"
 	@echo "make bench      run the benchmarks"
-	@echo "make bench-check  run those that are ratios, and fail if one is far above its target"
-	@echo "make bench-instructions  count what one evaluation of the equations takes; Linux on x86-64"
-	@echo "make bench-growth  run that of robots and modes, which takes minutes to compile"
-	@echo "make bench-peers  run five systems with events here, in PathSim and with SciPy by hand"
-	@echo "make clean      remove .venv* and everything built; keeps results"
+	@echo "make bench-check  run the benchmarks that are ratios; fail if one is far above its limit"
+	@echo "make bench-instructions  count instructions of one evaluation of the equations (Linux, x86-64)"
+	@echo "make bench-growth  benchmark over numbers of robots and modes; compiles for minutes"
+	@echo "make bench-peers  compare five systems with events with PathSim and SciPy"
+	@echo "make clean      remove .venv* and all built files; keep results"
 
 transport: $(VENV)/runtime.stamp
 	$(BIN)/python -m trussflow.models.transport --case 1 --output results/case1
@@ -55,7 +55,7 @@ test: $(VENV)/dev.stamp
 campaign: $(VENV)/dev.stamp
 	CAMPAIGN=$(CAMPAIGN) $(RUN_TESTS) --dist worksteal -m "campaign or hypothesis" --hypothesis-profile=campaign $(PYTEST_ARGS)
 
-# Old libraries warn of what newer ones deprecate: here that is no error.
+# Warnings of old libraries about deprecations are no errors here.
 test-oldest:
 	$(MAKE) VENV=$(OLDEST) $(OLDEST)/pyvenv.cfg
 	$(PYTHON) tests/oldest.py > $(OLDEST)/pins.txt
@@ -80,7 +80,7 @@ format: $(VENV)/dev.stamp
 	$(BIN)/ruff check --fix
 	$(BIN)/ruff format
 
-# Every example runs; a warning, such as a link that leads nowhere, is an error.
+# Runs every example; a warning, such as a dead link, is an error.
 docs: $(VENV)/dev.stamp
 	MPLBACKEND=Agg $(BIN)/python -m sphinx -q -W --keep-going -d site/.doctrees -b html docs site
 	@echo "open site/index.html in a browser"
@@ -97,17 +97,17 @@ bench-instructions: $(VENV)/dev.stamp
 bench-check: $(VENV)/dev.stamp
 	$(BIN)/python tests/benchmarks/run.py --check
 
-# PathSim has no place in the other environments.
+# PathSim has an environment of its own.
 bench-peers:
 	$(MAKE) VENV=.venv-peers EXTRA=peers .venv-peers/dev.stamp
 	.venv-peers/bin/python tests/benchmarks/peers.py
 
 clean:
-	rm -rf .venv .venv-* build dist site docs/gallery docs/pages docs/reference docs/rooms .compiled *.egg-info .hypothesis .mypy_cache .pytest_cache .ruff_cache
+	rm -rf .venv .venv-* build dist site docs/gallery docs/pages docs/reference .compiled *.egg-info .hypothesis .mypy_cache .pytest_cache .ruff_cache
 	find blocks models fmu tests examples -name __pycache__ -prune -exec rm -rf {} +
 
-# The environment. An editable install links file by file, so it is renewed when a file comes or goes.
-# Running the missions needs less than developing does: one stamp each.
+# Environment. An editable install links files one by one, so it is renewed when a file is added or removed.
+# Missions need fewer packages than development: one stamp each.
 
 $(VENV)/runtime.stamp: pyproject.toml $(VENV)/sources
 	@echo "Installing trussflow into $(VENV) (the first time takes a minute or two)"

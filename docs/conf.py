@@ -1,6 +1,6 @@
-"""The site: pages here, READMEs of the rooms, the examples executed, and the reference from the code.
+"""Site: the pages of this folder, executed examples, and the reference, generated from the code.
 
-What it writes among the sources (`rooms`, `reference`, `gallery`) is not kept; `make docs` makes it anew.
+The generated folders (`reference`, `gallery`, `pages`) are not kept in the repository.
 """
 
 import importlib
@@ -35,7 +35,7 @@ html_math_renderer = "mathml"
 html_extra_path = ["pages"]
 myst_enable_extensions = ["dollarmath", "colon_fence", "attrs_inline"]
 myst_heading_anchors = 4
-highlight_language = "none"  # of what states none
+highlight_language = "none"  # for code without a language
 nitpicky = False
 numpydoc_show_class_members = False
 numpydoc_validation_checks: set[str] = set()
@@ -49,10 +49,10 @@ suppress_warnings = ["config.cache"]
 
 
 def scrape(block, variables, settings):
-    """Show the pictures and pages that a cell of an example has written."""
+    """Return the pictures and pages that a cell of an example wrote."""
     source = Path(variables["src_file"])
     folder, shown = source.parent, []
-    if not re.search(r"plt\.|draw\(", source.read_text(encoding="utf-8")):  # else there is nothing to see
+    if not re.search(r"plt\.|draw\(", source.read_text(encoding="utf-8")):  # no picture of its own
         for whole in [v for v in variables["example_globals"].values() if isinstance(v, Diagram)][-1:]:
             whole.draw(source.with_suffix(".svg"))
     for file in sorted([*folder.glob("*.svg"), *folder.glob("*.html")], key=lambda f: f.stat().st_mtime):
@@ -67,7 +67,7 @@ def scrape(block, variables, settings):
     return "\n".join(shown)
 
 
-tqdm.display = lambda *_, **__: None  # a page shows what came out, not how it went on
+tqdm.display = lambda *_, **__: None  # no progress bars on pages
 
 sphinx_gallery_conf = {
     "examples_dirs": "../examples",
@@ -86,40 +86,28 @@ sphinx_gallery_conf = {
     "plot_gallery": "True",
 }
 
-# -- READMEs of the rooms -----------------------------------------------------------------------
+# -- links ------------------------------------------------------------------------------------
 
 LINK = re.compile(r"(?<!!)\[([^\]]*)\]\(([^)#:]+)(#[^)]*)?\)")
-ROOMS = {
-    file: "rooms-" + "-".join(file.parent.relative_to(ROOT).parts)
-    for file in sorted(
-        readme for top in ("blocks", "fmu", "models") for readme in (ROOT / top).rglob("README.md")
-    )
-}
-ROOMS[ROOT / "CONTRIBUTING.md"] = "contributing"
 
 
 def linked(text: str, folder: Path) -> str:
-    """Return a text from a folder of the repository with links that lead to pages here, or nowhere."""
+    """Return the text of a page with links to files outside this folder replaced by their paths."""
 
     def led(link: re.Match[str]) -> str:
-        said, target, anchor = link.group(1), (folder / link.group(2)).resolve(), link.group(3) or ""
-        if target in ROOMS:
-            return f"[{said}](/rooms/{ROOMS[target]}.md{anchor})"
-        if target == ROOT / "README.md":
-            return f"[{said}](/index.md)"
+        target = (folder / link.group(2)).resolve()
         if target.is_relative_to(HERE) or not target.is_relative_to(ROOT):
-            inside = target.is_relative_to(HERE)
-            return f"[{said}](/{target.relative_to(HERE).as_posix()}{anchor})" if inside else link.group(0)
+            return link.group(0)
         return f"`{target.relative_to(ROOT).as_posix()}`"
 
     return LINK.sub(led, text)
 
 
 def relink(app, name, source) -> None:
-    """Relink a page that is read as it stands in the repository."""
-    if (HERE / f"{name}.md").is_file() and not name.startswith("rooms/"):
+    """Replace links of a page, and the folder of the repository in the output of examples."""
+    if (HERE / f"{name}.md").is_file():
         source[0] = linked(source[0], (HERE / name).parent)
-    source[0] = source[0].replace(f"{ROOT}/", "")  # in messages of examples: where the files lie
+    source[0] = source[0].replace(f"{ROOT}/", "")
 
 
 # -- the reference ------------------------------------------------------------------------------
@@ -157,13 +145,13 @@ SUBJECTS = {
     "Missions": ["models.transport"],
     "Replay": ["models.viewer"],
 }
-"""Each page of the reference, and where what it shows is defined."""
+"""Subjects of the reference pages, and the modules that define their names."""
 
 FACADES = ("blocks", "fmu", "models", "models.feasibility", "models.transport", "models.viewer")
 
 
 def public() -> dict[str, list[tuple[str, object]]]:
-    """Return what the facades offer, by subject: how it is imported, and the thing."""
+    """Return the names of the facades by subject: import path and object."""
     found: dict[str, list[tuple[str, object]]] = {subject: [] for subject in SUBJECTS}
     seen: set[str] = set()
     for facade in FACADES:
@@ -178,20 +166,52 @@ def public() -> dict[str, list[tuple[str, object]]]:
             }
             if places:
                 found[places[max(places, key=len)]].append((f"trussflow.{facade}.{name}", thing))
-    return found
+    return {subject: sorted(things, key=place) for subject, things in found.items()}
+
+
+ORDER = ("Diagram", "Block", "Input", "Output", "Parameter", "State", "simulate", "Simulator", "SpaceTruss")
+"""Names that come first on their page."""
+
+
+def is_error(thing: object) -> bool:
+    """Return whether an object is an exception class."""
+    return inspect.isclass(thing) and issubclass(thing, BaseException)
+
+
+def place(pair: tuple[str, object]) -> tuple[bool, int]:
+    """Return the sort key of a name: `ORDER` first, errors last."""
+    name = pair[0].rpartition(".")[2]
+    return is_error(pair[1]), ORDER.index(name) if name in ORDER else len(ORDER)
 
 
 EQUATIONS = (
     *(name for name, thing in vars(Equations).items() if callable(thing) and name[0] != "_"),
     *("open", "check_parameters", "breakpoints", "feedthrough", "initial", "parameter_value"),
 )
-"""What blocks state for those who run them: told once, of `Block` and `Equations`."""
+"""Methods that every block has; `Block` and `Equations` document them."""
+
+
+def reference_index(subjects: dict[str, list[tuple[str, object]]]) -> str:
+    """Return the source of the index: all pages, and every public name with its summary."""
+    text = "Reference\n=========\n\n.. toctree::\n   :maxdepth: 1\n\n"
+    text += "".join(f"   {slug(subject)}\n" for subject in subjects)
+    for subject, things in subjects.items():
+        text += f"\n{subject}\n{'-' * len(subject)}\n\n"
+        for path, thing in things:
+            summary = (inspect.getdoc(thing) or "").partition("\n")[0]
+            text += f"* :py:obj:`~{path}`: {summary}\n"
+    return text
+
+
+def slug(subject: str) -> str:
+    """Return the file name of a subject."""
+    return re.sub(r"\W+", "-", subject.lower())
 
 
 def reference_page(subject: str, things: list[tuple[str, object]]) -> str:
-    """Return a page of the reference."""
+    """Return the source of a reference page."""
     text = f"{subject}\n{'=' * len(subject)}\n\n"
-    errors = [path for path, thing in things if inspect.isclass(thing) and issubclass(thing, BaseException)]
+    errors = [path for path, thing in things if is_error(thing)]
     for path, thing in things:
         if path not in errors:
             kind = "class" if inspect.isclass(thing) else "function"
@@ -205,7 +225,7 @@ def reference_page(subject: str, things: list[tuple[str, object]]) -> str:
 
 
 def add_declarations(app, what, name, thing, options, lines) -> None:
-    """Add to the docstring of a block what it declares: ports, states and parameters."""
+    """Add a table of ports, states and parameters to the docstring of a block."""
     if what != "class" or not issubclass(thing, Block) or not thing._declared:
         return
     lines += ["", ".. list-table::", "   :header-rows: 1", "   :class: declared", ""]
@@ -220,7 +240,7 @@ def add_declarations(app, what, name, thing, options, lines) -> None:
 
 
 def said(value: object) -> str:
-    """Return a shape or unit of a declaration for people."""
+    """Return a shape or unit of a declaration as readable text."""
     if value is INFERRED:
         return "as wired"
     if value in (None, "", ()):
@@ -228,8 +248,8 @@ def said(value: object) -> str:
     return f"``{value}``" if isinstance(value, str) else str(value).replace("'", "``")
 
 
-def says_nothing(app, what, name, thing, skipped, options) -> bool | None:
-    """Leave out the fields of a named tuple: its docstring has them."""
+def skip_fields(app, what, name, thing, skipped, options) -> bool | None:
+    """Skip the fields of a named tuple, which its docstring lists."""
     return True if (getattr(thing, "__doc__", "") or "").startswith("Alias for field") else None
 
 
@@ -237,13 +257,13 @@ def says_nothing(app, what, name, thing, skipped, options) -> bool | None:
 
 
 def mathml(text: str, display: str = "inline") -> str:
-    """Return a formula as MathML, with the spaces that TeX would set and the converter does not."""
+    """Return a formula as MathML, with the spaces that TeX sets and the converter does not."""
     text = re.sub(rf"(?<=[\w)}}])\s*(?=\\{FUNCTION})", r"\\,", text)
     text = re.sub(rf"(\\{FUNCTION})\s*(?=\w|\\(?!left|,|;))", r"\1\\,", text)
     bar = '<mo stretchy="false"{}>&#x0007C;</mo>'
     found = convert(text, display=display).replace(bar.format(""), bar.format(' lspace="0" rspace="0"'))
     if re.search(r"<m[io]>(\\|&<)", found):
-        raise ValueError(f"the converter of formulas does not know all of {text!r}")
+        raise ValueError(f"the formula converter does not support {text!r}")
     return re.sub("<mo>(min|max)</mo>", r"<mi>\1</mi>", found)
 
 
@@ -251,13 +271,13 @@ FUNCTION = r"(?:sin|cos|tan|tanh|exp|ln|log|min|max)\b"
 
 
 def inline_formula(translator, node) -> None:
-    """Write a formula within a line."""
+    """Write an inline formula."""
     translator.body.append(mathml(node.astext()))
     raise importlib.import_module("docutils.nodes").SkipNode
 
 
 def formula(translator, node) -> None:
-    """Write a formula in lines of its own."""
+    """Write a displayed formula."""
     text = node.astext()
     if r"\\" in text and r"\begin" not in text:
         text = rf"\begin{{align*}}{text}\end{{align*}}"
@@ -266,25 +286,22 @@ def formula(translator, node) -> None:
 
 
 def write_sources(app) -> None:
-    """Write the pages that are made of READMEs and of the code."""
-    for name in ("rooms", "reference"):
-        shutil.rmtree(HERE / name, ignore_errors=True)
-        (HERE / name).mkdir()
-    for file, page in ROOMS.items():
-        text = linked(file.read_text(encoding="utf-8"), file.parent)
-        (HERE / "rooms" / f"{page}.md").write_text(text, encoding="utf-8")
-    for number, (subject, things) in enumerate(public().items()):
-        (HERE / "reference" / f"{number:02}.rst").write_text(
-            reference_page(subject, things), encoding="utf-8"
-        )
+    """Write the pages of the reference."""
+    folder = HERE / "reference"
+    shutil.rmtree(folder, ignore_errors=True)
+    folder.mkdir()
+    subjects = public()
+    (folder / "index.rst").write_text(reference_index(subjects), encoding="utf-8")
+    for subject, things in subjects.items():
+        (folder / f"{slug(subject)}.rst").write_text(reference_page(subject, things), encoding="utf-8")
 
 
 def setup(app) -> None:
-    """Register all that."""
+    """Register the extensions above."""
     app.add_html_math_renderer(
         "mathml", inline_renderers=(inline_formula, None), block_renderers=(formula, None)
     )
     app.connect("builder-inited", write_sources, priority=1)
     app.connect("source-read", relink)
-    app.connect("autodoc-skip-member", says_nothing)
+    app.connect("autodoc-skip-member", skip_fields)
     app.connect("autodoc-process-docstring", add_declarations, priority=900)

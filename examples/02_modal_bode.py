@@ -2,7 +2,8 @@
 Bode plot and margins of the truss
 ==================================
 
-The control loop of a mission, broken at the force that it demands.
+The control loop of a mission, opened at the force that it demands. The modal loop, from the force on a mode
+back to that force, is in the README and in ``trussflow analyse``.
 """
 
 import control
@@ -19,11 +20,11 @@ omega = np.geomspace(0.1, 1e3, 2000)  # rad/s
 truss = SpaceTruss.consistent()
 plant = linearize(truss, ["actuation[20]"], ["modal_coordinate"])
 
-# The loop, broken at the demand along z, all others closed. The law's powers |x|^0.9 have no
-# derivative at zero: describing functions for errors of 1 mm or 1 mrad oscillating at 1 rad/s.
+# The loop opened at the demand along z, all others closed. The powers |x|^0.9 of the ISMC have no derivative
+# at zero, so describing functions are used, for errors of 1 mm or 1 mrad oscillating at 1 rad/s.
 diagram = transport_diagram(Mission.of_case(1), SpaceTruss.consistent())
 amplitude = {"controller.position": 1e-3, "controller.velocity": 1e-3}
-amplitude["controller.integral"] = 2.2e-3  # what the law makes of these two
+amplitude["controller.integral"] = 2.2e-3  # integral that results from these two
 loop = loop_transfer(diagram, "feedback_allocation.demand[2]", amplitude=amplitude)
 
 figure, (upper, lower) = plt.subplots(2, 1, figsize=(7, 7), layout="constrained")

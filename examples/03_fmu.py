@@ -2,7 +2,7 @@
 FMUs, out and in
 ================
 
-The plant as an FMU: exported, checked and run by another tool, and taken back as a block.
+The plant is exported as an FMU, checked and run by FMPy, and imported again as a block.
 """
 
 import numpy as np
@@ -36,7 +36,7 @@ run = simulate_fmu(
 print(f"fmpy:  z = {run['task_position'][-1][2]:.12e} m, {run['energy'][-1]:.6e} J")
 
 
-# 3. Back in a diagram: the FMU for model exchange, under our solver, like any other block.
+# 3. Back in a diagram: the FMU for model exchange, under the diagram's solver.
 def moved(plant):
     """Return the final position along z [m]."""
     diagram = Diagram("pushed truss")

@@ -5,7 +5,7 @@ import re
 from sources import ROOT
 
 DOCS = ROOT / "docs"
-GENERATED = {"gallery", "pages", "reference", "rooms"}
+GENERATED = {"gallery", "pages", "reference"}
 FENCE = re.compile(r"^```(\w*)\n(.*?)^```$", re.DOTALL | re.MULTILINE)
 
 

@@ -30,7 +30,7 @@ EXCEPTIONS = {
     "blocks/simulation": 94,
     "blocks/sweeps": 83,
     "blocks/tracing": 83,
-    "examples": 8,
+    "examples": 4,
     "fmu": 2,
     "fmu/exporting": 50,
     "fmu/importing": 13,

@@ -1,10 +1,10 @@
 """
-A response estimated, and a block told what it does
-===================================================
+Estimated response, and a block replaced by its gain
+====================================================
 
-A mirror tips and tilts on a flexure, each axis pulling a little at the other. Its amplifiers pass nothing
-below 20 mV, so at rest a linear model says that there is no loop at all. The loop is excited as it would be
-in the laboratory, the amplifiers' gain is read off, and the linear model is told of it.
+A mirror tips and tilts on a flexure with weakly coupled axes. Its amplifiers have a dead zone of 20 mV, so
+the linear model at rest has no loop gain. The loop is excited as in a laboratory test, the gain of the
+amplifiers is estimated, and it replaces them in the linear model.
 """
 
 import matplotlib.pyplot as plt
@@ -37,14 +37,14 @@ plant.y >> law
 loop.draw("mirror.svg")
 
 # %%
-# Names for what is looked at again and again, whole ports or parts of them:
+# Analysis points: names for ports, or parts of them, that several analyses use:
 
 loop.add_analysis_points(drive=amplifier.u, current=amplifier.y, angles=plant.y[:2])
 print("slope of the amplifiers at rest:", np.diag(linearize(loop, "drive", "current", cut="drive").D))
 
 # %%
-# Sines at twenty frequencies are added to both drives at once, with random phases; two runs make a response
-# matrix, and runs with other phases tell how sure it is: its standard error.
+# Sines at twenty frequencies with random phases excite both drives at once. Two runs give a response matrix;
+# runs with other phases give its standard error.
 
 omega = np.geomspace(4.0, 150.0, 20)  # rad/s
 seen = estimated_response(
@@ -58,7 +58,7 @@ seen = estimated_response(
 print(f"the standard error is at most {seen.standard_error[4:].max():.1e} rad/V")
 
 # %%
-# What leaves the amplifiers, by what enters them, is their gain. It takes their place in linear models:
+# The ratio of output to input of the amplifiers is their gain. It replaces them in linear models:
 
 entering, leaving = (np.moveaxis(seen.complex[part], -1, 0) for part in (slice(0, 2), slice(2, 4)))
 gain = np.diag(np.mean(leaving @ np.linalg.inv(entering), axis=0)).real
@@ -68,7 +68,7 @@ for channel, margins in loop_margins(loop, "drive", override=told).channels.item
     print(f"{channel}: phase margin {margins.phase:.0f} deg, disk margin {margins.disk:.2f}")
 
 # %%
-# The model that was told, as lines, and the estimate with its errors:
+# The model with this gain (lines), and the estimate with its errors:
 
 model = linearize(loop, "drive", "angles", override=told).frequency_response(np.geomspace(4.0, 150.0, 400))
 for (i, j), style in zip(np.ndindex(2, 2), ["C0", "C1", "C2", "C3"], strict=True):

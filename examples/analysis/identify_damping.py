@@ -1,18 +1,17 @@
 """
-Damping found in a test
-=======================
+Damping identified from a test
+==============================
 
-A truss floats free and rings. What four grasps do is measured with noise, and one wants to know frequencies
-and damping of its modes. ``tune`` looks for those with which the model does what was measured: it
-differentiates the whole run exactly, so some twenty runs will do. Where the misfit comes down to the noise,
-one, there is nothing more to be learnt.
+A free truss vibrates, and the displacements of four grasps are measured with noise. ``tune`` finds the
+frequencies and damping ratios for which the model fits the measurement. It differentiates the whole run
+exactly, so about twenty runs suffice. A normalized misfit of one is the level of the noise.
 """
 
 # %%
 # The test
 # --------
-# Here the truth is known, for the test is simulated: three modes, with other frequencies and damping ratios
-# than the model begins with.
+# The test is simulated, so the true values are known: three modes whose frequencies and damping ratios differ
+# from the initial values of the model.
 
 import matplotlib.pyplot as plt
 import numpy as np
@@ -45,13 +44,13 @@ test = run["truss.grasp_displacement"]
 measured = test.values + np.random.default_rng(1).normal(0.0, NOISE, test.shape)
 
 # %%
-# What explains it
-# ----------------
-# The cost is written as equations of blocks are; it is one where only the noise is left.
+# Fit
+# ---
+# The cost is traced like an equation of a block; it is one if only the noise remains.
 
 
 def misfit(run):
-    """Return the mean square of what the model misses, in units of the noise."""
+    """Return the mean square of the misfit, in units of the noise."""
     return np.mean((run["truss.grasp_displacement"] - measured) ** 2) / NOISE**2
 
 
@@ -71,8 +70,8 @@ found = tune(
 print(found)
 
 # %%
-# Found and true
-# --------------
+# Result
+# ------
 
 figure, axes = plt.subplots(1, 2, figsize=(8, 3), layout="constrained")
 for axis, name in zip(axes, truth, strict=True):

@@ -1,9 +1,9 @@
 r"""
-Sweeps: a thousand runs, and the worst one flown again
-======================================================
+Sweeps: a thousand runs, and the worst one repeated
+===================================================
 
-Parameters are inputs of the compiled code, so other values need no compilation. ``sweep`` draws them, runs
-the diagram for each in processes of its own, and keeps of each run what it is asked for.
+Parameters are inputs of the compiled code, so new values need no compilation. ``sweep`` samples them, runs
+the diagram in worker processes, and keeps selected results of each run.
 """
 
 import matplotlib.pyplot as plt
@@ -30,8 +30,8 @@ error >> speed >> place
 loop.draw("second_order.svg")
 
 # %%
-# What varies has a distribution each; what stands together in a tuple is correlated. The noise gets another
-# seed in each run:
+# Each parameter has a distribution; parameters in a tuple are correlated. The noise has a different seed in
+# each run:
 
 swept = sweep(
     loop,
@@ -51,8 +51,8 @@ print(swept["status"].to_series().value_counts().to_string())
 print(swept[["highest", "place.y"]].quantile([0.05, 0.5, 0.95]).to_dataframe().round(3))
 
 # %%
-# The values that varied come back from the runs, as coordinates. The worst run is flown again, with the same
-# numbers to the bit, and every signal of it:
+# The varied values are coordinates of the result. The worst run is repeated, bit by bit, with all of its
+# signals:
 
 worst = int(np.argmax(swept["highest"].values))
 result = rerun(loop, swept, worst)
@@ -67,5 +67,5 @@ right.set(xlabel="time [s]", ylabel="position", title=f"sample {worst}, the wors
 plt.show()
 
 # %%
-# With ``path="folder"`` finished runs are kept there, and the same call goes on after whatever ended it.
-# ``executor=client.get_executor()`` lets the workers of a Dask cluster do it.
+# ``path="folder"`` keeps finished runs, and the same call continues after an interruption.
+# ``executor=client.get_executor()`` uses the workers of a Dask cluster.

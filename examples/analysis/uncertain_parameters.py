@@ -1,10 +1,10 @@
 """
-Uncertain parameters, and what they do at worst
-===============================================
+Uncertain parameters and the worst case
+=======================================
 
-A motor turns an antenna through an elastic shaft. Nobody knows the shaft's stiffness better than to 20 %,
-the antenna's inertia to 10 %, and the damping to a factor of four. ``uncertain`` makes a linear fractional
-model of them, ``worst_gain`` what they do at worst: a member that reaches it, and what none exceeds.
+A motor turns an antenna through an elastic shaft. The shaft's stiffness is known to 20 %, the antenna's
+inertia to 10 %, the damping to a factor of four. ``uncertain`` makes a linear fractional model,
+``worst_gain`` finds the largest gain: a member that reaches it, and a bound that no member exceeds.
 """
 
 import matplotlib.pyplot as plt
@@ -37,7 +37,7 @@ class Antenna(Block):
     inertia = Parameter(0.4, unit="kg*m**2")
 
     def output(self, t, x, u, p):
-        """Show where motor and antenna are, and how fast they turn."""
+        """Return angles and rates of motor and antenna."""
         return {"angles": x.angle, "rates": x.rate}
 
     def derivative(self, t, x, u, p):
@@ -55,15 +55,15 @@ antenna.rates[0] >> rate.u
 angle.y + rate.y >> antenna.torque
 
 # %%
-# A torque on the motor moves the antenna. Exact Jacobians at the ends of all ranges make the model; its
-# misfit is what it leaves out of the parameters' influence.
+# From motor torque to antenna motion. The model is made from exact Jacobians at the ends of all ranges; its
+# misfit is the neglected part of the parameters' influence.
 
 ranges = {"antenna.stiffness": 0.2, "antenna.inertia": 0.1, "antenna.damping": (0.025, 0.1)}
 model = uncertain(loop, "antenna.torque", "antenna.angles[1]", ranges)
 print(f"the parameters stand {model.fractions.sizes} times in the model, which misses {model.misfit:.1%}")
 
 # %%
-# The band of fifty members, and the bound of all of them within ten per cent:
+# Responses of fifty members, and the bound for all members, within ten per cent:
 
 omega = np.geomspace(1.0, 60.0, 40)
 worst = worst_gain(model, omega, tolerance=0.1)
@@ -76,14 +76,14 @@ plt.legend()
 plt.show()
 
 # %%
-# How near to instability are they all? The sensitivity is what a disturbance of the torque becomes on its way
-# around the loop. With S the most of it every member has a phase margin of at least 2 asin(1 / 2S).
+# Distance to instability: with S the peak of the sensitivity over all members, each has a phase margin of at
+# least 2 asin(1 / 2S).
 
 most = max(worst_gain(uncertain(loop, "antenna.torque", "antenna.torque", ranges), omega).bound)
 print(f"S is at most {most:.2f}: {np.degrees(2.0 * np.arcsin(0.5 / most)):.0f} degrees for every member")
 
 # %%
-# The poles of the fifty members, and the line that no pole of any member crosses:
+# Poles of fifty members, and the line that no pole of any member crosses:
 
 poles = np.concatenate([model.family(d).poles() for d in np.random.default_rng(0).uniform(-1, 1, (50, 3))])
 plt.plot(poles.real, poles.imag, ".", markersize=3)

@@ -2,9 +2,8 @@
 Algebraic loops, solved
 =======================
 
-A battery of 28 V with 0.5 ohm inside feeds a load that takes a given power, however low the voltage is.
-The current depends on the voltage and the voltage on the current, at once: there is no order to compute
-them in, but there are equations to be solved, at every instant.
+A battery of 28 V with an internal resistance of 0.5 ohm feeds a load of constant power. Current and voltage
+depend on each other at the same instant, so the equations are solved at every instant.
 """
 
 import matplotlib.pyplot as plt
@@ -34,7 +33,7 @@ plt.ylabel("voltage of the bus [V]")
 plt.show()
 
 # %%
-# No battery gives more than 28² / (4 · 0.5) = 392 W. Beyond there is no solution, and the error says where:
+# The battery gives at most 28² / (4 · 0.5) = 392 W. Beyond, there is no solution; the error states the loop:
 
 try:
     simulate(bus, 25.0, step=0.1)
@@ -42,8 +41,8 @@ except DivergenceError as problem:
     print(problem)
 
 # %%
-# Linear models differentiate through the loop, by the implicit function theorem: each watt costs
-# 0.25 / (v - 14) volts, so at no load 1/56 of one.
+# Linear models differentiate through the loop by the implicit function theorem: each watt lowers the voltage
+# by 0.25 / (v - 14) V, that is 1/56 V at no load.
 
 bus.expose(volts=battery.v)
 print(linearize(bus, inputs=[load.power]).D * 56.0)

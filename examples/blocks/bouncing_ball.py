@@ -2,9 +2,9 @@
 Events: a ball that bounces
 ===========================
 
-A block may state **events**: where an indicator crosses zero, states jump and modes change. The solver finds
-the instant, lets the block handle it, and starts afresh: no bounce is missed or late. A mode, here whether
-the ball rests, is what changes at events only. All of it is compiled; the rules are in :doc:`/hybrid`.
+A block may declare **events**: when an indicator crosses zero, states jump and modes change. The solver
+locates the instant, the block handles the event, and the solver restarts. A mode, here whether the ball
+rests, changes at events only. All of this is compiled; the rules are in :doc:`/hybrid`.
 """
 
 import matplotlib.pyplot as plt
@@ -32,11 +32,11 @@ class Ball(Block):
         return {"z": x.v, "v": np.where(x.rests > 0.5, 0.0, -9.81)}
 
     def indicators(self, t, x, u, p):
-        """Return the height: an event is where it falls to zero."""
+        """Return the height; the event occurs when it falls to zero."""
         return {"bounce": x.z}
 
     def on_event(self, t, x, u, p, fired):
-        """Turn the speed around at height zero exactly, or come to rest."""
+        """Reverse the speed at height zero, or come to rest."""
         slow = np.abs(x.v) < 0.1
         return {"z": 0.0, "v": np.where(slow, 0.0, -p.restitution * x.v), "rests": np.where(slow, 1.0, 0.0)}
 

@@ -2,8 +2,8 @@
 A controller that is switched on
 ================================
 
-Enabled and triggered groups: a PI controller heats a room while somebody is there, and begins anew each time;
-a meter reads the energy once a day.
+Enabled and triggered groups: a PI controller heats a room while it is occupied and restarts each time; a
+meter reads the energy once a day.
 """
 
 from trussflow.blocks import (
@@ -24,7 +24,7 @@ heating = Diagram("heating")  # degC to W
 law = heating.add(law=PID(300.0, 0.1, lower=0.0, upper=3000.0))
 heating.expose(wanted=law.reference, measured=law.measurement, power=law.y)
 
-meter = Diagram("meter")  # what was used since the last reading, in J
+meter = Diagram("meter")  # energy since the last reading, in J
 used, before = meter.add(used=Sum("+-"), before=UnitDelay(86400.0))
 before >> used.u2
 meter.expose(energy=(used.u1, before.u), since_last=used.y)
@@ -34,7 +34,7 @@ there, wish, heating, room, total, midnight, meter = house.add(
     there=Pulse(86400.0, width=0.4, delay=28800.0),  # from 8 o'clock on, almost 10 hours
     wish=Gain(20.0),
     heating=enabled(heating, states="reset", outputs="reset"),
-    room=TransferFunction([0.01], [7200.0, 1.0]),  # K above what it is outside
+    room=TransferFunction([0.01], [7200.0, 1.0]),  # K above ambient
     total=Integrator(),
     midnight=Pulse(86400.0, width=0.5, delay=86400.0),
     meter=triggered(meter),

@@ -1,9 +1,9 @@
 """
-Where does the energy go?
+Energy audit of a diagram
 =========================
 
-A motor turns a flywheel through a flexible shaft. Each part says through which ports power comes and goes;
-the audit finds a wire of the wrong sign, which no part can notice by itself.
+A motor turns a flywheel through a flexible shaft. Each block declares the ports through which power flows;
+the audit finds a wire with a wrong sign, which no single block can detect.
 """
 
 from trussflow.blocks import (
@@ -20,7 +20,7 @@ from trussflow.blocks import (
 
 
 class Motor(Block):
-    """Armature and rotor; power comes in as voltage and current, and goes out through the shaft."""
+    """Armature and rotor; power enters by voltage and current and leaves through the shaft."""
 
     voltage, torque = Input(unit="V"), Input(unit="N*m")  # of the supply; of the shaft, against the motion
     current, rate = Output(unit="A"), Output(unit="rad/s")
@@ -33,7 +33,7 @@ class Motor(Block):
     )
 
     def output(self, t, x, u, p):
-        """Return what is measured, and the energies."""
+        """Return the measurements and the energies."""
         stored = (p.L * x.i**2 + p.J * x.w**2) / 2
         return {"current": x.i, "rate": x.w, "energy": stored, "heat": p.R * x.i**2}
 
@@ -43,7 +43,7 @@ class Motor(Block):
 
 
 class FlywheelOnShaft(Block):
-    """What turns at the end of the shaft; both store energy."""
+    """Flywheel at the end of the shaft; both store energy."""
 
     rate, torque, energy = Input(unit="rad/s"), Output(unit="N*m"), Output(unit="J")
     twist, w = State(unit="rad"), State(unit="rad/s")
@@ -51,7 +51,7 @@ class FlywheelOnShaft(Block):
     energy_account = EnergyAccount(supplied=[("torque", "rate")], stored="energy")
 
     def output(self, t, x, u, p):
-        """Return what is measured, and the energies."""
+        """Return the measurements and the energies."""
         return {"torque": p.k * x.twist, "energy": (p.k * x.twist**2 + p.J * x.w**2) / 2}
 
     def derivative(self, t, x, u, p):

@@ -2,8 +2,8 @@
 Diagrams in diagrams
 ====================
 
-A diagram is a block. What it exposes are its ports: here a servo with its own inner loop, used twice in a
-machine of two axes. Nesting costs nothing when it runs: the whole is one flat system.
+A diagram is a block, and its exposed signals are its ports. Here a servo with an inner loop is used twice in
+a machine with two axes. Nesting has no run-time cost: the system is flattened.
 """
 
 import matplotlib.pyplot as plt

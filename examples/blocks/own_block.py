@@ -1,8 +1,8 @@
 """
-A block of one's own
-====================
+A block of your own
+===================
 
-An oscillator, its equations as plain NumPy, against the exact solution.
+An oscillator with its equations in plain NumPy, compared with the exact solution.
 """
 
 import matplotlib.pyplot as plt
@@ -30,7 +30,7 @@ class Oscillator(Block):
 
 
 # %%
-# Is it sound? The report says what is looked at, and of what is wrong what to do.
+# `check_block` reports each check; for each fault it states the remedy.
 
 print(check_block(Oscillator()))
 

@@ -12,7 +12,7 @@ from trussflow.blocks import Constant, Diagram, Input, Output, PythonFunction, S
 
 
 def law(position, velocity, goal):
-    """Return a saturated PD force; any Python code may stand here."""
+    """Return a saturated PD force; any Python code is allowed here."""
     return float(np.clip(20.0 * (goal - position) - 3.0 * velocity, -5.0, 5.0))
 
 

@@ -1,9 +1,9 @@
 """
-A session: the run in your hands
-================================
+A session: a run advanced by hand
+=================================
 
-A ``Session`` goes on as far as it is told, takes inputs from outside on the way, and can go back to a
-snapshot: for a game, a hardware test, a search, or an optimizer that tries what comes next.
+A ``Session`` advances a run to a given time, takes external inputs, and can return to a snapshot: for
+hardware tests, searches, optimizers or games.
 """
 
 import matplotlib.pyplot as plt
@@ -15,7 +15,7 @@ heated = room.add(heated=TransferFunction([0.01], [600.0, 1.0]))  # K/W after te
 room.expose(power=heated.u, warmer=heated.y)
 
 # %%
-# A thermostat in plain Python: 2 kW until it is 18 K warmer, off until 16 K.
+# A thermostat in plain Python: 2 kW up to 18 K above ambient, off down to 16 K.
 
 session = Session(room, step=1.0)
 session.start()
@@ -28,10 +28,10 @@ for minute in range(90):
     times.append(session.time / 60.0)
     temperatures.append(warmer)
     if minute == 45:
-        halfway = session.save()  # save("halfway.state"): a file, from which another process can go on
+        halfway = session.save()  # save("halfway.state") writes a file, for another process
 
 # %%
-# What if the heating had failed after 45 minutes? Back to the snapshot, and on:
+# Alternative: the heating fails after 45 minutes. Restore the snapshot and continue:
 
 session.restore(halfway)
 session.set(power=0.0)

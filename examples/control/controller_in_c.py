@@ -2,8 +2,8 @@
 A controller as C, for a flight computer
 ========================================
 
-``kind="c"`` writes a source and a header without FMI, Python or allocation: an init, a step, a function
-to set each input and one to get each output.
+``kind="c"`` writes a source and a header without FMI, Python or memory allocation: an init and a step
+function, and one function per input and output.
 """
 
 from pathlib import Path

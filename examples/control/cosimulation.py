@@ -2,7 +2,7 @@
 Co-simulation of FMUs
 =====================
 
-Two FMUs coupled at communication points: schemes compared, steps chosen, written as SSP.
+Two FMUs coupled at communication points: coupling schemes, error-controlled steps, and SSP export.
 """
 
 import numpy as np
@@ -30,7 +30,7 @@ def law():
 
 
 def loop(plant, controller):
-    """Wire the two in a circle; blocks or FMUs, it makes no difference."""
+    """Return a loop of the two; each may be a block or an FMU."""
     diagram = Diagram("arm with law")
     diagram.add(arm=plant, law=controller)
     plant.y >> controller.u

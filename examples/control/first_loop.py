@@ -2,9 +2,9 @@
 A first loop
 ============
 
-A mass on a spring, a controller, a goal: wired, drawn, simulated and plotted. Blocks are added to a
-diagram by name; ``>>`` wires an output to an input, and shapes and units are checked where it stands. The
-result is an ``xarray.Dataset``: each signal by its name, with its unit, over time.
+A mass on a spring under a PD controller: wired, drawn, simulated and plotted. Blocks are added to a diagram
+by name; ``>>`` connects an output to an input and checks shapes and units. The result is an
+``xarray.Dataset``: each signal by name, with unit and time.
 """
 
 import matplotlib.pyplot as plt
@@ -27,8 +27,8 @@ law.force >> plant.u
 loop.draw("first_loop.svg")
 
 # %%
-# Steps of 1 ms by the classical Runge-Kutta method; the equations run as compiled C. The spring pulls the
-# mass back from its goal, as far as a controller without integral lets it.
+# RK4 with steps of 1 ms; the equations run as compiled C. A controller without integral action leaves a
+# steady-state error against the spring.
 
 result = simulate(loop, 10.0, step=1e-3)
 print("final position", float(result["plant.y"][-1, 0]), "m")

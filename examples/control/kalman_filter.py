@@ -2,7 +2,7 @@
 A Kalman filter designed from the plant
 =======================================
 
-A noisy, late position shows all, an unknown force too.
+A filter estimates all states and an unknown force from a noisy, delayed position measurement.
 """
 
 import numpy as np
@@ -20,18 +20,18 @@ from trussflow.blocks import (
     simulate,
 )
 
-PERIOD, NOISE = 0.04, 1e-3  # s, m; of the sensor, which tells what was 40 ms before
+PERIOD, NOISE = 0.04, 1e-3  # s, m; the sensor has 40 ms of delay
 
 
 class TwoMasses(Block):
-    """A cart of 2 kg pulls a load of 1 kg by a spring; the sensor is on the cart, the wind at the load."""
+    """Cart of 2 kg that pulls a load of 1 kg by a spring; sensor on the cart, wind on the load."""
 
     force, wind = Input(unit="N"), Input(unit="N")
     cart, everything = Output(unit="m"), Output(4)
     position, velocity = State(2, unit="m"), State(2, unit="m/s")
 
     def output(self, t, x, u, p):
-        """Return what is measured, and what only we know."""
+        """Return the measurement and all states."""
         return {"cart": x.position[0], "everything": np.concatenate([x.position, x.velocity])}
 
     def derivative(self, t, x, u, p):
@@ -48,7 +48,7 @@ observer = kalman_filter(
     measurement_delay=PERIOD,
     measurement_noise=NOISE**2,  # m²
     process_noise={"velocity": 1e-6},  # (m/s²)² s, at both masses
-    disturbances={"wind": 1e-3},  # constant but for a slow random walk, N²/s
+    disturbances={"wind": 1e-3},  # slow random walk, N²/s
 )
 loop = Diagram("what a late sensor tells")
 loop.add(plant=TwoMasses(), filter=observer, late=UnitDelay(PERIOD), wind=Constant(0.5, unit="N"))

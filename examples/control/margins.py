@@ -2,8 +2,8 @@
 Bode plot and margins of a motor's speed loop
 =============================================
 
-A DC motor with inductance and inertia under a PI controller. ``loop_transfer`` breaks the closed loop at
-a wire and linearizes it exactly; what comes out is a model for python-control.
+A DC motor with inductance and inertia under a PI controller. ``loop_transfer`` opens the closed loop at
+a wire and linearizes it exactly; the result is a python-control model.
 """
 
 import control
@@ -43,7 +43,7 @@ plant.y >> error.u2
 loop.draw("speed_loop.svg")
 
 # %%
-# Broken at the voltage:
+# The loop gain, opened at the voltage:
 
 opened = loop_transfer(loop, plant.u)
 omega = np.geomspace(1.0, 1e4, 500)  # rad/s
@@ -54,7 +54,7 @@ delay, at = delay_margin(opened)
 print(f"phase margin {phase:.1f} deg at {at_gain:.1f} rad/s; delay margin {1e3 * delay:.2f} ms")
 
 # %%
-# And closed:
+# The closed loop:
 
 result = simulate(loop, 1.0, step=1e-4, log=[plant.y, law.y], log_step=1e-3)
 plt.plot(result["time"], result["plant.y"])

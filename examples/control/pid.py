@@ -2,7 +2,7 @@
 A PID loop, as a formula
 ========================
 
-Arithmetic on ports, a function as a block, PID with limits, and what results can become.
+Arithmetic on ports, a function as a block, PID with limits, and conversions of results.
 """
 
 import matplotlib.pyplot as plt
@@ -23,7 +23,7 @@ from trussflow.blocks import (
 )
 
 # %%
-# A pendulum with friction, its torque in newton metres. Each operator adds a block; ``>>`` wires it.
+# A pendulum with friction; torque in newton metres. Each operator adds a block; ``>>`` wires it.
 
 
 @as_block
@@ -46,7 +46,7 @@ angle >> pid.measurement
 pid >> late
 
 # %%
-# States are logged by their path. A block that is added under its name again takes over its wires.
+# States are logged by their path. A block added under a used name takes over the wires of the old one.
 log = ["wanted.y", "angle.y", "pid.y", "pid.integral"]
 good = simulate(loop, 16.0, step=0.01, log=log)
 loop.add("pid", PID(12.0, 6.0, 4.0, lower=-5.0, upper=5.0, back_calculation=0.0))

@@ -2,8 +2,8 @@
 Designs from python-control, and back
 =====================================
 
-A regulator designed with python-control's ``lqr`` becomes a gain in a diagram; ``from_control`` makes a
-block of any of its systems, and ``linearize`` a system of any diagram.
+A regulator designed with python-control's ``lqr`` becomes a gain in a diagram. ``from_control`` makes a
+block from a python-control system, ``linearize`` a python-control system from a diagram.
 """
 
 import control
@@ -12,7 +12,7 @@ import numpy as np
 
 from trussflow.blocks import Diagram, MatrixGain, from_control, linearize, simulate
 
-# A cart of 1 kg with an inverted pendulum of 0.2 kg, 0.5 m: force to place, angle and their rates.
+# A cart of 1 kg with an inverted pendulum of 0.2 kg, 0.5 m: force to position, angle and their rates.
 cart = control.ss(
     [[0, 0, 1, 0], [0, 0, 0, 1], [0, -1.962, 0, 0], [0, 23.544, 0, 0]],
     [[0], [0], [1.0], [-2.0]],
@@ -33,7 +33,7 @@ plt.legend()
 plt.show()
 
 # %%
-# And back: the poles of the diagram are those of the design.
+# The poles of the linearized diagram are those of the design.
 
 closed = linearize(loop, [plant.u], [plant.y])
 wanted = np.sort_complex(np.linalg.eigvals(cart.A - cart.B @ gain))

@@ -2,9 +2,9 @@
 Trimming an aircraft
 ====================
 
-A business jet of 10 t in longitudinal flight: ``trim`` finds thrust, elevator and angle of attack for level
-flight at 160 m/s, ``linearize`` the phugoid and the short period there, and a run with a nudge of the
-elevator shows both.
+A business jet of 10 t in longitudinal flight. ``trim`` finds thrust, elevator and angle of attack for level
+flight at 160 m/s, ``linearize`` gives the phugoid and the short period, and a run with an elevator pulse
+shows both.
 """
 
 import control
@@ -37,7 +37,7 @@ class Jet(Block):
     gamma, theta = State(unit="rad"), State(unit="rad", initial=0.02)
 
     def output(self, t, x, u, p):
-        """Return what is flown."""
+        """Return speed, path angle and pitch."""
         return {"speed": x.v, "climb": x.gamma, "pitch": x.theta}
 
     def derivative(self, t, x, u, p):
@@ -60,7 +60,7 @@ print(f"thrust {level.inputs['thrust']:.0f} N, elevator {np.degrees(level.inputs
 control.damp(linearize(Jet(), ["elevator"], ["pitch"], at=level))
 
 # %%
-# A nudge of the elevator after 5 s: pitch answers at once, speed slowly.
+# An elevator pulse after 5 s: pitch responds at once, speed slowly.
 trimmed, flight = level.inputs["elevator"], Diagram("flight")
 elevator = Step(5.0, initial_value=trimmed, final_value=trimmed - 0.001, unit="rad")
 flight.add(jet=Jet(), thrust=Constant(level.inputs["thrust"], unit="N"), elevator=elevator)

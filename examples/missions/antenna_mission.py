@@ -2,12 +2,11 @@
 An antenna from Nastran, three modules without arms
 ===================================================
 
-``antenna.bdf`` is a mesh reflector on six ribs, in tonnes, millimetres and cylindrical axes. A line of its
-executive control, ``OUTPUT4 KGG,MGG``, has the solver write the matrices of mass and stiffness; those beside
-it are MYSTRAN's, an open solver of Nastran's decks, kept sparse. ``antenna_mission.toml`` says what flies it:
-three modules with thrusters and wheels, bolted to the middle ring, and the law of the mean axes behind
-sensors with noise. The same as ``trussflow fly antenna_mission.toml``. Nastran's files are read by an extra,
-``pip install trussflow[nastran]``.
+``antenna.bdf`` is a mesh reflector on six ribs, in tonnes, millimetres and cylindrical axes. The line
+``OUTPUT4 KGG,MGG`` makes the solver write mass and stiffness; ``antenna.op4`` was written by MYSTRAN, an
+open solver for Nastran decks. In ``antenna_mission.toml`` three modules with thrusters and wheels are
+bolted to the middle ring, under mean-axes control with noisy sensors. ``trussflow fly
+antenna_mission.toml`` does the same. Reading Nastran files needs ``pip install trussflow[nastran]``.
 """
 
 import matplotlib.pyplot as plt
@@ -22,20 +21,20 @@ modes = truss.dynamics.modes
 print(f"{modes.masses.sum():.2f} kg and {truss.robots} modules of {truss.dynamics.arms[0].mass:g} kg")
 
 # %%
-# Are these the matrices of this deck? MYSTRAN printed the frequencies that it found itself.
+# Check of the matrices: MYSTRAN also printed its natural frequencies.
 
 PRINTED = [6.608789, 6.608789, 8.514173, 15.91218, 15.91218, 23.19858]  # Hz, of its .F06
 print("frequencies less those printed [Hz]:", *(f"{f:.0e}" for f in modes.frequencies[:6] - PRINTED))
 
 # %%
-# Can it be flown? The least duration is a linear programme over all thrusters and wheels; a path of twice
-# that takes a quarter of their strength.
+# Feasibility: a linear program over all thrusters and wheels gives the least duration. A path of twice that
+# duration needs a quarter of their strength.
 
 least, taken = flown.least_duration(), flown.mission.duration
 print(f"the path takes {taken:g} s, the actuators need {least:.1f} s: they use {(least / taken) ** 2:.0%}")
 
 # %%
-# Fly it. Thrust comes in steps of 0.1 N, commands 40 ms late, and nobody sees the ribs bend.
+# Run it. Thrust has a quantum of 0.1 N, commands have 40 ms of delay, and no sensor measures the ribs.
 
 raw = flown.simulator(flown.diagram()).run(flown.duration, progress=False)
 result = tidy(raw, truss)
@@ -54,6 +53,6 @@ axes[-1].set(xlabel="time [s]")
 plt.show()
 
 # %%
-# And in motion, as elements join the nodes:
+# In motion, with lines for the elements:
 
 replay(raw, truss, "antenna.html", rods=flown.rods, title=flown.title)

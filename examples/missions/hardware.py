@@ -1,8 +1,9 @@
 """
-Hardware, and a base that dies
-==============================
+Hardware, and a base that fails
+===============================
 
-A tug on pulsed thrusters and noisy sensors holds its place; then bases push a truss, and one dies.
+A tug with pulsed thrusters and noisy sensors holds its position. Then robot bases push a truss, and one of
+them fails.
 """
 
 import numpy as np

@@ -2,9 +2,8 @@
 A frame of your own
 ===================
 
-Nodes, members, sections and materials in a file become a flexible body that robots carry. What it takes
-for granted is listed. ``Structure.from_matrices`` and ``structure_from_nastran`` take what other programs
-made of elements.
+Nodes, members, sections and materials in a file become a flexible body that robots carry. Its assumptions
+are listed. ``Structure.from_matrices`` and ``structure_from_nastran`` read matrices of other programs.
 """
 
 import matplotlib.pyplot as plt
@@ -17,7 +16,7 @@ structure = Frame.from_file("boom.toml").structure()
 print(f"{structure.rigid_mass[0, 0]:.2f} kg, centre at {structure.centre.round(3)} m")
 print("assumed:", *structure.assumptions, sep="\n- ")
 
-# Grasps: the triangle at the root, as a whole, and a corner at the tip. The body's frame floats with it.
+# Grasps: the whole triangle at the root, and a corner at the tip. The body frame floats.
 boom = reduced_modes(structure, 6, [{1, 2, 3}, 14], highest_frequency=100.0).damped(0.005)
 print(f"{boom.modes} shapes: the first at", boom.frequencies[:6].round(2), "Hz")
 

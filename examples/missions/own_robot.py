@@ -2,8 +2,8 @@
 Robots of your own
 ==================
 
-Robots come from URDF files, and each grasp point may have another one: here twice a rail that slides
-and turns, a known arm, and a module of thrusters that is bolted on and has no joints.
+Robots come from URDF files, and each grasp point may have a different one: here two rails that slide and
+turn, a shipped arm, and a bolted module of thrusters without joints.
 """
 
 from pathlib import Path
@@ -29,7 +29,7 @@ Path("rail.urdf").write_text(f"""<robot name="rail">
     <limit lower="-2" upper="2" effort="5" velocity="0.5"/>
   </joint>
 </robot>""")
-# The hand grasps, the base flies: here the chain runs against the order of the file.
+# The chain from hand to base runs against the order of the file here.
 rail = RobotArm.from_urdf("rail.urdf", hand="claw", base="tug")
 arm = RobotArm.jaco()
 module = RobotArm.from_urdf("rail.urdf", hand="tug", base="tug", locked={"slide": 0.0, "wrist": 0.0})

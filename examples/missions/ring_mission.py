@@ -2,10 +2,10 @@
 A ring and eight robots
 =======================
 
-``ring.toml`` is a ring of eight metres as nodes, members, sections and masses. Around it, four tugs that
-slide on a rail and tilt take turns with four modules without joints, each turned to look outward
-(``rotations`` in ``ring_mission.toml``). Together they move the ring and turn it. The same as
-``trussflow fly ring_mission.toml``.
+``ring.toml`` is a ring of eight metres made of nodes, members, sections and masses. Around it four tugs
+that slide on a rail and tilt alternate with four modules without joints, all facing outward (``rotations``
+in ``ring_mission.toml``). Together they move and turn the ring. ``trussflow fly ring_mission.toml`` does
+the same.
 """
 
 import matplotlib.pyplot as plt
@@ -21,13 +21,13 @@ print(f"{modes.masses.sum():.1f} kg, {modes.modes} modes from {modes.frequencies
 print(", ".join(f"{arm.name} ({arm.joints} joints, {arm.mass:g} kg)" for arm in arms[:2]), "and so on")
 
 # %%
-# The least duration is a linear programme over 48 forces and torques of bases and 8 of joints.
+# A linear program over 48 forces and torques of bases and 8 of joints gives the least duration.
 
 least, taken = flown.least_duration(), flown.mission.duration
 print(f"the path takes {taken:g} s, the actuators need {least:.1f} s: they use {(least / taken) ** 2:.0%}")
 
 # %%
-# Fly it, with the sensors, delays and steps of thrust of the hardware:
+# Run it, with sensors, delay and thrust quantization:
 
 raw = flown.simulator(flown.diagram()).run(flown.duration, progress=False)
 result = tidy(raw, truss)
@@ -51,6 +51,6 @@ below.legend()
 plt.show()
 
 # %%
-# And in motion:
+# In motion:
 
 replay(raw, truss, "ring.html", rods=flown.rods, title=flown.title)

@@ -2,7 +2,7 @@
 Robertson's reaction (PathSim)
 ==============================
 
-Three species, rates that differ by nine orders of magnitude. What is left at 10¹¹ s is published with the
+Three species, rates that differ by nine orders of magnitude. The state at 10¹¹ s is published with the
 test set for initial value problems of Mazzia and Magherini. PathSim: ``example_robertson.py``.
 """
 

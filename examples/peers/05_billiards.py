@@ -19,7 +19,7 @@ class Ball(Block):
     hit, count, first = Event("rising"), Mode(), Mode()
 
     def output(self, t, x, u, p):
-        """Return the energy, and when the wall was hit first."""
+        """Return the energy and the time of the first hit."""
         return {"energy": x.v @ x.v / 2 + 9.81 * x.r[1], "hits": x.count}
 
     def derivative(self, t, x, u, p):
@@ -27,7 +27,7 @@ class Ball(Block):
         return {"r": x.v, "v": np.array([0.0, -9.81])}
 
     def indicators(self, t, x, u, p):
-        """Return how far the point is beyond the wall."""
+        """Return the distance of the point beyond the wall."""
         return {"hit": x.r @ x.r - 1.0}
 
     def on_event(self, t, x, u, p, fired):

@@ -3,7 +3,7 @@ Anti-lock brakes (PathSim)
 ==========================
 
 A car of 1500 kg, one braked wheel; brakes open where the slip exceeds 0.17, and close where it falls below
-0.13. Wheel and car together obey M v + J ω / R = their value at the start, less what the brakes took. The
+0.13. Wheel and car together obey M v + J ω / R = their initial value less the impulse of the brakes. The
 friction is Pacejka's: μ = sin(1.9 arctan(10 λ)). PathSim: ``example_abs_braking.py``.
 """
 

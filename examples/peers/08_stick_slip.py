@@ -3,7 +3,7 @@ A box that sticks and slips on a belt (PathSim)
 ===============================================
 
 A belt goes to and fro under a box that a spring and a damper hold; dry friction carries it along until
-they pull harder. When it slips first has an equation of its own; while it sticks, it moves as the belt.
+they pull harder. The time of the first slip has an equation; while it sticks, the box moves as the belt.
 PathSim: ``example_stickslip_event.py``.
 """
 
@@ -16,12 +16,12 @@ m, k, d, friction, top, w = 20.0, 70.0, 10.0, 1.5 * 20.0 * 9.81, 2.0, 2 * np.pi 
 
 
 def pull(t, x):
-    """Return what friction has to bear while the box moves as the belt [N]."""
+    """Return the friction force that lets the box move as the belt [N]."""
     return k * x + d * top * np.sin(w * t) + m * top * w * np.cos(w * t)
 
 
 class Box(Block):
-    """The box; its velocity is counted from the belt's."""
+    """Box with its velocity relative to the belt."""
 
     velocity, position = Output(unit="m/s"), Output(unit="m")
     x, slide = State(), State()
@@ -29,16 +29,16 @@ class Box(Block):
     slips, sticks = Event("rising"), Event("falling")
 
     def output(self, t, x, u, p):
-        """Return how it moves."""
+        """Return position and velocity."""
         return {"velocity": x.slide + top * np.sin(w * t), "position": x.x}
 
     def derivative(self, t, x, u, p):
-        """Slide under friction, or not."""
+        """Return the rates while sliding or sticking."""
         force = -pull(t, x.x) - d * x.slide - x.way * friction
         return {"x": x.slide + top * np.sin(w * t), "slide": np.where(x.way == 0, 0.0, force / m)}
 
     def indicators(self, t, x, u, p):
-        """Slip where friction is too weak, stick where the sliding ends."""
+        """Slip when friction is too weak, stick when sliding ends."""
         stuck = x.way == 0
         return {
             "slips": np.where(stuck, np.abs(pull(t, x.x)) - friction, -1.0),
@@ -46,7 +46,7 @@ class Box(Block):
         }
 
     def on_event(self, t, x, u, p, fired):
-        """Begin to slip, against what pulls; or stick."""
+        """Begin to slip or to stick."""
         way = np.where(fired.slips, -np.sign(pull(t, x.x)), 0.0)
         return {"slide": 0.0, "way": way, "last_slip": np.where(fired.slips, t, x.last_slip)}
 

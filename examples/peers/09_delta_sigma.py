@@ -2,8 +2,8 @@
 A delta-sigma converter (PathSim)
 =================================
 
-An integrator sums up what signal and bits differ by, a comparator at 100 Hz makes the bits, +1 or -1. The
-sum of the bits never strays from that of the signal by more than two of them. PathSim:
+An integrator sums the difference of signal and bits; a comparator at 100 Hz makes the bits, +1 or -1. The sum
+of the bits differs from that of the signal by at most two. PathSim:
 ``example_deltasigma.py``.
 """
 

@@ -2,8 +2,8 @@
 A converter by successive approximation (PathSim)
 =================================================
 
-Eight comparisons, one bit each: the register tries a half, a quarter, an eighth of the range, and keeps
-what is not too much. The word is the sample rounded down. PathSim: ``example_sar.py``.
+Eight comparisons, one bit each: the register adds a half, a quarter, an eighth of the range, and keeps
+each part that does not exceed the sample. The word is the sample rounded down. PathSim: ``example_sar.py``.
 """
 
 import numpy as np

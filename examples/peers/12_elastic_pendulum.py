@@ -2,8 +2,8 @@
 A pendulum on a spring (PathSim)
 ================================
 
-A mass on a spring swings; friction takes from both motions. What is left of the energy and what friction
-took make up the energy of the start. PathSim: ``example_elastic_pendulum.py``.
+A mass on a spring swings; friction damps both motions. The remaining energy and the energy
+dissipated add up to the initial energy. PathSim: ``example_elastic_pendulum.py``.
 """
 
 import numpy as np
@@ -21,7 +21,7 @@ class Pendulum(Block):
     energy_account = EnergyAccount(stored="energy", dissipated="loss")
 
     def output(self, t, x, u, p):
-        """Return the energy, and what friction takes of it."""
+        """Return the energy and the power of friction."""
         kinetic = m * (x.vr**2 + (x.r * x.w) ** 2) / 2
         energy = kinetic + k * (x.r - l0) ** 2 / 2 - m * g * x.r * np.cos(x.phi)
         return {"energy": energy, "loss": c_r * x.vr**2 + c_phi * x.w**2}

@@ -3,8 +3,8 @@ Cruise control on a hill (python-control)
 =========================================
 
 A car of 1600 kg in fourth gear at 20 m/s meets a slope of six degrees, too steep for its motor: the
-throttle is full, and the integral does not wind up. Behind it the slope is four degrees; in the end the
-throttle is what balances the forces. python-control: ``cruise-control.py``.
+throttle is full, and the integral does not wind up. Behind it the slope is four degrees; finally the
+throttle balances the forces. python-control: ``cruise-control.py``.
 """
 
 import numpy as np

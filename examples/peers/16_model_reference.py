@@ -1,9 +1,9 @@
 """
-Adaptive control after a model (python-control)
-===============================================
+Model reference adaptive control (python-control)
+=================================================
 
-Two gains are learnt until the plant x' = -x + u / 2 follows the model x_m' = -2 x_m + 2 r. Lyapunov's
-function e² / 2 + ((k_r - 4)² + (k_x + 2)²) / (4 γ) loses 2 e² in a second, no more and no less.
+Two gains are adapted until the plant x' = -x + u / 2 follows the model x_m' = -2 x_m + 2 r. Lyapunov's
+function e² / 2 + ((k_r - 4)² + (k_x + 2)²) / (4 γ) decreases at the rate 2 e².
 python-control: ``mrac_siso_lyapunov.py``.
 """
 

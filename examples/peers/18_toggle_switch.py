@@ -2,8 +2,8 @@
 A genetic toggle switch (python-control)
 ========================================
 
-Two genes that suppress each other: u' = μ / (1 + v²) - u, v' = μ / (1 + u²) - v. With μ = 4 it rests where
-u and v are 2 ± √3, whichever was ahead. python-control: ``genswitch.py``.
+Two genes that suppress each other: u' = μ / (1 + v²) - u, v' = μ / (1 + u²) - v. With μ = 4 the
+equilibria are u, v = 2 ± √3 in either order. python-control: ``genswitch.py``.
 """
 
 import numpy as np

@@ -3,7 +3,7 @@ A wheel without a rim (Drake)
 =============================
 
 A wheel of eight spokes rolls down a slope and loses speed at each spoke, ω⁺ = ω⁻ cos 2α. In the steady
-gait gravity gives back as much: ω⁻² - ω⁺² = 4 g sin α sin γ / l. Drake: ``rimless_wheel``.
+gait gravity restores it: ω⁻² - ω⁺² = 4 g sin α sin γ / l. Drake: ``rimless_wheel``.
 """
 
 import numpy as np
@@ -14,7 +14,7 @@ g, length, alpha, gamma = 9.81, 1.0, np.pi / 8, 0.08
 
 
 class Wheel(Block):
-    """The angle of the spoke that stands, from the vertical."""
+    """Wheel on one spoke, with the angle of that spoke from the vertical."""
 
     rate = Output(unit="rad/s")
     angle, w = State(initial=gamma - alpha), State(initial=2.0)
@@ -26,15 +26,15 @@ class Wheel(Block):
         return {"rate": x.w}
 
     def derivative(self, t, x, u, p):
-        """Fall over the spoke."""
+        """Return the rates of an inverted pendulum."""
         return {"angle": x.w, "w": g / length * np.sin(x.angle)}
 
     def indicators(self, t, x, u, p):
-        """Return how far the next spoke is in the ground."""
+        """Return the depth of the next spoke in the ground."""
         return {"lands": x.angle - (gamma + alpha)}
 
     def on_event(self, t, x, u, p, fired):
-        """Stand on the next spoke."""
+        """Change to the next spoke."""
         w = x.w * np.cos(2 * alpha)
         return {"angle": gamma - alpha, "w": w, "landed": w}
 

@@ -1,10 +1,12 @@
 """The rigid limit against a second library: Pinocchio, on the same tree of 33 bodies."""
 
 import numpy as np
-import pinocchio as pin
+import pytest
 from systems import relative_error
 
 from trussflow.models.geometry.rotation import euler_rotation
+
+pin = pytest.importorskip("pinocchio", reason="Pinocchio has no wheels for Windows")
 
 # Two correct codes differ by round-off only: of the largest element, and of each element in its
 # own scale. The latter is coarser: joints of grams are computed about an origin 10 m away.

@@ -10,7 +10,6 @@ from importlib.metadata import files
 from pathlib import Path
 
 import numpy as np
-import pinocchio as pin
 import pytest
 from systems import relative_error
 
@@ -18,6 +17,8 @@ from trussflow.models import ModelError, RobotArm, arm_terms
 from trussflow.models.geometry.rotation import rotation_about_z
 from trussflow.models.geometry.spatial import SpatialInertia, inertia_matrix
 from trussflow.models.robots.visuals import CORNERS
+
+pin = pytest.importorskip("pinocchio", reason="Pinocchio has no wheels for Windows")
 
 TOLERANCE = 1e-12  # of the largest element
 
