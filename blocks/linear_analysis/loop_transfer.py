@@ -21,7 +21,9 @@ from trussflow.blocks.linear_analysis.margins import (
     disk_margin,
     frequencies_about,
     real_sensitivities,
+    sensitivities,
     sensitivity_matrices,
+    stable_poles,
 )
 from trussflow.blocks.linear_analysis.operating_point import OperatingPoint
 from trussflow.blocks.linear_analysis.overrides import Override
@@ -29,9 +31,6 @@ from trussflow.blocks.linear_analysis.references import Reference, References, l
 
 if TYPE_CHECKING:
     from trussflow.blocks.linear_analysis.linear_model import LinearModel
-
-UNSEEN = 1e-9
-"""Share of a pole in what the loop passes, relative to the largest, that is round-off [-]."""
 
 
 def loop_transfer(
@@ -195,18 +194,8 @@ def loop_margins(
         If no loop passes there, or the closed loop is unstable: it has no margins.
     """
     loop = loop_transfer(diagram, at, openings=openings, point=point, override=override)
-    A, B, C, _ = sensitivity_matrices(loop)
-    poles, shapes = np.linalg.eig(A)
-    # What is neither excited nor seen at the wire is no pole of the loop, such as an integral of a cost.
-    part = np.linalg.norm(C @ shapes, axis=0) * np.linalg.norm(np.linalg.pinv(shapes) @ B, axis=1)
+    poles = stable_poles(loop, loop.input_labels[0])
     sampled = loop.isdtime(strict=True)
-    grows = np.abs(poles) - 1.0 if sampled else poles.real
-    unstable = poles[(grows > 0.0) & (part > UNSEEN * part.max(initial=0.0))]
-    if unstable.size:
-        raise LinearAnalysisError(
-            f"the loop at '{loop.input_labels[0]}' has no margins: closed, it has the unstable poles "
-            f"{', '.join(f'{pole:.4g}' for pole in unstable)}"
-        )
     both = np.concatenate([loop.poles(), poles])
     both = both[np.abs(both) > 0.0]
     rates = np.log(both) / loop.dt if sampled else both
@@ -214,13 +203,14 @@ def loop_margins(
     low, high = 1e-3 * sizes.min(initial=1.0), 1e3 * sizes.max(initial=1.0)
     high = np.pi / loop.dt if sampled else high
     grid = frequencies_about(rates, low, high) if omega is None else np.asarray(omega, dtype=float)
-    gains = channel_responses(loop, grid)
+    S = sensitivities(loop, grid)
+    gains = channel_responses(S)
     ends = real_sensitivities(loop, sizes.min(initial=1.0))
     channels = {
         label: channel_margins(gains[:, k], grid, label, ends[:, k])
         for k, label in enumerate(loop.input_labels)
     }
-    disk, gain, phase, frequency = disk_margin(loop, grid)
+    disk, gain, phase, frequency = disk_margin(loop, grid, S)
     return LoopMargins(channels=channels, disk=disk, gain=gain, phase=phase, frequency=frequency)
 
 
