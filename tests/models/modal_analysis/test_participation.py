@@ -61,7 +61,7 @@ def test_rate_of_an_actuator_is_a_derivative(found):
     truss = SpaceTruss(SpaceTruss.published().dynamics, modal_actuation=True)
     diagram = transport_diagram(Mission.of_case(1), truss, observer=False, allocation="published")
     linear = OperatingPoint(parameters={"controller.beta": 1.0, "controller.eta": 0.0})
-    part = loop_transfer(diagram, "truss.actuation[20]", point=linear)
+    part = loop_transfer(diagram, "truss.actuation[20]", at=linear)
     pole = found[0]
     ends = [moved(part.A - (1 + e) * part.B @ part.C, pole.value) for e in (STEP, -STEP)]
     assert (ends[0] - ends[1]) / (2 * STEP) == pytest.approx(pole.actuator_rates[20], rel=1e-4)
