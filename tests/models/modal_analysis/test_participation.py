@@ -2,8 +2,9 @@
 
 import numpy as np
 import pytest
+from scipy.linalg import block_diag, eigh
 
-from trussflow.blocks import OperatingPoint, loop_transfer
+from trussflow.blocks import OperatingPoint, loop_transfer, modal_table
 from trussflow.models import SpaceTruss
 from trussflow.models.modal_analysis import poles
 from trussflow.models.modal_analysis.participation import actuator_names, strongest
@@ -70,3 +71,18 @@ def test_rate_of_an_actuator_is_a_derivative(found):
 
 def test_strongest_lists_what_drives_to_the_right():
     assert strongest(np.array([1.0 + 1j, -3.0, 2.0]), ["a", "b", "c"]) == "c +2, a +1"
+
+
+def test_modal_table_of_the_truss_has_the_modes_of_its_mass_and_stiffness():
+    """Without damping; 34 rigid coordinates have no frequency."""
+    truss = SpaceTruss.published()
+    terms = truss.dynamics.evaluate(truss.dynamics.rest, np.zeros(truss.n))
+    stiffness = block_diag(np.zeros((truss.rigid, truss.rigid)), np.diag(truss.dynamics.modes.stiffness))
+    squares, shapes = eigh(stiffness, terms.mass_matrix)
+    effects = (shapes[: truss.rigid].T @ terms.actuation_matrix[: truss.rigid]) ** 2
+    found = modal_table(truss, "actuation").modes
+    assert [2 * np.pi * m.frequency for m in found] == pytest.approx(
+        np.sqrt(squares[truss.rigid :]), rel=1e-8
+    )
+    for mode, effect in zip(found, effects[truss.rigid :], strict=True):
+        np.testing.assert_allclose(list(mode.shares.values()), effect / effect.sum(), rtol=0, atol=1e-7)
