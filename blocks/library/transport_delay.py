@@ -121,7 +121,8 @@ class TransportDelay(DelayLine):
     longer than a fifth of the delay. A jump, of a source, a sampled block or at an event, comes out as a
     jump, at its time, with every solver. It breaks algebraic loops. Steps are taken in Python.
 
-    In linear analysis it is a Padé approximant of the delay, whose states are integrated beside it.
+    In linear models it is a Padé approximant, whose states are integrated beside it; `frequency_response`
+    has the exact delay.
 
     Parameters
     ----------
@@ -157,8 +158,8 @@ class VariableDelay(DelayLine):
     `TransportDelay`, but that jumps are at their time within a step only, while the delay changes; steps
     are no longer than a fifth of the shortest delay, and what came in is kept for twice the longest.
 
-    In linear analysis the delay is frozen at the operating point: it is a Padé approximant at rest, on which
-    changes of the delay have no influence.
+    In linear analysis the delay is frozen at the operating point, where changes of the delay have no
+    influence at rest. Linear models have a Padé approximant, and `frequency_response` the exact delay.
 
     Parameters
     ----------

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import numpy.typing as npt
 
+from trussflow.blocks.framework.call_site import warn
 from trussflow.blocks.framework.diagram import Diagram
 from trussflow.blocks.framework.errors import LinearAnalysisError
 from trussflow.blocks.framework.port import Port
@@ -21,7 +22,9 @@ from trussflow.blocks.linear_analysis.margins import (
     disk_margin,
     frequencies_about,
     real_sensitivities,
+    sensitivities,
     sensitivity_matrices,
+    stable_poles,
 )
 from trussflow.blocks.linear_analysis.operating_point import OperatingPoint
 from trussflow.blocks.linear_analysis.overrides import Override
@@ -30,16 +33,13 @@ from trussflow.blocks.linear_analysis.references import Reference, References, l
 if TYPE_CHECKING:
     from trussflow.blocks.linear_analysis.linear_model import LinearModel
 
-UNSEEN = 1e-9
-"""Share of a pole in what the loop passes, relative to the largest, that is round-off [-]."""
-
 
 def loop_transfer(
     diagram: Diagram,
-    at: Reference,
+    port: Reference,
     *,
     openings: References = (),
-    point: OperatingPoint | None = None,
+    at: OperatingPoint | None = None,
     amplitude: Amplitudes | None = None,
     override: Override | None = None,
 ) -> LinearModel:
@@ -53,12 +53,12 @@ def loop_transfer(
     ----------
     diagram : Diagram
         The closed loop.
-    at : Port or str
+    port : Port or str
         Where to break it: an input of a block (that wire alone), or an output (every wire from
         it); whole or sliced. Loops through elements that are not in the slice stay closed.
     openings : Port, str or sequence of these
         Other wires that are cut: the loops through them are open as well.
-    point : OperatingPoint, optional
+    at : OperatingPoint, optional
         Where to linearize; by default the initial states.
     amplitude, override
         As for `linearize`.
@@ -74,28 +74,48 @@ def loop_transfer(
         If no loop passes there; the message lists the ports that loops pass through.
     NameLookupError
         If there is no such port; the message lists those there are.
+
+    Warns
+    -----
+    SimulationWarning
+        If the loop gain is identically zero.
     """
     system = flatten(diagram, external=True)
-    one = named(system, at)
+    one = named(system, port)
     looping = _looping(system)
-    read = {(port.block.path, port.name) for port, _, _ in readers(system, one.port)}
+    read = {(reader.block.path, reader.name) for reader, _, _ in readers(system, one.port)}
     if read.isdisjoint({(path, name) for _, path, name in looping}):
         through = sorted({f"'{source.path}'" for source, _, _ in looping})
         raise LinearAnalysisError(
             f"no loop passes through '{one.port.full_path}'; "
             + (f"loops pass through: {', '.join(through)}" if through else "there is no loop")
         )
-    linearizer = Linearizer(diagram, [at], [at], cut=[at, *listed(openings)], override=override)
-    return linearizer.at(point, amplitude=amplitude).returned()
+    linearizer = Linearizer(diagram, [port], [port], cut=[port, *listed(openings)], override=override)
+    model = linearizer.at(at, amplitude=amplitude).returned()
+    if not _passes(model):
+        warn(
+            f"the loop gain at '{one.port.full_path}' is identically zero: at this operating point no signal "
+            "comes back around the loop; name another wire or fewer openings, or another "
+            "operating point with at=..."
+        )
+    return model
+
+
+def _passes(model: LinearModel) -> bool:
+    """Return whether any input has an influence on any output, by the pattern of non-zeros."""
+    reached, before = np.any(model.B, axis=1), -1
+    while before != (before := int(reached.sum())):
+        reached |= np.any(model.A[:, reached], axis=1)
+    return bool(np.any(model.D) or np.any(model.C[:, reached]))
 
 
 def sensitivity(
     diagram: Diagram,
-    at: Reference,
+    port: Reference,
     *,
     complementary: bool = False,
     openings: References = (),
-    point: OperatingPoint | None = None,
+    at: OperatingPoint | None = None,
     override: Override | None = None,
 ) -> LinearModel:
     r"""Return the sensitivity function of a loop at a wire: what is left of a disturbance put in there.
@@ -106,13 +126,13 @@ def sensitivity(
     ----------
     diagram : Diagram
         The closed loop.
-    at : Port or str
+    port : Port or str
         Where, as for `loop_transfer`.
     complementary : bool
         Whether to return T in the place of S.
     openings : Port, str or sequence of these
         Wires to cut: the loops through them are open.
-    point : OperatingPoint, optional
+    at : OperatingPoint, optional
         Where to linearize; by default the initial states.
     override : mapping, optional
         As for `linearize`.
@@ -129,7 +149,7 @@ def sensitivity(
     NameLookupError
         If there is no such port; the message lists those there are.
     """
-    model = loop_transfer(diagram, at, openings=openings, point=point, override=override)
+    model = loop_transfer(diagram, port, openings=openings, at=at, override=override)
     model.A, model.B, C, D = sensitivity_matrices(model)
     model.C, model.D = (-C, D @ model.D) if complementary else (C, D)
     model.set_outputs(model.input_labels)
@@ -161,10 +181,10 @@ class LoopMargins:
 
 def loop_margins(
     diagram: Diagram,
-    at: Reference,
+    port: Reference,
     *,
     openings: References = (),
-    point: OperatingPoint | None = None,
+    at: OperatingPoint | None = None,
     omega: npt.ArrayLike | None = None,
     override: Override | None = None,
 ) -> LoopMargins:
@@ -174,9 +194,9 @@ def loop_margins(
     ----------
     diagram : Diagram
         The closed loop; sampled blocks may be in it.
-    at : Port or str
+    port : Port or str
         Where it is broken, as for `loop_transfer`; each element is a channel.
-    openings, point
+    openings, at
         As for `loop_transfer`.
     omega : array_like, optional
         Frequencies, close enough for interpolation [rad/s]; by default from a thousandth of the slowest to
@@ -194,19 +214,9 @@ def loop_margins(
     LinearAnalysisError
         If no loop passes there, or the closed loop is unstable: it has no margins.
     """
-    loop = loop_transfer(diagram, at, openings=openings, point=point, override=override)
-    A, B, C, _ = sensitivity_matrices(loop)
-    poles, shapes = np.linalg.eig(A)
-    # What is neither excited nor seen at the wire is no pole of the loop, such as an integral of a cost.
-    part = np.linalg.norm(C @ shapes, axis=0) * np.linalg.norm(np.linalg.pinv(shapes) @ B, axis=1)
+    loop = loop_transfer(diagram, port, openings=openings, at=at, override=override)
+    poles = stable_poles(loop, loop.input_labels[0])
     sampled = loop.isdtime(strict=True)
-    grows = np.abs(poles) - 1.0 if sampled else poles.real
-    unstable = poles[(grows > 0.0) & (part > UNSEEN * part.max(initial=0.0))]
-    if unstable.size:
-        raise LinearAnalysisError(
-            f"the loop at '{loop.input_labels[0]}' has no margins: closed, it has the unstable poles "
-            f"{', '.join(f'{pole:.4g}' for pole in unstable)}"
-        )
     both = np.concatenate([loop.poles(), poles])
     both = both[np.abs(both) > 0.0]
     rates = np.log(both) / loop.dt if sampled else both
@@ -214,13 +224,14 @@ def loop_margins(
     low, high = 1e-3 * sizes.min(initial=1.0), 1e3 * sizes.max(initial=1.0)
     high = np.pi / loop.dt if sampled else high
     grid = frequencies_about(rates, low, high) if omega is None else np.asarray(omega, dtype=float)
-    gains = channel_responses(loop, grid)
+    S = sensitivities(loop, grid)
+    gains = channel_responses(S)
     ends = real_sensitivities(loop, sizes.min(initial=1.0))
     channels = {
         label: channel_margins(gains[:, k], grid, label, ends[:, k])
         for k, label in enumerate(loop.input_labels)
     }
-    disk, gain, phase, frequency = disk_margin(loop, grid)
+    disk, gain, phase, frequency = disk_margin(loop, grid, S)
     return LoopMargins(channels=channels, disk=disk, gain=gain, phase=phase, frequency=frequency)
 
 

@@ -18,6 +18,7 @@ import numpy as np
 import numpy.typing as npt
 from numpy.typing import NDArray
 
+from trussflow.blocks.framework.errors import LinearAnalysisError
 from trussflow.blocks.framework.types import Vector
 
 if TYPE_CHECKING:
@@ -33,6 +34,12 @@ FREQUENCY_TOLERANCE = 1e-10
 
 NOTHING = 1e-9
 """Loop gain below which nothing comes back [-]."""
+
+UNSEEN = 1e-9
+"""Share of a pole in what the loop passes, relative to the largest, that is round-off [-]."""
+
+ROUND_OFF = 1e-12
+"""Growth rate of a pole, relative to the fastest pole, that is round-off [-]."""
 
 CLOSE = 1e-6
 """How close to frequency 0 it is looked, where there may be an integral of a cost, relative to the slowest
@@ -124,19 +131,17 @@ def sensitivities(model: control.StateSpace, omega: Vector) -> Complex:
     return response(control.ss(*sensitivity_matrices(model), model.dt), omega)
 
 
-def channel_responses(model: control.StateSpace, omega: Vector) -> Complex:
+def channel_responses(sensitivity: Complex) -> Complex:
     """Return the loop gain of each channel with the others closed, of shape (frequencies, channels) [-].
 
     It is infinite where the sensitivity of a channel is 0, as at the poles of L on the imaginary axis.
 
     Parameters
     ----------
-    model : control.StateSpace
-        Loop gain with all channels opened, square.
-    omega : array, shape (k,)
-        Frequencies [rad/s].
+    sensitivity : array
+        From `sensitivities`.
     """
-    S = np.einsum("kii->ki", sensitivities(model, omega))
+    S = np.einsum("kii->ki", sensitivity)
     with np.errstate(divide="ignore", invalid="ignore"):
         return np.asarray(np.where(S == 0.0, np.inf, 1.0 / S - 1.0))
 
@@ -151,6 +156,37 @@ def sensitivity_matrices(model: control.StateSpace) -> tuple[Vector, Vector, Vec
     """
     left = np.linalg.inv(np.eye(model.ninputs) + model.D)
     return model.A - model.B @ left @ model.C, model.B @ left, -left @ model.C, left
+
+
+def stable_poles(model: control.StateSpace, loop: str) -> Complex:
+    """Return the poles of a closed loop, which must be stable.
+
+    Parameters
+    ----------
+    model : control.StateSpace
+        Loop gain, square.
+    loop : str
+        Name of the loop for the message.
+
+    Raises
+    ------
+    LinearAnalysisError
+        If the closed loop is unstable: it has no margins. The message lists the unstable poles.
+    """
+    A, B, C, _ = sensitivity_matrices(model)
+    poles, shapes = np.linalg.eig(A)
+    # What is neither excited nor seen at the wire is no pole of the loop, such as an integral of a cost.
+    part = np.linalg.norm(C @ shapes, axis=0) * np.linalg.norm(np.linalg.pinv(shapes) @ B, axis=1)
+    sizes = np.abs(poles)
+    grows = sizes - 1.0 if model.isdtime(strict=True) else poles.real
+    seen = part > UNSEEN * part.max(initial=0.0)
+    unstable = poles[seen & (grows > ROUND_OFF * sizes.max(initial=0.0))]
+    if unstable.size:
+        raise LinearAnalysisError(
+            f"the loop at '{loop}' has no margins: closed, it has the unstable poles "
+            f"{', '.join(f'{pole:.4g}' for pole in unstable)}"
+        )
+    return np.asarray(poles)
 
 
 def real_sensitivities(model: control.StateSpace, slowest: float) -> Vector:
@@ -213,7 +249,9 @@ def channel_margins(gain: Complex, omega: Vector, channel: str, ends: npt.ArrayL
     )
 
 
-def disk_margin(model: control.StateSpace, omega: Vector) -> tuple[float, float, float, float]:
+def disk_margin(
+    model: control.StateSpace, omega: Vector, sensitivity: Complex | None = None
+) -> tuple[float, float, float, float]:
     r"""Return the multi-loop disk margin of a group of channels.
 
     Parameters
@@ -222,12 +260,19 @@ def disk_margin(model: control.StateSpace, omega: Vector) -> tuple[float, float,
         Loop gain of the group for negative feedback, all other channels closed; stable when closed.
     omega : array, shape (k,)
         Ascending frequencies, close enough to separate the minima of the margin [rad/s].
+    sensitivity : array, optional
+        The `sensitivities` of `model` at `omega`, if they are known.
 
     Returns
     -------
     float, float, float, float
         Disk margin [1], the gain and phase margins that it guarantees in all channels at once
         [dB, deg], and the frequency of the least margin [rad/s].
+
+    Raises
+    ------
+    LinearAnalysisError
+        If the closed loop is unstable.
 
     Notes
     -----
@@ -238,8 +283,10 @@ def disk_margin(model: control.StateSpace, omega: Vector) -> tuple[float, float,
     import control  # takes a while to import
     from scipy.optimize import minimize_scalar
 
-    deviations = sensitivities(model, omega) - np.eye(model.ninputs) / 2
-    bounds = 1.0 / np.abs(np.linalg.eigvals(np.abs(deviations))).max(axis=1)
+    stable_poles(model, model.input_labels[0])
+    S = sensitivities(model, omega) if sensitivity is None else sensitivity
+    deviations = np.abs(S - np.eye(model.ninputs) / 2)
+    bounds = 1.0 / np.abs(np.linalg.eigvals(deviations)).max(axis=1)
 
     def margin(frequencies: Vector) -> Vector:
         return np.asarray(control.disk_margins(model, frequencies, returnall=True)[0])
@@ -276,7 +323,13 @@ def channel_disks(model: control.StateSpace, omega: Vector) -> tuple[Vector, Vec
         Loop gain of all channels for negative feedback, without direct feedthrough; stable when closed.
     omega : array, shape (k,)
         Where to look [rad/s].
+
+    Raises
+    ------
+    LinearAnalysisError
+        If the closed loop is unstable.
     """
+    stable_poles(model, model.input_labels[0])
     poles, shapes = np.linalg.eig(model.A - model.B @ model.C)
     residues = (model.C @ shapes).T * np.linalg.solve(shapes, model.B)
     where = on_the_border(model, omega)

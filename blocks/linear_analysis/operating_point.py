@@ -269,7 +269,7 @@ def given_point(at: Any) -> OperatingPoint:
 
 @spelled_out(SolverSettings)
 def operating_point_after(
-    item: Block, duration: float, *, start: OperatingPoint | None = None, **settings: Unpack[SolverSettings]
+    item: Block, duration: float, *, at: OperatingPoint | None = None, **settings: Unpack[SolverSettings]
 ) -> OperatingPoint:
     """Simulate, and return the operating point at the end, to linearize there.
 
@@ -279,7 +279,7 @@ def operating_point_after(
         A diagram, or a single block.
     duration : float
         Time to simulate [s].
-    start : OperatingPoint, optional
+    at : OperatingPoint, optional
         Time, states, inputs and parameters to start from; inputs stay as they are.
     step, solver, backend, rtol, atol
         Of the `Solver` [s, -, -, -, unit of the state].
@@ -288,7 +288,7 @@ def operating_point_after(
     -------
     OperatingPoint
         The states just before sampled blocks compute at that time. Time in it counts on from
-        that of `start`; instants of sampled blocks are counted from there.
+        that of `at`; instants of sampled blocks are counted from there.
 
     Raises
     ------
@@ -299,7 +299,7 @@ def operating_point_after(
     """
     positive(duration=duration)
     refuse_unknown(settings, SolverSettings.__annotations__)
-    begin = given_point(start)
+    begin = given_point(at)
     (point,) = points_during(Session(item, **settings), begin, [begin.time + duration])
     return point
 

@@ -230,7 +230,7 @@ def _block(system: System, reference: str | Block) -> Block:
     path = reference.path if isinstance(reference, Block) else reference
     found = system.blocks.get(path) or system.diagrams.get(path)
     wrong = isinstance(reference, Block) and found is not reference
-    if found is None or wrong or found is system.root or isinstance(found, External):
+    if found is None or wrong or not path or isinstance(found, External):
         known = ", ".join(p for p in (*system.blocks, *system.diagrams) if p and not p.startswith("("))
         raise NameLookupError(f"no block '{path}' to override; blocks and groups are: {known}")
     return found

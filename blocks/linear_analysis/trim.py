@@ -70,7 +70,7 @@ def trim(
     inputs: Conditions | None = None,
     outputs: Conditions | None = None,
     rates: Conditions | None = None,
-    start: OperatingPoint | None = None,
+    at: OperatingPoint | None = None,
     tolerance: float = 1e-9,
 ) -> OperatingPoint:
     r"""Find an operating point.
@@ -96,8 +96,9 @@ def trim(
     rates : mapping, optional
         Rates of change wanted of continuous states [unit of the state/s]; None leaves one
         alone. By default zero.
-    start : OperatingPoint, optional
-        Where to start; by default the initial states.
+    at : OperatingPoint, optional
+        Starting values of free variables, and values of all others, parameters and time; by default the
+        initial states.
     tolerance : float
         Allowed violation of each equation [its SI unit].
 
@@ -120,7 +121,7 @@ def trim(
     positive(LinearAnalysisError, tolerance=tolerance)
     given = {"states": states, "inputs": inputs, "outputs": outputs, "rates": rates}
     states, inputs, outputs, rates = (by_name(what, each, str | Port) for what, each in given.items())
-    problem = _Problem(item, states, inputs, outputs, rates, start)
+    problem = _Problem(item, states, inputs, outputs, rates, at)
     return problem.solve(tolerance)
 
 
@@ -141,7 +142,7 @@ class _Problem:
         inputs: Conditions,
         outputs: Conditions,
         rates: Conditions,
-        start: OperatingPoint | None,
+        at: OperatingPoint | None,
     ) -> None:
         system = flatten(item, external=True)
         for block in hiding(system):
@@ -153,7 +154,7 @@ class _Problem:
         self._outputs = all_named(system, list(outputs), [])
         self._model = RewiredModel(system, [], self._outputs, [], [])
         plan = self._plan = self._model.plan
-        self._point, _ = self._surroundings.complete(start, [], {})
+        self._point, _ = self._surroundings.complete(at, [], {})
         x, d, self._p = self._point.vectors(plan)
         self._z = np.concatenate([x, d])
         size = x.size + d.size

@@ -256,7 +256,7 @@ def gradient(
     diagram: Diagram,
     duration: float,
     function: Callable[[Run], Any],
-    at: Mapping[str, Any],
+    values: Mapping[str, Any],
     **settings: Unpack[SimulatorSettings],
 ) -> tuple[Array, dict[str, Array]]:
     """Return what a function makes of a run, and its exact derivative by parameters and initial states.
@@ -270,7 +270,7 @@ def gradient(
     function : callable
         Takes the run, ``run["block.port"]`` an array with time first and ``run["time"]``, and returns a
         number or an array. It traces as equations of blocks do.
-    at : mapping
+    values : mapping
         Values of what the derivative is by: parameters and initial states, ``"block.name"`` [as declared].
     **settings
         As for `Simulator`: log, log_step, step, solver.
@@ -280,7 +280,7 @@ def gradient(
     value : array
         [what the function returns].
     derivatives : dict of array
-        By the names in `at`, of the shape of the value and then of what varies.
+        By the names in `values`, of the shape of the value and then of what varies.
 
     Raises
     ------
@@ -305,9 +305,9 @@ def gradient(
     >>> round(float(value), 6), round(float(by["law.gain"]), 6)
     (0.406006, 0.406006)
     """
-    at = by_name("values", at)
-    differentiated = DifferentiatedRun(Simulator(diagram, **settings), duration, {"it": function}, at)
-    value, derivatives = differentiated(at)
+    values = by_name("values", values)
+    differentiated = DifferentiatedRun(Simulator(diagram, **settings), duration, {"it": function}, values)
+    value, derivatives = differentiated(values)
     return value["it"], derivatives["it"]
 
 

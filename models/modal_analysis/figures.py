@@ -11,7 +11,7 @@ import numpy as np
 import xarray as xr
 
 from trussflow.blocks.framework.types import Vector
-from trussflow.blocks.linear_analysis.margins import Complex, channel_responses, response
+from trussflow.blocks.linear_analysis.margins import Complex, channel_responses, response, sensitivities
 from trussflow.models.modal_analysis.linear_loop import OpenLoop
 from trussflow.models.modal_analysis.margins import frequencies
 from trussflow.models.modal_analysis.reduction import Reduction
@@ -86,7 +86,7 @@ def draw_demand_loops(loops: Mapping[str, OpenLoop], natural: Vector, folder: Pa
     found = {}
     for name, loop in loops.items():
         omega, names = frequencies(loop), loop.channel_names()
-        gains = channel_responses(loop.demand_loop, omega)
+        gains = channel_responses(sensitivities(loop.demand_loop, omega))
         found[name] = omega, {c: gains[:, names.index(c)] for c in SHOWN_CHANNELS}
     _bode(found, natural, (-80, 120), folder / "bode_demand_loops.png")
 
@@ -106,7 +106,7 @@ def draw_modal_loops(loops: Mapping[str, OpenLoop], natural: Vector, folder: Pat
     found = {}
     for name, loop in loops.items():
         omega = frequencies(loop, 0.1, 1e3)
-        gains = channel_responses(loop.modal_loop, omega)
+        gains = channel_responses(sensitivities(loop.modal_loop, omega))
         found[name] = omega, {f"mode {k + 1}": gain for k, gain in enumerate(gains.T)}
     _bode(found, natural, (-80, 60), folder / "bode_modal_loops.png")
 

@@ -14,6 +14,8 @@ from trussflow.blocks.linear_analysis.margins import (
     channel_responses,
     frequencies_about,
     real_sensitivities,
+    sensitivities,
+    stable_poles,
 )
 from trussflow.models.modal_analysis.linear_loop import OpenLoop
 
@@ -52,9 +54,14 @@ def demand_margins(loop: OpenLoop, omega: Vector | None = None) -> list[Margins]
     Parameters
     ----------
     loop : OpenLoop
-        A stable loop.
+        The loop.
     omega : array, optional
         Frequencies [rad/s].
+
+    Raises
+    ------
+    LinearAnalysisError
+        If the closed loop is unstable; the message lists its unstable poles.
     """
     return _all_margins(loop, loop.demand_loop, loop.channel_names()[: loop.rigid], omega)
 
@@ -65,9 +72,14 @@ def modal_margins(loop: OpenLoop, omega: Vector | None = None) -> list[Margins]:
     Parameters
     ----------
     loop : OpenLoop
-        A stable loop.
+        The loop.
     omega : array, optional
         Frequencies [rad/s].
+
+    Raises
+    ------
+    LinearAnalysisError
+        If the closed loop is unstable; the message lists its unstable poles.
     """
     return _all_margins(loop, loop.modal_loop, loop.channel_names()[loop.rigid :], omega)
 
@@ -75,8 +87,9 @@ def modal_margins(loop: OpenLoop, omega: Vector | None = None) -> list[Margins]:
 def _all_margins(
     loop: OpenLoop, opened: control.StateSpace, names: Sequence[str], omega: Vector | None
 ) -> list[Margins]:
+    stable_poles(opened, names[0])
     omega = frequencies(loop) if omega is None else omega
-    gains = channel_responses(opened, omega)
+    gains = channel_responses(sensitivities(opened, omega))
     ends = real_sensitivities(opened, float(omega[0]))
     each = zip(gains.T, names, ends.T, strict=True)
     return [channel_margins(gain, omega, name, real) for gain, name, real in each]

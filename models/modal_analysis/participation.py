@@ -21,10 +21,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trussflow.blocks.framework.types import Vector
+from trussflow.blocks.linear_analysis.modal_table import oscillating_modes
 from trussflow.models.modal_analysis.linear_loop import OpenLoop, channel_names
-
-OSCILLATING = 0.1
-"""Least ratio of imaginary part to size of a pole that counts as oscillating [1]."""
 
 GROUPS = ("translation", "rotation", "joints", "modes", "controller")
 
@@ -80,20 +78,13 @@ def poles(loop: OpenLoop, number: int | None = None) -> list[Pole]:
     number : int, optional
         How many; by default all.
     """
-    from scipy.linalg import eig
-
-    found_by: Any = eig(loop.closed_matrix, left=True, right=True)
-    values, left, right = found_by
-    order = np.argsort(-values.real)
-    chosen = [i for i in order if values[i].imag > OSCILLATING * abs(values[i])][:number]
+    modes = sorted(oscillating_modes(loop.closed_matrix), key=lambda mode: -mode[0].real)
     demand, force, actuation = _inputs(loop)
     found = []
-    for i in chosen:
-        r = right[:, i]
-        l = left[:, i].conj() / (left[:, i].conj() @ r)  # noqa: E741 - its name in the formula
+    for value, l, r in modes[:number]:  # noqa: E741 - its name in the formula
         share = np.abs(l * r) / np.abs(l * r).sum()
         rates = ((l @ B) * (C @ r) for B, C in (demand, force, actuation))
-        found.append(Pole(complex(values[i]), *_grouped(loop, share), *rates))
+        found.append(Pole(value, *_grouped(loop, share), *rates))
     return found
 
 

@@ -25,6 +25,7 @@ import numpy as np
 
 from trussflow.blocks.framework.types import Vector
 from trussflow.blocks.linear_analysis.linearize import Linearizer
+from trussflow.blocks.linear_analysis.modal_table import oscillating_modes
 from trussflow.models.errors import ModelError
 from trussflow.models.plant.space_truss import SpaceTruss
 
@@ -111,15 +112,13 @@ def elastic_modes(model: control.StateSpace) -> list[control.StateSpace]:
     ModelError
         If a pole is real.
     """
-    values, vectors = np.linalg.eig(model.A)
-    left = np.linalg.inv(vectors)
-    upper = [i for i in np.argsort(np.abs(values)) if values[i].imag > 0]
-    if 2 * len(upper) != model.nstates:
+    modes = sorted(oscillating_modes(model.A), key=lambda mode: abs(mode[0]))
+    if 2 * len(modes) != model.nstates:
         raise ModelError("cannot split into modes: the elastic model has real poles")
     found = []
-    for i in upper:
-        s, w = values[i].real, values[i].imag
-        b, c = left[i] @ model.B, model.C @ vectors[:, i]
+    for pole, left, right in modes:
+        s, w = pole.real, pole.imag
+        b, c = left @ model.B, model.C @ right
         # z = left x is complex; its real and imaginary part are the states.
         B = np.stack([b.real, b.imag])
         C = 2 * np.stack([c.real, -c.imag], axis=1)

@@ -25,7 +25,7 @@ from trussflow.models.modal_analysis.convergence import (
 )
 from trussflow.models.modal_analysis.linear_laws import Amplitude
 from trussflow.models.modal_analysis.linear_loop import HeldTruss, OpenLoop
-from trussflow.models.modal_analysis.margins import frequencies, is_stable
+from trussflow.models.modal_analysis.margins import frequencies
 from trussflow.models.modal_analysis.reduction import (
     balanced_truncation,
     elastic_part,
@@ -178,7 +178,7 @@ class Study:
         }
         neutral, with_observer = list(self._flown.items())[-1]
         for name, loop in {**loops, neutral: with_observer}.items():
-            table = tables.modal_table(loop, stable=is_stable(loop.closed_matrix))
+            table = tables.modal_table(loop)
             yield f"Loops at the modal forces: {name}", table
         figures.draw_modal_loops(loops, self._natural, self.folder)
 

@@ -7,8 +7,9 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 import numpy as np
 import xarray as xr
 
+from trussflow.blocks.framework.errors import LinearAnalysisError
 from trussflow.blocks.framework.types import Vector
-from trussflow.blocks.linear_analysis.margins import Margins, channel_responses, disk_margin
+from trussflow.blocks.linear_analysis.margins import Margins, channel_responses, disk_margin, sensitivities
 from trussflow.models.modal_analysis.linear_loop import OpenLoop
 from trussflow.models.modal_analysis.margins import demand_margins, frequencies, modal_margins
 from trussflow.models.modal_analysis.participation import POLE_HEADER, pole_rows, poles
@@ -99,20 +100,22 @@ def disk_table(loop: OpenLoop, omega: Vector, robots: int = 4, *, quick: bool = 
     return text_table(header, rows)
 
 
-def modal_table(loop: OpenLoop, *, stable: bool) -> str:
+def modal_table(loop: OpenLoop) -> str:
     """Return the table of the loops at each mode's modal force.
 
     Parameters
     ----------
     loop : OpenLoop
-        The loop.
-    stable : bool
-        Whether it is stable, so that there are margins.
+        The loop; if it is unstable, its unstable poles take the place of the margins.
     """
     omega = frequencies(loop, 0.1, 1e3)
-    gains = channel_responses(loop.modal_loop, omega)
+    gains = channel_responses(sensitivities(loop.modal_loop, omega))
     header = ("mode", "largest gain [dB]", "at [rad/s]", "phase there [deg]", *list(MARGINS)[2:])
-    margins = modal_margins(loop, omega) if stable else [None] * loop.modes
+    margins: Sequence[Margins | None]
+    try:
+        margins, note = modal_margins(loop, omega), ""
+    except LinearAnalysisError as error:
+        margins, note = [None] * loop.modes, f"\n\n{error}"
     rows = []
     for k, (gain, m) in enumerate(zip(gains.T, margins, strict=True)):
         i = int(np.argmax(np.abs(gain)))
@@ -120,7 +123,7 @@ def modal_table(loop: OpenLoop, *, stable: bool) -> str:
         peak = 20 * np.log10(max(abs(gain[i]), 1e-300))
         first = (str(k + 1), f"{peak:.1f}", f"{omega[i]:.3g}", f"{np.degrees(np.angle(gain[i])):.0f}")
         rows.append(first + rest if peak > -120 else (str(k + 1), "no loop", *("-",) * 7))
-    return text_table(header, rows)
+    return text_table(header, rows) + note
 
 
 def pole_table(loops: Mapping[str, OpenLoop], number: int) -> str:

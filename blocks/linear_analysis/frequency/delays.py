@@ -13,6 +13,7 @@ from trussflow.blocks.framework.errors import LinearAnalysisError
 from trussflow.blocks.framework.types import Vector
 from trussflow.blocks.framework.validation import finite_array, frequencies, is_whole, shown
 from trussflow.blocks.linear_analysis.lifting import held_flow
+from trussflow.blocks.linear_analysis.margins import stable_poles
 
 if TYPE_CHECKING:
     import control
@@ -62,16 +63,10 @@ def delay_margin(
             f"a loop has as many outputs as inputs, not {loop.noutputs} and {loop.ninputs}"
         )
     A, B, C, D = (np.asarray(m) for m in (loop.A, loop.B, loop.C, loop.D))
-    closed = A - B @ np.linalg.solve(np.eye(len(D)) + D, C)
-    fastest = np.linalg.eigvals(closed).real.max(initial=-np.inf)
-    scale = np.abs(closed).max(initial=1.0)
-    if fastest > 1e-9 * scale:
-        raise LinearAnalysisError(
-            f"the closed loop is unstable without any delay: its rightmost pole is at {fastest:.3g} 1/s"
-        )
+    closed_poles = stable_poles(loop, loop.input_labels[0])
     if np.abs(np.linalg.eigvals(D)).max(initial=0.0) >= 1:
         return 0.0, np.inf
-    poles = np.concatenate([np.linalg.eigvals(A), np.linalg.eigvals(closed)])
+    poles = np.concatenate([np.linalg.eigvals(A), closed_poles])
     grid = _grid(poles) if omega is None else np.sort(frequencies(omega, 2))
 
     def gains(w: float) -> NDArray[np.complex128]:

@@ -1,4 +1,4 @@
-r"""Frequency response at a chosen amplitude, by harmonic balance.
+r"""Frequency response of a diagram, linear or at a chosen amplitude by harmonic balance.
 
 All states oscillate, :math:`x = x_0 + \mathrm{Re}(X e^{j \omega t})`; of what the nonlinear
 equations make of that, the first harmonic is kept:
@@ -10,25 +10,34 @@ u_0 + \mathrm{Re}(U e^{j\varphi}))\, e^{-j\varphi} d\varphi`. So every signal ha
 that it has in the loop, and every nonlinearity the describing function of that amplitude.
 Source: Gelb, Vander Velde (1968), *Multiple-Input Describing Functions and Nonlinear System
 Design*, chapter 3. The mean values stay at the operating point.
+
+The output of a delay T is one more unknown W beside the states, with :math:`e^{j \omega T} W = Z` for its
+input Z. So an integrator stands for the delay, and :math:`e^{j \omega T}` takes the place of
+:math:`j \omega` in its equation.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from trussflow.blocks.framework.block import Block
+from trussflow.blocks.framework.declarations import Signals
 from trussflow.blocks.framework.errors import LinearAnalysisError
 from trussflow.blocks.framework.interrupts import interruptible
+from trussflow.blocks.framework.system import flatten
 from trussflow.blocks.framework.types import Vector
 from trussflow.blocks.framework.validation import frequencies, positive
+from trussflow.blocks.library.transport_delay import DelayLine
 from trussflow.blocks.linear_analysis.describing_function import PHASES, columns
 from trussflow.blocks.linear_analysis.linearize import Linearizer
 from trussflow.blocks.linear_analysis.operating_point import OperatingPoint
 from trussflow.blocks.linear_analysis.references import References
+from trussflow.blocks.simulation.executor import Executor
 from trussflow.blocks.simulation.prepared import Assembly
 from trussflow.blocks.tracing.quantities import derivative, outputs
 
@@ -53,23 +62,26 @@ def frequency_response(
     outputs: References = None,
     *,
     omega: Sequence[float] | Vector,
-    amplitude: float,
+    amplitude: float | None = None,
     at: OperatingPoint | None = None,
     cut: References = (),
 ) -> control.FrequencyResponseData:
-    """Return the frequency response at an amplitude: the first harmonic, by harmonic balance.
+    r"""Return the frequency response, linear or at an amplitude.
 
-    For small amplitudes and smooth equations it is the frequency response of `linearize`.
+    Without an amplitude it is the frequency response of `linearize`, with exact transport delays
+    :math:`e^{-j \omega T}` in the place of their approximants. In a diagram with sampled blocks, delays
+    of whole samples are exact and transport delays are approximants. At an amplitude it is the first
+    harmonic by harmonic balance, with exact delays too.
 
     Parameters
     ----------
     item : Block
-        A diagram without sampled blocks, or a single block.
+        A diagram, or a single block; without sampled blocks if an amplitude is given.
     inputs, outputs, cut : Port, str or sequence of these, optional
         As for `linearize`; each element of the inputs is excited by itself.
     omega : array_like
         Frequencies [rad/s].
-    amplitude : float
+    amplitude : float, optional
         Amplitude of the input [unit of the input].
     at : OperatingPoint, optional
         Around which; it should be an equilibrium.
@@ -81,21 +93,37 @@ def frequency_response(
     Raises
     ------
     LinearAnalysisError
-        If there are sampled blocks, an argument makes no sense, or no balance is found.
+        If an argument makes no sense, there are sampled blocks beside an amplitude, or no balance is found.
     """
     import control
 
     omega = frequencies(omega)
-    positive(LinearAnalysisError, amplitude=amplitude)
-    balance = Balance(Linearizer(item, inputs, outputs, cut=cut), at)
-    size = len(balance.output_labels), len(balance.input_labels), omega.size
-    response = np.zeros(size, dtype=complex)
-    for k, frequency in enumerate(omega):
-        for j in range(size[1]):
-            response[:, j, k] = balance.solve(float(frequency), j, amplitude)[1] / amplitude
+    system = flatten(item, external=True)
+    if amplitude is None and system.clocks:
+        return Linearizer(item, inputs, outputs, cut=cut).at(at).frequency_response(omega, squeeze=False)
+    delays = [block for block in system.blocks.values() if isinstance(block, DelayLine)]
+    override = {block.path: _integrator(block) for block in delays}
+    linearizer = Linearizer(item, inputs, outputs, cut=cut, override=override)
+    balance = Balance(linearizer, at, delays)
+    if amplitude is None:
+        response = balance.linear(omega)
+    else:
+        positive(LinearAnalysisError, amplitude=amplitude)
+        number = len(balance.input_labels)
+        columns = [[balance.solve(w, j, amplitude)[1] / amplitude for j in range(number)] for w in omega]
+        response = np.transpose(columns)
     return control.FrequencyResponseData(
         response, omega, inputs=balance.input_labels, outputs=balance.output_labels, smooth=omega.size > 3
     )
+
+
+def _integrator(delay: DelayLine) -> control.StateSpace:
+    """Return an integrator of the signal of a delay; further inputs have no influence."""
+    import control
+
+    number = sum(port.size for port in delay.inputs())
+    one = np.eye(delay.size)
+    return control.ss(0.0 * one, np.eye(delay.size, number), one, 0.0)
 
 
 class Balance:
@@ -107,6 +135,8 @@ class Balance:
         The diagram, its inputs and outputs.
     at : OperatingPoint, optional
         Around which.
+    delays : sequence of DelayLine
+        Delays that integrators stand for.
 
     Attributes
     ----------
@@ -114,13 +144,57 @@ class Balance:
         Names of the elements.
     """
 
-    def __init__(self, linearizer: Linearizer, at: OperatingPoint | None = None) -> None:
+    def __init__(
+        self, linearizer: Linearizer, at: OperatingPoint | None = None, delays: Sequence[DelayLine] = ()
+    ) -> None:
         model, point, (x, d, p) = linearizer.rewired(at)
-        model.refuse_harmonics(f"balance harmonics of '{linearizer.item.name}'")
         self.input_labels, self.output_labels = linearizer.labels()
         self._time, self._model, self._size, self._p = point.time, model, x.size, p
         self._z = np.concatenate([x, d])
-        self._executor = Assembly(model.plan, [derivative(), outputs(model.taps)], "auto").open(p)
+        self._name, self._delays = linearizer.item.name, list[tuple[slice, float]]()
+        for delay in delays:
+            # Inputs and outputs at the point; the length of a variable delay is its last input.
+            inputs = self._z[model.plan.place(f"(point of {delay.path})", "y")][: -delay.size]
+            length = delay.length(Signals(delay.path, {"delay": inputs[-1]}))
+            self._delays.append((model.plan.place(delay.path, "z"), length))
+
+    @cached_property
+    def _executor(self) -> Executor:
+        self._model.refuse_harmonics(f"balance harmonics of '{self._name}'")
+        found = [derivative(), outputs(self._model.taps)]
+        return Assembly(self._model.plan, found, "auto").open(self._p)
+
+    def _resolvent(self, omega: float, A: Vector) -> Complex:
+        """Return (j omega - A)^-1, with exp(j omega T) in the place of j omega for delays."""
+        factors = np.full(self._size, 1j * omega)
+        for place, length in self._delays:
+            factors[place] = np.exp(1j * omega * length)
+        try:
+            return np.asarray(np.linalg.inv(np.diag(factors) - A))
+        except np.linalg.LinAlgError:
+            raise LinearAnalysisError(
+                f"the response at {omega:g} rad/s is not finite: undamped resonance"
+            ) from None
+
+    def linear(self, omega: Vector) -> Complex:
+        """Return the linear frequency response, of shape (outputs, inputs, frequencies).
+
+        Parameters
+        ----------
+        omega : Vector
+            Frequencies [rad/s].
+
+        Raises
+        ------
+        LinearAnalysisError
+            If there is an undamped resonance at a frequency.
+        """
+        size, columns = self._size, self._model.input_columns
+        with self._model.at(self._time, self._p) as local:
+            rates, rows = self._model.linear(local, self._z[:size], self._z[size:], {})
+        C, D = rows[:, :size], rows[:, columns]
+        each = [C @ self._resolvent(w, rates[:, :size]) @ rates[:, columns] + D for w in omega]
+        return np.stack(each, axis=-1)
 
     def _value(self, name: str, z: Vector) -> Vector:
         x, d = z[: self._size].copy(), z[self._size :].copy()
@@ -172,12 +246,7 @@ class Balance:
         size, sizes = self._size, np.full(self._size, amplitude)
         for _ in range(3):
             A, B = self._quasi_linear(sizes, column, amplitude)
-            try:
-                resolvent = np.linalg.inv(1j * omega * np.eye(size) - A)
-            except np.linalg.LinAlgError:
-                raise LinearAnalysisError(
-                    f"the response at {omega:g} rad/s is not finite: undamped resonance"
-                ) from None
+            resolvent = self._resolvent(omega, A)
             X = resolvent @ B * amplitude
             sizes = np.maximum(np.abs(X), SMALLEST * np.abs(X).max(initial=amplitude))
         scale = np.abs(X).max(initial=0.0) or amplitude

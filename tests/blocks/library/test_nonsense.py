@@ -175,7 +175,7 @@ def analyses():
             step=step, tolerance=tolerance, largest_step=largest_step
         ),
         lambda at=None, amplitude=None: linear.at(at, amplitude=amplitude),
-        lambda start=None, states=None, inputs=None: trim(small(), start=start, states=states, inputs=inputs),
+        lambda at=None, states=None, inputs=None: trim(small(), at=at, states=states, inputs=inputs),
         lambda loop=LAG, omega=None: delay_margin(loop, omega=omega),
         lambda delay=0.0, points=9, plant=LAG: largest_sample_time(plant, LAG, delay=delay, points=points),
         lambda omega=1.0, amplitude=1.0: frequency_response(

@@ -6,6 +6,7 @@ from numpy.testing import assert_allclose
 
 from trussflow.blocks import (
     Diagram,
+    DiscreteTransferFunction,
     Integrator,
     OperatingPoint,
     Relay,
@@ -16,7 +17,9 @@ from trussflow.blocks import (
     TransportDelay,
     VariableDelay,
     ZeroOrderHold,
+    frequency_response,
     linearize,
+    sampled_delay,
     simulate,
 )
 
@@ -224,3 +227,38 @@ def test_linear_models_freeze_the_delay():
     assert_allclose(response[1], 0.0, rtol=0, atol=1e-9)  # the signal is constant at rest
     fixed = linearize(TransportDelay(0.7), "u", "y")
     assert_allclose(model.A, fixed.A, rtol=1e-7, atol=1e-9)
+
+
+TEST_FREQUENCIES = np.array([0.3, 4.0, 60.0])
+
+
+@pytest.mark.parametrize("amplitude", [None, 0.1])
+@pytest.mark.parametrize("varies", [False, True])
+def test_frequency_responses_have_the_exact_delay(varies, amplitude):
+    """Closed, broken before and behind the delay, and the delay alone."""
+    late = VariableDelay(0.1, 2.0, 1.0) if varies else TransportDelay(0.7, 1.0)
+    d = loop(late)
+    settings = {"omega": TEST_FREQUENCIES, "amplitude": amplitude}
+    if varies:
+        d.expose(T=late.delay)
+        settings["at"] = OperatingPoint(inputs={"T": 0.7})
+    turn = np.exp(-0.7j * TEST_FREQUENCIES)
+    for ends, cut, exact in (
+        (("x.u", "x.y"), (), 1 / (1j * TEST_FREQUENCIES + turn)),
+        (("late.u", "late.u"), "late.u", -turn / (1j * TEST_FREQUENCIES)),
+        (("late.y", "late.y"), "late.y", -turn / (1j * TEST_FREQUENCIES)),
+    ):
+        found = frequency_response(d, *ends, cut=cut, **settings).frdata[0, 0]
+        assert_allclose(found, exact, rtol=1e-11 if amplitude else 1e-12, atol=0)
+    if not varies:
+        assert_allclose(frequency_response(late, **settings).frdata[0, 0], turn, rtol=1e-12, atol=0)
+
+
+@pytest.mark.parametrize("samples", [1, 3])
+def test_frequency_responses_have_exact_delays_of_whole_samples(samples):
+    d = Diagram("sampled")
+    lag = d.add(lag=DiscreteTransferFunction([1.0], [1.0, -0.5], sample_time=0.1))
+    late = lag >> d.add(computer=sampled_delay(0.1, 0.1 * samples))
+    d.expose(u=lag.u, now=lag.y, late=late.y)
+    now, late = frequency_response(d, omega=TEST_FREQUENCIES[:2]).frdata[:, 0]
+    assert_allclose(late, now * np.exp(-0.1j * samples * TEST_FREQUENCIES[:2]), rtol=1e-12, atol=0)

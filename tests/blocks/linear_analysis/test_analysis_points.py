@@ -60,8 +60,8 @@ def test_every_analysis_takes_the_name_for_the_wire():
     assert found.input_labels == ["torque[0]", "torque[1]"]
     assert found.output_labels == ["roll", "computer/wanted[0]", "computer/wanted[1]"]
     assert_same(
-        loop_transfer(diagram, "torque[0]", openings="roll"),
-        loop_transfer(diagram, "plant.u[0]", openings="plant.y[0]"),
+        loop_transfer(diagram, "torque[1]", openings="roll"),
+        loop_transfer(diagram, "plant.u[1]", openings="plant.y[0]"),
     )
     assert_same(sensitivity(diagram, "torque"), sensitivity(diagram, "plant.u"))
     assert list(loop_margins(diagram, "angles").channels) == ["angles[0]", "angles[1]"]

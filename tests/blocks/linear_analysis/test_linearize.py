@@ -6,6 +6,7 @@ from functools import partial
 import control
 import numpy as np
 import pytest
+from scipy.linalg import block_diag
 from systems import jacobian, ports
 
 from trussflow.blocks import (
@@ -21,8 +22,10 @@ from trussflow.blocks import (
     ParameterError,
     Signals,
     State,
+    StateSpace,
     WiringError,
     linearize,
+    modal_table,
 )
 from trussflow.blocks.framework.errors import LinearAnalysisError
 
@@ -191,3 +194,19 @@ def test_cuts_must_name_an_input_or_output_of_the_model(between):
 def test_points_that_name_what_is_not_there_are_refused(point, error, message):
     with pytest.raises(error, match=message):
         linearize(driven_arm(), at=OperatingPoint(**point))
+
+
+@pytest.mark.parametrize("period", [None, 0.01])
+def test_modal_table_of_two_springs(period):
+    """Damping ratios of 2 % and -1 %, with two real poles."""
+    rates = {20.0: 0.02, 5.0: -0.01}
+    springs = [np.array([[0.0, 1.0], [-(w**2), -2 * z * w]]) for w, z in rates.items()]
+    B = np.zeros((6, 2))
+    B[1], B[3, 1], B[4:] = [3.0, 4.0], 7.0, 1.0
+    plant = StateSpace(block_diag(*springs, 0.0, -3.0), B, np.eye(6))
+    found = modal_table(plant if period is None else control.sample_system(linearize(plant), period))
+    assert [2 * np.pi * mode.frequency for mode in found.modes] == pytest.approx([5.0, 20.0])
+    assert [mode.damping_ratio for mode in found.modes] == pytest.approx([-0.01, 0.02])
+    shares = [list(mode.shares.values()) for mode in found.modes]
+    np.testing.assert_allclose(shares, [[0.0, 1.0], [0.36, 0.64]], rtol=1e-9, atol=1e-15)
+    assert "mode 2       3.183 Hz, damping  2.000%, driven by u[1] 64%, u[0] 36%" in repr(found)

@@ -1,5 +1,7 @@
 """Loops broken at any wire: the loop gain, ready for the margins of python-control."""
 
+from contextlib import nullcontext
+
 import campaign
 import control
 import numpy as np
@@ -25,7 +27,7 @@ from trussflow.blocks import (
     loop_transfer,
     sensitivity,
 )
-from trussflow.blocks.framework.errors import LinearAnalysisError
+from trussflow.blocks.framework.errors import LinearAnalysisError, SimulationWarning
 from trussflow.blocks.linear_analysis.margins import disk_margin, frequencies_about, sensitivity_matrices
 
 KP, KD = 20.0, 3.0
@@ -93,8 +95,8 @@ def test_the_loop_of_a_nonlinear_diagram_is_that_at_the_point():
     plant.y[1:2] >> product.u2
     product >> gain >> plant
     at = OperatingPoint(states={"plant.x": [0.5, 3.0]})
-    assert loop_transfer(diagram, "gain.u", point=at)(2j) == pytest.approx(7.0 / (1 + 2j))
-    one = loop_transfer(diagram, "product.u1", point=at)
+    assert loop_transfer(diagram, "gain.u", at=at)(2j) == pytest.approx(7.0 / (1 + 2j))
+    one = loop_transfer(diagram, "product.u1", at=at)
     assert one(2j) == pytest.approx(6.0 / (1 + 2j) / (1 + 1.0 / (1 + 2j)))
 
 
@@ -273,3 +275,18 @@ def test_actuators_that_do_the_same_work_have_margins_of_their_own():
     law >> system >> law
     found = [(m.gain_down, m.gain_up) for m in loop_margins(loop, "law.y").channels.values()]
     np.testing.assert_allclose(found, [((1 / 9 - 0.05) / 0.95, np.inf), (0.0, np.inf)], rtol=1e-4, atol=1e-9)
+
+
+@pytest.mark.parametrize("at_rest", [True, False])
+def test_a_loop_gain_of_zero_is_a_warning(at_rest):
+    """The gain of the loop through the product is its other input, zero at rest."""
+    diagram = Diagram()
+    plant, product = diagram.add(plant=StateSpace([[-1.0]], [[1.0]], [[1.0]]), product=Product())
+    diagram.expose(factor=product.u1)
+    plant.y >> product.u2
+    product >> plant
+    point = OperatingPoint(inputs={"factor": [0.0 if at_rest else 2.0]})
+    expected = pytest.warns(SimulationWarning, match=r"loop gain at 'plant.y' is identically zero: .*at=")
+    with expected if at_rest else nullcontext():
+        model = loop_transfer(diagram, "plant.y", at=point)
+    assert model(2j) == pytest.approx(0.0 if at_rest else -2.0 / (1 + 2j))

@@ -1,9 +1,12 @@
 """Operating points: given in part, taken from a simulation, and refused where they do not fit."""
 
+import inspect
+
 import numpy as np
 import pytest
 from systems import ports
 
+from trussflow import blocks
 from trussflow.blocks import (
     Block,
     Constant,
@@ -46,7 +49,7 @@ def oscillator():
 
 def test_a_diagram_is_linearized_where_a_simulation_has_come_to():
     start = OperatingPoint(inputs={"f": [0.4]})
-    at = operating_point_after(oscillator(), 1.1, start=start, step=0.01)
+    at = operating_point_after(oscillator(), 1.1, at=start, step=0.01)
     assert at.time == 1.1
     assert at.inputs["f"] == [0.4]
     assert at.held["hold.y"] == [0.4]
@@ -81,7 +84,7 @@ def test_a_session_says_where_it_is_with_the_parameters_that_were_changed():
 def test_a_run_goes_on_from_a_point():
     there = operating_point_after(oscillator(), 1.0, step=0.01)
     half = operating_point_after(oscillator(), 0.5, step=0.01)
-    rest = operating_point_after(oscillator(), 0.5, start=half, step=0.01)
+    rest = operating_point_after(oscillator(), 0.5, at=half, step=0.01)
     assert rest.time == there.time == 1.0
     np.testing.assert_allclose(rest.states["plant.x"], there.states["plant.x"], rtol=1e-13)
 
@@ -184,3 +187,13 @@ def test_what_python_blocks_cannot_hand_over_is_no_operating_point():
         operating_point_after(diagram, 0.1, step=0.1)
     with pytest.raises(SimulationError, match=r"duration = -1.0 must be a positive"):
         operating_point_after(oscillator(), -1.0, step=0.05)
+
+
+def test_every_analysis_calls_the_operating_point_at():
+    """And no other argument is called so."""
+    functions = filter(inspect.isfunction, vars(blocks).values())
+    arguments = [p for function in functions for p in inspect.signature(function).parameters.values()]
+    points = [p.name for p in arguments if "OperatingPoint" in str(p.annotation)]
+    assert len(points) >= 12
+    assert set(points) == {"at"}
+    assert [p.name for p in arguments].count("at") == len(points)

@@ -64,7 +64,7 @@ def test_a_loop_that_is_cut_is_none():
     diagram.guess(diagram.bent.y, 1.0)
     y = solved(2.0)
     point = OperatingPoint(inputs={"v": 0.0, "w": 0.0})
-    found = loop_transfer(diagram, diagram.bent.back, point=point)
+    found = loop_transfer(diagram, diagram.bent.back, at=point)
     np.testing.assert_allclose(found.D, [[3.0 * y * y]], rtol=ROUND_OFF, atol=0)
 
 
@@ -94,7 +94,7 @@ def roots():
 @pytest.mark.parametrize("sign", [1.0, -1.0])
 def test_a_point_says_which_solution_is_meant(sign):
     start = OperatingPoint(loops={"root.y": sign}, inputs={"v": 1.0})
-    end = operating_point_after(roots(), 3.0, step=0.1, start=start)
+    end = operating_point_after(roots(), 3.0, step=0.1, at=start)
     np.testing.assert_allclose(end.loops["root.y"], 2.0 * sign, rtol=0, atol=1e-13)
     np.testing.assert_allclose(linearize(roots(), at=end).C, [[sign / 4.0]], rtol=0, atol=ROUND_OFF)
     with pytest.raises(NameLookupError, match=r"no loop signal 'root\.u'; the loop signals are: root\.y"):

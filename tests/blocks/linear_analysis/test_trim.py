@@ -59,7 +59,7 @@ def test_a_steady_climb_has_rates_and_outputs_that_are_not_zero(aircraft):
 
 def test_the_point_found_is_where_the_simulation_stays(aircraft):
     at = trim(aircraft, states={"body.speed": 100.0}, inputs=FREE)
-    later = operating_point_after(aircraft, 5.0, start=at, step=0.01)
+    later = operating_point_after(aircraft, 5.0, at=at, step=0.01)
     for name, value in at.states.items():
         np.testing.assert_allclose(later.states[name], value, rtol=1e-10, atol=1e-8)
 
@@ -86,17 +86,14 @@ def test_parts_of_states_and_inputs_are_fixed_or_free():
         diagram,
         inputs={"u": Free()},
         outputs={"plant.y": 3.0},
-        start=OperatingPoint(inputs={"u": [4.0, 5.0, 6.0]}),
+        at=OperatingPoint(inputs={"u": [4.0, 5.0, 6.0]}),
     )
     np.testing.assert_allclose(elsewhere.states["plant.x"].sum(), 3.0, rtol=0, atol=1e-8)
 
 
 def test_parameters_of_the_start_count_and_stay_in_the_point(aircraft):
     at = trim(
-        aircraft,
-        states={"body.speed": 90.0},
-        inputs=FREE,
-        start=OperatingPoint(parameters={"body.mass": 500.0}),
+        aircraft, states={"body.speed": 90.0}, inputs=FREE, at=OperatingPoint(parameters={"body.mass": 500.0})
     )
     assert at.inputs["lift"] == pytest.approx(4905.0)
     assert linearize(aircraft, at=at).operating_point.parameters == {"body.mass": 500.0}

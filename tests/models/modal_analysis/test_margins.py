@@ -1,10 +1,14 @@
 """Margins: known loops, and that the truss's loop is at its limit where they say."""
 
+import re
+
 import control
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
+from trussflow.blocks.framework.errors import LinearAnalysisError
+from trussflow.blocks.linear_analysis.margins import channel_disks, sensitivities
 from trussflow.models.modal_analysis import (
     Amplitude,
     channel_margins,
@@ -60,7 +64,7 @@ def test_nothing_comes_back():
 
 def test_sensitivity_gives_each_channel_with_the_others_closed(loop, omega):
     some = omega[omega > 0.3][::60]  # below, the loop gain is beyond round-off of 1 / (1 + L)
-    each = channel_responses(loop.demand_loop, some)
+    each = channel_responses(sensitivities(loop.demand_loop, some))
     for k in (2, 5, 20):
         direct = response(loop.closed_but([k]), some)[:, 0, 0]
         assert_allclose(each[:, k], direct, rtol=1e-6, atol=1e-9)
@@ -107,3 +111,20 @@ def test_modal_margins_where_actuators_work_on_the_modes(published_loop):
         assert m.gain_up < np.inf
         pole = rightmost(model, m.gain_up)
         assert abs(pole.real) < 2e-3 * abs(pole)
+
+
+@pytest.mark.parametrize(
+    "margins_of",
+    [
+        demand_margins,
+        modal_margins,
+        lambda loop: disk_margin(loop.modal_loop, np.array([1.0])),
+        lambda loop: channel_disks(loop.modal_loop, np.array([1.0])),
+    ],
+)
+def test_an_unstable_loop_has_no_margins(published_loop, margins_of):
+    """With 0.5 % damping the work of the actuators drives a mode; the message lists its poles."""
+    loop = published_loop.loop(bandwidth=4.0, modal_actuation=True)
+    pole = max(np.linalg.eigvals(loop.closed_matrix), key=lambda value: (value.real, value.imag))
+    with pytest.raises(LinearAnalysisError, match=re.escape(f"unstable poles {pole:.4g}, ")):
+        margins_of(loop)

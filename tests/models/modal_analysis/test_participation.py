@@ -2,8 +2,9 @@
 
 import numpy as np
 import pytest
+from scipy.linalg import block_diag, eigh
 
-from trussflow.blocks import OperatingPoint, loop_transfer
+from trussflow.blocks import OperatingPoint, loop_transfer, modal_table
 from trussflow.models import SpaceTruss
 from trussflow.models.modal_analysis import poles
 from trussflow.models.modal_analysis.participation import actuator_names, strongest
@@ -61,7 +62,7 @@ def test_rate_of_an_actuator_is_a_derivative(found):
     truss = SpaceTruss(SpaceTruss.published().dynamics, modal_actuation=True)
     diagram = transport_diagram(Mission.of_case(1), truss, observer=False, allocation="published")
     linear = OperatingPoint(parameters={"controller.beta": 1.0, "controller.eta": 0.0})
-    part = loop_transfer(diagram, "truss.actuation[20]", point=linear)
+    part = loop_transfer(diagram, "truss.actuation[20]", at=linear)
     pole = found[0]
     ends = [moved(part.A - (1 + e) * part.B @ part.C, pole.value) for e in (STEP, -STEP)]
     assert (ends[0] - ends[1]) / (2 * STEP) == pytest.approx(pole.actuator_rates[20], rel=1e-4)
@@ -70,3 +71,18 @@ def test_rate_of_an_actuator_is_a_derivative(found):
 
 def test_strongest_lists_what_drives_to_the_right():
     assert strongest(np.array([1.0 + 1j, -3.0, 2.0]), ["a", "b", "c"]) == "c +2, a +1"
+
+
+def test_modal_table_of_the_truss_has_the_modes_of_its_mass_and_stiffness():
+    """Without damping; 34 rigid coordinates have no frequency."""
+    truss = SpaceTruss.published()
+    terms = truss.dynamics.evaluate(truss.dynamics.rest, np.zeros(truss.n))
+    stiffness = block_diag(np.zeros((truss.rigid, truss.rigid)), np.diag(truss.dynamics.modes.stiffness))
+    squares, shapes = eigh(stiffness, terms.mass_matrix)
+    effects = (shapes[: truss.rigid].T @ terms.actuation_matrix[: truss.rigid]) ** 2
+    found = modal_table(truss, "actuation").modes
+    assert [2 * np.pi * m.frequency for m in found] == pytest.approx(
+        np.sqrt(squares[truss.rigid :]), rel=1e-8
+    )
+    for mode, effect in zip(found, effects[truss.rigid :], strict=True):
+        np.testing.assert_allclose(list(mode.shares.values()), effect / effect.sum(), rtol=0, atol=1e-7)

@@ -7,9 +7,12 @@ import pytest
 from trussflow.blocks import (
     Diagram,
     DiscreteStateSpace,
+    Gain,
     StateSpace,
+    TransportDelay,
     UnitDelay,
     delay_margin,
+    frequency_response,
     largest_sample_time,
     linearize,
 )
@@ -67,6 +70,28 @@ def test_loops_that_no_delay_harms_and_loops_that_any_does():
     assert delay_margin(control.tf2ss([1.5, 1.0], [1.0, 1.0])) == (0.0, np.inf)
     marginal = control.ss([[0.0, 1.0], [0.0, 0.0]], [[0.0], [1.0]], [[1.0, 0.0]], [[0.0]])
     assert delay_margin(marginal)[0] == pytest.approx(0.0, abs=1e-6)
+
+
+@pytest.mark.parametrize("D", [[[0.5]], [[-0.5]], [[0.3, 0.2], [-0.4, 0.1]]])
+def test_delay_margin_with_direct_feedthrough(D):
+    """With that delay, exact, a closed pole is on the imaginary axis; with 2 % less or more, beside it."""
+    m = len(D)
+    A, B, C = -np.eye(m) - np.eye(m, k=1), np.eye(m), 3.0 * np.eye(m)
+    margin, omega = delay_margin(control.ss(A, B, C, D))
+    for part in (0.98, 1.0, 1.02):
+        diagram = Diagram("late")
+        plant, late, back = diagram.add(
+            plant=StateSpace(A, B, C, D),
+            late=TransportDelay(part * margin, np.zeros(m), pade=10),
+            back=Gain(-np.ones(m)),
+        )
+        plant >> late >> back >> plant
+        wire = {"inputs": back.y, "outputs": back.y}
+        if part == 1.0:
+            L = -frequency_response(diagram, **wire, cut=back.y, omega=[omega]).frdata[:, :, 0]
+            assert np.abs(np.linalg.eigvals(L) + 1.0).min() < 1e-8
+        else:
+            assert (linearize(diagram, **wire).poles().real.max() < 0.0) == (part < 1.0)
 
 
 # -- longest periods -------------------------------------------------------------------------------
@@ -128,7 +153,7 @@ def test_a_loop_that_is_unstable_at_any_period_gets_zero():
 @pytest.mark.parametrize(
     ("loop", "message"),
     [
-        (-2.0 * LAG, r"unstable without any delay: .* at 1 1/s"),
+        (-2.0 * LAG, r"has no margins: .* unstable poles 1"),
         (control.ss([[-1.0]], [[1.0]], [[1.0], [2.0]], 0), r"as many outputs as inputs, not 2 and 1"),
         (SAMPLED, r"the loop must be a continuous model"),
     ],

@@ -40,7 +40,7 @@ def test_linear_and_measured_response_agree_around_trim_to_1_percent(pendulum):
 def test_a_loop_gain_is_seen_in_the_signals_at_the_wire(pendulum):
     """The response at the wire to an added signal is -L / (1 + L) before and 1 / (1 + L) behind it."""
     at = trim(pendulum, inputs={"torque": 1.0})
-    gain = loop_transfer(pendulum, "law.y", point=at)(1j * OMEGA)
+    gain = loop_transfer(pendulum, "law.y", at=at)(1j * OMEGA)
     measured = measured_response(pendulum, "gravity.u[0]", ["law.y", "gravity.u"], at=at, **SWEEP)
     np.testing.assert_allclose(measured.frdata[0, 0], -gain / (1 + gain), rtol=0.01)
     np.testing.assert_allclose(measured.frdata[1, 0], 1 / (1 + gain), rtol=0.01)
