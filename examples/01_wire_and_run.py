@@ -18,6 +18,7 @@ from trussflow.blocks import (
     simulate,
 )
 from trussflow.models import NominalModel, SpaceTruss
+from trussflow.models.viewer import replay
 
 plant = SpaceTruss.published()
 units = plant.task_units  # three positions, three Euler angles, 28 joint angles
@@ -57,8 +58,13 @@ model.actuation_matrix >> allocation.effectiveness
 allocation.command >> truss.actuation
 
 loop.draw("loop.svg")
-log = [control.error, truss.base_force, truss.base_torque]
+log = [control.error, truss.coordinates, truss.base_force, truss.base_torque]
 result = simulate(loop, 80.0, step=1e-3, log=log, log_step=0.01)
 print("largest position error  ", float(abs(result["control.error"][:, :3]).max()), "m")
 print("largest base force      ", abs(result["truss.base_force"]).max(["time", "axis"]).values, "N")
 print("largest base torque     ", float(abs(result["truss.base_torque"]).max()), "N*m")
+
+# %%
+# The run as an HTML page: the truss in motion, with its deformation exaggerated, and charts.
+
+replay(result, truss, "transport.html", title="Case 1 of the paper")

@@ -134,7 +134,7 @@ class Frame:
 
     @classmethod
     def from_file(cls, path: str | Path) -> Frame:
-        """Read a frame from a TOML file; examples/boom.toml shows all that it may say.
+        """Read a frame from a TOML file; examples/missions/boom.toml shows all that it may say.
 
         Parameters
         ----------

@@ -1,0 +1,106 @@
+"""Bode plot of the loops through the modes of a structure."""
+
+from __future__ import annotations
+
+from textwrap import fill
+from typing import TYPE_CHECKING
+
+import numpy as np
+import numpy.typing as npt
+
+from trussflow.blocks.framework.diagram import Diagram
+from trussflow.blocks.framework.errors import LinearAnalysisError
+from trussflow.blocks.framework.system import flatten
+from trussflow.blocks.framework.types import Vector
+from trussflow.blocks.linear_analysis.linearize import Amplitudes
+from trussflow.blocks.linear_analysis.loop_transfer import loop_transfer
+from trussflow.blocks.linear_analysis.margins import (
+    Complex,
+    channel_margins,
+    channel_responses,
+    frequencies_about,
+    sensitivities,
+    stable_poles,
+)
+from trussflow.blocks.linear_analysis.modal_table import modal_table
+from trussflow.blocks.linear_analysis.operating_point import OperatingPoint
+from trussflow.blocks.linear_analysis.references import Reference, named
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+
+def modal_bode(
+    diagram: Diagram,
+    port: Reference,
+    *,
+    at: OperatingPoint | None = None,
+    amplitude: Amplitudes | None = None,
+    omega: npt.ArrayLike | None = None,
+) -> Figure:
+    r"""Return the Bode plot of the loop through each element of a port, the other elements closed.
+
+    .. math:: L_k = 1 / [(I + L)^{-1}]_{kk} - 1
+
+    The legend names for each element the mode of the plant that it drives most, with frequency and damping
+    ratio, and the gain and phase margins. If the closed loop is unstable, there are no margins, and the
+    title lists the unstable poles.
+
+    Parameters
+    ----------
+    diagram : Diagram
+        The closed loop.
+    port : Port or str
+        Input of the plant with the modal forces, such as ``"truss.modal_force"``.
+    at, amplitude
+        As for `linearize`.
+    omega : array_like, optional
+        Frequencies [rad/s]; by default around the poles.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+        Magnitude [dB] and phase [deg] over frequency [Hz].
+
+    Raises
+    ------
+    LinearAnalysisError
+        If no loop passes through the port.
+    """
+    from matplotlib.figure import Figure
+
+    loop = loop_transfer(diagram, port, at=at, amplitude=amplitude)
+    opened = named(flatten(diagram, external=True), port).port
+    modes = modal_table(opened.block, [opened.name]).modes
+    poles = np.array([mode.pole for mode in modal_table(loop).modes])
+    grid = np.asarray(omega) if omega is not None else _grid(poles)
+    gains = channel_responses(sensitivities(loop, grid))
+    title, stable = f"{diagram.name}: loops at {opened.full_path}", True
+    try:
+        stable_poles(loop, opened.full_path)
+    except LinearAnalysisError as error:
+        title, stable = fill(str(error), 90), False
+    figure = Figure(figsize=(9.0, 7.0), layout="constrained")
+    upper, lower = figure.subplots(2, 1, sharex=True)
+    for k, label in enumerate(loop.input_labels):
+        text = f"{opened.name}[{k}]"
+        if modes:
+            number = int(np.argmax([list(mode.shares.values())[k] for mode in modes]))
+            mode = modes[number]
+            text += f": mode {number + 1}, {mode.frequency:.3g} Hz, ζ = {mode.damping_ratio:z.2%}"
+        if stable:
+            margins = channel_margins(gains[:, k], grid, label)
+            text += f"; margins {20.0 * np.log10(margins.gain_up):.1f} dB, {margins.phase:.0f}°"
+        upper.semilogx(grid / (2.0 * np.pi), 20.0 * np.log10(np.abs(gains[:, k])), label=text)
+        lower.semilogx(grid / (2.0 * np.pi), np.degrees(np.unwrap(np.angle(gains[:, k]))))
+    upper.axhline(0.0, color="grey", linewidth=0.8)
+    upper.set(title=title, ylabel="magnitude [dB]")
+    lower.set(xlabel="frequency [Hz]", ylabel="phase [deg]")
+    upper.legend(fontsize="small")
+    return figure
+
+
+def _grid(poles: Complex) -> Vector:
+    """Return frequencies from a tenth of the slowest to ten times the fastest pole [rad/s]."""
+    sizes = np.abs(poles) if poles.size else np.ones(1)
+    return frequencies_about(poles, 0.1 * sizes.min(), 10.0 * sizes.max())
