@@ -96,6 +96,7 @@ ROOMS = {
     )
 }
 ROOMS[ROOT / "CONTRIBUTING.md"] = "contributing"
+EXAMPLES = ROOT / "examples"
 
 
 def linked(text: str, folder: Path) -> str:
@@ -107,6 +108,9 @@ def linked(text: str, folder: Path) -> str:
             return f"[{said}](/rooms/{ROOMS[target]}.md{anchor})"
         if target == ROOT / "README.md":
             return f"[{said}](/index.md)"
+        if target == EXAMPLES or (target.is_relative_to(EXAMPLES) and target.suffix == ".py"):
+            page = target.relative_to(EXAMPLES).with_suffix("") if target.suffix else Path("index")
+            return f"[{said}](/gallery/{page.as_posix()}.rst{anchor})"
         if target.is_relative_to(HERE) or not target.is_relative_to(ROOT):
             inside = target.is_relative_to(HERE)
             return f"[{said}](/{target.relative_to(HERE).as_posix()}{anchor})" if inside else link.group(0)

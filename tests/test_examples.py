@@ -56,7 +56,7 @@ def test_other_peoples_system_agrees_as_it_asserts(path):
 
 def test_table_of_other_peoples_systems_is_true():
     table = (ROOT / "docs" / "peers.md").read_text(encoding="utf-8")
-    row = re.compile(r"^\| \[(\d\d_\w+)\]\(gallery/peers/\1\.rst\) \| (\d+) \| (\d+) \|", re.MULTILINE)
+    row = re.compile(r"^\| \[(\d\d_\w+)\]\(\.\./examples/peers/\1\.py\) \| (\d+) \| (\d+) \|", re.MULTILINE)
     rows = [(name, int(ours), int(theirs)) for name, ours, theirs in row.findall(table)]
     assert [(name, ours) for name, ours, _ in rows] == [(path.stem, code_lines(path)) for path in PEERS]
     assert [name for name, ours, theirs in rows if ours > theirs] == []

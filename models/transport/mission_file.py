@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -13,13 +13,13 @@ from numpy.typing import NDArray
 from trussflow.blocks.control.trajectory import Trajectory
 from trussflow.blocks.framework.diagram import Diagram
 from trussflow.blocks.framework.port import Port
-from trussflow.blocks.framework.types import Vector
 from trussflow.blocks.simulation.adaptive import METHODS
 from trussflow.blocks.simulation.simulator import Simulator
 from trussflow.blocks.simulation.solver import FIXED_STEP
 from trussflow.models.dynamics.task_space import moved
-from trussflow.models.feasibility import ActuatorLimits, fastest, survey
+from trussflow.models.feasibility import ActuatorLimits, survey
 from trussflow.models.feasibility.failures import single_failures
+from trussflow.models.feasibility.reach import EXACT
 from trussflow.models.hardware.hardware import Hardware
 from trussflow.models.hardware.measurement import derived_seed
 from trussflow.models.layered_file import LayeredFile, Told
@@ -29,7 +29,7 @@ from trussflow.models.plant.space_truss import SpaceTruss
 from trussflow.models.reporting.tables import text_table
 from trussflow.models.transport.logged_ports import logged
 from trussflow.models.transport.mean_axes_wiring import mean_axes_transport
-from trussflow.models.transport.mission import CASES, Mission
+from trussflow.models.transport.mission import CASES, FASTEST, Mission
 from trussflow.models.transport.mission_path import path_from
 from trussflow.models.transport.mission_plant import SWITCHES, plant_of, truth_of
 from trussflow.models.transport.wiring import ALLOCATIONS, CONTROLLERS, path_of, transport_diagram
@@ -57,8 +57,6 @@ class MissionFile:
         The plant.
     believed : SpaceTruss
         What the controller takes it for; another one where the file draws what is uncertain.
-    waypoints : Vector, shape (k, rigid_q)
-        Of such a path, start and end included; none of the mission's own [m, rad].
     path : Trajectory or None
         Where it differs from the mission's own.
     law : str
@@ -84,14 +82,13 @@ class MissionFile:
     rods : array, optional
         Of the picture of a structure of one's own; see `replay` [-].
     told : tuple of Told
-        Every value, and the file that says so.
+        Every value that is used, and the file that says so.
     """
 
     title: str
     mission: Mission
     truss: SpaceTruss
     believed: SpaceTruss
-    waypoints: Vector
     path: Trajectory | None
     law: str
     observer: bool | None
@@ -164,22 +161,24 @@ class MissionFile:
         named = [layer.place for layer in file.layers]
         own = next((n for n in named if n != COMMAND), "")
         law = controller.choice("law", (*CONTROLLERS, MEAN_AXES))
+        observer = SWITCHES[controller.choice("observer", SWITCHES)]
         allocation = controller.choice("allocation", ("auto", *ALLOCATIONS))
         kind = file.table("hardware").choice("kind", HARDWARE)
         stated = Hardware.of(file)  # read whether it flies or not, so that slips in it are found
         hardware = stated if kind == "flight" else None
         believed, rods = plant_of(file)
         mission = Mission.of(file, CASES[shipped.index(own)] if own in shipped else None)
-        mission, waypoints, path = path_from(file, mission, believed, _limits(believed, hardware))
+        requested, way = mission.duration, file.table("path")
+        mission, path = path_from(file, mission, believed, _limits(believed, hardware))
+        refused = way.choice("infeasible", ("refused", "allowed")) == "refused"
         found = cls(
             title=file.named("title"),
             mission=mission,
             truss=truth_of(file, believed),
             believed=believed,
-            waypoints=waypoints,
             path=path,
             law=law,
-            observer=SWITCHES[controller.choice("observer", SWITCHES)],
+            observer=observer,
             allocation=None if allocation == "auto" else allocation,
             design=MeanAxesDesign.of(file),
             hardware=hardware,
@@ -195,13 +194,24 @@ class MissionFile:
         check_number(
             "simulation", log_every=found.log_every, duration=found.duration, step=found.mission.step
         )
-        if law == MEAN_AXES and found.observer is not None:
+        if law == MEAN_AXES and observer is not None:
             raise controller.error(
                 "observer", "is not for the mean axes, which have none to switch; leave it out"
             )
         with file.blamed("hardware", "seed"):
             derived_seed(found.seed, 0)
-        return replace(found, told=tuple(told for _, told in sorted(file.told.items())))
+        limited = hardware is not None or law == MEAN_AXES
+        if refused and limited and requested < np.inf:
+            with file.blamed("path", "duration"):
+                least = found.least_duration()
+            if least > mission.duration * (1.0 + EXACT):
+                raise way.error(
+                    "duration",
+                    f"is {mission.duration:g} s, but the actuators need at least {least:.4g} s for this "
+                    f"path; give it that time, or say duration = {FASTEST!r}, or infeasible = 'allowed'",
+                )
+        used = _used_by(law, observer, kind)
+        return replace(found, told=tuple(told for key, told in sorted(file.told.items()) if used(*key)))
 
     def diagram(self) -> Diagram:
         """Return the loop, wired.
@@ -258,22 +268,22 @@ class MissionFile:
         return np.asarray(moved(truss.dynamics.attitude, start, way))
 
     def least_duration(self) -> float:
-        """Return the least time that the actuators need for the path of what is believed [s].
+        """Return the shortest duration of the path with which the actuators keep their limits [s].
 
-        By a linear programme. The limits are those of the hardware; without, of `ActuatorLimits.flight`. Of a
-        path that is not the mission's own it is the least along the spline through its waypoints, see
-        `fastest`.
+        By linear programmes, for the truss that is believed and the path slowed down or sped up as a whole; 0
+        for a path that rests. The limits are those of the hardware; without, of `ActuatorLimits.flight`.
 
         Raises
         ------
         ModelError
-            If the path goes nowhere.
+            As of `survey`.
         """
         truss, limits = self.believed, _limits(self.believed, self.hardware)
-        if self.path is not None:
-            return fastest(truss, self.waypoints[:, : truss.dynamics.attitude.end], limits).duration
+        if self.path is None and not np.any(self.mission.displacement(truss.rigid)):
+            return 0.0
+        path = path_of(self.mission, truss) if self.path is None else self.path
         healthy = single_failures(truss.dynamics)[:1]
-        return survey(truss.dynamics, path_of(self.mission, truss), limits, healthy)[0].least_duration
+        return survey(truss.dynamics, path, limits, healthy)[0].least_duration
 
     def explained(self) -> str:
         """Return every value, where it comes from and its source, and the least duration of the path."""
@@ -293,6 +303,25 @@ class MissionFile:
         """What to say if the flight ends before its path does; otherwise empty."""
         short = self.duration < self.mission.duration
         return f" Only {self.duration:g} s are flown: the duration of the simulation." if short else ""
+
+
+def _used_by(law: str, observer: bool | None, hardware: str) -> Callable[[str, str], bool]:
+    """Return whether a mission uses a key of a table, by its law, observer and kind of hardware."""
+    sliding, flies = law in ("ismc", "smc"), hardware != "none"
+    used = {
+        "allocation": law in CONTROLLERS,
+        "sliding_mode": law == "ismc",
+        "conventional_sliding_mode": law == "smc",
+        "proportional_derivative": law == "pd",
+        "controller.allocation": sliding,
+        "controller.observer": sliding,
+        "controller.observer_bandwidth": sliding and (law == "ismc" if observer is None else observer),
+        "controller.reaching_gain": law == "ismc",
+        "hardware.seed": flies,
+        **dict.fromkeys(ParameterTable.shipped("mean_axes.toml").content, law == MEAN_AXES),
+        **dict.fromkeys(ParameterTable.shipped("hardware.toml").content, flies),
+    }
+    return lambda table, key: used.get(table, True) and used.get(f"{table}.{key}", True)
 
 
 def _limits(truss: SpaceTruss, hardware: Hardware | None) -> ActuatorLimits:

@@ -163,7 +163,7 @@ def _arms(robots: LayeredTable, count: int, folder: Path) -> tuple[RobotArm, ...
     urdf = any(Path(name).suffix.lower() == URDF for name in names)
     links = {key: robots.text(key) for key in ("hand", "base") if urdf or key in robots}
     known = {name: _arm(name, links, robots, folder) for name in names}
-    arms = tuple(known[name] for name in (names * count if len(names) == 1 else names))
+    arms = tuple(known[name] for name in (names * count if robots.says("arm", names[0]) else names))
     if "rotations" not in robots:
         return arms
     turns = [fixed_rotation(angles) for angles in robots.array("rotations", "rad", (len(arms), 3))]

@@ -10,6 +10,7 @@ from trussflow.models import ModelError, RobotArm, shipped_file
 from trussflow.models.transport import Mission, MissionFile
 
 EXAMPLES = Path(__file__).parents[3] / "examples"
+TABLES = "structure", "robots", "path", "controller", "hardware", "simulation"
 NEW = shipped_file("new_mission.toml").read_text(encoding="utf-8")
 
 
@@ -34,10 +35,10 @@ def test_missions_of_the_source_are_files(case):
 
 
 def test_a_new_mission_is_read_and_wired(tmp_path):
-    flown = MissionFile.read(written(tmp_path, ('"5 N"', '"4 N"'), ('"40 s"', '"0.5 min"')))
+    flown = MissionFile.read(written(tmp_path, ('"5 N"', '"4 N"'), ('"40 s"', '"0.6 min"')))
     assert flown.mission.case is None
     assert flown.mission.attitude[2] == pytest.approx(np.deg2rad(10.0), rel=1e-15)
-    assert flown.mission.duration == pytest.approx(30.0, rel=1e-15)
+    assert flown.mission.duration == pytest.approx(36.0, rel=1e-15)
     assert flown.hardware is not None
     assert flown.hardware.limits(flown.truss)[:6] == pytest.approx([4.0] * 3 + [0.3] * 3, rel=1e-12)
     assert {"actuators", "sensors", "controller"} <= set(flown.diagram().blocks)
@@ -50,7 +51,8 @@ def test_a_quaternion_is_asked_for_in_the_file(tmp_path):
     """The attitude at the start stays in Euler angles; the path then is an axis times an angle."""
     start = ('# start_attitude = "[0, 0, 0] deg"', 'start_attitude = "[0, 0, 90] deg"')
     asked = ('# attitude = "quaternion"', 'attitude = "quaternion"')
-    path = written(tmp_path, start, asked, ('"[0, 0, 10] deg"', '"[200, 0, 0] deg"'))
+    turn = ('"[0, 0, 10] deg"', '"[200, 0, 0] deg"'), ('"40 s"', '"90 s"')
+    path = written(tmp_path, start, asked, *turn)
     flown = MissionFile.read(path)
     half = np.sqrt(0.5)
     q = flown.truss.parameters["initial_coordinates"]
@@ -84,6 +86,24 @@ def test_what_no_picture_will_show_is_told(boom):
 def test_settings_count_more_than_the_file(tmp_path):
     flown = MissionFile.read(written(tmp_path), controller={"law": "pd"}, hardware={"kind": "none"})
     assert (flown.law, flown.hardware) == ("pd", None)
+    tables = {told.key.split(".")[0] for told in flown.told}
+    assert tables == {*TABLES, "proportional_derivative", "allocation"}
+
+
+@pytest.mark.parametrize(
+    ("settings", "used"),
+    [
+        ({"law": "mean axes"}, set()),
+        ({"law": "ismc"}, {"observer_bandwidth", "reaching_gain", "observer", "allocation"}),
+        ({"law": "ismc", "observer": "off"}, {"reaching_gain", "observer", "allocation"}),
+        ({"law": "smc"}, {"observer", "allocation"}),
+        ({"law": "smc", "observer": "on"}, {"observer_bandwidth", "observer", "allocation"}),
+    ],
+)
+def test_gains_of_other_laws_are_not_told(tmp_path, settings, used):
+    flown = MissionFile.read(written(tmp_path), controller=settings)
+    assert {t.key.split(".")[1] for t in flown.told if t.key.startswith("controller.")} == {"law", *used}
+    assert any(t.key.startswith("mean_axes.") for t in flown.told) == (settings["law"] == "mean axes")
 
 
 def test_files_extend_others(tmp_path):
