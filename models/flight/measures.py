@@ -75,6 +75,6 @@ def tracking(run: xr.Dataset) -> dict[str, float]:
 
 
 def column(name: str, unit: str) -> str:
-    """Return the head of a column with a metric of `UNITS`, in the `unit` that it is shown in."""
+    """Return the head of a column: the `name` of a metric of `UNITS`, its kind, and the `unit` shown."""
     kind = "norm" if name in NORMS else "component"
     return f"{name} [{unit}]" if UNITS[name] in ("kg", "1") else f"{name} ({kind}) [{unit}]"

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -74,7 +75,8 @@ def tracking_metrics(
         Of each error the ``peak`` over the run, the ``late`` and the ``final`` one, each as norm and as
         component: ``"late position (norm)"`` [as the error].
     """
-    parts = {"peak": slice(None), "late": late_part(time, late), "final": slice(-1, None)}
+    late_rows = late_part(time, late)
+    parts: dict[str, Any] = {"peak": slice(None), "late": late_rows, "final": slice(-1, None)}
     kinds = {"norm": largest_norm, "component": largest_component}
     return {
         f"{part} {name} ({kind})": largest(error[rows])
