@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import difflib
 import re
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Collection, Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -16,6 +16,9 @@ from trussflow.models.parameter_files import ParameterTable, shipped_file
 
 EXTENDS = "extends"
 """Names the next file: one beside this one, or a shipped one."""
+
+MISSPELLING = 0.75
+"""Similarity from which on an unknown key is taken for a missing one, misspelt, as of `difflib` [1]."""
 
 
 class Told(NamedTuple):
@@ -113,19 +116,24 @@ class LayeredFile:
         """Return what the first layer that has the `key` in its `table` says to `read`."""
         layer = self.layer_of(table, key)
         if layer is None:
-            places = ", ".join(layer.place for layer in self.layers if layer.content)
-            for each in self.layers:  # a word misspelt is the likeliest reason
-                keys = each.table(table).content if table in each else ()
-                unknown = [k for k in keys if (table, k) not in self.known]
-                if near := difflib.get_close_matches(key, unknown, 1):
-                    raise each.table(table).error(near[0], f"means nothing here; did you mean {key!r}?")
-            raise ModelError(f"[{table}] says no {key!r}, neither in {places}")
+            raise self.missing(table, key)
         own = layer.table(table)
         value, entry = read(own), own.content[key]
         source = entry["source"] if isinstance(entry, dict) else ""
         shown = f"{entry['value']} {entry['unit']}" if isinstance(entry, dict) else str(entry)
         self.told[table, key] = Told(f"{table}.{key}", shown, layer.place, source)
         return value
+
+    def missing(self, table: str, *keys: str) -> ModelError:
+        """Return an error about `keys` that no file has in its `table`."""
+        for each in self.layers:  # a misspelling is the likeliest reason
+            given = each.table(table).content if table in each else ()
+            unknown = [k for k in given if (table, k) not in self.known]
+            for key in keys:
+                if near := difflib.get_close_matches(key, unknown, 1, MISSPELLING):
+                    return each.table(table).error(near[0], f"means nothing here; did you mean {key!r}?")
+        places = ", ".join(layer.place for layer in self.layers if layer.content)
+        return ModelError(f"[{table}] says no {' and no '.join(map(repr, keys))}, neither in {places}")
 
     def layer_of(self, table: str, key: str) -> ParameterTable | None:
         """Return the first file that has a `key` in its `table`, if there is one."""
@@ -155,27 +163,30 @@ class LayeredFile:
             *_, table, key = min(found, default=(table, key))
             raise self.table(table).error(key, f"is refused: {said}") from error
 
-    def refuse_others(self) -> None:
-        """Refuse what nobody has read.
+    def refuse_others(self, tables: Collection[str] = ()) -> None:
+        """Refuse keys that nobody has read, or what is none of the `tables` if they are given.
 
         Raises
         ------
         ModelError
-            If a file has a table or key that means nothing; it says which there are.
+            If a file has such a key or table; the message proposes the nearest, or lists all.
         """
-        tables = sorted({table for table, _ in self.known})
         for layer in self.layers:
             for name, content in layer.content.items():
-                if name in (EXTENDS, "title"):
+                if tables and name not in tables:
+                    raise layer.error(name, f"is no key or table of a mission{_proposal(name, tables)}")
+                if tables or not isinstance(content, dict):
                     continue
-                if name not in tables:
-                    raise layer.error(name, f"is no table of a mission; there are {', '.join(tables)}")
-                keys = sorted(key for table, key in self.known if table == name)
+                keys = [key for table, key in self.known if table == name]
                 for key in content:
                     if key not in keys:
-                        near = difflib.get_close_matches(key, keys, 1)
-                        hint = f"; did you mean {near[0]!r}?" if near else f"; there are {', '.join(keys)}"
-                        raise layer.table(name).error(key, f"means nothing here{hint}")
+                        raise layer.table(name).error(key, f"means nothing here{_proposal(key, keys)}")
+
+
+def _proposal(word: str, words: Collection[str]) -> str:
+    """Return the end of a message about an unknown word: the nearest of the `words`, or all."""
+    near = difflib.get_close_matches(word, words, 1)
+    return f"; did you mean {near[0]!r}?" if near else f"; there are {', '.join(sorted(words))}"
 
 
 @dataclass(frozen=True, slots=True)
@@ -231,6 +242,8 @@ class LayeredTable:
 
     def scalars(self, **units: str) -> dict[str, Any]:
         """Return several numbers by name, each in its unit."""
+        if missing := [key for key in units if key not in self]:
+            raise self.file.missing(self.name, *missing)
         return {key: self.scalar(key, unit) for key, unit in units.items()}
 
     def array(self, key: str, unit: str, shape: tuple[int | None, ...]) -> Vector:

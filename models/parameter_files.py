@@ -188,7 +188,8 @@ class ParameterTable:
         return ModelError(f"{self.place}: {key!r} {what}{self._line(key)}")
 
     def _line(self, key: str) -> str:
-        found = re.search(rf"^[ \t]*[\"']?{re.escape(key)}[\"']?[ \t]*=", self.written, re.MULTILINE)
+        name = rf"[\"']?{re.escape(key)}[\"']?[ \t]*"
+        found = re.search(rf"^[ \t]*({name}=|\[+[ \t]*{name}\])", self.written, re.MULTILINE)
         return f" (line {self.line + self.written[: found.start()].count(chr(10)) + 1})" if found else ""
 
     def listed(self) -> list[tuple[str, ...]]:

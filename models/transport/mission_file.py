@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -156,6 +157,7 @@ class MissionFile:
 
     @classmethod
     def _of(cls, file: LayeredFile) -> MissionFile:
+        file.refuse_others(_tables())
         controller, simulation = file.table("controller"), file.table("simulation")
         shipped = [f"case_{case}.toml" for case in CASES]
         named = [layer.place for layer in file.layers]
@@ -167,7 +169,8 @@ class MissionFile:
         stated = Hardware.of(file)  # read whether it flies or not, so that slips in it are found
         hardware = stated if kind == "flight" else None
         believed, rods = plant_of(file)
-        mission = Mission.of(file, CASES[shipped.index(own)] if own in shipped else None)
+        used = _used_by(law, observer, kind)
+        mission = Mission.of(file, CASES[shipped.index(own)] if own in shipped else None, used)
         requested, way = mission.duration, file.table("path")
         mission, path = path_from(file, mission, believed, _limits(believed, hardware))
         refused = way.choice("infeasible", ("refused", "allowed")) == "refused"
@@ -210,7 +213,6 @@ class MissionFile:
                     f"is {mission.duration:g} s, but the actuators need at least {least:.4g} s for this "
                     f"path; give it that time, or say duration = {FASTEST!r}, or infeasible = 'allowed'",
                 )
-        used = _used_by(law, observer, kind)
         return replace(found, told=tuple(told for key, told in sorted(file.told.items()) if used(*key)))
 
     def diagram(self) -> Diagram:
@@ -303,6 +305,13 @@ class MissionFile:
         """What to say if the flight ends before its path does; otherwise empty."""
         short = self.duration < self.mission.duration
         return f" Only {self.duration:g} s are flown: the duration of the simulation." if short else ""
+
+
+@cache
+def _tables() -> frozenset[str]:
+    """Return the tables and top-level keys that a mission file may have."""
+    shipped = LayeredFile.read(shipped_file("new_mission.toml"))
+    return frozenset({"uncertainties"}.union(*(layer.content for layer in shipped.layers)))
 
 
 def _used_by(law: str, observer: bool | None, hardware: str) -> Callable[[str, str], bool]:

@@ -157,8 +157,6 @@ attitude = "[0, 0, 0] deg"
 duration = "60 s"
 [controller]
 law = "mean axes"
-observer_bandwidth = "4 1/s"
-reaching_gain = "0.3 1/s"
 """
 
 
