@@ -4,7 +4,7 @@ A ring and eight robots
 
 ``ring.toml`` is a ring of eight metres as nodes, members, sections and masses. Around it, four tugs that
 slide on a rail and tilt take turns with four modules without joints, each turned to look outward
-(``rotations`` in ``ring_mission.toml``). Together they move the ring and turn it. The same as
+(``rotation`` in ``ring_mission.toml``). Together they move the ring and turn it. The same as
 ``trussflow fly ring_mission.toml``.
 """
 

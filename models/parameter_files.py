@@ -142,7 +142,8 @@ class ParameterTable:
         found = self._find(key)
         if not isinstance(found, Mapping):
             raise self.error(key, "must be a table")
-        return self._below(found, f"{self.place}, {key}", rf"\[[\w.\s]*\b{re.escape(key)}\]", 0)
+        above = r"[\w.]*\b" if "," in self.place else ""
+        return self._below(found, f"{self.place}, {key}", rf"\[{above}{re.escape(key)}\]", 0)
 
     def tables(self, key: str) -> list[ParameterTable]:
         """Return the tables of an array of tables, each headed ``[[key]]``.

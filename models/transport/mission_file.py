@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
-from functools import cache
+from functools import cache, partial
 from pathlib import Path
+from re import sub
 from typing import Any
 
 import numpy as np
@@ -23,6 +24,7 @@ from trussflow.models.feasibility.failures import single_failures
 from trussflow.models.feasibility.reach import EXACT
 from trussflow.models.hardware.hardware import Hardware
 from trussflow.models.hardware.measurement import derived_seed
+from trussflow.models.hardware.motors import JointDrives
 from trussflow.models.layered_file import LayeredFile, Told
 from trussflow.models.mean_axes.design import MeanAxesDesign
 from trussflow.models.parameter_files import ParameterTable, shipped_file
@@ -157,7 +159,7 @@ class MissionFile:
 
     @classmethod
     def _of(cls, file: LayeredFile) -> MissionFile:
-        file.refuse_others(_tables())
+        file.refuse_tables(_tables())
         controller, simulation = file.table("controller"), file.table("simulation")
         shipped = [f"case_{case}.toml" for case in CASES]
         named = [layer.place for layer in file.layers]
@@ -166,9 +168,9 @@ class MissionFile:
         observer = SWITCHES[controller.choice("observer", SWITCHES)]
         allocation = controller.choice("allocation", ("auto", *ALLOCATIONS))
         kind = file.table("hardware").choice("kind", HARDWARE)
-        stated = Hardware.of(file)  # read whether it flies or not, so that slips in it are found
-        hardware = stated if kind == "flight" else None
         believed, rods = plant_of(file)
+        stated = _hardware(file, believed)  # read whether it flies or not, so that slips in it are found
+        hardware = stated if kind == "flight" else None
         used = _used_by(law, observer, kind)
         mission = Mission.of(file, CASES[shipped.index(own)] if own in shipped else None, used)
         requested, way = mission.duration, file.table("path")
@@ -253,14 +255,14 @@ class MissionFile:
         return Simulator(diagram, step=step, solver=self.solver, log=log, log_step=self.log_every * step)
 
     def said(self, key: str) -> str:
-        """Return the value of a key as it was read.
+        """Return the value of a key as it was read; of a key of several robots, their values.
 
         Parameters
         ----------
         key : str
             Such as ``"structure.model"``.
         """
-        return next(told.value for told in self.told if told.key == key)
+        return ", ".join(told.value for told in self.told if sub(r"\[\d+\]", "", told.key) == key)
 
     @property
     def target(self) -> NDArray[np.float64]:
@@ -330,7 +332,22 @@ def _used_by(law: str, observer: bool | None, hardware: str) -> Callable[[str, s
         **dict.fromkeys(ParameterTable.shipped("mean_axes.toml").content, law == MEAN_AXES),
         **dict.fromkeys(ParameterTable.shipped("hardware.toml").content, flies),
     }
-    return lambda table, key: used.get(table, True) and used.get(f"{table}.{key}", True)
+    return lambda table, key: used.get(table.rpartition(".")[2], True) and used.get(f"{table}.{key}", True)
+
+
+def _hardware(file: LayeredFile, truss: SpaceTruss) -> Hardware:
+    """Return the hardware of a file; tables of a robot count more for what that robot carries."""
+    stated, each, torques = Hardware.of(file), [], []
+    for arm, robot in zip(truss.dynamics.arms, file.elements("robots", truss.robots), strict=True):
+        own = file.within(robot.name, "thrusters", "wheels", "joints")
+        each.append(Hardware.of(own))
+        torques += [own.table("joints").scalar("torque", "N*m")] * arm.joints
+        if each[-1].gyroscopic != stated.gyroscopic:
+            raise own.table("wheels").error("gyroscopic", "is for all robots; say it in [wheels]")
+    if not any("." in table for table, _ in file.told):
+        return stated
+    parts: dict[str, Any] = {name: tuple(getattr(h, name) for h in each) for name in ("thrusters", "wheels")}
+    return replace(stated, drives=partial(JointDrives, torque=torques), **parts)
 
 
 def _limits(truss: SpaceTruss, hardware: Hardware | None) -> ActuatorLimits:

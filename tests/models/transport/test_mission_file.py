@@ -1,5 +1,6 @@
 """Missions as files: those of the source, one that a user begins with, and what is refused."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -147,10 +148,12 @@ file = "boom.toml"
 grasps = [[1, 2, 3], 14]
 damping = "0.5 %"
 highest_frequency = "100 Hz"
-[robots]
-arm = ["arm.urdf", "literal"]
+[[robots]]
+arm = "arm.urdf"
 hand = "hand"
 base = "base"
+[[robots]]
+arm = "literal"
 [path]
 position = "[0, 0, 1] m"
 attitude = "[0, 0, 0] deg"
@@ -158,6 +161,46 @@ duration = "60 s"
 [controller]
 law = "mean axes"
 """
+
+
+OWN = """arm = "walker.urdf"
+hand = "hand"
+base = "base"
+locked = { lift = "30 deg" }
+rotation = "[0, 0, 90] deg"
+bus_mass = "50 kg"
+[robots.thrusters]
+maximum = "9 N"
+[robots.joints]
+torque = "0.2 N*m"
+[[robots]]
+"""
+
+
+def test_each_robot_has_a_table_of_its_own(boom):
+    """A value left out is as for all robots."""
+    (boom.parent / "walker.urdf").write_bytes((EXAMPLES / "walker.urdf").read_bytes())
+    boom.write_text(BOOM.replace('arm = "arm.urdf"\nhand = "hand"\nbase = "base"\n[[robots]]\n', OWN))
+    flown = MissionFile.read(boom, hardware={"kind": "flight"})
+    walker, literal = flown.truss.dynamics.arms
+    held = RobotArm.from_urdf(
+        EXAMPLES / "walker.urdf", hand="hand", base="base", locked={"lift": np.pi / 6.0}
+    )
+    turned = held.hand_rotation[:, [1, 0, 2]] * [1.0, -1.0, 1.0]
+    inertia = held.base_inertia * (50.0 / held.base_mass)
+    expected = replace(held, hand_rotation=turned, base_mass=50.0, base_inertia=inertia)
+    for name in ("hand_rotation", "joint_origins", "base_inertia", "masses"):
+        assert np.abs(getattr(walker, name) - getattr(expected, name)).max() < 1e-12
+    assert literal.same_as(RobotArm.literal())
+    limits = flown.hardware.limits(flown.truss)
+    bases, joints = limits[:12].reshape(2, 2, 3), limits[12:]
+    assert bases == pytest.approx(np.repeat([[[9.0], [0.3]], [[5.0], [0.3]]], 3, axis=2), rel=1e-12)
+    assert joints == pytest.approx([0.2] * walker.joints + [0.3] * literal.joints, rel=1e-12)
+    actuators = flown.diagram().blocks["actuators"].blocks
+    assert [actuators[f"thrusters_{k}"].reach[0] for k in (1, 2)] == pytest.approx([9.0, 5.0], rel=1e-12)
+    assert flown.said("robots.arm") == "walker.urdf, literal"
+    everywhere = MissionFile.read(boom, robots={"arm": "jaco"})
+    assert everywhere.said("robots.arm") == "jaco, jaco"
 
 
 def test_a_structure_and_robots_of_files(boom):
