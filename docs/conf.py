@@ -18,6 +18,7 @@ from trussflow.blocks import INFERRED, Block, Diagram, Equations, Input, Output
 
 HERE = Path(__file__).parent
 ROOT = HERE.parent
+EXAMPLES = ROOT / "examples"
 (HERE / "pages").mkdir(exist_ok=True)
 sys.path.insert(0, str(HERE))
 
@@ -63,16 +64,17 @@ def scrape(block, variables, settings):
             shown.append(f".. image:: /gallery/{name}\n   :class: diagram\n   :alt: {file.stem}\n")
         else:
             shutil.move(file, HERE / "pages" / file.name)
-            shown.append(f'.. raw:: html\n\n   <iframe class="replay" src="../{file.name}"></iframe>\n')
+            up = "../" * len(source.relative_to(EXAMPLES).parts)
+            shown.append(f'.. raw:: html\n\n   <iframe class="replay" src="{up}{file.name}"></iframe>\n')
     return "\n".join(shown)
 
 
 tqdm.display = lambda *_, **__: None  # no progress bars on pages
 
 sphinx_gallery_conf = {
-    "examples_dirs": "../examples",
+    "examples_dirs": str(EXAMPLES),
     "gallery_dirs": "gallery",
-    "filename_pattern": r"/\d\d_",
+    "filename_pattern": r"\.py$",
     "ignore_pattern": r"/_",
     "within_subsection_order": "FileNameSortKey",
     "image_scrapers": (scrape, "matplotlib"),
@@ -95,7 +97,10 @@ def linked(text: str, folder: Path) -> str:
     """Return the text of a page with links to files outside this folder replaced by their paths."""
 
     def led(link: re.Match[str]) -> str:
-        target = (folder / link.group(2)).resolve()
+        target, anchor = (folder / link.group(2)).resolve(), link.group(3) or ""
+        if target == EXAMPLES or (target.is_relative_to(EXAMPLES) and target.suffix == ".py"):
+            page = target.relative_to(EXAMPLES).with_suffix("") if target.suffix else Path("index")
+            return f"[{link.group(1)}](/gallery/{page.as_posix()}.rst{anchor})"
         if target.is_relative_to(HERE) or not target.is_relative_to(ROOT):
             return link.group(0)
         return f"`{target.relative_to(ROOT).as_posix()}`"

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import difflib
 import re
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Collection, Iterable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from itertools import product
 from pathlib import Path
 from typing import Any, NamedTuple, cast
 
@@ -16,6 +17,9 @@ from trussflow.models.parameter_files import ParameterTable, shipped_file
 
 EXTENDS = "extends"
 """Names the next file: one beside this one, or a shipped one."""
+
+MISSPELLING_SIMILARITY = 0.75
+"""Similarity from which on an unknown key is taken for a missing one, misspelt, as of `difflib` [1]."""
 
 
 class Told(NamedTuple):
@@ -56,12 +60,15 @@ class LayeredFile:
         What was read so far, by table and key.
     known : set
         What was asked for so far, table and key.
+    inner : dict
+        Names of tables that count more than others, by the names of those; see `within`.
     """
 
     layers: list[ParameterTable]
     folder: Path = Path()
     told: dict[tuple[str, str], Told] = field(default_factory=dict)
     known: set[tuple[str, str]] = field(default_factory=set)
+    inner: dict[str, str] = field(default_factory=dict)
 
     @classmethod
     def read(
@@ -102,7 +109,7 @@ class LayeredFile:
 
     def table(self, name: str) -> LayeredTable:
         """Return a table: what all files say under that `name`."""
-        return LayeredTable(self, name)
+        return LayeredTable(self, self.inner.get(name, name), name)
 
     def named(self, key: str) -> str:
         """Return a text under a `key` in no table."""
@@ -113,24 +120,50 @@ class LayeredFile:
         """Return what the first layer that has the `key` in its `table` says to `read`."""
         layer = self.layer_of(table, key)
         if layer is None:
-            places = ", ".join(layer.place for layer in self.layers if layer.content)
-            for each in self.layers:  # a word misspelt is the likeliest reason
-                keys = each.table(table).content if table in each else ()
-                unknown = [k for k in keys if (table, k) not in self.known]
-                if near := difflib.get_close_matches(key, unknown, 1):
-                    raise each.table(table).error(near[0], f"means nothing here; did you mean {key!r}?")
-            raise ModelError(f"[{table}] says no {key!r}, neither in {places}")
-        own = layer.table(table)
+            raise self.missing(table, key)
+        own = _part(layer, table)
         value, entry = read(own), own.content[key]
-        source = entry["source"] if isinstance(entry, dict) else ""
-        shown = f"{entry['value']} {entry['unit']}" if isinstance(entry, dict) else str(entry)
+        stated = isinstance(entry, dict) and "value" in entry
+        source = entry["source"] if stated else ""
+        shown = f"{entry['value']} {entry['unit']}" if stated else str(entry)
         self.told[table, key] = Told(f"{table}.{key}", shown, layer.place, source)
         return value
+
+    def missing(self, table: str, *keys: str) -> ModelError:
+        """Return an error about `keys` that no file has in its `table`."""
+        for each in self.layers:  # a misspelling is the likeliest reason
+            given = _part(each, table)
+            unknown = [k for k in given.content if (table, k) not in self.known]
+            for key in keys:
+                if near := difflib.get_close_matches(key, unknown, 1, MISSPELLING_SIMILARITY):
+                    return given.error(near[0], f"means nothing here; did you mean {key!r}?")
+        places = ", ".join(layer.place for layer in self.layers if layer.content)
+        return ModelError(f"[{table}] says no {' and no '.join(map(repr, keys))}, neither in {places}")
 
     def layer_of(self, table: str, key: str) -> ParameterTable | None:
         """Return the first file that has a `key` in its `table`, if there is one."""
         self.known.add((table, key))
-        return next((each for each in self.layers if table in each and key in each.table(table)), None)
+        return next((each for each in self.layers if key in _part(each, table)), None)
+
+    def elements(self, name: str, count: int) -> list[LayeredTable]:
+        """Return `count` tables: those of an array of that `name`, or again and again the one for all.
+
+        Raises
+        ------
+        ModelError
+            If there are more or fewer tables in an array.
+        """
+        arrays = [layer for layer in self.layers if isinstance(layer.content.get(name), list)]
+        for layer in arrays:
+            if (given := len(layer.tables(name))) != count:
+                raise layer.error(
+                    name, f"has {given} tables; write [[{name}]] {count} times, or [{name}] once for all"
+                )
+        return [self.table(f"{name}[{k}]" if arrays else name) for k in range(count)]
+
+    def within(self, name: str, *tables: str) -> LayeredFile:
+        """Return this file, with what a table `name` says in tables of its own before those `tables`."""
+        return replace(self, inner={table: f"{name}.{table}" for table in tables})
 
     @contextmanager
     def blamed(self, table: str = "", key: str = "") -> Iterator[None]:
@@ -155,27 +188,43 @@ class LayeredFile:
             *_, table, key = min(found, default=(table, key))
             raise self.table(table).error(key, f"is refused: {said}") from error
 
-    def refuse_others(self) -> None:
-        """Refuse what nobody has read.
-
-        Raises
-        ------
-        ModelError
-            If a file has a table or key that means nothing; it says which there are.
-        """
-        tables = sorted({table for table, _ in self.known})
+    def refuse_tables(self, tables: Collection[str]) -> None:
+        """Raise if a file has a table or top-level key that is none of `tables`; propose the nearest."""
         for layer in self.layers:
-            for name, content in layer.content.items():
-                if name in (EXTENDS, "title"):
-                    continue
+            for name in layer.content:
                 if name not in tables:
-                    raise layer.error(name, f"is no table of a mission; there are {', '.join(tables)}")
-                keys = sorted(key for table, key in self.known if table == name)
-                for key in content:
-                    if key not in keys:
-                        near = difflib.get_close_matches(key, keys, 1)
-                        hint = f"; did you mean {near[0]!r}?" if near else f"; there are {', '.join(keys)}"
-                        raise layer.table(name).error(key, f"means nothing here{hint}")
+                    raise layer.error(name, f"is no key or table of a mission{_proposal(name, tables)}")
+
+    def refuse_others(self) -> None:
+        """Raise if a file has a key that nobody has read; propose the nearest, or list all of its table."""
+        tables = {table for table, _ in self.known}
+        for layer, name in product(self.layers, sorted(tables)):
+            part = _part(layer, name)
+            keys = [key for table, key in self.known if table == name]
+            for key in part.content:
+                if key not in keys and f"{name}.{key}" not in tables:
+                    raise part.error(key, f"means nothing here{_proposal(key, keys)}")
+
+
+def _part(layer: ParameterTable, name: str) -> ParameterTable:
+    """Return a table of a file, empty if it is not there.
+
+    ``robots[1].wheels`` is the table ``wheels`` in the second of the array ``[[robots]]``; in a file with one
+    table ``[robots]`` in place of an array it is in that.
+    """
+    for step in name.split("."):
+        key, _, number = step.partition("[")
+        if key not in layer:
+            return ParameterTable({}, layer.place)
+        several = number and isinstance(layer.content[key], list)
+        layer = layer.tables(key)[int(number[:-1])] if several else layer.table(key)
+    return layer
+
+
+def _proposal(word: str, words: Collection[str]) -> str:
+    """Return the end of a message about an unknown word: the nearest of the `words`, or all."""
+    near = difflib.get_close_matches(word, words, 1)
+    return f"; did you mean {near[0]!r}?" if near else f"; there are {', '.join(sorted(words))}"
 
 
 @dataclass(frozen=True, slots=True)
@@ -188,53 +237,68 @@ class LayeredTable:
         Where it is.
     name : str
         Its name.
+    general : str
+        Name of the table that says what this one leaves out; its own if there is none.
     """
 
     file: LayeredFile
     name: str
+    general: str
 
     def __contains__(self, key: str) -> bool:
-        return self.file.layer_of(self.name, key) is not None
+        return self.file.layer_of(self._place(key), key) is not None
+
+    def _place(self, key: str) -> str:
+        """Return the table that says a `key`."""
+        return self.name if self.file.layer_of(self.name, key) else self.general
+
+    def _read(self, key: str, read: Callable[[ParameterTable], Any]) -> Any:
+        return self.file.read_first(self._place(key), key, read)
 
     def error(self, key: str, what: str) -> ModelError:
         """Return an error about a `key`, with its file and line; `what` is wrong with it."""
-        layer = self.file.layer_of(self.name, key)
-        return (layer.table(self.name) if layer else self.file.layers[0]).error(key, what)
+        place = self._place(key)
+        layer = self.file.layer_of(place, key)
+        return (_part(layer, place) if layer else self.file.layers[0]).error(key, what)
 
     def says(self, key: str, word: str) -> bool:
         """Tell whether a `key` is that `word`."""
-        return cast(bool, self.file.read_first(self.name, key, lambda table: table.content[key] == word))
+        return cast(bool, self._read(key, lambda table: table.content[key] == word))
 
     def text(self, key: str) -> str:
         """Return the text of a `key`."""
-        return cast(str, self.file.read_first(self.name, key, lambda table: table.text(key)))
+        return cast(str, self._read(key, lambda table: table.text(key)))
 
     def choice(self, key: str, choices: Iterable[str]) -> str:
         """Return one of several words, by its `key`; `choices` are what it may be."""
-        return cast(str, self.file.read_first(self.name, key, lambda table: table.choice(key, choices)))
+        return cast(str, self._read(key, lambda table: table.choice(key, choices)))
+
+    def mapping(self, key: str) -> dict[str, Any]:
+        """Return the table under a `key`."""
+        return dict(self._read(key, lambda table: table.table(key).content))
 
     def texts(self, key: str) -> list[str]:
         """Return the text of a `key`, or several of them, as a list."""
-        return cast("list[str]", self.file.read_first(self.name, key, lambda table: table.texts(key)))
+        return cast("list[str]", self._read(key, lambda table: table.texts(key)))
 
     def rows(self, key: str) -> list[list[int]]:
         """Return rows of whole numbers of a `key`."""
-        return cast("list[list[int]]", self.file.read_first(self.name, key, lambda table: table.rows(key)))
+        return cast("list[list[int]]", self._read(key, lambda table: table.rows(key)))
 
     def whole(self, key: str) -> int:
         """Return the whole number of a `key`."""
-        return cast(int, self.file.read_first(self.name, key, lambda table: table.whole(key)))
+        return cast(int, self._read(key, lambda table: table.whole(key)))
 
     def scalar(self, key: str, unit: str) -> float:
         """Return the number of a `key`, in its `unit`."""
-        return cast(float, self.file.read_first(self.name, key, lambda table: table.scalar(key, unit)))
+        return cast(float, self._read(key, lambda table: table.scalar(key, unit)))
 
     def scalars(self, **units: str) -> dict[str, Any]:
         """Return several numbers by name, each in its unit."""
+        if missing := [key for key in units if key not in self]:
+            raise self.file.missing(self.general, *missing)
         return {key: self.scalar(key, unit) for key, unit in units.items()}
 
     def array(self, key: str, unit: str, shape: tuple[int | None, ...]) -> Vector:
         """Return the numbers of a `key`, in their `unit` and of that `shape`."""
-        return cast(
-            "Vector", self.file.read_first(self.name, key, lambda table: table.array(key, unit, shape))
-        )
+        return cast("Vector", self._read(key, lambda table: table.array(key, unit, shape)))

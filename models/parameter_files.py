@@ -142,7 +142,8 @@ class ParameterTable:
         found = self._find(key)
         if not isinstance(found, Mapping):
             raise self.error(key, "must be a table")
-        return self._below(found, f"{self.place}, {key}", rf"\[[\w.\s]*\b{re.escape(key)}\]", 0)
+        above = r"[\w.]*\b" if "," in self.place else ""
+        return self._below(found, f"{self.place}, {key}", rf"\[{above}{re.escape(key)}\]", 0)
 
     def tables(self, key: str) -> list[ParameterTable]:
         """Return the tables of an array of tables, each headed ``[[key]]``.
@@ -188,7 +189,8 @@ class ParameterTable:
         return ModelError(f"{self.place}: {key!r} {what}{self._line(key)}")
 
     def _line(self, key: str) -> str:
-        found = re.search(rf"^[ \t]*[\"']?{re.escape(key)}[\"']?[ \t]*=", self.written, re.MULTILINE)
+        name = rf"[\"']?{re.escape(key)}[\"']?[ \t]*"
+        found = re.search(rf"^[ \t]*({name}=|\[+[ \t]*{name}\])", self.written, re.MULTILINE)
         return f" (line {self.line + self.written[: found.start()].count(chr(10)) + 1})" if found else ""
 
     def listed(self) -> list[tuple[str, ...]]:

@@ -15,6 +15,11 @@ def is_source(path):
     return folder in ("blocks", "models", "fmu", "docs", "examples") and below[0] not in GENERATED
 
 
+def heads(text):
+    """Return the heads of the tables in a text."""
+    return set(re.findall(r"^(\|.*)\n\| ---", text, re.MULTILINE))
+
+
 FILES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *filter(is_source, sorted(ROOT.glob("*/**/*.md")))]
 TEXTS = {path: path.read_text(encoding="utf-8") for path in FILES}
 FENCES = [(path, *fence) for path, text in TEXTS.items() for fence in FENCE.findall(text)]

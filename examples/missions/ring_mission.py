@@ -3,7 +3,7 @@ A ring and eight robots
 =======================
 
 ``ring.toml`` is a ring of eight metres made of nodes, members, sections and masses. Around it four tugs
-that slide on a rail and tilt alternate with four modules without joints, all facing outward (``rotations``
+that slide on a rail and tilt alternate with four modules without joints, all facing outward (``rotation``
 in ``ring_mission.toml``). Together they move and turn the ring. ``trussflow fly ring_mission.toml`` does
 the same.
 """

@@ -16,11 +16,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
 
-from trussflow.blocks.control.trajectory import Quintic
+from trussflow.blocks.control.trajectory import Quintic, Trajectory
 from trussflow.blocks.framework.declarations import Signals
 from trussflow.blocks.framework.types import Vector
 from trussflow.blocks.framework.validation import is_whole, shown
@@ -115,7 +116,7 @@ class Demand(NamedTuple):
 
 def survey(
     dynamics: TrussDynamics,
-    path: Quintic,
+    path: Trajectory,
     limits: ActuatorLimits,
     failures: Sequence[Failure] | None = None,
     *,
@@ -127,14 +128,14 @@ def survey(
     ----------
     dynamics : TrussDynamics
         Truss and robots; modes do not matter.
-    path : Quintic
+    path : Trajectory
         Of all rigid coordinates, such as `path_of` a mission returns.
     limits : ActuatorLimits
         Of what works.
     failures : sequence of Failure, optional
         By default none, and then each single failure.
     instants : int
-        At how many instants, equally spaced, besides those of greatest acceleration [-].
+        Number of instants, equally spaced; breakpoints and those of greatest acceleration are added [-].
 
     Returns
     -------
@@ -187,17 +188,17 @@ def shares_left(
     return np.array([1.0 if margin >= 1.0 else (1.0 - reserve) * margin for margin in margins])
 
 
-def demands_of(dynamics: TrussDynamics, path: Quintic, instants: int) -> list[Demand]:
+def demands_of(dynamics: TrussDynamics, path: Trajectory, instants: int) -> list[Demand]:
     """Return what a path asks for at instants; at one, if what it asks for differs in size and sign only.
 
     Parameters
     ----------
     dynamics : TrussDynamics
         Truss and robots.
-    path : Quintic
+    path : Trajectory
         Of all rigid coordinates.
     instants : int
-        How many, equally spaced, besides those of greatest acceleration [-].
+        As of `survey` [-].
 
     Raises
     ------
@@ -206,20 +207,27 @@ def demands_of(dynamics: TrussDynamics, path: Quintic, instants: int) -> list[De
     """
     rigid, kind = replace(dynamics, modes=dynamics.modes.rigid()), dynamics.attitude
     p = Signals("path", path.parameters)
-    if path.shape != (rigid.freedoms,) or not np.any(p.displacement):
+    if path.shape != (rigid.freedoms,):
         raise ModelError(
-            f"cannot check a path of shape {path.shape}: it must move some of the {rigid.freedoms} "
-            "coordinates of truss and joints"
+            f"cannot check a path of shape {path.shape}: it must be of the {rigid.freedoms} coordinates of "
+            "truss and joints"
         )
-    if np.any(p.displacement[6:]):
-        raise ModelError("cannot check a path that moves joints: they are held here; let them rest")
     if not is_whole(instants) or instants < 1:
         raise ModelError(f"cannot check a path at {shown(instants)} instants; give a whole number from 1 on")
     demands = []
     steepest = 0.5 + np.array([-0.5, 0.5]) / np.sqrt(3.0)
-    for tau in np.union1d(np.linspace(0.0, 1.0, instants), steepest):
-        time = p.start_time + tau * p.duration
-        at = Quintic.output(path, time, p, p, p)  # as given, if it can be retimed
+    start, *between, end = path.breakpoints()
+    taus = np.union1d(np.linspace(0.0, 1.0, instants), steepest)
+    times = np.union1d(start + taus * (end - start), between)
+    # A path that can be retimed is checked as given, without its states.
+    output = partial(Quintic.output, path) if isinstance(path, Quintic) else path.output
+    motion = [output(time, p, p, p) for time in times]
+    rates = np.abs([at["velocity"] for at in motion])
+    if not np.any(rates):
+        raise ModelError("cannot check a path that rests; let it move the truss")
+    if np.max(rates[:, 6:], initial=0.0) > EXACT * np.max(rates):
+        raise ModelError("cannot check a path that moves joints: they are held here; let them rest")
+    for time, at in zip(times, motion, strict=True):
         q = at["position"]
         if kind == EULER and abs(np.cos(q[3])) < LEAST_COSINE:
             raise ModelError(
@@ -306,7 +314,7 @@ def least_share(matrix: Vector, force: Vector, fixed: Vector, growing: Vector) -
     return np.inf if result.fun is None else size * float(result.fun)
 
 
-def _checked(demands: list[Demand], failure: Failure, bounds: Vector, path: Quintic) -> Feasibility:
+def _checked(demands: list[Demand], failure: Failure, bounds: Vector, path: Trajectory) -> Feasibility:
     """Check a path against one failure."""
     torque = np.arange(len(bounds)) % 6 >= 3
     torque[2 * demands[0].terms.base_positions.size :] = True
@@ -316,7 +324,8 @@ def _checked(demands: list[Demand], failure: Failure, bounds: Vector, path: Quin
         matrix = columns(demand, failure)
         shares.append(least_share(matrix, demand.force, np.zeros_like(bounds), bounds))
         needed.append(least_share(matrix, demand.force, forces, effective))
-    worst, duration = int(np.argmax(shares)), float(path.parameters["duration"])
+    start, *_, end = path.breakpoints()
+    worst, duration = int(np.argmax(shares)), end - start
     return Feasibility(
         failure=failure.name,
         direction=_direction(demands[worst].acceleration),

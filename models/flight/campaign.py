@@ -14,6 +14,7 @@ import xarray as xr
 from trussflow.models.flight import draws, flights, measures
 from trussflow.models.flight.draws import Draw
 from trussflow.models.flight.flights import DURATION, Flights
+from trussflow.models.reporting import metrics
 from trussflow.models.reporting.cache import Work, digest_of, inputs_of
 
 TUNED = 100
@@ -59,7 +60,8 @@ class Draws:
         seeds = range(self.first, self.first + self.count)
         each = [flying.parameters(seed) for seed in seeds]
         listed = json.dumps([{k: np.asarray(v).tolist() for k, v in one.items()} for one in each])
-        methods = [inspect.getsource(module) for module in (sys.modules[__name__], flights, measures, draws)]
+        modules = (sys.modules[__name__], flights, measures, metrics, draws)
+        methods = [inspect.getsource(module) for module in modules]
         inputs = (*inputs_of(flying.simulator, self.duration, {}), digest_of([listed]), *methods)
 
         def compute() -> xr.Dataset:

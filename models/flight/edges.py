@@ -16,6 +16,7 @@ from trussflow.models.flight.draws import NOMINAL
 from trussflow.models.flight.flights import Flights
 from trussflow.models.flight.margins import with_arms
 from trussflow.models.plant.tunable_truss import TunableTruss
+from trussflow.models.reporting import metrics
 from trussflow.models.reporting.cache import Work, inputs_of
 
 DURATION = 80.0
@@ -78,7 +79,8 @@ class Edge:
             each = [gains | flying.parameters(seed) for seed in self.seeds]
             return flying.measured(each, self.seeds, self.duration)
 
-        methods = [inspect.getsource(m) for m in (sys.modules[__name__], measures, draws, flights, failures)]
+        modules = (sys.modules[__name__], measures, metrics, draws, flights, failures)
+        methods = [inspect.getsource(module) for module in modules]
         return Work((*inputs_of(flying.simulator, self.duration, {}), repr(self), *methods), compute)
 
 

@@ -16,6 +16,7 @@ from trussflow.models.flight import failures, flights
 from trussflow.models.flight.failures import Loss, fly, losses
 from trussflow.models.flight.flights import Flights
 from trussflow.models.plant.tunable_truss import TunableTruss
+from trussflow.models.reporting import metrics
 from trussflow.models.reporting.cache import Work, inputs_of
 from trussflow.models.transport.mission import Mission
 from trussflow.models.transport.wiring import path_of
@@ -109,7 +110,8 @@ class Emergencies:
             told = {name: ("flight", list(column)) for name, column in columns}
             return xr.Dataset(told, {"flight": [str(loss) for loss in self.losses()]})
 
-        methods = [inspect.getsource(module) for module in (sys.modules[__name__], failures, flights)]
+        modules = (sys.modules[__name__], failures, flights, metrics)
+        methods = [inspect.getsource(module) for module in modules]
         return Work((*inputs_of(simulator, self.duration, {}), self.name, *methods), compute)
 
 

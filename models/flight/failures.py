@@ -13,10 +13,11 @@ from trussflow.blocks.framework.block import Block, Values
 from trussflow.blocks.framework.declarations import Parameter, Signals
 from trussflow.blocks.framework.diagram import Diagram
 from trussflow.blocks.framework.port import Input, Output
-from trussflow.blocks.framework.types import Array, Vector
+from trussflow.blocks.framework.types import Array
 from trussflow.blocks.library.algebra import Function
 from trussflow.blocks.simulation.simulator import Simulator
 from trussflow.models.dynamics.dynamics import TrussDynamics
+from trussflow.models.reporting.metrics import largest_component, tracking_metrics
 from trussflow.models.validation import check_choice
 
 PARTS = {"base": ("base",), "drives": ("drives",), "robot": ("base", "drives")}
@@ -126,11 +127,11 @@ class Outcome:
     false_alarms : tuple of str
         What was believed dead and was not.
     position, attitude : float
-        Largest error of the root [m, rad].
+        Largest component of the error of the root [m, rad].
     joints, limp_joints : float
         Of the joints that have drives, and of those without; 0 if there are none [rad].
     late_position : float
-        Largest error of the root in the last 10 s [m].
+        Largest component of the position error in the last 10 s [m].
     force, base_torque, joint_torque : float
         The largest on an axis [N, N·m].
     """
@@ -248,7 +249,7 @@ def fly(
     log = simulator.run(duration, parameters=given, progress=False, not_finite="ignore")
     time, robots = log["time"].values, len(dynamics.arms)
     known = log["controller.monitor.effectiveness"].values
-    error = np.abs(log["truss.task_position"].values - log["trajectory.position"].values)
+    error = log["truss.task_position"].values - log["trajectory.position"].values
     owner = np.repeat(np.arange(robots), [arm.joints for arm in dynamics.arms])
     limp = (owner == loss.robot - 1) & ("drives" in PARTS[loss.part])
     delays, wrong = {}, []
@@ -262,19 +263,19 @@ def fly(
             if when < (loss.time if dies else np.inf):
                 wrong.append(f"{name} {i + 1}")
 
-    def largest(values: Vector) -> float:
-        return float(np.max(np.abs(values), initial=0.0))
-
+    joints = error[:, 6:]
+    parts = {"position": error[:, :3], "attitude": error[:, 3:6]}
+    found = tracking_metrics(time, {**parts, "joints": joints[:, ~limp], "limp joints": joints[:, limp]})
     return Outcome(
         label=str(loss),
         delays=delays,
         false_alarms=tuple(wrong),
-        position=largest(error[:, :3]),
-        attitude=largest(error[:, 3:6]),
-        joints=largest(error[:, 6:][:, ~limp]),
-        limp_joints=largest(error[:, 6:][:, limp]),
-        late_position=largest(error[time > time[-1] - 10.0, :3]),
-        force=largest(log["truss.base_force"].values),
-        base_torque=largest(log["truss.base_torque"].values),
-        joint_torque=largest(log["truss.joint_torque"].values),
+        position=found["peak position (component)"],
+        attitude=found["peak attitude (component)"],
+        joints=found["peak joints (component)"],
+        limp_joints=found["peak limp joints (component)"],
+        late_position=found["late position (component)"],
+        force=largest_component(log["truss.base_force"]),
+        base_torque=largest_component(log["truss.base_torque"]),
+        joint_torque=largest_component(log["truss.joint_torque"]),
     )

@@ -20,10 +20,11 @@ from trussflow.blocks.framework.errors import DivergenceError
 from trussflow.blocks.simulation.simulator import Simulator
 from trussflow.models.flight import measures
 from trussflow.models.flight.draws import parameters_of, tip
-from trussflow.models.flight.measures import longest, tracking
+from trussflow.models.flight.measures import tracking
 from trussflow.models.hardware.hardware import Hardware
 from trussflow.models.mean_axes.design import MeanAxesDesign
 from trussflow.models.plant.tunable_truss import TunableTruss
+from trussflow.models.reporting import metrics
 from trussflow.models.reporting.cache import Work, inputs_of
 from trussflow.models.transport.mean_axes_wiring import mean_axes_transport
 from trussflow.models.transport.mission import Mission
@@ -217,7 +218,7 @@ class Rung:
         """
         law, what = LAWS[self.law], IMPERFECTIONS[self.imperfection]
         _, simulator = law.simulator(what.hardware(law, what.easy))
-        methods = [inspect.getsource(module) for module in (sys.modules[__name__], measures)]
+        methods = [inspect.getsource(module) for module in (sys.modules[__name__], measures, metrics)]
         return Work((*inputs_of(simulator, self.duration, {}), self.name, *methods), self.compute)
 
     def compute(self) -> xr.Dataset:
@@ -242,10 +243,10 @@ class Rung:
                 run = simulator.run(duration, parameters=parameters, progress=False)
             except DivergenceError:
                 return False
-            error, late = tracking(run)
-            if longest(error[:, :3]) > POSITION or error[:, 6:].max() > JOINTS:
+            error = tracking(run)
+            if error["position"] > POSITION or error["joints"] > JOINTS:
                 return False
-        return longest(error[late, :3]) < LATE
+        return error["late position"] < LATE
 
 
 def between(flies: float, lost: float, grid: float) -> float | None:

@@ -1,15 +1,10 @@
-"""What is measured of a flight."""
+"""Metrics of a flight, from its log."""
 
 from __future__ import annotations
 
-import numpy as np
 import xarray as xr
-from numpy.typing import NDArray
 
-from trussflow.blocks.framework.types import Vector
-
-SETTLED = 10.0
-"""What is late: the last seconds of a flight [s]."""
+from trussflow.models.reporting.metrics import largest_component, largest_norm, late_part, tracking_metrics
 
 UNITS = {
     "position": "m",
@@ -27,53 +22,59 @@ UNITS = {
     "evidence": "1",
     "alarms": "1",
 }
-"""What is measured of a flight: greatest values, of the root's distance, of any angle, axis or joint."""
+"""Metrics of a flight."""
+
+TRACKING = {
+    "position": "peak position (norm)",
+    "attitude": "peak attitude (component)",
+    "joints": "peak joints (component)",
+    "late position": "late position (norm)",
+    "late attitude": "late attitude (component)",
+    "late joints": "late joints (component)",
+}
+"""Definitions of the errors among them, by `tracking_metrics`."""
+
+NORMS = ("position", "late position", "late grasp 4")
+"""Metrics that are largest norms; those of other vectors are largest components."""
 
 
 def measured(run: xr.Dataset) -> dict[str, float]:
-    """Return the greatest values of a flight, as `UNITS` names them.
+    """Return the metrics of a flight, as `UNITS` names them.
 
     Parameters
     ----------
     run : xarray.Dataset
         With `LOG`.
     """
-    error, late = tracking(run)
-    force, torque, joint = (
-        np.abs(run[f"truss.{name}"].values) for name in ("base_force", "base_torque", "joint_torque")
-    )
-    grasp = run["truss.grasp_displacement"].values[:, 3]
-    evidence = run["controller.monitor.evidence"].values
-    return {
-        "position": longest(error[:, :3]),
-        "attitude": error[:, 3:6].max(),
-        "joints": error[:, 6:].max(),
-        "force": force.max(),
-        "torque": torque.max(),
-        "joint torque": joint.max(),
-        "late position": longest(error[late, :3]),
-        "late attitude": error[late, 3:6].max(),
-        "late joints": error[late, 6:].max(),
-        "late grasp 4": longest(grasp[late]),
-        "late force": force[late].max(),
+    late, force = late_part(run["time"].values), run["truss.base_force"].values
+    found = tracking(run) | {
+        "force": largest_component(force),
+        "torque": largest_component(run["truss.base_torque"]),
+        "joint torque": largest_component(run["truss.joint_torque"]),
+        "late grasp 4": largest_norm(run["truss.grasp_displacement"].values[late, 3]),
+        "late force": largest_component(force[late]),
         "propellant": float(run["actuators.used.y"].values[-1].sum()),
-        "evidence": evidence.max(),
+        "evidence": float(run["controller.monitor.evidence"].values.max()),
         "alarms": float((run["controller.monitor.effectiveness"].values[-1] < 1.0).any()),
     }
+    return {name: found[name] for name in UNITS}
 
 
-def tracking(run: xr.Dataset) -> tuple[Vector, NDArray[np.bool_]]:
-    """Return how far root and joints are from their path at each time, unsigned, and which times are late.
+def tracking(run: xr.Dataset) -> dict[str, float]:
+    """Return the errors of root and joints, as `TRACKING` names them [m, rad].
 
     Parameters
     ----------
     run : xarray.Dataset
         With task position and trajectory [m, rad].
     """
-    error = np.abs(run["truss.task_position"].values - run["trajectory.position"].values)
-    return error, run["time"].values >= run["time"].values[-1] - SETTLED
+    error = run["truss.task_position"].values - run["trajectory.position"].values
+    parts = {"position": error[:, :3], "attitude": error[:, 3:6], "joints": error[:, 6:]}
+    found = tracking_metrics(run["time"].values, parts)
+    return {name: found[metric] for name, metric in TRACKING.items()}
 
 
-def longest(vectors: Vector) -> float:
-    """Return the greatest length of vectors in rows [as given]."""
-    return float(np.linalg.norm(vectors, axis=1).max())
+def column(name: str, unit: str) -> str:
+    """Return the head of a column: the `name` of a metric of `UNITS`, its kind, and the `unit` shown."""
+    kind = "norm" if name in NORMS else "component"
+    return f"{name} [{unit}]" if UNITS[name] in ("kg", "1") else f"{name} ({kind}) [{unit}]"

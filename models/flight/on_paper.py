@@ -11,9 +11,11 @@ import xarray as xr
 
 from trussflow.models.flight import measures
 from trussflow.models.flight.ladder import DURATION, LAWS, Law
-from trussflow.models.flight.measures import longest, tracking
+from trussflow.models.flight.measures import tracking
 from trussflow.models.plant.tunable_truss import TunableTruss
+from trussflow.models.reporting import metrics
 from trussflow.models.reporting.cache import Work, inputs_of
+from trussflow.models.reporting.metrics import largest_norm, late_part
 
 GRASP_4 = "truss.grasp_displacement"
 
@@ -64,17 +66,15 @@ class OnPaper:
 
         def compute() -> xr.Dataset:
             run = simulator.run(self.duration, progress=False)
-            error, late = tracking(run)
-            grasp = run[GRASP_4].values[:, 3]
+            error, grasp = tracking(run), run[GRASP_4].values[:, 3]
+            late = grasp[late_part(run["time"].values)]
             return xr.Dataset(
                 {
-                    "position": longest(error[:, :3]),
-                    "late position": longest(error[late, :3]),
-                    "late attitude": error[late, 3:6].max(),
-                    "grasp 4": longest(grasp),
-                    "late grasp 4": longest(grasp[late] - grasp[late].mean(axis=0)),
+                    **{name: error[name] for name in ("position", "late position", "late attitude")},
+                    "grasp 4": largest_norm(grasp),
+                    "late grasp 4": largest_norm(late - late.mean(axis=0)),
                 }
             )
 
-        methods = [inspect.getsource(module) for module in (sys.modules[__name__], measures)]
+        methods = [inspect.getsource(module) for module in (sys.modules[__name__], measures, metrics)]
         return Work((*inputs_of(simulator, self.duration, {}), *methods), compute)

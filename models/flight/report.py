@@ -29,6 +29,7 @@ from trussflow.models.flight.texts import HEAD
 from trussflow.models.reporting.cache import Job, code_digest, write_atomically
 from trussflow.models.reporting.evidence import write_evidence
 from trussflow.models.reporting.ledger import Ledger
+from trussflow.models.reporting.metrics import DEFINITIONS
 from trussflow.models.transport.mission import CASES
 
 MARGIN_DRAWS = 6
@@ -77,6 +78,7 @@ def write(found: Mapping[str, xr.Dataset], flown: Sequence[Job], folder: Path) -
     }
     parts = [f"## {title}\n\n{text.strip()}" for title, text in sections.items()]
     report = folder / "README.md"
-    write_atomically(report, "\n\n".join([HEAD.format(digest=code_digest()), *parts]) + "\n")
+    head = HEAD.format(digest=code_digest(), definitions=DEFINITIONS)
+    write_atomically(report, "\n\n".join([head, *parts]) + "\n")
     write_evidence(folder, ledger, {"runs": {job.name: {"what": str(job)} for job in flown}})
     return report

@@ -14,7 +14,8 @@ from trussflow.blocks.sweeps.sweep import sweep
 from trussflow.models.flight.draws import Draw, parameters_of, truss_of
 from trussflow.models.flight.flights import flown_hardware, noise_of
 from trussflow.models.flight.ladder import DURATION, JOINTS, LATE, LAWS, POSITION
-from trussflow.models.flight.measures import longest, tracking
+from trussflow.models.flight.measures import tracking
+from trussflow.models.reporting.metrics import largest_component, late_part
 
 FIRST = 1000
 """Seed of the first sample; those below were tuned on, or are flown by `campaign`."""
@@ -97,14 +98,9 @@ class Study:
 
 def errors(run: xr.Dataset) -> dict[str, float]:
     """Return the greatest errors and late forces of a `run`, as `UNITS` names them."""
-    error, late = tracking(run)
-    return {
-        "position": longest(error[:, :3]),
-        "attitude": error[:, 3:6].max(),
-        "joints": error[:, 6:].max(),
-        "late position": longest(error[late, :3]),
-        "late force": np.abs(run["truss.base_force"].values)[late].max(),
-    }
+    late = run["truss.base_force"].values[late_part(run["time"].values)]
+    found = tracking(run) | {"late force": largest_component(late)}
+    return {name: found[name] for name in UNITS}
 
 
 def flies(found: xr.Dataset) -> xr.DataArray:

@@ -10,6 +10,7 @@ import xarray as xr
 
 from trussflow.models.flight.draws import HEAVIEST_DAMPING, HEAVIEST_PAYLOAD, LIGHTEST_DAMPING, UNCERTAIN
 from trussflow.models.flight.ladder import DURATION, JOINTS, LATE, LAWS, POSITION
+from trussflow.models.flight.measures import column
 from trussflow.models.flight.samples import FIRST, UNCERTAINTIES, UNITS, Study, share, what_matters
 from trussflow.models.flight.sections import SHOWN
 from trussflow.models.flight.tuned import Tuning
@@ -18,6 +19,7 @@ from trussflow.models.reporting.cache import code_digest, write_atomically
 from trussflow.models.reporting.evidence import write_evidence
 from trussflow.models.reporting.figures import Curve, Panel, drawing, save
 from trussflow.models.reporting.ledger import Ledger
+from trussflow.models.reporting.metrics import DEFINITIONS
 from trussflow.models.reporting.tables import markdown_table
 
 TEXT = """\
@@ -41,6 +43,8 @@ the code of digest `{digest}`; the same with `--check` tells whether that is the
 {shares}
 
 Intervals are of 95 %, by Wilson. Below, the greatest errors of the samples that fly.
+
+{definitions}
 
 {errors}
 
@@ -98,7 +102,7 @@ def write(found: Mapping[Study, xr.Dataset], tuned: tuple[Tuning, xr.Dataset], f
             for measure in ("position", "late position"):
                 found_here = what_matters(swept, measure)
                 cells = [note(f"{measure} by {what}", one, digits=2) for what, one in found_here.items()]
-                matters.append((study.name, measure, *cells))
+                matters.append((study.name, f"{measure} (norm)", *cells))
         most = flown if flown.sizes["sample"] else swept
         one = most.isel(sample=int(np.argmax(most["position"].fillna(np.inf).values)))
         drawn = [
@@ -117,9 +121,8 @@ def write(found: Mapping[Study, xr.Dataset], tuned: tuple[Tuning, xr.Dataset], f
         legend_inside=True,
     )
     save(drawing([panel], row_height=3.2), folder / "samples.png", small=True)
-    header = [
-        f"{name} [{SHOWN[unit][0]}]: {word}" for name, unit in UNITS.items() for word in ("median", "worst")
-    ]
+    words = ("median", "worst")
+    header = [f"{column(name, SHOWN[unit][0])}: {word}" for name, unit in UNITS.items() for word in words]
     text = TEXT.format(
         count=count,
         spread=UNCERTAIN,
@@ -136,7 +139,8 @@ def write(found: Mapping[Study, xr.Dataset], tuned: tuple[Tuning, xr.Dataset], f
         errors=markdown_table(("law", *header), errors),
         tuned=section(*tuned, ledger),
         matters=markdown_table(("law", "error", *UNCERTAINTIES), matters),
-        worst=markdown_table(("law", "seed", *UNCERTAINTIES, "position"), worst),
+        worst=markdown_table(("law", "seed", *UNCERTAINTIES, "position (norm)"), worst),
+        definitions=DEFINITIONS,
     )
     write_atomically(folder / "README.md", text)
     write_evidence(folder, ledger, {"samples": count})

@@ -23,7 +23,7 @@ from trussflow.models.flight.emergencies import MEASURES
 from trussflow.models.flight.flights import DURATION, flown_hardware
 from trussflow.models.flight.ladder import IMPERFECTIONS, JOINTS, LATE, LAWS, POSITION, Rung
 from trussflow.models.flight.margins import BUCKLING, VARIATIONS, greatest_gain_ratio
-from trussflow.models.flight.measures import SETTLED, UNITS
+from trussflow.models.flight.measures import UNITS, column
 from trussflow.models.flight.on_paper import PAPER_LAWS, OnPaper
 from trussflow.models.flight.sparing import HELD, SPENT
 from trussflow.models.flight.texts import DRAWS, EDGES, FAILURES, LADDER, LIMITS, MARGINS, PAPER, SPARING
@@ -31,6 +31,7 @@ from trussflow.models.mean_axes.design import MeanAxesDesign
 from trussflow.models.plant.space_truss import SpaceTruss
 from trussflow.models.reporting.figures import Curve, Panel, drawing, save
 from trussflow.models.reporting.ledger import Ledger
+from trussflow.models.reporting.metrics import LATE_WINDOW
 from trussflow.models.reporting.tables import markdown_table
 from trussflow.models.transport.mission import CASES, Mission
 from trussflow.models.transport.wiring import path_of
@@ -88,7 +89,7 @@ def draws_section(batches: Mapping[int, xr.Dataset], ledger: Ledger, folder: Pat
                 count = ledger.count(f"case {case}: {name}, not below", beyond, runs)
                 cells += [f"{factor * goal:.3g}", count]
             curves.append(Curve(f"Case {case}", np.sort(values), np.arange(1, len(values) + 1) / len(values)))
-        rows.append((f"{name} [{unit}]", *cells))
+        rows.append((column(name, unit), *cells))
         if name in PANELS:
             panels.append(
                 Panel(
@@ -116,7 +117,7 @@ def draws_section(batches: Mapping[int, xr.Dataset], ledger: Ledger, folder: Pat
         payload=f"{HEAVIEST_PAYLOAD:g} kg",
         tuned=TUNED,
         duration=f"{DURATION:g} s",
-        settled=f"{SETTLED:g} s",
+        settled=f"{LATE_WINDOW:g} s",
         table=markdown_table(header, rows),
     )
 
@@ -180,13 +181,13 @@ def paper_section(found: Mapping[str, xr.Dataset], ledger: Ledger) -> str:
         rows.append((law.label, *cells))
     header = (
         "Case 1",
-        "greatest error",
-        "late",
-        "late, attitude",
-        "grasp 4, greatest",
-        "late, about its mean",
+        "position (norm)",
+        "late position (norm)",
+        "late attitude (component)",
+        "grasp 4 (norm)",
+        "late grasp 4, about its mean (norm)",
     )
-    return PAPER.format(table=markdown_table(header, rows), settled=f"{SETTLED:g} s")
+    return PAPER.format(table=markdown_table(header, rows), settled=f"{LATE_WINDOW:g} s")
 
 
 def margins_section(found: Mapping[str, xr.Dataset], ledger: Ledger) -> str:
@@ -250,7 +251,7 @@ def failures_section(found: Mapping[str, xr.Dataset], ledger: Ledger) -> str:
             wrong = int(one["false_alarms"])
             rows.append((*cells, str(wrong) if wrong else ""))
     header = ["what dies", "found after [s]"]
-    header += [f"{what.replace('_', ' ')} [{SHOWN[unit][0]}]" for what, unit in MEASURES.items()]
+    header += [f"{what.replace('_', ' ')} (component) [{SHOWN[unit][0]}]" for what, unit in MEASURES.items()]
     return FAILURES.format(table=markdown_table((*header, "false alarms"), rows))
 
 
@@ -274,8 +275,8 @@ def edges_section(found: Mapping[str, xr.Dataset], ledger: Ledger) -> str:
             worst = factor * float(flown[what].max())
             cells.append(ledger(f"{name}: {what}", worst, unit, runs=[name], show_unit=False))
         rows.append(cells)
-    units = (SHOWN.get(UNITS[what], (UNITS[what],))[0] for what in EDGE_MEASURES)
-    header = ["all that differs", "flown", *(f"{w} [{u}]" for w, u in zip(EDGE_MEASURES, units, strict=True))]
+    heads = (column(what, SHOWN.get(UNITS[what], (UNITS[what],))[0]) for what in EDGE_MEASURES)
+    header = ["all that differs", "flown", *heads]
     table = markdown_table(header, rows)
     return EDGES.format(
         table=table, part=f"{PART:.0%}", position=f"{100 * POSITION:g} cm", joints=f"{JOINTS:g} rad"
@@ -352,6 +353,6 @@ def sparing_section(found: Mapping[str, xr.Dataset], ledger: Ledger) -> str:
         rows.append(cells)
     bases = [f"base {k + 1} [g]" for k in range(len(rows[0]) - 6)]
     held = [f"held at the end, {axis} [N·m·s]" for axis in "xyz"]
-    header = ["nominal truss", *bases, "all [g]", *held, "greatest error [mm]"]
+    header = ["nominal truss", *bases, "all [g]", *held, column("position", "mm")]
     start = ", ".join(f"{each:g}" for each in HELD)
     return SPARING.format(table=markdown_table(header, rows), held=start, spent=f"{SPENT:g} kg")

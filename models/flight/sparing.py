@@ -14,6 +14,7 @@ from trussflow.models.flight import flights, measures
 from trussflow.models.flight.draws import NOMINAL
 from trussflow.models.flight.flights import DURATION, Flights
 from trussflow.models.flight.measures import measured
+from trussflow.models.reporting import metrics
 from trussflow.models.reporting.cache import Work, inputs_of
 
 HELD = (3.0, 2.0, 1.0)
@@ -79,5 +80,6 @@ class Sparing:
                 }
             )
 
-        methods = [inspect.getsource(module) for module in (sys.modules[__name__], flights, measures)]
+        modules = (sys.modules[__name__], flights, measures, metrics)
+        methods = [inspect.getsource(module) for module in modules]
         return Work((*inputs_of(flying.simulator, self.duration, {}), repr((self, start)), *methods), compute)

@@ -6,7 +6,9 @@ HEAD = """\
 What the source's loop needs, where it ends, and what flies in its place: the loop of the mean axes
 ([models/mean_axes](../../models/mean_axes/README.md)). Written by `make flight`; every number stands with
 its full value in [`evidence.json`](evidence.json). Made by the code of digest `{digest}`;
-`python -m trussflow.models.flight --check` tells whether that is the code at hand."""
+`python -m trussflow.models.flight --check` tells whether that is the code at hand.
+
+{definitions}"""
 
 LADDER = """\
 How much of each imperfection a loop takes, alone, while all else is exact: the worst value that it flies

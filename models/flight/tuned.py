@@ -26,6 +26,7 @@ from trussflow.models.flight.sections import GOALS
 from trussflow.models.mean_axes.design import MeanAxesDesign
 from trussflow.models.mean_axes.free_modes import FreeModes
 from trussflow.models.plant.tunable_truss import TunableTruss
+from trussflow.models.reporting import metrics
 from trussflow.models.reporting.cache import digest_of, inputs_of
 from trussflow.models.transport.mean_axes_wiring import mean_axes_transport
 from trussflow.models.transport.mission import Mission
@@ -90,7 +91,7 @@ class Tuning:
             return min(float(each[:, 0].min()) for each in disks(loop).values()) if stable else 0.0
 
         if folder is not None:
-            sources = [inspect.getsource(module) for module in (sys.modules[__name__], measures)]
+            sources = [inspect.getsource(module) for module in (sys.modules[__name__], measures, metrics)]
             folder = folder / digest_of((*inputs_of(simulator, self.duration, {}), *sources))
         found = tune(
             simulator,

@@ -9,10 +9,11 @@ import numpy as np
 import xarray as xr
 
 from trussflow.blocks.framework.types import Vector
-from trussflow.models.flight.measures import SETTLED, UNITS
+from trussflow.models.flight.measures import UNITS, column
 from trussflow.models.flight.sections import GOALS, SHOWN
 from trussflow.models.flight.tuned import DISK, Tuning
 from trussflow.models.reporting.ledger import Ledger
+from trussflow.models.reporting.metrics import LATE_WINDOW
 from trussflow.models.reporting.tables import markdown_table
 
 TEXT = """\
@@ -82,7 +83,7 @@ def section(tuning: Tuning, found: xr.Dataset, ledger: Ledger) -> str:
             gain = found["share"].sel(design=name).values - found["share"].sel(design="tuned").values
             wide = 1.96 * gain.std(ddof=1) / np.sqrt(count)
             gains[name.replace(" ", "_")] = f"{own('gain', gain.mean())} ± {own('gain, ±', wide, digits=2)}"
-    errors_of = [f"{m} [{SHOWN[UNITS[m]][0]}]: {word}" for m in MEASURES for word in WORDS]
+    errors_of = [f"{column(m, SHOWN[UNITS[m]][0])}: {word}" for m in MEASURES for word in WORDS]
     return TEXT.format(
         first=tuning.seeds[0],
         last=tuning.seeds[-1],
@@ -93,7 +94,7 @@ def section(tuning: Tuning, found: xr.Dataset, ledger: Ledger) -> str:
         disk=DISK,
         runs=ledger.count("tuning: flights", found.attrs["runs"]),
         ended=f" ({found.attrs['message'].rstrip('.').lower()})" if found.attrs["message"] else "",
-        settled=SETTLED,
+        settled=LATE_WINDOW,
         **{name: note(name, found.attrs[name]) for name in ("before", "cost", "most")},
         **gains,
         designs=markdown_table(("design", *CHOSEN, "disk margin"), designs),

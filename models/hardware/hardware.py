@@ -40,19 +40,24 @@ SENSORS = {
 GYROSCOPIC = ("off", "on", "cancelled")
 
 
+def _made(make: Any, robot: int) -> Any:
+    """Return what a robot carries, by what makes it for all or for each."""
+    return make[robot]() if isinstance(make, tuple) else make()
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Hardware:
-    """What all robots carry; equal for all, and made anew for each.
+    """What the robots carry, made anew for each.
 
     Attributes
     ----------
     sample_time, delay : float
         Of the computer: how long a command is held, and how late it comes [s].
-    thrusters : callable
-        Returns the `ThrusterSet` of a base.
-    wheels : callable, optional
-        Returns the `ReactionWheels` of a base. Without wheels its torques are the thrusters' task; with
-        them the thrusters only make up for unloading.
+    thrusters : callable, or tuple of callable
+        Returns the `ThrusterSet` of a base; one for all, or one for each.
+    wheels : callable, or tuple of callable, optional
+        Returns the `ReactionWheels` of a base, likewise. Without wheels its torques are the thrusters' task;
+        with them the thrusters only make up for unloading.
     drives : callable
         Takes the joints of all robots together, as `JointDrives` does, and returns their drives.
     metrology, star_tracker, velocimeter, gyro : Measurement
@@ -69,8 +74,8 @@ class Hardware:
 
     sample_time: float
     delay: float
-    thrusters: Callable[[], ThrusterSet]
-    wheels: Callable[[], ReactionWheels] | None
+    thrusters: Callable[[], ThrusterSet] | tuple[Callable[[], ThrusterSet], ...]
+    wheels: Callable[[], ReactionWheels] | tuple[Callable[[], ReactionWheels], ...] | None
     drives: Callable[[int | Sequence[Joint]], JointDrives]
     metrology: Measurement
     star_tracker: Measurement
@@ -186,18 +191,20 @@ class Hardware:
         ModelError
             If nothing makes torques on the bases.
         """
-        base = self.thrusters().reach.copy()
-        if self.wheels is not None:
-            wheels = self.wheels()
-            base[3:] = 1.0 / np.max(np.abs(wheels.sharing) / wheels.maximum_torque[:, None], axis=0)
-        if not np.all(np.isfinite(base)):
+        bases = np.zeros((truss.robots, 6))
+        for robot, base in enumerate(bases):
+            base[:] = _made(self.thrusters, robot).reach
+            if self.wheels is not None:
+                wheels = _made(self.wheels, robot)
+                base[3:] = 1.0 / np.max(np.abs(wheels.sharing) / wheels.maximum_torque[:, None], axis=0)
+        if not np.all(np.isfinite(bases)):
             raise ModelError(
                 "nothing makes torques on the bases: the hardware has no wheels, and its thrusters make "
                 "none; give it wheels, or thrusters such as ThrusterSet.pairs"
             )
         joints = truss.dynamics.joint_data
         torques = self.drives(joints).maximum if joints else np.zeros(0)
-        return np.concatenate([np.tile(base, truss.robots), torques])
+        return np.concatenate([bases.ravel(), torques])
 
     def actuators(self, truss: SpaceTruss) -> Diagram:
         """Return all actuators of a truss, behind the computer that commands them.
@@ -247,7 +254,7 @@ class Hardware:
                 diagram.expose(rates=turning.u)
         unloading = []
         for i in range(robots):
-            thrusters = diagram.add(**{f"thrusters_{i + 1}": self.thrusters()})
+            thrusters = diagram.add(**{f"thrusters_{i + 1}": _made(self.thrusters, i)})
             force, torque = slice(6 * i, 6 * i + 3), slice(6 * i + 3, 6 * i + 6)
             computer.y[force] >> thrusters.demand[:3]
             health.y[i] >> thrusters.effectiveness
@@ -259,7 +266,7 @@ class Hardware:
                 thrusters.wrench[3:] >> total.u[torque]
                 thrusters.ordered[3:] >> orders.u[torque]
                 continue
-            wheels = diagram.add(**{f"wheels_{i + 1}": self.wheels()})
+            wheels = diagram.add(**{f"wheels_{i + 1}": _made(self.wheels, i)})
             health.y[i] >> wheels.effectiveness
             -wheels.unloading_torque >> thrusters.demand[3:]
             felt, wanted = wheels.torque + thrusters.wrench[3:], computer.y[torque]

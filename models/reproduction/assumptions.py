@@ -8,9 +8,10 @@ from pathlib import Path
 import numpy as np
 
 from trussflow.models.reporting.ledger import Ledger
+from trussflow.models.reporting.metrics import largest_component as peak
 from trussflow.models.reporting.tables import markdown_table
 from trussflow.models.reproduction.context import Context
-from trussflow.models.reproduction.measures import force_shares, peak
+from trussflow.models.reproduction.measures import force_shares
 from trussflow.models.reproduction.results import Results
 from trussflow.models.reproduction.trusses import PRINTED_MODES, frame_modes
 from trussflow.models.robots.robot_arm import RobotArm

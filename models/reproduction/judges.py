@@ -6,6 +6,7 @@ import numpy as np
 import xarray as xr
 
 from trussflow.models.reporting.ledger import Ledger
+from trussflow.models.reporting.metrics import largest_component as peak
 from trussflow.models.reproduction.claims import (
     COARSE,
     MOST,
@@ -20,15 +21,7 @@ from trussflow.models.reproduction.claims import (
     judge_by,
     verdict,
 )
-from trussflow.models.reproduction.measures import (
-    error_size,
-    force_shares,
-    largest_jump,
-    late,
-    norm,
-    peak,
-    ripple,
-)
+from trussflow.models.reproduction.measures import error_size, force_shares, largest_jump, late, norm, ripple
 from trussflow.models.reproduction.results import Results
 from trussflow.models.transport.summary import TORQUE_CLAIM
 

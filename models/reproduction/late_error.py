@@ -137,7 +137,7 @@ def _panels(results: Results, poles: dict[str, xr.Dataset]) -> list[Panel]:
 
 HEADER = (
     "run",
-    "late position error",
+    "late position error (component)",
     "growth of mode 1, simulated",
     "from the describing functions",
     "frequency of that pole",

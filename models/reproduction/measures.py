@@ -6,23 +6,13 @@ import numpy as np
 import xarray as xr
 
 from trussflow.blocks.framework.types import Vector
+from trussflow.models.reporting.metrics import late_part, tracking_metrics
 
 LATE = 1 / 8
 """The late part of a run, a fraction of it: of 80 s the last 10 s."""
 
 RIPPLE_WINDOW = 0.2  # s
 """Ripple is what a centred mean over this time takes away: all above some 2 Hz."""
-
-
-def peak(values: xr.DataArray) -> float:
-    """Return the largest absolute value.
-
-    Parameters
-    ----------
-    values : xarray.DataArray
-        One variable, or a part of it [any].
-    """
-    return float(np.abs(values.values).max(initial=0.0))
 
 
 def late(result: xr.Dataset) -> xr.Dataset:
@@ -34,7 +24,7 @@ def late(result: xr.Dataset) -> xr.Dataset:
         Any, over time.
     """
     time = result["time"].values
-    return result.isel(time=time >= time[-1] * (1 - LATE))
+    return result.isel(time=late_part(time, LATE * time[-1]))
 
 
 def error_size(result: xr.Dataset, error: str, when: str) -> float:
@@ -49,7 +39,9 @@ def error_size(result: xr.Dataset, error: str, when: str) -> float:
     when : str
         ``"peak"`` or ``"late"``.
     """
-    return peak((late(result) if when == "late" else result)[error])
+    time = result["time"].values
+    found = tracking_metrics(time, {error: result[error].values}, late=LATE * time[-1])
+    return found[f"{when} {error} (component)"]
 
 
 def norm(values: xr.DataArray) -> Vector:

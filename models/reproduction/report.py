@@ -189,7 +189,10 @@ figure here comes from the runs named beside it, and stands with its full value 
 held for 2 ms, or 1 ms late, its joints run off within four seconds, and on the consistent plant
 everything does. Where it ends, and what flies in its place, is in [docs/flight](../flight/README.md).
 Made by the code of digest `{digest}`; `python -m trussflow.models.reproduction --check` tells whether
-that is the code at hand."""
+that is the code at hand.
+
+Errors, displacements and torques are largest components over time; forces of single robots, and their
+shares, are of largest Euclidean norms."""
 
 CLAIMS = """\
 Of {count} statements {reproduced} are reproduced, {coarse} with the source's step only, {differs}

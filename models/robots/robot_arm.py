@@ -238,7 +238,7 @@ class RobotArm:
         hand: str,
         base: str,
         hand_rotation: Vector | None = None,
-        locked: Mapping[str, float] | None = None,
+        locked: Mapping[str, float | str] | None = None,
     ) -> RobotArm:
         """Read a robot from a URDF file: the chain from the link that grasps to the one that flies freely.
 
@@ -255,8 +255,9 @@ class RobotArm:
             Link that is the base with its thrusters. Without inertia, the base is all that is fixed to it.
         hand_rotation : array, shape (3, 3), optional
             Frame of the hand to the truss axes [1]; the identity by default.
-        locked : mapping of str to float, optional
-            Joints that are held, and where [rad or m]: those beside the chain, such as fingers, must be.
+        locked : mapping of str to float or str, optional
+            Joints that are held, and where, as a number [rad or m] or as text with a unit: those beside the
+            chain, such as fingers, must be.
 
         Returns
         -------

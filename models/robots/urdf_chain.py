@@ -11,6 +11,7 @@ import numpy as np
 from trussflow.blocks.framework.types import Vector
 from trussflow.models.geometry.rotation import rotation_about_z
 from trussflow.models.geometry.spatial import SpatialInertia, combined, moved_inertia
+from trussflow.models.parameter_files import ParameterTable
 from trussflow.models.robots.urdf_reading import Pose, UrdfJoint, UrdfTree, read_urdf
 from trussflow.models.robots.visuals import Visual, visuals_of
 from trussflow.models.validation import central_inertia, check_choice, frozen_array
@@ -18,7 +19,7 @@ from trussflow.models.validation import central_inertia, check_choice, frozen_ar
 _NOTHING = SpatialInertia(0.0, np.zeros(3), np.zeros((3, 3)))
 
 
-def chain(path: str | Path, hand: str, base: str, locked: Mapping[str, float]) -> dict[str, Any]:
+def chain(path: str | Path, hand: str, base: str, locked: Mapping[str, float | str]) -> dict[str, Any]:
     """Return what a `RobotArm` is made of, but for the orientation of its hand.
 
     Parameters
@@ -27,8 +28,8 @@ def chain(path: str | Path, hand: str, base: str, locked: Mapping[str, float]) -
         A URDF file.
     hand, base : str
         The links at the ends.
-    locked : mapping of str to float
-        Joints that are held, and where [rad or m].
+    locked : mapping of str to float or str
+        Joints that are held, and where: numbers [rad or m], or text with a unit.
 
     Raises
     ------
@@ -39,11 +40,14 @@ def chain(path: str | Path, hand: str, base: str, locked: Mapping[str, float]) -
     file, folder = Path(path).name, Path(path).resolve().parent
     for end in (hand, base):
         check_choice(f"link in {file}", end, tree.links)
+    movable = {joint.data.name: joint.data for joint in tree.joints.values() if joint.movable}
+    given, places_of = ParameterTable(locked, f"{file}, locked"), {}
     for name, value in locked.items():
-        check_choice(
-            f"movable joint in {file}", name, [j.data.name for j in tree.joints.values() if j.movable]
-        )
-        frozen_array(f"{file}: locked joint {name!r}", value, ())
+        check_choice(f"movable joint in {file}", name, movable)
+        if isinstance(value, str):
+            places_of[name] = given.scalar(name, movable[name].unit)
+        else:
+            places_of[name] = float(frozen_array(f"{file}: locked joint {name!r}", value, ()))
     on_chain = set(_above(tree, hand)) ^ set(_above(tree, base))
 
     # From the hand outward, link by link: `pose` is the link's frame in that of its body.
@@ -68,7 +72,7 @@ def chain(path: str | Path, hand: str, base: str, locked: Mapping[str, float]) -
                 continue
             before, after = _sides(joint, outward)
             if not joint.movable or joint.data.name in locked:
-                held = _moved(joint, locked.get(joint.data.name, 0.0))
+                held = _moved(joint, places_of.get(joint.data.name, 0.0))
                 todo.append((beyond, link, pose @ before @ held @ after, body))
             elif joint.child in on_chain:
                 _refuse_mimic(joint)

@@ -83,6 +83,9 @@ def parser(prog: str = PROG) -> argparse.ArgumentParser:
         help="all by Eq. 64, or feedback without work on the modes; default: what suits the plant",
     )
     found.add_argument("--hardware", choices=HARDWARE, help="what lies between controller and truss")
+    found.add_argument(
+        "--infeasible", action="store_true", help="run a path that is too fast for the actuators, too"
+    )
     found.add_argument("--duration", type=float, help="simulated time [s]; default: 80")
     found.add_argument("--step", type=float, help="step of fixed-step solvers [s]")
     found.add_argument(
@@ -107,6 +110,7 @@ def settings_of(options: argparse.Namespace) -> dict[str, dict[str, object]]:
         "structure": {"model": options.plant},
         "robots": {"arm": options.arm},
         "hardware": {"kind": options.hardware},
+        "path": {"infeasible": "allowed" if options.infeasible else None},
         "controller": {"law": options.controller, "observer": observer, "allocation": options.allocation},
         "simulation": {"duration": duration, "step": step, "solver": solver},
     }

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -87,7 +88,9 @@ class Mission:
         return cls.of(LayeredFile.read(shipped_file(f"case_{case}.toml")), case)
 
     @classmethod
-    def of(cls, file: LayeredFile, case: int | None = None) -> Mission:
+    def of(
+        cls, file: LayeredFile, case: int | None = None, used: Callable[[str, str], bool] = lambda *_: True
+    ) -> Mission:
         """Return the mission that a file states.
 
         Parameters
@@ -96,6 +99,9 @@ class Mission:
             See `trussflow.models.transport.mission_file`.
         case : int, optional
             Which of the source's that is; by default none.
+        used : callable
+            Takes a table and a key and returns whether the mission uses it; if not, observer bandwidth and
+            reaching gain may be left out, and are NaN.
 
         Raises
         ------
@@ -105,6 +111,8 @@ class Mission:
         path, controller, sliding = (file.table(name) for name in ("path", "controller", "sliding_mode"))
         allocation, pd = file.table("allocation"), file.table("proportional_derivative")
         conventional = file.table("conventional_sliding_mode")
+        gains = ("observer_bandwidth", "reaching_gain")
+        needed = [key for key in gains if key in controller or used("controller", key)]
         forces, torques = (allocation.array(f"{k}_weights", "1", (3,)) for k in ("force", "torque"))
         found = cls(
             case=case,
@@ -114,7 +122,7 @@ class Mission:
             surface_slope=conventional.scalar("surface_slope", "1/s"),
             conventional_switching_gain=conventional.scalar("switching_gain", "m/s^2"),
             duration=np.inf if path.says("duration", FASTEST) else path.scalar("duration", "s"),
-            **controller.scalars(observer_bandwidth="1/s", reaching_gain="1/s"),
+            **dict.fromkeys(gains, np.nan) | controller.scalars(**dict.fromkeys(needed, "1/s")),
             **sliding.scalars(rate_gain="1/s", error_gain="1/s^2", exponent="1"),
             **sliding.scalars(switching_gain="m/s^2", boundary_layer="m/s"),
             **allocation.scalars(joint_weight="1"),

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
+from functools import cache, partial
 from pathlib import Path
+from re import sub
 from typing import Any
 
 import numpy as np
@@ -13,15 +15,16 @@ from numpy.typing import NDArray
 from trussflow.blocks.control.trajectory import Trajectory
 from trussflow.blocks.framework.diagram import Diagram
 from trussflow.blocks.framework.port import Port
-from trussflow.blocks.framework.types import Vector
 from trussflow.blocks.simulation.adaptive import METHODS
 from trussflow.blocks.simulation.simulator import Simulator
 from trussflow.blocks.simulation.solver import FIXED_STEP
 from trussflow.models.dynamics.task_space import moved
-from trussflow.models.feasibility import ActuatorLimits, fastest, survey
+from trussflow.models.feasibility import ActuatorLimits, survey
 from trussflow.models.feasibility.failures import single_failures
+from trussflow.models.feasibility.reach import EXACT
 from trussflow.models.hardware.hardware import Hardware
 from trussflow.models.hardware.measurement import derived_seed
+from trussflow.models.hardware.motors import JointDrives
 from trussflow.models.layered_file import LayeredFile, Told
 from trussflow.models.mean_axes.design import MeanAxesDesign
 from trussflow.models.parameter_files import ParameterTable, shipped_file
@@ -29,7 +32,7 @@ from trussflow.models.plant.space_truss import SpaceTruss
 from trussflow.models.reporting.tables import text_table
 from trussflow.models.transport.logged_ports import logged
 from trussflow.models.transport.mean_axes_wiring import mean_axes_transport
-from trussflow.models.transport.mission import CASES, Mission
+from trussflow.models.transport.mission import CASES, FASTEST, Mission
 from trussflow.models.transport.mission_path import path_from
 from trussflow.models.transport.mission_plant import SWITCHES, plant_of, truth_of
 from trussflow.models.transport.wiring import ALLOCATIONS, CONTROLLERS, path_of, transport_diagram
@@ -57,8 +60,6 @@ class MissionFile:
         The plant.
     believed : SpaceTruss
         What the controller takes it for; another one where the file draws what is uncertain.
-    waypoints : Vector, shape (k, rigid_q)
-        Of such a path, start and end included; none of the mission's own [m, rad].
     path : Trajectory or None
         Where it differs from the mission's own.
     law : str
@@ -84,14 +85,13 @@ class MissionFile:
     rods : array, optional
         Of the picture of a structure of one's own; see `replay` [-].
     told : tuple of Told
-        Every value, and the file that says so.
+        Every value that is used, and the file that says so.
     """
 
     title: str
     mission: Mission
     truss: SpaceTruss
     believed: SpaceTruss
-    waypoints: Vector
     path: Trajectory | None
     law: str
     observer: bool | None
@@ -159,27 +159,31 @@ class MissionFile:
 
     @classmethod
     def _of(cls, file: LayeredFile) -> MissionFile:
+        file.refuse_tables(_tables())
         controller, simulation = file.table("controller"), file.table("simulation")
         shipped = [f"case_{case}.toml" for case in CASES]
         named = [layer.place for layer in file.layers]
         own = next((n for n in named if n != COMMAND), "")
         law = controller.choice("law", (*CONTROLLERS, MEAN_AXES))
+        observer = SWITCHES[controller.choice("observer", SWITCHES)]
         allocation = controller.choice("allocation", ("auto", *ALLOCATIONS))
         kind = file.table("hardware").choice("kind", HARDWARE)
-        stated = Hardware.of(file)  # read whether it flies or not, so that slips in it are found
-        hardware = stated if kind == "flight" else None
         believed, rods = plant_of(file)
-        mission = Mission.of(file, CASES[shipped.index(own)] if own in shipped else None)
-        mission, waypoints, path = path_from(file, mission, believed, _limits(believed, hardware))
+        stated = _hardware(file, believed)  # read whether it flies or not, so that slips in it are found
+        hardware = stated if kind == "flight" else None
+        used = _used_by(law, observer, kind)
+        mission = Mission.of(file, CASES[shipped.index(own)] if own in shipped else None, used)
+        requested, way = mission.duration, file.table("path")
+        mission, path = path_from(file, mission, believed, _limits(believed, hardware))
+        refused = way.choice("infeasible", ("refused", "allowed")) == "refused"
         found = cls(
             title=file.named("title"),
             mission=mission,
             truss=truth_of(file, believed),
             believed=believed,
-            waypoints=waypoints,
             path=path,
             law=law,
-            observer=SWITCHES[controller.choice("observer", SWITCHES)],
+            observer=observer,
             allocation=None if allocation == "auto" else allocation,
             design=MeanAxesDesign.of(file),
             hardware=hardware,
@@ -195,13 +199,23 @@ class MissionFile:
         check_number(
             "simulation", log_every=found.log_every, duration=found.duration, step=found.mission.step
         )
-        if law == MEAN_AXES and found.observer is not None:
+        if law == MEAN_AXES and observer is not None:
             raise controller.error(
                 "observer", "is not for the mean axes, which have none to switch; leave it out"
             )
         with file.blamed("hardware", "seed"):
             derived_seed(found.seed, 0)
-        return replace(found, told=tuple(told for _, told in sorted(file.told.items())))
+        limited = hardware is not None or law == MEAN_AXES
+        if refused and limited and requested < np.inf:
+            with file.blamed("path", "duration"):
+                least = found.least_duration()
+            if least > mission.duration * (1.0 + EXACT):
+                raise way.error(
+                    "duration",
+                    f"is {mission.duration:g} s, but the actuators need at least {least:.4g} s for this "
+                    f"path; give it that time, or say duration = {FASTEST!r}, or infeasible = 'allowed'",
+                )
+        return replace(found, told=tuple(told for key, told in sorted(file.told.items()) if used(*key)))
 
     def diagram(self) -> Diagram:
         """Return the loop, wired.
@@ -241,14 +255,14 @@ class MissionFile:
         return Simulator(diagram, step=step, solver=self.solver, log=log, log_step=self.log_every * step)
 
     def said(self, key: str) -> str:
-        """Return the value of a key as it was read.
+        """Return the value of a key as it was read; of a key of several robots, their values.
 
         Parameters
         ----------
         key : str
             Such as ``"structure.model"``.
         """
-        return next(told.value for told in self.told if told.key == key)
+        return ", ".join(told.value for told in self.told if sub(r"\[\d+\]", "", told.key) == key)
 
     @property
     def target(self) -> NDArray[np.float64]:
@@ -258,22 +272,22 @@ class MissionFile:
         return np.asarray(moved(truss.dynamics.attitude, start, way))
 
     def least_duration(self) -> float:
-        """Return the least time that the actuators need for the path of what is believed [s].
+        """Return the shortest duration of the path with which the actuators keep their limits [s].
 
-        By a linear programme. The limits are those of the hardware; without, of `ActuatorLimits.flight`. Of a
-        path that is not the mission's own it is the least along the spline through its waypoints, see
-        `fastest`.
+        By linear programmes, for the truss that is believed and the path slowed down or sped up as a whole; 0
+        for a path that rests. The limits are those of the hardware; without, of `ActuatorLimits.flight`.
 
         Raises
         ------
         ModelError
-            If the path goes nowhere.
+            As of `survey`.
         """
         truss, limits = self.believed, _limits(self.believed, self.hardware)
-        if self.path is not None:
-            return fastest(truss, self.waypoints[:, : truss.dynamics.attitude.end], limits).duration
+        if self.path is None and not np.any(self.mission.displacement(truss.rigid)):
+            return 0.0
+        path = path_of(self.mission, truss) if self.path is None else self.path
         healthy = single_failures(truss.dynamics)[:1]
-        return survey(truss.dynamics, path_of(self.mission, truss), limits, healthy)[0].least_duration
+        return survey(truss.dynamics, path, limits, healthy)[0].least_duration
 
     def explained(self) -> str:
         """Return every value, where it comes from and its source, and the least duration of the path."""
@@ -293,6 +307,47 @@ class MissionFile:
         """What to say if the flight ends before its path does; otherwise empty."""
         short = self.duration < self.mission.duration
         return f" Only {self.duration:g} s are flown: the duration of the simulation." if short else ""
+
+
+@cache
+def _tables() -> frozenset[str]:
+    """Return the tables and top-level keys that a mission file may have."""
+    shipped = LayeredFile.read(shipped_file("new_mission.toml"))
+    return frozenset({"uncertainties"}.union(*(layer.content for layer in shipped.layers)))
+
+
+def _used_by(law: str, observer: bool | None, hardware: str) -> Callable[[str, str], bool]:
+    """Return whether a mission uses a key of a table, by its law, observer and kind of hardware."""
+    sliding, flies = law in ("ismc", "smc"), hardware != "none"
+    used = {
+        "allocation": law in CONTROLLERS,
+        "sliding_mode": law == "ismc",
+        "conventional_sliding_mode": law == "smc",
+        "proportional_derivative": law == "pd",
+        "controller.allocation": sliding,
+        "controller.observer": sliding,
+        "controller.observer_bandwidth": sliding and (law == "ismc" if observer is None else observer),
+        "controller.reaching_gain": law == "ismc",
+        "hardware.seed": flies,
+        **dict.fromkeys(ParameterTable.shipped("mean_axes.toml").content, law == MEAN_AXES),
+        **dict.fromkeys(ParameterTable.shipped("hardware.toml").content, flies),
+    }
+    return lambda table, key: used.get(table.rpartition(".")[2], True) and used.get(f"{table}.{key}", True)
+
+
+def _hardware(file: LayeredFile, truss: SpaceTruss) -> Hardware:
+    """Return the hardware of a file; tables of a robot count more for what that robot carries."""
+    stated, each, torques = Hardware.of(file), [], []
+    for arm, robot in zip(truss.dynamics.arms, file.elements("robots", truss.robots), strict=True):
+        own = file.within(robot.name, "thrusters", "wheels", "joints")
+        each.append(Hardware.of(own))
+        torques += [own.table("joints").scalar("torque", "N*m")] * arm.joints
+        if each[-1].gyroscopic != stated.gyroscopic:
+            raise own.table("wheels").error("gyroscopic", "is for all robots; say it in [wheels]")
+    if not any("." in table for table, _ in file.told):
+        return stated
+    parts: dict[str, Any] = {name: tuple(getattr(h, name) for h in each) for name in ("thrusters", "wheels")}
+    return replace(stated, drives=partial(JointDrives, torque=torques), **parts)
 
 
 def _limits(truss: SpaceTruss, hardware: Hardware | None) -> ActuatorLimits:

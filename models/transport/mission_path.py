@@ -28,10 +28,8 @@ UNITS = {"position": "m", "attitude": "rad"}
 
 def path_from(
     file: LayeredFile, mission: Mission, truss: SpaceTruss, limits: ActuatorLimits
-) -> tuple[Mission, Vector, Trajectory | None]:
-    """Return the mission with the duration of its path, and waypoints and path if that is no plain `Quintic`.
-
-    Waypoints are rows of all rigid coordinates, start and end included.
+) -> tuple[Mission, Trajectory | None]:
+    """Return the mission with the duration of its path, and the path if that is no plain `Quintic`.
 
     Parameters
     ----------
@@ -55,7 +53,7 @@ def path_from(
     optional = {"strength": "1", "speed": "m/s", "turn_rate": "rad/s"}
     given = {key: table.scalar(key, unit) for key, unit in optional.items() if key in table}
     if mission.duration < np.inf and not given and len(ways) == 2 and shaping == "none":
-        return mission, np.zeros((0, truss.rigid_q)), None
+        return mission, None
     kind, start = truss.dynamics.attitude, truss.parameters["initial_coordinates"][: truss.rigid_q]
     if kind != EULER and shaping != "none":
         raise table.error("shaping", "adds paths up, which attitudes as quaternions cannot be; leave it out")
@@ -89,7 +87,7 @@ def path_from(
         free = FreeModes.of(truss.dynamics, 1)
         first, damping = float(free.frequencies[0]) / (2.0 * np.pi), float(free.damping_ratios[0])
         path = ShapedTrajectory(path, first, damping=damping, kind=shaping)
-    return replace(mission, duration=max(path.breakpoints())), rows, path
+    return replace(mission, duration=max(path.breakpoints())), path
 
 
 def _by_quarters(ways: Vector) -> Vector:

@@ -21,6 +21,7 @@ from trussflow.models.truss.nastran import structure_from_nastran
 from trussflow.models.truss.reduction import reduced_modes
 from trussflow.models.truss.structure import Structure
 from trussflow.models.truss.variations import loaded, scaled
+from trussflow.models.validation import check_number
 
 STRUCTURES = ("published", "consistent", "accurate")
 FRAME, NASTRAN, MATRICES = "frame", "nastran", "matrices"
@@ -49,7 +50,7 @@ def plant_of(file: LayeredFile) -> tuple[SpaceTruss, NDArray[np.int_] | None]:
     ModelError
         If what they name cannot be read, or does not go together.
     """
-    structure, robots, folder = file.table("structure"), file.table("robots"), file.folder
+    structure, folder = file.table("structure"), file.folder
     model = structure.choice("model", (*STRUCTURES, FRAME, NASTRAN, MATRICES))
     modes = {"modes": structure.whole("modes")} if "modes" in structure else {}
     damping = {"damping": structure.scalar("damping", "1")} if "damping" in structure else {}
@@ -61,8 +62,7 @@ def plant_of(file: LayeredFile) -> tuple[SpaceTruss, NDArray[np.int_] | None]:
     if model in STRUCTURES:
         with blamed("structure", "model"):
             truss, rods = getattr(SpaceTruss, model)(**modes, **damping), None
-        with blamed("robots", "arm"):
-            dynamics = replace(truss.dynamics, arms=_arms(robots, truss.robots, folder))
+        dynamics = replace(truss.dynamics, arms=_arms(file, truss.robots))
         truss = SpaceTruss(dynamics, modal_actuation=truss.modal_actuation)
     else:
         grasps = [set(nodes) if len(nodes) > 1 else nodes[0] for nodes in structure.rows("grasps")]
@@ -71,9 +71,8 @@ def plant_of(file: LayeredFile) -> tuple[SpaceTruss, NDArray[np.int_] | None]:
         with blamed("structure", "grasps"):
             flexible = reduced_modes(body, modes.get("modes", 6), grasps, **_shapes(structure))
             flexible = flexible.damped(damping.get("damping", 0.0))
-        with blamed("robots", "arm"):
-            arms = _arms(robots, len(grasps), folder)
-            dynamics = TrussDynamics(modes=flexible, arms=arms, elastic_integrals=True)
+        arms = _arms(file, len(grasps))
+        dynamics = TrussDynamics(modes=flexible, arms=arms, elastic_integrals=True)
         truss, rods = SpaceTruss(dynamics), body.rods(flexible.positions)
     if "start_attitude" in structure:
         truss = truss.turned(structure.array("start_attitude", "rad", (3,)))
@@ -157,30 +156,38 @@ def _shapes(table: LayeredTable) -> dict[str, Any]:
     return found
 
 
-def _arms(robots: LayeredTable, count: int, folder: Path) -> tuple[RobotArm, ...]:
+def _arms(file: LayeredFile, count: int) -> tuple[RobotArm, ...]:
     """Return the robots at so many grasps."""
-    names = robots.texts("arm")
-    urdf = any(Path(name).suffix.lower() == URDF for name in names)
-    links = {key: robots.text(key) for key in ("hand", "base") if urdf or key in robots}
-    known = {name: _arm(name, links, robots, folder) for name in names}
-    arms = tuple(known[name] for name in (names * count if len(names) == 1 else names))
-    if "rotations" not in robots:
-        return arms
-    turns = [fixed_rotation(angles) for angles in robots.array("rotations", "rad", (len(arms), 3))]
-    return tuple(
-        replace(arm, hand_rotation=turn @ arm.hand_rotation) for arm, turn in zip(arms, turns, strict=True)
-    )
+    tables, arms = file.elements("robots", count), {}
+    for table in tables:
+        if table.name not in arms:
+            with file.blamed(table.name, "arm"):
+                arms[table.name] = _arm(table, file.folder)
+    return tuple(arms[table.name] for table in tables)
 
 
-def _arm(name: str, links: dict[str, str], robots: LayeredTable, folder: Path) -> RobotArm:
-    """Return a robot: a shipped one by its name, or one from a file by the names of its links."""
-    if name in ARMS:
-        return arm_by_name(name)
+def _arm(robot: LayeredTable, folder: Path) -> RobotArm:
+    """Return a robot, as its table says."""
+    name = robot.text("arm")
     kind = Path(name).suffix.lower()
-    if kind == ".toml":
-        return RobotArm.from_file(folder / name)
-    if kind != URDF:
-        raise robots.error(
-            "arm", f"has {name!r}; choose from: {', '.join((*ARMS, 'FILE.urdf', 'FILE.toml'))}"
-        )
-    return RobotArm.from_urdf(folder / name, hand=links["hand"], base=links["base"])
+    links: dict[str, Any] = {key: robot.text(key) for key in ("hand", "base") if kind == URDF or key in robot}
+    locked = robot.mapping("locked") if "locked" in robot else {}
+    if not all(isinstance(place, str) for place in locked.values()):
+        raise robot.error("locked", "must give each joint a place with its unit, such as {finger = '0.04 m'}")
+    if name in ARMS:
+        arm = arm_by_name(name)
+    elif kind == ".toml":
+        arm = RobotArm.from_file(folder / name)
+    elif kind == URDF:
+        arm = RobotArm.from_urdf(folder / name, **links, locked=locked)
+    else:
+        choices = ", ".join((*ARMS, "FILE.urdf", "FILE.toml"))
+        raise robot.error("arm", f"is {name!r}; choose from: {choices}")
+    if "rotation" in robot:
+        turn = fixed_rotation(robot.array("rotation", "rad", (3,)))
+        arm = replace(arm, hand_rotation=turn @ arm.hand_rotation)
+    if "bus_mass" in robot:
+        mass = robot.scalar("bus_mass", "kg")
+        check_number("robot", bus_mass=mass)
+        arm = replace(arm, base_mass=mass, base_inertia=arm.base_inertia * (mass / arm.base_mass))
+    return arm

@@ -177,6 +177,7 @@ class Frame:
             mass=scipy.sparse.csr_array(scipy.sparse.block_diag(blocks)),
             stiffness=assembled_stiffness(positions, elements, rods),
             source=self.source,
+            inner=len(positions) - len(self.positions),
             assumptions=("beams are thin (no shear) and rods turn about themselves without inertia",),
         )
 

@@ -251,12 +251,13 @@ def _lowest_modes(
 
 def _node(structure: Structure, number: int) -> int:
     """Return the place of a node among all."""
-    if number not in structure.nodes:
+    nodes = structure.nodes[: len(structure.nodes) - structure.inner]
+    if number not in nodes:
         raise ModelError(
-            f"there is no node {number} in {structure.source}; its {len(structure.nodes)} nodes have the "
-            f"numbers {min(structure.nodes)} to {max(structure.nodes)}"
+            f"there is no node {number} in {structure.source}; its {len(nodes)} nodes have the "
+            f"numbers {min(nodes)} to {max(nodes)}"
         )
-    return structure.nodes.index(number)
+    return nodes.index(number)
 
 
 def nearest(positions: Vector, point: Vector) -> int:

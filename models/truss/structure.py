@@ -51,6 +51,8 @@ class Structure:
         Where the data come from.
     assumptions : tuple of str
         What was taken for granted when they were read.
+    inner : int
+        Number of the last nodes that are inside members, where nothing can grasp [-].
     points, point_masses : array, shapes (p, 3) and (p,)
         Derived: the point masses that stand for the mass [m, kg].
     carried : sparse array, shape (3 p, 6 n)
@@ -71,6 +73,7 @@ class Structure:
     stiffness: scipy.sparse.csr_array
     source: str
     assumptions: tuple[str, ...] = ()
+    inner: int = 0
     points: Vector = field(init=False, repr=False)
     point_masses: Vector = field(init=False, repr=False)
     carried: scipy.sparse.csr_array = field(init=False, repr=False)
@@ -134,7 +137,7 @@ class Structure:
         for turn in turns:
             check_rotation("structure", "axes", turn)
         turned = scipy.sparse.block_diag([turn for turn in turns for _ in range(2)], format="csr")
-        found = {}
+        found: dict[str, Any] = {}
         for name, what, factor in (("mass", mass, kilogram), ("stiffness", stiffness, kilogram / second**2)):
             matrix = _matrix(name, what)
             freedoms = matrix.shape[0] // max(count, 1)

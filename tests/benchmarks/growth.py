@@ -22,7 +22,7 @@ from trussflow.blocks import Diagram, Simulator
 from trussflow.models import Frame, RobotArm, SpaceTruss, TrussDynamics, reduced_modes
 
 ROBOTS, MODES = (1, 2, 4, 8), (0, 20, 60)
-RING = Path(__file__).parents[2] / "examples" / "ring.toml"
+RING = Path(__file__).parents[2] / "examples" / "missions" / "ring.toml"
 STEP = 1e-6
 """So short that no mode makes it unstable; how long a step takes is the same [s]."""
 

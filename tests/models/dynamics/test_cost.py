@@ -9,7 +9,7 @@ import pytest
 from trussflow.blocks import Diagram, Simulator
 from trussflow.models import Frame, RobotArm, SpaceTruss, TrussDynamics, reduced_modes
 
-RING = Path(__file__).parents[3] / "examples" / "ring.toml"
+RING = Path(__file__).parents[3] / "examples" / "missions" / "ring.toml"
 
 
 def arm_of(joints):

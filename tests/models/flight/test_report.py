@@ -5,6 +5,7 @@ import json
 import numpy as np
 import pytest
 import xarray as xr
+from documents import DOCS, TEXTS, heads
 
 from trussflow.models.flight.__main__ import main
 from trussflow.models.flight.campaign import Draws
@@ -58,13 +59,14 @@ def test_all_is_in_the_report(tmp_path, capsys):
     edge = "edge: arms are heavier than believed by 5%"
     found[edge]["position"][3] = np.nan
     text = write(found, jobs(3), tmp_path).read_text(encoding="utf-8")
+    assert heads(text) == heads(TEXTS[DOCS / "flight/README.md"])
     assert "lost at 120" in text
     assert "| base 2 dead at 30 s | lost |" in text
     assert "| coast | −0.10 |" in text
     assert "| mean axes, consistent plant | 1.00×10⁻⁴ m | 2.00×10⁻⁵ rad |" in text
     assert "3 of 3 in Case 1, 2 of 3 in Case 2" in text
-    assert "| late position [mm] | 0.00100 | 1.00 | 0.07 | 1 |" in text
-    assert "| position [mm] | 0.00100 | 0.00100 | 3 | 0 | 0.00100 | 0.00100 | 3 | 1 |" in text
+    assert "| late position (norm) [mm] | 0.00100 | 1.00 | 0.07 | 1 |" in text
+    assert "| position (norm) [mm] | 0.00100 | 0.00100 | 3 | 0 | 0.00100 | 0.00100 | 3 | 1 |" in text
     assert "| arms are heavier than believed by 5% | 3 of 4 | 2.00 |" in text
     assert "| case 1, sparing | 100 | 200 | 300 | 400 | 1000 | 0.500 | 1.50 | 2.50 | 1.00 |" in text
     assert "| base 4 | 0." in text  # along body z: not in time

@@ -5,6 +5,7 @@ import json
 import numpy as np
 import pytest
 import xarray as xr
+from documents import DOCS, TEXTS, heads
 
 from trussflow.models.flight import samples_report
 from trussflow.models.flight.draws import Draw, truss_of
@@ -73,6 +74,7 @@ def test_what_matters_is_what_orders_the_errors():
 def test_the_report_tells_how_many_fly_and_names_the_worst(tmp_path, tuned):
     flown = {study: made(40, lost) for study, lost in zip(studies(), (0, 40, 4, 0, 0), strict=True)}
     text = samples_report.write(flown, tuned, tmp_path).read_text()
+    assert heads(text) == {head.replace(" 64 ", " 4 ") for head in heads(TEXTS[DOCS / "sweep/README.md"])}
     assert "| mode-neutral, exact | mode-neutral, consistent plant | 36 | 90.0 % |" in text
     assert "| published, hardware of the flight | source's law, published plant | 0 | 0 % |" in text
     worst = FIRST + int(np.argmax(flown[studies()[0]]["payload"].values))

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from trussflow.models.reproduction.measures import force_shares, largest_jump, late, norm, peak, rates, ripple
+from trussflow.models.reproduction.measures import force_shares, largest_jump, late, norm, rates, ripple
 
 TIME = np.arange(0.0, 8.0 + 1e-9, 0.005)
 
@@ -27,7 +27,6 @@ def test_rates_and_jumps():
     assert rates(ramp) == pytest.approx(5.0)
     assert largest_jump(ramp) == pytest.approx(4 * 0.005)
     assert norm(ramp)[-1] == pytest.approx(40.0)
-    assert peak(-ramp) == pytest.approx(32.0)
 
 
 def test_late_is_the_last_eighth():

@@ -7,8 +7,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 import xarray as xr
+from documents import heads
 
 from trussflow.models.reporting.ledger import pretty
+from trussflow.models.reporting.tables import markdown_table
+from trussflow.models.reproduction import late_error, sensitivity
 from trussflow.models.reproduction.__main__ import main
 from trussflow.models.reproduction.claims import COARSE, DIFFERS, OPEN, REPRODUCED
 
@@ -76,6 +79,10 @@ def test_theorem_numbers_are_those_of_the_cited_runs(folder, run, bandwidth):
 
 def test_every_number_of_the_text_is_in_the_evidence(folder):
     assert uncited(folder / "report") == set()
+    shipped = heads((KEPT / "README.md").read_text(encoding="utf-8"))
+    columns = tuple(heading for heading, *_ in sensitivity.COLUMNS)
+    assert heads(markdown_table(("Case 1", *columns, "changed verdicts"), [])) < shipped
+    assert heads(markdown_table(late_error.HEADER, [])) < shipped
     text = (folder / "report" / "README.md").read_text(encoding="utf-8")
     found = evidence(folder / "report")
     assert set(found["runs"]) == {"case1", "case2", "case1-pushed", "case2-pushed"}

@@ -10,7 +10,7 @@ import pytest
 from trussflow.models import ModelError, shipped_file
 from trussflow.models.transport import MissionFile
 
-EXAMPLES = Path(__file__).parents[3] / "examples"
+EXAMPLES = Path(__file__).parents[3] / "examples" / "missions"
 BAD = tomllib.loads((Path(__file__).parents[1] / "data" / "bad_files.toml").read_text(encoding="utf-8"))[
     "bad"
 ]
@@ -25,12 +25,12 @@ grasps = [[1, 2, 3], 14]
 modes = 6
 damping = "0.5 %"
 highest_frequency = "100 Hz"
-
-[robots]
-arm = ["walker.urdf", "jaco.toml"]
+[[robots]]
+arm = "walker.urdf"
 hand = "hand"
 base = "base"
-
+[[robots]]
+arm = "jaco.toml"
 [path]
 position = "[0, 0, 1] m"
 attitude = "[0, 0, 10] deg"

@@ -97,6 +97,7 @@ def test_plant_and_observer_are_options(tmp_path):
         (["--duration", "nan"], "simulation: 'duration' is not finite: nan"),
         (["--step", "0"], "simulation: step is 0; it must be above 0"),
         (["--step", "inf"], "simulation: 'step' is not finite: inf"),
+        (["--case", "2", "--hardware", "flight"], "need at least 67.33 s for this path"),
         (["--step", "0.003", "--duration", "1"], r"the duration of 1 s is not a whole number"),
     ],
 )
@@ -106,6 +107,11 @@ def test_nonsense_is_one_clear_line(words, message, tmp_path, capsys):
     assert message in error
     assert "Traceback" not in error
     assert list(tmp_path.iterdir()) == []
+
+
+def test_a_path_too_fast_for_the_actuators_is_run_if_asked_for(capsys):
+    assert main(["--case", "2", "--hardware", "flight", "--infeasible", "--explain"]) == 0
+    assert "need at least 67.33 s for the path, which takes 60 s" in capsys.readouterr().out
 
 
 def test_unwritable_output_is_found_before_anything_runs(tmp_path, capsys):

@@ -37,8 +37,6 @@ attitude = "[0, 0, 0] deg"
 duration = "10 s"
 [controller]
 law = "mean axes"
-observer_bandwidth = "4 1/s"
-reaching_gain = "0.3 1/s"
 [hardware]
 kind = "flight"
 [simulation]

@@ -1,5 +1,6 @@
 """Missions as files: those of the source, one that a user begins with, and what is refused."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -9,7 +10,8 @@ from numpy.testing import assert_array_equal
 from trussflow.models import ModelError, RobotArm, shipped_file
 from trussflow.models.transport import Mission, MissionFile
 
-EXAMPLES = Path(__file__).parents[3] / "examples"
+EXAMPLES = Path(__file__).parents[3] / "examples" / "missions"
+TABLES = "structure", "robots", "path", "controller", "hardware", "simulation"
 NEW = shipped_file("new_mission.toml").read_text(encoding="utf-8")
 
 
@@ -34,10 +36,10 @@ def test_missions_of_the_source_are_files(case):
 
 
 def test_a_new_mission_is_read_and_wired(tmp_path):
-    flown = MissionFile.read(written(tmp_path, ('"5 N"', '"4 N"'), ('"40 s"', '"0.5 min"')))
+    flown = MissionFile.read(written(tmp_path, ('"5 N"', '"4 N"'), ('"40 s"', '"0.6 min"')))
     assert flown.mission.case is None
     assert flown.mission.attitude[2] == pytest.approx(np.deg2rad(10.0), rel=1e-15)
-    assert flown.mission.duration == pytest.approx(30.0, rel=1e-15)
+    assert flown.mission.duration == pytest.approx(36.0, rel=1e-15)
     assert flown.hardware is not None
     assert flown.hardware.limits(flown.truss)[:6] == pytest.approx([4.0] * 3 + [0.3] * 3, rel=1e-12)
     assert {"actuators", "sensors", "controller"} <= set(flown.diagram().blocks)
@@ -50,7 +52,8 @@ def test_a_quaternion_is_asked_for_in_the_file(tmp_path):
     """The attitude at the start stays in Euler angles; the path then is an axis times an angle."""
     start = ('# start_attitude = "[0, 0, 0] deg"', 'start_attitude = "[0, 0, 90] deg"')
     asked = ('# attitude = "quaternion"', 'attitude = "quaternion"')
-    path = written(tmp_path, start, asked, ('"[0, 0, 10] deg"', '"[200, 0, 0] deg"'))
+    turn = ('"[0, 0, 10] deg"', '"[200, 0, 0] deg"'), ('"40 s"', '"90 s"')
+    path = written(tmp_path, start, asked, *turn)
     flown = MissionFile.read(path)
     half = np.sqrt(0.5)
     q = flown.truss.parameters["initial_coordinates"]
@@ -84,6 +87,24 @@ def test_what_no_picture_will_show_is_told(boom):
 def test_settings_count_more_than_the_file(tmp_path):
     flown = MissionFile.read(written(tmp_path), controller={"law": "pd"}, hardware={"kind": "none"})
     assert (flown.law, flown.hardware) == ("pd", None)
+    tables = {told.key.split(".")[0] for told in flown.told}
+    assert tables == {*TABLES, "proportional_derivative", "allocation"}
+
+
+@pytest.mark.parametrize(
+    ("settings", "used"),
+    [
+        ({"law": "mean axes"}, set()),
+        ({"law": "ismc"}, {"observer_bandwidth", "reaching_gain", "observer", "allocation"}),
+        ({"law": "ismc", "observer": "off"}, {"reaching_gain", "observer", "allocation"}),
+        ({"law": "smc"}, {"observer", "allocation"}),
+        ({"law": "smc", "observer": "on"}, {"observer_bandwidth", "observer", "allocation"}),
+    ],
+)
+def test_gains_of_other_laws_are_not_told(tmp_path, settings, used):
+    flown = MissionFile.read(written(tmp_path), controller=settings)
+    assert {t.key.split(".")[1] for t in flown.told if t.key.startswith("controller.")} == {"law", *used}
+    assert any(t.key.startswith("mean_axes.") for t in flown.told) == (settings["law"] == "mean axes")
 
 
 def test_files_extend_others(tmp_path):
@@ -127,19 +148,59 @@ file = "boom.toml"
 grasps = [[1, 2, 3], 14]
 damping = "0.5 %"
 highest_frequency = "100 Hz"
-[robots]
-arm = ["arm.urdf", "literal"]
+[[robots]]
+arm = "arm.urdf"
 hand = "hand"
 base = "base"
+[[robots]]
+arm = "literal"
 [path]
 position = "[0, 0, 1] m"
 attitude = "[0, 0, 0] deg"
 duration = "60 s"
 [controller]
 law = "mean axes"
-observer_bandwidth = "4 1/s"
-reaching_gain = "0.3 1/s"
 """
+
+
+OWN = """arm = "walker.urdf"
+hand = "hand"
+base = "base"
+locked = { lift = "30 deg" }
+rotation = "[0, 0, 90] deg"
+bus_mass = "50 kg"
+[robots.thrusters]
+maximum = "9 N"
+[robots.joints]
+torque = "0.2 N*m"
+[[robots]]
+"""
+
+
+def test_each_robot_has_a_table_of_its_own(boom):
+    """A value left out is as for all robots."""
+    (boom.parent / "walker.urdf").write_bytes((EXAMPLES / "walker.urdf").read_bytes())
+    boom.write_text(BOOM.replace('arm = "arm.urdf"\nhand = "hand"\nbase = "base"\n[[robots]]\n', OWN))
+    flown = MissionFile.read(boom, hardware={"kind": "flight"})
+    walker, literal = flown.truss.dynamics.arms
+    held = RobotArm.from_urdf(
+        EXAMPLES / "walker.urdf", hand="hand", base="base", locked={"lift": np.pi / 6.0}
+    )
+    turned = held.hand_rotation[:, [1, 0, 2]] * [1.0, -1.0, 1.0]
+    inertia = held.base_inertia * (50.0 / held.base_mass)
+    expected = replace(held, hand_rotation=turned, base_mass=50.0, base_inertia=inertia)
+    for name in ("hand_rotation", "joint_origins", "base_inertia", "masses"):
+        assert np.abs(getattr(walker, name) - getattr(expected, name)).max() < 1e-12
+    assert literal.same_as(RobotArm.literal())
+    limits = flown.hardware.limits(flown.truss)
+    bases, joints = limits[:12].reshape(2, 2, 3), limits[12:]
+    assert bases == pytest.approx(np.repeat([[[9.0], [0.3]], [[5.0], [0.3]]], 3, axis=2), rel=1e-12)
+    assert joints == pytest.approx([0.2] * walker.joints + [0.3] * literal.joints, rel=1e-12)
+    actuators = flown.diagram().blocks["actuators"].blocks
+    assert [actuators[f"thrusters_{k}"].reach[0] for k in (1, 2)] == pytest.approx([9.0, 5.0], rel=1e-12)
+    assert flown.said("robots.arm") == "walker.urdf, literal"
+    everywhere = MissionFile.read(boom, robots={"arm": "jaco"})
+    assert everywhere.said("robots.arm") == "jaco, jaco"
 
 
 def test_a_structure_and_robots_of_files(boom):

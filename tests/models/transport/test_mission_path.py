@@ -10,7 +10,7 @@ from trussflow.blocks import Session
 from trussflow.models import QUATERNION, FreeModes, ModelError
 from trussflow.models.transport import MissionFile
 
-EXAMPLES = Path(__file__).parents[3] / "examples"
+EXAMPLES = Path(__file__).parents[3] / "examples" / "missions"
 BOOM = (EXAMPLES / "boom_mission.toml").read_text(encoding="utf-8")
 VIA = 'through_position = "[[0, 0.3, 0.5]] m"\nthrough_attitude = "[[0, 0, 5]] deg"\n'
 DURATION_TOLERANCE = 1e-6
@@ -65,6 +65,23 @@ def test_a_path_of_given_duration_passes_its_waypoints(tmp_path):
     assert_allclose(found, [via, end, end], rtol=0, atol=1e-9)
 
 
+@pytest.mark.parametrize("more", ["", VIA])
+def test_a_path_too_fast_for_the_actuators_is_refused(tmp_path, more):
+    least = boom(tmp_path, f'duration = "60 s"\n{more}').least_duration()
+    assert boom(tmp_path, f'duration = "{1.01 * least} s"\n{more}').hardware is not None
+    short = f'duration = "{0.99 * least} s"\n{more}'
+    with pytest.raises(ModelError, match=rf"at least {least:.4g} s for this path; give it .* \(line \d+\)"):
+        boom(tmp_path, short)
+    assert boom(tmp_path, f'{short}\ninfeasible = "allowed"\n').least_duration() == pytest.approx(least)
+
+
+def test_a_path_that_rests_needs_no_time(tmp_path):
+    boom(tmp_path)
+    file = tmp_path / "mission.toml"
+    file.write_text(file.read_text().replace("[0, 0, 1] m", "[0, 0, 0] m"), encoding="utf-8")
+    assert MissionFile.read(file).least_duration() == 0.0
+
+
 def turning(tmp_path, path):
     """Return the mission of the boom with a quaternion, turned over on its way up."""
     boom(tmp_path)
@@ -92,10 +109,8 @@ def test_quaternions_have_waypoints_and_a_fastest_path(tmp_path):
 def test_quaternions_pass_their_waypoints(tmp_path):
     via = 'through_position = "[[0, 0.3, 0.5]] m"\nthrough_attitude = "[[80, 0, 0]] deg"'
     flown = turning(tmp_path, f'{via}\nduration = "40 s"')
-    row = flown.waypoints[1]
     turned = QUATERNION.turned(np.array(QUATERNION.rest), np.deg2rad([80.0, 0.0, 0.0]))
-    assert row[:7] == pytest.approx([0.0, 0.3, 0.5, *turned], abs=1e-12)
-    away = np.abs(outputs(flown.path, np.arange(0.1, 40.0, 0.05))[:, :7] - row[:7])
+    away = np.abs(outputs(flown.path, np.arange(0.1, 40.0, 0.05))[:, :7] - [0.0, 0.3, 0.5, *turned])
     assert away.max(axis=1).min() < 5e-3
 
 

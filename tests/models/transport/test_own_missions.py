@@ -14,7 +14,7 @@ from trussflow.models.feasibility import ActuatorLimits, FastestPath, fastest
 from trussflow.models.geometry.rotation import euler_rotation
 from trussflow.models.transport import MissionFile, mean_axes_transport, tidy
 
-EXAMPLES = Path(__file__).parents[3] / "examples"
+EXAMPLES = Path(__file__).parents[3] / "examples" / "missions"
 
 DURATION = 3.0  # s
 # Noise of 1e-4 on everything measured, and thrust in steps of 0.1 N.

@@ -18,7 +18,7 @@ from trussflow.models.truss.component_modes import component_modes
 from trussflow.models.truss.truss_fe import TrussFrame, printed_grasps
 
 ROUND_OFF = 1e-12
-BOOM = Path(__file__).parents[3] / "examples" / "boom.toml"
+BOOM = Path(__file__).parents[3] / "examples" / "missions" / "boom.toml"
 
 TEXT = """
 [nodes]

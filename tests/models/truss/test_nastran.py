@@ -16,7 +16,7 @@ from trussflow.models import Frame, ModelError, reduced_modes, structure_from_na
 pytest.importorskip("pyyeti", reason="pyyeti reads and writes Nastran's files")
 from pyyeti.nastran import bulk, n2p, op4
 
-BOOM = Path(__file__).parents[3] / "examples" / "boom.toml"
+BOOM = Path(__file__).parents[3] / "examples" / "missions" / "boom.toml"
 # Of numbers written in 16 columns.
 WRITTEN_DIGITS = 1e-9
 # Of two runs of a solver.

@@ -153,7 +153,7 @@ def test_iteration_gives_what_the_dense_solution_gives(frame, monkeypatch):
 
 
 ERROR_CASES = [
-    ({"grasps": [99]}, "there is no node 99 in frame; its 16 nodes have the numbers 1 to 16"),
+    ({"grasps": [99]}, "there is no node 99 in frame; its 6 nodes have the numbers 1 to 6"),
     ({"grasps": [(9.0, 0.0, 0.0)]}, r"no mesh point at grasp point \[9.0, 0.0, 0.0\] m: the nearest is"),
     ({"grasps": [(0.0, 0.0)]}, r"grasp point has shape \(2,\)"),
     ({"grasps": [{1, 2}]}, r"grasp at nodes \[1, 2\]: they do not say how it turns"),
