@@ -12,6 +12,7 @@ from xml.parsers import expat
 
 import numpy as np
 
+from trussflow.blocks.framework.files import reading
 from trussflow.blocks.framework.types import Vector
 from trussflow.models.errors import ModelError
 from trussflow.models.geometry.rotation import fixed_rotation
@@ -258,13 +259,8 @@ def _parsed(path: Path) -> Element:
     parser.StartElementHandler = enter
     parser.EndElementHandler = lambda _: opened.pop()
     parser.StartDoctypeDeclHandler = refuse
-    try:
-        parser.Parse(path.read_bytes(), True)
-    except ModelError:
-        raise
-    except (OSError, expat.ExpatError, ValueError, LookupError) as error:
-        why = error.strerror if isinstance(error, OSError) else f"it is not XML ({error})"
-        raise ModelError(f"cannot read robot {str(path)!r}: {why}") from error
+    with reading(path, ModelError, "cannot read robot", "it is not XML ({})") as file:
+        parser.Parse(file.read_bytes(), True)
     return opened[0].children[0]
 
 

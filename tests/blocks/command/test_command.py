@@ -231,7 +231,7 @@ def code_of(words):
             "has no port 'angel'; inputs: torque; outputs: angle, rate",
         ),
         ("sweep loop.py:loop", "is upright: Diagram, 4 blocks, 5 wires; write functools.partial"),
-        ("view gone.nc", "cannot show 'gone.nc': there is no such file"),
+        ("view gone.nc", "cannot show 'gone.nc': No such file"),
         ("view loop.py", "cannot show 'loop.py': it is no whole netCDF file"),
     ],
 )
