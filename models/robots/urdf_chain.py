@@ -44,6 +44,10 @@ def chain(path: str | Path, hand: str, base: str, locked: Mapping[str, float]) -
             f"movable joint in {file}", name, [j.data.name for j in tree.joints.values() if j.movable]
         )
         frozen_array(f"{file}: locked joint {name!r}", value, ())
+    touching: dict[str, list[UrdfJoint]] = {name: [] for name in tree.links}
+    for joint in tree.joints.values():
+        touching[joint.parent].append(joint)
+        touching[joint.child].append(joint)
     on_chain = set(_above(tree, hand)) ^ set(_above(tree, base))
 
     # From the hand outward, link by link: `pose` is the link's frame in that of its body.
@@ -61,7 +65,7 @@ def chain(path: str | Path, hand: str, base: str, locked: Mapping[str, float]) -
             mount, own = pose, inertia
         else:
             bodies[body] = combined(bodies[body], moved_inertia(inertia, *pose))
-        for joint in _touching(tree, link):
+        for joint in touching[link]:
             outward = joint.parent == link
             beyond = joint.child if outward else joint.parent
             if beyond == came_from:
@@ -117,10 +121,6 @@ def _above(tree: UrdfTree, link: str) -> Iterator[str]:
     while link in tree.joints:
         yield link
         link = tree.joints[link].parent
-
-
-def _touching(tree: UrdfTree, link: str) -> list[UrdfJoint]:
-    return [joint for joint in tree.joints.values() if link in (joint.parent, joint.child)]
 
 
 def _sides(joint: UrdfJoint, outward: bool) -> tuple[Pose, Pose]:

@@ -232,13 +232,15 @@ def read_urdf(path: str | Path) -> UrdfTree:
     roots = [name for name in links if name not in joints]
     if len(roots) > 1:
         raise links[roots[1]].refused(f"no joints join it to {roots[0]!r}; all links must be one tree")
+    rooted = set(roots)  # links known to hang on the root: each joint is followed once
     for name in links:
-        above, seen = name, {name}
-        while above in joints:
-            above = joints[above].parent
+        above, seen = name, set[str]()
+        while above not in rooted:
             if above in seen:
                 raise joints[above].element.refused(f"it closes a cycle: link {above!r} hangs on itself")
             seen.add(above)
+            above = joints[above].parent
+        rooted |= seen
     return UrdfTree(robot, links, bodies, joints)
 
 
