@@ -199,6 +199,12 @@ def locked(path: Path) -> IO[str]:
     return lock
 
 
+def refuse_foreign(folder: Path) -> None:
+    """Raise PermissionError unless a `folder` is the user's own, and nobody else may write to it."""
+    if not is_private(folder, stat.S_IFDIR):
+        raise PermissionError("it is another user's, or others may write to it (chmod go-w mends that)")
+
+
 def is_private(path: Path, kind: int) -> bool:
     """Tell whether a path is ours, of a kind, and nobody else may write to it; links never are.
 

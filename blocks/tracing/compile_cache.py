@@ -17,7 +17,7 @@ import platformdirs
 
 from trussflow.blocks.framework.call_site import warn_once
 from trussflow.blocks.framework.errors import TrussflowError
-from trussflow.blocks.framework.files import is_private, replaced
+from trussflow.blocks.framework.files import is_private, refuse_foreign, replaced
 from trussflow.blocks.framework.temporary import not_loaded, process_folder
 
 
@@ -87,8 +87,7 @@ def _folders() -> Iterator[Path]:
     try:
         folder.mkdir(mode=0o700, parents=True, exist_ok=True)
         folder = folder.resolve()  # a link to a folder is fine
-        if not is_private(folder, stat.S_IFDIR):
-            raise PermissionError("it is another user's, or others may write to it (chmod go-w mends that)")
+        refuse_foreign(folder)
         yield folder
     except OSError as error:
         _not_kept(folder, error)

@@ -387,7 +387,18 @@ def test_other_runs_are_not_resumed(stop, tmp_path):
             checkpointed(running, path, **changed)
     with pytest.raises(SimulationError, match=r"to end at t = 0\.01 s: .* of t = [0-9.]+ s;"):
         checkpointed(running, path, 0.01)
-    min((tmp_path / "run.nc.partial").glob("0*.nc")).unlink()
+    folder = tmp_path / "run.nc.partial"
+    folder.chmod(0o777)
+    with pytest.raises(SimulationError, match=r"from the folder '.*partial': it is another user's"):
+        checkpointed(running, path)
+    folder.chmod(0o755)
+    state = folder / "checkpoint"
+    content = state.read_bytes()
+    write_state(state, (0, 1), json.loads(content.partition(b"\n")[0])["of"])
+    with pytest.raises(SimulationError, match=r"cannot go on from '.*checkpoint': it is no checkpoint"):
+        checkpointed(running, path)
+    state.write_bytes(content)
+    min(folder.glob("0*.nc")).unlink()
     with pytest.raises(SimulationError, match=r"some of the rows before it are not .*resume=True to begin"):
         checkpointed(running, path)
     check_same(checkpointed(running, path, resume=False), checkpointed(running, tmp_path / "b.nc"))
