@@ -126,9 +126,9 @@ from trussflow.blocks.linear_analysis.loop_transfer import LoopMargins as LoopMa
 from trussflow.blocks.linear_analysis.loop_transfer import loop_margins as loop_margins
 from trussflow.blocks.linear_analysis.loop_transfer import loop_transfer as loop_transfer
 from trussflow.blocks.linear_analysis.loop_transfer import sensitivity as sensitivity
+from trussflow.blocks.linear_analysis.modal_bode import modal_bode as modal_bode
 from trussflow.blocks.linear_analysis.modal_table import ModalTable as ModalTable
 from trussflow.blocks.linear_analysis.modal_table import OscillatingMode as OscillatingMode
-from trussflow.blocks.linear_analysis.modal_bode import modal_bode as modal_bode
 from trussflow.blocks.linear_analysis.modal_table import modal_table as modal_table
 from trussflow.blocks.linear_analysis.operating_point import OperatingPoint as OperatingPoint
 from trussflow.blocks.linear_analysis.operating_point import operating_point_after as operating_point_after

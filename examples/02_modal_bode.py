@@ -24,7 +24,8 @@ print(modal_table(truss, ["modal_force"]))
 
 loop = transport_diagram(law, truss, allocation="published")
 loop.draw("modal_wire.svg")
-print("fastest growth", linearize(loop, ["truss.modal_force"], ["truss.modal_demand"]).poles().real.max(), "1/s")
+poles = linearize(loop, ["truss.modal_force"], ["truss.modal_demand"]).poles()
+print("fastest growth", poles.real.max(), "1/s")
 modal_bode(loop, "truss.modal_force").savefig("bode.png")
 
 # %%

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import difflib
+import os
 import re
 from collections.abc import Callable, Collection, Iterable, Iterator
 from contextlib import contextmanager
@@ -103,7 +104,7 @@ class LayeredFile:
             following = otherwise
             beside = place.parent / following
             try:
-                place = beside if beside.is_file() else shipped_file(following)
+                place = beside if os.path.isfile(beside) else shipped_file(following)
             except ModelError as error:
                 raise layers[-1].error(EXTENDS, f"leads nowhere: {error}") from error
 

@@ -8,6 +8,7 @@ refused, the second converted, so neither is misread.
 from __future__ import annotations
 
 import json
+import os
 import re
 import tomllib
 from collections.abc import Iterable, Mapping
@@ -19,6 +20,7 @@ from typing import Any
 import numpy as np
 
 from trussflow.blocks.framework.errors import BlockError
+from trussflow.blocks.framework.files import reading
 from trussflow.blocks.framework.types import Vector
 from trussflow.blocks.framework.units import factor
 from trussflow.models.errors import ModelError
@@ -47,7 +49,7 @@ def shipped_file(name: str) -> Path:
     """
     folder = Path(str(files("trussflow.models"))) / "parameters"
     path = folder / name
-    if not path.is_file():
+    if not os.path.isfile(path):
         there = ", ".join(sorted(p.name for p in folder.iterdir() if p.suffix in (".toml", ".json")))
         raise ModelError(f"no parameter file {name!r} comes with trussflow; there are: {there}")
     return path
@@ -92,13 +94,9 @@ class ParameterTable:
         ModelError
             If the file does not exist or is not TOML.
         """
-        path = Path(path)
-        try:
-            text = path.read_text(encoding="utf-8")
-            return cls(tomllib.loads(text), path.name, text)
-        except (OSError, ValueError) as error:
-            why = error.strerror if isinstance(error, OSError) else f"it is not TOML ({error})"
-            raise ModelError(f"cannot read parameter file {str(path)!r}: {why}") from error
+        with reading(path, ModelError, "cannot read parameter file", "it is not TOML ({})") as file:
+            text = file.read_text(encoding="utf-8")
+            return cls(tomllib.loads(text), Path(path).name, text)
 
     @classmethod
     def shipped(cls, name: str) -> ParameterTable:

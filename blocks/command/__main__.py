@@ -20,6 +20,17 @@ class Command(NamedTuple):
     module: str
 
 
+class Version(argparse.Action):
+    """Print the version, and how much compiled code is kept where."""
+
+    def __call__(self, parser: argparse.ArgumentParser, *_: Any) -> None:
+        """Print, and end with exit code 0."""
+        from trussflow.blocks.tracing.compile_cache import cache_folder, cache_size  # slow to import
+
+        print(f"trussflow {__version__}\ncompiled code: {cache_size() / 1e6:.1f} MB in {cache_folder()}")
+        parser.exit()
+
+
 COMMANDS = {
     "new": Command("write a first loop or mission to start from", "trussflow.new"),
     "run": Command("simulate a diagram or an FMU", "trussflow.run"),
@@ -58,7 +69,7 @@ def parser(*, whole: bool) -> argparse.ArgumentParser:
         epilog=EXAMPLES,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
-    found.add_argument("--version", action="version", version=f"trussflow {__version__}")
+    found.add_argument("--version", action=Version, nargs=0, help="print version and size of the cache")
     shtab.add_argument_to(found, help="print what makes a shell complete commands and options at a tab")
     commands = found.add_subparsers(metavar="command", required=True, title="commands")
     for name, command in COMMANDS.items():

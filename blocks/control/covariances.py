@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 from trussflow.blocks.framework.errors import LinearAnalysisError, ParameterError
 from trussflow.blocks.framework.types import Vector
-from trussflow.blocks.framework.validation import finite_array
+from trussflow.blocks.framework.validation import finite_array, yes_or_no
 
 ROUND_OFF = 1e-10
 """Relative tolerance below which asymmetry, eigenvalues and couplings of states count as zero [-]."""
@@ -145,6 +145,7 @@ def refuse_unobserved(A: Vector, C: Vector, names: Sequence[str], *, allow_decay
     LinearAnalysisError
         If a state is unobservable; the message names it.
     """
+    yes_or_no("a Kalman filter", "allow_unobserved", allow_decaying)
     if unseen := hidden(A, C, names, slowest=1.0 - ROUND_OFF if allow_decaying else 0.0):
         raise LinearAnalysisError(
             f"cannot estimate {unseen}: what is measured never shows them, or not apart from each other; "

@@ -18,8 +18,49 @@ from pathlib import Path
 from typing import IO
 from uuid import uuid4
 
+from trussflow.blocks.framework.errors import Explained, TrussflowError
+from trussflow.blocks.framework.validation import as_path
+
 LOCK = ".lock"
 """How the names of locks end."""
+
+
+@contextlib.contextmanager
+def reading(
+    path: str | Path, error: type[TrussflowError], cannot: str, damaged: str = "{}"
+) -> Iterator[Path]:
+    """Yield the regular file to read; any failure of the body raises one error of the reader.
+
+    Parameters
+    ----------
+    path : str or pathlib.Path
+        The file; links are followed.
+    error : type
+        Error of the reader. Errors of trussflow pass unchanged.
+    cannot : str
+        Beginning of its message, such as ``"cannot read the mission"``; the path follows.
+    damaged : str
+        Text for content that cannot be read; ``{}`` is the reason.
+
+    Raises
+    ------
+    TrussflowError
+        The `error`, if there is no such regular file, its content is damaged or nested too deeply, or the
+        memory does not suffice.
+    """
+
+    def explained(fault: Exception) -> TrussflowError:
+        if isinstance(fault, OSError) and (fault.errno or 0) >= 0:  # negative numbers are netCDF's
+            why = fault.strerror or str(fault)
+        elif isinstance(fault, MemoryError):
+            why = "it needs more memory than there is"
+        else:
+            why = damaged.format("it is nested too deeply" if isinstance(fault, RecursionError) else fault)
+        return error(f"{cannot} '{path}': {why}")
+
+    file = as_path(error, cannot, path)
+    with Explained(explained):
+        yield destination(file)
 
 
 @contextlib.contextmanager
@@ -156,6 +197,12 @@ def locked(path: Path) -> IO[str]:
             lock.close()
             raise
     return lock
+
+
+def refuse_foreign(folder: Path) -> None:
+    """Raise PermissionError unless a `folder` is the user's own, and nobody else may write to it."""
+    if not is_private(folder, stat.S_IFDIR):
+        raise PermissionError("it is another user's, or others may write to it (chmod go-w mends that)")
 
 
 def is_private(path: Path, kind: int) -> bool:

@@ -197,13 +197,14 @@ class Netlist(Block):
         """
         for item in items:
             name = item.name if isinstance(item, Block) and item.parent is self else item
+            there = [*self.blocks, *self.exposed]
+            if name not in there:
+                named = ", ".join(there) or "nothing"
+                raise NameLookupError(f"cannot remove {shown(item)} from '{self.name}': there is {named}")
             if name in self.exposed:
                 self._cover(name)
-            elif name in self.blocks:
-                self._hand_over(self.blocks.pop(name), None)
             else:
-                there = ", ".join([*self.blocks, *self.exposed]) or "nothing"
-                raise NameLookupError(f"cannot remove {shown(item)} from '{self.name}': there is {there}")
+                self._hand_over(self.blocks.pop(name), None)
         self._infer_anew()
 
     def _put(self, name: str, block: Block) -> None:

@@ -14,6 +14,7 @@ from trussflow.blocks.framework.errors import LinearAnalysisError
 from trussflow.blocks.framework.port import Port
 from trussflow.blocks.framework.rewiring import readers
 from trussflow.blocks.framework.system import System, flatten
+from trussflow.blocks.framework.validation import frequencies
 from trussflow.blocks.linear_analysis.linearize import Amplitudes, Linearizer
 from trussflow.blocks.linear_analysis.margins import (
     Margins,
@@ -214,6 +215,7 @@ def loop_margins(
     LinearAnalysisError
         If no loop passes there, or the closed loop is unstable: it has no margins.
     """
+    given = None if omega is None else frequencies(np.unique(frequencies(omega)), 2)
     loop = loop_transfer(diagram, port, openings=openings, at=at, override=override)
     poles = stable_poles(loop, loop.input_labels[0])
     sampled = loop.isdtime(strict=True)
@@ -223,7 +225,7 @@ def loop_margins(
     sizes = np.abs(rates)[np.abs(rates) > 0.0]
     low, high = 1e-3 * sizes.min(initial=1.0), 1e3 * sizes.max(initial=1.0)
     high = np.pi / loop.dt if sampled else high
-    grid = frequencies_about(rates, low, high) if omega is None else np.asarray(omega, dtype=float)
+    grid = frequencies_about(rates, low, high) if given is None else given
     S = sensitivities(loop, grid)
     gains = channel_responses(S)
     ends = real_sensitivities(loop, sizes.min(initial=1.0))

@@ -298,7 +298,7 @@ def disk_margin(
     margins[near] = margin(omega[near])
     best = omega[margins.argmin()]
     padded = np.concatenate([[np.inf], margins, [np.inf]])
-    minima = (margins <= padded[:-2]) & (margins <= padded[2:]) & (margins <= REFINED_SHARE * margins.min())
+    minima = (margins < padded[:-2]) & (margins <= padded[2:]) & (margins <= REFINED_SHARE * margins.min())
     for k in np.flatnonzero(minima).tolist():
         low, high = float(omega[max(k - 1, 0)]), float(omega[min(k + 1, len(omega) - 1)])
         refined = minimize_scalar(

@@ -59,7 +59,7 @@ class Equation:
 
     def slopes(self, z: Vector) -> tuple[Vector, float | None]:
         """Return the derivatives by z, and their relative error if they are differences."""
-        if offered(self.call.block, self._equations) is None:
+        if offered(self.call.block, self._equations) is None or not z.size:
             return differences(self.call.block, self, z)
         columns = [self.along(z, e) for e in np.eye(z.size)]
         return np.array(columns).reshape(z.size, -1).T, None

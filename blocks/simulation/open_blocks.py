@@ -83,19 +83,19 @@ class OpenBlocks:
                 self.close()
             raise
 
-    def _kept(self) -> dict[str, Running]:
+    def kept(self) -> dict[str, Running]:
         """Return what keeps something, by path."""
         return {path: e for path, e in self.equations.items() if isinstance(e, Running)}
 
     @property
     def messages(self) -> dict[str, list[str]]:
         """What there is to tell of this run, by path."""
-        return {path: list(running.messages) for path, running in self._kept().items() if running.messages}
+        return {path: list(running.messages) for path, running in self.kept().items() if running.messages}
 
     @property
     def unrestorable(self) -> list[str]:
         """Paths of the blocks that cannot go back to an earlier time."""
-        return [path for path, running in self._kept().items() if not running.restores]
+        return [path for path, running in self.kept().items() if not running.restores]
 
     def tuned(self) -> None:
         """Tell the blocks that parameters were changed."""
@@ -104,7 +104,7 @@ class OpenBlocks:
     def _tell(self, what: str, each: Mapping[str, Any] | None = None) -> dict[str, Any]:
         """Call a method of all that keeps something, with a value for each if so; return what it returns."""
         found = {}
-        for path, running in self._kept().items():
+        for path, running in self.kept().items():
             with running_errors(self._blocks[path], what, None):
                 found[path] = getattr(running, what)(*([] if each is None else [each[path]]))
         return found
@@ -120,7 +120,7 @@ class OpenBlocks:
         if stuck := self.unrestorable:
             raise SimulationError(
                 f"cannot save: block '{stuck[0]}' ({type(self._blocks[stuck[0]]).__name__}) keeps what "
-                f"it cannot hand over; {self._kept()[stuck[0]].stuck}"
+                f"it cannot hand over; {self.kept()[stuck[0]].stuck}"
             )
         return self._tell("save")
 
@@ -137,7 +137,7 @@ class OpenBlocks:
             If the code of a block raises; the others are closed all the same.
         """
         with contextlib.ExitStack() as stack:
-            for path, running in self._kept().items():
+            for path, running in self.kept().items():
                 stack.enter_context(running_errors(self._blocks[path], "close", None))
                 stack.callback(running.close)
             self.equations = {}

@@ -18,7 +18,7 @@ import casadi as ca
 import numpy as np
 
 from trussflow.blocks.framework.errors import NameLookupError, SimulationError
-from trussflow.blocks.framework.files import replaced
+from trussflow.blocks.framework.files import reading, replaced
 from trussflow.blocks.framework.interrupts import uninterrupted
 from trussflow.blocks.framework.types import Vector
 from trussflow.blocks.framework.units import readable
@@ -101,8 +101,8 @@ def refuse_other_kinds(path: str | Path, doing: str = "write the result to") -> 
         )
     if suffix in {".csv", ".txt", ".json", ".mat", ".npy", ".npz", ".parquet", ".pkl", ".xlsx", ".zarr"}:
         raise SimulationError(
-            f"cannot {doing} '{path}': results are netCDF files, named .nc; save() writes .csv and .mat, "
-            "too, and for other kinds there are methods of pandas, such as to_pandas(result).to_excel(...)"
+            f"cannot {doing} '{path}': results are netCDF files, named .nc, and load() reads no others; "
+            "save() writes .csv and .mat, too; pandas writes more, as in to_pandas(result).to_excel(...)"
         )
 
 
@@ -165,7 +165,9 @@ def _without_cluster() -> contextlib.AbstractContextManager[Any]:
 
 
 def load(path: str | Path) -> xr.Dataset:
-    """Read a result that `save` has written as netCDF, or that was streamed.
+    """Read a result from a netCDF file, which `save` has written, or to which a run was streamed.
+
+    The files named .csv and .mat that `save` writes have no units, and are not read.
 
     Parameters
     ----------
@@ -179,11 +181,9 @@ def load(path: str | Path) -> xr.Dataset:
     """
     import xarray as xr
 
-    as_path(SimulationError, "cannot read", path)
-    try:
-        return xr.load_dataset(path, engine="netcdf4", decode_times=False)
-    except (OSError, RuntimeError, ValueError) as error:
-        raise SimulationError(f"cannot read a result from '{path}': {error}") from error
+    refuse_other_kinds(path, "read a result from")
+    with reading(path, SimulationError, "cannot read a result from") as file:
+        return xr.load_dataset(file, engine="netcdf4", decode_times=False)
 
 
 def to_pandas(result: xr.Dataset) -> pd.DataFrame:

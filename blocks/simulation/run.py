@@ -21,7 +21,7 @@ from typing import NoReturn
 
 import numpy as np
 
-from trussflow.blocks.framework.errors import DivergenceError, TrussflowError
+from trussflow.blocks.framework.errors import DivergenceError, SimulationError, TrussflowError
 from trussflow.blocks.framework.layout import Layout
 from trussflow.blocks.framework.types import Vector
 from trussflow.blocks.simulation.adaptive import AdaptiveError, integrate
@@ -146,6 +146,28 @@ class Run:
         self.begin_at(snapshot.origin)
         self.go_to(snapshot.now)
         self.sampled = self.k if snapshot.sampled else None
+
+    def check(self, found: Snapshot) -> None:
+        """Raise `SimulationError` if a field of a snapshot `found` in a file cannot be of this run."""
+        plan, kept = self.prepared.plan, self.executor.blocks.kept()
+        latest = 2**53 * self.prepared.tick  # from there on floats do not tell ticks apart
+        fits = {
+            name: isinstance(value := getattr(found, name), np.ndarray)
+            and (value.dtype, value.shape) == (own.dtype, own.shape)
+            and not np.isnan(value).any()
+            for name, own in {"x": self.x, "d": self.d, "p": self.p}.items()
+        }
+        times = found.origin, found.now
+        are_times = all(isinstance(time, Fraction) for time in times)
+        fits["origin, now"] = are_times and -latest < found.origin <= found.now < latest
+        fits["hidden"] = isinstance(found.hidden, dict) and found.hidden.keys() == kept.keys()
+        fits["sampled"] = isinstance(found.sampled, bool)
+        if wrong := [name for name, fit in fits.items() if not fit]:
+            raise SimulationError(
+                f"cannot restore '{plan.name}': {', '.join(wrong)} of the snapshot cannot be of this "
+                "diagram: the file was changed"
+            )
+        plan.parameters(plan.p.named(found.p))
 
     def sample(self) -> None:
         """Let what is sampled at the present time compute now; `advance` does not do it again."""

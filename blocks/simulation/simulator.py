@@ -293,6 +293,7 @@ class Begun:
             if log.finished:
                 return log.finish({})
             if log.resumed is not None:
+                run.check(log.resumed)
                 if log.resumed.now > end:
                     raise SimulationError(
                         f"cannot resume '{name}' to end at t = {float(end):g} s: its checkpoint is of t = "

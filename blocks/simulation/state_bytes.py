@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 
 from trussflow.blocks.framework.errors import SimulationError
-from trussflow.blocks.framework.files import replaced
+from trussflow.blocks.framework.files import reading, replaced
 from trussflow.blocks.framework.validation import as_path, shown
 from trussflow.blocks.simulation.snapshot import Snapshot
 
@@ -124,11 +124,8 @@ def read_state(path: str | Path, of: Mapping[str, Any]) -> Any:
     SimulationError
         If it cannot be read, is damaged, or is the state of something else.
     """
-    as_path(SimulationError, "cannot go on from", path)
-    try:
-        return decode(Path(path).read_bytes(), of)
-    except (OSError, ValueError) as error:
-        raise SimulationError(f"cannot go on from '{path}': {error}") from error
+    with reading(path, SimulationError, "cannot go on from") as file:
+        return decode(file.read_bytes(), of)
 
 
 def _plain(value: Any) -> Any:

@@ -18,11 +18,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from trussflow.blocks.framework.errors import Explained, SimulationError, SimulationInterrupted
-from trussflow.blocks.framework.files import destination, locked, replaced
+from trussflow.blocks.framework.files import destination, locked, refuse_foreign, replaced
 from trussflow.blocks.framework.interrupts import uninterrupted
 from trussflow.blocks.simulation.channels import Channel
 from trussflow.blocks.simulation.log import Log
 from trussflow.blocks.simulation.results import WRITE_ERRORS, cannot_write, refuse_other_kinds, save
+from trussflow.blocks.simulation.snapshot import Snapshot
 from trussflow.blocks.simulation.state_bytes import read_state, write_state
 
 if TYPE_CHECKING:
@@ -74,7 +75,7 @@ class StreamedLog(Log):
         self.path, self._folder = Path(path), _folder(path)
         try:
             destination(path)
-            self._folder.mkdir(exist_ok=True)
+            self._folder.mkdir(0o755, exist_ok=True)
             self._lock = locked(self._folder / "lock")
             self._saved = self._folder / "checkpoint"
             with ExitStack() as unlocked:
@@ -92,7 +93,13 @@ class StreamedLog(Log):
         """Go on from a checkpoint, if that is wanted and there is one; delete what was written after it."""
         pieces = 0
         if resumes is not None and self._saved.exists():
-            self._first, pieces, self._fault, self.resumed = read_state(self._saved, resumes)
+            with Explained(lambda e: SimulationError(f"cannot go on from the folder '{self._folder}': {e}")):
+                refuse_foreign(self._folder.resolve())
+            match read_state(self._saved, resumes):
+                case (int(), int(pieces), str(), Snapshot()) as found:
+                    self._first, _, self._fault, self.resumed = found
+                case _:
+                    raise SimulationError(f"cannot go on from '{self._saved}': it is no checkpoint")
         else:
             self._saved.unlink(missing_ok=True)
             self.finished = resumes is not None and self._is_result()

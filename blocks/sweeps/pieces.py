@@ -17,7 +17,7 @@ from typing import IO, TYPE_CHECKING, Any
 import numpy as np
 
 from trussflow.blocks.framework.errors import Explained, SimulationError
-from trussflow.blocks.framework.files import locked, replaced
+from trussflow.blocks.framework.files import locked, reading, replaced
 from trussflow.blocks.framework.interrupts import uninterrupted
 from trussflow.blocks.framework.validation import as_path
 from trussflow.blocks.simulation.results import WRITE_ERRORS, cannot_write, save
@@ -92,7 +92,8 @@ class Pieces:
             if not file.exists():
                 with replaced(file) as partial:
                     partial.write_text(json.dumps(identity, indent=1), encoding="utf-8")
-            other = json.loads(file.read_text(encoding="utf-8"))
+            with reading(file, SimulationError, "cannot go on with the sweep of", "it is damaged ({})"):
+                other = dict(json.loads(file.read_text(encoding="utf-8")))
         except BlockingIOError:
             raise SimulationError(
                 f"another sweep is writing to '{folder}'; give this one another path"

@@ -17,6 +17,7 @@ import cloudpickle
 from trussflow.blocks.framework.errors import Explained, SimulationError, SimulationInterrupted
 from trussflow.blocks.framework.validation import (
     by_name,
+    is_whole,
     one_of,
     positive,
     positive_if_given,
@@ -236,7 +237,9 @@ def rerun(model: Model, swept: xr.Dataset, sample: int, *, log: Chosen | None = 
     DivergenceError
         If it diverged in the sweep as well.
     """
-    if sample not in swept["sample"]:
+    if "vary" not in getattr(swept, "attrs", ()):
+        raise SimulationError(f"cannot rerun a sample of {shown(swept)}: give what sweep() returned")
+    if not is_whole(sample) or sample not in swept["sample"]:
         raise SimulationError(f"there is no sample {shown(sample)}; samples are those of swept['sample']")
     one = swept.sel(sample=sample)
     values = {name: one[name].values[()] for name in json.loads(swept.attrs["vary"])}

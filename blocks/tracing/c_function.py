@@ -113,7 +113,8 @@ class _Slope(ca.Callback):
         super().__init__()
         self._of, self._sizes = function, sizes
         self._shapes = (arguments, 1), (results, 1), (arguments, count)
-        self.construct(f"{function.name}_slope", {})
+        # CasADi keeps derivatives by name: under one name it would return those for another count.
+        self.construct(f"{function.name}_slope_{count}", {})
 
     def get_n_in(self) -> int:
         return 3

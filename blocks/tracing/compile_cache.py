@@ -6,10 +6,13 @@ written: the folder and the files must be the user's own, with no others allowed
 
 from __future__ import annotations
 
+import contextlib
+import functools
 import hashlib
 import os
 import shutil
 import stat
+import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
@@ -17,8 +20,14 @@ import platformdirs
 
 from trussflow.blocks.framework.call_site import warn_once
 from trussflow.blocks.framework.errors import TrussflowError
-from trussflow.blocks.framework.files import is_private, replaced
+from trussflow.blocks.framework.files import is_private, refuse_foreign, replaced
 from trussflow.blocks.framework.temporary import not_loaded, process_folder
+
+MAX_BYTES = 500_000_000
+"""Size of the cache above which the files used longest ago are deleted [B]."""
+
+MAX_AGE, MIN_AGE = 90 * 86_400.0, 3600.0
+"""Times since the last use: files above the first are deleted, those below the second may be in use [s]."""
 
 
 class CompilationError(TrussflowError):
@@ -31,6 +40,11 @@ def cache_folder() -> Path:
     return Path(given) if given else Path(platformdirs.user_cache_dir("trussflow"))
 
 
+def cache_size() -> int:
+    """Return the size of all files in the cache [B]."""
+    return sum(size for _, size, _ in _files(cache_folder()))
+
+
 def cached(
     content: str, suffix: str, build: Callable[[], bytes], check: Callable[[Path], object] = Path.stat
 ) -> Path:
@@ -38,7 +52,8 @@ def cached(
 
     It is stored next to its hash, and built again if that does not match or it does not pass the
     check. It is moved into place in one piece, so two processes may build at once. Where the cache
-    cannot be used, a folder of this process takes its place.
+    cannot be used, a folder of this process takes its place. The first file that a process stores
+    there makes it delete files that are older than `MAX_AGE`, and the oldest above `MAX_BYTES`.
 
     Parameters
     ----------
@@ -67,6 +82,7 @@ def cached(
         if fault is None:
             for at, reason in faults.items():  # so it was not the file
                 _not_kept(at, reason)
+            _prune(folder)
             return folder / name
         faults[folder] = fault
     raise CompilationError(f"cannot store and load what was compiled, at last in '{folder}': {fault}")
@@ -81,14 +97,36 @@ def _fault(action: Callable[..., object], *arguments: object) -> str | None:
     return None
 
 
+def _files(folder: Path) -> list[tuple[float, int, Path]]:
+    """Return the time of the last use [s], the size [B] and the path of each compiled file in a folder."""
+    found = []
+    for file in folder.glob(f"{'[0-9a-f]' * 32}.*o"):
+        with contextlib.suppress(OSError):  # another process deletes it
+            status = file.stat()
+            found.append((status.st_mtime, status.st_size, file))
+    return found
+
+
+@functools.cache
+def _prune(folder: Path) -> None:
+    """Delete the files of a folder that are too old, and the oldest above `MAX_BYTES`; once in a process."""
+    total, now = 0, time.time()
+    for used, size, file in sorted(_files(folder), reverse=True):
+        total += size
+        if now - used > MAX_AGE or (total > MAX_BYTES and now - used > MIN_AGE):
+            with contextlib.suppress(OSError):  # another process deletes it or, on Windows, has it loaded
+                if file.stat().st_mtime == used:  # not used meanwhile
+                    file.with_suffix(".sha256").unlink(missing_ok=True)
+                    file.unlink()
+
+
 def _folders() -> Iterator[Path]:
     """Yield the folders to look into and to store in: the user's, and one of this process."""
     folder = cache_folder()
     try:
         folder.mkdir(mode=0o700, parents=True, exist_ok=True)
         folder = folder.resolve()  # a link to a folder is fine
-        if not is_private(folder, stat.S_IFDIR):
-            raise PermissionError("it is another user's, or others may write to it (chmod go-w mends that)")
+        refuse_foreign(folder)
         yield folder
     except OSError as error:
         _not_kept(folder, error)
@@ -105,6 +143,8 @@ def _is_intact(file: Path) -> bool:
     try:
         if not (is_private(file, stat.S_IFREG) and is_private(beside, stat.S_IFREG)):
             return False
+        with contextlib.suppress(OSError):  # a folder that can be read only
+            os.utime(file)  # it is used now: `_prune` of another process leaves it
         return hashlib.sha256(file.read_bytes()).hexdigest() == beside.read_text(encoding="ascii")
     except (OSError, UnicodeDecodeError):
         return False

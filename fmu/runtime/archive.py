@@ -12,6 +12,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path, PurePosixPath
 
+from trussflow.blocks.framework.files import reading
 from trussflow.blocks.framework.temporary import process_folder, with_place
 from trussflow.blocks.framework.validation import positive, shown
 from trussflow.fmu.errors import FmuArchiveError
@@ -50,17 +51,16 @@ def opened(path: Path, max_bytes: float = MAX_BYTES) -> Iterator[zipfile.ZipFile
         is no size.
     """
     positive(FmuArchiveError, max_bytes=max_bytes)
-    if not path.exists():
-        raise FmuArchiveError(f"cannot open '{path}': there is no such file")
+    damaged = "it is no zip archive, or a damaged one ({})"
+    with reading(path, FmuArchiveError, "cannot open", damaged) as file:
+        archive = zipfile.ZipFile(file)
     try:
-        with zipfile.ZipFile(path) as archive:
+        with archive:
             if fault := next(_faults(archive.infolist(), max_bytes), None):
                 raise FmuArchiveError(f"refused to unpack '{path}': {fault}")
             yield archive
     except DAMAGE as error:
-        raise FmuArchiveError(
-            f"cannot open '{path}': it is no zip archive, or a damaged one ({error})"
-        ) from error
+        raise FmuArchiveError(f"cannot open '{path}': {damaged.format(error)}") from error
     except OSError as error:
         raise FmuArchiveError(f"cannot open or unpack '{path}' {with_place(error)}") from error
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import shutil
 import weakref
 from collections.abc import Iterator
@@ -160,7 +161,7 @@ class _Reader:
                 "hold all they need can be imported"
             )
         file = self.folder.joinpath(*parts)
-        if not file.is_file():
+        if not os.path.isfile(file):
             raise SspError(f"cannot read '{self.where}': there is no '{name}' in it")
         return file
 

@@ -131,15 +131,17 @@ class MeanAxesDesign:
                 "modal_damping",
                 "probe",
             )
+            shape = (3,) if field.type == "Vector" else ()
             try:
                 good = np.greater(value, 0.0) if positive else np.greater_equal(value, 0.0)
-                good = np.all(good & np.isfinite(value))
+                good = np.shape(value) == shape and np.all(good & np.isfinite(value))
             except (TypeError, ValueError):  # no numbers, or lists of different lengths
                 good = False
             if not good:
                 raise ModelError(
                     f"mean-axes design: {field.name} is {shown(value)}; it must be finite and "
                     + ("above 0" if positive else "not negative")
+                    + (": three numbers, of position, attitude and joints" if shape else ": one number")
                 )
         if self.slow_share > 1.0:
             raise ModelError(f"mean-axes design: slow_share is {self.slow_share}; it must be at most 1")

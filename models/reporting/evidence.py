@@ -8,6 +8,7 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
+from trussflow.blocks.framework.files import reading
 from trussflow.models.errors import ModelError
 from trussflow.models.reporting.cache import code_digest, libraries, write_atomically
 from trussflow.models.reporting.ledger import Ledger
@@ -50,10 +51,8 @@ def is_fresh(folder: Path, command: str) -> tuple[bool, str]:
     ModelError
         If there is no report.
     """
-    try:
-        evidence = json.loads((folder / EVIDENCE).read_text(encoding="utf-8"))
-    except (OSError, ValueError) as error:
-        raise ModelError(f"cannot read the evidence of a report in '{folder}': {error}") from error
+    with reading(folder / EVIDENCE, ModelError, "cannot read the evidence of a report in") as file:
+        evidence = json.loads(file.read_text(encoding="utf-8"))
     digest, maker = code_digest(), evidence.get("code", {}).get("digest", "not stated")
     if maker == digest:
         return True, f"the report in '{folder}' was made by this code, digest {digest}"

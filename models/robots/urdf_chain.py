@@ -48,6 +48,10 @@ def chain(path: str | Path, hand: str, base: str, locked: Mapping[str, float | s
             places_of[name] = given.scalar(name, movable[name].unit)
         else:
             places_of[name] = float(frozen_array(f"{file}: locked joint {name!r}", value, ()))
+    touching: dict[str, list[UrdfJoint]] = {name: [] for name in tree.links}
+    for joint in tree.joints.values():
+        touching[joint.parent].append(joint)
+        touching[joint.child].append(joint)
     on_chain = set(_above(tree, hand)) ^ set(_above(tree, base))
 
     # From the hand outward, link by link: `pose` is the link's frame in that of its body.
@@ -65,7 +69,7 @@ def chain(path: str | Path, hand: str, base: str, locked: Mapping[str, float | s
             mount, own = pose, inertia
         else:
             bodies[body] = combined(bodies[body], moved_inertia(inertia, *pose))
-        for joint in _touching(tree, link):
+        for joint in touching[link]:
             outward = joint.parent == link
             beyond = joint.child if outward else joint.parent
             if beyond == came_from:
@@ -121,10 +125,6 @@ def _above(tree: UrdfTree, link: str) -> Iterator[str]:
     while link in tree.joints:
         yield link
         link = tree.joints[link].parent
-
-
-def _touching(tree: UrdfTree, link: str) -> list[UrdfJoint]:
-    return [joint for joint in tree.joints.values() if link in (joint.parent, joint.child)]
 
 
 def _sides(joint: UrdfJoint, outward: bool) -> tuple[Pose, Pose]:

@@ -12,6 +12,7 @@ from xml.parsers import expat
 
 import numpy as np
 
+from trussflow.blocks.framework.files import reading
 from trussflow.blocks.framework.types import Vector
 from trussflow.models.errors import ModelError
 from trussflow.models.geometry.rotation import fixed_rotation
@@ -231,13 +232,15 @@ def read_urdf(path: str | Path) -> UrdfTree:
     roots = [name for name in links if name not in joints]
     if len(roots) > 1:
         raise links[roots[1]].refused(f"no joints join it to {roots[0]!r}; all links must be one tree")
+    rooted = set(roots)  # links known to hang on the root: each joint is followed once
     for name in links:
-        above, seen = name, {name}
-        while above in joints:
-            above = joints[above].parent
+        above, seen = name, set[str]()
+        while above not in rooted:
             if above in seen:
                 raise joints[above].element.refused(f"it closes a cycle: link {above!r} hangs on itself")
             seen.add(above)
+            above = joints[above].parent
+        rooted |= seen
     return UrdfTree(robot, links, bodies, joints)
 
 
@@ -258,13 +261,8 @@ def _parsed(path: Path) -> Element:
     parser.StartElementHandler = enter
     parser.EndElementHandler = lambda _: opened.pop()
     parser.StartDoctypeDeclHandler = refuse
-    try:
-        parser.Parse(path.read_bytes(), True)
-    except ModelError:
-        raise
-    except (OSError, expat.ExpatError, ValueError, LookupError) as error:
-        why = error.strerror if isinstance(error, OSError) else f"it is not XML ({error})"
-        raise ModelError(f"cannot read robot {str(path)!r}: {why}") from error
+    with reading(path, ModelError, "cannot read robot", "it is not XML ({})") as file:
+        parser.Parse(file.read_bytes(), True)
     return opened[0].children[0]
 
 

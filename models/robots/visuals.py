@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterator
 from itertools import pairwise
 from pathlib import Path
@@ -10,6 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from trussflow.blocks.framework.errors import Explained
 from trussflow.blocks.framework.types import Vector
 from trussflow.models.errors import ModelError
 from trussflow.models.robots.urdf_reading import Element, Pose
@@ -61,7 +63,7 @@ class Visual(NamedTuple):
             return "" if self.kind in _SIZES else f"a {self.kind}, which is no shape of URDF"
         if self.file.suffix.lower() not in _READERS:
             return f"{self.file.name}, which is none of {', '.join(_READERS)}"
-        return "" if self.file.is_file() else f"{self.file.name}, which was not found"
+        return "" if os.path.isfile(self.file) else f"{self.file.name}, which was not found"
 
     def triangles(self) -> Triangles:
         """Return it as triangles in the frame of its body.
@@ -86,12 +88,10 @@ class Visual(NamedTuple):
         if self.kind == "sphere":
             angles = np.linspace(0.0, np.pi, _ALONG + 1)
             return _revolved(self.size[0] * np.stack([np.sin(angles), -np.cos(angles)], axis=1))
-        try:
+        with Explained(lambda e: ModelError(f"{self.file.name}, which cannot be read: {e}")):
             points, faces = _READERS[self.file.suffix.lower()](self.file.read_bytes())
             if not (np.isfinite(points).all() and 0 <= faces.min() <= faces.max() < len(points)):
                 raise ValueError("its numbers make no triangles")
-        except (OSError, ValueError, IndexError) as error:
-            raise ModelError(f"{self.file.name}, which cannot be read: {error}") from error
         return points * self.size, faces
 
 
@@ -131,7 +131,7 @@ def _located(name: str, folder: Path) -> Path:
         return folder / rest
     inside = rest.partition("/")[2]
     places = [up / path for up in (folder, *folder.parents) for path in (rest, inside)]
-    return next((place for place in places if place.is_file()), folder / rest)
+    return next((place for place in places if os.path.isfile(place)), folder / rest)
 
 
 def _revolved(profile: Vector) -> Triangles:

@@ -6,10 +6,14 @@ reads the files; it is an extra, ``pip install trussflow[nastran]``.
 
 from __future__ import annotations
 
+import os
+import re
 from pathlib import Path
 
 import numpy as np
 
+from trussflow.blocks.framework.errors import Explained
+from trussflow.blocks.framework.files import destination
 from trussflow.models.errors import ModelError
 from trussflow.models.truss.structure import Structure
 from trussflow.models.validation import check_choice
@@ -48,13 +52,13 @@ def structure_from_nastran(
     except ImportError as error:
         raise ModelError("Nastran's files are read by pyyeti; pip install 'trussflow[nastran]'") from error
 
-    try:
+    cannot = f"cannot read {str(deck)!r} with {str(matrices)!r}"
+    with Explained(lambda error: ModelError(f"{cannot}: {error}")):
+        _refuse_devices(Path(deck))
         nodes, _ = bulk.bulk2uset(str(deck))
         # What pyyeti calls rigid-body modes of a node begins with its own axes.
         moved = n2p.rbgeom_uset(nodes).reshape(-1, 6, 6)
-        found = op4.load(str(matrices), justmatrix=True)
-    except Exception as error:
-        raise ModelError(f"cannot read {str(deck)!r} with {str(matrices)!r}: {error}") from error
+        found = op4.load(str(destination(matrices)), justmatrix=True)
     if not len(nodes):
         raise ModelError(f"cannot find GRID cards in {str(deck)!r}; it must be the bulk data of the matrices")
     for name in (mass, stiffness):
@@ -68,3 +72,16 @@ def structure_from_nastran(
         axes=np.swapaxes(moved[:, :3, :3], 1, 2),
         source=Path(matrices).name,
     )
+
+
+def _refuse_devices(deck: Path) -> None:
+    """Raise OSError if the deck or a file that it includes is no regular file: a device may never end."""
+    files = [deck.absolute()]
+    for file in files:  # grows
+        text = destination(file).read_text(encoding="utf-8", errors="replace")
+        for parts in re.findall(r"^include[^'\n]*'([^']*)'", text, re.IGNORECASE | re.MULTILINE):
+            name = "".join(map(str.strip, parts.splitlines()))
+            # As in pyyeti: a bare name is beside the file that includes it, a path begins beside the deck.
+            included = (files[0] if os.path.dirname(name) else file).parent / name
+            if included not in files:
+                files.append(included)

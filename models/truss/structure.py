@@ -8,19 +8,22 @@ stay exactly the same; what that does to the frequencies is among the `Structure
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from typing import Any
-from zipfile import BadZipFile
 
 import numpy as np
 import numpy.typing as npt
 import scipy
 
 from trussflow.blocks.framework.errors import BlockError
+from trussflow.blocks.framework.files import reading
 from trussflow.blocks.framework.types import Vector
 from trussflow.blocks.framework.units import parse
+from trussflow.blocks.framework.validation import MOST_ELEMENTS
 from trussflow.models.errors import ModelError
 from trussflow.models.geometry.rotation import cross_matrix
 from trussflow.models.validation import check_choice, check_rotation, frozen_array
@@ -128,7 +131,12 @@ class Structure:
         """
         length, kilogram, second = _factors(units)
         if isinstance(positions, str | Path):
-            positions = _matrix("positions", positions).toarray()
+            matrix = _matrix("positions", positions)
+            if math.prod(matrix.shape) > MOST_ELEMENTS:
+                raise ModelError(
+                    f"structure: positions has shape {matrix.shape}, more than {MOST_ELEMENTS:,} elements"
+                )
+            positions = matrix.toarray()
         places = frozen_array("structure: positions", positions, (None, 3)) * length
         count = len(places)
         given = np.asarray(np.eye(3) if axes is None else axes)
@@ -358,7 +366,13 @@ def _matrix(name: str, given: Any) -> scipy.sparse.coo_array:
     """Return a matrix that is given, or in a file, as a sparse one."""
     what = f"structure: the {name}" + " matrix" * (name != "positions")
     if isinstance(given, str | Path):
-        from scipy.io import mmread
+        from scipy.io import mminfo, mmread
+
+        def market(path: Path) -> Any:
+            _, _, entries, *_ = mminfo(path)
+            if entries > path.stat().st_size:
+                raise ValueError(f"the file is too short for the {entries:,} entries that it declares")
+            return mmread(path)
 
         def archived(path: Path) -> Any:
             with np.load(path) as arrays:
@@ -367,13 +381,12 @@ def _matrix(name: str, given: Any) -> scipy.sparse.coo_array:
                 check_choice(f"array in {path.name}:", name, arrays)
                 return arrays[name]
 
-        readers: dict[str, Any] = {".mtx": mmread, ".npz": archived, ".npy": np.load}
-        path = Path(given)
-        check_choice(f"reader of {what} for files", path.suffix, readers)
-        try:
-            given = readers[path.suffix](path)
-        except (OSError, ValueError, KeyError, BadZipFile) as error:
-            raise ModelError(f"{what} cannot be read from {str(given)!r}: {error}") from error
+        # Mapped, since numpy compares what the head of a mapped file declares with its size.
+        readers: dict[str, Any] = {".mtx": market, ".npz": archived, ".npy": partial(np.load, mmap_mode="r")}
+        suffix = Path(given).suffix
+        check_choice(f"reader of {what} for files", suffix, readers)
+        with reading(given, ModelError, f"{what} cannot be read from") as path:
+            given = readers[suffix](path)
     try:
         entries = given if scipy.sparse.issparse(given) else np.asarray(given)
         matrix: scipy.sparse.coo_array = scipy.sparse.coo_array(entries)  # type: ignore[arg-type]

@@ -25,7 +25,7 @@ from typing import Any
 
 import numpy as np
 
-from trussflow.blocks.framework.files import replaced
+from trussflow.blocks.framework.files import reading, replaced
 from trussflow.models.errors import ModelError
 
 FORMAT = "trussflow truss modes 1"
@@ -61,12 +61,10 @@ def read_modes(path: str | Path) -> dict[str, Any]:
     ModelError
         If the file cannot be read, is not JSON of this format, or has unknown or missing keys.
     """
-    problem = f"cannot read truss modes from {str(path)!r}"
-    try:
-        content = json.loads(Path(path).read_text(encoding="utf-8"))
-    except (OSError, ValueError) as error:
-        why = error.strerror if isinstance(error, OSError) else f"it is not JSON ({error})"
-        raise ModelError(f"{problem}: {why}") from error
+    cannot = "cannot read truss modes from"
+    problem = f"{cannot} '{path}'"
+    with reading(path, ModelError, cannot, "it is not JSON ({})") as file:
+        content = json.loads(file.read_text(encoding="utf-8"))
     if not isinstance(content, dict) or content.pop("format", None) != FORMAT:
         raise ModelError(f"{problem}: it must be an object with 'format': {FORMAT!r}")
     differences = {"unknown": content.keys() - _KEYS, "missing": _KEYS.keys() - content}

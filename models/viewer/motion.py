@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 
+from trussflow.blocks.framework.files import reading
 from trussflow.blocks.framework.types import Vector
 from trussflow.blocks.framework.units import readable
 from trussflow.models.errors import ModelError
@@ -52,16 +53,12 @@ def opened(result: xr.Dataset | str | Path) -> xr.Dataset:
         return result
     if not isinstance(result, str | Path):
         raise ModelError(f"cannot show {type(result).__name__}: give the result of a run, or its file")
-    if not Path(result).is_file():
-        raise ModelError(f"cannot show '{result}': there is no such file")
-    try:
-        with xr.open_dataset(result, engine="netcdf4", decode_cf=False) as file:
-            return file.load()
-    except (OSError, ValueError, RuntimeError) as error:
-        raise ModelError(
-            f"cannot show '{result}': it is no whole netCDF file of a run ({error}); what a killed run has "
-            "written so far is read by trussflow.blocks.recover"
-        ) from error
+    damaged = (
+        "it is no whole netCDF file of a run ({}); what a killed run has written so far is read by "
+        "trussflow.blocks.recover"
+    )
+    with reading(result, ModelError, "cannot show", damaged) as path:
+        return xr.load_dataset(path, engine="netcdf4", decode_cf=False)
 
 
 class Motion:

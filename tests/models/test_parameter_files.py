@@ -1,5 +1,6 @@
 """Parameter files: every value has unit and source, and every mistake has its message."""
 
+import os
 import re
 import tomllib
 
@@ -7,8 +8,10 @@ import numpy as np
 import pint
 import pytest
 
-from trussflow.models import ModelError, ParameterTable, shipped_file
+from trussflow.models import ModelError, ParameterTable, RobotArm, Structure, shipped_file
 from trussflow.models.layered_file import LayeredFile
+from trussflow.models.truss.truss_modes_file import read_modes
+from trussflow.models.viewer.motion import opened
 
 SHIPPED = (
     "robot_arm_literal.toml",
@@ -147,9 +150,30 @@ def test_unreadable_files(tmp_path):
     with pytest.raises(ModelError, match=r"cannot read parameter file .*No such file"):
         ParameterTable.read(tmp_path / "absent.toml")
     broken = tmp_path / "broken.toml"
-    broken.write_text("mass = = 3")
-    with pytest.raises(ModelError, match="it is not TOML"):
-        ParameterTable.read(broken)
+    for text, fault in (("mass = = 3", "Invalid value"), ("a = " + "[" * 100_000, "it is nested too deeply")):
+        broken.write_text(text)
+        with pytest.raises(ModelError, match=rf"it is not TOML \({fault}"):
+            ParameterTable.read(broken)
+    broken.write_text(f'extends = "{"a" * 300}"')
+    with pytest.raises(ModelError, match=r"'extends' leads nowhere: no parameter file 'aaa"):
+        LayeredFile.read(broken)
+
+
+READERS = {
+    "parameters.toml": ParameterTable.read,
+    "modes.json": read_modes,
+    "robot.urdf": lambda path: RobotArm.from_urdf(path, hand="a", base="b"),
+    "places.npy": lambda path: Structure.from_matrices(np.eye(3), np.eye(3), path, units=("m", "kg", "s")),
+    "result.nc": opened,
+}
+
+
+@pytest.mark.skipif(os.name == "nt", reason="there are no such pipes")
+@pytest.mark.parametrize("name", READERS)
+def test_readers_take_regular_files_only(name, tmp_path):
+    os.mkfifo(tmp_path / name)
+    with pytest.raises(ModelError, match=rf"{re.escape(name)}': it is a device, a pipe or a socket"):
+        READERS[name](tmp_path / name)
 
 
 def test_unknown_shipped_file():

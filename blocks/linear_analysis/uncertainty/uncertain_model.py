@@ -22,7 +22,7 @@ from trussflow.blocks.framework.types import Array, Vector
 from trussflow.blocks.framework.validation import by_name, finite_array, shown
 from trussflow.blocks.linear_analysis.linearize import Linearizer
 from trussflow.blocks.linear_analysis.margins import on_the_border
-from trussflow.blocks.linear_analysis.operating_point import OperatingPoint
+from trussflow.blocks.linear_analysis.operating_point import OperatingPoint, given_point
 from trussflow.blocks.linear_analysis.references import References
 
 if TYPE_CHECKING:
@@ -248,7 +248,7 @@ def uncertain(
         If an end of a range is no finite number.
     """
     linearizer = Linearizer(item, inputs, outputs, cut=cut)
-    at = OperatingPoint() if at is None else at
+    at = given_point(at)
     own = {} if becoming is not None else {**linearizer.parameters(), **at.parameters}
     given = by_name("uncertain parameters", parameters)
     if not given:

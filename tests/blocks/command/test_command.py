@@ -3,6 +3,7 @@
 import argparse
 import io
 import json
+import re
 import shlex
 import subprocess
 import sys
@@ -21,6 +22,7 @@ from trussflow.blocks import TransferFunction
 from trussflow.blocks.framework import telling
 from trussflow.blocks.framework.command_line import ended, json_of
 from trussflow.blocks.tracing import compiler
+from trussflow.blocks.tracing.compile_cache import cache_folder
 from trussflow.fmu import Fmu, export
 
 
@@ -74,7 +76,9 @@ def test_help_names_every_command(capsys):
 def test_version(capsys):
     with pytest.raises(SystemExit):
         main(["--version"])
-    assert capsys.readouterr().out == f"trussflow {trussflow.__version__}\n"
+    version, cache = capsys.readouterr().out.splitlines()
+    assert version == f"trussflow {trussflow.__version__}"
+    assert re.fullmatch(rf"compiled code: [\d.]+ MB in {re.escape(str(cache_folder()))}", cache)
     assert trussflow.__version__[0].isdigit() or trussflow.__version__ == "unknown"
 
 
@@ -231,7 +235,7 @@ def code_of(words):
             "has no port 'angel'; inputs: torque; outputs: angle, rate",
         ),
         ("sweep loop.py:loop", "is upright: Diagram, 4 blocks, 5 wires; write functools.partial"),
-        ("view gone.nc", "cannot show 'gone.nc': there is no such file"),
+        ("view gone.nc", "cannot show 'gone.nc': No such file"),
         ("view loop.py", "cannot show 'loop.py': it is no whole netCDF file"),
     ],
 )

@@ -120,6 +120,7 @@ def held():
         ({"plant": 3}, LinearAnalysisError, "cannot make this Kalman filter of 3: give a block"),
         ({"plant": control.c2d(TWO, 0.1)}, LinearAnalysisError, "a linear model in continuous time"),
         ({"plant": held()}, LinearAnalysisError, "'held': it has sampled blocks"),
+        ({"allow_unobserved": np.ones(2)}, BlockError, "needs allow_unobserved=True or allow_unob"),
         (
             {"plant": TWO, "process_noise": 1.0, "allow_unobserved": True},
             LinearAnalysisError,
@@ -205,7 +206,7 @@ ODD = [
 ]
 
 
-NAMES = sorted(signature(kalman_filter).parameters.keys() - {"at", "allow_unobserved"})
+NAMES = sorted(signature(kalman_filter).parameters.keys() - {"at"})
 
 
 @given(st.fixed_dictionaries({}, optional=dict.fromkeys(NAMES, st.sampled_from(ODD))))

@@ -122,7 +122,7 @@ def test_disconnect_and_remove():
     outer.add("both", both)
     d.remove(source)
     assert not d.blocks
-    for nothing in ("both", source, 3):
+    for nothing in ("both", source, 3, ["both"]):
         with pytest.raises(NameLookupError, match=r"cannot remove .* from 'd': there is nothing"):
             d.remove(nothing)
     for port in (source.y, both.y, 3):

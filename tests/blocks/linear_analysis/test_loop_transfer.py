@@ -1,11 +1,13 @@
 """Loops broken at any wire: the loop gain, ready for the margins of python-control."""
 
 from contextlib import nullcontext
+from unittest.mock import patch
 
 import campaign
 import control
 import numpy as np
 import pytest
+from scipy.optimize import minimize_scalar
 from systems import ports
 
 from trussflow.blocks import (
@@ -27,7 +29,7 @@ from trussflow.blocks import (
     loop_transfer,
     sensitivity,
 )
-from trussflow.blocks.framework.errors import LinearAnalysisError, SimulationWarning
+from trussflow.blocks.framework.errors import LinearAnalysisError, SimulationWarning, TrussflowError
 from trussflow.blocks.linear_analysis.margins import disk_margin, frequencies_about, sensitivity_matrices
 
 KP, KD = 20.0, 3.0
@@ -183,6 +185,16 @@ def test_margins_of_a_loop_are_those_of_python_control_and_of_its_sensitivity():
     assert type(control.feedback(opened)) is control.StateSpace
     with pytest.raises(LinearAnalysisError, match=r"closed, it has the unstable poles 1\+2j, 1-2j"):
         loop_margins(turned_loop(), "law.y")
+    for omega in ([], 1.0, [1.0, 1.0], "fast", [[1.0, 2.0]]):
+        with pytest.raises(TrussflowError, match=r"^omega "):
+            loop_margins(loop, "plant.u", omega=omega)
+
+
+def test_a_loop_without_gain_takes_no_search():
+    """Its disk margin is the same at all frequencies, which are no minima."""
+    with patch("scipy.optimize.minimize_scalar", wraps=minimize_scalar) as search:
+        assert loop_margins(spring_loop(), "plant.u", openings="plant.y").disk == 2.0
+    assert search.call_count == 1
 
 
 def disk_margin_and_scan(loop):

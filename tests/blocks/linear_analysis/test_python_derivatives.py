@@ -128,6 +128,24 @@ def test_own_derivatives_are_checked():
         linearize(alone(Wrong().sampled(0.1)))
 
 
+def test_an_output_without_inputs_and_states_has_no_derivatives():
+    class Fixed(Block):
+        traced = False
+        u = Input(2)
+        y = Output(2)
+
+        def output(self, t, x, u, p):
+            return {"y": np.ones(2)}
+
+        def feedthrough(self):
+            return {"y": ()}
+
+        def directional_derivative(self, kind, t, x, u, p, dx, du):
+            return {"y": np.zeros(2)}
+
+    np.testing.assert_array_equal(linearize(alone(Fixed().sampled(0.1))).C[:, :2], np.zeros((2, 2)))
+
+
 class HiddenSumWithSlopes(HiddenSum):
     def directional_derivative(self, kind, t, x, u, p, dx, du):
         return {"y": 2 * du.u} if kind == "output" else {}

@@ -325,6 +325,8 @@ def test_results_in_other_forms(result, tmp_path):
         (lambda r: to_control(r, []), "cannot hand over nothing: name the outputs"),
         (lambda _: to_pandas(3), "cannot tabulate 3: it is no result of a run"),
         (lambda _: save(3, "run.csv"), r"cannot write to 'run\.csv' 3: it is no result"),
+        (lambda _: load("run.csv"), r"cannot read a result from 'run\.csv': .*load\(\) reads no others"),
+        (lambda _: load("/dev/zero"), "cannot read a result from '/dev/zero': it is a device"),
         (lambda _: load("there/is/none.nc"), r"cannot read a result from 'there/is/none\.nc': "),
     ],
 )

@@ -1,5 +1,6 @@
 """Sweeps: every sample is a run of its own, with the values that it was given, whoever runs it."""
 
+import re
 import sys
 
 import cloudpickle
@@ -148,8 +149,11 @@ def test_the_end_is_rerun_from_a_file(tmp_path):
         assert rerun(decay(), read, worst)["x.y"].values[-1] == read["x.y"].values[worst]
         with pytest.raises(SimulationError, match="'decay' has changed since it was swept"):
             rerun(decay(rate=2.0), read, worst)
-        with pytest.raises(SimulationError, match="there is no sample 7"):
-            rerun(decay(), read, 7)
+        for sample in (7, [1]):
+            with pytest.raises(SimulationError, match=f"there is no sample {re.escape(str(sample))}"):
+                rerun(decay(), read, sample)
+    with pytest.raises(SimulationError, match=r"cannot rerun a sample of 3: give what sweep\(\) returned"):
+        rerun(decay(), 3, 0)
 
 
 WRONG_SETTINGS = {

@@ -146,6 +146,9 @@ def test_a_folder_of_something_else_is_refused(tmp_path):
         again()
     piece.unlink()
     xr.testing.assert_equal(first, again())
+    (tmp_path / "kept" / "sweep.json").write_text("{")
+    with pytest.raises(SimulationError, match=r"go on with the sweep of .*json': it is damaged \(Exp"):
+        again()
 
 
 def test_two_sweeps_do_not_write_to_one_folder(tmp_path):

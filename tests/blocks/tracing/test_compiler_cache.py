@@ -1,8 +1,10 @@
 """Compiled code: once per content, safe with several processes, optional altogether."""
 
 import ctypes
+import os
 import subprocess
 import sys
+import time
 import warnings
 
 import pytest
@@ -165,6 +167,27 @@ def test_compiler_of_the_environment_comes_first(tmp_path, monkeypatch):
         monkeypatch.setenv("CC", name)
         command = find_compiler()
         assert command is None or command[0] not in (name, "")
+
+
+def test_files_that_are_old_or_too_much_are_deleted(cache, builds, monkeypatch):
+    """The file used longest ago goes first, never one that another process may be about to load."""
+    libraries = [library_of(SOURCE + "\n" * k) for k in range(4)]
+    size = libraries[0].stat().st_size
+    assert compile_cache.cache_size() == 4 * size
+    monkeypatch.setattr(compile_cache, "MAX_BYTES", 1.5 * size)
+    for library, days in zip(libraries, (100.0, 2.0, 1.0, 0.0), strict=True):
+        os.utime(library, times=(0.0, time.time() - days * 86_400.0))
+    assert library_of(SOURCE) == libraries[0]  # used now
+    compile_cache._prune.cache_clear()
+    fifth = library_of(SOURCE + "\n" * 4)
+    kept = {libraries[0], libraries[3], fifth}
+    assert {*cache.iterdir()} == kept | {file.with_suffix(".sha256") for file in kept}
+    os.utime(fifth, times=(0.0, time.time() - 91.0 * 86_400.0))
+    compile_cache._prune.cache_clear()
+    monkeypatch.setattr(compile_cache, "MAX_BYTES", 10.0 * size)
+    library_of(SOURCE + "\n" * 5)
+    assert not fifth.exists()
+    assert len(builds) == 6
 
 
 def test_cache_is_in_the_users_folder_by_default(monkeypatch):

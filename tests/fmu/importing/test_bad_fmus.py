@@ -71,8 +71,9 @@ def encrypted(make_fmu, _folder):
 @pytest.mark.parametrize(
     ("make", "message"),
     [
-        (lambda _, folder: folder / "nowhere.fmu", r"nowhere\.fmu': there is no such file"),
-        (lambda _, folder: folder, r"cannot open .*[Dd]irectory"),
+        (lambda _, folder: folder / "nowhere.fmu", r"nowhere\.fmu': No such file"),
+        (lambda _, folder: folder, "cannot open .*: it is a folder"),
+        (lambda *_: "/dev/zero", "cannot open '/dev/zero': it is a device, a pipe"),
         (text_file, "no zip archive, or a damaged one"),
         (truncated, "no zip archive, or a damaged one"),
         (

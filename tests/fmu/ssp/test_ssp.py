@@ -244,6 +244,7 @@ def rewritten(file, target, changes):
     ("changes", "message"),
     [
         ({"resources/mass.fmu": "../mass.fmu"}, r"'\.\./mass\.fmu' is not inside"),
+        ({"resources/mass.fmu": "n" * 300}, "there is no 'nnn"),
         ({"resources/mass.fmu": "resources/no.fmu"}, r"no 'resources/no\.fmu'"),
         ({'type="application/x-fmu-sharedlibrary"': 'type="text/plain"'}, "of type 'text/plain'"),
         ({'startConnector="position"': 'startConnector="speed"'}, "no connector 'speed' of 'mass'"),

@@ -19,6 +19,8 @@ DESIGN = MeanAxesDesign.shipped()
         ({"sample_time": "long"}, "sample_time is 'long'; it must be finite and above 0"),
         ({"sample_time": 0.0}, "sample_time is 0.0; it must be finite and above 0"),
         ({"bandwidth": np.array([1.0, np.nan, 1.0])}, "bandwidth is .*nan.*; it must be finite and above 0"),
+        ({"bandwidth": np.array([1.0, 2.0])}, "bandwidth is .*: three numbers, of position, attitude"),
+        ({"modal_noise": np.ones(3)}, "modal_noise is .*: one number"),
         ({"modal_damping": -0.1}, "modal_damping is -0.1; it must be finite and not negative"),
         ({"damped_modes": 4}, "4 modes cannot be damped with 3 estimated and 3 neutral ones; at most 3"),
     ],

@@ -1,6 +1,7 @@
 """Robots from URDF files: reading, errors, and writing."""
 
 import re
+import sys
 from dataclasses import replace
 
 import numpy as np
@@ -141,6 +142,31 @@ def test_errors_of_files(file, message, change):
     with pytest.raises(ModelError, match=re.escape(message)) as refused:
         read(file)
     assert "arm.urdf" in str(refused.value)
+
+
+def test_each_link_of_a_chain_takes_the_same_number_of_lines(tmp_path):
+    """The number of executed lines of the reader is linear in the number of links."""
+    path, lines = tmp_path / "chain.urdf", []
+
+    def trace(frame, event, _):
+        lines[-1] += event == "line"
+        return trace if "urdf" in frame.f_code.co_filename else None
+
+    for count in (20, 40, 60):
+        links = (f'<link name="l{k}">{INERTIAL}</link>' for k in range(count))
+        joints = (
+            f'<joint name="j{k}" type="fixed"><parent link="l{k}"/><child link="l{k + 1}"/></joint>'
+            for k in range(count - 1)
+        )
+        path.write_text(f"<robot>{''.join([*links, *joints])}</robot>")
+        lines.append(0)
+        usual = sys.gettrace()
+        sys.settrace(trace)
+        try:
+            RobotArm.from_urdf(path, hand="l0", base=f"l{count - 1}")
+        finally:
+            sys.settrace(usual)
+    assert lines[2] - lines[1] == lines[1] - lines[0] > 0
 
 
 @pytest.mark.campaign

@@ -101,6 +101,8 @@ def test_meshes_of_both_locations(tmp_path, name, write):
 ERROR_CASES = [
     ('<mesh filename="arm.dae"/>', "arm.dae, which is none of .stl, .obj"),
     ('<mesh filename="package://nowhere/arm.stl"/>', "arm.stl, which was not found"),
+    (f'<mesh filename="{"a" * 300}.stl"/>', f"{'a' * 300}.stl, which was not found"),
+    (f'<mesh filename="package://x/{"a" * 300}.stl"/>', f"{'a' * 300}.stl, which was not found"),
     ('<mesh filename="broken.stl"/>', "broken.stl, which cannot be read: "),
     ('<mesh filename="broken.obj"/>', "broken.obj, which cannot be read: "),
     ('<capsule radius="1" length="2"/>', "a capsule, which is no shape of URDF"),

@@ -1,6 +1,8 @@
 """A structure as plain matrices of another program, Pynite, in each format, as a mission."""
 
+import io
 from typing import Any
+from zipfile import ZipFile
 
 import numpy as np
 import pytest
@@ -124,6 +126,10 @@ def test_such_a_mission_runs(tmp_path, matrices, duration):
         ("mass", "other.npz", "array in other.npz: 'mass'; choose from: M"),
         ("mass", None, "says no 'mass'"),
         ("stiffness", "broken.npz", "mission.toml, structure: 'stiffness' is refused: "),
+        ("mass", "huge.npz", "the mass matrix cannot be read from .*it needs more memory than there is"),
+        ("mass", "huge.npy", "the mass matrix cannot be read from .*mmap length is greater than file size"),
+        ("mass", "huge.mtx", "too short for the 10,000,000,000 entries that it declares"),
+        ("positions", "wide.mtx", r"positions has shape \(1000000000, 1000000000\), more than 10,000,000 el"),
         ("positions", "two.npy", r"positions has shape \(5, 2\)"),
         ("positions", "nodes.csv", "for files '.csv'; choose from: .mtx, .npz, .npy"),
     ],
@@ -131,6 +137,15 @@ def test_such_a_mission_runs(tmp_path, matrices, duration):
 def test_what_cannot_be_a_structure_is_said(tmp_path, matrices, key, name, message):
     np.savez(tmp_path / "other.npz", M=np.eye(3))
     (tmp_path / "broken.npz").write_bytes(b"PK broken")
+    head = io.BytesIO()
+    shape = {"descr": "<f8", "fortran_order": False, "shape": (10**8, 10**8)}
+    np.lib.format.write_array_header_1_0(head, shape)
+    (tmp_path / "huge.npy").write_bytes(head.getvalue())
+    with ZipFile(tmp_path / "huge.npz", "w") as archive:
+        archive.writestr("mass.npy", head.getvalue())
+    (tmp_path / "huge.mtx").write_text("%%MatrixMarket matrix array real general\n100000 100000\n1\n")
+    sizes = "1000000000 1000000000 1\n1 1 1.0\n"
+    (tmp_path / "wide.mtx").write_text(f"%%MatrixMarket matrix coordinate real general\n{sizes}")
     np.save(tmp_path / "two.npy", POSITIONS[:, :2])
     files = written(tmp_path, "mtx", matrices) | {key: name}
     if name is None:

@@ -97,6 +97,7 @@ def test_the_matrices_of_the_example_are_those_of_its_deck(tmp_path):
         ({"deck": "empty.bdf"}, "cannot find GRID cards in .*empty.bdf'"),
         ({"matrices": "boom.bdf"}, "cannot read .*boom.bdf' with .*boom.bdf'"),
         ({"deck": "lost.bdf"}, "cannot read .*lost.bdf' with .*: reference coordinate id 77"),
+        ({"deck": "outer.bdf"}, "cannot read .*outer.bdf' with .*: it is a device, a pipe or a socket"),
         ({"mass": "MAA"}, "no matrix in .*boom.op4': 'maa'; choose from: mgg, kgg"),
         ({"units": ("N", "t", "s")}, "units are .*; they must be of length, mass and time"),
         (
@@ -110,6 +111,8 @@ def test_errors(boom, tmp_path, given, message):
     op4.write(str(tmp_path / "boom.op4"), matrices_of(boom, table))
     (tmp_path / "empty.bdf").write_text("BEGIN BULK\nENDDATA\n")
     (tmp_path / "lost.bdf").write_text("GRID,1,77,0.,0.,0.\n")
+    (tmp_path / "outer.bdf").write_text("INCLUDE 'inn\ner.bdf'\nGRID,1,,0.,0.,0.\n")
+    (tmp_path / "inner.bdf").write_text("$\ninclude '/dev/zero'\n")
     (tmp_path / "short.bdf").write_text("GRID,1,,0.,0.,0.\n")
     files = {
         name: tmp_path / given.get(name, f"boom.{kind}")

@@ -256,6 +256,11 @@ def test_models_without_a_greatest_gain_are_refused(ranges, omega, message):
         worst_gain(model_of(**ranges), omega)
 
 
+def test_a_point_that_is_none_is_refused():
+    with pytest.raises(LinearAnalysisError, match="an operating point must be an OperatingPoint"):
+        uncertain(Oscillator(), "u", "y[0]", {"Oscillator.mass": 0.1}, at={"u": 1.0})
+
+
 def test_deltas_beyond_one_are_refused():
     with pytest.raises(ParameterError, match="numbers from -1 to 1"):
         model_of(mass=0.1).values([0.0, 0.0])
