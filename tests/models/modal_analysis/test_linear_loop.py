@@ -50,6 +50,17 @@ def test_the_loop_is_the_one_that_is_flown(neutral_loop):
     assert np.abs(found - expected).max() < 1e-7 * np.abs(expected).max()
 
 
+def test_the_modal_force_is_a_wire(published_loop):
+    """Opened at the wire, or put together from parts: the same modal loop."""
+    mission = linear_mission(Mission.of_case(1))
+    diagram = transport_diagram(mission, SpaceTruss.published())
+    diagram.truss.modal_demand >> diagram.truss.modal_force
+    whole = response(loop_transfer(diagram, "truss.modal_force"), OMEGA)
+    parts = published_loop.loop(bandwidth=mission.observer_bandwidth, modal_actuation=True)
+    expected = response(parts.modal_loop, OMEGA)
+    assert np.abs(whole - expected).max() < 1e-9 * np.abs(expected).max()
+
+
 def test_at_rest_the_plants_differ_in_damping_alone(published_loop, neutral_loop):
     """Exact truss integrals change nothing to first order; damping is put in exactly."""
     damped = published_loop.plant(damping=0.005)
