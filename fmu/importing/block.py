@@ -15,10 +15,17 @@ from trussflow.fmu.errors import FmuError, check_positive
 from trussflow.fmu.importing.co_simulation_run import CoSimulationRun
 from trussflow.fmu.importing.fmu_run import FmuRun
 from trussflow.fmu.importing.import_interface import ImportInterface
-from trussflow.fmu.importing.model_exchange_run import PLACEHOLDER, STATE_EVENT, TIME_EVENT, ModelExchangeRun
+from trussflow.fmu.importing.model_exchange_run import (
+    PLACEHOLDER,
+    STATE_EVENT,
+    TIME_EVENT,
+    DifferentiableRun,
+    ModelExchangeRun,
+)
 from trussflow.fmu.runtime.archive import MAX_BYTES
 from trussflow.fmu.runtime.description import FmuDescription, Kind
 from trussflow.fmu.runtime.file import FmuFile
+from trussflow.fmu.runtime.split_inputs import is_smooth
 
 MOST = {"time_limit": 1e6, "memory_limit": 1e15}
 """What operating systems can still wait for [s] and count [B]."""
@@ -47,6 +54,8 @@ class Fmu(Block):
     of the diagram, which also locates the FMU's events. At an instant events come first: what is
     sampled and logged there sees the outputs after them. Events that what is sampled causes come last:
     inputs that may change at events only, wired to a sampled block, show in the next row.
+    Linear models take the FMU's own directional derivatives if it has them, and no inputs that change
+    at events only; else differences.
 
     Parameters
     ----------
@@ -212,4 +221,7 @@ class Fmu(Block):
 
     def open(self, p: Signals) -> FmuRun:
         """Unpack and load the FMU for one run, with parameters `p` [units as the FMU states]."""
-        return CoSimulationRun(self, p) if self.kind == "cs" else ModelExchangeRun(self, p)
+        if self.kind == "cs":
+            return CoSimulationRun(self, p)
+        offers = self.description.kinds["me"].derivatives and all(map(is_smooth, self.interface.inputs.order))
+        return (DifferentiableRun if offers else ModelExchangeRun)(self, p)
