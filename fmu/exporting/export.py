@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 from trussflow.blocks.framework.block import Block
 from trussflow.blocks.framework.interrupts import interruptible
 from trussflow.blocks.framework.temporary import with_place
-from trussflow.blocks.framework.validation import one_of
+from trussflow.blocks.framework.validation import one_of, yes_or_no
 from trussflow.blocks.simulation.adaptive import METHODS
 from trussflow.blocks.simulation.solver import FIXED_STEP
 from trussflow.blocks.tracing.compile_cache import CompilationError
@@ -31,6 +32,7 @@ def export(
     *,
     kind: str = "native",
     version: str = "2.0",
+    arrays: bool = True,
     step: float = 1e-3,
     stop_time: float = 10.0,
     tolerance: float = TOLERANCE,
@@ -69,6 +71,8 @@ def export(
         ``"native"``, ``"python"`` or ``"c"``.
     version : str
         Version of FMI: ``"2.0"`` (one variable per scalar) or ``"3.0"`` (array variables).
+    arrays : bool
+        Whether FMI 3.0 has array variables; else one per scalar, which importers such as OMSimulator need.
     step : float
         Step of the internal solver [s]; sample times are multiples of it.
     stop_time, tolerance : float
@@ -113,10 +117,13 @@ def export(
             "an FMU of kind 'python' has the binaries that pythonfmu brings along; leave out "
             "platforms, or export with kind='native'"
         )
+    yes_or_no("export", "arrays", arrays)
     target = check_writable(path)
     interface = ExportInterface.of(
         item, step=step, stop_time=stop_time, tolerance=tolerance, parameters=parameters, start=start
     )
+    if not arrays and version == "3.0":
+        interface = replace(interface, variables=interface.variables.scalarized())
     if kind == "c":
         for file, text in plain_files(interface, target).items():
             with written(file) as partial:
