@@ -10,7 +10,7 @@ from typing import Any
 from trussflow.blocks.framework.block import Block
 from trussflow.blocks.framework.interrupts import interruptible
 from trussflow.blocks.framework.temporary import with_place
-from trussflow.blocks.framework.validation import one_of, yes_or_no
+from trussflow.blocks.framework.validation import by_name, one_of, shown, yes_or_no
 from trussflow.blocks.simulation.adaptive import METHODS
 from trussflow.blocks.simulation.solver import FIXED_STEP
 from trussflow.blocks.tracing.compile_cache import CompilationError
@@ -23,6 +23,9 @@ from trussflow.fmu.exporting.plain_c.plain_files import plain_files
 from trussflow.fmu.exporting.python.python_files import python_files
 
 KINDS = ("native", "python", "c")
+
+ABOUT = ("author", "copyright", "description", "generationDateAndTime", "license", "version")
+"""Attributes of the model description that are the user's."""
 
 
 @interruptible()
@@ -40,6 +43,7 @@ def export(
     start: Mapping[str, Any] | None = None,
     platforms: str | Sequence[str] | None = None,
     solver: str = "rk4",
+    about: Mapping[str, str] | None = None,
 ) -> Path:
     """Write a block, or what a diagram exposes, as an FMU.
 
@@ -89,6 +93,9 @@ def export(
         (``()``), it holds the sources only. A Python FMU always has the binaries of pythonfmu.
     solver : str
         Solver inside a Python FMU, as for `Session`.
+    about : mapping of str to str, optional
+        Author, copyright, description, generationDateAndTime, license and version, for the model
+        description; the description is by default the first line of the block's docstring.
 
     Returns
     -------
@@ -122,6 +129,11 @@ def export(
     interface = ExportInterface.of(
         item, step=step, stop_time=stop_time, tolerance=tolerance, parameters=parameters, start=start
     )
+    for name, text in (about := by_name("about", about)).items():
+        one_of("attribute of an FMU", name, ABOUT, ExportError)
+        if not isinstance(text, str):
+            raise ExportError(f"cannot export '{item.name}': its {name} must be text, not {shown(text)}")
+    interface = replace(interface, about=about)
     if not arrays and version == "3.0":
         interface = replace(interface, variables=interface.variables.scalarized())
     if kind == "c":

@@ -69,6 +69,9 @@ class Fmu(Block):
     parameters, start : mapping of str to object, optional
         Values of parameters, and start values, by the FMU's names or the block's [units as the
         FMU states]. An input that is given a start value need not be wired.
+    declared_starts : bool
+        Whether inputs that are not wired keep the start values that the FMU declares; a vector that
+        declares different ones must be wired.
     units : mapping of str to (str or None), optional
         Our name of a unit by the FMU's, where it is not understood; None leaves it unchecked.
     delayed : bool
@@ -93,7 +96,7 @@ class Fmu(Block):
     NameLookupError
         If what is to be given by name is not.
     BlockError
-        If `delayed` or `logging` is neither True nor False.
+        If `declared_starts`, `delayed` or `logging` is neither True nor False.
 
     Examples
     --------
@@ -120,6 +123,7 @@ class Fmu(Block):
         step: float | None = None,
         parameters: Mapping[str, Any] | None = None,
         start: Mapping[str, Any] | None = None,
+        declared_starts: bool = False,
         units: Mapping[str, str | None] | None = None,
         delayed: bool = False,
         tolerance: float | None = None,
@@ -137,6 +141,7 @@ class Fmu(Block):
         for name, most in MOST.items():
             if (limit := limits[name]) is not None and limit > most:
                 raise FmuError(f"Fmu: {name} = {limit:g} is more than {most:g}; leave it out for no limit")
+        yes_or_no("Fmu", "declared_starts", declared_starts)
         yes_or_no("Fmu", "delayed", delayed)
         yes_or_no("Fmu", "logging", logging)
         parameters, start = by_name("parameters", parameters), by_name("start values", start)
@@ -150,7 +155,12 @@ class Fmu(Block):
         self.units, self.delayed, self.tolerance = dict(by_name("units", units)), delayed, tolerance
         reserved = {*dir(Fmu), *Block.__annotations__, *Fmu.__annotations__, STATE_EVENT, TIME_EVENT}
         self.interface = ImportInterface(
-            self.file.description, given, self.units, reserved, with_states=self.kind == "me"
+            self.file.description,
+            given,
+            self.units,
+            reserved,
+            with_states=self.kind == "me",
+            declared_starts=declared_starts,
         )
         self._declared = dict(self.interface.declarations)
         if self.kind == "me" and not self.interface.states.size:

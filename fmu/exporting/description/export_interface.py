@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import re
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -65,6 +65,8 @@ class ExportInterface:
         Step of fixed-step solvers [s], end of the default experiment [s], and its tolerance [-].
     token : str
         32 hexadecimal digits that change whenever the equations or the interface do.
+    about : mapping of str to str
+        Further attributes of the model description, such as the author.
 
     Notes
     -----
@@ -91,6 +93,7 @@ class ExportInterface:
     stop_time: float
     tolerance: float
     token: str
+    about: Mapping[str, str] = field(default_factory=dict)
 
     @classmethod
     def of(

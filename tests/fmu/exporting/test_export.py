@@ -58,6 +58,13 @@ def python_diagram():
             {},
             r"\(TransportDelay\) runs or .* replace it by sampled_delay\(sample_time, delay\)",
         ),
+        (
+            Integrator,
+            "x.fmu",
+            {"about": {"autor": "N"}},
+            "unknown attribute of an FMU 'autor'; choose from: author",
+        ),
+        (Integrator, "x.fmu", {"about": {"author": 1}}, "its author must be text, not 1"),
         (Integrator, "missing/x.fmu", {}, "there is no folder"),
         (Integrator, "", {}, "it is a folder; name a file"),
     ],
@@ -176,9 +183,10 @@ def test_command_line_errors(item, options, text, tmp_path, capsys):
 
 def test_scalars_of_fmi_3(exported, systems):
     """One variable per element: value references count them, which OMSimulator takes for granted."""
-    path = exported(systems.Oscillator(2), "3.0", "scalars", arrays=False)
+    path = exported(systems.Oscillator(2), "3.0", "scalars", arrays=False, about={"author": "N. N."})
     assert validate_fmu(str(path)) == []
     about = read_model_description(str(path))
+    assert about.author == "N. N."
     found = {v.name: v.valueReference for v in about.modelVariables if not v.dimensions}
     assert list(found.values()) == list(range(1, 1 + len(about.modelVariables)))
     assert {u.variable.name for u in about.outputs} == {"position[1]", "position[2]", "angle", "total"}

@@ -8,8 +8,10 @@ import pytest
 from fmpy import simulate_fmu
 
 from trussflow.blocks import (
+    Constant,
     Diagram,
     Gain,
+    OpenInputError,
     OperatingPoint,
     Pulse,
     Sine,
@@ -179,4 +181,22 @@ def test_solved_loops(version, exported, systems):
         runs.append(simulate(loop, 1.0, step=0.01)["f.y"])
     for matrix in "ABCD":
         np.testing.assert_allclose(*(getattr(m, matrix) for m in models), rtol=0, atol=ROUND_OFF)
+    np.testing.assert_allclose(*runs, rtol=0, atol=ROUND_OFF)
+
+
+def test_open_inputs_may_keep_declared_start_values(exported, systems):
+    """A vector has one value for all its elements; without the option every input must be wired."""
+    ours = Diagram("ours")
+    ours.add(f=systems.Oscillator(2), drive=Constant([0.5, 0.5], unit="N"))
+    ours.drive >> ours.f.force
+    runs = [simulate(ours, 1.0, step=0.01)["f.position"]]
+    for name, force, option in (("same", 0.5, True), ("same", 0.5, False), ("mixed", 1.0, True)):
+        path = exported(systems.Oscillator(2), "2.0", name, start={"force": [0.5, force]})
+        theirs = Diagram("theirs")
+        theirs.add(f=Fmu(path, kind="me", declared_starts=option))
+        if not option or force != 0.5:
+            with pytest.raises(OpenInputError, match="force"):
+                simulate(theirs, 1.0, step=0.01)
+        else:
+            runs.append(simulate(theirs, 1.0, step=0.01)["f.position"])
     np.testing.assert_allclose(*runs, rtol=0, atol=ROUND_OFF)
