@@ -35,7 +35,7 @@ PACKAGES = {
     FMU: (FRAMEWORK,),
     f"{FMU}.runtime": (FRAMEWORK,),
     f"{FMU}.importing": (FRAMEWORK, f"{FMU}.runtime"),
-    f"{FMU}.exporting.description": (FRAMEWORK, TRACING, SIMULATION),
+    f"{FMU}.exporting.description": (FRAMEWORK, TRACING, SIMULATION, LIBRARY),
     f"{FMU}.exporting.native": EXPORTING,
     f"{FMU}.exporting.python": EXPORTING,
     f"{FMU}.exporting.plain_c": (*EXPORTING, f"{FMU}.exporting.native"),

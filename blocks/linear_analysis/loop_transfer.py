@@ -216,7 +216,24 @@ def loop_margins(
         If no loop passes there, or the closed loop is unstable: it has no margins.
     """
     given = None if omega is None else frequencies(np.unique(frequencies(omega)), 2)
-    loop = loop_transfer(diagram, port, openings=openings, at=at, override=override)
+    return margins_of(loop_transfer(diagram, port, openings=openings, at=at, override=override), given)
+
+
+def margins_of(loop: LinearModel, omega: Vector | None = None) -> LoopMargins:
+    """Return the margins of a loop gain.
+
+    Parameters
+    ----------
+    loop : LinearModel
+        Loop gain, square.
+    omega : array, shape (k,), optional
+        Frequencies [rad/s]; by default dense around the poles.
+
+    Raises
+    ------
+    LinearAnalysisError
+        If the closed loop is unstable.
+    """
     poles = stable_poles(loop, loop.input_labels[0])
     sampled = loop.isdtime(strict=True)
     both = np.concatenate([loop.poles(), poles])
@@ -225,7 +242,7 @@ def loop_margins(
     sizes = np.abs(rates)[np.abs(rates) > 0.0]
     low, high = 1e-3 * sizes.min(initial=1.0), 1e3 * sizes.max(initial=1.0)
     high = np.pi / loop.dt if sampled else high
-    grid = frequencies_about(rates, low, high) if given is None else given
+    grid = frequencies_about(rates, low, high) if omega is None else omega
     S = sensitivities(loop, grid)
     gains = channel_responses(S)
     ends = real_sensitivities(loop, sizes.min(initial=1.0))

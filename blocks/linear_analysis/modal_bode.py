@@ -13,14 +13,12 @@ from trussflow.blocks.framework.errors import LinearAnalysisError
 from trussflow.blocks.framework.system import flatten
 from trussflow.blocks.framework.types import Vector
 from trussflow.blocks.linear_analysis.linearize import Amplitudes
-from trussflow.blocks.linear_analysis.loop_transfer import loop_transfer
+from trussflow.blocks.linear_analysis.loop_transfer import loop_transfer, margins_of
 from trussflow.blocks.linear_analysis.margins import (
     Complex,
-    channel_margins,
     channel_responses,
     frequencies_about,
     sensitivities,
-    stable_poles,
 )
 from trussflow.blocks.linear_analysis.modal_table import modal_table
 from trussflow.blocks.linear_analysis.operating_point import OperatingPoint
@@ -75,11 +73,11 @@ def modal_bode(
     poles = np.array([mode.pole for mode in modal_table(loop).modes])
     grid = np.asarray(omega) if omega is not None else _grid(poles)
     gains = channel_responses(sensitivities(loop, grid))
-    title, stable = f"{diagram.name}: loops at {opened.full_path}", True
+    title, margins = f"{diagram.name}: loops at {opened.full_path}", {}
     try:
-        stable_poles(loop, opened.full_path)
+        margins = margins_of(loop).channels
     except LinearAnalysisError as error:
-        title, stable = fill(str(error), 90), False
+        title = fill(str(error), 90)
     figure = Figure(figsize=(9.0, 7.0), layout="constrained")
     upper, lower = figure.subplots(2, 1, sharex=True)
     for k, label in enumerate(loop.input_labels):
@@ -88,9 +86,8 @@ def modal_bode(
             number = int(np.argmax([list(mode.shares.values())[k] for mode in modes]))
             mode = modes[number]
             text += f": mode {number + 1}, {mode.frequency:.3g} Hz, ζ = {mode.damping_ratio:z.2%}"
-        if stable:
-            margins = channel_margins(gains[:, k], grid, label)
-            text += f"; margins {20.0 * np.log10(margins.gain_up):.1f} dB, {margins.phase:.0f}°"
+        if label in margins:
+            text += f"; margins {20.0 * np.log10(margins[label].gain_up):.1f} dB, {margins[label].phase:.0f}°"
         upper.semilogx(grid / (2.0 * np.pi), 20.0 * np.log10(np.abs(gains[:, k])), label=text)
         lower.semilogx(grid / (2.0 * np.pi), np.degrees(np.unwrap(np.angle(gains[:, k]))))
     upper.axhline(0.0, color="grey", linewidth=0.8)

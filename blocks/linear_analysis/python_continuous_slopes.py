@@ -65,7 +65,7 @@ def closed_outputs(local: LocalJacobians, x: Vector, d: Vector) -> ClosedOutputs
     for call, quantity in local.assembly.continuous.ordered:
         rows.append(local.python(call, "output", quantity.name, x, d)[1])
     direct = np.vstack(rows)
-    # The outputs w = D_z z + D_w w; blocks that do not wait for each other make D_w nilpotent.
+    # The outputs w = D_z z + D_w w; D_w is nilpotent but for loops that are solved.
     by_all = np.asarray(np.linalg.solve(np.eye(where.size) - direct[:, where], direct), dtype=float)
     by_all[:, where] = 0.0
     return ClosedOutputs(where, by_all)

@@ -39,8 +39,9 @@ class Equation:
     ) -> None:
         self.call, self._equations, self._kind, self._t, self._p = call, equations, kind, t, p
         self._modes = modes
-        # As in a simulation: what an output does not depend on, it does not see.
-        needed = call.needed if kind == "output" else np.ones_like(call.needed)
+        # As in a simulation: what the output of a sampled block does not depend on, it does not see.
+        partly = kind == "output" and not call.block.continuous
+        needed = call.needed if partly else np.ones_like(call.needed)
         self.inputs = np.flatnonzero(needed)
 
     def __call__(self, z: Vector) -> Vector:

@@ -112,7 +112,9 @@ class EventWatch:
         self._quiet = (np.abs(sides) == TURNED) & (t == self._last)
         falls = self._may_fall & (sides > 0.0) & ((g < 0.0) | ((g == 0.0) & (sides == 1.0)))
         rises = self._may_rise & (sides < 0.0) & ((g > 0.0) | ((g == 0.0) & (sides == -1.0)))
-        self._fired[:] = ((falls | rises) & ~self._quiet) | (self._timed & (g <= t))
+        self._fired[:] = ((falls | rises) & ~self._quiet) | (
+            self._timed & (g <= t + LOCATED_TO * abs(t))  # a sample instant may be an event but for round-off
+        )
         return bool(self._fired.any())
 
     def _adopt(self) -> None:
@@ -140,7 +142,8 @@ class EventWatch:
             short = t - last <= 2 * LOCATED_TO * abs(t) and (fired * np.abs(sides) == TURNED).any()
             if self._number > MOST_EVENTS or short:
                 endless(t)
-            after = executor.call("on_event", t, x, d, p)
+            times = self._g[self._timed & (fired > 0.0)]
+            after = executor.call("on_event", float(times.max(initial=t)), x, d, p)
             self._asked = False
             x, self._modes[:] = after[: x.size], after[x.size :]
             if fault := self._plan.x.fault(x) or self._plan.modes.fault(d):

@@ -2,7 +2,8 @@
 
 Their outputs have places in d, among the held ones. Before anything is evaluated, each of them
 is asked for its outputs with the present time, states and inputs, in the order in which they
-depend on each other; the traced programs then read them like held values. While sampled blocks
+depend on each other; the traced programs then read them like held values. Outputs in algebraic loops
+that are to be solved are found together, by Newton's method with differences. While sampled blocks
 compute at an instant, continuous Python blocks still see what these held before.
 """
 
@@ -16,11 +17,21 @@ import numpy as np
 
 from trussflow.blocks.framework.declarations import Signals
 from trussflow.blocks.framework.equations import Equations
+from trussflow.blocks.framework.errors import DivergenceError
 from trussflow.blocks.framework.types import Vector
 from trussflow.blocks.simulation.block_call import BlockCall
 from trussflow.blocks.simulation.python_sampled import Evaluates, in_order
 from trussflow.blocks.tracing.plan import Plan
 from trussflow.blocks.tracing.quantities import Quantity, block_inputs
+
+MAX_ROUNDS = 20
+"""Rounds of Newton's method after which a loop is given up."""
+
+DIFFERENCE = 1e-7
+"""Step of differences, relative to signals above one [-]."""
+
+LEFT = 1e-9
+"""Residual of a loop that round-off may leave, relative to its signals [-]."""
 
 
 class ContinuousPythonBlocks:
@@ -35,18 +46,21 @@ class ContinuousPythonBlocks:
     ----------
     ordered : list of (BlockCall, Quantity)
         The blocks, each after those whose outputs it needs, and their inputs.
+    circular : bool
+        Whether they wait for each other in loops that are to be solved; they are in any order then.
 
     Raises
     ------
     AlgebraicLoopError
-        If they wait for each other.
+        If they wait for each other in a loop that is not to be solved.
     """
 
     def __init__(self, plan: Plan) -> None:
         blocks = [b for b in plan.python_blocks if b.sample_time is None]
+        blocks, self.circular = in_order(plan, blocks, frozenset())
         self.ordered = [
             (BlockCall(plan, block), block_inputs(f"continuous_{i}", block, frozenset()))
-            for i, block in enumerate(in_order(plan, blocks, frozenset()))
+            for i, block in enumerate(blocks)
         ]
 
     def __bool__(self) -> bool:
@@ -70,9 +84,48 @@ class ContinuousInRun:
     _asking: set[str] = field(default_factory=set)  # blocks that want an event after a step
 
     def refresh(self, t: float, x: Vector, d: Vector, p: Vector) -> None:
-        """Put the blocks' outputs into d."""
+        """Put the blocks' outputs into d.
+
+        Raises
+        ------
+        DivergenceError
+            If a loop cannot be solved.
+        """
+        if self.blocks.circular:
+            self._solve(t, x, d, p)
+        else:
+            self._show(t, x, d, p)
+
+    def _show(self, t: float, x: Vector, d: Vector, p: Vector) -> None:
         for call, values in self._each("output", t, x, d, p):
             d[call.outputs] = call.flat("output", values, np.zeros(0))
+
+    def _solve(self, t: float, x: Vector, d: Vector, p: Vector) -> None:
+        """Put outputs into d that reproduce themselves."""
+        places = np.concatenate([np.r_[call.outputs] for call, _ in self.blocks.ordered])
+
+        def residual(outputs: Vector) -> Vector:
+            d[places] = outputs
+            self._show(t, x, d, p)
+            left: Vector = d[places] - outputs
+            return left
+
+        outputs, before = d[places], np.inf
+        for _ in range(MAX_ROUNDS):
+            left = residual(outputs)
+            size = float(np.abs(left).max(initial=0.0))
+            if size >= before / 2 and size <= LEFT * np.abs(outputs).max():  # as good as round-off allows
+                return
+            before, steps = size, DIFFERENCE * np.maximum(1.0, np.abs(outputs))
+            slopes = [(residual(outputs + step) - left) / step.max() for step in np.diag(steps)]
+            if not np.isfinite([*slopes, left]).all():
+                break
+            outputs = outputs - np.linalg.lstsq(np.transpose(slopes), left)[0]
+        names = ", ".join(f"'{call.path}'" for call, _ in self.blocks.ordered)
+        raise DivergenceError(
+            f"cannot solve the algebraic loop through Python blocks at t = {t:g} s, among {names}: Newton's "
+            "method does not converge; break it with a state, a UnitDelay, or other wiring"
+        )
 
     def rates(self, t: float, x: Vector, d: Vector, p: Vector, into: Vector) -> None:
         """Put the derivatives of the blocks' states into their places `into` all others [as declared]."""

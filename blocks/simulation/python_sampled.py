@@ -17,7 +17,7 @@ from trussflow.blocks.framework.types import Vector
 from trussflow.blocks.simulation.block_call import BlockCall
 from trussflow.blocks.simulation.open_blocks import SampledStepping
 from trussflow.blocks.tracing.calling import running_errors
-from trussflow.blocks.tracing.loops import Active, SomeOf, reached_from
+from trussflow.blocks.tracing.loops import Active, SomeOf, is_solved, reached_from
 from trussflow.blocks.tracing.plan import Plan
 from trussflow.blocks.tracing.quantities import Quantity, block_inputs
 
@@ -62,7 +62,7 @@ class SampledPythonBlocks:
             self.ordered.append(
                 [
                     (calls[b.path], block_inputs(f"inputs_{number}_{i}", b, active))
-                    for i, b in enumerate(in_order(plan, blocks, active))
+                    for i, b in enumerate(in_order(plan, blocks, active)[0])
                 ]
             )
         traced = {plan.system.clock(b) for b in plan.system.blocks.values() if b.traced}
@@ -167,8 +167,10 @@ class SampledInRun:
         )
 
 
-def in_order(plan: Plan, blocks: list[Block], active: Active) -> list[Block]:
+def in_order(plan: Plan, blocks: list[Block], active: Active) -> tuple[list[Block], bool]:
     """Order `blocks` of a `plan`: each after those that reach it while `active` clocks tick.
+
+    Return as well whether they reach themselves, in a loop that is to be solved; they are not ordered then.
 
     Raises
     ------
@@ -181,11 +183,13 @@ def in_order(plan: Plan, blocks: list[Block], active: Active) -> list[Block]:
         needed = frozenset().union(*plan.feedthrough[path].values())
         graph[path] = reached_from(plan.system, plan.feedthrough, path, needed, active, by_path)
     try:
-        return [by_path[path] for path in TopologicalSorter(graph).static_order()]
+        return [by_path[path] for path in TopologicalSorter(graph).static_order()], False
     except CycleError as error:
+        if not active and is_solved(plan.system, error.args[1]):
+            return blocks, True
         raise AlgebraicLoopError(
             f"algebraic loop through Python blocks: {' -> '.join(error.args[1])}; each needs the "
-            "output of the one before at the same instant. It cannot be solved, as Python code has no "
-            "derivatives. Break it with a UnitDelay, make a Function of what can be traced, or say in "
-            "feedthrough() which outputs do not depend on which inputs"
+            "output of the one before at the same instant. Break it with a UnitDelay, make a Function of "
+            "what can be traced, say in feedthrough() which outputs do not depend on which inputs, or, if "
+            'none of them is sampled, let it be solved: Diagram(..., loops="solve")'
         ) from None

@@ -53,7 +53,7 @@ static inline double tf_size_of(double t) { return t < 0.0 ? -t : t; }
 
 /* Whether an event happens where its indicator is g. */
 static inline int tf_happens(int kind, double side, double g, double t) {
-  if (kind == 2) return g <= t;
+  if (kind == 2) return g <= t + 4 * TF_PLACE * tf_size_of(t); /* a sample instant may be an event but for round-off */
   if (side > 0.0 && kind <= 0) return side < 1.0 ? g < 0.0 : g <= 0.0;
   if (side < 0.0 && kind >= 0) return side > -1.0 ? g > 0.0 : g >= 0.0;
   return 0;
@@ -108,7 +108,10 @@ static int tf_settle(const tf_model* m, tf_stepper* s, double t, double h, int l
         return TF_ENDLESS;
     s->last = t;
     if (s->count > 200) return TF_ENDLESS;
-    m->on_event(&t, x, d, p, s->after);
+    double at = t;
+    for (int i = 0; i < TF_EVENTS; ++i)
+      if (fired[i] && m->kinds[i] == 2 && s->g[i] > at) at = s->g[i];
+    m->on_event(&at, x, d, p, s->after);
     memcpy(s->steps.next, s->after, TF_X * sizeof(tf_number));
     if (!tf_finite(s->after, TF_X)) return TF_BAD_STATE;
     memcpy(x, s->after, TF_X * sizeof(tf_number));

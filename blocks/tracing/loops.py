@@ -191,7 +191,7 @@ def order(
             TopologicalSorter(inside).prepare()
         except CycleError as error:
             circle = error.args[1]
-        if refuse and not _is_solved(system, ports):
+        if refuse and not is_solved(system, [port.block.path for port in ports]):
             raise _refused(system, graph, circle)
         own = tuple(port for port in ports if port in torn)
         opened = TopologicalSorter(inside | {port: {} for port in own})
@@ -222,9 +222,8 @@ def _among(graph: Graph, ports: Iterable[Port]) -> Graph:
     return {port: {s: how for s, how in graph[port].items() if s in chosen} for port in chosen}
 
 
-def _is_solved(system: System, ports: Iterable[Port]) -> bool:
-    """Tell whether a diagram that holds all these ports says that its loops are to be solved."""
-    paths = [port.block.path for port in ports]
+def is_solved(system: System, paths: Collection[str]) -> bool:
+    """Tell whether a diagram of a `system` that holds all blocks at these `paths` solves its loops."""
     return any(
         diagram.loop_policy == "solve" and all(not name or path.startswith(f"{name}.") for path in paths)
         for name, diagram in system.diagrams.items()

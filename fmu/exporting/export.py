@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 from trussflow.blocks.framework.block import Block
 from trussflow.blocks.framework.interrupts import interruptible
 from trussflow.blocks.framework.temporary import with_place
-from trussflow.blocks.framework.validation import one_of
+from trussflow.blocks.framework.validation import by_name, one_of, shown, yes_or_no
 from trussflow.blocks.simulation.adaptive import METHODS
 from trussflow.blocks.simulation.solver import FIXED_STEP
 from trussflow.blocks.tracing.compile_cache import CompilationError
@@ -23,6 +24,9 @@ from trussflow.fmu.exporting.python.python_files import python_files
 
 KINDS = ("native", "python", "c")
 
+ABOUT = ("author", "copyright", "description", "generationDateAndTime", "license", "version")
+"""Attributes of the model description that are the user's."""
+
 
 @interruptible()
 def export(
@@ -31,6 +35,7 @@ def export(
     *,
     kind: str = "native",
     version: str = "2.0",
+    arrays: bool = True,
     step: float = 1e-3,
     stop_time: float = 10.0,
     tolerance: float = TOLERANCE,
@@ -38,6 +43,7 @@ def export(
     start: Mapping[str, Any] | None = None,
     platforms: str | Sequence[str] | None = None,
     solver: str = "rk4",
+    about: Mapping[str, str] | None = None,
 ) -> Path:
     """Write a block, or what a diagram exposes, as an FMU.
 
@@ -69,6 +75,8 @@ def export(
         ``"native"``, ``"python"`` or ``"c"``.
     version : str
         Version of FMI: ``"2.0"`` (one variable per scalar) or ``"3.0"`` (array variables).
+    arrays : bool
+        Whether FMI 3.0 has array variables; else one per scalar, which importers such as OMSimulator need.
     step : float
         Step of the internal solver [s]; sample times are multiples of it.
     stop_time, tolerance : float
@@ -85,6 +93,9 @@ def export(
         (``()``), it holds the sources only. A Python FMU always has the binaries of pythonfmu.
     solver : str
         Solver inside a Python FMU, as for `Session`.
+    about : mapping of str to str, optional
+        Author, copyright, description, generationDateAndTime, license and version, for the model
+        description; the description is by default the first line of the block's docstring.
 
     Returns
     -------
@@ -113,10 +124,18 @@ def export(
             "an FMU of kind 'python' has the binaries that pythonfmu brings along; leave out "
             "platforms, or export with kind='native'"
         )
+    yes_or_no("export", "arrays", arrays)
     target = check_writable(path)
     interface = ExportInterface.of(
         item, step=step, stop_time=stop_time, tolerance=tolerance, parameters=parameters, start=start
     )
+    for name, text in (about := by_name("about", about)).items():
+        one_of("attribute of an FMU", name, ABOUT, ExportError)
+        if not isinstance(text, str):
+            raise ExportError(f"cannot export '{item.name}': its {name} must be text, not {shown(text)}")
+    interface = replace(interface, about=about)
+    if not arrays and version == "3.0":
+        interface = replace(interface, variables=interface.variables.scalarized())
     if kind == "c":
         for file, text in plain_files(interface, target).items():
             with written(file) as partial:

@@ -15,10 +15,17 @@ from trussflow.fmu.errors import FmuError, check_positive
 from trussflow.fmu.importing.co_simulation_run import CoSimulationRun
 from trussflow.fmu.importing.fmu_run import FmuRun
 from trussflow.fmu.importing.import_interface import ImportInterface
-from trussflow.fmu.importing.model_exchange_run import PLACEHOLDER, STATE_EVENT, TIME_EVENT, ModelExchangeRun
+from trussflow.fmu.importing.model_exchange_run import (
+    PLACEHOLDER,
+    STATE_EVENT,
+    TIME_EVENT,
+    DifferentiableRun,
+    ModelExchangeRun,
+)
 from trussflow.fmu.runtime.archive import MAX_BYTES
 from trussflow.fmu.runtime.description import FmuDescription, Kind
 from trussflow.fmu.runtime.file import FmuFile
+from trussflow.fmu.runtime.split_inputs import is_smooth
 
 MOST = {"time_limit": 1e6, "memory_limit": 1e15}
 """What operating systems can still wait for [s] and count [B]."""
@@ -47,6 +54,8 @@ class Fmu(Block):
     of the diagram, which also locates the FMU's events. At an instant events come first: what is
     sampled and logged there sees the outputs after them. Events that what is sampled causes come last:
     inputs that may change at events only, wired to a sampled block, show in the next row.
+    Linear models take the FMU's own directional derivatives if it has them, and no inputs that change
+    at events only; else differences.
 
     Parameters
     ----------
@@ -60,6 +69,9 @@ class Fmu(Block):
     parameters, start : mapping of str to object, optional
         Values of parameters, and start values, by the FMU's names or the block's [units as the
         FMU states]. An input that is given a start value need not be wired.
+    declared_starts : bool
+        Whether inputs that are not wired keep the start values that the FMU declares; a vector that
+        declares different ones must be wired.
     units : mapping of str to (str or None), optional
         Our name of a unit by the FMU's, where it is not understood; None leaves it unchecked.
     delayed : bool
@@ -84,7 +96,7 @@ class Fmu(Block):
     NameLookupError
         If what is to be given by name is not.
     BlockError
-        If `delayed` or `logging` is neither True nor False.
+        If `declared_starts`, `delayed` or `logging` is neither True nor False.
 
     Examples
     --------
@@ -111,6 +123,7 @@ class Fmu(Block):
         step: float | None = None,
         parameters: Mapping[str, Any] | None = None,
         start: Mapping[str, Any] | None = None,
+        declared_starts: bool = False,
         units: Mapping[str, str | None] | None = None,
         delayed: bool = False,
         tolerance: float | None = None,
@@ -128,6 +141,7 @@ class Fmu(Block):
         for name, most in MOST.items():
             if (limit := limits[name]) is not None and limit > most:
                 raise FmuError(f"Fmu: {name} = {limit:g} is more than {most:g}; leave it out for no limit")
+        yes_or_no("Fmu", "declared_starts", declared_starts)
         yes_or_no("Fmu", "delayed", delayed)
         yes_or_no("Fmu", "logging", logging)
         parameters, start = by_name("parameters", parameters), by_name("start values", start)
@@ -141,7 +155,12 @@ class Fmu(Block):
         self.units, self.delayed, self.tolerance = dict(by_name("units", units)), delayed, tolerance
         reserved = {*dir(Fmu), *Block.__annotations__, *Fmu.__annotations__, STATE_EVENT, TIME_EVENT}
         self.interface = ImportInterface(
-            self.file.description, given, self.units, reserved, with_states=self.kind == "me"
+            self.file.description,
+            given,
+            self.units,
+            reserved,
+            with_states=self.kind == "me",
+            declared_starts=declared_starts,
         )
         self._declared = dict(self.interface.declarations)
         if self.kind == "me" and not self.interface.states.size:
@@ -212,4 +231,7 @@ class Fmu(Block):
 
     def open(self, p: Signals) -> FmuRun:
         """Unpack and load the FMU for one run, with parameters `p` [units as the FMU states]."""
-        return CoSimulationRun(self, p) if self.kind == "cs" else ModelExchangeRun(self, p)
+        if self.kind == "cs":
+            return CoSimulationRun(self, p)
+        offers = self.description.kinds["me"].derivatives and all(map(is_smooth, self.interface.inputs.order))
+        return (DifferentiableRun if offers else ModelExchangeRun)(self, p)

@@ -40,6 +40,7 @@ class FmuRun(Running):
         self._p, self._tolerance, self._logs_all = p, block.tolerance, bool(block.options["logging"])
         self._tuned, self._look = self._interface.tunable(p), False
         self._starts = self._interface.changed(p)
+        self._ended: float | None = None  # when the FMU asked to end the run
         self._fmu: Any = open_instance(
             kind, block.file, start=self._interface.fixed_starts(), name=block.name, **block.options
         )
@@ -60,7 +61,7 @@ class FmuRun(Running):
     def _set_up(self, time: float, inputs: Vector) -> None:
         """Initialize the FMU, anew if need be."""
         inputs_given = inputs if inputs.size else None
-        self._ended: float | None = None  # when the FMU asked to end the run
+        self._ended = None
         self._fmu.setup(time, tolerance=self._tolerance, inputs=inputs_given, start=self._starts)
 
     def _retuned(self) -> dict[str, Any]:

@@ -91,6 +91,8 @@ class ImportInterface:
         Names that blocks use themselves.
     with_states : bool
         Whether continuous states are states of the block.
+    declared_starts : bool
+        Whether inputs need not be wired that have one start value for all their elements.
 
     Raises
     ------
@@ -106,7 +108,9 @@ class ImportInterface:
         reserved: Collection[str],
         *,
         with_states: bool,
+        declared_starts: bool,
     ) -> None:
+        self._declared_starts = declared_starts
         description = self.description = resized(description, given)
         taken = set(reserved)  # who comes first gets a name that several would have
         parameters = self._side(numbers(description, "parameter"), taken)
@@ -191,11 +195,15 @@ class ImportInterface:
         return tuple("" if unit is None else unit for unit in units)
 
     def _default(self, group: Group) -> float | None:
-        """Return what an input is where nothing is wired to it, if that was given."""
-        if not any(v.name in self.starts for v in group.variables):
+        """Return what an input is where nothing is wired to it, if that was given or counts as declared."""
+        given = any(v.name in self.starts for v in group.variables)
+        declared = self._declared_starts and all(v.start is not None for v in group.variables)
+        if not given and not declared:
             return None
         values = self._start(group.variables)
         if np.any(values != values[:1]):
+            if not given:
+                return None
             raise FmuError(
                 f"FMU '{self.description.name}': input '{group.name}' can be given one value for "
                 "all its elements; wire a Constant to it instead"

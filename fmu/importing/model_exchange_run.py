@@ -39,7 +39,9 @@ class ModelExchangeRun(FmuRun):
 
     def __init__(self, block: Fmu, p: Signals) -> None:
         super().__init__(block, p, LoadedModelExchange)
-        self._begun: float | None = None  # when it was initialized, until it is first evaluated
+        # When it was initialized, until it is first evaluated; NaN before.
+        self._begun: float | None = math.nan
+        self._in_run = False  # else it is evaluated anywhere, for linear analysis
         self._last: tuple[float, Vector] | None = None  # the last accepted point: time and inputs
         self._pending = False  # whether an event is to be handled at once
 
@@ -48,6 +50,7 @@ class ModelExchangeRun(FmuRun):
     def initial_state(self, u: Signals, p: Signals) -> Values:
         """Initialize the FMU with its inputs at the start, and return its states."""
         self._initialize(0.0, self._interface.inputs.join(u))
+        self._in_run = True
         return self._by_name(self._fmu.initial_states)
 
     def _initialize(self, time: float, inputs: Vector) -> None:
@@ -65,8 +68,11 @@ class ModelExchangeRun(FmuRun):
         if self._begun is not None and time != self._begun:
             self._initialize(time, inputs)  # the run does not begin at zero
         self._begun = None
-        self._refuse_after_end(time)
-        self._fmu.place(time, self._interface.states.join(x), inputs)
+        states = self._interface.states.join(x)
+        self._fmu.place(time, states, inputs)
+        if not self._in_run:  # its discrete states become those of this point
+            self._fmu.handle_event(inputs)
+            self._fmu.place(time, states, inputs)
         return inputs
 
     def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
@@ -76,6 +82,8 @@ class ModelExchangeRun(FmuRun):
 
     def derivative(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
         """Return the derivatives of the states."""
+        # Only steps go on after the end: events look ahead by a part of a step.
+        self._refuse_after_end(float(t))
         self._place(t, x, u)
         return self._by_name(self._fmu.derivatives())
 
@@ -88,7 +96,7 @@ class ModelExchangeRun(FmuRun):
         event at once.
         """
         inputs, last = self._place(t, x, u), self._last
-        if last is None or last[0] == float(t):
+        if last is None or last[0] >= float(t):  # an event may be a rounding error later
             self._pending = (
                 self._pending
                 or self._fmu.event_inputs_changed(inputs)
@@ -100,6 +108,7 @@ class ModelExchangeRun(FmuRun):
 
     def on_step(self, t: Array, x: Signals, u: Signals, p: Signals) -> bool:
         """Tell the FMU that a step is accepted; return whether it wants an event."""
+        self._refuse_after_end(float(t))
         inputs = self._place(t, x, u)
         self._last = float(t), inputs
         wanted = self._completed_step(float(t))
@@ -137,4 +146,16 @@ class ModelExchangeRun(FmuRun):
         """Go back to what `save` returned."""
         self._went_back(saved)
         self._fmu.set_restored(saved["next"], saved["inputs"])
-        self._begun, self._last, self._pending = None, None, False
+        self._begun, self._last, self._pending, self._in_run = None, None, False, True
+
+
+class DifferentiableRun(ModelExchangeRun):
+    """The same of an FMU that has directional derivatives, and no inputs that change at events only."""
+
+    def directional_derivative(
+        self, kind: str, t: Array, x: Signals, u: Signals, p: Signals, dx: Signals, du: Signals
+    ) -> Values:
+        """Return how the values of the equation `kind` change along a direction."""
+        self._place(t, x, u)
+        found = self._fmu.along(kind, self._interface.states.join(dx), self._interface.inputs.join(du))
+        return self._interface.outputs.split(found) if kind == "output" else self._by_name(found)

@@ -75,14 +75,14 @@ def _faults(members: list[zipfile.ZipInfo], max_bytes: float) -> Iterator[str]:
             f"it would take {size / 1e6:.4g} MB, more than {max_bytes / 1e6:.4g} MB; if you trust it, "
             "allow more with max_bytes"
         )
-    seen: set[str] = set()
+    seen: dict[str, tuple[int, int]] = {}
     for member in members:
         if reason := _harm(member):
             name = shown(member.filename)
             yield f"{reason} ({name}); an archive may only have plain files below its own folder"
-        if member.filename in seen and not member.is_dir():
-            yield f"{shown(member.filename)} is there twice"
-        seen.add(member.filename)
+        content = member.file_size, member.CRC
+        if seen.setdefault(member.filename, content) != content:
+            yield f"{shown(member.filename)} is there twice, with different contents"
 
 
 def _harm(member: zipfile.ZipInfo) -> str:

@@ -98,10 +98,12 @@ class Capabilities:
         Whether steps of co-simulation may differ.
     interpolates_inputs : bool
         Whether derivatives of inputs may be set.
-    early_return, event_mode : bool
-        Whether steps of co-simulation may end early, and whether events are announced (FMI 3).
+    event_mode : bool
+        Whether events of co-simulation are announced, which ends steps early (FMI 3).
     completed_step_needed : bool
         Whether model exchange wants to hear of every accepted step.
+    derivatives : bool
+        Whether there are directional derivatives.
     fixed_step : float or None
         Internal step of co-simulation [s], if there is one.
     """
@@ -112,9 +114,9 @@ class Capabilities:
     once_per_process: bool = False
     variable_step: bool = False
     interpolates_inputs: bool = False
-    early_return: bool = False
     event_mode: bool = False
     completed_step_needed: bool = True
+    derivatives: bool = False
     fixed_step: float | None = None
 
 
@@ -125,7 +127,6 @@ ATTRIBUTES = {
     "once_per_process": "canBeInstantiatedOnlyOncePerProcess",
     "variable_step": "canHandleVariableCommunicationStepSize",
     "interpolates_inputs": "canInterpolateInputs",
-    "early_return": "mightReturnEarlyFromDoStep",
     "event_mode": "hasEventMode",
     "completed_step_needed": "needsCompletedIntegratorStep",
 }
@@ -154,6 +155,8 @@ class FmuDescription:
         For each output, by name, the variables it depends on within an instant; None for all.
     states, derivatives : tuple of FmuVariable
         Continuous states and their derivatives, in the same order.
+    stateless : str
+        Name of a derivative that does not say of which state, for which model exchange is refused.
     event_indicators : int
         Their number [-].
     tolerance, step : float or None
@@ -169,6 +172,7 @@ class FmuDescription:
     dependencies: Mapping[str, frozenset[str] | None]
     states: tuple[FmuVariable, ...] = ()
     derivatives: tuple[FmuVariable, ...] = ()
+    stateless: str = ""
     event_indicators: int = 0
     tolerance: float | None = None
     step: float | None = None
@@ -195,13 +199,14 @@ def parse_description(text: bytes, where: str) -> FmuDescription:
     """
     check_xml(text, where)
     try:
-        _check_structure(ElementTree.fromstring(text), where)
+        root = ElementTree.fromstring(text)
+        _check_structure(root, where)
         with tempfile.TemporaryDirectory(dir=process_folder()) as folder:
             from fmpy.model_description import read_model_description  # late: it takes 0.3 s
 
             file = Path(folder) / DESCRIPTION
             file.write_bytes(text)
-            return _converted(read_model_description(str(file), validate=False))
+            return _converted(read_model_description(str(file), validate=False), root)
     except FmuDescriptionError:
         raise
     except OSError as error:
@@ -252,12 +257,16 @@ def _check_structure(root: ElementTree.Element, where: str) -> None:
             )
 
 
-def _converted(read: Any) -> FmuDescription:
-    """Turn what fmpy read into our form."""
+def _converted(read: Any, root: ElementTree.Element) -> FmuDescription:
+    """Turn what fmpy read of the description `root` into our form."""
     kinds: dict[str, Capabilities] = {}
     for kind, stated in (("cs", read.coSimulation), ("me", read.modelExchange)):
         if stated is not None:
             found = {k: getattr(stated, name) for k, name in ATTRIBUTES.items() if hasattr(stated, name)}
+            # fmpy does not know what FMI 3 calls this attribute.
+            flags = (f"providesDirectionalDerivative{s}" for s in ("", "s"))
+            elements = root.findall(type(stated).__name__)
+            found["derivatives"] = any(e.get(f) in ("true", "1") for f in flags for e in elements)
             kinds[kind] = Capabilities(**found, fixed_step=_number(stated, "fixedInternalStepSize"))
     if not kinds:
         raise FmuDescriptionError(
@@ -265,7 +274,10 @@ def _converted(read: Any) -> FmuDescription:
         )
     variables = {v.name: _variable(v) for v in read.modelVariables}
     experiment = read.defaultExperiment
-    rates = [u.variable for u in read.derivatives] if "me" in kinds else []  # nothing else needs them
+    rates = [u.variable for u in read.derivatives] if "me" in kinds else []
+    stateless = [rate.name for rate in rates if rate.derivative is None]
+    if stateless:  # co-simulation does not need them
+        rates = []
     return FmuDescription(
         name=read.modelName or "",
         version=int(read.fmiVersion[0]),
@@ -277,8 +289,9 @@ def _converted(read: Any) -> FmuDescription:
             u.variable.name: None if u.dependencies is None else frozenset(v.name for v in u.dependencies)
             for u in read.outputs
         },
-        states=tuple(variables[_state(rate).name] for rate in rates),
+        states=tuple(variables[rate.derivative.name] for rate in rates),
         derivatives=tuple(variables[rate.name] for rate in rates),
+        stateless="".join(stateless[:1]),
         event_indicators=read.numberOfEventIndicators or 0,
         tolerance=_number(experiment, "tolerance"),
         step=_number(experiment, "stepSize"),
@@ -289,16 +302,6 @@ def _number(read: Any, name: str) -> float | None:
     """Return a number that fmpy keeps as text; None where it is not stated."""
     text = getattr(read, name, None)
     return None if text is None else float(text)
-
-
-def _state(derivative: Any) -> Any:
-    """Return the state that a variable is the derivative of."""
-    if derivative.derivative is None:
-        raise FmuDescriptionError(
-            f"cannot use the FMU: '{derivative.name}' is listed as a derivative of a state, but "
-            "does not say of which"
-        )
-    return derivative.derivative
 
 
 def _variable(read: Any) -> FmuVariable:

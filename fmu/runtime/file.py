@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from trussflow.blocks.framework.validation import as_path
-from trussflow.fmu.errors import FmuArchiveError, FmuBinaryError, FmuError
+from trussflow.fmu.errors import FmuArchiveError, FmuBinaryError, FmuDescriptionError, FmuError
 from trussflow.fmu.runtime.archive import DESCRIPTION, MAX_BYTES, read_description
 from trussflow.fmu.runtime.description import FmuDescription, Kind, parse_description
 from trussflow.fmu.runtime.library import binary_path
@@ -93,6 +93,8 @@ class FmuFile:
         ------
         FmuError
             If the FMU is not of the kind wanted.
+        FmuDescriptionError
+            If its description does not suffice for that kind.
         FmuBinaryError
             If it has no binary for this machine.
         """
@@ -102,6 +104,11 @@ class FmuFile:
             raise FmuError(
                 f"FMU '{self.path.name}' offers {' and '.join(kinds)}, not '{kind}' "
                 "(cs: co-simulation, me: model exchange)"
+            )
+        if kind == "me" and (name := self.description.stateless):
+            raise FmuDescriptionError(
+                f"cannot use FMU '{self.path.name}' for model exchange: '{name}' is listed as a derivative "
+                "of a state, but does not say of which"
             )
         needed = binary_path(self.description, kind)
         if needed not in self.files:

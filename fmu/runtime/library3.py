@@ -33,7 +33,7 @@ class Library3(Library):
     _logger: Any = None
 
     def instantiate(self, name: str, *, logging: bool) -> None:
-        """Make the instance; early return and event mode are used where the FMU has them."""
+        """Make the instance; early return is used with event mode only: otherwise nothing is done there."""
         self._logger = callback3(self.log)
         folder = self.folder / "resources"
         resources = f"{folder}{os.sep}".encode() if folder.is_dir() else None
@@ -41,9 +41,8 @@ class Library3(Library):
         logger = ctypes.cast(self._logger, ctypes.c_void_p)
         if self.kind == "cs":
             events = self.capabilities.event_mode
-            early = events or self.capabilities.early_return
             component = self.function("InstantiateCoSimulation")(
-                *common, events, early, None, 0, None, logger, None
+                *common, events, events, None, 0, None, logger, None
             )
         else:
             component = self.function("InstantiateModelExchange")(*common, None, logger)

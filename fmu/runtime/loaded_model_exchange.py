@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ctypes
 import math
 from collections.abc import Mapping
 from typing import Any, ClassVar
@@ -12,7 +13,7 @@ from trussflow.blocks.framework.types import Vector
 from trussflow.fmu.errors import FmuEndedError
 from trussflow.fmu.runtime.description import Kind
 from trussflow.fmu.runtime.loaded import LoadedFmu
-from trussflow.fmu.runtime.split_inputs import SplitInputs
+from trussflow.fmu.runtime.split_inputs import SplitInputs, is_smooth, smooth_elements
 
 
 class LoadedModelExchange(LoadedFmu):
@@ -112,6 +113,38 @@ class LoadedModelExchange(LoadedFmu):
         if self._rates.size:
             self._get_rates()
         return self._rates
+
+    def along(self, what: str, dx: Vector, du: Vector) -> Vector:
+        """Return directional derivatives; those of what changes at events only are zero.
+
+        Parameters
+        ----------
+        what : str
+            ``"output"`` or ``"derivative"``.
+        dx, du : Vector
+            The direction: of the states, and of all inputs [units as the FMU states].
+
+        Raises
+        ------
+        FmuCallError
+            If the FMU cannot compute them.
+        """
+        unknowns = self.outputs if what == "output" else self.description.derivatives
+        knowns = (*self.description.states, *self.inputs)
+        rows, columns = smooth_elements(unknowns), smooth_elements(knowns)
+        seed, result = np.concatenate([dx, du])[columns], np.zeros(np.count_nonzero(rows))
+        arguments: list[Any] = []
+        for side in (unknowns, knowns):
+            references = [v.reference for v in side if is_smooth(v)]
+            arguments += [(ctypes.c_uint * len(references))(*references), len(references)]
+        for vector in (seed, result):
+            sizes = [vector.size] if self._library.version == 3 else []
+            arguments += [vector.ctypes.data, *sizes]
+        if seed.size and result.size:
+            self._library.call("GetDirectionalDerivative", *arguments)
+        found = np.zeros(rows.size)
+        found[rows] = result
+        return found
 
     def indicators(self) -> Vector:
         """Return the event indicators; the next call overwrites them."""

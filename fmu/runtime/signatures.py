@@ -39,6 +39,7 @@ FMI2 = {
     "cip": "GetRealStatus GetBooleanStatus",
     "cipp": "CompletedIntegratorStep",
     "cpz": "GetDerivatives",
+    "cpzpzpp": "GetDirectionalDerivative",
 }
 """The functions of FMI 2.0 by signature, besides those of `BOTH`."""
 
@@ -56,6 +57,7 @@ FMI3 = {
     "cpppppp": "UpdateDiscreteStates",
     "cbpp": "CompletedIntegratorStep",
     "cpz": "GetContinuousStateDerivatives",
+    "cpzpzpzpz": "GetDirectionalDerivative",
 }
 """The functions of FMI 3.0 by signature, besides those of `BOTH`."""
 

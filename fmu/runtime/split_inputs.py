@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
+from numpy.typing import NDArray
 
 from trussflow.blocks.framework.types import Vector
 from trussflow.fmu.runtime.description import REAL, FmuVariable
@@ -24,12 +27,11 @@ class SplitInputs:
     def __init__(self, everything: VariableBuffers, library: Library) -> None:
         self._everything = everything
         inputs = everything.variables
-        flags = [np.full(v.size, _is_smooth(v)) for v in inputs]
-        smooth = np.concatenate([np.zeros(0, dtype=bool), *flags])
+        smooth = smooth_elements(inputs)
         self._places, self.jumping = np.flatnonzero(smooth), np.flatnonzero(~smooth)
         self._smooth = everything
         if self.jumping.size:
-            self._smooth = VariableBuffers([v for v in inputs if _is_smooth(v)], library, writes=True)
+            self._smooth = VariableBuffers([v for v in inputs if is_smooth(v)], library, writes=True)
             self._smooth.bind()
 
     def write_smooth(self, u: Vector) -> None:
@@ -45,6 +47,12 @@ class SplitInputs:
             self._smooth.write()
 
 
-def _is_smooth(variable: FmuVariable) -> bool:
-    """Tell whether an input may change between events."""
+def is_smooth(variable: FmuVariable) -> bool:
+    """Tell whether a `variable` may change between events."""
     return variable.variability == "continuous" and variable.type in REAL
+
+
+def smooth_elements(variables: Sequence[FmuVariable]) -> NDArray[np.bool_]:
+    """Return for each element of `variables` whether it may change between events."""
+    flags = [np.full(v.size, is_smooth(v)) for v in variables]
+    return np.concatenate([np.zeros(0, dtype=bool), *flags])

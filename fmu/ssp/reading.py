@@ -14,7 +14,7 @@ from xml.etree.ElementTree import Element
 
 from trussflow.blocks.framework.diagram import Diagram
 from trussflow.blocks.framework.errors import Explained
-from trussflow.blocks.framework.validation import as_path, shown
+from trussflow.blocks.framework.validation import as_path, one_of, shown
 from trussflow.fmu.errors import FmuArchiveError, SspError
 from trussflow.fmu.importing.block import Fmu
 from trussflow.fmu.runtime.archive import MAX_BYTES, remove, unpack
@@ -35,6 +35,7 @@ def import_ssp(
     folder: str | Path | None = None,
     *,
     step: float | None = None,
+    open_inputs: str = "expose",
     max_bytes: float = MAX_BYTES,
 ) -> Diagram:
     """Return the diagram that an SSP 1.0 file describes, with its FMUs as blocks.
@@ -52,6 +53,9 @@ def import_ssp(
     step : float, optional
         Time between the instants of all FMUs of co-simulation [s]; by default what the file says, or
         each FMU suggests.
+    open_inputs : str
+        What inputs of the system become: ``"expose"``, exposed inputs of the diagram, or ``"start"``: they
+        keep the start values that the FMUs declare.
     max_bytes : float
         Unpacked size allowed [B].
 
@@ -66,17 +70,18 @@ def import_ssp(
         If it is no archive, or unpacking it would do harm.
     SspError
         If it says what cannot be, or what a diagram cannot do: conversions in connections,
-        parameter mappings, signal dictionaries, systems in other files.
+        signal dictionaries, systems in other files.
     FmuError
         If an FMU in it is refused.
     """
+    one_of("open_inputs", open_inputs, ("expose", "start"), SspError)
     path = as_path(FmuArchiveError, "cannot open the SSP file", path)
     unpacked = unpack(path, max_bytes)
     try:
         with Explained(lambda e: SspError(f"cannot unpack into {shown(folder)}: {e}")):
             kept = unpacked if folder is None else _moved(unpacked, Path(folder))
         with Explained(lambda e: SspError(f"cannot read '{path.name}': {type(e).__name__}: {e}")):
-            diagram = _Reader(path.name, kept, step, max_bytes).read()
+            diagram = _Reader(path.name, kept, step, open_inputs, max_bytes).read()
     except BaseException:
         remove(unpacked)
         raise
@@ -104,8 +109,11 @@ def _moved(unpacked: Path, folder: Path) -> Path:
 class _Reader:
     """Reads one file; `where` names it in messages."""
 
-    def __init__(self, where: str, folder: Path, step: float | None, max_bytes: float) -> None:
+    def __init__(
+        self, where: str, folder: Path, step: float | None, open_inputs: str, max_bytes: float
+    ) -> None:
         self.where, self.folder, self.step, self.max_bytes = where, folder, step, max_bytes
+        self.open_inputs = open_inputs
 
     def read(self) -> Diagram:
         root = self._xml(STRUCTURE)
@@ -118,7 +126,8 @@ class _Reader:
         stated = None if master is None else master.get("stepSize")
         self.master_step = None if stated is None else self._number(stated, "stepSize")
         name, notes = self._notes()
-        return self._system(system, name or system.get("name", ""), {}, notes)[0]
+        fed = None if self.open_inputs == "expose" else set[str]()
+        return self._system(system, name or system.get("name", ""), {}, notes, fed)[0]
 
     def _notes(self) -> tuple[str, Values]:
         """Return what our own notes say: the name of the diagram, and options by path of the FMU."""
@@ -174,9 +183,12 @@ class _Reader:
     # -- elements -----------------------------------------------------------------------------
 
     def _system(
-        self, system: Element, title: str, outer: Values, notes: Values
+        self, system: Element, title: str, outer: Values, notes: Values, fed: set[str] | None
     ) -> tuple[Diagram, dict[str, Place]]:
-        """Return the diagram of a system, and where its connectors lead."""
+        """Return the diagram of a system, and where its connectors lead.
+
+        If `fed` is given, only these of its inputs are kept.
+        """
         diagram = Diagram(title)
         values = outer | self._values(system)
         elements = system.findall("ssd:Elements/*", SPACES)
@@ -186,7 +198,11 @@ class _Reader:
                 f"cannot import '{title}' of '{self.where}': it has a signal dictionary, which "
                 "diagrams do not know"
             )
-        connections = self._wires(system, values)
+        connections = [
+            c
+            for c in self._wires(system, values)
+            if fed is None or c.get("startElement") or c.get("startConnector") in fed
+        ]
         names = [e.get("name", "") for e in elements]
         if len(set(names)) < len(names):
             raise SspError(f"cannot import '{title}' of '{self.where}': two elements have one name")
@@ -195,12 +211,13 @@ class _Reader:
         places: dict[str, dict[str, Place]] = {}
         for element, name in zip(elements, names, strict=True):
             inner = self._within(values, name, names)
+            connected = {c for e, c in driven if e == name and c is not None}
             if element.tag == qualified("ssd:System"):
                 own = self._within(notes, name, names)
-                block, places[name] = self._system(element, name, inner, own)
+                inputs = None if fed is None else connected
+                block, places[name] = self._system(element, name, inner, own, inputs)
                 diagram.add(**{legal[name]: block})
             else:
-                connected = {c for e, c in driven if e == name and c is not None}
                 places[name] = self._component(
                     element, inner, notes.get(name, {}), connected, diagram, legal[name]
                 )
@@ -290,18 +307,38 @@ class _Reader:
         """Return the values that an element is given, by name."""
         found: Values = {}
         for binding in element.findall("ssd:ParameterBindings/ssd:ParameterBinding", SPACES):
-            if binding.find("ssd:ParameterMapping", SPACES) is not None:
-                raise SspError(
-                    f"cannot import '{element.get('name')}' of '{self.where}': its parameters are "
-                    "mapped from other names; write the values under the FMU's own names"
-                )
             source, prefix = binding.get("source"), binding.get("prefix", "")
             roots = binding.findall("ssd:ParameterValues/ssv:ParameterSet", SPACES)
             if source is not None:
                 roots = [self._xml(source)]
+            values: Values = {}
             for parameter in (p for r in roots for p in r.iter(qualified("ssv:Parameter"))):
                 name = parameter.get("name", "")
-                found[prefix + name] = self._value(parameter, name)
+                values[prefix + name] = self._value(parameter, name)
+            found |= self._mapped(values, binding.find("ssd:ParameterMapping", SPACES))
+        return found
+
+    def _mapped(self, values: Values, mapping: Element | None) -> Values:
+        """Return values under the names that a parameter mapping gives them, if there is one."""
+        if mapping is None:
+            return values
+        source, found = mapping.get("source"), {}
+        for entry in (mapping if source is None else self._xml(source)).iter(qualified("ssm:MappingEntry")):
+            name, target = entry.get("source", ""), entry.get("target", "")
+            linear = entry.find("ssc:LinearTransformation", SPACES)
+            if linear is None and len(entry):
+                raise SspError(
+                    f"cannot import '{self.where}': the mapping of parameter '{name}' to '{target}' converts "
+                    "it other than linearly; write the value under the FMU's own name"
+                )
+            if name in values:
+                found[target] = values[name]
+                if linear is not None:
+                    factor, offset = (
+                        self._number(linear.get(what, default), what)
+                        for what, default in (("factor", "1"), ("offset", "0"))
+                    )
+                    found[target] = factor * values[name] + offset
         return found
 
     def _value(self, parameter: Element, name: str) -> Any:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import re
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -17,6 +17,7 @@ from trussflow.blocks.framework.errors import SimulationError
 from trussflow.blocks.framework.system import flatten, resolved
 from trussflow.blocks.framework.types import Vector
 from trussflow.blocks.framework.validation import by_name, positive
+from trussflow.blocks.library.transport_delay import DelayLine
 from trussflow.blocks.simulation.schedule import Schedule
 from trussflow.blocks.tracing.plan import Plan
 from trussflow.blocks.tracing.program import Program
@@ -35,7 +36,7 @@ TOLERANCE = 1e-8
 class ExportInterface:
     """What an FMU shows to the outside, and the plan behind it.
 
-    Value references count scalars in the order time, inputs, parameters, states, derivatives,
+    Value references count scalars from 1 in the order time, inputs, parameters, states, derivatives,
     outputs, modes, indicators of state events. So ``references`` of a variable minus those of the
     first of its group are places in the vectors u, p and x of the plan, dx/dt, the outputs one after
     the other, and so on.
@@ -64,6 +65,8 @@ class ExportInterface:
         Step of fixed-step solvers [s], end of the default experiment [s], and its tolerance [-].
     token : str
         32 hexadecimal digits that change whenever the equations or the interface do.
+    about : mapping of str to str
+        Further attributes of the model description, such as the author.
 
     Notes
     -----
@@ -90,6 +93,7 @@ class ExportInterface:
     stop_time: float
     tolerance: float
     token: str
+    about: Mapping[str, str] = field(default_factory=dict)
 
     @classmethod
     def of(
@@ -196,10 +200,12 @@ def _check_initialization(item: Block, plan: Plan) -> None:
     for block in plan.python_blocks:
         loads = block.hides and (block.continuous or block.steps_itself)  # as imported FMUs do
         if loads or block.states_own("initial_state"):
+            remedy = "leave that block out. For diagrams of FMUs there is export_ssp"
+            if isinstance(block, DelayLine):
+                remedy = "replace it by sampled_delay(sample_time, delay), which can be exported"
             raise ExportError(
-                f"cannot export '{item.name}': '{block.path}' ({type(block).__name__}) initializes "
-                "itself from its inputs by code that cannot be traced; leave that block out. For "
-                "diagrams of FMUs there is export_ssp"
+                f"cannot export '{item.name}': '{block.path}' ({type(block).__name__}) runs or initializes "
+                f"itself by code that cannot be traced; {remedy}"
             )
 
 

@@ -28,7 +28,7 @@ def add_variables(parent: Element, interface: ExportInterface) -> None:
             if v.start is not None:
                 number["start"] = repr(float(v.start[i]))
             if v.state is not None:
-                number["derivative"] = _index(v.state + i)
+                number["derivative"] = str(v.state + i)  # an index, which is also the reference
             SubElement(SubElement(parent, "ScalarVariable", about), "Real", number)
 
 
@@ -49,10 +49,5 @@ def add_structure(parent: Element, interface: ExportInterface) -> None:
         if scalars:
             listed = SubElement(parent, name)
         for reference in sorted(scalars):
-            known = " ".join(_index(int(i)) for i in np.flatnonzero(scalars[reference]))
-            SubElement(listed, "Unknown", index=_index(reference), dependencies=known)
-
-
-def _index(reference: int) -> str:
-    """Return the place of a scalar, counted from 1; references count from 0 in the same order."""
-    return str(reference + 1)
+            known = " ".join(str(i + 1) for i in np.flatnonzero(scalars[reference]))
+            SubElement(listed, "Unknown", index=str(reference), dependencies=known)

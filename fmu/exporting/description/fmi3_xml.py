@@ -51,7 +51,7 @@ def add_structure(parent: Element, interface: ExportInterface) -> None:
         for variable, patterns in rows:
             needed = np.any(patterns, axis=0)
             dependencies = " ".join(
-                str(v.reference) for v in known if needed[v.reference : v.reference + v.size].any()
+                str(v.reference) for v in known if needed[v.reference - 1 : v.reference - 1 + v.size].any()
             )
             SubElement(parent, name, valueReference=str(variable.reference), dependencies=dependencies)
     for variable in shown.indicators:

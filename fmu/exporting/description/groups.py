@@ -46,10 +46,10 @@ def variables(
     """
     taken = {*item.ports, *getattr(item, "blocks", ())}
     name = "time" if "time" not in taken else "independent_time"
-    time = Variable(name, (), 0, "independent", "continuous", "", None, ("s",), "simulation time")
-    inputs = _numbered((_of_port(port, "", starts[port.name].ravel()) for port in item.inputs()), 1)
-    parameters = _numbered(_parameters(item, plan, p, tunable), 1 + plan.u.size)
-    first = 1 + plan.u.size + plan.p.size
+    time = Variable(name, (), 1, "independent", "continuous", "", None, ("s",), "simulation time")
+    inputs = _numbered((_of_port(port, "", starts[port.name].ravel()) for port in item.inputs()), 2)
+    parameters = _numbered(_parameters(item, plan, p, tunable), 2 + plan.u.size)
+    first = 2 + plan.u.size + plan.p.size
     states = _numbered(_states(item, plan, plan.x, x), first)
     derivatives = tuple(_derivative(v, plan.x.size) for v in states)
     outputs = _numbered(

@@ -75,6 +75,7 @@ def model_description(interface: ExportInterface, version: str, uses: Sequence[U
         "variableNamingConvention": "structured" if structured else "flat",
         "numberOfEventIndicators": str(sum(v.size for v in interface.variables.indicators)) if scalar else "",
         "description": interface.meaning,
+        **interface.about,
     }
     root = Element("fmiModelDescription", filled(about))
     for use in uses:

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, fields, replace
 from itertools import product
 from math import prod
+from typing import Any
 
 from trussflow.blocks.framework.types import Vector
 
@@ -68,8 +69,23 @@ class Variable:
         return self.units[0] if self.units and len(set(self.units)) == 1 else None
 
     def scalars(self) -> list[str]:
-        """Return the names of the elements in FMI 2."""
+        """Return the names of the elements."""
         return element_names(self.name, self.shape)
+
+    def elements(self) -> Group:
+        """Return the elements as variables of their own."""
+        return tuple(
+            replace(
+                self,
+                name=name,
+                shape=(),
+                reference=self.reference + i,
+                start=None if self.start is None else self.start[i : i + 1],
+                units=self.units[i : i + 1],
+                state=None if self.state is None else self.state + i,
+            )
+            for i, name in enumerate(self.scalars())
+        )
 
     def description(self) -> str:
         """Return the meaning, with the units where an array mixes them."""
@@ -116,6 +132,14 @@ class Variables:
         yield self.time
         yield from self.inputs + self.parameters + self.states + self.derivatives + self.outputs
         yield from self.modes + self.indicators
+
+    def scalarized(self) -> Variables:
+        """Return them with a variable for each element."""
+        groups = {field.name: getattr(self, field.name) for field in fields(self) if field.name != "time"}
+        elements: dict[str, Any] = {
+            name: tuple(e for v in group for e in v.elements()) for name, group in groups.items()
+        }
+        return replace(self, **elements)
 
     def settable_states(self) -> list[bool]:
         """Return for each element of the states whether an importer may choose where it starts."""

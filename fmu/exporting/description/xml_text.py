@@ -101,7 +101,7 @@ def unknowns(interface: ExportInterface) -> tuple[Rows, Rows, Rows]:
     """
     shown, needs = interface.variables, interface.dependencies
     elsewhere = np.ones(needs.outputs.shape[1], dtype=bool)
-    elsewhere[[r for v in shown.parameters for r in v.references]] = False
+    elsewhere[[r - 1 for v in shown.parameters for r in v.references]] = False
     states = [(v, rows) for v, rows in _rows(shown.states, needs.initial_states) if v.initial == "calculated"]
     return (
         [*_rows(shown.outputs, needs.outputs & elsewhere)],

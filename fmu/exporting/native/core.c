@@ -113,7 +113,7 @@ static void tf_read(tf_instance* c, unsigned first, unsigned n, double* values) 
     } else if (r >= TF_VR_P) {
       values[i] = c->s.p[r - TF_VR_P];
     } else {
-      values[i] = r ? c->s.d[TF_D - TF_U + r - TF_VR_U] : c->s.time;
+      values[i] = r == TF_VR_TIME ? c->s.time : c->s.d[TF_D - TF_U + r - TF_VR_U];
     }
   }
 }
@@ -129,7 +129,7 @@ static tf_status tf_unknown(tf_instance* c, const char* function, unsigned refer
 static const char* tf_obstacle(const tf_instance* c, unsigned r) {
   int early = c->s.phase & (TF_INSTANTIATED | TF_INITIALIZATION);
   if (r >= TF_VR_U && r < TF_VR_P) return NULL;
-  if (r == 0 || r >= TF_VR_DX) return "it is calculated";
+  if (r == TF_VR_TIME || r >= TF_VR_DX) return "it is calculated";
   if (r >= TF_VR_X) {
     if (!tf_x_exact[r - TF_VR_X]) return "it is calculated from parameters or inputs; set those";
     return early ? NULL : "a state can be set here only before the end of initialization";

@@ -2,7 +2,8 @@
    this file: sizes (TF_U inputs, TF_P parameters, TF_X continuous states, TF_M discrete ones, TF_D
    all that changes at instants, TF_Y outputs, of which TF_Y_LIGHT are cheap, TF_INDICATORS of state
    events), tables, and the list of programs TF_PROGRAMS; so do fixed_step.h and events.h. Value references
-   count time, inputs, parameters, states, derivatives, outputs, modes and indicators, in that order. */
+   count time, inputs, parameters, states, derivatives, outputs, modes and indicators, in that order, from 1:
+   OMSimulator takes the dependencies of FMI 3 for places of variables. */
 
 #include <math.h>
 #include <stdarg.h>
@@ -15,7 +16,8 @@ enum { TF_PROGRAMS(TF_NUMBER) TF_PROGRAM_COUNT };
 
 /* Value references at which the groups begin. */
 enum {
-  TF_VR_U = 1,
+  TF_VR_TIME = 1,
+  TF_VR_U,
   TF_VR_P = TF_VR_U + TF_U,
   TF_VR_X = TF_VR_P + TF_P,
   TF_VR_DX = TF_VR_X + TF_X,

@@ -31,7 +31,8 @@ static unsigned tf_run(const fmi2ValueReference* references, size_t n) {
 static tf_status tf_get_real(tf_instance* c, const fmi2ValueReference references[], size_t n,
                              fmi2Real values[]) {
   for (size_t i = 0; i < n; ++i)
-    if (references[i] >= TF_VR_END) return tf_unknown(c, "fmi2GetReal", references[i]);
+    if (!references[i] || references[i] >= TF_VR_END)
+      return tf_unknown(c, "fmi2GetReal", references[i]);
   for (size_t i = 0, run; i < n; i += run) {
     run = tf_run(references + i, n - i);
     tf_read(c, references[i], (unsigned)run, values + i);
@@ -42,7 +43,8 @@ static tf_status tf_get_real(tf_instance* c, const fmi2ValueReference references
 static tf_status tf_set_real(tf_instance* c, const fmi2ValueReference references[], size_t n,
                              const fmi2Real values[]) {
   for (size_t i = 0; i < n; ++i) {
-    if (references[i] >= TF_VR_END) return tf_unknown(c, "fmi2SetReal", references[i]);
+    if (!references[i] || references[i] >= TF_VR_END)
+      return tf_unknown(c, "fmi2SetReal", references[i]);
     tf_status status = tf_may_write(c, references[i], 1, values + i);
     if (status != TF_OK) return status;
   }

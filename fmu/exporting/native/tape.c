@@ -121,7 +121,7 @@ static const tf_tape tf_starting = {TF_TAPE0, tf_tape0_operation, tf_tape0_a, tf
 static unsigned tf_place(unsigned reference) {
   if (reference >= TF_VR_X) return TF_Z_X + reference - TF_VR_X;
   if (reference >= TF_VR_P) return TF_Z_P + reference - TF_VR_P;
-  return reference ? TF_Z_U + reference - TF_VR_U : 0;
+  return reference == TF_VR_TIME ? 0 : TF_Z_U + reference - TF_VR_U;
 }
 
 /* Make the tapes ready at the present point. */
@@ -163,7 +163,7 @@ static tf_status tf_check_sides(tf_instance* c, const unsigned* unknown, size_t 
   }
   for (size_t i = 0; i < nk; ++i) {
     unsigned r = known[i];
-    int free = r < TF_VR_X || (r < TF_VR_DX && !(initial && !tf_x_exact[r - TF_VR_X]));
+    int free = (r && r < TF_VR_X) || (r < TF_VR_DX && !(initial && !tf_x_exact[r - TF_VR_X]));
     if (!free) return tf_refuse(c, TF_ERROR, "value reference %u is no known of a derivative", r);
   }
   return TF_OK;

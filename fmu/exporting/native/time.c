@@ -124,11 +124,12 @@ static void tf_plan_event(tf_instance* c) {
 #endif
 }
 
-/* Enter event mode: does anything tick now? */
+/* Enter event mode: does anything tick now? An importer may be a rounding error before or after the event. */
 static tf_status tf_enter_event(tf_instance* c) {
   long long k = tf_next_due(c->s.tick);
   if (c->s.phase == TF_EVENT) return TF_OK;
   c->s.phase = TF_EVENT;
+  if (fabs(c->next_event - c->s.time) <= tf_same(c->s.time)) c->s.time = c->next_event;
   if (k >= 0 && c->s.time >= tf_grid(c, k) - tf_same(c->s.time)) {
     c->s.tick = k;
     c->s.sampled = 0;
@@ -144,14 +145,16 @@ static tf_status tf_advance(tf_instance* c, double target) {
   const tf_model m = TF_MODEL_OF(TF_OWN, tf_kinds, TF_SIDES);
   for (;;) {
     double t = c->s.partial ? c->s.time : tf_grid(c, c->s.tick);
-    if (target - t <= same) break;
+    /* From an event a rounding error before a grid point, the step must go on to that point. */
+    if (target - t <= (c->s.partial ? 0 : same)) break;
     if (!c->s.partial && !tf_commit(c))
       return tf_refuse(c, TF_DISCARD, "a sampled value stopped being finite at time %.9g", t);
     double next = tf_grid(c, c->s.tick + 1);
     int whole = next <= target + same;
     double h = c->s.partial || !whole ? (whole ? next : target) - t : h_grid;
     double end = whole ? next : target, at = t;
-    int fault = tf_between(&m, &c->stepper, 1, &at, end, h, 1, c->may_return_early, c->s.x, c->s.d, c->s.p);
+    int early = c->may_return_early && target - t > same;
+    int fault = tf_between(&m, &c->stepper, 1, &at, end, h, 1, early, c->s.x, c->s.d, c->s.p);
     tf_touch(c);
     if (at > t) {
       whole = whole && at == end;
@@ -165,7 +168,7 @@ static tf_status tf_advance(tf_instance* c, double target) {
           c, TF_DISCARD,
           "a state stopped being finite in the step of %.9g from time %.9g, the last good one", h, at);
     if (fault != TF_FINE) return tf_event_fault(c, fault, at);
-    if (at < end) return TF_OK; /* an event ended the step early */
+    if (at < end && target - at > same) return TF_OK; /* an event ended the step early */
   }
   c->s.last_good = c->s.time = target;
   return TF_OK;

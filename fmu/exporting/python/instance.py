@@ -53,7 +53,7 @@ class State:
 class Instance:
     """A model instance, as co-simulation sees it. Methods may raise: the slave catches it all.
 
-    Value references count time, inputs, parameters, states, derivatives, outputs.
+    Value references count from 1 time, inputs, parameters, states, derivatives, outputs.
 
     Parameters
     ----------
@@ -118,10 +118,10 @@ class Instance:
         self._parameters_set |= bool(np.any(indices >= self._u.stop))
 
     def _indices(self, references: Sequence[int]) -> np.ndarray[Any, np.dtype[np.int64]]:
-        indices = np.asarray(references, dtype=np.int64)
+        indices = np.asarray(references, dtype=np.int64) - 1
         unknown = indices[(indices < 0) | (indices >= len(self._values))]
         if unknown.size:
-            self._fault = f"there is no variable with value reference {unknown[0]}"
+            self._fault = f"there is no variable with value reference {unknown[0] + 1}"
             raise RefusedError(f"{self._fault}; there are {len(self._values)} scalars")
         return indices
 

@@ -59,7 +59,7 @@ def _tried(private: str) -> tuple[bool, bool]:
     instance = module.Instance(content)
     try:
         instance.initialize()
-        values = np.array(instance.get(range(len(content.names))))
+        values = np.array(instance.get(range(1, 1 + len(content.names))))
         if not np.isfinite(values).all():
             name = content.names[int(np.argmin(np.isfinite(values)))]
             raise ExportError(f"'{name}' is not finite at the start")

@@ -252,6 +252,22 @@ def test_loops_without_a_solution(diagram, message, backend):
         values(diagram, "law.y", backend=backend)
 
 
+@pytest.mark.parametrize("gain", [0.5, -3.0, 1.0])
+def test_loops_through_continuous_python_blocks(gain):
+    """As y = gain (1 + y), if the diagram says so; for a gain of one there is no solution."""
+    diagram = ring(type("PythonGain", (Gain,), {"traced": False})(gain))
+    if gain == 1.0:
+        with pytest.raises(
+            DivergenceError, match=r"at t = 0 s, among 'law': Newton's method does not converge"
+        ):
+            values(diagram, "law.y")
+    else:
+        assert_allclose(values(diagram, "law.y"), gain / (1.0 - gain), rtol=0, atol=ROUND_OFF)
+    object.__setattr__(diagram, "loop_policy", "refuse")
+    with pytest.raises(AlgebraicLoopError, match=r"let it be solved: Diagram\(\.\.\., loops="):
+        values(diagram, "law.y")
+
+
 def test_a_start_that_is_finite_finds_a_solution(backend):
     (y,) = values(root_of_two(), "law.y", backend=backend, initial={"law.y": 1.0})
     assert_allclose(y, np.sqrt(2.0), rtol=1e-15, atol=0)

@@ -6,10 +6,11 @@ import zipfile
 from importlib.util import find_spec
 
 import pytest
-from fmpy import simulate_fmu
+from fmpy import read_model_description, simulate_fmu
+from fmpy.validation import validate_fmu
 from systems import ports
 
-from trussflow.blocks import Constant, Diagram, Integrator, PythonFunction, Session
+from trussflow.blocks import Constant, Diagram, Integrator, PythonFunction, Session, TransportDelay
 from trussflow.blocks.tracing import compiler
 from trussflow.fmu import ExportError, Fmu, export
 from trussflow.fmu.__main__ import main
@@ -51,6 +52,19 @@ def python_diagram():
         (Integrator, "x.fmu", {"solver": "euler"}, "a native FMU has the solver rk4 inside, not 'euler'"),
         (Integrator, "x.fmu", {"parameters": {"gain": 1}}, "no parameter 'gain'"),
         (python_diagram, "x.fmu", {}, r"'double' \(PythonFunction\) runs Python code"),
+        (
+            lambda: TransportDelay(0.1),
+            "x.fmu",
+            {},
+            r"\(TransportDelay\) runs or .* replace it by sampled_delay\(sample_time, delay\)",
+        ),
+        (
+            Integrator,
+            "x.fmu",
+            {"about": {"autor": "N"}},
+            "unknown attribute of an FMU 'autor'; choose from: author",
+        ),
+        (Integrator, "x.fmu", {"about": {"author": 1}}, "its author must be text, not 1"),
         (Integrator, "missing/x.fmu", {}, "there is no folder"),
         (Integrator, "", {}, "it is a folder; name a file"),
     ],
@@ -165,3 +179,19 @@ def test_command_line(tmp_path, capsys):
 def test_command_line_errors(item, options, text, tmp_path, capsys):
     assert main(["export", item, str(tmp_path / "x.fmu"), *options]) == 2
     assert text in capsys.readouterr().err
+
+
+def test_scalars_of_fmi_3(exported, systems):
+    """One variable per element: value references count them, which OMSimulator takes for granted."""
+    path = exported(systems.Oscillator(2), "3.0", "scalars", arrays=False, about={"author": "N. N."})
+    assert validate_fmu(str(path)) == []
+    about = read_model_description(str(path))
+    assert about.author == "N. N."
+    found = {v.name: v.valueReference for v in about.modelVariables if not v.dimensions}
+    assert list(found.values()) == list(range(1, 1 + len(about.modelVariables)))
+    assert {u.variable.name for u in about.outputs} == {"position[1]", "position[2]", "angle", "total"}
+    rows = [
+        simulate_fmu(str(p), stop_time=1.0, start_values={f"stiffness{end}": value})["total"]
+        for p, end, value in ((path, "[1]", 7.0), (exported(systems.Oscillator(2), "3.0"), "", "7 4"))
+    ]
+    assert rows[0].tolist() == rows[1].tolist()

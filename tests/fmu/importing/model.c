@@ -294,7 +294,7 @@ EXPORT Status fmi3CompletedIntegratorStep(Handle c, Flag prior, Flag *wanted, Fl
 EXPORT Status fmi3UpdateDiscreteStates(Handle c, Flag *again, Flag *end, Flag *nominals, Flag *changed, Flag *defined, double *next) {
     SELF;
     *changed = event(m), *again = m->i[FAULT] == ENDLESS, *nominals = 0;
-    *end = m->i[FAULT] == END_AT_EVENT;
+    *end = m->i[FAULT] == END_AT_EVENT && (m->model != STAIR || m->i[COUNT] > 1);
     *defined = isfinite(m->next), *next = m->next;
     return OK;
 }
@@ -349,7 +349,7 @@ EXPORT Status fmi2NewDiscreteStates(Handle c, fmi2EventInfo *info) {
     SELF;
     info->valuesOfContinuousStatesChanged = event(m);
     info->newDiscreteStatesNeeded = m->i[FAULT] == ENDLESS;
-    info->terminateSimulation = m->i[FAULT] == END_AT_EVENT;
+    info->terminateSimulation = m->i[FAULT] == END_AT_EVENT && (m->model != STAIR || m->i[COUNT] > 1);
     info->nominalsOfContinuousStatesChanged = 0;
     info->nextEventTimeDefined = isfinite(m->next), info->nextEventTime = m->next;
     return OK;

@@ -124,14 +124,15 @@ def test_names_that_lead_outside(make_fmu, tmp_path, name):
 
 
 def test_names_twice(make_fmu):
-    """Folders that are listed twice do no harm."""
+    """Folders and files that are listed twice with the same content do no harm."""
     with pytest.warns(UserWarning, match="Duplicate"):
         path = appended(make_fmu, "modelDescription.xml", "<other/>")
     with pytest.raises(FmuArchiveError, match=r"'modelDescription\.xml' is there twice"):
         Fmu(path)
-    with pytest.warns(UserWarning, match="Duplicate"):
-        path = appended(make_fmu, "extra/", b"", more={"extra/": b""})
-    run(Fmu(path, kind="me"))
+    for name, content in (("extra/", b""), ("extra/a.xml", b"<a/>")):
+        with pytest.warns(UserWarning, match="Duplicate"):
+            path = appended(make_fmu, name, content, more={name: content})
+        run(Fmu(path, kind="me"))
 
 
 def test_archives_that_are_too_large(make_fmu, monkeypatch):
@@ -212,8 +213,6 @@ UNREADABLE = "cannot read the model description"
         ("types", 3, 'start="3"', f'start="{"9" * 5000}"', UNREADABLE),
         ("ball", 2, 'index="1"', 'index="99"', UNREADABLE),
         ("ball", 2, 'valueReference="0"', 'valueReference="x"', UNREADABLE),
-        ("ball", 2, 'derivative="1"', "", r"'der\(h\)' is listed as a derivative of a st"),
-        ("ball", 3, 'derivative="0"', "", r"'der\(h\)' is listed as a derivative of a st"),
         ("ball", 2, 'start="9.81"', 'start="much"', "start value 'much' of variable 'g' does not fit"),
     ],
 )
@@ -226,7 +225,11 @@ def test_descriptions_that_are_refused(make_fmu, model, version, old, new, messa
 def test_derivatives_that_nobody_needs_may_be_wrong(make_fmu, version):
     """States are for model exchange alone."""
     state = "1" if version == 2 else "0"
-    run(Fmu(make_fmu("ball", version, ["cs"], replace={f'derivative="{state}"': ""}), step=0.1))
+    for kinds in (["cs"], ["cs", "me"]):
+        path = make_fmu("ball", version, kinds, replace={f'derivative="{state}"': ""})
+        run(Fmu(path, kind="cs", step=0.1))
+    with pytest.raises(FmuDescriptionError, match=r"model exchange: 'der\(h\)' is listed as a derivative"):
+        Fmu(path, kind="me")
 
 
 @versions

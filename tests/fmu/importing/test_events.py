@@ -16,7 +16,9 @@ from trussflow.blocks import (
     Step,
     ZeroOrderHold,
     cosimulate,
+    linearize,
     simulate,
+    trim,
 )
 from trussflow.fmu import Fmu, FmuError
 
@@ -121,6 +123,18 @@ def test_events_inside_co_simulation(make_fmu, version, flags):
 
 
 @versions
+def test_linear_analysis_settles_discrete_states(make_fmu, version):
+    """In x' = -x + r + d the relay r follows u at events only: each point of an analysis has one."""
+    relay = made(make_fmu("relay", version), "me")
+    diagram = in_diagram(relay)
+    diagram.expose(u=relay.u, d=relay.d, x=relay.x)
+    for u in (0.0, 1.0):
+        point = trim(diagram, inputs={"u": u, "d": 2.0})
+        assert point.states["fmu.x_state"] == pytest.approx(u + 2.0, abs=1e-9)
+        np.testing.assert_allclose(linearize(diagram, at=point).B, [[0.0, 1.0]], rtol=0, atol=1e-9)
+
+
+@versions
 @kinds
 def test_a_session_goes_back_before_a_bounce(make_fmu, version, kind):
     """A restored snapshot gives the same to the last bit, hidden counters included."""
@@ -213,6 +227,15 @@ def test_an_fmu_may_end_the_run(make_fmu, version, kind, runs):
         np.testing.assert_array_equal(result["time"], whole["time"][:number])
         np.testing.assert_array_equal(result["fmu.h"], whole["fmu.h"][:number])
     np.testing.assert_array_equal(runs(ending, 0.6, step=0.1)["fmu.h"], whole["fmu.h"])
+
+
+@versions
+def test_a_run_may_stop_where_an_event_ends_it(make_fmu, version):
+    """The second step of the stair, at 0.7 s, asks to end: there the run stops, or goes no further."""
+    diagram = in_diagram(made(make_fmu("stair", version), "me", parameters={"fault": 11}))
+    assert simulate(diagram, 0.7, step=0.1)["fmu.y"][-1] == 2
+    with pytest.raises(RunEndedError, match=r"asks to end the run at t = 0\.7 s"):
+        simulate(diagram, 0.8, step=0.1)
 
 
 @pytest.mark.parametrize(

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from systems import Oscillator
 
-from trussflow.blocks import Constant, Diagram, Sine, simulate
+from trussflow.blocks import Constant, Diagram, Sine, linearize, simulate
 from trussflow.fmu import Fmu
 
 ROUND_OFF = 1e-12
@@ -49,6 +49,9 @@ def test_casadi_model_exchange_equals_the_block_in_process(casadi_fmu, solver):
     ours = run(Oscillator(damping=0.4, start=0.2), solver)
     np.testing.assert_allclose(theirs["plant.q"], ours["plant.y"][:, 0], rtol=0, atol=ROUND_OFF)
     assert theirs["plant.q"].attrs["units"] == "m"
+    model = linearize(plant)
+    assert set(model.derivatives.values()) == {"its own"}
+    np.testing.assert_allclose(model.A, [[0.0, 1.0], [-4.0, -0.4]], rtol=0, atol=ROUND_OFF)
 
 
 def built(folder, text, name):

@@ -1,10 +1,28 @@
 """Exported FMUs, imported again: the same numbers as the block in this process."""
 
+import zipfile
+
+import campaign
 import numpy as np
 import pytest
+from fmpy import simulate_fmu
 
-from trussflow.blocks import Diagram, Sine, simulate
-from trussflow.fmu import Fmu
+from trussflow.blocks import (
+    Constant,
+    Diagram,
+    Gain,
+    OpenInputError,
+    OperatingPoint,
+    Pulse,
+    Sine,
+    StateSpace,
+    Sum,
+    ZeroOrderHold,
+    linearize,
+    simulate,
+    trim,
+)
+from trussflow.fmu import Fmu, export
 
 ROUND_OFF = 1e-12
 versions = pytest.mark.parametrize("version", ["2.0", "3.0"])
@@ -56,3 +74,129 @@ def test_co_simulation_converges_to_the_block(exported, systems, version):
         errors.append(np.abs(found - exact).max())
     slope = np.polyfit(np.log(steps), np.log(errors), 1)[0]
     assert slope == pytest.approx(1.0, abs=0.1)
+
+
+RNG = np.random.default_rng(campaign.SEED)
+
+
+@versions
+@pytest.mark.parametrize(
+    ("period", "high", "late", "sample"),
+    [
+        (10, 4, 0, 0.04),
+        *(
+            pytest.param(
+                *RNG.integers((5, 1, 0), (30, 5, 9)), RNG.integers(1, 90) / 1e3, marks=pytest.mark.campaign
+            )
+            for _ in range(20 * campaign.SIZE)
+        ),
+    ],
+)
+def test_events_on_sample_instants(version, period, high, late, sample, tmp_path):
+    """Edges of pulses, counted in samples, are held at once: 0.56 s is early by round-off, 0.16 s late."""
+    diagram = Diagram("edges")
+    pulse, hold = diagram.add(
+        pulse=Pulse(period * sample, high / period, delay=late * sample), hold=ZeroOrderHold(sample)
+    )
+    pulse >> hold
+    diagram.expose(y=hold.y)
+    end = 2 * (period + late) * sample
+    count = np.rint(np.arange(0.0, end + sample / 2, sample) / sample) - late
+    expected = (count >= 0) & (count % period < high)
+    for backend in ("numpy", "compiled"):
+        found = simulate(diagram, end, step=sample, log={"y": hold.y}, backend=backend)["y"]
+        np.testing.assert_array_equal(found, expected, err_msg=backend)
+    path = export(diagram, tmp_path / "edges.fmu", version=version, step=sample)
+    for kind, name in (("cs", "CoSimulation"), ("me", "ModelExchange")):
+        importer = Diagram("importer")
+        importer.add(f=Fmu(path, kind=kind))
+        ours = simulate(importer, end, step=sample)["f.y"]
+        np.testing.assert_array_equal(ours, expected, err_msg=kind)
+        for early in {version == "3.0" and kind == "cs", False}:
+            rows = simulate_fmu(
+                str(path), stop_time=end, output_interval=sample, fmi_type=name, early_return_allowed=early
+            )
+            after = np.searchsorted(rows["time"], np.arange(expected.size) * sample + sample / 9) - 1
+            np.testing.assert_array_equal(rows["y"][after], expected, err_msg=f"FMPy {kind} {early}")
+
+
+SYSTEMS = {
+    "three": lambda systems: systems.Oscillator(3),
+    "rotor": lambda systems: systems.Rotor(),
+    "direct": lambda _: StateSpace(-np.eye(2), np.ones((2, 2)), [[1.0, 2.0]], [[0.5, -0.25]]),
+}
+
+
+def alone(block):
+    diagram = Diagram("alone")
+    diagram.add(f=block)
+    diagram.expose(**{port.name: port for port in (*block.inputs(), *block.outputs())})
+    return diagram
+
+
+@versions
+@pytest.mark.parametrize("own", [True, False])
+@pytest.mark.parametrize("name", SYSTEMS)
+def test_linear_models_are_those_of_the_block(name, own, version, exported, systems, tmp_path):
+    """By derivatives of the FMU's own, or by differences if it has none; and trimmed."""
+    ours, path = alone(SYSTEMS[name](systems)), exported(SYSTEMS[name](systems), version, name)
+    if not own:
+        with zipfile.ZipFile(path) as old, zipfile.ZipFile(tmp_path / "none.fmu", "w") as new:
+            for file in old.namelist():
+                new.writestr(file, old.read(file).replace(b"providesDirectional", b"needsNo"))
+        path = tmp_path / "none.fmu"
+    theirs = alone(Fmu(path, kind="me"))
+    start, rng = linearize(ours).operating_point, np.random.default_rng(1)
+    states, inputs = (
+        {key: rng.normal(size=value.shape) for key, value in values.items()}
+        for values in (start.states, start.inputs)
+    )
+    point = OperatingPoint(time=0.3, states=states, inputs=inputs)
+    expected, found = linearize(ours, at=point), linearize(theirs, at=point)
+    for matrix in "ABCD":
+        np.testing.assert_allclose(
+            getattr(found, matrix), getattr(expected, matrix), rtol=0, atol=ROUND_OFF if own else 1e-7
+        )
+    assert found.derivatives["f"].startswith("its own" if own else "differences")
+    if name != "rotor":
+        rests = (trim(d, start=point).states for d in (ours, theirs))
+        np.testing.assert_allclose(
+            *(np.concatenate([*map(np.ravel, r.values())]) for r in rests), rtol=0, atol=1e-7
+        )
+
+
+@versions
+def test_solved_loops(version, exported, systems):
+    """Feedthrough, fed back: u = r - 0.7 y, as in a loop of blocks."""
+    path = exported(SYSTEMS["direct"](systems), version, "direct")
+    models, runs = [], []
+    for block in (SYSTEMS["direct"](systems), Fmu(path, kind="me")):
+        loop = Diagram("loop", loops="solve")
+        loop.add(f=block, law=Gain(0.7), error=Sum("+-"), drive=Sine([1.0]))
+        loop.f.y >> loop.law >> loop.error.u2
+        loop.drive >> loop.error.u1
+        loop.error.y >> loop.f.u[0:1]
+        loop.ground(loop.f.u[1:2])
+        models.append(linearize(loop, loop.error.u1, loop.f.y))
+        runs.append(simulate(loop, 1.0, step=0.01)["f.y"])
+    for matrix in "ABCD":
+        np.testing.assert_allclose(*(getattr(m, matrix) for m in models), rtol=0, atol=ROUND_OFF)
+    np.testing.assert_allclose(*runs, rtol=0, atol=ROUND_OFF)
+
+
+def test_open_inputs_may_keep_declared_start_values(exported, systems):
+    """A vector has one value for all its elements; without the option every input must be wired."""
+    ours = Diagram("ours")
+    ours.add(f=systems.Oscillator(2), drive=Constant([0.5, 0.5], unit="N"))
+    ours.drive >> ours.f.force
+    runs = [simulate(ours, 1.0, step=0.01)["f.position"]]
+    for name, force, option in (("same", 0.5, True), ("same", 0.5, False), ("mixed", 1.0, True)):
+        path = exported(systems.Oscillator(2), "2.0", name, start={"force": [0.5, force]})
+        theirs = Diagram("theirs")
+        theirs.add(f=Fmu(path, kind="me", declared_starts=option))
+        if not option or force != 0.5:
+            with pytest.raises(OpenInputError, match="force"):
+                simulate(theirs, 1.0, step=0.01)
+        else:
+            runs.append(simulate(theirs, 1.0, step=0.01)["f.position"])
+    np.testing.assert_allclose(*runs, rtol=0, atol=ROUND_OFF)

@@ -5,8 +5,8 @@ import zipfile
 import numpy as np
 import pytest
 
-from trussflow.blocks import StateSpace
-from trussflow.fmu import FmuError, export, import_ssp
+from trussflow.blocks import OpenInputError, StateSpace, cosimulate
+from trussflow.fmu import FmuError, SspError, export, import_ssp
 from trussflow.fmu.ssp.names import SPACES
 
 
@@ -20,7 +20,7 @@ def fmus(tmp_path_factory):
 
 def foreign(fmus, target, structure):
     """Return a file with one FMU and a structure as other tools write it."""
-    text = "".join(f' xmlns:{p}="{SPACES[p]}"' for p in ("ssd", "ssc", "ssv"))
+    text = "".join(f' xmlns:{p}="{SPACES[p]}"' for p in ("ssd", "ssc", "ssv", "ssm"))
     with zipfile.ZipFile(target, "w") as archive:
         archive.write(fmus / "mass.fmu", "resources/mass.fmu")
         root = f'<ssd:SystemStructureDescription{text} name="s" version="1.0"><ssd:System name="s">'
@@ -63,6 +63,52 @@ def test_parameters_of_a_system_reach_its_fmus(outer, fmus, tmp_path):
     )
     block = import_ssp(foreign(fmus, tmp_path / "s.ssp", structure)).blocks["mass"]
     assert block.parameters["initial_value"][1] == 3.5
+
+
+@pytest.mark.parametrize(
+    ("conversion", "value"),
+    [
+        ("", 3.5),
+        ('<ssc:LinearTransformation factor="2" offset="-1"/>', 6.0),
+        ("<ssc:BooleanMappingTransformation/>", None),
+    ],
+)
+def test_parameter_mappings(conversion, value, fmus, tmp_path):
+    """Values go to the names that the mapping says, converted linearly; others are left out."""
+    structure = (
+        "<ssd:ParameterBindings><ssd:ParameterBinding><ssd:ParameterValues>"
+        '<ssv:ParameterSet version="1.0" name="p"><ssv:Parameters><ssv:Parameter name="k">'
+        '<ssv:Real value="3.5"/></ssv:Parameter><ssv:Parameter name="mass.initial_value[1]">'
+        '<ssv:Real value="9"/></ssv:Parameter></ssv:Parameters></ssv:ParameterSet></ssd:ParameterValues>'
+        '<ssd:ParameterMapping><ssm:ParameterMapping version="1.0"><ssm:MappingEntry source="k" '
+        f'target="mass.initial_value[2]">{conversion}</ssm:MappingEntry></ssm:ParameterMapping>'
+        f"</ssd:ParameterMapping></ssd:ParameterBinding></ssd:ParameterBindings>{MASS}"
+    )
+    file = foreign(fmus, tmp_path / "s.ssp", structure)
+    if value is None:
+        with pytest.raises(
+            SspError, match=r"'k' to 'mass.initial_value\[2\]' converts it other than linearly"
+        ):
+            import_ssp(file)
+    else:
+        assert import_ssp(file).blocks["mass"].parameters["initial_value"].tolist() == [0.0, value]
+
+
+def test_open_inputs_may_keep_their_start_values(fmus, tmp_path):
+    """In x' = x + u: the FMU declares u = 0."""
+    connectors = "".join(f'<ssd:Connector name="u[{i}]" kind="input"/>' for i in (1, 2))
+    connections = "".join(
+        f'<ssd:Connection startConnector="u[{i}]" endElement="mass" endConnector="u[{i}]"/>' for i in (1, 2)
+    )
+    structure = (
+        f"<ssd:Connectors>{connectors}</ssd:Connectors>{MASS}<ssd:Connections>{connections}</ssd:Connections>"
+    )
+    file = foreign(fmus, tmp_path / "s.ssp", structure)
+    with pytest.raises(OpenInputError):
+        cosimulate(import_ssp(file), 0.25, step=0.125)
+    assert not cosimulate(import_ssp(file, open_inputs="start"), 0.25, step=0.125)["mass.y"].any()
+    with pytest.raises(SspError, match="unknown open_inputs 'zero'; choose from: expose, start"):
+        import_ssp(file, open_inputs="zero")
 
 
 def test_names_of_no_known_space_are_said(fmus, tmp_path):

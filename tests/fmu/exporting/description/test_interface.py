@@ -33,7 +33,7 @@ def by_name(item, **settings):
 def test_value_references_count_scalars(systems):
     variables = by_name(systems.Oscillator(3))
     references = [r for v in variables.values() for r in v.references]
-    assert references == list(range(len(references)))
+    assert references == list(range(1, 1 + len(references)))
     words = "time force stiffness cubic damping initial_position q v der(q) der(v) position angle total"
     assert list(variables) == words.split()
     assert list(variables["der(q)"].scalars()) == ["der(q[1])", "der(q[2])", "der(q[3])"]
