@@ -14,6 +14,7 @@ from trussflow.blocks.framework.errors import LinearAnalysisError
 from trussflow.blocks.framework.port import Port
 from trussflow.blocks.framework.rewiring import readers
 from trussflow.blocks.framework.system import System, flatten
+from trussflow.blocks.framework.types import Vector
 from trussflow.blocks.framework.validation import frequencies
 from trussflow.blocks.linear_analysis.linearize import Amplitudes, Linearizer
 from trussflow.blocks.linear_analysis.margins import (

@@ -66,7 +66,7 @@ def integrate(
     watch : EventWatch, optional
         Finds and handles events.
     accepted : callable, optional
-        Is told of time and state after each step.
+        Called with time and state after each step.
 
     Yields
     ------

@@ -21,7 +21,7 @@ from trussflow.blocks.simulation.block_slopes import derivatives
 
 @dataclass(frozen=True, slots=True, repr=False)
 class BlockReport(Described):
-    """What `check_block` found.
+    """Findings of `check_block`.
 
     Attributes
     ----------

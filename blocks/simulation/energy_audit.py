@@ -60,7 +60,7 @@ class EnergyMeter(Block):
 
 @dataclass(frozen=True, slots=True, repr=False)
 class EnergyAudit(Described):
-    """What `energy_audit` found.
+    """Findings of `energy_audit`.
 
     Attributes
     ----------

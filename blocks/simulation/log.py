@@ -53,7 +53,7 @@ class Log:
     Parameters
     ----------
     channels : sequence of Channel
-        What a row consists of.
+        Channels of a row.
     attributes : mapping
         What the result says of the run.
     not_finite : str
@@ -192,7 +192,7 @@ class Log:
         Parameters
         ----------
         error : BaseException
-            What ended the run.
+            Exception that ended the run.
         t : float
             Time up to which it came [s].
         messages : mapping of str to sequence of str

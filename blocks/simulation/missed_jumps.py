@@ -25,7 +25,7 @@ def warn_of_missed_jumps(plan: Plan, step: Fraction, span: tuple[Fraction, Fract
     Parameters
     ----------
     plan : Plan
-        What is run.
+        Prepared diagram.
     step : Fraction
         Length of a step [s].
     span : tuple of Fraction

@@ -50,7 +50,7 @@ def open_block(block: Block, p: Signals) -> Equations:
 
 
 class OpenBlocks:
-    """What states the equations of the Python blocks in one run, by path.
+    """Equation objects of the Python blocks for one run, keyed by block path.
 
     Parameters
     ----------

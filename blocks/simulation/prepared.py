@@ -80,7 +80,7 @@ class Assembly:
     sampled, continuous : SampledPythonBlocks, ContinuousPythonBlocks
         The Python blocks.
     tick, tick_seconds : Fraction, float
-        What time is counted in [s].
+        Time unit of the integer ticks [s].
 
     Raises
     ------

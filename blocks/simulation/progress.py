@@ -25,7 +25,7 @@ class ProgressBar(tqdm):  # type: ignore[type-arg]
     Parameters
     ----------
     name : str
-        What is running.
+        Name of the running job.
     duration : float
         Simulated time of the whole run [s].
     shown : bool

@@ -23,7 +23,7 @@ from trussflow.blocks.tracing.quantities import Quantity, block_inputs
 
 
 class Evaluates(Protocol):
-    """What computes quantities of a plan."""
+    """Executor of the quantities of a plan."""
 
     def call(self, name: str, t: float, x: Vector, d: Vector, p: Vector) -> Vector:
         """Return the quantity of that `name` at time `t` [s] with `x`, `d` and `p` [as declared]."""
@@ -93,7 +93,7 @@ class SampledInRun:
     blocks : SampledPythonBlocks
         The blocks.
     equations : mapping of str to Equations
-        What states their equations in this run, by path.
+        Equation objects of these blocks in this run, keyed by block path.
     inner : Evaluates
         Evaluates their inputs.
     """

@@ -124,7 +124,7 @@ def save(result: xr.Dataset, path: str | Path) -> Path:
     Parameters
     ----------
     result : xarray.Dataset
-        What `simulate` returned.
+        Result of `simulate`.
     path : str or pathlib.Path
         File to write: ``.csv`` with the columns of `to_pandas`; ``.mat`` with one variable for each signal,
         its name without what MATLAB does not allow; else netCDF, which alone keeps units and provenance.
@@ -192,7 +192,7 @@ def to_pandas(result: xr.Dataset) -> pd.DataFrame:
     Parameters
     ----------
     result : xarray.Dataset
-        What `simulate` returned.
+        Result of `simulate`.
     """
     import pandas as pd
 
@@ -210,7 +210,7 @@ def to_control(result: xr.Dataset, outputs: Sequence[str], inputs: Sequence[str]
     Parameters
     ----------
     result : xarray.Dataset
-        What `simulate` returned.
+        Result of `simulate`.
     outputs, inputs : sequence of str
         Names of the signals.
 
@@ -242,7 +242,7 @@ def plot(result: xr.Dataset, *names: str) -> Figure:
     Parameters
     ----------
     result : xarray.Dataset
-        What `simulate` returned.
+        Result of `simulate`.
     *names : str
         Names of the signals; by default all.
 

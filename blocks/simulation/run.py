@@ -59,7 +59,7 @@ class Run:
     prepared : Prepared
         What it has in common with other runs.
     executor : Executor
-        What evaluates this run.
+        Executor of this run.
     x, d, p : Vector
         Continuous states, what changes at instants, parameters [as declared].
     log : Log or None

@@ -55,7 +55,7 @@ class Simulator(Described):
     Parameters
     ----------
     diagram : Diagram or System
-        What to simulate; inputs of a system from outside stay at their start values.
+        Block or diagram to simulate; external inputs keep their start values.
     log : mapping, sequence or None
         What to log: ports, as ports or ``"block.port"``, and states, ``"block.state"``, optionally by
         the name wanted in the result; None logs every output.
@@ -254,9 +254,9 @@ class Begun:
     run : Run
         The run.
     log : Log
-        Where it logs to.
+        Destination of the log.
     end : Fraction
-        When it ends [s].
+        Final time [s].
     every : Fraction or None
         After which time there is a checkpoint [s].
     of : mapping
@@ -341,7 +341,7 @@ def simulate(
     Parameters
     ----------
     diagram : Diagram or System
-        What to simulate.
+        Block or diagram to simulate.
     duration : float
         Time to simulate [s].
     parameters, initial, start, progress, stream_to, checkpoint_every, resume, not_finite, time_limit

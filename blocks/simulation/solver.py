@@ -33,7 +33,7 @@ class SolverSettings(TypedDict, total=False):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Solver:
-    """How continuous states are integrated and equations evaluated.
+    """Integration method of the continuous states and backend of the equations.
 
     Everything that runs a diagram (`simulate`, `Session`, `operating_point_after`...) takes these
     as keywords.

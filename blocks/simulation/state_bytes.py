@@ -51,7 +51,7 @@ def decode(data: bytes, of: Mapping[str, Any]) -> Any:
     Parameters
     ----------
     data : bytes
-        What `encode` returned.
+        Result of `encode`.
     of : mapping
         As for `encode`.
 

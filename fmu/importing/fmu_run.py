@@ -30,7 +30,7 @@ class FmuRun(Running):
     p : Signals
         Its parameters, which follow when they are changed [units as the FMU states].
     kind : type
-        What the FMU is loaded as.
+        The loaded FMU.
     """
 
     stuck = "its FMU cannot save its state (no canGetAndSetFMUState in its model description)"

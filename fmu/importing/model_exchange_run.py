@@ -150,7 +150,7 @@ class ModelExchangeRun(FmuRun):
 
 
 class DifferentiableRun(ModelExchangeRun):
-    """The same of an FMU that has directional derivatives, and no inputs that change at events only."""
+    """Equations of an FMU with directional derivatives and without inputs that change at events only."""
 
     def directional_derivative(
         self, kind: str, t: Array, x: Signals, u: Signals, p: Signals, dx: Signals, du: Signals

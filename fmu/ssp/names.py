@@ -68,7 +68,7 @@ def add(parent: Element, path: str, attributes: Mapping[str, str] | None = None,
     Parameters
     ----------
     parent : Element
-        Where to add them.
+        Diagram that receives them.
     path : str
         Their names, with prefixes of `SPACES` and slashes between.
     attributes : mapping of str, optional

@@ -31,10 +31,8 @@ def test_each_curve_is_the_loop_of_one_mode_with_the_other_closed():
         turns = np.exp(1j * np.radians(lower.lines[k].get_ydata()))
         np.testing.assert_allclose(turns, gain / abs(gain), rtol=0.0, atol=1e-9)
         text = f"u[{k}]: mode {k + 1}, {FREQUENCIES[k]:.3g} Hz, ζ = 1.00%; margins"
-        assert (
-            line.get_label()
-            == f"{text} {20.0 * np.log10(margins[k].gain_up):.1f} dB, {margins[k].phase:.0f}°"
-        )
+        numbers = f"{20.0 * np.log10(margins[k].gain_up):.1f} dB, {margins[k].phase:.0f}°"
+        assert line.get_label() == f"{text} {numbers}"
 
 
 def test_an_unstable_loop_has_its_poles_in_the_title():
