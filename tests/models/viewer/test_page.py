@@ -218,7 +218,7 @@ def not_finite(run, _):
         (not_finite, r"'truss.coordinates' is not finite at t = 2 s; cut it off"),
         (half_written, r"no whole netCDF file of a run"),
         (of_another_tool, r"no whole netCDF file of a run"),
-        (lambda _, folder: folder / "none.nc", r"there is no such file"),
+        (lambda _, folder: folder / "none.nc", r"No such file"),
         (lambda run, _: run["truss.energy"], r"cannot show DataArray"),
         (
             lambda run, _: run.assign({"truss.coordinates": ("time", ["a"] * len(run["time"]))}),
