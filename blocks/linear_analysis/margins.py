@@ -11,7 +11,9 @@ independently and at the same time.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -238,6 +240,11 @@ def channel_margins(gain: Complex, omega: Vector, channel: str, ends: npt.ArrayL
     gm = np.concatenate([gm, S / (S - 1.0)])
     # A delay only takes phase away: a negative margin is reached after the rest of a turn.
     lags = np.radians(np.mod(pm, 360.0)) / crossings
+
+    def disk(w: float) -> float:
+        return float(1.0 / np.abs(1.0 / (1.0 + data(1j * w)) - 0.5))
+
+    widest = int(np.abs(1.0 / (1.0 + gain) - 0.5).argmax())
     return Margins(
         channel=channel,
         crossover=float(crossings.max()) if crossings.size else np.nan,
@@ -245,8 +252,21 @@ def channel_margins(gain: Complex, omega: Vector, channel: str, ends: npt.ArrayL
         gain_up=float(gm[gm > 1].min(initial=np.inf)),
         phase=float(np.abs(pm).min(initial=np.inf)),
         delay=float(lags.min(initial=np.inf)),
-        disk=float(1.0 / np.abs(1.0 / (1.0 + gain) - 0.5).max()),
+        disk=_refined(disk, omega, widest)[0],
     )
+
+
+def _refined(margin: Callable[[float], float], omega: Vector, k: int) -> tuple[float, float]:
+    """Return the least value of a margin between the neighbours of a grid frequency, and its frequency."""
+    from scipy.optimize import minimize_scalar
+
+    low, middle, high = omega[[max(k - 1, 0), k, min(k + 1, len(omega) - 1)]].tolist()
+    if low == high:
+        return margin(middle), middle
+    found = minimize_scalar(
+        margin, bounds=(low, high), method="bounded", options={"xatol": FREQUENCY_TOLERANCE * high}
+    )
+    return min((margin(middle), middle), (float(found.fun), float(found.x)))
 
 
 def disk_margin(
@@ -281,7 +301,6 @@ def disk_margin(
     on the grid are refined between their neighbours.
     """
     import control  # takes a while to import
-    from scipy.optimize import minimize_scalar
 
     stable_poles(model, model.input_labels[0])
     S = sensitivities(model, omega) if sensitivity is None else sensitivity
@@ -300,16 +319,9 @@ def disk_margin(
     padded = np.concatenate([[np.inf], margins, [np.inf]])
     minima = (margins < padded[:-2]) & (margins <= padded[2:]) & (margins <= REFINED_SHARE * margins.min())
     for k in np.flatnonzero(minima).tolist():
-        low, high = float(omega[max(k - 1, 0)]), float(omega[min(k + 1, len(omega) - 1)])
-        refined = minimize_scalar(
-            lambda frequency: float(margin(np.array([frequency]))[0]),
-            bounds=(low, high),
-            method="bounded",
-            options={"xatol": FREQUENCY_TOLERANCE * high},
-        )
-        if refined.fun < margins.min():
-            margins[k] = refined.fun
-            best = refined.x
+        refined, at = _refined(lambda w: float(margin(np.array([w]))[0]), omega, k)
+        if refined < margins.min():
+            margins[k], best = refined, at
     disk, gain, phase = (float(value) for value in control.disk_margins(model, np.array([best])))
     return disk, gain, phase, float(best)
 
@@ -332,10 +344,18 @@ def channel_disks(model: control.StateSpace, omega: Vector) -> tuple[Vector, Vec
     stable_poles(model, model.input_labels[0])
     poles, shapes = np.linalg.eig(model.A - model.B @ model.C)
     residues = (model.C @ shapes).T * np.linalg.solve(shapes, model.B)
-    where = on_the_border(model, omega)
-    sensitivity = 1.0 - (1.0 / (where[:, None] - poles)) @ residues
-    sizes = np.abs(sensitivity - 0.5)
-    return 1.0 / sizes.max(axis=0), omega[sizes.argmax(axis=0)]
+
+    def disks(frequencies: Vector) -> Vector:
+        where = on_the_border(model, frequencies)
+        sensitivity = 1.0 - (1.0 / (where[:, None] - poles)) @ residues
+        return np.asarray(1.0 / np.abs(sensitivity - 0.5))
+
+    def disk(channel: int, frequency: float) -> float:
+        return float(disks(np.array([frequency]))[0, channel])
+
+    nearest = disks(omega).argmin(axis=0).tolist()
+    least = np.array([_refined(partial(disk, k), omega, at) for k, at in enumerate(nearest)])
+    return least[:, 0], least[:, 1]
 
 
 def on_the_border(model: control.StateSpace, omega: Vector) -> Complex:

@@ -179,7 +179,7 @@ def test_margins_of_a_loop_are_those_of_python_control_and_of_its_sensitivity():
     omega = np.geomspace(0.1, 1e3, 20000)
     S = 1.0 / (1.0 + gain_of(1j * omega))
     assert found.disk == pytest.approx(1.0 / np.abs(S - 0.5).max(), rel=1e-3)
-    assert channel.disk == pytest.approx(found.disk, rel=1e-3)
+    assert channel.disk == pytest.approx(found.disk, rel=1e-6)
     assert 1.0 < found.frequency < 30.0
     control.bode_plot(opened, omega)
     assert type(control.feedback(opened)) is control.StateSpace

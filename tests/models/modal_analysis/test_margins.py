@@ -54,7 +54,8 @@ def test_margins_of_a_known_loop():
     assert found.phase == pytest.approx(21.386, rel=1e-3)
     assert found.crossover == pytest.approx(0.68233, rel=1e-4)
     assert found.delay == pytest.approx(np.radians(21.386) / 0.68233, rel=1e-3)
-    assert found.disk == pytest.approx(control.disk_margins(model, grid)[0], rel=1e-6)
+    scan = np.geomspace(0.1, 10, 20_000)
+    assert found.disk == pytest.approx(control.disk_margins(model, scan)[0], rel=1e-6)
 
 
 def test_nothing_comes_back():
