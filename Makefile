@@ -50,7 +50,7 @@ sweep: $(VENV)/runtime.stamp
 RUN_TESTS := OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest -n $(WORKERS)
 
 test: $(VENV)/dev.stamp
-	$(RUN_TESTS) --dist loadfile $(PYTEST_ARGS)
+	$(RUN_TESTS) --dist loadfile --no-loadscope-reorder $(PYTEST_ARGS)
 
 campaign: $(VENV)/dev.stamp
 	CAMPAIGN=$(CAMPAIGN) $(RUN_TESTS) --dist worksteal -m "campaign or hypothesis" --hypothesis-profile=campaign $(PYTEST_ARGS)

@@ -29,3 +29,16 @@ settings.register_profile(
     print_blob=campaign.SIZE > 1,
 )
 settings.load_profile("dev")
+
+LONGEST_FIRST = ("test_examples.py", "models/flight", "models", "fmu", "blocks/sweeps", "blocks/simulation", "")
+"""Files and folders in the order in which the workers take them; short files at the end keep all busy."""
+
+
+def pytest_collection_modifyitems(items):
+    """Sort the tests by file so that the longest files begin first."""
+
+    def place(item):
+        path = item.path.relative_to(ROOT / "tests").as_posix()
+        return next(k for k, prefix in enumerate(LONGEST_FIRST) if path.startswith(prefix))
+
+    items.sort(key=place)
