@@ -53,8 +53,8 @@ def import_ssp(
         Time between the instants of all FMUs of co-simulation [s]; by default what the file says, or
         each FMU suggests.
     open_inputs : str
-        What inputs of the system become: ``"expose"``, exposed inputs of the diagram, or ``"start"``: they
-        keep the start values that the FMUs declare.
+        Treatment of the inputs of the system: ``"expose"`` makes them inputs of the diagram, ``"start"``
+        leaves them at the start values that the FMUs declare.
     max_bytes : float
         Unpacked size allowed [B].
 
