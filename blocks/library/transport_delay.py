@@ -279,15 +279,8 @@ class History(Running):
         return {"again": np.float64(min(known, self._next_jump(u)))}
 
     def _next_jump(self, u: Signals) -> float:
-        """Return when the first piece gives way to the next [s].
-
-        That is a few last places early: the sum is rounded, and what is sampled at that time, or logged, is
-        to see the jump, as it sees those of sources.
-        """
-        if not self._pieces[1:]:
-            return math.inf
-        when = self._pieces[0][0][-1] + self._block.length(u)
-        return when - PLACES * math.ulp(when)
+        """Return when the first piece gives way to the next [s]."""
+        return self._pieces[0][0][-1] + self._block.length(u) if self._pieces[1:] else math.inf
 
     def _is_in(self, then: float, times: list[float]) -> bool:
         """Return whether a time is not before a piece of these times."""
@@ -306,7 +299,7 @@ class History(Running):
             self._pieces.append(([now], [u.u.copy()]))
         self._note(now, u.u)
         self._go_back(now, u)
-        while self._next_jump(u) <= now:
+        while self._next_jump(u) <= now + PLACES * math.ulp(now):
             self._past.append(self._pieces.pop(0))
         return {"z": self._block.steady(self.output(t, x, u, p)["y"])}
 

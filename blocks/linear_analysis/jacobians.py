@@ -133,12 +133,12 @@ class LocalJacobians:
             The point [units as declared].
         """
         equations = self.executor.blocks.equations[call.path]
-        equation = Equation(call, equations, kind, self.t, self.p[call.parameters], d[call.modes])
-        u = self.values(quantity, x, d)[equation.inputs]
+        u = self.values(quantity, x, d)
+        equation = Equation(call, equations, kind, self.t, self.p[call.parameters], d[call.modes], u)
         by_inputs = self.matrix(quantity, x, d)[equation.inputs]
         first = 0 if call.block.continuous else x.size
         states = np.arange(first + call.states.start, first + call.states.stop)
-        z = np.concatenate([np.concatenate([x, d])[states], u])
+        z = np.concatenate([np.concatenate([x, d])[states], u[equation.inputs]])
         values = equation(z)
         slopes, error = equation.slopes(z)
         if error is None:

@@ -27,10 +27,10 @@ from trussflow.blocks.tracing.quantities import Quantity, block_inputs
 MAX_ROUNDS = 20
 """Rounds of Newton's method after which a loop is given up."""
 
-DIFFERENCE = 1e-7
+DIFFERENCE_STEP = 1e-7
 """Step of differences, relative to signals above one [-]."""
 
-LEFT = 1e-9
+LOOP_TOLERANCE = 1e-9
 """Residual of a loop that round-off may leave, relative to its signals [-]."""
 
 
@@ -114,9 +114,11 @@ class ContinuousInRun:
         for _ in range(MAX_ROUNDS):
             left = residual(outputs)
             size = float(np.abs(left).max(initial=0.0))
-            if size >= before / 2 and size <= LEFT * np.abs(outputs).max():  # as good as round-off allows
+            if (
+                size >= before / 2 and size <= LOOP_TOLERANCE * np.abs(outputs).max()
+            ):  # as good as round-off allows
                 return
-            before, steps = size, DIFFERENCE * np.maximum(1.0, np.abs(outputs))
+            before, steps = size, DIFFERENCE_STEP * np.maximum(1.0, np.abs(outputs))
             slopes = [(residual(outputs + step) - left) / step.max() for step in np.diag(steps)]
             if not np.isfinite([*slopes, left]).all():
                 break

@@ -150,12 +150,12 @@ class ModelExchangeRun(FmuRun):
 
 
 class DifferentiableRun(ModelExchangeRun):
-    """Equations of an FMU with directional derivatives and without inputs that change at events only."""
+    """A run of an FMU that has directional derivatives, and no inputs that change at events only."""
 
     def directional_derivative(
         self, kind: str, t: Array, x: Signals, u: Signals, p: Signals, dx: Signals, du: Signals
     ) -> Values:
-        """Return how the values of the equation `kind` change along a direction."""
+        """Return how what `kind` returns changes along `dx` and `du` [units as the FMU states]."""
         self._place(t, x, u)
         found = self._fmu.along(kind, self._interface.states.join(dx), self._interface.inputs.join(du))
         return self._interface.outputs.split(found) if kind == "output" else self._by_name(found)

@@ -55,7 +55,7 @@ def import_ssp(
         each FMU suggests.
     open_inputs : str
         Treatment of the inputs of the system: ``"expose"`` makes them inputs of the diagram, ``"start"``
-        keeps the start values that the FMUs declare.
+        leaves them at the start values that the FMUs declare.
     max_bytes : float
         Unpacked size allowed [B].
 

@@ -145,12 +145,12 @@ static tf_status tf_advance(tf_instance* c, double target) {
   const tf_model m = TF_MODEL_OF(TF_OWN, tf_kinds, TF_SIDES);
   for (;;) {
     double t = c->s.partial ? c->s.time : tf_grid(c, c->s.tick);
-    /* From an event a rounding error before a grid point, the step must go on to that point. */
-    if (target - t <= (c->s.partial ? 0 : same)) break;
-    if (!c->s.partial && !tf_commit(c))
-      return tf_refuse(c, TF_DISCARD, "a sampled value stopped being finite at time %.9g", t);
     double next = tf_grid(c, c->s.tick + 1);
     int whole = next <= target + same;
+    /* From an event a rounding error before a grid point, the step must go on to that point. */
+    if (target - t <= same && !(c->s.partial && whole)) break;
+    if (!c->s.partial && !tf_commit(c))
+      return tf_refuse(c, TF_DISCARD, "a sampled value stopped being finite at time %.9g", t);
     double h = c->s.partial || !whole ? (whole ? next : target) - t : h_grid;
     double end = whole ? next : target, at = t;
     int early = c->may_return_early && target - t > same;

@@ -159,7 +159,7 @@ def test_linear_models_are_those_of_the_block(name, own, version, exported, syst
         )
     assert found.derivatives["f"].startswith("its own" if own else "differences")
     if name != "rotor":
-        rests = (trim(d, start=point).states for d in (ours, theirs))
+        rests = (trim(d, at=point).states for d in (ours, theirs))
         np.testing.assert_allclose(
             *(np.concatenate([*map(np.ravel, r.values())]) for r in rests), rtol=0, atol=1e-7
         )
