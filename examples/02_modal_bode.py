@@ -17,7 +17,7 @@ from trussflow.models.transport import Mission, transport_diagram
 # The published law has no derivative at zero error; here its exponent is 1, and it does not switch.
 law = replace(Mission.of_case(1), exponent=1.0, switching_gain=0.0)
 truss = SpaceTruss.consistent()
-print(modal_table(truss, ["modal_force"]))
+print(modal_table(truss))
 
 # %%
 # With the published allocation the loop is unstable: the wire closes loops through lightly damped modes.

@@ -53,16 +53,16 @@ class SpaceTruss(Block):
         M(q)\,\dot v = [P_r Q;\ f] - [0;\ \Lambda\tau + 2\zeta\sqrt{\Lambda}\,\dot\tau]
         - F^{I,nl}(q, v)
 
-    with :math:`P_Q = [P_r; P_f]`. The input `modal_force` is added to f, and the output `modal_demand` is
-    the generalized force of the actuators on the modes, :math:`P_f Q`. With `modal_actuation` the plant adds
-    it to f itself. Otherwise a wire ``modal_demand >> modal_force`` does, or nothing does, as in the paper.
+    with :math:`P_Q = [P_r; P_f]`. The output `modal_demand` is the generalized force of the actuators on the
+    modes, :math:`P_f Q`. With `modal_actuation` it is f. Otherwise f is the input `modal_force`: a wire
+    ``modal_demand >> modal_force`` gives the same plant; without this wire f is zero, as in the paper.
 
     Parameters
     ----------
     dynamics : TrussDynamics
         Truss and robots; any number of robots, joints and modes.
     modal_actuation : bool
-        Whether the plant itself adds the modal demand to the modal force (Eq. 42 in full).
+        Whether f is the modal demand (Eq. 42 in full) or the input `modal_force`.
     start : Vector, optional
         `initial_coordinates` [m, unit of the attitude, rad, kg^½·m]; by default the dynamics' own rest.
     speeds : Vector, optional
@@ -85,13 +85,6 @@ class SpaceTruss(Block):
         "actuators",
         unit=Attribute("actuator_units"),
         meaning="Q: force and torque on each base in its own axes, then joint torques",
-    )
-    modal_force = Input(
-        "modes",
-        unit=f"{MODAL_UNIT}/s**2",
-        default=0.0,
-        meaning="generalized force on the modes, part of f",
-        dims=("mode",),
     )
     modal_demand = Output(
         "modes",
@@ -170,6 +163,15 @@ class SpaceTruss(Block):
             *(f"{u}/s" for u in self.joint_units),
         )
         self.actuator_units = (*(("N",) * 3 + ("N*m",) * 3) * self.robots, *self.effort_units)
+        if not modal_actuation:
+            force = Input(
+                "modes",
+                unit=f"{MODAL_UNIT}/s**2",
+                default=0.0,
+                meaning="f, generalized force on the modes",
+                dims=("mode",),
+            )
+            self.extra_ports = {"modal_force": force}
         start = dynamics.rest if start is None else start
         moving = {} if speeds is None else {"initial_speeds": speeds}
         super().__init__(initial_coordinates=start, **moving, **self.truss_parameters(dynamics.modes))
@@ -393,10 +395,8 @@ class SpaceTruss(Block):
         """Return the equations of motion, and the generalized accelerations that solve them."""
         terms = self.dynamics.evaluate(x.q, x.v, self.modal_data(p))
         active = terms.actuation_matrix @ u.actuation
-        modal = u.modal_force
-        if self.modal_actuation:
-            modal = active[self.rigid :] + modal
-        active = np.concatenate([active[: self.rigid], modal])
+        if not self.modal_actuation:
+            active = np.concatenate([active[: self.rigid], u.modal_force])
         elastic = self.dynamics.elastic_force(x.q, x.v, p.frequency, p.damping_ratio)
         return terms, solve_positive_definite(terms.mass_matrix, active + elastic - terms.bias)
 
