@@ -18,7 +18,7 @@ from trussflow.models.mean_axes.controller import mean_axes_controller
 from trussflow.models.mean_axes.design import MeanAxesDesign
 from trussflow.models.plant.space_truss import SpaceTruss
 from trussflow.models.transport.mission import Mission
-from trussflow.models.transport.wiring import add_plant, path_of, with_hardware
+from trussflow.models.transport.wiring import path_of, with_hardware
 from trussflow.models.validation import frozen_array
 
 
@@ -90,7 +90,7 @@ def mean_axes_transport(
             truss.parameters["initial_coordinates"][: truss.rigid_q],
         ),
     )
-    truss = add_plant(diagram, truss)
+    diagram.add(truss=truss)
     for name in ("position", "velocity", "acceleration"):
         trajectory.port(name) >> controller.port(f"reference_{name}")
     if shares is not None:

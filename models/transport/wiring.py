@@ -99,7 +99,11 @@ def transport_diagram(
         controller=control_law(mission, controller, unit=truss.task_units),
         model=NominalModel(believed),
     )
-    truss = add_plant(diagram, truss)
+    if truss.modal_actuation:  # as a wire, at which the modal loop can be opened
+        truss = diagram.add("truss", truss.opened())
+        truss.modal_demand >> truss.modal_force
+    else:
+        diagram.add(truss=truss)
     seen: Block = truss
     # Modes that the controller believes in come first.
     acting, known = truss.actuation, {"coordinates": slice(0, model.nq), "speeds": slice(0, model.n)}
@@ -161,23 +165,6 @@ def transport_diagram(
     model.full_actuation_matrix >> back.effectiveness
     ahead.command + back.command >> acting
     return diagram
-
-
-def add_plant(diagram: Diagram, truss: SpaceTruss) -> SpaceTruss:
-    """Add a plant to a diagram, its modal actuation as a wire, and return it.
-
-    Parameters
-    ----------
-    diagram : Diagram
-        Diagram of the loop.
-    truss : SpaceTruss
-        Plant; with `modal_actuation` the diagram gets the opened plant and the wire.
-    """
-    if not truss.modal_actuation:
-        return diagram.add("truss", truss)
-    plant = diagram.add("truss", truss.opened())
-    plant.modal_demand >> plant.modal_force
-    return plant
 
 
 def path_of(mission: Mission, truss: SpaceTruss, sample_time: float | None = None) -> Quintic:

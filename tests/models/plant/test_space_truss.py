@@ -35,9 +35,11 @@ def test_published_actuators_do_no_work_on_the_modes():
     for truss, works in ((SpaceTruss.published(), False), (SpaceTruss.consistent(), True)):
         q, v = truss.dynamics.rest + 0.1 * rng.standard_normal(truss.n), 0.03 * rng.standard_normal(truss.n)
         x, p = Signals("x", {"q": q, "v": v}), Signals("p", truss.parameters)
-        actuation = rng.standard_normal(truss.actuators)
+        actuation, still = rng.standard_normal(truss.actuators), np.zeros(truss.modes)
         accelerations = [
-            truss.derivative(np.float64(0), x, Signals("u", {"actuation": values}), p)["v"]
+            truss.derivative(np.float64(0), x, Signals("u", {"actuation": values, "modal_force": still}), p)[
+                "v"
+            ]
             for values in (actuation, np.zeros(truss.actuators))
         ]
         terms = truss.dynamics.evaluate(q, v)
