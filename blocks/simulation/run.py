@@ -288,7 +288,7 @@ class Run:
         if not number:
             return
         updated = self.executor.instant(number, t, self.x, self.d, self.p)
-        if not np.isfinite(updated).all():
+        if not self.prepared.plan.sound(updated):
             raise self._divergence("d", updated, t)
         self.d[:] = updated
 
