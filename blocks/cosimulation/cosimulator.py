@@ -17,7 +17,7 @@ from trussflow.blocks.cosimulation.network import Network
 from trussflow.blocks.cosimulation.partition import ordered, partition
 from trussflow.blocks.cosimulation.step_control import FixedSteps, StepControl
 from trussflow.blocks.framework.block import Block
-from trussflow.blocks.framework.clock import exact, on_grid, ticks
+from trussflow.blocks.framework.clock import exact, on_grid, refuse_coarse_time, ticks
 from trussflow.blocks.framework.described import Described, Description
 from trussflow.blocks.framework.diagram import Diagram
 from trussflow.blocks.framework.errors import AlgebraicLoopError, RunStoppedError, SimulationError
@@ -277,6 +277,7 @@ class CoSimulator(Described):
         positive(duration=duration)
         yes_or_no("a run", "progress", progress)
         end = on_grid(exact(duration), self._step)
+        refuse_coarse_time(float(end), self._grid)
         ticks(end, self._step, "the duration", DIVIDES)
         last = int(end / self._grid)
         attributes = self._attributes(duration)

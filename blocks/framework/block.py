@@ -21,6 +21,10 @@ The same functions run with numbers for debugging and are traced for speed.
 
 from __future__ import annotations
 
+import difflib
+import functools
+import inspect
+from collections.abc import Callable
 from math import prod
 from typing import TYPE_CHECKING, Any, ClassVar, Self, final
 
@@ -51,6 +55,32 @@ if TYPE_CHECKING:
 
 SETTABLE = ("extra_ports", "traced", "_declared")
 """What of its own a block may set before it is built."""
+
+
+def _explained(init: Callable[..., None]) -> Callable[..., None]:
+    """Return an `__init__` whose errors about arguments name the class that is built, not a base of it."""
+
+    @functools.wraps(init)
+    def built(self: Block, *values: Any, **named: Any) -> None:
+        try:
+            init(self, *values, **named)
+        except TypeError:
+            signature = inspect.signature(init)
+            try:
+                signature.bind(self, *values, **named)
+            except TypeError as fault:
+                names, reason = [*signature.parameters][1:], str(fault)
+                takes_others = any(p.kind is p.VAR_KEYWORD for p in signature.parameters.values())
+                if unknown := [n for n in named if n not in names and not takes_others]:
+                    near = difflib.get_close_matches(unknown[0].lower(), names, n=1)
+                    reason = f"it has no argument '{unknown[0]}'"
+                    reason += f" (did you mean '{near[0]}'?)" if near else ""
+                raise TypeError(
+                    f"cannot build a {type(self).__name__}: {reason}; its arguments are: {', '.join(names)}"
+                ) from None
+            raise
+
+    return built
 
 
 class Block(PortOwner, Equations, Described):
@@ -108,6 +138,8 @@ class Block(PortOwner, Equations, Described):
             if is_declared:
                 declared[name] = value
         cls._declared = declared
+        if "__init__" in vars(cls):
+            cls.__init__ = _explained(cls.__init__)  # type: ignore[method-assign]
         if cls.derivative is not Equations.derivative and cls.update is not Equations.update:
             raise BlockError(
                 f"{cls.__name__} has both derivative() and update(): a block is continuous or "

@@ -6,7 +6,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from fractions import Fraction
 from functools import lru_cache
-from math import gcd, lcm
+from math import gcd, lcm, ulp
 
 from trussflow.blocks.framework.block import Block
 from trussflow.blocks.framework.errors import SimulationError
@@ -14,6 +14,9 @@ from trussflow.blocks.framework.errors import SimulationError
 SNAP = Fraction(1, 10**6)
 """How far, in steps, a time may lie from a whole number of steps and still mean it: callers add
 up times in floating point."""
+
+MIN_ULPS = 10
+"""Least length of a step, in distances of floating-point numbers at its time [-]."""
 
 
 def exact(seconds: float) -> Fraction:
@@ -79,7 +82,7 @@ def ticks(
     number = time / tick
     if number.denominator != 1:
         raise SimulationError(
-            f"{what} of {float(time):g} s is not a whole number of steps of {float(tick):g} s; {advice}"
+            f"{what} of {written(time)} s is not a whole number of steps of {written(tick)} s; {advice}"
         )
     return int(number)
 
@@ -94,3 +97,32 @@ def on_grid(time: Fraction, tick: Fraction) -> Fraction:
     """
     nearest = round(time / tick) * tick
     return nearest if nearest and abs(time - nearest) <= tick * SNAP else time
+
+
+def refuse_coarse_time(time: float, step: Fraction | float) -> None:
+    """Refuse a time at which floating-point numbers are too far apart for steps of a given length.
+
+    Parameters
+    ----------
+    time : float
+        The time [s].
+    step : Fraction or float
+        Length of the steps [s].
+
+    Raises
+    ------
+    SimulationError
+        If they are; the message says what would do.
+    """
+    apart = ulp(time)
+    if apart * MIN_ULPS > step:
+        raise SimulationError(
+            f"steps of {written(step)} s are too short at t = {time:g} s, where floating-point numbers are "
+            f"{apart:.2g} s apart: keep nearer to t = 0, or take steps of at least "
+            f"{written(MIN_ULPS * apart)} s"
+        )
+
+
+def written(time: Fraction | float) -> str:
+    """Return a time [s] as it is written in messages: all its digits, and no more."""
+    return repr(float(time)).removesuffix(".0")

@@ -132,7 +132,7 @@ class Diagram(Netlist):
         """
         named: dict[Any, Any] = dict([one]) if len(one) == 2 and isinstance(one[0], str) else {}
         if one and not named:
-            what = type(one[0]).__name__
+            what = (one[0] if isinstance(one[0], type) else type(one[0])).__name__
             raise DiagramError(
                 f"cannot add a {what} to diagram '{self.name}' without a name: "
                 f"say diagram.add(name={what}(...))"
@@ -144,7 +144,9 @@ class Diagram(Netlist):
             if name not in self.blocks:
                 self._check_name(name)
             fault = ""
-            if not isinstance(block, Block):
+            if isinstance(block, type) and issubclass(block, Block):
+                fault = f"{block.__name__} is a class; say {name}={block.__name__}(...)"
+            elif not isinstance(block, Block):
                 fault = f"{shown(block)} is not a block"
             elif block.parent is not None:
                 fault = (

@@ -2,13 +2,42 @@
 
 from __future__ import annotations
 
+import contextlib
 import multiprocessing
 import sys
 import threading
 import time
 from collections.abc import Callable, Collection, Iterator
-from contextlib import contextmanager
-from typing import TypeVar
+from typing import Any, TypeVar
+
+
+class Display:
+    """Standard error as the file that progress is written to: where it cannot be written, nothing happens.
+
+    It may be closed, as in a service, or None, or a pipe that nobody reads any more.
+    """
+
+    def write(self, text: str) -> None:
+        """Write a `text`."""
+        with contextlib.suppress(Exception):
+            sys.stderr.write(text)
+
+    def flush(self) -> None:
+        """Write what is in the buffer."""
+        with contextlib.suppress(Exception):
+            sys.stderr.flush()
+
+    def isatty(self) -> bool:
+        """Return whether it is a terminal."""
+        with contextlib.suppress(Exception):
+            return sys.stderr.isatty()
+        return False
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(sys.stderr, name)
+
+
+DISPLAY: Any = Display()
 
 Item = TypeVar("Item")
 Made = TypeVar("Made")
@@ -20,7 +49,7 @@ _telling: list[threading.Event] = []
 """What is being done, the innermost last: it alone is told, for there is one line."""
 
 
-@contextmanager
+@contextlib.contextmanager
 def told(what: str, more: Callable[[float], str] = lambda _: "") -> Iterator[None]:
     """Say on the terminal `what` is being done and for how long by now, then take it away again.
 
@@ -33,7 +62,7 @@ def told(what: str, more: Callable[[float], str] = lambda _: "") -> Iterator[Non
     ...     6 * 7
     42
     """
-    if not sys.stderr.isatty() or multiprocessing.parent_process() is not None:
+    if not DISPLAY.isatty() or multiprocessing.parent_process() is not None:
         yield
         return
     begun, done, said = time.perf_counter(), threading.Event(), threading.Event()
@@ -44,7 +73,7 @@ def told(what: str, more: Callable[[float], str] = lambda _: "") -> Iterator[Non
                 continue
             said.set()
             took = time.perf_counter() - begun
-            print(f"\r\033[K{what}: {took:.0f} s{more(took)}", end="", file=sys.stderr, flush=True)
+            print(f"\r\033[K{what}: {took:.0f} s{more(took)}", end="", file=DISPLAY, flush=True)
 
     teller = threading.Thread(target=tell, daemon=True)
     _telling.append(done)
@@ -56,7 +85,7 @@ def told(what: str, more: Callable[[float], str] = lambda _: "") -> Iterator[Non
         teller.join()
         _telling.remove(done)
         if said.is_set():
-            print("\r\033[K", end="", file=sys.stderr, flush=True)
+            print("\r\033[K", end="", file=DISPLAY, flush=True)
 
 
 def counted(what: str, items: Collection[Item]) -> Iterator[Item]:

@@ -55,7 +55,9 @@ def number_array(what: str, value: Any) -> Vector:
     )
 
 
-def finite_array(what: str, value: Any, shape: tuple[int, ...] | None = None) -> Vector:
+def finite_array(
+    what: str, value: Any, shape: tuple[int, ...] | None = None, *, infinite: bool = False
+) -> Vector:
     """Return a value as a float array of the shape wanted.
 
     Parameters
@@ -66,6 +68,8 @@ def finite_array(what: str, value: Any, shape: tuple[int, ...] | None = None) ->
         What the user gave [any].
     shape : tuple of int, optional
         Shape wanted; a value that can be broadcast to it is [-]. By default any.
+    infinite : bool
+        Whether infinite numbers are allowed.
 
     Raises
     ------
@@ -77,7 +81,7 @@ def finite_array(what: str, value: Any, shape: tuple[int, ...] | None = None) ->
         array = given if shape is None else np.broadcast_to(given, shape)
     except ValueError:
         raise ParameterError(f"{what} has shape {given.shape}; it must have shape {shape}") from None
-    bad = ~np.isfinite(array)
+    bad = np.isnan(array) if infinite else ~np.isfinite(array)
     if bad.any():
         place, element = first_element(bad)
         raise ParameterError(f"{what} is not finite{element}: {array[place]}")

@@ -19,7 +19,7 @@ from trussflow.blocks.framework.diagram import Diagram, leaves
 from trussflow.blocks.framework.equations import Equations
 from trussflow.blocks.framework.errors import DiagramError
 from trussflow.blocks.framework.port import INFERRED, Inferable, Input, Output, Port
-from trussflow.blocks.framework.types import Array
+from trussflow.blocks.framework.types import Array, Vector
 from trussflow.blocks.framework.validation import one_of, shown
 
 Maker = Callable[[type[Block]], type[Block]]
@@ -77,6 +77,11 @@ def enabled(group: Diagram, *, states: str = "held", outputs: str = "held") -> D
     one_of("way to treat the outputs of a group", outputs, ("held", "reset"), DiagramError)
 
     def kind(block: Block) -> Maker | None:
+        if states == "reset" and type(block).initial is not Block.initial:
+            raise DiagramError(
+                f"cannot reset '{block.path}' ({type(block).__name__}) at each enabling: it computes its "
+                'initial states in initial(), once for each run; use states="held"'
+            )
         return None if not block.declared(State) else _enabled if block.sample_time is None else _sampled
 
     return _made(group, "enable", kind, partial(GroupOutput, outputs), group_resets=states == "reset")
@@ -86,7 +91,8 @@ def triggered(group: Diagram, *, edge: str = "rising") -> Diagram:
     """Let a diagram compute once at each edge of a signal, where it passes 0.5: it gets an input ``trigger``.
 
     The trigger is the clock of all sampled blocks in it, in the place of their own sample times. What it
-    exposes is what it computes at an edge, from the inputs just before; zero before the first one.
+    exposes is what it computes at an edge, from the inputs just before; zero before the first one. An edge
+    counts as one sample: equations with a sample time in them use that of their block.
 
     Parameters
     ----------
@@ -113,11 +119,13 @@ def triggered(group: Diagram, *, edge: str = "rising") -> Diagram:
                 f"cannot trigger '{block.path}' ({type(block).__name__}): it has "
                 f"{'continuous states' if block.continuous else 'events'}, and between edges no time passes"
             )
-        return _triggered if block.states() else None
+        if block.states():
+            return _triggered
+        return None if block.sample_time is None else _clockless
 
     made = _made(group, "trigger", kind, partial(GroupLatch, edge), group_edge=edge)
     for block in leaves(made):
-        block.__dict__.update(sample_time=None, sample_offset=0.0)
+        block.__dict__.update(group_sample_time=block.sample_time, sample_time=None, sample_offset=0.0)
     return made
 
 
@@ -278,8 +286,15 @@ def _class_of(make: Maker, base: Any, *own: Any) -> type[Block]:
     def reduced(self: Block, _protocol: int) -> tuple[Any, ...]:
         return _blank, (make, base, *own), {**vars(self)}
 
-    made = make(type(base.__name__, (base,), dict(own)))
-    return type(base.__name__, (made,), {"__module__": __name__, "__reduce_ex__": reduced})
+    inner: Any = type(base.__name__, (base,), dict(own))
+
+    def initial(self: Block, name: str, p: Signals) -> Vector:
+        """Return the initial value of a state: a block that overrides this knows its own states only."""
+        own_value: Vector = (inner if name in inner._declared else Block).initial(self, name, p)
+        return own_value
+
+    members = {"__module__": __name__, "__reduce_ex__": reduced, "initial": initial}
+    return type(base.__name__, (make(inner),), members)
 
 
 def _blank(make: Maker, base: Any, *own: Any) -> Block:
@@ -367,16 +382,32 @@ def _sampled(base: type[Block]) -> type[Block]:
     return type(base.__name__, (base,), members)
 
 
+def _as_sampled(base: type[Block], block: Any) -> Block:
+    """Return a `block` with its sample time, as its equations need it; it has none, having no clock."""
+    made = object.__new__(base)
+    made.__dict__.update({**vars(block), "sample_time": block.group_sample_time})
+    return made
+
+
+def _clockless(base: type[Block]) -> type[Block]:
+    """Return the class of sampled blocks that have no clock of their own."""
+
+    def output(self: Any, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+        return base.output(_as_sampled(base, self), t, x, u, p)
+
+    return type(base.__name__, (base,), {"output": output})
+
+
 def _triggered(base: type[Block]) -> type[Block]:
     """Return the class of blocks whose states are modes, updated at edges of a trigger."""
     states = _kinds(base, State)
 
     def on_event(self: Any, t: Array, x: Signals, u: Signals, p: Signals, fired: Signals) -> Values:
-        following, heeded = base.update(self, t, x, u, p), self.heeded(fired)
+        following, heeded = base.update(_as_sampled(base, self), t, x, u, p), self.heeded(fired)
         return {n: np.where(heeded, value, x[n]) for n, value in following.items()}
 
     members: dict[str, Any] = {
         n: Mode(s.initial, s.shape, unit=s.unit, meaning=s.meaning) for n, s in states.items()
     }
     members |= {"update": Equations.update, "on_event": on_event}
-    return type(base.__name__, (Trigger, base), members)
+    return type(base.__name__, (Trigger, _clockless(base)), members)

@@ -74,8 +74,10 @@ class Bench:
         for point in block_check.points(tuple(sizes.values()), POINTS)[:POINTS]:
             pairs = zip(sizes, point, strict=True)
             self.points.append([about[n] + 0.1 * v if n in about else v for n, v in pairs])
+        modes = block.declared(Mode)
         for name in self.shapes[0]:
-            if not np.isfinite(block.initial(name, self.p)).all():
+            first = block.initial(name, self.p)
+            if not (np.isfinite(first) | (np.isinf(first) & (name in modes))).all():
                 raise FaultError(f"state '{name}' does not begin with a finite number; see initial= of it")
         return ""
 
@@ -132,7 +134,8 @@ class Bench:
         remarks = [f"{len(refused)} of {POINTS} random points are refused: {refused[0]}"] if refused else []
         for kind, name in dict.fromkeys(key for _, each in good for key in each):
             values = [each[kind, name] for _, each in good if (kind, name) in each]
-            finite = [np.isfinite(v) | (np.isinf(v) & (kind == "indicators")) for v in values]
+            may = kind == "indicators" or name in self.block.declared(Mode)
+            finite = [np.isfinite(v) | (np.isinf(v) & may) for v in values]
             bad = sum(not each.all() for each in finite)
             where = f"{kind}(): '{name}' is not finite at"
             if bad == len(values):

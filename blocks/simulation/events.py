@@ -146,7 +146,7 @@ class EventWatch:
             after = executor.call("on_event", float(times.max(initial=t)), x, d, p)
             self._asked = False
             x, self._modes[:] = after[: x.size], after[x.size :]
-            if fault := self._plan.x.fault(x) or self._plan.modes.fault(d):
+            if fault := self._plan.x.fault(x) or self._plan.modes.fault(np.where(np.isinf(d), 0.0, d)):
                 raise DivergenceError(
                     f"{fault} stopped being finite at t = {t:g} s: on_event() of that block returned it; the "
                     "log up to there is kept"

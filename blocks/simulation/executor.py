@@ -164,7 +164,7 @@ class Executor:
                 t, following = float(number * span.tick), float((number + 1) * span.tick)
                 if span.due[place]:
                     updated = self.call(f"sample_{span.due[place]}", t, x, d, p)
-                    if not np.isfinite(updated).all():
+                    if self.plan is not None and not self.plan.sound(updated):
                         return Progress(k, fault, updated)
                     d[:] = updated
                 if span.logged[place]:

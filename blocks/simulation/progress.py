@@ -8,6 +8,7 @@ from typing import Any
 from tqdm import tqdm
 
 from trussflow.blocks.framework.errors import TimeLimitError
+from trussflow.blocks.framework.telling import DISPLAY
 
 CHUNK_SECONDS = 0.1
 """Wall time [s] between two looks at the keyboard and the progress bar."""
@@ -42,6 +43,8 @@ class ProgressBar(tqdm):  # type: ignore[type-arg]
             delay=1.0,
             disable=not shown,
             leave=False,
+            file=DISPLAY,
+            dynamic_ncols=True,
             bar_format="{desc} {percentage:3.0f} %|{bar}| {n:.6g}/{total:.6g} s, "
             "{factor} x real time, {remaining} left",
         )

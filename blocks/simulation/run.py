@@ -39,6 +39,22 @@ CHUNK_NUMBERS = 500_000
 WINDOW = 1024
 """Ticks for which it is looked up at once what is due."""
 
+SHORT_STEP = 1e-6
+"""Steps of an adaptive solver below this share of the run are short [-]."""
+
+SHORT_STEPS, TESTED_STEPS, MIN_JUMPS = 1000, 100, 20
+"""Short steps in succession after which others are tested for jumps of a derivative, and how many of these
+may jump [-]: one that crosses a jump again and again gets nowhere."""
+
+JUMP_HALVINGS = 10
+"""Halvings of a step in which a change that is no jump would become small [-]."""
+
+SWITCH_ADVICE = (
+    "Declare a Mode for what switches (a sign, an absolute value, a comparison), and an Event where it "
+    "does; if nothing switches, try a stiff solver (LSODA, BDF, Radau)"
+)
+"""Advice where steps become too small."""
+
 NO_ROWS = np.empty((0, 0))
 
 
@@ -310,7 +326,7 @@ class Run:
         if not number:
             return
         updated = self.executor.instant(number, t, self.x, self.d, self.p)
-        if not np.isfinite(updated).all():
+        if not self.prepared.plan.sound(updated):
             raise self._divergence("d", updated, t)
         self.d[:] = updated
 
@@ -324,7 +340,7 @@ class Run:
 
     def _adaptive(self, until: Fraction, bar: ProgressBar | None) -> None:
         """Advance with an adaptive solver, which starts afresh at each instant."""
-        every = self.log_step
+        every, length = self.log_step, float(until - self.origin)
         for end in self._ends(until):
             start = self.now
             self._instant(self.due(), float(start))
@@ -338,19 +354,32 @@ class Run:
                 float(self.origin + i * every) for i in range(first, stop if self.log is not None else first)
             )
             try:
-                for t, x in self._integrate((float(start), float(end)), times):
-                    self.x[:] = x
-                    if bar is not None:
-                        bar.update(t - self.time)
-                    self.time = t
+                for t, x in self._integrate((float(start), float(end)), times, length, bar):
+                    self._reach(t, x, bar)
                     if t < float(end):
                         self._log_now(t)
             except AdaptiveError as error:
                 raise self._gave_up(error) from error
             self.go_to(end)
 
-    def _integrate(self, span: tuple[float, float], times: Iterator[float]) -> Iterator[tuple[float, Vector]]:
-        prepared, d, p = self.prepared, self.d, self.p
+    def _reach(self, t: float, x: Vector, bar: ProgressBar | None) -> None:
+        """Go to time `t` [s], where the states are `x`.
+
+        Raises
+        ------
+        TimeLimitError
+            If the run took longer than it may.
+        """
+        self.x[:] = x
+        if bar is not None:
+            bar.update(t - self.time)
+        self.time = t
+
+    def _integrate(
+        self, span: tuple[float, float], times: Iterator[float], length: float, bar: ProgressBar | None
+    ) -> Iterator[tuple[float, Vector]]:
+        """Yield the `times` in a `span`, and its end, with the states; the run has a `length` [s]."""
+        prepared, d, p, short, jumps = self.prepared, self.d, self.p, 0, 0
         jacobian = prepared.jacobian() if prepared.has_jacobian else None
 
         # A signal that jumps where the span ends has not jumped yet for a stage at the end.
@@ -362,6 +391,18 @@ class Run:
                 self.failed = min(t, last), x.copy()
             return rate
 
+        def accepted(t: float, x: Vector) -> None:
+            nonlocal short, jumps
+            self.executor.keep_loops(min(t, last), x, d, p)
+            short = short + 1 if 0.0 < t - self.time < SHORT_STEP * length else 0
+            if short > SHORT_STEPS:
+                jumps += (jump := self._jump(t, x)) != ""
+                if jumps == MIN_JUMPS:
+                    raise self._crawling(t, jump)
+                if short == SHORT_STEPS + TESTED_STEPS:
+                    short = jumps = 0
+            self._reach(t, x, bar)
+
         return integrate(
             prepared.solver.solver,
             derivative,
@@ -371,7 +412,39 @@ class Run:
             self.x,
             (prepared.solver.rtol, prepared.solver.atol),
             self.executor.watch(d, p),
-            lambda t, x: self.executor.keep_loops(min(t, last), x, d, p),
+            accepted,
+        )
+
+    def _jump(self, t: float, x: Vector) -> str:
+        """Say which derivative jumps, if one does, in a step to time `t` [s] and states `x`, by halvings."""
+
+        def rate(point: tuple[float, Vector]) -> Vector:
+            return self.executor.call("derivative", *point, self.d, self.p)
+
+        solver, low = self.prepared.solver, (self.time, self.x.copy())
+        before = rate(low)
+        # The end of the step itself may stay on one side, where its stages average both.
+        high = t, self.x + (t - self.time) * before
+        after = rate(high)
+        change = np.abs(after - before)
+        i = int(np.argmax(change / (solver.atol + solver.rtol * np.abs(x))))
+        for _ in range(JUMP_HALVINGS):
+            middle = (low[0] + high[0]) / 2, (low[1] + high[1]) / 2
+            between = rate(middle)
+            if abs(between[i] - before[i]) > abs(after[i] - between[i]):
+                high, after = middle, between
+            else:
+                low, before = middle, between
+        if abs(after[i] - before[i]) <= change[i] / 2:
+            return ""
+        entry = self.prepared.plan.x.at(i)
+        return f"{entry.describe(i - entry.start)} jumps between {before[i]:.3g} and {after[i]:.3g}"
+
+    def _crawling(self, t: float, jump: str) -> DivergenceError:
+        """Return the error for steps that shrink at time `t` [s], because of a `jump` of a derivative."""
+        return DivergenceError(
+            f"the steps of solver {self.prepared.solver.solver} have shrunk to {t - self.time:.2g} s at "
+            f"t = {t:g} s, because the derivative of {jump}. The log up to there is kept. {SWITCH_ADVICE}"
         )
 
     def _gave_up(self, error: AdaptiveError) -> DivergenceError:
@@ -388,7 +461,7 @@ class Run:
             fault = f"the fastest state is {entry.describe(worst - entry.start)}"
         return DivergenceError(
             f"solver {self.prepared.solver.solver} gave up after t = {error.t:g} s: {error}; {fault}. "
-            "The log up to there is kept. Try a stiff solver, or larger tolerances"
+            f"The log up to there is kept. Try larger tolerances. {SWITCH_ADVICE}"
         )
 
     def due(self) -> int:

@@ -23,7 +23,7 @@ from typing import Any, Unpack
 import numpy as np
 
 from trussflow.blocks.framework.block import Block
-from trussflow.blocks.framework.clock import SNAP, exact
+from trussflow.blocks.framework.clock import SNAP, exact, refuse_coarse_time, written
 from trussflow.blocks.framework.declarations import TIMED
 from trussflow.blocks.framework.described import Described, Description
 from trussflow.blocks.framework.errors import SimulationError, TrussflowError
@@ -280,8 +280,8 @@ class Session(Described):
             past, go_on = tick - run.first < run.k, partial(run.step_to, tick - run.first)
         if past:
             raise SimulationError(
-                f"cannot advance '{self.prepared.plan.name}' to t = {until:g} s: it is at "
-                f"{run.time:g} s already; restore a snapshot to go back"
+                f"cannot advance '{self.prepared.plan.name}' to t = {written(until)} s: it is at "
+                f"{written(run.time)} s already; restore a snapshot to go back"
             )
         try:
             go_on()
@@ -297,6 +297,8 @@ class Session(Described):
             raise SimulationError(
                 f"cannot advance to {shown(time)}: a time must be a finite number"
             ) from None
+        if self._is_fixed or self.prepared.has_clocks:
+            refuse_coarse_time(time, self.prepared.tick_seconds)
         return tick if abs(number - tick) <= NEAR else None
 
     def _instant(self, time: float) -> Fraction:

@@ -18,7 +18,7 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Unpack
 
-from trussflow.blocks.framework.clock import exact, on_grid
+from trussflow.blocks.framework.clock import exact, on_grid, refuse_coarse_time, written
 from trussflow.blocks.framework.described import Described, Description
 from trussflow.blocks.framework.diagram import Diagram
 from trussflow.blocks.framework.errors import RunStoppedError, SimulationError
@@ -205,6 +205,9 @@ class Simulator(Described):
         prepared = self.prepared
         plan, length, begin = prepared.plan, exact(duration), exact(finite_array("start", start, ()).item())
         every = None if checkpoint_every is None else exact(checkpoint_every)
+        log_step = self.log_step or length / 1000
+        shortest = min(log_step, prepared.tick if prepared.step or prepared.has_clocks else length)
+        refuse_coarse_time(abs(float(begin)) + float(length), shortest)
         p = plan.parameters(parameters)
         if prepared.step is not None:
             begin, length = on_grid(begin, prepared.step), on_grid(length, prepared.step)
@@ -219,7 +222,6 @@ class Simulator(Described):
             parameters, states = plan.p.listed(p), plan.x.listed(x)
             for layout in (plan.memory, plan.modes, plan.guesses):
                 states |= layout.listed(d)
-            log_step = self.log_step or length / 1000
             of = prepared.identity | {
                 "logged_hash": prepared.logged,
                 "start": float(begin),
@@ -296,8 +298,8 @@ class Begun:
                 run.check(log.resumed)
                 if log.resumed.now > end:
                     raise SimulationError(
-                        f"cannot resume '{name}' to end at t = {float(end):g} s: its checkpoint is of t = "
-                        f"{float(log.resumed.now):g} s; give a longer duration, or leave out resume=True to "
+                        f"cannot resume '{name}' to end at t = {written(end)} s: its checkpoint is of t = "
+                        f"{written(log.resumed.now)} s; give a longer duration, or leave out resume=True to "
                         "begin anew"
                     )
                 run.restore(log.resumed)

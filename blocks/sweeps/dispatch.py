@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from tqdm import tqdm
 
 from trussflow.blocks.framework.errors import SimulationError
+from trussflow.blocks.framework.telling import DISPLAY
 from trussflow.blocks.framework.types import Vector
 from trussflow.blocks.sweeps.executors import WorkerLostError
 from trussflow.blocks.sweeps.pieces import PIECE_SECONDS, Pieces
@@ -90,6 +91,8 @@ class Dispatch:
             delay=1.0,
             leave=False,
             disable=not progress,
+            file=DISPLAY,
+            dynamic_ncols=True,
         ) as bar:
             try:
                 while (wanted := self._enough()) is None and (self._fresh or self._again or self._running):

@@ -49,7 +49,7 @@ TF_EXPORT long long tf_advance(void* work, int method, double numerator, double 
     next = (double)(first + k + 1) * numerator / denominator;
     if (due[k]) {
       tf_samples[due[k]](&t, x, d, p, s->d_next);
-      if (!tf_finite(s->d_next, TF_D)) {
+      if (!tf_sound(s->d_next)) {
         memcpy(bad, s->d_next, TF_D * sizeof(tf_number));
         *fault = TF_BAD_D;
         return k;

@@ -23,6 +23,14 @@ typedef struct {
   int count;
 } tf_stepper;
 
+/* Whether what is in d is finite; modes, as when something happens next, may be infinite. */
+static inline int tf_sound(const tf_number* d) {
+  const double* mode = (const double*)d;
+  int sound = tf_finite(d + TF_MODES, TF_D - TF_MODES);
+  for (int i = 0; i < TF_MODES * (int)(sizeof *d / sizeof *mode); ++i) sound &= mode[i] == mode[i];
+  return sound;
+}
+
 #define TF_RUN(name) tf_run_##name /* a program, where it is a function of that name */
 
 #if TF_LOOPS
@@ -116,7 +124,7 @@ static int tf_settle(const tf_model* m, tf_stepper* s, double t, double h, int l
     if (!tf_finite(s->after, TF_X)) return TF_BAD_STATE;
     memcpy(x, s->after, TF_X * sizeof(tf_number));
     memcpy(d, s->after + TF_X, TF_MODES * sizeof(tf_number));
-    if (!tf_finite(d, TF_MODES)) return TF_BAD_D;
+    if (!tf_sound(d)) return TF_BAD_D;
     if (!tf_indicate(m, s, t, x, d, p)) return TF_BAD_INDICATOR;
     if (located) { /* where do they go from here? */
       double soon = t + 1e-6 * h, *g = s->g;

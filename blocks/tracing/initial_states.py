@@ -13,7 +13,7 @@ from trussflow.blocks.framework.equations import Equations
 from trussflow.blocks.framework.errors import NameLookupError
 from trussflow.blocks.framework.settling import settle
 from trussflow.blocks.framework.types import Vector
-from trussflow.blocks.framework.validation import finite_array, shown
+from trussflow.blocks.framework.validation import shown
 from trussflow.blocks.tracing.calling import checked, running_errors
 from trussflow.blocks.tracing.loops import Active, reached_from
 
@@ -97,8 +97,7 @@ def set_from_inputs(
                     f"{', '.join(stored[path]) or 'none'}"
                 )
             for name, value in values.items():
-                what = f"initial value of '{path}.{name}'"
-                plan.set_state(path, name, finite_array(what, value, blocks[path].state_shape(name)), x, d)
+                plan.set_state(path, name, value, x, d)
             plan.override(x, d, overrides)
             outputs = checked(blocks[path], "output", ask(path, "output")) if path in showing else {}
             for name, value in outputs.items():

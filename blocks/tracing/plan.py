@@ -282,14 +282,26 @@ class Plan:
         for reference, value in overrides.items():
             what = "state or loop signal" if self.loops else "state"
             e = self.x.find(reference, what, self.modes, self.memory, self.guesses)
-            array = finite_array(f"initial value of '{reference}'", value, e.shape)
-            self.set_state(e.path, e.name, array, x, d)
+            self.set_state(e.path, e.name, value, x, d)
+
+    def sound(self, d: Vector) -> bool:
+        """Return whether `d` [as declared] is finite; modes, such as times of events, may be infinite."""
+        modes = self.modes.span
+        return bool(np.isfinite(d[modes.stop :]).all() and not np.isnan(d[modes]).any())
 
     def set_state(self, path: str, name: str, value: Any, x: Vector, d: Vector) -> None:
-        """Put the `value` of the state `name` of the block at `path` into `x` or `d` [as declared]."""
+        """Put the `value` of the state `name` of the block at `path` into `x` or `d` [as declared].
+
+        Raises
+        ------
+        ParameterError
+            If it is not finite, but for modes, which may be infinite, or has the wrong shape.
+        """
         places = *self.stored, self.guesses
         layout = next(layout for layout in places if (path, name) in layout.entries)
-        layout.put(x if layout is self.x else d, path, name, value)
+        what, shape = f"initial value of '{path}.{name}'", layout.entries[path, name].shape
+        array = finite_array(what, value, shape, infinite=layout is self.modes)
+        layout.put(x if layout is self.x else d, path, name, array)
 
     # -- evaluation -----------------------------------------------------------------------
 

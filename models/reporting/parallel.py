@@ -14,6 +14,7 @@ from pathlib import Path
 from tqdm import tqdm
 
 from trussflow.blocks.framework.errors import TrussflowError
+from trussflow.blocks.framework.telling import DISPLAY
 from trussflow.models.errors import ModelError
 from trussflow.models.reporting.cache import Finished, Job, perform
 
@@ -68,7 +69,9 @@ def perform_all(
     try:
         with _one_thread_each():
             running = {pool.submit(_performed, job, folder): job for job in jobs}
-        with tqdm(total=len(jobs), unit="run", disable=not progress, leave=False) as bar:
+        with tqdm(
+            total=len(jobs), unit="run", disable=not progress, leave=False, file=DISPLAY, dynamic_ncols=True
+        ) as bar:
             for future in as_completed(running):
                 bar.set_description(running[future].name)
                 bar.update()

@@ -73,7 +73,7 @@ static tf_status tf_start(tf_instance* c, double start, int has_stop, double sto
 static tf_status tf_leave_initialization(tf_instance* c) {
   tf_initialize(c);
   tf_touch(c);
-  if (!tf_finite(c->s.x, TF_X) || !tf_finite(c->s.d, TF_D))
+  if (!tf_finite(c->s.x, TF_X) || !tf_sound(c->s.d))
     return tf_refuse(c, TF_ERROR, "a state is not finite at the start; look at the parameters");
   return tf_enter(c, c->s.model_exchange ? TF_EVENT : TF_STEPPING);
 }

@@ -58,7 +58,7 @@ static const double* tf_d(tf_instance* c) {
 static int tf_commit(tf_instance* c) {
   if (tf_pending(c)) {
     const double* d = tf_d(c);
-    if (!tf_finite(d, TF_D)) return 0;
+    if (!tf_sound(d)) return 0;
     memcpy(c->s.d, d, TF_D * sizeof(double));
     tf_touch(c);
   }

@@ -53,7 +53,7 @@ int TF_NAME(step)(TF_MODEL* m) {
   tf_stepper stepper;
   double t = tf_time(m), end = (double)(m->tick + 1) * TF_STEP_NUMERATOR / TF_STEP_DENOMINATOR;
   double *d = tf_now(m), *x = m->start;
-  if (!tf_finite(d, TF_D)) return 1;
+  if (!tf_sound(d)) return 1;
   memcpy(x, m->x, TF_X * sizeof(double));
   m->known = 0; /* the step changes d, also where it fails */
   if (tf_between(&model, &stepper, 1, &t, end, h, 1, 0, x, d, m->p) != TF_FINE) return 1;

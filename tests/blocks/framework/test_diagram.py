@@ -49,7 +49,7 @@ def test_names_are_identifiers(name):
         Diagram("d").add(**{name: Length(1.0)})
 
 
-@pytest.mark.parametrize("value", [1.0, Constant, None])
+@pytest.mark.parametrize("value", [1.0, int, None])
 def test_only_blocks_can_be_added(value):
     with pytest.raises(DiagramError, match=r"cannot add 'x' to diagram 'd': .* is not a block"):
         Diagram("d").add(x=value)

@@ -11,14 +11,20 @@ from numpy.testing import assert_allclose, assert_array_equal
 from systems import ports
 
 from trussflow.blocks import (
+    Block,
     Constant,
     Diagram,
     DiagramError,
+    DiscretePID,
     Gain,
+    Input,
     Integrator,
     LimitedIntegrator,
+    Noise,
+    Output,
     PythonFunction,
     Ramp,
+    RateLimiter,
     Relay,
     Sine,
     Step,
@@ -33,6 +39,13 @@ from trussflow.blocks import (
 )
 
 TOLERANCE = 1e-9  # round-off, and times located to round-off
+
+
+class TimesSampleTime(Block):
+    u, y = Input(), Output()
+
+    def output(self, t, x, u, p):
+        return {"y": self.sample_time * u.u}
 
 
 def timer():
@@ -113,6 +126,25 @@ def test_a_triggered_group_computes_once_at_each_edge(edge, exact):
     assert_array_equal(output(triggered(counter(), edge=edge), TIMES, "trigger"), exact)
 
 
+@pytest.mark.parametrize(
+    ("block", "exact"),
+    [
+        (RateLimiter(2.0, 0.1), [0.0, 0.2, 0.2, 0.4, 0.4]),
+        (DiscretePID(0.0, 3.0, sample_time=0.1), [0.0, 0.0, 0.0, 0.3, 0.3]),
+        (TimesSampleTime().sampled(0.1), [0.0, 0.1, 0.1, 0.1, 0.1]),
+    ],
+)
+def test_equations_in_a_triggered_group_use_the_sample_time_of_their_block(block, exact):
+    """An edge counts as one sample: of a limited rate, of an integral, of a block without memory."""
+    group = Diagram("group")
+    start, block = group.add(start=Step(0.1), block=block)
+    start >> block.port(block.inputs()[0].name)
+    if isinstance(block, DiscretePID):
+        group.ground(block.measurement)
+    group.expose(y=block.y)
+    assert_allclose(output(triggered(group), TIMES, "trigger"), exact, rtol=0, atol=TOLERANCE)
+
+
 def test_a_group_is_enabled_where_it_is_the_outermost_diagram_too():
     """Its state is the integral of 1 where a sine is above a half: a third of each period."""
     group = enabled(timer())
@@ -180,6 +212,12 @@ def python():
     return diagram
 
 
+def noise():
+    diagram = Diagram("noise")
+    diagram.add(noise=Noise(1.0, 0.1, seed=1))
+    return diagram
+
+
 def within(group):
     diagram = Diagram("around")
     diagram.add(inner=group)
@@ -193,6 +231,7 @@ def within(group):
         (lambda: enabled(enabled(timer())), "cannot make a group of .*: it has a port 'enable' already"),
         (lambda: enabled(within(enabled(timer()))), "cannot put 'inner.count' into a group: it is in one"),
         (lambda: enabled(Gain(1.0)), "it is no Diagram"),
+        (lambda: enabled(noise(), states="reset"), r"cannot reset 'noise' \(Noise\) at each enabling"),
         (lambda: triggered(timer()), r"cannot trigger 'count' \(Integrator\): it has continuous states"),
         (lambda: enabled(timer(), states="kept"), "states of a group"),
         (lambda: enabled(timer(), outputs="kept"), "outputs of a group"),

@@ -11,6 +11,7 @@ import pytest
 from systems import ports
 
 from trussflow.blocks import (
+    PID,
     Block,
     BlockError,
     Constant,
@@ -25,6 +26,7 @@ from trussflow.blocks import (
     Parameter,
     ParameterError,
     PythonFunction,
+    Saturation,
     SimulationError,
     Simulator,
     State,
@@ -125,6 +127,12 @@ UNTYPED: Any = Diagram("d")
         (lambda: Diagram("d").add(b=Forgetful()), BlockError, r"must call super\(\)\.__init__\(\)"),
         (Late, BlockError, r"cannot set 'size' of 'Late': .* set it before super\(\)\.__init__\(\)"),
         (lambda: UNTYPED.add(Gain(1.0)), DiagramError, r"say diagram\.add\(name=Gain\(\.\.\.\)\)"),
+        (lambda: UNTYPED.add(Gain), DiagramError, r"say diagram\.add\(name=Gain\(\.\.\.\)\)"),
+        (lambda: UNTYPED.add(g=Gain), DiagramError, r"Gain is a class; say g=Gain\(\.\.\.\)"),
+        (lambda: PID(Kp=1), TypeError, r"a PID: it has no argument 'Kp' \(did you mean 'kp'"),
+        (lambda: Saturation(0.0), TypeError, "a Saturation: missing a required argument: 'upper'"),
+        (lambda: Saturation("a", None), ParameterError, "parameter 'lower' of Saturation must be numeric"),
+        (lambda: run(Gain(1.0), log_step=0.1000000000001), SimulationError, "of 0.1000000000001 s is"),
         (lambda: StateMachine(["a"], 0.1), NameLookupError, "modes must be given by name"),
         (lambda: added().g << added().g, WiringError, "wires are source >> target"),
         (index_of_unknown_shape, WiringError, r"cannot index 's\.y': its shape is not known yet"),
@@ -166,7 +174,7 @@ UNTYPED: Any = Diagram("d")
         (lambda: run(Gain(1.0), log=[3]), SimulationError, "cannot log 3: give ports"),
         (lambda: run(Gain(1.0), log=3), SimulationError, "must be a list or a dict, not 3"),
         # What stays Python's, as blocks/README.md says, and NumPy's own.
-        (lambda: Step(1.0, time=0.5), TypeError, "multiple values for argument 'time'"),
+        (lambda: Step(1.0, time=0.5), TypeError, "a Step: multiple values for argument 'time'"),
         (lambda: added().g.gain.__setitem__(..., 3.0), ValueError, "read-only"),
     ],
 )

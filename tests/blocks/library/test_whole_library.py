@@ -21,6 +21,7 @@ from trussflow.blocks import (
     ConventionalSlidingMode,
     DeadZone,
     Diagram,
+    DiagramError,
     DiscretePID,
     DiscreteStateSpace,
     DiscreteTransferFunction,
@@ -72,7 +73,9 @@ from trussflow.blocks import (
     WeightedAllocation,
     ZeroOrderHold,
     check_block,
+    enabled,
     simulate,
+    triggered,
 )
 from trussflow.blocks.framework.system import flatten
 
@@ -272,3 +275,28 @@ def test_every_block_of_the_library_passes(path):
     # Random metrics are not symmetric. Before a run a delay has no history: its length matters later.
     excused = {"bounded": "derivatives", "rate_bounded": "derivatives", "variable_delay": "feedthrough"}
     assert set(report.failures) <= {excused.get(path)}, report
+
+
+@pytest.mark.filterwarnings("ignore:.* jumps at t = ")
+@pytest.mark.parametrize("make", MAKERS)
+@pytest.mark.parametrize("backend", ["interpreted", pytest.param("compiled", marks=pytest.mark.campaign)])
+@pytest.mark.parametrize(("kind", "port"), [(enabled, "enable"), (triggered, "trigger")])
+def test_every_block_runs_in_a_group_or_is_refused_by_name(make, backend, kind, port):
+    """Each one in a group of its own, in the place of the block among the others."""
+    diagram, spare = make(), make()
+    command = diagram.add("command", Pulse(0.3, 0.5, delay=0.07))
+    for name, block in [*spare.blocks.items()]:
+        spare.remove(name)
+        group = Diagram("group")
+        group.add("inner", block)
+        group.expose(**{p.name: p for p in block.ports.values() if p.declaration.default is None})
+        try:
+            kind(group)
+        except DiagramError as error:
+            assert f"'inner' ({type(block).__name__})" in str(error)  # noqa: PT017
+            continue
+        if port in group.ports:
+            # Others still see the source itself, where a group would show zeros before its first edge.
+            diagram.add(name if block.inputs() else f"{name}_group", group)
+            command >> group.port(port)
+    assert_equal_runs(*(run(lambda: diagram, each) for each in (backend, "numpy")))

@@ -1,5 +1,7 @@
 """Adaptive and stiff solvers: tolerance, break points, exact Jacobian; order of the fixed ones."""
 
+import itertools
+
 import numpy as np
 import pytest
 import scipy.linalg
@@ -8,18 +10,22 @@ from numpy.testing import assert_allclose
 from trussflow.blocks import (
     Block,
     Diagram,
+    DivergenceError,
     Integrator,
     MatrixGain,
     Output,
     Parameter,
     Ramp,
     SimulationError,
+    SimulationInterrupted,
     State,
     TimeFunction,
+    TimeLimitError,
     simulate,
 )
 from trussflow.blocks.simulation import run as run_module
 from trussflow.blocks.simulation.adaptive import IMPLICIT, METHODS, integrate
+from trussflow.blocks.simulation.progress import ProgressBar
 
 ORDER_TOLERANCE = 0.1
 SOLVER_TOLERANCE = 1e-8
@@ -103,6 +109,43 @@ def test_stiff_solvers_agree_on_van_der_pol():
         simulate(diagram, 100.0, solver=solver, **settings)["block.y"].values[-1] for solver in IMPLICIT
     ]
     assert_allclose(others, [first] * len(others), rtol=1e-4)  # the phase error of the transition
+
+
+class Sliding(VanDerPol):
+    """It comes to rest by dry friction, at t = 1/0.7."""
+
+    def derivative(self, t, x, u, p):
+        return {"x": 0.3 - np.sign(x.x - 1.0), "v": 0.0}
+
+
+@pytest.mark.parametrize("solver", METHODS)
+def test_steps_that_shrink_at_a_jump_end_the_run(solver):
+    with pytest.raises(DivergenceError, match=r"'block\.x'.* Declare a Mode for what switches") as error:
+        simulate(diagram_of(Sliding()), 5.0, solver=solver, log_step=0.1)
+    assert ("jumps between" in str(error.value)) is (solver not in IMPLICIT)
+    assert error.value.result.time[-1] == pytest.approx(1.4)
+
+
+def test_many_short_steps_of_a_smooth_motion_are_taken():
+    """A vibration dies out in the first minutes of a run of thousands of years."""
+    matrix = np.array([[-0.05, 1.0, 0.0], [-1.0, -0.05, 0.0], [0.0, 0.0, -1e-11]])
+    result = simulate(linear(matrix), 1e11, solver="LSODA", log_step=1e11, rtol=1e-6)
+    assert_allclose(result["block.y"][-1], [0.0, 0.0, np.exp(-1.0)], rtol=0, atol=1e-4)
+
+
+@pytest.mark.parametrize("error", [TimeLimitError, KeyboardInterrupt])
+def test_a_run_can_be_ended_after_each_step(error, monkeypatch):
+    """At none of the steps anything is logged."""
+    count = itertools.count()
+
+    def update(*_):
+        if next(count) == 10:
+            raise error
+
+    monkeypatch.setattr(ProgressBar, "update", update)
+    with pytest.raises((TimeLimitError, SimulationInterrupted)) as ended:
+        simulate(diagram_of(VanDerPol()), 100.0, solver="BDF", log_step=100.0)
+    assert ended.value.result.sizes["time"] == 1
 
 
 @pytest.mark.parametrize("solver", METHODS)

@@ -1,9 +1,15 @@
 """The progress bar: only in long runs, with the real-time factor."""
 
+import io
+import itertools
 import re
+import subprocess
+import sys
 
 import pytest
+from systems import decay
 
+from trussflow.blocks import simulate, sweep
 from trussflow.blocks.simulation.progress import ProgressBar
 
 
@@ -64,3 +70,32 @@ def test_round_off_does_not_overfill_the_bar(clock, capsys):
             clock.now += 2.0
             bar.update(0.1 + 1e-12)
     assert "100 %" in capsys.readouterr().err
+
+
+class Unread(io.StringIO):
+    """A pipe that nobody reads."""
+
+    def write(self, text):
+        raise BrokenPipeError(32, "Broken pipe")
+
+
+@pytest.mark.parametrize("stderr", [None, Unread()])
+def test_a_display_that_cannot_be_written_ends_nothing(stderr, monkeypatch):
+    monkeypatch.setattr("tqdm.std.time", itertools.count(0.0, 2.0).__next__)
+    monkeypatch.setattr("sys.stderr", stderr)
+    assert simulate(decay(()), 1.0, step=0.1).status == "complete"
+    end = sweep(decay(()), 1.0, step=0.1, vary={"back.gain": [1.0, 2.0]}, keep={"x.y": "final"}, workers=1)
+    assert [*end.status] == ["complete"] * 2
+
+
+def test_a_script_with_a_closed_display_ends_well():
+    script = """
+import itertools, os, tqdm.std, trussflow.blocks as b
+loop = b.Diagram("loop")
+loop.add(one=b.Constant(1.0))
+simulator = b.Simulator(loop, step=0.1)
+tqdm.std.time = itertools.count(0.0, 2.0).__next__
+os.close(2)
+simulator.run(100.0)
+"""
+    assert subprocess.run([sys.executable, "-c", script]).returncode == 0

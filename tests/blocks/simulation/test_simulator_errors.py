@@ -24,10 +24,12 @@ from trussflow.blocks import (
     Parameter,
     ParameterError,
     PythonFunction,
+    Session,
     SimulationError,
     SimulationInterrupted,
     State,
     TimeFunction,
+    cosimulate,
     simulate,
 )
 
@@ -94,6 +96,36 @@ def test_fixed_steps_must_divide_all_times(diagram, settings, message, tmp_path)
         simulate(diagram, duration, step=0.1, stream_to=old, backend="numpy", **settings)
     assert old.read_text() == "old"
     assert list(tmp_path.iterdir()) == [old]
+
+
+def session(start, end):
+    with Session(grower(), step=0.01) as running:
+        running.start(time=start)
+        running.advance(end)
+
+
+@pytest.mark.parametrize(
+    "run",
+    [
+        lambda: simulate(grower(), 1.0, step=0.01, start=1e13),
+        lambda: simulate(grower(), 1.0, step=0.01, start=-1e300),
+        lambda: simulate(grower(), 1e300, step=0.01),
+        lambda: simulate(grower(), 1.0, solver="RK45", start=1e16),
+        lambda: simulate(counter(0.01), 100.0, solver="RK45", log_step=100.0, start=1e14),
+        lambda: cosimulate(grower(), 1e300, step=0.01),
+        lambda: session(1e16, 2e16),
+        lambda: session(0.0, 1e16),
+    ],
+)
+def test_times_that_cannot_be_told_apart_are_refused(run):
+    message = r"steps of .* too short at t = 1e\+.* s apart: keep nearer to t = 0, or take steps of at least"
+    with pytest.raises(SimulationError, match=message):
+        run()
+
+
+def test_steps_of_a_tenth_of_a_millisecond_at_the_time_of_the_clock():
+    """Seconds since 1970."""
+    assert simulate(systems.approach(), 1e-3, step=1e-4, start=1.8e9).sizes["time"] == 11
 
 
 def test_adaptive_solvers_need_no_dividing_step():

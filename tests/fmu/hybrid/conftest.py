@@ -131,7 +131,7 @@ class Counter(Block):
 
 
 class Stair(Block):
-    """It rises by one at 0.3 s, 0.6 s and so on."""
+    """It rises by one at 0.3 s, 0.6 s and so on, four times; then the next time is infinite."""
 
     y = Output()
     level, following = Mode(), Mode("period")
@@ -145,7 +145,8 @@ class Stair(Block):
         return {"step": x.following}
 
     def on_event(self, t, x, u, p, fired):
-        return {"level": x.level + 1.0, "following": x.following + p.period}
+        ends = np.logical_and(x.level > 2.5, p.period > 0.0)
+        return {"level": x.level + 1.0, "following": np.where(ends, np.inf, x.following + p.period)}
 
 
 @dataclass(frozen=True)
@@ -345,11 +346,11 @@ CASES = [
     Case("thermostat", thermostat, {t: exponentials(t) for t in (0.4, 1.0, 3.0, 5.0)}, False, 1e-8),
     Case("stick and slip", slider, {0.5: 0.375, 1.5: 0.5, 3.0: 0.5, 4.0: 0.5 + 1 / 6}, straight=False),
     Case("reset with feedthrough", tank, {0.5: 0.75, 1.0: 0.5, 1.6: 0.35}),
-    Case("event at a sample", stair_at_samples, {0.4: 0.0, 0.6: 1.0, 1.2: 2.0, 1.4: 2.0}),
+    Case("event at a sample", stair_at_samples, {0.4: 0.0, 0.6: 1.0, 1.2: 2.0, 1.4: 2.0, 3.0: 4.0}),
     Case("simultaneous events", crossings, {0.2: 0.0, 0.5: 101.5, 1.2: 203.0, 3.2: 609.0}),
     Case("a cascade", cascade, {0.2: 0.0, 0.4: 0.1, 0.5: 0.2}),
     Case("an input jumps", sampled_jump, {0.8: 0.8, 1.0: 1.0, 1.5: 0.5}),
-    Case("time events", stair, {0.2: 0.0, 0.4: 1.0, 1.3: 4.0}),
+    Case("time events", stair, {0.2: 0.0, 0.4: 1.0, 1.3: 4.0, 2.0: 4.0}),
     Case(
         "algebraic loop with events",
         bent_oscillator,
