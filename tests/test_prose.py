@@ -27,7 +27,7 @@ EXCEPTIONS = {
     "blocks/framework": 77,
     "blocks/library": 35,
     "blocks/linear_analysis": 131,
-    "blocks/simulation": 74,
+    "blocks/simulation": 72,
     "blocks/sweeps": 83,
     "blocks/tracing": 83,
     "examples": 2,
