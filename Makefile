@@ -71,7 +71,7 @@ check: $(VENV)/dev.stamp
 
 types:
 	$(BIN)/mypy -p trussflow
-	$(BIN)/mypy --allow-untyped-defs --allow-untyped-calls $(wildcard examples/*.py examples/*/*.py)
+	$(BIN)/mypy --allow-untyped-defs --allow-untyped-calls $(wildcard examples/*.py examples/*/*.py examples/studies/*/*.py)
 
 rules:
 	$(BIN)/python -m pytest -q $(RULES)
