@@ -21,6 +21,7 @@ from trussflow.blocks.linear_analysis.loop_transfer import margins_of
 from trussflow.blocks.linear_analysis.margins import Margins
 from trussflow.models import RobotArm, SpaceTruss, TrussDynamics, TrussModes
 from trussflow.models.dynamics.locked_joints import locked_frequencies, locked_inertia
+from trussflow.models.reporting.figures import blank, draw_cells
 from trussflow.models.reporting.tables import text_table
 from trussflow.models.truss.component_modes import component_modes
 from trussflow.models.truss.natural_frequencies import natural_frequencies
@@ -144,18 +145,37 @@ class Study:
         loops |= {
             f"{name}, L = 4.0": TrussLoop(plant, 4.0, linear=True) for name, plant in self.plants.items()
         }
+        figure = Figure(figsize=(7, 6), layout="constrained")
+        axes = figure.subplots()
         for name, loop in loops.items():
+            values = np.linalg.eigvals(loop.closed)
+            near = values[(values.imag > 0.1) & (values.real > -20)]
+            axes.plot(near.real, near.imag, "o", fillstyle="none", label=name)
             header = [*POLES, "channels that drive it right [1/s]"]
             yield f"Poles, linear law: {name}", text_table(header, loop.poles(3 if self.quick else 5))
+        axes.set(xlabel="real part [1/s]", ylabel="imaginary part [rad/s]", title="poles of the closed loop")
+        axes.legend(fontsize="small")
+        figure.savefig(self.folder / "poles.png")
 
     def spillover(self) -> str:
         """Return the map of spillover over number of modes, damping and bandwidth."""
         ratios = (0.0, 0.005, 0.02) if self.quick else (0.0, 0.0025, 0.005, 0.01, 0.02, 0.05)
         bandwidths = (0.0, 2.0, 4.0) if self.quick else (0.0, 1.0, 2.0, 4.0, 8.0, 16.0)
-        rows = []
-        for number in (14,) if self.quick else (6, 10, 14, 20, 30):
+        numbers = (14,) if self.quick else (6, 10, 14, 20, 30)
+        figure, plots = blank(len(numbers), 3, width=10)
+        rows: list[list[str]] = []
+        for number in numbers:
             for name, loop in state_matrices(truss_with(number)).items():
-                rows.append([name, str(number), *(least_damping(loop, L, ratios) for L in bandwidths)])
+                growth = loop.growth(ratios, bandwidths)
+                plot = plots[len(rows)]
+                limit = np.abs(growth).max()
+                labels = [f"{L:g}" for L in bandwidths], [f"{100 * ratio:g}" for ratio in ratios]
+                draw_cells(plot, growth, "{:+.2f}".format, lambda _: False, *labels, vmin=-limit, vmax=limit)
+                plot.set(
+                    title=f"{name}, {number} modes: growth rate [1/s]", xlabel="L [1/s]", ylabel="damping [%]"
+                )
+                rows.append([name, str(number), *(least_damping(rates, ratios) for rates in growth.T)])
+        figure.savefig(self.folder / "spillover.png")
         return text_table(["loop", "modes", *(f"L = {L:g}" for L in bandwidths)], rows)
 
     def timing(self) -> str:

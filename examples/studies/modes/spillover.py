@@ -40,6 +40,10 @@ class StateMatrices:
         weights = np.outer(_lagrange(DAMPING, damping), _lagrange(BANDWIDTH, bandwidth))
         return np.asarray(np.tensordot(weights, self.values, 2))
 
+    def growth(self, damping: Sequence[float], bandwidth: Sequence[float]) -> Matrix:
+        """Return the real part of the rightmost oscillating pole over damping and bandwidth [1/s]."""
+        return np.array([[self.rightmost(d, L).real for L in bandwidth] for d in damping])
+
     def rightmost(self, damping: float, bandwidth: float) -> complex:
         """Return the rightmost oscillating pole [1/s]."""
         poles = np.linalg.eigvals(self.at(damping, bandwidth))
@@ -93,10 +97,8 @@ def state_matrices(truss: SpaceTruss) -> dict[str, StateMatrices]:
     return {name: StateMatrices(np.array(matrices)) for name, matrices in found.items()}
 
 
-def least_damping(loop: StateMatrices, bandwidth: float, ratios: Sequence[float]) -> str:
-    """Return the least damping ratio of `ratios` from which on the loop is stable."""
-    stable = [loop.rightmost(ratio, bandwidth).real < 0 for ratio in ratios]
-    if not stable[-1]:
-        return f"> {100 * ratios[-1]:g} %"
-    first = len(stable) - stable[::-1].index(False) if False in stable else 0
-    return f"{100 * ratios[first]:g} %"
+def least_damping(growth: Matrix, ratios: Sequence[float]) -> str:
+    """Return the least damping ratio from which on the growth rates are negative."""
+    unstable = np.flatnonzero(growth >= 0)
+    first = unstable[-1] + 1 if unstable.size else 0
+    return f"{100 * ratios[first]:g} %" if first < len(ratios) else f"> {100 * ratios[-1]:g} %"
