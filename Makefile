@@ -13,7 +13,7 @@ OLDEST := .venv-oldest
 BIN := $(VENV)/$(if $(filter Windows_NT,$(OS)),Scripts,bin)
 PIP_INSTALL := $(BIN)/python -m pip install --quiet --disable-pip-version-check
 
-.PHONY: help transport reproduce flight sweep check types rules test campaign test-oldest format docs bench bench-check bench-growth bench-instructions bench-peers clean FORCE
+.PHONY: help transport reproduce flight sweep modes check types rules test campaign test-oldest format docs bench bench-check bench-growth bench-instructions bench-peers clean FORCE
 .DELETE_ON_ERROR:
 
 help:
@@ -21,6 +21,7 @@ help:
 	@echo "make reproduce  simulate and check the claims of the paper: docs/reproduction"
 	@echo "make flight     robustness of the controllers, 400 Monte Carlo samples: docs/flight"
 	@echo "make sweep      1000 Monte Carlo samples of each controller: docs/sweep"
+	@echo "make modes      modes, margins and spillover of the truss: results/modes"
 	@echo "make check      check format, style, types, imports, docstrings, links and prose"
 	@echo "make test       check every law once"
 	@echo "make campaign   run random cases, killed processes, faults and long runs; CAMPAIGN=10 runs ten times as many"
@@ -45,6 +46,9 @@ flight: $(VENV)/runtime.stamp
 
 sweep: $(VENV)/runtime.stamp
 	$(BIN)/python -m trussflow.models.flight --samples 1000 --output docs/sweep
+
+modes: $(VENV)/runtime.stamp
+	$(BIN)/python examples/studies/modes/modes.py
 
 # One thread per worker for linear algebra: the workers already fill the cores.
 RUN_TESTS := OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest -n $(WORKERS)
@@ -71,7 +75,7 @@ check: $(VENV)/dev.stamp
 
 types:
 	$(BIN)/mypy -p trussflow
-	$(BIN)/mypy --allow-untyped-defs --allow-untyped-calls $(wildcard examples/*.py examples/*/*.py)
+	$(BIN)/mypy --allow-untyped-defs --allow-untyped-calls $(wildcard examples/*.py examples/*/*.py examples/studies/*/*.py)
 
 rules:
 	$(BIN)/python -m pytest -q $(RULES)

@@ -20,7 +20,11 @@ PHYSICS = tuple(f"{MODELS}.{name}" for name in ("geometry", "truss", "robots", "
 STUDY = (*BLOCKS, *PHYSICS, f"{MODELS}.reporting", f"{MODELS}.transport")
 EXPORTING = (FRAMEWORK, TRACING, SIMULATION, f"{FMU}.exporting.description")
 PACKAGES = {
-    "trussflow": (FRAMEWORK, SIMULATION, LIBRARY, DRAWING, SWEEPS, "trussflow.blocks", f"{FMU}.importing"),
+    "trussflow": (
+        *(FRAMEWORK, SIMULATION, LIBRARY, LINEAR, DRAWING, SWEEPS),
+        "trussflow.blocks",
+        f"{FMU}.importing",
+    ),
     FRAMEWORK: (),
     TRACING: (FRAMEWORK,),
     SIMULATION: (FRAMEWORK, TRACING),
@@ -63,7 +67,6 @@ PACKAGES = {
         *PHYSICS,
         *(f"{MODELS}.{name}" for name in ("feasibility", "hardware", "mean_axes", "reporting", "viewer")),
     ),
-    f"{MODELS}.modal_analysis": STUDY,
     f"{MODELS}.reproduction": STUDY,
     f"{MODELS}.flight": (
         *(*STUDY, SWEEPS),

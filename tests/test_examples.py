@@ -10,7 +10,9 @@ from scripts import run
 from sources import ROOT, tree_of
 
 FOLDER = ROOT / "examples"
-EXAMPLES = sorted(path for path in FOLDER.glob("**/*.py") if path.parent.name != "peers")
+EXAMPLES = sorted(
+    path for path in FOLDER.glob("**/*.py") if path.relative_to(FOLDER).parts[0] not in ("peers", "studies")
+)
 PEERS = sorted(FOLDER.glob("peers/[0-9]*.py"))
 DATA = (".toml", ".urdf", ".bdf", ".op4")
 EXTRAS = {"antenna_mission": "pyyeti"}

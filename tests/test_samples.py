@@ -15,7 +15,7 @@ from trussflow.blocks import Block, Input, Output, Parameter, State, TransferFun
 from trussflow.fmu import export
 
 PRINTED = re.compile(r"^print\(.*  # (.*)$", re.MULTILINE)
-LONG = ("analyse", "reproduce")  # commands that take minutes
+LONG = ("reproduce",)  # commands that take minutes
 
 
 class Pump(Block):

@@ -39,7 +39,7 @@ COMMANDS = {
     "fmu": Command("write a diagram as an FMU, look into an FMU", "trussflow.fmu.__main__"),
     "fly": Command("fly a mission: figures, page, result", "trussflow.models.transport.__main__"),
     "view": Command("show a result in motion, as one page", "trussflow.models.viewer.__main__"),
-    "analyse": Command("modes, margins and poles", "trussflow.models.modal_analysis.__main__"),
+    "analyse": Command("modes, margins and Bode plot of any loop", "trussflow.analyse"),
     "flight": Command(
         "fly many trusses and losses, and find where laws end", "trussflow.models.flight.__main__"
     ),

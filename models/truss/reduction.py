@@ -114,7 +114,7 @@ def reduced_modes(
     MacNeal (1971), *A hybrid method of component mode synthesis*; Craig (2000), *Coupling of
     substructures for dynamic analyses: an overview*.
     """
-    held = np.isin(structure.nodes, [structure.nodes[_node(structure, n)] for n in clamped])
+    held = np.isin(structure.nodes, [structure.nodes[node_index(structure, n)] for n in clamped])
     free = np.flatnonzero(structure.elastic & np.repeat(~held, 6))
     places = [_interface(structure, grasp) for grasp in grasps]
     pulled = {p.nodes: p for p in places if attachments and not np.all(held[list(p.nodes)])}
@@ -249,8 +249,21 @@ def _lowest_modes(
     return squares, shapes @ mix
 
 
-def _node(structure: Structure, number: int) -> int:
-    """Return the place of a node among all."""
+def node_index(structure: Structure, number: int) -> int:
+    """Return the index of a node among all nodes.
+
+    Parameters
+    ----------
+    structure : Structure
+        Structure with the node.
+    number : int
+        Number of the node.
+
+    Raises
+    ------
+    ModelError
+        If there is no such node; the message states the valid numbers.
+    """
     nodes = structure.nodes[: len(structure.nodes) - structure.inner]
     if number not in nodes:
         raise ModelError(
@@ -290,7 +303,7 @@ def _interface(structure: Structure, grasp: Grasp) -> _Interface:
     """Return the motion of a grasp: that of its node, or the mean one of several by least squares."""
     if isinstance(grasp, int | np.integer | set | frozenset):
         numbers = grasp if isinstance(grasp, set | frozenset) else {int(grasp)}
-        nodes = sorted(_node(structure, n) for n in numbers)
+        nodes = sorted(node_index(structure, n) for n in numbers)
         position = structure.positions[nodes].mean(axis=0)
     else:
         position = frozen_array("grasp point", grasp, (3,))

@@ -140,6 +140,19 @@ def test_draw_gives_tree_and_picture(tmp_path, loop, capsys):
     assert (tmp_path / "loop.svg").read_text(encoding="utf-8").startswith("<svg")
 
 
+def test_analyse_gives_modes_margins_and_picture(tmp_path, loop, capsys):
+    """Law and pendulum at 0.5 rad: s^2 + (k_d s + k_p) / (m l^2) - g cos(0.5) / l."""
+    gravity = 9.81 / 0.5 * np.cos(0.5)
+    omega = np.sqrt(20.0 / 0.25 - gravity)
+    assert main(["analyse", loop, "--at", "pendulum.torque", "--plot", str(tmp_path / "loop.png")]) == 0
+    assert (tmp_path / "loop.png").stat().st_size > 0
+    assert f"pendulum/torque: gain {gravity / 80.0:.3g} to inf" in capsys.readouterr().out
+    assert main(["analyse", loop, "--at", "pendulum.torque", "--json"]) == 0
+    (mode,) = json.loads(capsys.readouterr().out)["modes"]
+    assert mode["frequency"] == pytest.approx(omega / (2 * np.pi), rel=1e-9)
+    assert mode["damping_ratio"] == pytest.approx(3.0 / 0.25 / (2 * omega), rel=1e-9)
+
+
 def test_fmu_tells_what_it_holds(lag, capsys):
     assert main(["fmu", "inspect", lag]) == 0
     assert "FMI 2" in capsys.readouterr().out
@@ -223,6 +236,7 @@ def code_of(words):
         ("new loop.py", "cannot write 'loop.py': it is there already"),
         ("new no-name.py", "name it .toml, or .py and so that it can be imported"),
         ("draw trussflow.blocks:Integrator block.svg", "not a diagram"),
+        ("analyse trussflow.blocks:Integrator --at u", "it is a single block, not a diagram"),
         ("run loop.py:loop 1 --parameter pendulum.mass=heavy", "write name=number, or name=[number, number]"),
         ("run loop.py:loop long", "invalid float value: 'long'"),
         ("run gone.py:x 1", "cannot import 'gone.py'"),

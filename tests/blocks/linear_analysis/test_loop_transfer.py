@@ -30,7 +30,13 @@ from trussflow.blocks import (
     sensitivity,
 )
 from trussflow.blocks.framework.errors import LinearAnalysisError, SimulationWarning, TrussflowError
-from trussflow.blocks.linear_analysis.margins import disk_margin, frequencies_about, sensitivity_matrices
+from trussflow.blocks.linear_analysis.margins import (
+    channel_disks,
+    channel_margins,
+    disk_margin,
+    frequencies_about,
+    sensitivity_matrices,
+)
 
 KP, KD = 20.0, 3.0
 
@@ -188,6 +194,21 @@ def test_margins_of_a_loop_are_those_of_python_control_and_of_its_sensitivity():
     for omega in ([], 1.0, [1.0, 1.0], "fast", [[1.0, 2.0]]):
         with pytest.raises(TrussflowError, match=r"^omega "):
             loop_margins(loop, "plant.u", omega=omega)
+
+
+def test_margins_of_a_known_loop():
+    """L = 1 / (s (s + 1)^2): gain margin 2, phase margin 21.39 degrees at 0.6823 rad/s."""
+    model, grid = control.tf([1], [1, 2, 1, 0]), np.geomspace(0.01, 100, 400)
+    found = channel_margins(model(1j * grid), grid, "test")
+    assert (found.gain_up, found.gain_down) == (pytest.approx(2.0, rel=1e-4), 0.0)
+    assert found.phase == pytest.approx(21.386, rel=1e-3)
+    assert found.crossover == pytest.approx(0.68233, rel=1e-4)
+    assert found.delay == pytest.approx(np.radians(21.386) / 0.68233, rel=1e-3)
+    scan = np.geomspace(0.1, 10, 20_000)
+    assert found.disk == pytest.approx(control.disk_margins(model, scan)[0], rel=1e-6)
+    for margins_of in (disk_margin, channel_disks):
+        with pytest.raises(LinearAnalysisError, match=r"has the unstable poles 2"):
+            margins_of(control.ss([[1.0]], [[1.0]], [[-1.0]], 0), grid)
 
 
 def test_a_loop_without_gain_takes_no_search():

@@ -4,9 +4,10 @@ import numpy as np
 import pytest
 
 from trussflow.models import ModelError, RobotArm, SpaceTruss, TrussDynamics
-from trussflow.models.modal_analysis import direct_modes, locked_modes, rigid_robots
+from trussflow.models.dynamics.locked_joints import locked_frequencies, locked_inertia
 from trussflow.models.plant.space_truss import arm_by_name
 from trussflow.models.truss.component_modes import component_modes
+from trussflow.models.truss.natural_frequencies import natural_frequencies
 from trussflow.models.truss.truss_fe import TrussFrame, printed_grasps
 
 STEP = 1e-3  # s
@@ -17,9 +18,11 @@ over_arms = pytest.mark.parametrize("arm", ["literal", "jaco"])
 def errors(truss, arm, angles):
     """Return the errors of the first ten free frequencies with the arms locked, of the FE's [1]."""
     frame = TrussFrame.reconstructed()
-    robots = rigid_robots((arm_by_name(arm),) * 4, angles, frame.mesh_points(printed_grasps()))
-    exact = direct_modes(frame, robots, "free", 10).frequencies
-    return locked_modes(truss.dynamics, "free", angles).frequencies[:10] / exact - 1.0
+    robot, postures = arm_by_name(arm), np.split(angles, 4)
+    nodes = frame.mesh_points(printed_grasps())
+    bodies = {n + 1: locked_inertia(robot, a) for n, a in zip(nodes, postures, strict=True)}
+    exact = natural_frequencies(frame.structure(), 10, bodies, rigid=range(1, 5))
+    return locked_frequencies(truss.dynamics, angles)[:10] / exact - 1.0
 
 
 @over_arms

@@ -1,0 +1,58 @@
+"""``trussflow analyse``: oscillating modes, margins and Bode plot of the loop through a port."""
+
+from __future__ import annotations
+
+import argparse
+from dataclasses import asdict
+from pathlib import Path
+
+from trussflow.blocks.framework.command_line import Outcome, block_of, ended, parser_of
+from trussflow.blocks.framework.diagram import Diagram
+from trussflow.blocks.framework.errors import DiagramError, LinearAnalysisError
+
+
+def parser(prog: str) -> argparse.ArgumentParser:
+    """Return the parser of the arguments of the command `prog`."""
+    found = parser_of(
+        prog,
+        "Print the oscillating modes of a loop and its margins at a port, and draw its Bode plot.",
+        "loop.py:loop --at pendulum.torque                 # modes and margins",
+        "loop.py:loop --at truss.modal_force --plot m.png  # with the Bode plot",
+    )
+    found.add_argument(
+        "item", help="module:name or file.py:name of a diagram, or of a function returning one"
+    )
+    found.add_argument("--at", required=True, help="port where the loop is opened")
+    found.add_argument("--plot", type=Path, help="picture to write")
+    return found
+
+
+def analyse(options: argparse.Namespace) -> Outcome:
+    """Analyse the loop that the `options` name."""
+    from trussflow.blocks import loop_transfer, modal_bode, modal_table  # slow to import
+    from trussflow.blocks.linear_analysis.loop_transfer import margins_of
+
+    diagram, margins = block_of(options.item), None
+    if not isinstance(diagram, Diagram):
+        raise DiagramError(f"cannot analyse '{options.item}': it is a single block, not a diagram")
+    loop, table = loop_transfer(diagram, options.at), modal_table(diagram, options.at)
+    try:
+        margins = asdict(margins_of(loop))
+        lines = [
+            f"{name}: gain {m['gain_down']:.3g} to {m['gain_up']:.3g}, phase {m['phase']:.3g}°, "
+            f"delay {m['delay']:.3g} s"
+            for name, m in margins["channels"].items()
+        ]
+    except LinearAnalysisError as error:  # the closed loop is unstable
+        lines = [str(error)]
+    if options.plot is not None:
+        modal_bode(diagram, options.at).savefig(options.plot)
+        lines.append(f"written to {options.plot}")
+    modes = [{"frequency": m.frequency, "damping_ratio": m.damping_ratio} for m in table.modes]
+    facts = {"modes": modes, "margins": margins, "file": options.plot}
+    return Outcome(facts, "\n".join([str(table), *lines]))
+
+
+def main(words: list[str], prog: str) -> int:
+    """Run the command `prog` with these `words`; return the exit code."""
+    return ended(analyse, parser(prog).parse_args(words))

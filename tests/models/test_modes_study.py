@@ -1,0 +1,133 @@
+"""The study of modes: its linear loop, map of spillover, poles, margins, delays, and the whole script."""
+
+import numpy as np
+import pytest
+from modes import main
+from scipy.linalg import block_diag, eigh
+from spillover import least_damping, state_matrices
+from truss_loop import TrussLoop
+
+from trussflow.blocks import modal_table
+from trussflow.blocks.linear_analysis.margins import response
+from trussflow.models import SpaceTruss
+
+INDEPENDENT = {
+    "Eq. 64": {0.0: 2.3996 + 61.76j, 2.0: 6.4212 + 61.73j, 4.0: 10.963 + 61.86j},
+    "published": {2.0: -0.1974 + 16.23j, 4.0: -0.2908 + 16.21j},
+}
+"""Rightmost oscillating poles over the bandwidth, undamped, linear law [1/s]: from a linear analysis that was
+made independently of this code."""
+
+ROUND_OFF = 1e-9  # of poles and loop gains
+STEP = 1e-6
+
+
+def rightmost(matrix):
+    values = np.linalg.eigvals(matrix)
+    return complex(max(values[values.imag > 0.1], key=lambda value: value.real))
+
+
+@pytest.fixture(scope="module")
+def matrices():
+    return state_matrices(SpaceTruss.published())
+
+
+@pytest.fixture(scope="module")
+def neutral():
+    return TrussLoop(SpaceTruss.consistent(), 4.0)
+
+
+@pytest.fixture(scope="module")
+def driven():
+    """Return a loop that is unstable, since the actuators drive a mode."""
+    return TrussLoop(SpaceTruss.consistent(damping=0.013), 3.0, allocation="published", linear=True)
+
+
+@pytest.mark.parametrize("name", INDEPENDENT)
+def test_poles_are_those_of_an_independent_analysis(matrices, name):
+    for bandwidth, expected in INDEPENDENT[name].items():
+        assert abs(matrices[name].rightmost(0.0, bandwidth) / expected - 1) < 0.01
+
+
+def test_map_of_spillover_has_the_eigenvalues_of_the_diagram(matrices, driven):
+    """Between and beyond the linearized points, and without an observer at bandwidth zero."""
+    found = matrices["Eq. 64"].rightmost(0.013, 3.0)
+    assert found == pytest.approx(rightmost(driven.closed), rel=1e-7)
+    plain = TrussLoop(SpaceTruss.published(), linear=True)
+    assert matrices["published"].rightmost(0.0, 0.0) == pytest.approx(rightmost(plain.closed), rel=1e-7)
+    for name, least in (("Eq. 64", ["> 1 %", "2 %"]), ("published", ["0 %", "0 %"])):
+        growth, ratios = matrices[name].growth([0.0, 0.01, 0.02], [4.0])[:, 0], [0.0, 0.01, 0.02]
+        assert [least_damping(growth[:n], ratios[:n]) for n in (2, 3)] == least
+
+
+def test_mode_neutral_feedback_leaves_no_loop_at_the_modes(neutral):
+    assert np.abs(response(neutral.modal_loop, np.array([0.3, 15.0, 60.0]))).max() < ROUND_OFF
+
+
+def test_at_its_gain_margin_a_channel_has_a_pole_on_the_axis(neutral, rng):
+    """Within the disk margin of a group all gains may change at once."""
+    found, loop = neutral.margins(range(6)), neutral.demand_loop
+    for k, margins in enumerate(found.channels.values()):
+        for gain in (margins.gain_down, margins.gain_up):
+            if 0 < gain < np.inf:
+                gains = np.where(np.arange(34) == k, gain, 1.0)
+                pole = max(np.linalg.eigvals(loop.A - loop.B * gains @ loop.C), key=lambda s: s.real)
+                assert abs(pole.real) < 2e-3 * abs(pole), margins
+    for _ in range(20):
+        gains = np.ones(34)
+        gains[:6] = 10 ** (rng.uniform(-found.gain, found.gain, 6) / 20)
+        assert np.linalg.eigvals(loop.A - loop.B * gains @ loop.C).real.max() < 0
+
+
+def test_rate_of_a_pole_is_its_derivative_with_the_gain_of_a_channel(driven):
+    """The first row: a mode that grows, and the channel that drives it most."""
+    value, damping, *parts, _, channels = driven.poles(1)[0]
+    assert channels.startswith("phi ")
+    ends = [rightmost(driven.closed - e * np.outer(driven.demand_loop.B[:, 3], driven.demand_loop.C[3]))
+            for e in (STEP, -STEP)]  # fmt: skip
+    rate = (ends[0] - ends[1]).real / (2 * STEP)
+    assert float(channels.split(",")[0].split()[1]) == pytest.approx(rate, rel=0.05)
+    assert sum(map(float, parts)) == pytest.approx(1.0, abs=0.03)
+    pole = rightmost(driven.closed)
+    assert value == f"{pole.real:.4g} ± {pole.imag:.4g}j"
+    assert damping == f"{-100 * pole.real / abs(pole):.2f} %"
+
+
+def test_sampled_pd_is_stable_up_to_two_over_its_fastest_rate(driven):
+    """The fastest motion goes to 1 - |s| T of itself in a period; π/2 of phase is left for a delay."""
+    loop = TrussLoop(SpaceTruss.published(), controller="pd")
+    fastest = np.abs(np.linalg.eigvals(loop.closed)).max()
+    delay, _, period, with_computing = map(float, loop.timing(60))
+    expected = 1e3 / fastest * np.array([np.pi / 2, 2, 1])
+    np.testing.assert_allclose([delay, period, with_computing], expected, rtol=0.01)
+    assert driven.timing(2)[0] == "unstable"
+
+
+def test_modal_table_of_the_truss_has_the_modes_of_its_mass_and_stiffness():
+    """Without damping; 34 rigid coordinates have no frequency."""
+    truss = SpaceTruss.published()
+    terms = truss.dynamics.evaluate(truss.dynamics.rest, np.zeros(truss.n))
+    stiffness = block_diag(np.zeros((truss.rigid, truss.rigid)), np.diag(truss.dynamics.modes.stiffness))
+    squares, shapes = eigh(stiffness, terms.mass_matrix)
+    effects = (shapes[: truss.rigid].T @ terms.actuation_matrix[: truss.rigid]) ** 2
+    found = modal_table(truss, "actuation").modes
+    assert [2 * np.pi * m.frequency for m in found] == pytest.approx(
+        np.sqrt(squares[truss.rigid :]), rel=1e-8
+    )
+    for mode, effect in zip(found, effects[truss.rigid :], strict=True):
+        np.testing.assert_allclose(list(mode.shares.values()), effect / effect.sum(), rtol=0, atol=1e-7)
+
+
+@pytest.mark.campaign
+def test_quick_study_writes_tables_and_figures(tmp_path):
+    main(["--quick", "--output", str(tmp_path)])
+    figures = {"bode_demand.png", *(f"bode_{d}_{L}.png" for d in (5, 100) for L in (0, 4))}
+    assert {path.name for path in tmp_path.iterdir()} == {
+        "tables.txt",
+        "poles.png",
+        "spillover.png",
+        *figures,
+    }
+    text = (tmp_path / "tables.txt").read_text(encoding="utf-8")
+    for line in ("Eq. 64      14     > 2 %  > 2 %  > 2 %", "published, pd", "unstable poles 11.68+62.73j"):
+        assert line in text

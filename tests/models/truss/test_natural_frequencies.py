@@ -1,0 +1,139 @@
+"""Natural frequencies of finite elements with rigid bodies, and of the modal model with locked joints."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+from scipy.linalg import eigh
+
+from trussflow.models import ModelError, RobotArm, TrussDynamics
+from trussflow.models.dynamics.locked_joints import locked_frequencies, locked_inertia
+from trussflow.models.truss.component_modes import component_modes
+from trussflow.models.truss.frame_analysis import eigenmodes
+from trussflow.models.truss.natural_frequencies import natural_frequencies
+from trussflow.models.truss.truss_fe import TrussFrame
+
+# Pynite gives massless freedoms a tiny mass, which moves frequencies by about 1e-7.
+SAME_MODEL = 1e-6
+# Of eigenvalues, whose condition takes some digits.
+ROUND_OFF = 1e-9
+FACE, GRASPS = (1, 2, 3, 4), (5, 10)
+ANGLES = np.array([[0.3, 1.0, -0.5, 1.2, 0.4, -0.9, 0.2], [-0.7, 0.4, 1.1, -0.3, 0.8, 0.5, -1.2]])
+SUPPORTS = {"free": {"rigid": FACE}, "clamped": {"clamped": FACE}}
+over_supports = pytest.mark.parametrize("support", SUPPORTS)
+
+
+@pytest.fixture(scope="module")
+def small():
+    """Return a truss of one module each way: 32 mesh points, 84 modes."""
+    return replace(
+        TrussFrame.reconstructed(), first_arm_modules=1, second_arm_modules=1, elements_per_longeron=2
+    )
+
+
+@pytest.fixture(scope="module")
+def arms():
+    return RobotArm.jaco(), RobotArm.literal()
+
+
+@pytest.fixture(scope="module")
+def bodies(arms):
+    """Return two robots in bent postures at two corners, one of them at the far end."""
+    return {node: locked_inertia(arm, a) for node, arm, a in zip(GRASPS, arms, ANGLES, strict=True)}
+
+
+def test_clamped_truss_has_the_frequencies_of_pynite(small):
+    """Alone, and with a body without extent, which Pynite gets as one more point mass."""
+
+    class Heavier(TrussFrame):
+        def point_masses(self):
+            positions, masses = TrussFrame.point_masses(self)
+            masses[9] += 20.0
+            return positions, masses
+
+    heavier = Heavier(**{name: getattr(small, name) for name in small.__slots__})
+    mass = {10: np.diag([20.0, 20.0, 20.0, 0.0, 0.0, 0.0])}
+    for frame, added in ((small, None), (heavier, mass)):
+        found = natural_frequencies(small.structure(), 8, added, clamped=FACE)
+        assert_allclose(found, np.sort(eigenmodes(frame, 8)[0]), rtol=SAME_MODEL)
+
+
+def test_free_frequencies_agree_with_a_dense_solver(small, bodies):
+    """Nothing rigid: plain dense matrices of all freedoms, with tiny masses in the rotations."""
+    structure = small.structure()
+    mass = structure.mass.toarray() + np.diag(np.tile([0, 0, 0, 1e-7, 1e-7, 1e-7], len(structure.nodes)))
+    for node, body in bodies.items():
+        rows = slice(6 * node - 6, 6 * node)
+        mass[rows, rows] += body
+    inverse = eigh(mass, structure.stiffness.toarray() + mass, eigvals_only=True)[::-1]
+    dense = np.sqrt(1.0 / inverse[6:14] - 1.0) / (2 * np.pi)
+    assert_allclose(natural_frequencies(structure, 8, bodies), dense, rtol=SAME_MODEL)
+
+
+@over_supports
+def test_modal_models_are_above_all_finite_elements_and_fall(small, arms, bodies, support):
+    """Rayleigh: constraints raise every frequency. Attachment shapes make the model exact, modes do not."""
+    structure, clamped = small.structure(), support == "clamped"
+    exact = natural_frequencies(structure, 6, bodies, **SUPPORTS[support])
+    places = structure.positions[[node - 1 for node in GRASPS]]
+
+    def errors(modes):
+        dynamics = TrussDynamics(modes=modes, arms=arms, elastic_integrals=True)
+        return locked_frequencies(dynamics, np.ravel(ANGLES), clamped=clamped)[:6] / exact - 1.0
+
+    few, many = errors(small.modes(12, places)), errors(small.modes(83, places))
+    shapes = errors(component_modes(small, 60, places))
+    assert np.all(few >= many - ROUND_OFF)
+    assert np.all(many > -SAME_MODEL)
+    assert many.max() > 1e-3
+    assert -SAME_MODEL < shapes.min() <= shapes.max() < 1e-5
+    if not clamped:
+        assert np.all(natural_frequencies(structure, 6, bodies) < exact * (1.0 + ROUND_OFF))
+
+
+@pytest.mark.campaign
+@over_supports
+def test_the_mesh_is_fine_enough(support):
+    """Halving the elements moves no frequency of the paper's truss with robots by 0.05 %."""
+    frame, arm = TrussFrame.reconstructed(), RobotArm.jaco()
+    finer = replace(frame, elements_per_longeron=8, elements_per_edge=4)
+    body = locked_inertia(arm, arm.rest_angles)
+    corners = range(20, 24)
+    found = [
+        natural_frequencies(f.structure(), 6, dict.fromkeys(corners, body), **SUPPORTS[support])
+        for f in (frame, finer)
+    ]
+    assert_allclose(found[0], found[1], rtol=5e-4)
+
+
+def test_locked_frequencies_depend_on_the_posture_of_the_robots_alone(consistent, rng):
+    angles = rng.uniform(-2.0, 2.0, 28)
+    first, turned = (locked_frequencies(consistent, a) for a in (angles, angles + 2 * np.pi))
+    assert_allclose(first, turned, rtol=ROUND_OFF)
+    rest = np.concatenate([arm.rest_angles for arm in consistent.arms])
+    assert_allclose(locked_frequencies(consistent), locked_frequencies(consistent, rest), rtol=ROUND_OFF)
+    rigid = replace(consistent, modes=consistent.modes.rigid())
+    with pytest.raises(ModelError, match="a truss without modes is rigid"):
+        locked_frequencies(rigid)
+    for wrong in (
+        lambda: locked_frequencies(consistent, angles[:3]),
+        lambda: locked_inertia(consistent.arms[0], [0]),
+    ):
+        with pytest.raises(ModelError, match="joint_angles has shape"):
+            wrong()
+
+
+@pytest.mark.parametrize(
+    ("count", "options", "message"),
+    [
+        (0, {}, "cannot compute 0 natural frequencies of .*; choose 1 to 89"),
+        (90, {}, "cannot compute 90 natural frequencies"),
+        (84, {"clamped": FACE}, "choose 1 to 83"),
+        (3, {"bodies": {33: np.eye(6)}}, "there is no node 33 in .* 1 to 32"),
+        (3, {"clamped": [0]}, "there is no node 0"),
+    ],
+)
+def test_frequencies_that_there_are_not(small, count, options, message):
+    with pytest.raises(ModelError, match=message):
+        natural_frequencies(small.structure(), count, **options)
