@@ -51,9 +51,7 @@ class Study:
         self.points = 300 if quick else 600
         plants = {"published": SpaceTruss.published(), "consistent": SpaceTruss.consistent()}
         self.loops = {
-            f"{name}, {'no observer' if bandwidth is None else f'L = {bandwidth:g}'}": TrussLoop(
-                plant, bandwidth
-            )
+            f"{name}, {_observer(bandwidth)}": TrussLoop(plant, bandwidth)
             for (name, plant), bandwidth in product(plants.items(), (None, 4.0))
         }
         self.plants = plants
@@ -75,7 +73,7 @@ class Study:
             file = self.folder / f"bode_{1000 * damping:g}_{bandwidth or 0:g}.png"
             modal_bode(loop.diagram, "truss.modal_force", amplitude=loop.amplitude).savefig(file)
             yield (
-                f"Loops at the modal forces: Eq. 64, {100 * damping:g} %, L = {bandwidth}",
+                f"Loops at the modal forces: Eq. 64, {100 * damping:g} %, {_observer(bandwidth)}",
                 self.modal_margins(loop),
             )
         yield from self.poles()
@@ -137,14 +135,12 @@ class Study:
         """Yield the rightmost oscillating poles of linear laws."""
         undamped = SpaceTruss.consistent(damping=0.0)
         loops = {
-            f"Eq. 64 with modal work, undamped, L = {bandwidth}": TrussLoop(
+            f"Eq. 64 with modal work, undamped, {_observer(bandwidth)}": TrussLoop(
                 undamped, bandwidth, allocation="published", linear=True
             )
             for bandwidth in (None, 2.0, 4.0)
         }
-        loops |= {
-            f"{name}, L = 4.0": TrussLoop(plant, 4.0, linear=True) for name, plant in self.plants.items()
-        }
+        loops |= {f"{name}, L = 4": TrussLoop(plant, 4.0, linear=True) for name, plant in self.plants.items()}
         figure = Figure(figsize=(7, 6), layout="constrained")
         axes = figure.subplots()
         for name, loop in loops.items():
@@ -188,12 +184,16 @@ class Study:
         return text_table(header, rows)
 
 
+def _observer(bandwidth: float | None) -> str:
+    return "no observer" if bandwidth is None else f"L = {bandwidth:g}"
+
+
 def _row(m: Margins) -> list[str]:
-    down, up = (
-        f"{20 * np.log10(gain):.1f}" if 0 < gain < np.inf else "-" for gain in (m.gain_down, m.gain_up)
-    )
-    numbers = [f"{m.phase:.1f}", f"{1e3 * m.delay:.3g}", f"{m.disk:.2f}"]
-    return [m.channel, f"{m.crossover:.3g}", down, up, *numbers]
+    gains = [20 * np.log10(gain) if gain > 0 else -np.inf for gain in (m.gain_down, m.gain_up)]
+    numbers = [m.crossover, *gains, m.phase, 1e3 * m.delay, m.disk]
+    forms = (".3g", ".1f", ".1f", ".1f", ".3g", ".2f")
+    cells = [f"{v:{form}}" if np.isfinite(v) else "-" for v, form in zip(numbers, forms, strict=True)]
+    return [m.channel, *cells]
 
 
 def main(words: Sequence[str] | None = None) -> None:
