@@ -158,13 +158,13 @@ class Study:
         ratios = (0.0, 0.005, 0.02) if self.quick else (0.0, 0.0025, 0.005, 0.01, 0.02, 0.05)
         bandwidths = (0.0, 2.0, 4.0) if self.quick else (0.0, 1.0, 2.0, 4.0, 8.0, 16.0)
         numbers = (14,) if self.quick else (6, 10, 14, 20, 30)
-        figure, plots = blank(len(numbers), 3, width=10)
+        figure, plots = blank(len(numbers), 3, width=12)
         rows: list[list[str]] = []
         for number in numbers:
             for name, loop in state_matrices(truss_with(number)).items():
                 growth = loop.growth(ratios, bandwidths)
                 plot = plots[len(rows)]
-                limit = np.abs(growth).max()
+                limit = 1.5 * np.abs(growth).max()  # so that black numbers are readable
                 labels = [f"{L:g}" for L in bandwidths], [f"{100 * ratio:g}" for ratio in ratios]
                 draw_cells(plot, growth, "{:+.2f}".format, lambda _: False, *labels, vmin=-limit, vmax=limit)
                 plot.set(
