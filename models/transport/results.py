@@ -12,7 +12,7 @@ from trussflow.blocks.framework.types import Vector
 from trussflow.models.dynamics.task_space import seen_from, way_to
 from trussflow.models.geometry.attitude import EULER
 from trussflow.models.plant.space_truss import SpaceTruss
-from trussflow.models.truss.truss_modes import LINEAR
+from trussflow.models.truss.truss_modes import LINEAR_LIMIT
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -49,8 +49,8 @@ def tidy(result: xr.Dataset, truss: SpaceTruss) -> xr.Dataset:
     xarray.Dataset
         With axes robot, axis, angle, joint, mode and coordinate. Joints are counted robot by robot if all
         robots have as many, and otherwise named by both. The attribute `deflection` is that of
-        `TrussModes.deflection` [-]; above `LINEAR` there is a `SimulationWarning`, and where a joint leaves
-        its way.
+        `TrussModes.deflection` [-]. A deflection above `LINEAR_LIMIT`, or a joint beyond its limits, causes
+        a `SimulationWarning`.
 
     Notes
     -----
@@ -77,10 +77,10 @@ def tidy(result: xr.Dataset, truss: SpaceTruss) -> xr.Dataset:
         along = result["task_velocity"].dims
         result = result.assign({name: (along, np.array(values)) for name, values in errors.items()})
     bent = truss.dynamics.modes.deflection(result["modal_coordinate"].values)
-    if bent > LINEAR:
+    if bent > LINEAR_LIMIT:
         warn(
-            f"the truss bends by {bent:.2g} of its size or rad; above {LINEAR} its linear shapes are wrong "
-            "by more than 1 %, and what bends would become shorter: take the flight for a sign of trouble"
+            f"the truss bends by {bent:.2g} of its size or rad; above {LINEAR_LIMIT} the errors of linear shapes "
+            "exceed 1 %, without foreshortening: do not rely on the results; reduce the forces"
         )
     _warn_of_joints(result["task_position"].values[:, kind.end :], truss)
     found = xr.Dataset(attrs={**result.attrs, "deflection": bent}, coords={"time": result["time"]})

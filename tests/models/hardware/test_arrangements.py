@@ -39,7 +39,7 @@ def test_any_arrangement_carries_hardware(random_system, arrangement):
     """Without commands each keeps its place: all connected ports have equal units and sizes."""
     truss = SpaceTruss(random_system(*arrangement, elastic_integrals=True))
     if not truss.robots:
-        with pytest.raises(ModelError, match="has no robots, which carry the hardware"):
+        with pytest.raises(ModelError, match="has no robots, so there are no actuators"):
             wired(truss)
         return
     assert Hardware.flight().limits(truss).shape == (truss.actuators,)
