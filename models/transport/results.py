@@ -79,8 +79,8 @@ def tidy(result: xr.Dataset, truss: SpaceTruss) -> xr.Dataset:
     bent = truss.dynamics.modes.deflection(result["modal_coordinate"].values)
     if bent > LINEAR_LIMIT:
         warn(
-            f"the truss bends by {bent:.2g} of its size or rad; above {LINEAR_LIMIT} the errors of linear shapes "
-            "exceed 1 %, without foreshortening: do not rely on the results; reduce the forces"
+            f"the truss bends by {bent:.2g} of its size or rad; above {LINEAR_LIMIT} the errors of linear "
+            "shapes exceed 1 %, without foreshortening: do not rely on the results; reduce the forces"
         )
     _warn_of_joints(result["task_position"].values[:, kind.end :], truss)
     found = xr.Dataset(attrs={**result.attrs, "deflection": bent}, coords={"time": result["time"]})

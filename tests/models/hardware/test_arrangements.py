@@ -54,5 +54,5 @@ def test_drives_have_the_units_of_their_joints():
 
 
 def test_a_truss_without_robots_is_not_controlled(random_system):
-    with pytest.raises(ModelError, match="a truss without robots has nothing to be controlled by"):
+    with pytest.raises(ModelError, match="a truss without robots has no actuators"):
         MeanAxesLaw(random_system((), 3, elastic_integrals=True), MeanAxesDesign.shipped())
