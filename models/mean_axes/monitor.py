@@ -50,9 +50,9 @@ class ActuatorMonitor(MeanAxesBlock):
     If the largest statistic exceeds the threshold, the candidates are the parts common to all failures whose
     statistic exceeds a share of the largest one. A candidate in two consecutive samples is isolated as
     failed, permanently (the sample of the failure itself fits no failure). If the failures of a base and of
-    its robot cannot be distinguished yet, the base is isolated first. The transient of a failure can mimic failures of
-    others, so in a holdoff time only the same robot is tested. The failure of an inactive part is not
-    detectable until it is used.
+    its robot cannot be distinguished yet, the base is isolated first. The transient of a failure can mimic
+    failures of others, so in a holdoff time only the same robot is tested. The failure of an inactive part
+    is not detectable until it is used.
 
     Parameters
     ----------

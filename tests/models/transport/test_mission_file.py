@@ -117,7 +117,7 @@ def test_files_extend_others(tmp_path):
     assert (flown.title, flown.mission.duration) == ("slow", 90.0)
     assert_array_equal(flown.mission.position, [6.0, 6.0, 0.0])
     (tmp_path / "mine.toml").write_text('extends = "child.toml"\n', encoding="utf-8")
-    with pytest.raises(ModelError, match=r"child.toml: 'extends' leads back to child.toml"):
+    with pytest.raises(ModelError, match=r"child.toml: 'extends' is a cycle back to child.toml"):
         MissionFile.read(child)
 
 
