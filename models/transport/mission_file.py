@@ -21,7 +21,7 @@ from trussflow.blocks.simulation.solver import FIXED_STEP
 from trussflow.models.dynamics.task_space import moved
 from trussflow.models.feasibility import ActuatorLimits, survey
 from trussflow.models.feasibility.failures import single_failures
-from trussflow.models.feasibility.reach import EXACT
+from trussflow.models.feasibility.reach import RELATIVE_TOLERANCE
 from trussflow.models.hardware.hardware import Hardware
 from trussflow.models.hardware.measurement import derived_seed
 from trussflow.models.hardware.motors import JointDrives
@@ -207,7 +207,7 @@ class MissionFile:
         if refused and limited and requested < np.inf:
             with file.blamed("path", "duration"):
                 least = found.least_duration()
-            if least > mission.duration * (1.0 + EXACT):
+            if least > mission.duration * (1.0 + RELATIVE_TOLERANCE):
                 raise way.error(
                     "duration",
                     f"is {mission.duration:g} s, but the actuators need at least {least:.4g} s for this "
