@@ -1,4 +1,4 @@
-"""The physics: flexible truss, space robots, and their equations of motion."""
+"""Physical models: flexible truss, space robots, and their equations of motion."""
 
 from trussflow.models.dynamics.assembly import DynamicsTerms as DynamicsTerms
 from trussflow.models.dynamics.dynamics import TrussDynamics as TrussDynamics

@@ -1,7 +1,7 @@
-"""The error of the physics: data that no model can be built from."""
+"""Error of the models: data from which no model can be built."""
 
 from trussflow.blocks.framework.errors import TrussflowError
 
 
 class ModelError(TrussflowError, ValueError):
-    """The data of a truss, an arm or a system, or a file that holds them, cannot be used."""
+    """Invalid data of a truss, an arm or a system, or an invalid file with such data."""

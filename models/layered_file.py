@@ -1,4 +1,4 @@
-"""Parameter files that extend others: what one does not say is as in the next; values keep their place."""
+"""Parameter files that extend others: a value missing in one file is read from the next."""
 
 from __future__ import annotations
 
@@ -17,25 +17,25 @@ from trussflow.models.errors import ModelError
 from trussflow.models.parameter_files import ParameterTable, shipped_file
 
 EXTENDS = "extends"
-"""Names the next file: one beside this one, or a shipped one."""
+"""Key with the name of the next file: in the same folder, or shipped."""
 
 MISSPELLING_SIMILARITY = 0.75
-"""Similarity from which on an unknown key is taken for a missing one, misspelt, as of `difflib` [1]."""
+"""Least similarity by `difflib` at which an unknown key is a misspelling of a missing one [1]."""
 
 
 class Told(NamedTuple):
-    """One value as it was read.
+    """Value read from a file, with its origin.
 
     Attributes
     ----------
     key : str
         Table and key.
     value : str
-        As written.
+        Value as written.
     place : str
-        The file that says so.
+        File of the value.
     source : str
-        Its source; empty where none is given.
+        Source stated in the file; empty if there is none.
     """
 
     key: str
@@ -49,20 +49,20 @@ _PLACED, _QUOTED = re.compile(r"\[|[-.\w]+\.(toml|urdf)\b"), re.compile(r"'[^']*
 
 @dataclass(slots=True)
 class LayeredFile:
-    """A parameter file and those that it extends, the first that says something counts.
+    """Parameter file and those that it extends; the first file with a key has precedence.
 
     Attributes
     ----------
     layers : list of ParameterTable
-        Whole files.
+        Files, by precedence.
     folder : pathlib.Path
-        Of the first; files that it names are there.
+        Folder of the first file, to which file names in it are relative.
     told : dict
-        What was read so far, by table and key.
+        Values read so far, keyed by table and key.
     known : set
-        What was asked for so far, table and key.
+        Tables and keys requested so far.
     inner : dict
-        Names of tables that count more than others, by the names of those; see `within`.
+        Names of overriding tables, keyed by the names of the overridden ones; see `within`.
     """
 
     layers: list[ParameterTable]
@@ -80,21 +80,21 @@ class LayeredFile:
         Parameters
         ----------
         path : str or pathlib.Path
-            A TOML file.
+            TOML file.
         before : iterable of ParameterTable
-            What counts more, such as what a command line says.
+            Tables with higher precedence, such as command-line options.
         otherwise : str
-            What the file extends if it does not say; by default nothing.
+            File to extend if the first file has no `extends`; by default none.
 
         Raises
         ------
         ModelError
-            If a file cannot be read, or extends itself by others.
+            If a file cannot be read, or the files extend each other in a cycle.
         """
         layers, seen, place = list(before), [], Path(path)
         while True:
             if place.resolve() in seen:
-                raise ModelError(f"{Path(path).name}: {EXTENDS!r} leads back to {place.name}")
+                raise ModelError(f"{Path(path).name}: {EXTENDS!r} is a cycle back to {place.name}")
             seen.append(place.resolve())
             layers.append(ParameterTable.read(place))
             if EXTENDS in layers[-1]:
@@ -106,19 +106,19 @@ class LayeredFile:
             try:
                 place = beside if os.path.isfile(beside) else shipped_file(following)
             except ModelError as error:
-                raise layers[-1].error(EXTENDS, f"leads nowhere: {error}") from error
+                raise layers[-1].error(EXTENDS, f"names no file: {error}") from error
 
     def table(self, name: str) -> LayeredTable:
-        """Return a table: what all files say under that `name`."""
+        """Return the merged table `name` of all files."""
         return LayeredTable(self, self.inner.get(name, name), name)
 
     def named(self, key: str) -> str:
-        """Return a text under a `key` in no table."""
+        """Return the text of a top-level `key`."""
         layer = next((layer for layer in self.layers if key in layer), self.layers[0])
         return layer.text(key)
 
     def read_first(self, table: str, key: str, read: Callable[[ParameterTable], Any]) -> Any:
-        """Return what the first layer that has the `key` in its `table` says to `read`."""
+        """Return the result of `read` for the first layer with the `key` in its `table`."""
         layer = self.layer_of(table, key)
         if layer is None:
             raise self.missing(table, key)
@@ -131,28 +131,28 @@ class LayeredFile:
         return value
 
     def missing(self, table: str, *keys: str) -> ModelError:
-        """Return an error about `keys` that no file has in its `table`."""
-        for each in self.layers:  # a misspelling is the likeliest reason
+        """Return an error about `keys` that are missing in the `table` of all files."""
+        for each in self.layers:  # a misspelling is the most likely reason
             given = _part(each, table)
             unknown = [k for k in given.content if (table, k) not in self.known]
             for key in keys:
                 if near := difflib.get_close_matches(key, unknown, 1, MISSPELLING_SIMILARITY):
-                    return given.error(near[0], f"means nothing here; did you mean {key!r}?")
+                    return given.error(near[0], f"is an unknown key; did you mean {key!r}?")
         places = ", ".join(layer.place for layer in self.layers if layer.content)
-        return ModelError(f"[{table}] says no {' and no '.join(map(repr, keys))}, neither in {places}")
+        return ModelError(f"[{table}] has no {' and no '.join(map(repr, keys))} in any of {places}")
 
     def layer_of(self, table: str, key: str) -> ParameterTable | None:
-        """Return the first file that has a `key` in its `table`, if there is one."""
+        """Return the first file with a `key` in its `table`, or None."""
         self.known.add((table, key))
         return next((each for each in self.layers if key in _part(each, table)), None)
 
     def elements(self, name: str, count: int) -> list[LayeredTable]:
-        """Return `count` tables: those of an array of that `name`, or again and again the one for all.
+        """Return `count` tables: those of an array `name`, or the common table repeated.
 
         Raises
         ------
         ModelError
-            If there are more or fewer tables in an array.
+            If an array has another number of tables.
         """
         arrays = [layer for layer in self.layers if isinstance(layer.content.get(name), list)]
         for layer in arrays:
@@ -163,14 +163,14 @@ class LayeredFile:
         return [self.table(f"{name}[{k}]" if arrays else name) for k in range(count)]
 
     def within(self, name: str, *tables: str) -> LayeredFile:
-        """Return this file, with what a table `name` says in tables of its own before those `tables`."""
+        """Return this file with `tables` overridden by the sub-tables of the table `name`."""
         return replace(self, inner={table: f"{name}.{table}" for table in tables})
 
     @contextmanager
     def blamed(self, table: str = "", key: str = "") -> Iterator[None]:
-        """Have errors that begin with no file say where the key is that they speak of, by default `key`.
+        """Add file and line of the key to errors that name no file; the key is `key` by default.
 
-        It is one of this `table`, or of one that the error itself names.
+        Otherwise it is a key in the text of the error, of this `table` or of a table in that text.
         """
         try:
             yield
@@ -190,28 +190,28 @@ class LayeredFile:
             raise self.table(table).error(key, f"is refused: {said}") from error
 
     def refuse_tables(self, tables: Collection[str]) -> None:
-        """Raise if a file has a table or top-level key that is none of `tables`; propose the nearest."""
+        """Raise `ModelError` for a table or top-level key that is not in `tables`; propose the nearest."""
         for layer in self.layers:
             for name in layer.content:
                 if name not in tables:
-                    raise layer.error(name, f"is no key or table of a mission{_proposal(name, tables)}")
+                    raise layer.error(name, f"is not a key or table of a mission{_proposal(name, tables)}")
 
     def refuse_others(self) -> None:
-        """Raise if a file has a key that nobody has read; propose the nearest, or list all of its table."""
+        """Raise `ModelError` for a key that was not requested; propose the nearest, or list all."""
         tables = {table for table, _ in self.known}
         for layer, name in product(self.layers, sorted(tables)):
             part = _part(layer, name)
             keys = [key for table, key in self.known if table == name]
             for key in part.content:
                 if key not in keys and f"{name}.{key}" not in tables:
-                    raise part.error(key, f"means nothing here{_proposal(key, keys)}")
+                    raise part.error(key, f"is an unknown key{_proposal(key, keys)}")
 
 
 def _part(layer: ParameterTable, name: str) -> ParameterTable:
-    """Return a table of a file, empty if it is not there.
+    """Return a table of a file, empty if it is missing.
 
-    ``robots[1].wheels`` is the table ``wheels`` in the second of the array ``[[robots]]``; in a file with one
-    table ``[robots]`` in place of an array it is in that.
+    ``robots[1].wheels`` is the table ``wheels`` in the second table of the array ``[[robots]]``, or in the
+    table ``[robots]`` of a file without an array.
     """
     for step in name.split("."):
         key, _, number = step.partition("[")
@@ -223,23 +223,23 @@ def _part(layer: ParameterTable, name: str) -> ParameterTable:
 
 
 def _proposal(word: str, words: Collection[str]) -> str:
-    """Return the end of a message about an unknown word: the nearest of the `words`, or all."""
+    """Return the end of a message about an unknown word: the nearest of `words`, or all of them."""
     near = difflib.get_close_matches(word, words, 1)
     return f"; did you mean {near[0]!r}?" if near else f"; there are {', '.join(sorted(words))}"
 
 
 @dataclass(frozen=True, slots=True)
 class LayeredTable:
-    """One table of a `LayeredFile`, read as a `ParameterTable` is; see there for the methods.
+    """Table of a `LayeredFile`, with methods as of `ParameterTable`.
 
     Attributes
     ----------
     file : LayeredFile
-        Where it is.
+        File of the table.
     name : str
-        Its name.
+        Name of the table.
     general : str
-        Name of the table that says what this one leaves out; its own if there is none.
+        Name of the table with the defaults of this one; equal to `name` if there is none.
     """
 
     file: LayeredFile
@@ -250,20 +250,20 @@ class LayeredTable:
         return self.file.layer_of(self._place(key), key) is not None
 
     def _place(self, key: str) -> str:
-        """Return the table that says a `key`."""
+        """Return the name of the table with a `key`."""
         return self.name if self.file.layer_of(self.name, key) else self.general
 
     def _read(self, key: str, read: Callable[[ParameterTable], Any]) -> Any:
         return self.file.read_first(self._place(key), key, read)
 
     def error(self, key: str, what: str) -> ModelError:
-        """Return an error about a `key`, with its file and line; `what` is wrong with it."""
+        """Return an error about a `key` with its file and line; `what` describes the error."""
         place = self._place(key)
         layer = self.file.layer_of(place, key)
         return (_part(layer, place) if layer else self.file.layers[0]).error(key, what)
 
     def says(self, key: str, word: str) -> bool:
-        """Tell whether a `key` is that `word`."""
+        """Return whether the value of a `key` is that `word`."""
         return cast(bool, self._read(key, lambda table: table.content[key] == word))
 
     def text(self, key: str) -> str:
@@ -271,7 +271,7 @@ class LayeredTable:
         return cast(str, self._read(key, lambda table: table.text(key)))
 
     def choice(self, key: str, choices: Iterable[str]) -> str:
-        """Return one of several words, by its `key`; `choices` are what it may be."""
+        """Return the word of a `key`, which must be among `choices`."""
         return cast(str, self._read(key, lambda table: table.choice(key, choices)))
 
     def mapping(self, key: str) -> dict[str, Any]:

@@ -1,8 +1,8 @@
-"""Reading parameter files: TOML in which every value states its unit, and may state its source.
+"""Reading of parameter files: TOML files in which every value has a unit and, optionally, a source.
 
-A value is written ``mass = {value = 0.99, unit = "kg", source = "paper, Table 2"}``, as all that are
-shipped, or ``mass = "0.99 kg"``. The reader says what unit it expects: the first form in other units is
-refused, the second converted, so neither is misread.
+A value is ``mass = {value = 0.99, unit = "kg", source = "paper, Table 2"}``, as in all shipped files, or
+``mass = "0.99 kg"``. The reader states the expected unit. The first form must have this unit; the second is
+converted.
 """
 
 from __future__ import annotations
@@ -27,11 +27,11 @@ from trussflow.models.errors import ModelError
 from trussflow.models.validation import frozen_array
 
 _NUMBERS = re.compile(r"\s*(\[.*\]|[-+.\deE]*)\s*(.*?)\s*$", re.DOTALL)
-"""Numbers, and the unit behind them."""
+"""Pattern of numbers followed by a unit."""
 
 
 def shipped_file(name: str) -> Path:
-    """Return the path of a parameter file that comes with the package.
+    """Return the path of a shipped parameter file.
 
     Parameters
     ----------
@@ -45,7 +45,7 @@ def shipped_file(name: str) -> Path:
     Raises
     ------
     ModelError
-        If there is no such file; the message lists those there are.
+        If the file does not exist; the message lists the shipped files.
     """
     folder = Path(str(files("trussflow.models"))) / "parameters"
     path = folder / name
@@ -57,18 +57,18 @@ def shipped_file(name: str) -> Path:
 
 @dataclass(frozen=True, slots=True)
 class ParameterTable:
-    """One table of a parameter file, with the place it was found for error messages.
+    """Table of a parameter file, with its place for error messages.
 
     Attributes
     ----------
     content : mapping
-        The table as TOML gave it.
+        Content of the table, as parsed.
     place : str
         File and table, for example ``robot_arm_literal.toml, base``.
     written : str
-        The file, from the table's head on; by default errors name no lines.
+        Text of the file from the head of the table; without it, errors have no line numbers.
     line : int
-        On which that begins, less one [-].
+        Number of lines before that text [-].
     """
 
     content: Mapping[str, Any]
@@ -83,7 +83,7 @@ class ParameterTable:
         Parameters
         ----------
         path : str or pathlib.Path
-            A TOML file.
+            TOML file.
 
         Returns
         -------
@@ -100,21 +100,21 @@ class ParameterTable:
 
     @classmethod
     def shipped(cls, name: str) -> ParameterTable:
-        """Read a parameter file that comes with the package; see `shipped_file`."""
+        """Read a shipped parameter file; see `shipped_file`."""
         return cls.read(shipped_file(name))
 
     def only(self, *keys: str) -> None:
-        """Refuse what nobody would read: slips in names, and values that have no meaning here.
+        """Raise `ModelError` for unknown keys.
 
         Parameters
         ----------
         *keys : str
-            What the table may say.
+            Known keys of the table.
 
         Raises
         ------
         ModelError
-            If there is another key.
+            If the table has another key.
         """
         for key in self.content:
             if key not in keys:
@@ -126,7 +126,7 @@ class ParameterTable:
         Parameters
         ----------
         key : str
-            Its name.
+            Name of the key.
 
         Returns
         -------
@@ -135,7 +135,7 @@ class ParameterTable:
         Raises
         ------
         ModelError
-            If there is no table of that name.
+            If no table has that name.
         """
         found = self._find(key)
         if not isinstance(found, Mapping):
@@ -144,12 +144,12 @@ class ParameterTable:
         return self._below(found, f"{self.place}, {key}", rf"\[{above}{re.escape(key)}\]", 0)
 
     def tables(self, key: str) -> list[ParameterTable]:
-        """Return the tables of an array of tables, each headed ``[[key]]``.
+        """Return the tables of an array of tables with the heads ``[[key]]``.
 
         Parameters
         ----------
         key : str
-            The name in the double brackets.
+            Name in the double brackets.
 
         Returns
         -------
@@ -158,7 +158,7 @@ class ParameterTable:
         Raises
         ------
         ModelError
-            If there is no array of tables of that name.
+            If no array of tables has that name.
         """
         found = self._find(key)
         if not isinstance(found, list) or not all(isinstance(t, Mapping) for t in found):
@@ -167,7 +167,7 @@ class ParameterTable:
         return [self._below(t, f"{self.place}, {key}[{i}]", head, i) for i, t in enumerate(found)]
 
     def _below(self, content: Mapping[str, Any], place: str, head: str, number: int) -> ParameterTable:
-        """Return a table below this one, by the pattern of its `head` and which of those it is."""
+        """Return a sub-table by the pattern of its `head` and the `number` of that head."""
         heads = list(re.finditer(rf"^[ \t]*{head}", self.written, re.MULTILINE))
         start = heads[number].start() if len(heads) > number else len(self.written)
         return ParameterTable(
@@ -175,14 +175,14 @@ class ParameterTable:
         )
 
     def error(self, key: str, what: str) -> ModelError:
-        """Return an error about a key, with the line that it is on.
+        """Return an error about a key, with its line number.
 
         Parameters
         ----------
         key : str
-            Its name.
+            Name of the key.
         what : str
-            What is wrong with it.
+            Description of the error.
         """
         return ModelError(f"{self.place}: {key!r} {what}{self._line(key)}")
 
@@ -192,7 +192,7 @@ class ParameterTable:
         return f" (line {self.line + self.written[: found.start()].count(chr(10)) + 1})" if found else ""
 
     def listed(self) -> list[tuple[str, ...]]:
-        """Return place, value, unit and source of each value here and in the tables below, as text."""
+        """Return place, value, unit and source of all values, sub-tables included, as text."""
         found: list[tuple[str, ...]] = []
         for key, entry in self.content.items():
             if isinstance(entry, Mapping) and "value" in entry:
@@ -208,7 +208,7 @@ class ParameterTable:
         Parameters
         ----------
         key : str
-            Its name.
+            Name of the key.
 
         Returns
         -------
@@ -217,7 +217,7 @@ class ParameterTable:
         Raises
         ------
         ModelError
-            If it is missing or not text.
+            If the key is missing or its value is not text.
         """
         found = self._find(key)
         if not isinstance(found, str):
@@ -230,12 +230,12 @@ class ParameterTable:
         Parameters
         ----------
         key : str
-            Its name.
+            Name of the key.
 
         Raises
         ------
         ModelError
-            If it is missing or no whole number.
+            If the key is missing or its value is not a whole number.
         """
         found = self._find(key)
         if not isinstance(found, int) or isinstance(found, bool):
@@ -248,12 +248,12 @@ class ParameterTable:
         Parameters
         ----------
         key : str
-            Its name.
+            Name of the key.
 
         Raises
         ------
         ModelError
-            If it is missing, or neither text nor a list of texts.
+            If the key is missing, or its value is neither text nor a list of texts.
         """
         found = self._find(key)
         several = [found] if isinstance(found, str) else found
@@ -262,17 +262,17 @@ class ParameterTable:
         return several
 
     def rows(self, key: str) -> list[list[int]]:
-        """Return rows of whole numbers; a number by itself is a row.
+        """Return rows of whole numbers; a single number is a row.
 
         Parameters
         ----------
         key : str
-            Its name.
+            Name of the key.
 
         Raises
         ------
         ModelError
-            If it is missing, or no list of whole numbers and lists of them.
+            If the key is missing, or its value is not a list of whole numbers and lists of them.
         """
         found = self._find(key)
         rows = [one if isinstance(one, list) else [one] for one in found] if isinstance(found, list) else []
@@ -286,14 +286,14 @@ class ParameterTable:
         Parameters
         ----------
         key : str
-            Its name.
+            Name of the key.
         choices : iterable of str
-            What it may be.
+            Allowed words.
 
         Raises
         ------
         ModelError
-            If it is missing or none of these.
+            If the key is missing or its value is not allowed.
         """
         found, allowed = self.text(key), tuple(choices)
         if found not in allowed:
@@ -308,7 +308,7 @@ class ParameterTable:
         key : str
             Name of the value.
         unit : str
-            The unit it must be given in, for example ``"kg"``.
+            Required unit, for example ``"kg"``.
 
         Returns
         -------
@@ -317,12 +317,12 @@ class ParameterTable:
         Raises
         ------
         ModelError
-            If it is missing, lacks value, unit or source, has another unit, or is no number.
+            If the key, its value, unit or source is missing, or the unit or type is wrong.
         """
         return float(self.array(key, unit, ()))
 
     def scalars(self, **units: str) -> dict[str, Any]:
-        """Return several numbers by name, each with the unit it must be given in."""
+        """Return several numbers by name, each with its required unit."""
         return {key: self.scalar(key, unit) for key, unit in units.items()}
 
     def array(self, key: str, unit: str, shape: tuple[int | None, ...]) -> Vector:
@@ -333,9 +333,9 @@ class ParameterTable:
         key : str
             Name of the value.
         unit : str
-            The unit it must be given in, for example ``"kg*m^2"``.
+            Required unit, for example ``"kg*m^2"``.
         shape : tuple of int or None
-            Wanted shape; None stands for any length.
+            Required shape; None allows any length.
 
         Returns
         -------
@@ -344,8 +344,8 @@ class ParameterTable:
         Raises
         ------
         ModelError
-            If it is missing, lacks value, unit or source, has another unit or shape, or is
-            not made of finite numbers.
+            If the key, its value, unit or source is missing, the unit or shape is wrong, or a number
+            is not finite.
         """
         entry = self._find(key)
         if isinstance(entry, str):
@@ -368,7 +368,7 @@ class ParameterTable:
             raise ModelError(f"{error}{self._line(key)}") from error
 
     def _converted(self, key: str, text: str, unit: str) -> Any:
-        """Return the numbers of a text such as ``"[0, 0, 60] deg"``, in the wanted unit."""
+        """Return the numbers of a text such as ``"[0, 0, 60] deg"``, in the required unit."""
         number, given = _NUMBERS.match(text).groups()  # type: ignore[union-attr]  # it matches anything
         try:
             values = json.loads(number)

@@ -13,11 +13,11 @@ from trussflow.blocks.framework.types import Array, Vector
 from trussflow.blocks.framework.validation import finite_array
 from trussflow.models.errors import ModelError
 
-# Data printed with few digits can lie exactly on the limit (two links of Table 2 do), so the
-# triangle inequality is tested with this slack, relative to the largest principal inertia.
+# Tolerance of the triangle inequality, relative to the largest principal inertia. Rounded data can be
+# exactly on the limit, as those of two links of Table 2.
 _TRIANGLE_SLACK = 1e-9
 
-# A rotation matrix is accepted if R^T R differs from I by no more than this.
+# Tolerance of R^T R from the identity, and of the length of unit vectors.
 _ROTATION_SLACK = 1e-9
 
 
@@ -27,11 +27,11 @@ def frozen_array(what: str, values: Array, shape: tuple[int | None, ...]) -> Vec
     Parameters
     ----------
     what : str
-        What the array is, for the message, for example ``robot arm 'jaco': masses``.
+        Name of the array in messages, for example ``robot arm 'jaco': masses``.
     values : array-like
-        What was given.
+        Values to check.
     shape : tuple of int or None
-        The shape it must have; None stands for any length.
+        Required shape; None allows any length.
 
     Returns
     -------
@@ -47,7 +47,7 @@ def frozen_array(what: str, values: Array, shape: tuple[int | None, ...]) -> Vec
     except ParameterError as error:
         raise ModelError(str(error)) from None
     wanted = tuple(have if want is None else want for want, have in zip(shape, array.shape, strict=False))
-    # Not broadcast, as parameters of blocks are: one number for a whole table is a slip in the data.
+    # Unlike parameters of blocks, values are not broadcast: one number for a whole table is an error.
     if len(wanted) != len(shape) or wanted != array.shape:
         sizes = tuple("any" if n is None else n for n in shape)
         raise ModelError(f"{what} has shape {array.shape}; it must be {sizes}")
@@ -56,21 +56,21 @@ def frozen_array(what: str, values: Array, shape: tuple[int | None, ...]) -> Vec
 
 
 def check_choice(kind: str, name: object, known: Iterable[object]) -> None:
-    """Raise unless there is something of that name.
+    """Raise `ModelError` unless a name is among the known ones.
 
     Parameters
     ----------
     kind : str
-        What it would be, for the message.
+        Kind of the named object, for the message.
     name : object
-        What was asked for.
+        Name to check.
     known : iterable
-        The names there are.
+        Valid names.
 
     Raises
     ------
     ModelError
-        If it is none of them; the message lists them.
+        If the name is not valid; the message lists the valid ones.
     """
     names = list(known)
     if name not in names:
@@ -78,21 +78,21 @@ def check_choice(kind: str, name: object, known: Iterable[object]) -> None:
 
 
 def check_number(owner: str, *, zero: bool = False, **values: Any) -> None:
-    """Raise unless all `values` are finite numbers above 0, or from 0 on.
+    """Raise `ModelError` unless all `values` are finite and positive, or zero if allowed.
 
     Parameters
     ----------
     owner : str
-        What they belong to, for the message.
+        Owner of the values, for the message.
     zero : bool
-        Whether they may be 0.
+        Whether zero is allowed.
     **values : float
-        The numbers by name [any].
+        Numbers to check, by name [any].
 
     Raises
     ------
     ModelError
-        If one is not.
+        If a number is not finite or out of range.
     """
     for name, value in values.items():
         number = frozen_array(f"{owner}: {name}", value, ())
@@ -101,19 +101,19 @@ def check_number(owner: str, *, zero: bool = False, **values: Any) -> None:
 
 
 def unit_vectors(what: str, values: npt.ArrayLike) -> Vector:
-    """Return a read-only float copy of unit vectors, of which there must be some.
+    """Return a read-only float copy of unit vectors, at least one.
 
     Parameters
     ----------
     what : str
-        What one of them is, for the message.
+        Name of a vector in messages.
     values : array_like, shape (m, 3)
-        What was given [1].
+        Vectors to check [1].
 
     Raises
     ------
     ModelError
-        If there are none, or one has another length.
+        If there are no vectors, or a length is not 1.
     """
     vectors = frozen_array(what, values, (None, 3))
     lengths = np.linalg.norm(vectors, axis=1)
@@ -127,21 +127,21 @@ def unit_vectors(what: str, values: npt.ArrayLike) -> Vector:
 
 
 def central_inertia(mass: float, static_moment: Vector, inertia: Vector) -> Vector:
-    """Return the inertia about the centre of mass from the one about the origin.
+    """Return the inertia about the centre of mass from that about the origin.
 
     Parameters
     ----------
     mass : float
-        [kg].
+        Mass [kg].
     static_moment : array, shape (3,)
-        [kg·m].
+        Static moment about the origin [kg·m].
     inertia : array, shape (3, 3)
-        About the origin [kg·m²].
+        Inertia about the origin [kg·m²].
 
     Returns
     -------
     array, shape (3, 3)
-        [kg·m²].
+        Inertia about the centre of mass [kg·m²].
     """
     centre = static_moment / mass
     spread: Vector = mass * (centre @ centre * np.eye(3) - np.outer(centre, centre))
@@ -149,19 +149,19 @@ def central_inertia(mass: float, static_moment: Vector, inertia: Vector) -> Vect
 
 
 def check_rotation(owner: str, name: str, matrix: Vector) -> None:
-    """Raise unless a matrix is a rotation: orthogonal, with determinant +1.
+    """Raise `ModelError` unless a matrix is a rotation: orthogonal, with determinant +1.
 
     Parameters
     ----------
     owner, name : str
-        For the message: what the matrix belongs to, and its name.
+        Owner and name of the matrix, for the message.
     matrix : array, shape (3, 3)
-        What was given [1].
+        Matrix to check [1].
 
     Raises
     ------
     ModelError
-        If it is not.
+        If the matrix is not a rotation.
     """
     error = float(np.max(np.abs(matrix.T @ matrix - np.eye(3))))
     if error <= _ROTATION_SLACK and np.linalg.det(matrix) < 0.0:
@@ -175,26 +175,26 @@ def check_rotation(owner: str, name: str, matrix: Vector) -> None:
 def check_body(
     owner: str, name: str, mass: float, static_moment: Vector, inertia: Vector, *, thin: bool = False
 ) -> None:
-    """Raise unless mass, static moment and inertia are those of a possible rigid body.
+    """Raise `ModelError` unless mass, static moment and inertia are physically possible.
 
     Parameters
     ----------
     owner, name : str
-        For the message: what the body belongs to, and which one it is.
+        Owner and name of the body, for the message.
     mass : float
-        [kg].
+        Mass [kg].
     static_moment : array, shape (3,)
-        About the body's frame origin [kg·m].
+        Static moment about the origin of the body's frame [kg·m].
     inertia : array, shape (3, 3)
-        About the body's frame origin [kg·m²].
+        Inertia about the origin of the body's frame [kg·m²].
     thin : bool
-        Whether it may be a thin rod or a point, as parts of a body may.
+        Whether the body may be a thin rod or a point.
 
     Raises
     ------
     ModelError
-        If the mass is not positive, the inertia not symmetric, or the inertia about the
-        centre of mass not positive definite or against the triangle inequality.
+        If the mass is not positive or the inertia is not symmetric. Also if the inertia about the centre of
+        mass is not positive definite or violates the triangle inequality.
     """
     if not mass > 0.0:
         raise ModelError(f"{owner}: mass of {name} is {mass} kg; it must be positive")
@@ -209,6 +209,6 @@ def check_body(
     if large - small - middle > _TRIANGLE_SLACK * large:
         raise ModelError(
             f"{owner}: no rigid body has the inertia of {name}: its principal values about the "
-            f"centre of mass {small:.4g}, {middle:.4g}, {large:.4g} kg*m^2 break the triangle "
+            f"centre of mass {small:.4g}, {middle:.4g}, {large:.4g} kg*m^2 violate the triangle "
             "inequality; was it given about another point?"
         )

@@ -1,8 +1,8 @@
-"""Joining truss and robots into the equations of the whole system.
+"""Assembly of the equations of the whole system from the terms of truss and robots (Eqs. 21–24, 40–42).
 
-A robot meets the rest of the system only through the motion of its hand: its rows couple
-with the truss and the modes, and not with other robots. The matrices are written block by
-block, so that this arrow structure is there for a solver to use.
+A robot is coupled to the system only through the motion of its hand: its rows couple with
+truss and modes, not with other robots. The matrices are written block by block, so that a
+solver can use this arrow structure.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from trussflow.models.truss.truss_terms import TrussTerms
 
 
 class DynamicsTerms(NamedTuple):
-    r"""Everything one evaluation of the equations gives, for n coordinates and k robots.
+    r"""Terms of the equations of motion, for n speeds and k robots.
 
     Attributes
     ----------
@@ -47,16 +47,16 @@ class DynamicsTerms(NamedTuple):
 def assembled(
     truss: TrussTerms, hands: Sequence[HandMotion], robots: Sequence[ArmTerms], robot_masses: Sequence[float]
 ) -> DynamicsTerms:
-    r"""Return the equations of the whole system.
+    r"""Return the terms of the equations of the whole system.
 
     Parameters
     ----------
     truss : TrussTerms
-        Share of the truss, h modes.
+        Terms of the truss, h modes.
     hands : sequence of HandMotion
-        Motion of each robot's hand, :math:`\Phi_i` its ``modal_motion``.
+        Motion of each robot's hand, with ``modal_motion`` :math:`\Phi_i`.
     robots : sequence of ArmTerms
-        Share of each robot, in terms of the motion of its hand.
+        Terms of each robot, relative to the motion of its hand.
     robot_masses : sequence of float
         Mass of each robot [kg].
 
@@ -66,15 +66,15 @@ def assembled(
 
     Notes
     -----
-    A hand's motion is :math:`[I, \Phi_i]` times (truss motion, modal rates), so robot i with
+    The motion of a hand is :math:`[I, \Phi_i]` times (truss motion, modal rates). So robot i with
     the composite inertia :math:`I_i`, coupling :math:`F_i` and root bias :math:`f_i` adds
     :math:`I_i`, :math:`I_i\Phi_i`, :math:`\Phi_i^T I_i \Phi_i` to the blocks of truss and
-    modes, :math:`F_i`, :math:`F_i\Phi_i` beside its own block, and :math:`f_i`,
-    :math:`\Phi_i^T f_i` to the bias.
+    modes, and :math:`f_i`, :math:`\Phi_i^T f_i` to the bias. Its rows of coupling are
+    :math:`F_i` and :math:`F_i\Phi_i`.
 
     References
     ----------
-    Li, Wei, Chen (2026), Eqs. 21–24 and 42.
+    Li, Wei, Chen (2026), Eqs. 21–24 and 40–42; see docs/notation.md.
     """
     root, coupling = truss.root, truss.coupling
     modal = np.eye(truss.modal_bias.shape[0])
@@ -82,10 +82,10 @@ def assembled(
     for hand, robot, mass in zip(hands, robots, robot_masses, strict=True):
         inertia = inertia_matrix(SpatialInertia(mass, robot.static_moment, robot.inertia))
         carried = inertia @ hand.modal_motion
-        root = root + inertia
+        root = root + inertia  # Eq. 22, as are the next two
         coupling = coupling + carried
         modal = modal + hand.modal_motion.T @ carried
-        root_bias = root_bias + robot.root_bias
+        root_bias = root_bias + robot.root_bias  # Eq. 23
         modal_bias = modal_bias + hand.modal_motion.T @ robot.root_bias
     own = [robot.mass_matrix for robot in robots]
     to_root = [robot.root_coupling for robot in robots]
@@ -106,7 +106,7 @@ def assembled(
 
 
 def _actuation_matrix(hands: Sequence[HandMotion], robots: Sequence[ArmTerms]) -> Array:
-    """Return P_Q: base forces and torques act on everything, joint torques on their joints."""
+    """Return P_Q (Eq. 41): base forces act on all coordinates, a joint torque on its own joint."""
     wrenches = [_base_wrenches(robot) for robot in robots]
     on_joints = [robot.screws @ w for robot, w in zip(robots, wrenches, strict=True)]
     on_modes = [hand.modal_motion.T @ w for hand, w in zip(hands, wrenches, strict=True)]
@@ -119,13 +119,13 @@ def _actuation_matrix(hands: Sequence[HandMotion], robots: Sequence[ArmTerms]) -
 
 
 def _base_wrenches(robot: ArmTerms) -> Array:
-    """Return the spatial forces of unit forces and torques on the base's centroid, (6, 6)."""
+    """Return the spatial forces of unit forces and torques at the base's centroid (Eq. 40), (6, 6)."""
     rotation = robot.base_rotation
     lever = cross_matrix(robot.base_position) @ rotation
     return np.block([[rotation, np.zeros((3, 3))], [lever, rotation]])
 
 
 def _diagonal_row(blocks: Sequence[Array], i: int) -> list[Array]:
-    """Return row i of a block-diagonal matrix: block i, zeros beside it."""
+    """Return row i of a block-diagonal matrix."""
     height = blocks[i].shape[0]
     return [b if j == i else np.zeros((height, b.shape[1])) for j, b in enumerate(blocks)]

@@ -23,7 +23,7 @@ from trussflow.models.truss.truss_terms import truss_terms
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class TrussDynamics:
-    r"""A flexible truss with one robot at each grasp point, floating freely; there may be none.
+    r"""Equations of motion of a free-floating flexible truss with one robot at each grasp point, if any.
 
     .. math:: M(q)\,\dot v = P_Q(q)\,Q + F^E - F^{I,nl}(q, v), \qquad \dot q = N(q)\,v
 
@@ -37,26 +37,31 @@ class TrussDynamics:
     Attributes
     ----------
     modes : TrussModes
-        The truss; any number of modes, none included.
+        Modes of the truss, zero or more.
     arms : tuple of RobotArm
-        One per grasp point; they may differ.
+        One arm per grasp point; they may differ.
     elastic_integrals : bool
-        False: the published equations, in which the elastic displacement is left out of the
-        integrals over the truss and a hand turns at the rate :math:`R_i\dot\tau`. True: the
-        exact equations of the same kinematics, which conserve energy and momentum.
+        False: the published equations. They omit the elastic displacement in the integrals over the
+        truss, and a hand turns at the rate :math:`R_i\dot\tau`. True: the exact equations of the same
+        kinematics, which conserve energy and momentum.
     attitude : AttitudeCoordinates
-        `EULER`, the source's, or `QUATERNION`, with which the truss may turn any way.
+        `EULER` as in the paper, or `QUATERNION` without singularities.
     groups : tuple of tuple of int
         Derived: indices of equal arms, which share one compiled kernel.
 
     Raises
     ------
     ModelError
-        If there is not one arm per grasp point.
+        If the number of arms differs from that of grasp points.
+
+    Notes
+    -----
+    The terms of a robot come from the recursive Newton–Euler algorithm (bias) and the composite-rigid-body
+    algorithm (mass matrix), see `arm_terms`. docs/notation.md relates them to the paper's equations.
 
     References
     ----------
-    Li, Wei, Chen (2026), Eqs. 2–42.
+    Li, Wei, Chen (2026), Eqs. 2–42. Featherstone (2008), *Rigid Body Dynamics Algorithms*, chapters 5, 6.
     """
 
     modes: TrussModes
@@ -85,22 +90,22 @@ class TrussDynamics:
 
     @property
     def joint_data(self) -> tuple[Joint, ...]:
-        """What joints they are, robot by robot."""
+        """Joints of all robots, robot by robot."""
         return tuple(joint for arm in self.arms for joint in arm.joint_data)
 
     @property
     def rigid_coordinates(self) -> int:
-        """Number of coordinates that are not modal: `rigid_freedoms`, or with a quaternion one more."""
+        """Number of rigid coordinates: `rigid_freedoms`, one more with a quaternion."""
         return self.attitude.end + self.joints
 
     @property
     def coordinates(self) -> int:
-        """Number of coordinates: `freedoms`, or with a quaternion one more."""
+        """Number of coordinates: `freedoms`, one more with a quaternion."""
         return self.rigid_coordinates + self.modes.modes
 
     @property
     def rigid_freedoms(self) -> int:
-        """Number of speeds that are not modal, 6 + joints."""
+        """Number of rigid speeds, 6 + joints."""
         return 6 + self.joints
 
     @property
@@ -120,16 +125,16 @@ class TrussDynamics:
         return np.concatenate([np.zeros(3), self.attitude.rest, *angles, np.zeros(self.modes.modes)])
 
     def evaluate(self, q: Array, v: Array, truss: ModalData | None = None) -> DynamicsTerms:
-        r"""Return mass matrix, bias and actuation matrix together; they share all work.
+        r"""Return mass matrix, bias and actuation matrix, which share their intermediate results.
 
         Parameters
         ----------
         q : array, shape (n,)
-            Coordinates. Position and attitude do not matter here.
+            Coordinates. Position and attitude have no effect.
         v : array, shape (n,)
             Speeds.
         truss : ModalData, optional
-            Data of as many modes and grasps; by default the truss's own.
+            Data of as many modes and grasp points; by default those of `modes`.
 
         Returns
         -------
@@ -160,7 +165,7 @@ class TrussDynamics:
         return assembled(own, hands, robots, [arm.mass for arm in self.arms])
 
     def mass_matrix(self, q: Array) -> Array:
-        """Return the mass matrix; if more is needed, `evaluate` gives it at no more cost.
+        """Return the mass matrix; `evaluate` returns all terms at the same cost.
 
         Parameters
         ----------
@@ -202,7 +207,7 @@ class TrussDynamics:
         Returns
         -------
         array, shape (n, actuators)
-            :math:`P_Q` (Li, Wei, Chen 2026, Eq. 42).
+            :math:`P_Q` (Li, Wei, Chen 2026, Eq. 41).
         """
         return self.evaluate(q, np.zeros(self.freedoms)).actuation_matrix
 
@@ -211,7 +216,7 @@ class TrussDynamics:
 
         .. math:: \dot r_t = R_t v_t, \qquad \dot\Theta_t = A^{-1} \omega_t
 
-        and for quaternions as `Quaternion` says.
+        with :math:`A^{-1}` of the Euler angles; see `Quaternion` for quaternions.
 
         Parameters
         ----------
@@ -223,7 +228,7 @@ class TrussDynamics:
         Returns
         -------
         array, shape (n,)
-            Euler angles are singular where :math:`\cos\phi = 0`.
+            :math:`\dot q`; Euler angles are singular where :math:`\cos\phi = 0`.
 
         Raises
         ------
@@ -254,9 +259,9 @@ class TrussDynamics:
         v : array, shape (n,)
             Speeds.
         frequency : array, shape (h,), optional
-            Natural frequencies [Hz]; by default the truss's own.
+            Natural frequencies [Hz]; by default those of `modes`.
         damping_ratio : array, shape (h,), optional
-            Fractions of critical damping [1]; by default the truss's own.
+            Damping ratios [1]; by default those of `modes`.
 
         Returns
         -------
@@ -330,8 +335,8 @@ class TrussDynamics:
         Notes
         -----
         The first six rows of M v are the momentum about :math:`O_t` in truss axes. With
-        ``elastic_integrals=False`` they lack the elastic displacement, and are conserved only
-        as far as it is negligible.
+        ``elastic_integrals=False`` they omit the elastic displacement, so that momentum is conserved
+        only approximately.
         """
         self._check_sizes(v=v)
         about_truss = self.mass_matrix(q)[:6] @ v
@@ -347,12 +352,12 @@ class TrussDynamics:
         q : array, shape (n,)
             Coordinates.
         truss : ModalData, optional
-            By default the truss's own.
+            Data of the truss; by default those of `modes`.
 
         Returns
         -------
         array, shape (k, 3)
-            In the truss frame [m].
+            Displacements in the truss frame [m].
 
         Raises
         ------
@@ -375,7 +380,7 @@ class TrussDynamics:
                 )
 
     def _robots(self, hands: list[HandMotion], angles: Array, rates: Array) -> list[ArmTerms]:
-        """Return the terms of every robot; equal robots share one kernel."""
+        """Return the terms of every robot; equal robots share one compiled kernel."""
         ends = np.cumsum([arm.joints for arm in self.arms]).tolist()
         spans = [slice(end - arm.joints, end) for arm, end in zip(self.arms, ends, strict=True)]
         motions = [

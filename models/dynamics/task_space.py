@@ -1,9 +1,9 @@
-r"""Task space: the rigid motion as a controller states it, whatever the attitude's coordinates.
+r"""Task space: rigid motion for controllers, with any attitude coordinates.
 
-Positions :math:`x_1` are the rigid coordinates themselves; rates, accelerations, forces and errors have six
-numbers for the truss, along inertial axes and of the attitude's task coordinates, and one for each joint.
-Rates are :math:`J_g x_2`, for Euler angles :math:`\dot x_1` (Li, Wei, Chen 2026, Eq. 44); :math:`J_g` is made
-of the rotation and of the inverse of `AttitudeCoordinates.rate_matrix`.
+Positions :math:`x_1` are the rigid coordinates. Rates, accelerations, forces and errors have three components
+in inertial axes, three of the attitude's task coordinates, and one per joint. Rates are :math:`J_g x_2`, for
+Euler angles :math:`\dot x_1` (Li, Wei, Chen 2026, Eqs. 44 and 45). :math:`J_g` consists of the rotation and
+the inverse of `AttitudeCoordinates.rate_matrix`.
 """
 
 from __future__ import annotations
@@ -15,16 +15,16 @@ from trussflow.models.geometry.attitude import AttitudeCoordinates
 
 
 def task_velocity(kind: AttitudeCoordinates, position: Array, speeds: Array) -> Array:
-    r"""Return :math:`J_g x_2`.
+    r"""Return the task velocity :math:`J_g x_2`.
 
     Parameters
     ----------
     kind : AttitudeCoordinates
-        Of the attitude.
+        Attitude coordinates of the truss.
     position : array
-        Coordinates, of which those of the truss count [m, unit of the attitude].
+        Coordinates; only those of the truss are used [m, unit of the attitude].
     speeds : array, shape (m,)
-        :math:`x_2`, truss velocities in truss axes [m/s, rad/s].
+        :math:`x_2`, with truss velocities in truss axes [m/s, rad/s].
     """
     attitude = position[3 : kind.end]
     linear = kind.rotation(attitude) @ speeds[:3]
@@ -33,17 +33,16 @@ def task_velocity(kind: AttitudeCoordinates, position: Array, speeds: Array) -> 
 
 
 def to_body(kind: AttitudeCoordinates, position: Array, task: Array) -> Array:
-    r"""Return :math:`J_g^{-1} y`, task-space rates in the axes of the generalized speeds.
+    r"""Return :math:`J_g^{-1} y`, task rates in the axes of the generalized speeds.
 
     Parameters
     ----------
     kind : AttitudeCoordinates
-        Of the attitude.
+        Attitude coordinates of the truss.
     position : array
-        Coordinates, of which those of the truss count [m, unit of the attitude].
+        Coordinates; only those of the truss are used [m, unit of the attitude].
     task : array, shape (m,)
-        Components along inertial axes, of the attitude, and of joints; of a rate or, without
-        the drift, of an acceleration.
+        Task rate, or task acceleration without the drift [m/s, rad/s; m/s², rad/s²].
     """
     attitude = position[3 : kind.end]
     linear = kind.rotation(attitude).T @ task[:3]
@@ -60,11 +59,11 @@ def task_drift(kind: AttitudeCoordinates, position: Array, speeds: Array) -> Arr
     Parameters
     ----------
     kind : AttitudeCoordinates
-        Of the attitude.
+        Attitude coordinates of the truss.
     position : array
-        Coordinates, of which those of the truss count [m, unit of the attitude].
+        Coordinates; only those of the truss are used [m, unit of the attitude].
     speeds : array, shape (m,)
-        :math:`x_2`, truss velocities in truss axes [m/s, rad/s].
+        :math:`x_2`, with truss velocities in truss axes [m/s, rad/s].
     """
     attitude = position[3 : kind.end]
     linear = kind.rotation(attitude) @ np.cross(speeds[3:6], speeds[:3])
@@ -72,16 +71,16 @@ def task_drift(kind: AttitudeCoordinates, position: Array, speeds: Array) -> Arr
 
 
 def task_force_to_body(kind: AttitudeCoordinates, position: Array, force: Array) -> Array:
-    r"""Return :math:`J_g^T f`, the generalized force that does the same work as a task force.
+    r"""Return :math:`J_g^T f`, the generalized force with the same power as a task force.
 
     Parameters
     ----------
     kind : AttitudeCoordinates
-        Of the attitude.
+        Attitude coordinates of the truss.
     position : array
-        Coordinates, of which those of the truss count [m, unit of the attitude].
+        Coordinates; only those of the truss are used [m, unit of the attitude].
     force : array, shape (m,)
-        Inertial force [N], moments conjugate to the attitude [N·m], joint torques [N·m].
+        Force in inertial axes [N], moments conjugate to the attitude [N·m], joint torques [N·m].
     """
     attitude = position[3 : kind.end]
     linear = kind.rotation(attitude).T @ force[:3]
@@ -90,16 +89,16 @@ def task_force_to_body(kind: AttitudeCoordinates, position: Array, force: Array)
 
 
 def moved(kind: AttitudeCoordinates, position: Array, way: Array) -> Array:
-    """Return the position after a way of any size in task coordinates.
+    """Return the position after a displacement of any size in task coordinates.
 
     Parameters
     ----------
     kind : AttitudeCoordinates
-        Of the attitude.
+        Attitude coordinates of the truss.
     position : array
         Rigid coordinates [m, unit of the attitude, rad].
     way : array, shape (m,)
-        Displacement, turn as `AttitudeCoordinates.turned` takes it, and changes of joints [m, rad].
+        Displacement, turn (see `AttitudeCoordinates.turned`), and changes of joint angles [m, rad].
     """
     k = kind.end
     attitude = kind.turned(position[3:k], way[3:6])
@@ -107,26 +106,26 @@ def moved(kind: AttitudeCoordinates, position: Array, way: Array) -> Array:
 
 
 def normalized(kind: AttitudeCoordinates, position: Array) -> Array:
-    """Return a position of which the attitude was summed up from small changes.
+    """Return a position with its attitude normalized, after integration.
 
     Parameters
     ----------
     kind : AttitudeCoordinates
-        Of the attitude.
+        Attitude coordinates of the truss.
     position : array
-        Rigid coordinates, nearly [m, unit of the attitude, rad].
+        Rigid coordinates before normalization [m, unit of the attitude, rad].
     """
     k = kind.end
     return np.concatenate([position[:3], kind.normalized(position[3:k]), position[k:]])
 
 
 def way_to(kind: AttitudeCoordinates, position: Array, goal: Array) -> Array:
-    """Return in task coordinates where a goal is, seen from a position: their difference.
+    """Return the difference of a goal and a position, in task coordinates.
 
     Parameters
     ----------
     kind : AttitudeCoordinates
-        Of the attitude.
+        Attitude coordinates of the truss.
     position, goal : array
         Rigid coordinates [m, unit of the attitude, rad].
     """
@@ -138,20 +137,20 @@ def way_to(kind: AttitudeCoordinates, position: Array, goal: Array) -> Array:
 def seen_from(
     kind: AttitudeCoordinates, position: Array, speeds: Array, goal: Array, rate: Array, acceleration: Array
 ) -> tuple[Array, Array]:
-    """Return in task coordinates how fast and how steeply a goal moves, seen from a position.
+    """Return rate and acceleration of a goal in the task coordinates of a position.
 
     Parameters
     ----------
     kind : AttitudeCoordinates
-        Of the attitude.
+        Attitude coordinates of the truss.
     position : array
         Rigid coordinates [m, unit of the attitude, rad].
     speeds : array, shape (m,)
-        :math:`x_2`, of which the angular velocity counts [m/s, rad/s].
+        :math:`x_2`; only the angular velocity is used [m/s, rad/s].
     goal : array
-        Rigid coordinates wanted [m, unit of the attitude, rad].
+        Desired rigid coordinates [m, unit of the attitude, rad].
     rate, acceleration : array, shape (m,)
-        Of the goal, in its task coordinates [m/s, rad/s; m/s², rad/s²].
+        Motion of the goal in its own task coordinates [m/s, rad/s; m/s², rad/s²].
     """
     k = kind.end
     both = kind.carried(position[3:k], speeds[3:6], goal[3:k], rate[3:6], acceleration[3:6])
@@ -165,14 +164,15 @@ def seen_from(
 def task_motion(
     kind: AttitudeCoordinates, position: Array, rate: Array, change: Array
 ) -> tuple[Array, Array, Array]:
-    """Return position, and its rate and acceleration in task coordinates, from coordinates that move.
+    """Return position, task rate and task acceleration from coordinates and their derivatives.
 
     Parameters
     ----------
     kind : AttitudeCoordinates
-        Of the attitude.
+        Attitude coordinates of the truss.
     position, rate, change : array
-        Rigid coordinates, nearly, and their derivatives [m, unit of the attitude, rad; 1/s, 1/s² of these].
+        Rigid coordinates before normalization, first and second derivative [m, unit of the attitude, rad; per
+        s, per s²].
     """
     k, numbers = kind.end, (position, rate, change)
     turning = kind.motion(position[3:k], rate[3:k], change[3:k])

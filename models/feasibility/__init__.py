@@ -1,4 +1,4 @@
-"""What limited and failing actuators can do: missions, directions and attitudes, by linear programmes."""
+"""Feasibility of paths with limited and failed actuators, by linear programmes."""
 
 from trussflow.models.feasibility.attitude import FlightAttitude as FlightAttitude
 from trussflow.models.feasibility.attitude import attitude_along as attitude_along

@@ -1,12 +1,12 @@
-r"""The attitude in which a truss is flown best: which way to accelerate, seen from it, if anything may fail.
+r"""Optimal attitude of the truss for a straight path: the largest acceleration after any single failure.
 
-Without turning, the accelerations :math:`a` within reach after every one of some failures f,
+Without rotation, the feasible accelerations :math:`a` after each of some failures f,
 
 .. math:: G\,(a, 0) = P\,Q_f, \qquad |Q_{f,k}| \le l_{f,k} \quad\text{for all } f,
 
-are a convex polytope around zero, and the best direction is that of its farthest corner. From each of a grid
-of directions d a climb finds a corner: the one farthest along d, then, with d towards that, again, until none
-is farther. Each step is a linear programme, and leads at least as far as the one before.
+are a convex polytope around zero. The optimal direction is that of its farthest vertex. An ascent from each
+of a grid of directions d finds the vertex farthest along d, sets d to its direction, and repeats until the
+distance does not increase. Each step is a linear programme and does not decrease the distance.
 """
 
 from __future__ import annotations
@@ -25,9 +25,9 @@ from trussflow.models.dynamics.dynamics import TrussDynamics
 from trussflow.models.errors import ModelError
 from trussflow.models.feasibility.failures import ActuatorLimits, Failure, single_failures
 from trussflow.models.feasibility.reach import (
-    EXACT,
     INFEASIBLE,
     LEAST_COSINE,
+    RELATIVE_TOLERANCE,
     SOLVED,
     bounds_of,
     columns,
@@ -38,18 +38,18 @@ from trussflow.models.validation import frozen_array
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class FlightAttitude:
-    """An attitude to fly a path in.
+    """Optimal attitude for a path.
 
     Attributes
     ----------
     direction : Vector, shape (3,)
-        Of the displacement, in truss axes [1].
+        Direction of the displacement, in truss axes [1].
     attitude : Vector, shape (3,)
-        3-1-2 Euler angles in which that is the direction of the path, by the smallest turn [rad].
+        3-1-2 Euler angles of the smallest rotation to that direction [rad].
     acceleration : float
-        The largest along it that is within reach after every failure [m/s²].
+        Largest feasible acceleration along the path after each failure [m/s²].
     least_duration : float
-        Of the path, in that attitude, after every failure [s].
+        Least duration of the path in that attitude after each failure [s].
     """
 
     direction: Vector
@@ -67,23 +67,23 @@ def best_attitude(
     normal: npt.ArrayLike = (0.0, 0.0, 0.0),
     directions: int = 64,
 ) -> FlightAttitude:
-    """Return the attitude in which a path is flown fastest if each of some failures must be survived.
+    """Return the attitude with the least duration of a path that is feasible after each failure.
 
     Parameters
     ----------
     dynamics : TrussDynamics
-        Truss and robots; modes do not matter.
+        Truss and robots; modes are ignored.
     path : Quintic
-        Without turning; its joints count, and its attitude at the start does not.
+        Path without rotation; its joint angles are used, its initial attitude is not.
     limits : ActuatorLimits
-        Of what works.
+        Limits of healthy actuators.
     failures : sequence of Failure, optional
-        By default none, and then each single failure.
+        Failures; by default none and each single failure.
     normal : array_like, shape (3,)
-        Only directions perpendicular to it, in truss axes, are looked at: with that of x, turns about body x
-        suffice for a path along body y or z [1]. By default all directions.
+        Normal, in truss axes, of the considered directions [1]. With the x axis, rotations about body x
+        suffice for a path along body y or z. By default all directions are considered.
     directions : int
-        From how many, spread over half the sphere, to climb [-].
+        Number of initial directions of the ascent, distributed over half the sphere [-].
 
     Returns
     -------
@@ -92,19 +92,19 @@ def best_attitude(
     Raises
     ------
     ModelError
-        As `survey`, and if the path turns the truss or moves joints, or the attitude is a singular one.
+        If `survey` raises, the path rotates the truss or moves joints, or the attitude is singular.
     """
     from scipy.optimize import linprog
 
     failures = single_failures(dynamics) if failures is None else failures
     if not failures or not is_whole(directions) or directions < 1:
-        raise ModelError("an attitude is sought for one failure or more, and from one direction or more")
+        raise ModelError("`failures` must have at least one element, and `directions` must be at least 1")
     demands = demands_of(dynamics, path, 2)
     displacement = path.parameters["displacement"][:3]
     way = float(np.linalg.norm(displacement))
     if np.any(path.parameters["displacement"][3:]) or not way:
-        raise ModelError("the path must move the truss, without turning it or its joints")
-    (demand,) = demands  # all of a straight path are alike
+        raise ModelError("the path must move the truss, without rotation of truss or joints")
+    (demand,) = demands  # the demands of a straight path differ by a factor only
     matrices = [columns(demand, failure) for failure in failures]
     limit = [np.full(matrix.shape[1], np.inf) for matrix in matrices]
     for each, failure in zip(limit, failures, strict=True):
@@ -125,13 +125,13 @@ def best_attitude(
     best = np.zeros(3)
     for direction in _half_sphere(directions):
         length, corner = 0.0, farthest(direction)
-        while np.linalg.norm(corner) > (1.0 + EXACT) * length:
+        while np.linalg.norm(corner) > (1.0 + RELATIVE_TOLERANCE) * length:
             length = float(np.linalg.norm(corner))
             corner = farthest(corner / length)
         best = max(best, corner, key=lambda each: float(np.linalg.norm(each)))
     acceleration = float(np.linalg.norm(best))
     if acceleration == 0.0:
-        raise ModelError("there is no direction in which each of the failures is survived; leave some out")
+        raise ModelError("no direction is feasible after each of the failures; omit some failures")
     best = best if best @ displacement > 0.0 else -best
     return FlightAttitude(
         direction=best / acceleration,
@@ -142,22 +142,21 @@ def best_attitude(
 
 
 def attitude_along(direction: npt.ArrayLike, displacement: npt.ArrayLike, *, spin: float = 0.0) -> Vector:
-    """Return the attitude in which a displacement points along a direction of the truss.
+    """Return the attitude in which a displacement is along a direction of the truss.
 
     Parameters
     ----------
     direction : array_like, shape (3,)
-        In truss axes; any length but 0 [any].
+        Direction in truss axes, of any length except 0 [any].
     displacement : array_like, shape (3,)
-        In inertial axes [m].
+        Displacement in inertial axes [m].
     spin : float
-        The attitude is turned by as much about the displacement, beyond the smallest turn from zero that
-        will do [rad].
+        Additional rotation about the displacement, after the smallest rotation from zero attitude [rad].
 
     Returns
     -------
     Vector, shape (3,)
-        3-1-2 Euler angles [rad], as `SpaceTruss.turned` takes them.
+        3-1-2 Euler angles for `SpaceTruss.turned` [rad].
 
     Raises
     ------
@@ -176,15 +175,15 @@ def attitude_along(direction: npt.ArrayLike, displacement: npt.ArrayLike, *, spi
     rotation = Rotation.from_rotvec(spin * way / np.linalg.norm(way)) * smallest
     if np.hypot(*rotation.as_matrix()[2, ::2]) < LEAST_COSINE:
         raise ModelError(
-            "in the attitude asked for the Euler angles are singular, φ being ±90°; turn it about the "
-            "displacement by spin="
+            "the Euler angles of the attitude are singular (φ = ±90°); rotate it about the displacement "
+            "by spin="
         )
     psi, phi, theta = rotation.as_euler("ZXY")
     return np.array([phi, theta, psi])
 
 
 def _half_sphere(count: int) -> Vector:
-    """Return directions spread evenly over half the sphere, along a spiral by the golden angle."""
+    """Return directions distributed evenly over half the sphere, on a golden-angle spiral."""
     k = np.arange(count) + 0.5
     height, angle = k / count, np.pi * (3.0 - np.sqrt(5.0)) * k
     radius = np.sqrt(1.0 - height**2)

@@ -1,4 +1,4 @@
-"""What actuators there are: their limits, and what failures leave of them."""
+"""Actuator limits and actuator failures."""
 
 from __future__ import annotations
 
@@ -15,24 +15,24 @@ from trussflow.models.parameter_files import ParameterTable
 from trussflow.models.validation import check_choice, frozen_array
 
 AXES = ("force x", "force y", "force z", "torque x", "torque y", "torque z")
-"""What acts on a base, in its own axes."""
+"""Actuator axes of a base, in base axes."""
 
 JOINTS = {"working": 1.0, "limp": 0.0, "locked": np.inf}
-"""What may become of the joints of a robot, and their effectiveness."""
+"""Health of joint drives by state: healthy, free (limp), held by brakes (locked)."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class ActuatorLimits:
-    """The largest size of what each actuator does; the same in both directions.
+    """Symmetric limits of the actuators.
 
     Attributes
     ----------
     force : array_like
-        On a base [N]: one number, one for each axis, or a row for each base.
+        Force limits of bases: one number, one per axis, or one row per base [N].
     base_torque : array_like
-        On a base, likewise [N·m].
+        Torque limits of bases: one number, one per axis, or one row per base [N·m].
     joint_torque : array_like
-        One number, or one for each joint of all robots [N·m].
+        Torque limits of joints: one number, or one per joint of all robots [N·m].
 
     Raises
     ------
@@ -68,12 +68,12 @@ class ActuatorLimits:
         Parameters
         ----------
         dynamics : TrussDynamics
-            The robots.
+            Dynamics with the robots.
 
         Returns
         -------
         Vector, shape (actuators,)
-            [N, N·m].
+            Limits [N, N·m].
 
         Raises
         ------
@@ -94,15 +94,15 @@ class ActuatorLimits:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Failure:
-    """What a failure leaves of each actuator.
+    """Failure of actuators.
 
     Attributes
     ----------
     name : str
-        What has failed, for reports.
+        Name in reports.
     effectiveness : Vector, shape (actuators,)
-        What is left of each limit [1]: 1 as before, 0 dead. A joint with 0 swings freely: its acceleration
-        is what it will be. A joint with infinity is held by its brake.
+        Health, the factor of each limit [1]: 1 healthy, 0 failed. A joint with 0 is free. A joint with
+        infinity is locked by its brake.
     """
 
     name: str
@@ -117,18 +117,18 @@ class Failure:
         Parameters
         ----------
         dynamics : TrussDynamics
-            The robots.
+            Dynamics with the robots.
         robot : int
-            Which, from 1 on [-].
+            Number of the robot, from 1 [-].
         axes : sequence of str
-            Those of `AXES` that are dead; by default all, the whole base.
+            Failed axes, from `AXES`; by default all.
         joints : str
             ``"working"``, ``"limp"`` or ``"locked"``.
 
         Raises
         ------
         ModelError
-            If there is no such robot or axis, or nothing that may become of joints is named.
+            If robot, axis or state of the joints is unknown.
         """
         check_choice("robot", robot, range(1, len(dynamics.arms) + 1))
         check_choice("state of joints", joints, JOINTS)
@@ -144,12 +144,12 @@ class Failure:
 
 
 def single_failures(dynamics: TrussDynamics) -> tuple[Failure, ...]:
-    """Return no failure, then each single one: of a base, and of a whole robot with joints limp or locked.
+    """Return the healthy state, then each failure of a base, and of a robot with limp or locked joints.
 
     Parameters
     ----------
     dynamics : TrussDynamics
-        The robots.
+        Dynamics with the robots.
     """
     none = Failure(name="healthy", effectiveness=np.ones(dynamics.actuators))
     robots = range(1, len(dynamics.arms) + 1)

@@ -1,16 +1,15 @@
-r"""The fastest way along a path: a linear programme over the squares of the speed along it.
+r"""Time-optimal motion along a path, by a linear programme in the squared path velocities.
 
-On the path q(s), with :math:`x = \dot s^2` and :math:`\ddot s = x' / 2`, the rigid equations ask for
+On the path q(s), with :math:`x = \dot s^2` and :math:`\ddot s = x' / 2`, the rigid equations are
 
 .. math:: (M q')\,\ddot s + (M q'' + h(q, q'))\,x = P(q)\,Q, \qquad |Q_k| \le l_k
 
 linear in x, x' and Q. Limits of velocity bound x, those of acceleration :math:`q' \ddot s + q'' x`. Between
-points of a grid x is linear in s; both ends of each interval keep all limits. Of two profiles that are
-possible the larger at each point is possible, too, but for what the grid is coarse: so that with the largest
-sum is the fastest.
+grid points x is linear in s; all limits hold at both ends of each interval. The pointwise maximum of two
+feasible profiles is feasible, except for errors of the grid. So the profile with the largest sum is optimal.
 
-TOPP-RA does the same with limits on each coordinate. Here more actuators than coordinates share the force, so
-each point has their shares among its unknowns.
+TOPP-RA solves the same problem with limits on each coordinate. Here there are more actuators than
+coordinates, so that the actuations of each point are unknowns.
 """
 
 from __future__ import annotations
@@ -35,18 +34,18 @@ from trussflow.models.validation import frozen_array
 
 
 class FastestPath(TrussPath):
-    """The motion that `fastest` found: a trajectory, at rest before and after.
+    """Trajectory by `fastest`, at rest before and after.
 
     Parameters
     ----------
     truss : SpaceTruss
-        The plant; it is only looked at.
+        Plant.
     times : Vector, shape (k,)
-        Of the grid points [s].
+        Times of the grid points [s].
     position, velocity : Vector, shape (k, rigid_q)
-        Coordinates there, and their derivatives [unit, unit/s].
+        Coordinates of the grid points, and their derivatives [unit, unit/s].
     after, before : Vector, shape (k - 1, rigid_q)
-        Second ones just after the first and just before the second end of each interval [unit/s²].
+        Second derivatives at the start and at the end of each interval [unit/s²].
     """
 
     def __init__(
@@ -74,7 +73,7 @@ class FastestPath(TrussPath):
 
     @property
     def duration(self) -> float:
-        """How long it takes [s]."""
+        """Duration of the motion [s]."""
         return float(self._times[-1])
 
 
@@ -89,36 +88,35 @@ def fastest(
 ) -> FastestPath:
     """Return the fastest motion of the truss along a path, from rest to rest, with the joints held.
 
-    The path is the cubic spline through the waypoints. It is the rigid truss that is moved: what is left of
-    the limits is for control and for what bends, so give a share of the true ones; `ShapedTrajectory` spares
-    a mode.
+    The path is the cubic spline through the waypoints. The truss is rigid here. Use a share of the true
+    limits, to keep a reserve for feedback and flexibility. `ShapedTrajectory` avoids excitation of a mode.
 
     Parameters
     ----------
     truss : SpaceTruss
-        The plant; it is only looked at.
+        Plant.
     waypoints : array_like, shape (k, 6) or (k, 7)
-        Position of the root, and its Euler angles or, of a truss with one, quaternion, which goes the nearer
-        way to the next; two rows or more, the first is where it starts [m, rad or 1].
+        Positions of the truss frame with its Euler angles or quaternions, at least two rows, the start first
+        [m, rad or 1]. Quaternions rotate by the smaller angle.
     limits : ActuatorLimits
-        Of what works.
+        Limits of the actuators.
     velocity, acceleration : array_like
-        Limits of all six task coordinates, or one for each, above 0; by default none [m/s, rad/s; m/s²,
+        Positive limits of the six task coordinates, one number or six; by default none [m/s, rad/s; m/s²,
         rad/s²].
     intervals : int
-        Of the grid along the path [-].
+        Number of grid intervals along the path [-].
 
     Returns
     -------
     FastestPath
-        A trajectory of all rigid coordinates; its `duration` is the least one of the grid, at whose points
-        the limits hold. Between them they are missed by as much as the path bends: `intervals` decide.
+        Trajectory of all rigid coordinates. Its `duration` is optimal for the grid, at whose points the
+        limits hold. Violations between them decrease with the number of intervals.
 
     Raises
     ------
     ModelError
-        If waypoints or limits make no sense, two waypoints follow that are one, the path comes near an
-        attitude in which the Euler angles are singular, or the actuators cannot move the truss along it.
+        If waypoints or limits are invalid, or two successive waypoints are equal. Also if the path is near a
+        singularity of the Euler angles, or the actuators cannot move the truss along it.
     """
     from scipy.interpolate import make_interp_spline
 
@@ -129,7 +127,7 @@ def fastest(
     most = np.array([_positive("velocity", velocity), _positive("acceleration", acceleration)])
     steps = np.linalg.norm(np.diff(rows / ([1.0] * 3 + [kind.per_radian] * (kind.end - 3)), axis=0), axis=1)
     if not (len(steps) and np.all(steps > 0.0)):
-        raise ModelError("fastest: give two waypoints or more, each at another place than that before")
+        raise ModelError("fastest: there must be two waypoints or more, and successive ones must differ")
     if not is_whole(intervals) or intervals < 2:
         raise ModelError(f"fastest: intervals is {shown(intervals)}; it must be a whole number from 2 on")
     joints = np.tile(truss.parameters["initial_coordinates"][kind.end : truss.rigid_q], (len(rows), 1))
@@ -139,7 +137,7 @@ def fastest(
     q, dq, ddq = (spline(s, nu=order) for order in range(3))
     between = np.cos(spline(np.linspace(0.0, 1.0, 10 * intervals + 1))[:, 3])
     if kind == EULER and (np.min(np.abs(between)) < LEAST_COSINE or np.ptp(np.sign(between))):
-        raise ModelError("fastest: the path comes near φ = ±90°, where the Euler angles are singular")
+        raise ModelError("fastest: the path is near the singularity of the Euler angles at φ = ±90°")
     where, slope, bend = map(np.array, zip(*map(partial(task_motion, kind), q, dq, ddq), strict=True))
     x = _squared_speeds(truss, limits, where, slope, bend, most)
     speed = np.sqrt(x)[:, None]
@@ -152,7 +150,7 @@ def fastest(
 
 
 def _positive(name: str, given: npt.ArrayLike) -> Vector:
-    """Return a limit for each of six coordinates, or raise if one is not above 0."""
+    """Return limits of the six coordinates, which must be positive."""
     try:
         found: Vector = np.broadcast_to(np.asarray(given, dtype=float), 6)
     except (TypeError, ValueError):
@@ -165,7 +163,7 @@ def _positive(name: str, given: npt.ArrayLike) -> Vector:
 def _squared_speeds(
     truss: SpaceTruss, limits: ActuatorLimits, q: Vector, dq: Vector, ddq: Vector, most: Vector
 ) -> Vector:
-    """Return the largest squares of the speed at the points of the grid, at rest at both ends [1/s²]."""
+    """Return the optimal squared path velocities at the grid points, zero at both ends [1/s²]."""
     from scipy.optimize import linprog
     from scipy.sparse import block_diag, csr_array, hstack
 
@@ -179,11 +177,11 @@ def _squared_speeds(
         curved = mass @ to_body(kind, where, bend - task_drift(kind, where, v)) + terms.bias
         blocks.append(terms.actuation_matrix)
         mixes.append((mass @ v, curved))
-    # x in units in which the strongest actuator can do 1.
+    # x is scaled so that the strongest actuator has the limit 1.
     unit = np.max(bounds) / max(float(np.max(np.abs(mix))) for mix in mixes)
     asked, bent = (np.zeros((2 * (count - 1), rows, count)) for rows in (len(mixes[0][0]), 6))
     points = [i + end for i in range(count - 1) for end in (0, 1)]
-    for row, j in enumerate(points):  # with x_j, and the acceleration (x_{i + 1} - x_i) / (2 ds)
+    for row, j in enumerate(points):  # by x_j and the acceleration (x_{i + 1} - x_i) / (2 ds)
         i = row // 2
         pair, change = np.eye(2)[j - i], np.array([-1.0, 1.0]) * (count - 1) / 2.0
         for matrix, (ahead, aside) in ((asked, mixes[j]), (bent, (dq[j, :6], ddq[j, :6]))):
@@ -195,7 +193,7 @@ def _squared_speeds(
         squares = np.min((most[0] / np.abs(dq[:, :6])) ** 2, axis=1) / unit
     squares[[0, -1]] = 0.0
     each = np.tile(bounds, len(points))
-    matrices: Any = {  # SciPy's type stubs do not know sparse ones here
+    matrices: Any = {  # SciPy's type stubs lack sparse matrices here
         "A_eq": hstack([csr_array(-asked.reshape(-1, count)), acting]),
         "A_ub": hstack([csr_array(np.vstack([bent, -bent])), csr_array((2 * len(bent), len(each)))]),
         "bounds": np.column_stack([np.append(np.zeros(count), -each), np.append(squares, each)]),

@@ -1,15 +1,15 @@
-r"""Whether a path can be flown with what failures leave of the actuators, and how fast.
+r"""Feasibility of a path with failed actuators, and its least duration.
 
-Along a path of the truss, with the joints held, the rigid equations ask for the generalized force
+Along a path of the truss, with the joints held, the rigid equations need the generalized force
 
 .. math:: w(t) = G(q)\,\dot v + c(q, v) = P_r(q)\,Q, \qquad |Q_k| \le l_k
 
-where the acceleration of limp joints is free, and the torque of locked ones has no limit. Whether such a Q
-exists is a linear programme, and so is by how much the limits are exceeded or the torques are too small.
-Flown in the time T', the same path asks for :math:`(T/T')^2 w`, as inertial forces are quadratic in
-rates: so the largest share of the limits that is needed gives the least duration.
+where the acceleration of limp joints is free, and the torque of locked ones is unlimited. A linear programme
+decides whether such a Q exists; others give the factor by which limits or torques must increase. With the
+duration T' the same path needs :math:`(T/T')^2 w`, since inertial forces are quadratic in rates. So the
+largest needed share of the limits gives the least duration.
 
-All of it is rigid and of one instant: modes, reserves for control and limp arms that swing out are not in it.
+The analysis is rigid and instantaneous: without modes, reserves for feedback, and motion of limp arms.
 """
 
 from __future__ import annotations
@@ -32,37 +32,37 @@ from trussflow.models.errors import ModelError
 from trussflow.models.feasibility.failures import ActuatorLimits, Failure, single_failures
 from trussflow.models.geometry.attitude import EULER
 
-EXACT = 1e-6
-"""What linear programmes are exact to, relative; a margin that much below 1 is none."""
+RELATIVE_TOLERANCE = 1e-6
+"""Relative tolerance of linear programmes and margins [-]."""
 
 SOLVED, INFEASIBLE = 0, 2
-"""Of the states that `linprog` ends in."""
+"""Status codes of `linprog`."""
 
 LEAST_COSINE = 0.05
-"""Of φ: nearer to ±90° the Euler angles are taken for singular."""
+"""Least cosine of φ, below which the Euler angles count as singular [-]."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Feasibility:
-    """Whether and how a path can be flown with what a failure leaves.
+    """Feasibility of a path after a failure.
 
     Attributes
     ----------
     failure : str
-        What has failed.
+        Name of the failure.
     direction : str
-        Of the acceleration where the limits are strained most, in truss axes.
+        Direction of the acceleration at the critical instant, in truss axes.
     margin : float
-        By how much all demands could be multiplied [1]; below 1 the path cannot be flown.
+        Largest feasible factor of all demands; below 1 the path is infeasible [1].
     duration, least_duration : float
-        As asked for, and the least for the same path [s].
+        Duration of the path, and its least feasible duration [s].
     instant : float
-        When the limits are strained most [s].
+        Critical instant, with the largest share of the limits [s].
     torque, needed_torque : float
-        The largest torque there is, and the least limit of base torques and joint torques alike with which
-        the path could be flown as asked for, limits of forces as they are; infinite if none would do [N·m].
+        Largest available torque, and the least common limit of base and joint torques for a feasible path
+        with the same force limits; infinite if there is none [N·m].
     remark : str
-        What is special about the bases that are left.
+        Remark on the geometry of the healthy bases.
     """
 
     failure: str
@@ -77,8 +77,8 @@ class Feasibility:
 
     @property
     def feasible(self) -> bool:
-        """Whether the path can be flown as asked for."""
-        return self.margin >= 1.0 - EXACT
+        """Whether the path is feasible with its duration."""
+        return self.margin >= 1.0 - RELATIVE_TOLERANCE
 
     def __str__(self) -> str:
         start = f"{self.failure} along {self.direction}: "
@@ -94,18 +94,18 @@ class Feasibility:
 
 
 class Demand(NamedTuple):
-    """What a path asks for at one instant.
+    """Demand of a path at one instant.
 
     Attributes
     ----------
     time : float
-        [s].
+        Instant [s].
     force : Vector, shape (m,)
-        w [N, N·m].
+        Generalized force, w [N, N·m].
     terms : DynamicsTerms
-        Of truss and robots without modes.
+        Rigid equations of truss and robots.
     acceleration : Vector, shape (m,)
-        Of the generalized speeds, in truss axes [m/s², rad/s²].
+        Rates of the generalized speeds, in truss axes [m/s², rad/s²].
     """
 
     time: float
@@ -122,31 +122,31 @@ def survey(
     *,
     instants: int = 25,
 ) -> tuple[Feasibility, ...]:
-    """Check a path against failures, each from its start to its end.
+    """Return the feasibility of a path after each of some failures during the whole path.
 
     Parameters
     ----------
     dynamics : TrussDynamics
-        Truss and robots; modes do not matter.
+        Truss and robots; modes are ignored.
     path : Trajectory
-        Of all rigid coordinates, such as `path_of` a mission returns.
+        Path of all rigid coordinates, for example by `path_of`.
     limits : ActuatorLimits
-        Of what works.
+        Limits of healthy actuators.
     failures : sequence of Failure, optional
-        By default none, and then each single failure.
+        Failures; by default none and each single failure.
     instants : int
-        Number of instants, equally spaced; breakpoints and those of greatest acceleration are added [-].
+        Number of equidistant instants; breakpoints and instants of peak acceleration are added [-].
 
     Returns
     -------
     tuple of Feasibility
-        One for each failure; as text, each is one line of a report.
+        Result per failure; as text it is one line of a report.
 
     Raises
     ------
     ModelError
-        If the path is one of something else, goes nowhere, or comes near an attitude in which the Euler
-        angles are singular; if limits do not fit the robots; or if nothing is left to act with.
+        If the path has other coordinates, rests, or is near a singularity of the Euler angles. Also if the
+        limits do not fit the robots, or no actuator is healthy.
     """
     failures = single_failures(dynamics) if failures is None else failures
     bounds = [bounds_of(limits.of(dynamics), failure) for failure in failures]
@@ -157,48 +157,48 @@ def survey(
 def shares_left(
     dynamics: TrussDynamics, path: Quintic, limits: ActuatorLimits, *, reserve: float = 0.25
 ) -> Vector:
-    """Return what the loss of each base leaves of a path's peak acceleration, at most 1.
+    """Return the feasible factor of a path's peak acceleration after the failure of each base, at most 1.
 
     Parameters
     ----------
     dynamics : TrussDynamics
-        Truss and robots; modes do not matter.
+        Truss and robots; modes are ignored.
     path : Quintic
-        Of all rigid coordinates.
+        Path of all rigid coordinates.
     limits : ActuatorLimits
-        Of what works.
+        Limits of healthy actuators.
     reserve : float
-        Share of the acceleration that is left which is kept for control, from 0 to below 1 [1].
+        Share of the feasible acceleration reserved for feedback, from 0 to below 1 [1].
 
     Returns
     -------
     Vector, shape (robots,)
-        For `RetimedQuintic` and `mean_axes_transport` [1].
+        Factors for `RetimedQuintic` and `mean_axes_transport` [1].
 
     Raises
     ------
     ModelError
-        If the reserve is out of its range, or as `survey` raises.
+        If the reserve is out of range, or `survey` raises.
     """
     if not 0.0 <= reserve < 1.0:
         raise ModelError(f"shares left: reserve is {reserve}; it must be at least 0 and below 1")
     losses = [Failure.of(dynamics, i + 1) for i in range(len(dynamics.arms))]
     margins = [each.margin for each in survey(dynamics, path, limits, losses)]
-    # A path that can be flown as it is stays as it is: what little reserve it has is better than none.
+    # A feasible path is unchanged, even if its reserve is smaller.
     return np.array([1.0 if margin >= 1.0 else (1.0 - reserve) * margin for margin in margins])
 
 
 def demands_of(dynamics: TrussDynamics, path: Trajectory, instants: int) -> list[Demand]:
-    """Return what a path asks for at instants; at one, if what it asks for differs in size and sign only.
+    """Return the demands of a path at instants, or the largest one if they differ by a factor only.
 
     Parameters
     ----------
     dynamics : TrussDynamics
         Truss and robots.
     path : Trajectory
-        Of all rigid coordinates.
+        Path of all rigid coordinates.
     instants : int
-        As of `survey` [-].
+        Number of equidistant instants, see `survey` [-].
 
     Raises
     ------
@@ -219,13 +219,13 @@ def demands_of(dynamics: TrussDynamics, path: Trajectory, instants: int) -> list
     start, *between, end = path.breakpoints()
     taus = np.union1d(np.linspace(0.0, 1.0, instants), steepest)
     times = np.union1d(start + taus * (end - start), between)
-    # A path that can be retimed is checked as given, without its states.
+    # A `RetimedQuintic` is checked without its states, as a `Quintic`.
     output = partial(Quintic.output, path) if isinstance(path, Quintic) else path.output
     motion = [output(time, p, p, p) for time in times]
     rates = np.abs([at["velocity"] for at in motion])
     if not np.any(rates):
         raise ModelError("cannot check a path that rests; let it move the truss")
-    if np.max(rates[:, 6:], initial=0.0) > EXACT * np.max(rates):
+    if np.max(rates[:, 6:], initial=0.0) > RELATIVE_TOLERANCE * np.max(rates):
         raise ModelError("cannot check a path that moves joints: they are held here; let them rest")
     for time, at in zip(times, motion, strict=True):
         q = at["position"]
@@ -246,12 +246,12 @@ def demands_of(dynamics: TrussDynamics, path: Trajectory, instants: int) -> list
 
 
 def bounds_of(limits: Vector, failure: Failure) -> Vector:
-    """Return the `limits` of all actuators [N, N·m] that a `failure` leaves; locked joints have none.
+    """Return the `limits` of all actuators after a `failure` [N, N·m]; locked joints are unlimited.
 
     Raises
     ------
     ModelError
-        If nothing is left, or the failure is one of other robots.
+        If no actuator is healthy, or the failure has another number of actuators.
     """
     left = np.asarray(failure.effectiveness, dtype=float)
     if left.shape != limits.shape or not np.all(left >= 0.0):
@@ -264,14 +264,14 @@ def bounds_of(limits: Vector, failure: Failure) -> Vector:
 
 
 def columns(demand: Demand, failure: Failure) -> Vector:
-    """Return what free variables do: those of each actuator, then the accelerations of limp joints.
+    """Return the matrix from actuations and accelerations of limp joints to generalized forces.
 
     Parameters
     ----------
     demand : Demand
-        The matrices.
+        Demand with the equations of motion.
     failure : Failure
-        Which joints are limp.
+        Failure with the limp joints.
     """
     terms = demand.terms
     limp = 6 + np.flatnonzero(failure.effectiveness[terms.base_positions.size * 2 :] == 0.0)
@@ -279,22 +279,22 @@ def columns(demand: Demand, failure: Failure) -> Vector:
 
 
 def least_share(matrix: Vector, force: Vector, fixed: Vector, growing: Vector) -> float:
-    r"""Return the least θ ≥ 0 with which a force is within reach, or infinity.
+    r"""Return the least θ ≥ 0 with which a force is feasible, or infinity.
 
     .. math:: A z = w, \qquad |z_k| \le f_k + \theta g_k
 
     Parameters
     ----------
     matrix : Vector, shape (m, n)
-        A [any].
+        Matrix A [any].
     force : Vector, shape (m,)
-        w [any].
+        Force w [any].
     fixed, growing : Vector, shape (k,)
-        f and g of the first k variables; g may be infinite, and the others are free [any].
+        Limits f and g of the first k variables; g may be infinite, and the others are free [any].
     """
     from scipy.optimize import linprog
 
-    size = float(np.abs(force).max())  # the programme is solved for a force of 1
+    size = float(np.abs(force).max())  # for scaling
     if size == 0.0:
         return 0.0
     total, grows = matrix.shape[1], np.flatnonzero((growing > 0.0) & np.isfinite(growing))
@@ -315,7 +315,7 @@ def least_share(matrix: Vector, force: Vector, fixed: Vector, growing: Vector) -
 
 
 def _checked(demands: list[Demand], failure: Failure, bounds: Vector, path: Trajectory) -> Feasibility:
-    """Check a path against one failure."""
+    """Return the feasibility of a path after one failure."""
     torque = np.arange(len(bounds)) % 6 >= 3
     torque[2 * demands[0].terms.base_positions.size :] = True
     forces, effective = np.where(torque, 0.0, bounds), np.where(torque, failure.effectiveness, 0.0)
@@ -340,27 +340,27 @@ def _checked(demands: list[Demand], failure: Failure, bounds: Vector, path: Traj
 
 
 def _direction(acceleration: Vector) -> str:
-    """Return the direction of an acceleration in words; of the angular one if there is no other."""
+    """Return the direction of a linear or, if that is zero, angular acceleration in words."""
     linear, angular = acceleration[:3], acceleration[3:6]
     what, vector = ("body", linear) if np.any(linear) else ("turns about body", angular)
     if not np.any(vector):
         return "a steady turn"
     unit = vector / np.linalg.norm(vector)
     axis = int(np.abs(unit).argmax())
-    if abs(unit[axis]) > 1.0 - EXACT:
+    if abs(unit[axis]) > 1.0 - RELATIVE_TOLERANCE:
         return f"{what} {'xyz'[axis]}"
     return f"{what} ({', '.join(f'{x:.2f}' for x in unit)})"
 
 
 def _remark(demand: Demand, bounds: Vector) -> str:
-    """Say so if the forces left act on one line, or at one point, and how far from the one wanted."""
+    """Return a remark if the healthy bases are on one line or at one point, with the lever arm."""
     bases, G, push = demand.terms.base_positions, demand.terms.mass_matrix, demand.acceleration[:3]
     pushing = np.flatnonzero(np.any(bounds[: 2 * bases.size].reshape(-1, 6)[:, :3], axis=1))
     if not pushing.size:
         return "no base has forces left; "
     first, *others = bases[pushing]
     _, extent, axes = np.linalg.svd(np.array([first, *others]) - first)
-    if len(extent) > 1 and extent[1] > EXACT * extent[0]:
+    if len(extent) > 1 and extent[1] > RELATIVE_TOLERANCE * extent[0]:
         return ""
     push = push / np.linalg.norm(push) if np.any(push) else push
     moment = np.cross(np.array([G[5, 1], G[3, 2], G[4, 0]]) / G[0, 0] - first, push)

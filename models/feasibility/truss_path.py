@@ -1,4 +1,4 @@
-"""Paths of a truss through waypoints, whatever the coordinates of its attitude."""
+"""Paths of a truss through waypoints, with any attitude coordinates."""
 
 from __future__ import annotations
 
@@ -17,19 +17,19 @@ from trussflow.models.plant.space_truss import SpaceTruss
 
 
 class TrussPath(Waypoints):
-    """Polynomials of fifth degree in the coordinates of a truss; quaternions are made ones of length 1.
+    """Piecewise fifth-degree polynomials in the coordinates of a truss, with normalized quaternions.
 
     Parameters
     ----------
     truss : SpaceTruss
-        The plant; it is only looked at.
+        Plant.
     times : Vector, shape (k,)
-        Where one polynomial follows another [s].
+        Breakpoints of the polynomials [s].
     coefficients : list of Vector, shape (k - 1, rigid_q)
-        By power, of the time since the last of `times` [unit/s^power].
+        Coefficients by power of the time since the last breakpoint [unit/s^power].
     """
 
-    position = Output("places", unit=Attribute("place_units"), meaning="where to be")
+    position = Output("places", unit=Attribute("place_units"), meaning="reference position")
 
     def __init__(self, truss: SpaceTruss, times: Vector, coefficients: list[Vector]) -> None:
         self.kind = truss.dynamics.attitude
@@ -39,16 +39,16 @@ class TrussPath(Waypoints):
 
     @classmethod
     def through(cls, truss: SpaceTruss, times: Vector, rows: Vector) -> Self:
-        """Return the path that flows through waypoints, as `Waypoints` does.
+        """Return the path through waypoints without stops, as `Waypoints`.
 
         Parameters
         ----------
         truss : SpaceTruss
-            The plant; it is only looked at.
+            Plant.
         times : Vector, shape (k,)
-            Of the waypoints [s].
+            Times of the waypoints [s].
         rows : Vector, shape (k, rigid_q)
-            Rigid coordinates there [m, unit of the attitude, rad].
+            Rigid coordinates of the waypoints [m, unit of the attitude, rad].
         """
         rows = on_one_side(truss.dynamics.attitude, rows)
         return cls(truss, times, Waypoints(times, rows, stop=False)._coefficients)
@@ -61,14 +61,14 @@ class TrussPath(Waypoints):
 
 
 def on_one_side(kind: AttitudeCoordinates, rows: Vector) -> Vector:
-    """Return waypoints of which each quaternion is the one of its two that is nearer to that before.
+    """Return waypoints with the signs of quaternions that are nearer to the previous quaternion.
 
     Parameters
     ----------
     kind : AttitudeCoordinates
-        Of the attitude; Euler angles stay as they are.
+        Attitude coordinates; Euler angles are unchanged.
     rows : Vector, shape (k, m)
-        Coordinates, of which those of the truss count [m, unit of the attitude].
+        Coordinates; only those of the truss are used [m, unit of the attitude].
     """
     if kind == EULER:
         return rows

@@ -14,7 +14,7 @@ from trussflow.models.dynamics.dynamics import TrussDynamics
 from trussflow.models.flight.draws import parameters_of, truss_of
 from trussflow.models.flight.failures import with_loss
 from trussflow.models.flight.measures import UNITS, measured
-from trussflow.models.hardware.hardware import SENSORS, Hardware
+from trussflow.models.hardware.hardware import SENSOR_UNITS, Hardware
 from trussflow.models.hardware.measurement import derived_seed
 from trussflow.models.plant.tunable_truss import TunableTruss
 from trussflow.models.transport.mean_axes_wiring import mean_axes_transport
@@ -59,7 +59,8 @@ def noise_of(seed: int) -> dict[str, int]:
         Which noise, at least 0.
     """
     return {
-        f"sensors.{name}.noise.seed": derived_seed(derived_seed(seed, k), 0) for k, name in enumerate(SENSORS)
+        f"sensors.{name}.noise.seed": derived_seed(derived_seed(seed, k), 0)
+        for k, name in enumerate(SENSOR_UNITS)
     }
 
 

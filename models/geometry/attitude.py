@@ -1,10 +1,10 @@
-r"""Attitude coordinates: the numbers that say how the truss is turned.
+r"""Attitude coordinates of the truss: Euler angles or a quaternion.
 
-Two kinds, `EULER`, the source's 3-1-2 angles, which are singular at φ = ±90°, and `QUATERNION`, four numbers
-without a singularity. Whoever needs to know an attitude's size, units, rates or errors asks one of these.
+`EULER` are the 3-1-2 angles of the paper, singular at φ = ±90°. `QUATERNION` has four numbers and no
+singularity. An instance gives size, units, rates and errors of the attitude.
 
-Laws work in **task coordinates**, of which the attitude has three whatever its kind: Euler angles
-themselves, or small turns about the axes of the truss, whose rates are its angular velocity.
+Control laws use **task coordinates**, of which the attitude always has three: the Euler angles, or small
+rotations about the axes of the truss, whose rates are the angular velocity.
 
 References
 ----------
@@ -30,30 +30,30 @@ from trussflow.models.geometry.rotation import (
     euler_rotation,
 )
 
-UNIT_LENGTH = 1e-6
-"""How far from one the length of a quaternion may be that a user gives [-]."""
+UNIT_LENGTH_TOLERANCE = 1e-6
+"""Tolerance of the length of a quaternion from a user [-]."""
 
-RESTORED = 1.0
-"""How fast the length of an integrated quaternion goes back to one [1/s]."""
+NORM_FEEDBACK_GAIN = 1.0
+"""Rate at which the length of an integrated quaternion returns to one [1/s]."""
 
 
 class AttitudeCoordinates(ABC):
-    """One way to describe an attitude by numbers, a.
+    """Description of an attitude by an array of numbers, a.
 
     Attributes
     ----------
     name : str
-        What it is called in files.
+        Name in files.
     rest : tuple of float
-        The numbers of no rotation; they tell how many there are [see units].
+        Numbers of the identity rotation [see units].
     labels : tuple of str
-        Of the numbers.
+        Names of the numbers.
     units : tuple of str
-        Of the numbers.
+        Units of the numbers.
     task_labels : tuple of str
-        Of the attitude in task coordinates [rad].
+        Names of the three task coordinates [rad].
     per_radian : float
-        How much the numbers change when the truss turns by a small angle, by that [unit/rad].
+        Change of the numbers per angle of a small rotation [unit/rad].
     """
 
     name: ClassVar[str]
@@ -65,7 +65,7 @@ class AttitudeCoordinates(ABC):
 
     @property
     def end(self) -> int:
-        """Where the attitude ends in coordinates that begin with a position [-]."""
+        """Index behind the attitude in coordinates that begin with a position [-]."""
         return 3 + len(self.rest)
 
     @abstractmethod
@@ -75,7 +75,7 @@ class AttitudeCoordinates(ABC):
         Parameters
         ----------
         a : array
-            The attitude [unit].
+            Attitude [unit].
         """
 
     @abstractmethod
@@ -85,7 +85,7 @@ class AttitudeCoordinates(ABC):
         Parameters
         ----------
         a : array
-            The attitude [unit].
+            Attitude [unit].
         turning : array, shape (3,)
             Angular velocity in the truss frame [rad/s].
         """
@@ -97,7 +97,7 @@ class AttitudeCoordinates(ABC):
         Parameters
         ----------
         a : array
-            The attitude [unit].
+            Attitude [unit].
         """
 
     @abstractmethod
@@ -107,7 +107,7 @@ class AttitudeCoordinates(ABC):
         Parameters
         ----------
         a : array
-            The attitude [unit].
+            Attitude [unit].
         """
 
     @abstractmethod
@@ -117,87 +117,87 @@ class AttitudeCoordinates(ABC):
         Parameters
         ----------
         a : array
-            The attitude [unit].
+            Attitude [unit].
         turning : array, shape (3,)
             Angular velocity in the truss frame [rad/s].
         """
 
     @abstractmethod
     def normalized(self, a: Array) -> Array:
-        """Return the numbers of an attitude, of `a` that were summed up from small changes.
+        """Return a valid attitude from an integrated one.
 
         Parameters
         ----------
         a : array
-            Nearly an attitude [unit].
+            Attitude with errors of integration [unit].
         """
 
     @abstractmethod
     def turned(self, a: Array, turn: Array) -> Array:
-        """Return the attitude after a turn of any size.
+        """Return the attitude after a rotation of any size.
 
         Parameters
         ----------
         a : array
-            The attitude before [unit].
+            Attitude before the rotation [unit].
         turn : array, shape (3,)
-            In task coordinates: changes of Euler angles, or axis in the truss frame times angle [rad].
+            Changes of the Euler angles, or rotation axis in the truss frame times angle [rad].
         """
 
     @abstractmethod
     def motion(self, a: Array, da: Array, dda: Array) -> tuple[Array, Array, Array]:
-        """Return an attitude, and rate and acceleration of its task coordinates, from numbers that move.
+        """Return the normalized attitude, and rate and acceleration of its task coordinates.
 
         Parameters
         ----------
         a, da, dda : array
-            Numbers of which `normalized` is the attitude, and their derivatives [unit, unit/s, unit/s²].
+            Attitude before normalization, first and second derivative [unit, unit/s, unit/s²].
         """
 
     @abstractmethod
     def difference(self, a: Array, goal: Array) -> Array:
-        """Return in task coordinates where a goal is, seen from the attitude [rad].
+        """Return the difference of goal and attitude in task coordinates [rad].
 
         Parameters
         ----------
         a : array
-            The attitude [unit].
+            Attitude [unit].
         goal : array
-            The attitude wanted [unit].
+            Desired attitude [unit].
         """
 
     @abstractmethod
     def carried(
         self, a: Array, turning: Array, goal: Array, rate: Array, acceleration: Array
     ) -> tuple[Array, Array]:
-        """Return in task coordinates how fast and how steeply a goal moves, seen from the attitude.
+        """Return rate and acceleration of a goal in the task coordinates of the attitude.
 
         Parameters
         ----------
         a : array
-            The attitude [unit].
+            Attitude [unit].
         turning : array, shape (3,)
-            Its angular velocity in the truss frame [rad/s].
+            Angular velocity in the truss frame [rad/s].
         goal : array
-            The attitude wanted [unit].
+            Desired attitude [unit].
         rate, acceleration : array, shape (3,)
-            Of the goal in its task coordinates [rad/s, rad/s²].
+            Motion of the goal in its own task coordinates [rad/s, rad/s²].
         """
 
     @abstractmethod
     def checked(self, a: Vector) -> Vector:
-        """Return an attitude that a user gave [unit], or raise if it is none.
+        """Return an attitude from a user [unit] if it is valid.
 
         Raises
         ------
         ModelError
-            If the numbers are no attitude.
+            If the numbers are not a valid attitude.
         """
 
 
 @dataclass(frozen=True, slots=True)
 class EulerAngles(AttitudeCoordinates):
-    """The source's 3-1-2 Euler angles φ, θ, ψ; singular where cos φ = 0."""
+    """3-1-2 Euler angles φ, θ, ψ of the paper; singular where cos φ = 0."""
 
     name = "euler"
     rest = (0.0, 0.0, 0.0)
@@ -218,7 +218,7 @@ class EulerAngles(AttitudeCoordinates):
         return euler_rate_matrix(a)
 
     def rate_matrix_inverse(self, a: Array) -> Array:
-        """Return its inverse."""
+        """Return the inverse of A."""
         return euler_rate_matrix_inverse(a)
 
     def drift(self, a: Array, turning: Array) -> Array:
@@ -228,29 +228,29 @@ class EulerAngles(AttitudeCoordinates):
         return -(inverse @ (euler_rate_matrix_derivative(a, rates) @ rates))
 
     def normalized(self, a: Array) -> Array:
-        """Return the angles: any three are an attitude."""
+        """Return the angles unchanged; any three angles are valid."""
         return a
 
     def turned(self, a: Array, turn: Array) -> Array:
-        """Return the angles changed."""
+        """Return the sum of angles and changes."""
         return a + turn
 
     def motion(self, a: Array, da: Array, dda: Array) -> tuple[Array, Array, Array]:
-        """Return all as they are."""
+        """Return all arguments unchanged."""
         return a, da, dda
 
     def difference(self, a: Array, goal: Array) -> Array:
-        """Return the goal less the angles."""
+        """Return goal minus angles."""
         return goal - a
 
     def carried(
         self, a: Array, turning: Array, goal: Array, rate: Array, acceleration: Array
     ) -> tuple[Array, Array]:
-        """Return both as they are."""
+        """Return rate and acceleration unchanged."""
         return rate, acceleration
 
     def checked(self, a: Vector) -> Vector:
-        """Return the angles."""
+        """Return the angles unchanged."""
         return a
 
 
@@ -260,8 +260,9 @@ class Quaternion(AttitudeCoordinates):
 
     .. math:: \dot a = \tfrac12\, a \circ (0, \omega) + (1 - a^T a)\, a
 
-    The second term brings back the length that the errors of a solver change; it turns nothing. The same
-    attitude has two quaternions, a and -a; errors take the nearer one, so that no law goes the long way.
+    The second term corrects the length, which drifts by errors of the solver; it does not rotate. The
+    quaternions a and -a describe the same attitude. Errors use the nearer of the two, so that control laws
+    rotate by the smaller angle.
     """
 
     name = "quaternion"
@@ -272,41 +273,41 @@ class Quaternion(AttitudeCoordinates):
     per_radian = 0.5
 
     def rotation(self, a: Array) -> Array:
-        """Return the rotation to the inertial frame, whatever the length."""
+        """Return the rotation to the inertial frame, for any length of the quaternion."""
         cross = cross_matrix(a[1:])
         return np.eye(3) + (a[0] * cross + cross @ cross) * (2.0 / (a @ a))
 
     def rates(self, a: Array, turning: Array) -> Array:
         """Return da/dt."""
-        return 0.5 * product(a, with_scalar(0.0, turning)) + RESTORED * (1.0 - a @ a) * a
+        return 0.5 * product(a, with_scalar(0.0, turning)) + NORM_FEEDBACK_GAIN * (1.0 - a @ a) * a
 
     def rate_matrix(self, a: Array) -> Array:
-        """Return one: the task's rates are the angular velocity."""
+        """Return the identity: task rates are the angular velocity."""
         return np.eye(3)
 
     def rate_matrix_inverse(self, a: Array) -> Array:
-        """Return one."""
+        """Return the identity."""
         return np.eye(3)
 
     def drift(self, a: Array, turning: Array) -> Array:
-        """Return nothing."""
+        """Return zeros."""
         return np.zeros(3)
 
     def normalized(self, a: Array) -> Array:
-        """Return the quaternion with a length of one."""
+        """Return the quaternion divided by its length."""
         return a / np.sqrt(a @ a)
 
     def turned(self, a: Array, turn: Array) -> Array:
-        """Return the attitude turned about the axis by the angle."""
+        """Return the attitude rotated about the axis by the angle."""
         square = turn @ turn
-        # The root has no derivative at exactly zero.
+        # The square root has no derivative at zero.
         angle = np.sqrt(np.where(square > 0.0, square, 1.0))
         scalar = np.where(square > 0.0, np.cos(angle / 2.0), 1.0)
         share = np.where(square > 0.0, np.sin(angle / 2.0) / angle, 0.5)
         return product(a, with_scalar(scalar, share * turn))
 
     def motion(self, a: Array, da: Array, dda: Array) -> tuple[Array, Array, Array]:
-        r"""Return quaternion, angular velocity and acceleration, whatever the length.
+        r"""Return quaternion, angular velocity and angular acceleration, for any length.
 
         .. math:: \omega = \frac{2\,\mathrm{vec}(\bar a \circ \dot a)}{a^T a}, \qquad
                   \dot\omega = \frac{2\,\mathrm{vec}(\bar a \circ \ddot a) - 2\,(a^T \dot a)\,\omega}{a^T a}
@@ -316,12 +317,12 @@ class Quaternion(AttitudeCoordinates):
         return self.normalized(a), rate, 2.0 * (_way(a, dda)[1:] - (a @ da) * rate) / square
 
     def difference(self, a: Array, goal: Array) -> Array:
-        r"""Return twice the vector of the quaternion to the goal, the shorter way.
+        r"""Return twice the vector part of the quaternion to the goal, with the smaller angle.
 
         .. math:: e = 2\,\mathrm{sgn}(\epsilon_w)\,(\epsilon_x, \epsilon_y, \epsilon_z), \qquad
                   \epsilon = \bar a \circ a_d
 
-        It is along the axis, as long as twice the sine of half the angle.
+        The result has the direction of the axis and the length 2 sin(angle / 2).
         """
         way = _way(a, goal)
         return 2.0 * np.where(way[0] < 0.0, -1.0, 1.0) * way[1:]
@@ -329,24 +330,24 @@ class Quaternion(AttitudeCoordinates):
     def carried(
         self, a: Array, turning: Array, goal: Array, rate: Array, acceleration: Array
     ) -> tuple[Array, Array]:
-        """Return both in axes of the truss, which turn."""
+        """Return rate and acceleration in truss axes, with the term of the rotating axes."""
         rotation = self.rotation(_way(a, goal))
         seen = rotation @ rate
         return seen, rotation @ acceleration - np.cross(turning, seen)
 
     def checked(self, a: Vector) -> Vector:
-        """Return the quaternion, or raise if its length is not one."""
+        """Return the quaternion if its length is one."""
         length = float(np.linalg.norm(a))
-        if not abs(length - 1.0) <= UNIT_LENGTH:
+        if not abs(length - 1.0) <= UNIT_LENGTH_TOLERANCE:
             raise ModelError(
-                f"the quaternion {a.tolist()} has a length of {length:g}; an attitude is one of length 1, "
-                "(w, x, y, z) with the scalar first; divide it by its length"
+                f"the quaternion {a.tolist()} has a length of {length:g}; it must be 1, with components "
+                "(w, x, y, z), scalar first; divide it by its length"
             )
         return a
 
 
 def product(left: Array, right: Array) -> Array:
-    r"""Return the product of two quaternions: first the turn on the right, then that on the left.
+    r"""Return the product of two quaternions: the right rotation followed by the left one.
 
     Parameters
     ----------
@@ -358,12 +359,12 @@ def product(left: Array, right: Array) -> Array:
 
 
 def _way(a: Array, goal: Array) -> Array:
-    """Return the turn from one attitude to another, in axes of both."""
+    """Return the quaternion of the rotation from one attitude to another."""
     return product(with_scalar(a[0], -a[1:]), goal)
 
 
 def with_scalar(scalar: Array | float, vector: Array) -> Array:
-    """Return a quaternion from its parts.
+    """Return a quaternion from scalar and vector part.
 
     Parameters
     ----------
@@ -377,4 +378,4 @@ def with_scalar(scalar: Array | float, vector: Array) -> Array:
 
 EULER, QUATERNION = EulerAngles(), Quaternion()
 ATTITUDES: dict[str, AttitudeCoordinates] = {kind.name: kind for kind in (EULER, QUATERNION)}
-"""By the names that they have in files."""
+"""Kinds of attitude coordinates, keyed by their names in files."""

@@ -1,7 +1,7 @@
 r"""Rotations: 3-1-2 Euler angles, fixed frame rotations, small elastic rotations.
 
 A rotation matrix maps components in the child frame to components in the parent frame.
-All functions but `fixed_rotation` can be traced.
+All functions except `fixed_rotation` and `roll_pitch_yaw` can be traced.
 
 References
 ----------
@@ -23,8 +23,8 @@ _CROSS = np.zeros((3, 3, 3))
 _CROSS[0, 1, 2] = _CROSS[1, 2, 0] = _CROSS[2, 0, 1] = -1.0
 _CROSS[0, 2, 1] = _CROSS[2, 1, 0] = _CROSS[1, 0, 2] = 1.0
 
-# Sines and cosines of multiples of a quarter turn come out of floating point as 1e-16
-# instead of 0; below this they are zeros, so that traced code can leave them out.
+# Sines and cosines of multiples of 90 degrees are 1e-16 instead of 0 in floating point. Elements below
+# this tolerance are set to zero, so that traced code can omit them.
 _ROUND_OFF = 1e-15
 
 
@@ -49,10 +49,10 @@ def cross_matrix(vector: Array) -> Array:
 
 
 def cross(a: Array, b: Array) -> Array:
-    r"""Return :math:`a \times b` of two vectors, the same numbers as ``np.cross`` and far sooner.
+    r"""Return :math:`a \times b` of two vectors, equal to ``np.cross`` but faster.
 
-    Equations are evaluated in NumPy while blocks are checked and where there is no compiler; of that time
-    ``np.cross`` takes a third, most of it to look at axes.
+    Equations are evaluated in NumPy during the check of a block, and without a compiler. ``np.cross`` would
+    take a third of that time, most of it for the handling of axes.
 
     Parameters
     ----------
@@ -62,7 +62,7 @@ def cross(a: Array, b: Array) -> Array:
     Returns
     -------
     array, shape (3,)
-        Unit of the product, frame of both.
+        Product of the units, in the frame of both.
     """
     if not (isinstance(a, np.ndarray) and isinstance(b, np.ndarray) and a.shape == b.shape == (3,)):
         return np.cross(a, b)
@@ -71,14 +71,14 @@ def cross(a: Array, b: Array) -> Array:
 
 
 def stacked(rows: Sequence[Array], shape: tuple[int, ...]) -> Array:
-    """Return arrays of one shape stacked, traced or not; of none of them an empty array.
+    """Return stacked arrays of one shape, traced or not; an empty array if there are none.
 
     Parameters
     ----------
     rows : sequence of array
-        The arrays, any unit.
+        Arrays to stack, any unit.
     shape : tuple of int
-        Of each.
+        Shape of each array.
     """
     return np.stack(rows) if len(rows) else np.zeros((0, *shape))
 
@@ -89,9 +89,9 @@ def matrix_of(rows: Sequence[Sequence[Array]]) -> Array:
     Parameters
     ----------
     rows : sequence of sequence of float
-        Row by row, any unit.
+        Elements row by row, any unit.
     """
-    plain = all(isinstance(element, float) for row in rows for element in row)  # as `cross`, far sooner
+    plain = all(isinstance(element, float) for row in rows for element in row)  # faster than np.stack
     return np.array(rows) if plain else np.stack([np.stack(row) for row in rows])
 
 
@@ -177,7 +177,7 @@ def euler_rate_matrix(angles: Array) -> Array:
     Returns
     -------
     array, shape (3, 3)
-        Gives the angular velocity [rad/s] in the truss frame. Singular where
+        :math:`A`, for the angular velocity [rad/s] in the truss frame. Singular where
         :math:`\cos\phi = 0`.
 
     References
@@ -230,8 +230,8 @@ def euler_rate_matrix_derivative(angles: Array, rates: Array) -> Array:
     Returns
     -------
     array, shape (3, 3)
-        [1/s]. With it :math:`\dot\omega_t = A \ddot\Theta_t + \dot A \dot\Theta_t`, the part
-        of :math:`\dot J_g` (Li, Wei, Chen 2026, Eq. 53) that is not a rotation.
+        :math:`\dot A` [1/s] of :math:`\dot\omega_t = A \ddot\Theta_t + \dot A \dot\Theta_t`, the
+        angular part of :math:`\dot J_g` (Li, Wei, Chen 2026, Eq. 53).
     """
     phi, theta = angles[0], angles[1]
     c_phi, s_phi, c_theta, s_theta = np.cos(phi), np.sin(phi), np.cos(theta), np.sin(theta)
@@ -247,7 +247,7 @@ def euler_rate_matrix_derivative(angles: Array, rates: Array) -> Array:
 
 
 def fixed_rotation(angles: Vector) -> Vector:
-    r"""Return the rotation between two frames of one body, from Table 2's three angles.
+    r"""Return the rotation between two frames of one body from three angles, as in Table 2.
 
     .. math:: R = R_x(q_1)\, R_y(q_2)\, R_z(q_3)
 
@@ -259,28 +259,28 @@ def fixed_rotation(angles: Vector) -> Vector:
     Returns
     -------
     array, shape (3, 3)
-        Child to parent. Elements within round-off of 0 or ±1 are exactly that.
+        Rotation from child to parent. Elements within round-off of 0 or ±1 are rounded to these.
 
     Raises
     ------
     ModelError
-        If `angles` are not three finite numbers.
+        If `angles` is not an array of three finite numbers.
 
     References
     ----------
-    Li, Wei, Chen (2026), section 4.1. The paper does not say whether the sequence is about
-    moving or fixed axes; moving axes are taken, as in its own 3-1-2 attitude matrix.
+    Li, Wei, Chen (2026), section 4.1. The paper does not state whether the sequence is about
+    moving or fixed axes. Moving axes are assumed, as in its 3-1-2 attitude matrix.
     """
     x, y, z = frozen_array("angles of a fixed rotation", angles, (3,))
     rotation = rotation_about_x(x) @ rotation_about_y(y) @ rotation_about_z(z)
     nearest = np.round(rotation)
-    # Adding zero turns -0.0 into 0.0, which traced code leaves out.
+    # Adding zero turns -0.0 into 0.0, which traced code omits.
     cleaned: Vector = np.where(np.abs(rotation - nearest) < _ROUND_OFF, nearest, rotation) + 0.0
     return cleaned
 
 
 def roll_pitch_yaw(rotation: Vector) -> Vector:
-    r"""Return the angles of a rotation about fixed axes, as URDF has them.
+    r"""Return the angles of a rotation about fixed axes, as in URDF.
 
     .. math:: R = R_z(a_3)\, R_y(a_2)\, R_x(a_1)
 
@@ -292,12 +292,12 @@ def roll_pitch_yaw(rotation: Vector) -> Vector:
     Returns
     -------
     array, shape (3,)
-        Roll, pitch, yaw [rad]; to round-off the same rotation, where the pitch is a quarter turn too.
+        Roll, pitch, yaw [rad]; exact to round-off, also at a pitch of 90 degrees.
     """
     x, y, z = rotation.T
     pitch = np.arctan2(-x[2], np.hypot(x[0], x[1]))
     yaw = np.arctan2(x[1], x[0])
-    # From what is left after the yaw, which is well-defined even where roll and yaw are about one axis.
+    # The roll is that of the rotation without its yaw, which is defined even if both axes coincide.
     c, s = np.cos(yaw), np.sin(yaw)
     roll = np.arctan2(s * z[0] - c * z[1], c * y[1] - s * y[0])
     return np.array([roll, pitch, yaw])
@@ -322,9 +322,9 @@ def cayley_rotation(vector: Array) -> Array:
     Notes
     -----
     Any smooth :math:`R(c) = I + c^\times + O(c^2)` describes the small rotations of linear
-    elasticity equally well. This one is a proper rotation for every `vector`, agrees with the
-    matrix exponential up to terms of third order (:math:`|c|^3/12`), and is rational: unlike
-    Rodrigues' formula it has no 0/0 at rest, where every run starts.
+    elasticity. Cayley's formula is a proper rotation for every `vector` and agrees with the
+    matrix exponential up to terms of third order (:math:`|c|^3/12`). Since it is rational, it
+    has no 0/0 at zero deformation, unlike Rodrigues' formula.
     """
     square = vector @ vector
     numerator = (1.0 - square / 4.0) * np.eye(3) + np.outer(vector, vector) / 2.0
@@ -344,13 +344,13 @@ def cayley_rate_matrix(vector: Array) -> Array:
     Returns
     -------
     array, shape (3, 3)
-        Dimensionless; gives :math:`\omega` in the undeformed frame.
+        :math:`B(c)` [1], for :math:`\omega` in the undeformed frame.
 
     Notes
     -----
     Cayley's formula is the rotation of the quaternion :math:`(1, c/2)/\sqrt{1 + c^T c/4}`. The
     angular velocity of a unit quaternion :math:`(a, b)` in the parent frame is
-    :math:`2(a\dot b - \dot a b + b \times \dot b)`, which is this, the norm cancelling.
+    :math:`2(a\dot b - \dot a b + b \times \dot b)`, in which the norm cancels.
     """
     return (np.eye(3) + cross_matrix(vector) / 2.0) / (1.0 + (vector @ vector) / 4.0)
 

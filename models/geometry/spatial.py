@@ -1,10 +1,9 @@
-r"""Spatial vectors and inertias, all about the truss origin and in truss axes.
+r"""Spatial vectors and inertias about the truss origin, in truss axes (Featherstone 2008, chapter 2).
 
-A spatial motion is (velocity of the body's point that is at :math:`O_t`; angular velocity),
-a spatial force (force; torque about :math:`O_t`). With one common point and one set of axes,
-the motions, forces and inertias of different bodies simply add, and no 6×6 coordinate
-transformation is ever needed. The paper's recursion (Eqs. 36–39) carries the same quantities
-at the joints; the two differ by a shift of the reference point only.
+A spatial motion is (velocity of the body point at :math:`O_t`; angular velocity), a spatial
+force (force; torque about :math:`O_t`). With one reference point and one set of axes, the
+motions, forces and inertias of different bodies add without 6×6 coordinate transformations.
+The paper's recursion (Eqs. 36–39) has the same quantities with the joints as reference points.
 """
 
 from __future__ import annotations
@@ -18,14 +17,14 @@ from trussflow.models.geometry.rotation import cross, cross_matrix, matrix_of
 
 
 class SpatialInertia(NamedTuple):
-    """Mass, static moment and inertia of one body or of several.
+    """Mass, static moment and inertia of one or several bodies.
 
     Attributes
     ----------
     mass : float
-        [kg].
+        Mass [kg].
     static_moment : array, shape (3,)
-        Integral of position over mass [kg·m].
+        Mass integral of the position [kg·m].
     inertia : array, shape (3, 3)
         Inertia matrix about the reference point [kg·m²].
     """
@@ -36,7 +35,7 @@ class SpatialInertia(NamedTuple):
 
 
 def moved_inertia(body: SpatialInertia, rotation: Array, position: Array) -> SpatialInertia:
-    r"""Return a body's inertia about :math:`O_t` from the one about its own frame origin.
+    r"""Return the inertia of a body about :math:`O_t` from that about the origin of its own frame.
 
     .. math::
         S' = R S + m p, \qquad
@@ -45,19 +44,19 @@ def moved_inertia(body: SpatialInertia, rotation: Array, position: Array) -> Spa
     Parameters
     ----------
     body : SpatialInertia
-        About the origin and in the axes of the body frame.
+        Inertia about the origin and in the axes of the body frame.
     rotation : array, shape (3, 3)
-        Body frame to truss axes, :math:`R`.
+        Rotation from body frame to truss axes, :math:`R`.
     position : array, shape (3,)
         Origin of the body frame, :math:`p` [m].
 
     Returns
     -------
     SpatialInertia
-        About :math:`O_t`, in truss axes.
+        Inertia about :math:`O_t`, in truss axes.
     """
     arm = rotation @ body.static_moment
-    # p (R S + m p / 2)^T and its transpose together hold both mixed terms and half of m p p^T each.
+    # p (R S + m p / 2)^T plus its transpose is the sum of both mixed terms and m p p^T.
     mixed = np.outer(position, arm + (body.mass / 2.0) * position)
     spread = 2.0 * (position @ arm) + body.mass * (position @ position)
     inertia = rotation @ body.inertia @ rotation.T - mixed - mixed.T + spread * np.eye(3)
@@ -65,12 +64,12 @@ def moved_inertia(body: SpatialInertia, rotation: Array, position: Array) -> Spa
 
 
 def combined(first: SpatialInertia, second: SpatialInertia) -> SpatialInertia:
-    """Return the inertia of two bodies together.
+    """Return the sum of the inertias of two bodies.
 
     Parameters
     ----------
     first, second : SpatialInertia
-        About the same point, in the same axes.
+        Inertias about the same point, in the same axes.
 
     Returns
     -------
@@ -87,24 +86,24 @@ def inertia_matrix(body: SpatialInertia) -> Array:
     Parameters
     ----------
     body : SpatialInertia
-        About the truss origin.
+        Inertia about the truss origin.
 
     Returns
     -------
     array, shape (6, 6)
-        [kg, kg·m; kg·m, kg·m²].
+        Matrix [kg, kg·m; kg·m, kg·m²].
     """
     moment = cross_matrix(body.static_moment)
     return np.block([[body.mass * np.eye(3), -moment], [moment, body.inertia]])
 
 
 def momentum(body: SpatialInertia, motion: Array) -> Array:
-    """Return the inertia times a motion, without forming the 6×6 matrix.
+    """Return the product of inertia and motion, without the 6×6 matrix.
 
     Parameters
     ----------
     body : SpatialInertia
-        About the truss origin.
+        Inertia about the truss origin.
     motion : array, shape (6,)
         Velocity [m/s; rad/s] or acceleration [m/s²; rad/s²].
 
@@ -119,7 +118,7 @@ def momentum(body: SpatialInertia, motion: Array) -> Array:
 
 
 def motion_product(velocity: Array, motion: Array) -> Array:
-    """Return the rate of change of a motion vector that moves with `velocity`.
+    """Return the cross product of motions: the rate of a motion vector that moves with `velocity`.
 
     Parameters
     ----------
@@ -138,7 +137,7 @@ def motion_product(velocity: Array, motion: Array) -> Array:
 
 
 def force_product(velocity: Array, force: Array) -> Array:
-    """Return the rate of change of a force or momentum vector that moves with `velocity`.
+    """Return the cross product of motion and force: the rate of a force vector that moves with `velocity`.
 
     Parameters
     ----------
@@ -157,16 +156,16 @@ def force_product(velocity: Array, force: Array) -> Array:
 
 
 def inertial_force(body: SpatialInertia, velocity: Array, acceleration: Array) -> Array:
-    r"""Return the force a body needs, :math:`I a + v \times^* I v` (Newton and Euler in one).
+    r"""Return the inertial force of a body by Newton–Euler, :math:`I a + v \times^* I v`.
 
     Parameters
     ----------
     body : SpatialInertia
-        About the truss origin.
+        Inertia about the truss origin.
     velocity : array, shape (6,)
         [m/s; rad/s].
     acceleration : array, shape (6,)
-        Spatial acceleration: the rate of change of the velocity's components [m/s²; rad/s²].
+        Spatial acceleration: rates of the velocity components [m/s²; rad/s²].
 
     Returns
     -------
@@ -175,7 +174,7 @@ def inertial_force(body: SpatialInertia, velocity: Array, acceleration: Array) -
 
     References
     ----------
-    The rigid-body terms of Li, Wei, Chen (2026), Eq. 23.
+    Li, Wei, Chen (2026), rigid-body terms of Eq. 23. Featherstone (2008), Eq. 2.63.
     """
     return momentum(body, acceleration) + force_product(velocity, momentum(body, velocity))
 
@@ -183,7 +182,7 @@ def inertial_force(body: SpatialInertia, velocity: Array, acceleration: Array) -
 def _mirrored(matrix: Array) -> Array:
     """Return a symmetric 3×3 matrix from its upper triangle.
 
-    The lower triangle of a traced matrix is a second expression of the same value; taking
-    the upper one twice lets the compiler drop it.
+    The lower triangle of a traced matrix has different expressions of the same values. If the upper
+    triangle is used twice, the compiler evaluates it once.
     """
     return matrix_of([[matrix[min(i, j), max(i, j)] for j in range(3)] for i in range(3)])

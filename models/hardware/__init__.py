@@ -1,1 +1,1 @@
-"""What a robot has between controller and physics: thrusters, wheels, drives, sensors, a computer."""
+"""Hardware between controller and plant: thrusters, wheels, joint drives, sensors, computer."""

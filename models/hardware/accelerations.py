@@ -1,4 +1,4 @@
-"""What accelerometers on a truss would feel."""
+"""Accelerations measured by accelerometers on a truss."""
 
 from __future__ import annotations
 
@@ -17,12 +17,12 @@ from trussflow.models.robots.hand_motion import hand_motion
 class PointAccelerations(Block):
     r"""Accelerations of the grasp points, in truss axes, and of the bases' centroids, in base axes.
 
-    An accelerometer integrates over its sample; with the velocity v of the point and the turning
-    :math:`\omega` of its axes, both means of the ends of the sample,
+    An accelerometer averages over its sample. With the velocity v of the point and the angular velocity
+    :math:`\omega` of its axes, both averaged over the ends of the sample,
 
     .. math:: a_k = (v_k - v_{k-1}) / T_s + \bar\omega \times \bar v
 
-    It needs no solution of the equations of motion. The first one is that of uniform motion.
+    So the equations of motion need not be solved. The first sample assumes constant speeds.
 
     Parameters
     ----------
@@ -39,9 +39,9 @@ class PointAccelerations(Block):
 
     coordinates = Input("nq", unit=Attribute("coordinate_units"), meaning="q")
     speeds = Input("n", unit=Attribute("speed_units"), meaning="v")
-    grasp = Output(("robots", 3), unit="m/s**2", frame="truss", meaning="of each grasp point")
-    base = Output(("robots", 3), unit="m/s**2", frame="base", meaning="of each base")
-    before = State(("points", 6), meaning="motion of points and axes, a sample before")
+    grasp = Output(("robots", 3), unit="m/s**2", frame="truss", meaning="acceleration of each grasp point")
+    base = Output(("robots", 3), unit="m/s**2", frame="base", meaning="acceleration of each base")
+    before = State(("points", 6), meaning="velocities of points and axes at the previous sample")
 
     def __init__(self, dynamics: TrussDynamics, sample_time: float) -> None:
         truss = SpaceTruss(dynamics)
@@ -59,15 +59,15 @@ class PointAccelerations(Block):
         return {"grasp": found[: self.robots], "base": found[self.robots :]}
 
     def update(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
-        """Remember the motion."""
+        """Store the velocities."""
         return {"before": self._motion(u)}
 
     def initial_state(self, u: Signals, p: Signals) -> Values:
-        """Start at the first motion."""
+        """Return the initial velocities."""
         return {"before": self._motion(u)}
 
     def _motion(self, u: Signals) -> Array:
-        """Return velocity of point and turning of axes: for all grasps, then for all bases."""
+        """Return velocities of points and angular velocities of axes: all grasps, then all bases."""
         dynamics, root = self.dynamics, u.speeds[:6]
         modal, rates = u.coordinates[dynamics.rigid_coordinates :], u.speeds[dynamics.rigid_freedoms :]
         grasps = []
@@ -75,6 +75,6 @@ class PointAccelerations(Block):
             hand = hand_motion(dynamics.modes.data, i, modal, root, rates, exact=dynamics.elastic_integrals)
             velocity = hand.velocity[:3] + np.cross(hand.velocity[3:], hand.position)
             grasps.append(np.concatenate([velocity, root[3:]]))
-        # What forces and torques on a base do work on: the columns of P_Q are its partial velocities.
+        # The columns of P_Q for a base are its partial velocities (virtual work).
         bases = u.speeds @ dynamics.actuation_matrix(u.coordinates)[:, : 6 * self.robots]
         return np.concatenate([stacked(grasps, (6,)), np.reshape(bases, (self.robots, 6))])

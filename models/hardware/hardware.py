@@ -1,4 +1,4 @@
-"""All hardware between a controller and the truss, as two diagrams: actuators and sensors."""
+"""Hardware between controller and truss, as two diagrams: actuators and sensors."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ from trussflow.models.plant.tunable_truss import TunableTruss
 from trussflow.models.robots.joint import Joint
 from trussflow.models.validation import check_choice, check_number
 
-SENSORS = {
+SENSOR_UNITS = {
     "metrology": "m",
     "star_tracker": "rad",
     "encoder": "rad",
@@ -35,41 +35,40 @@ SENSORS = {
     "gyro": "rad/s",
     "tachometer": "rad/s",
 }
-"""Units of the sensors of root position, attitude and joint angles, and of their rates in truss axes."""
+"""Units of the sensors of position and attitude of the truss frame, of joints, and of their rates."""
 
-GYROSCOPIC = ("off", "on", "cancelled")
+GYROSCOPIC_CHOICES = ("off", "on", "cancelled")
 
 
 def _made(make: Any, robot: int) -> Any:
-    """Return what a robot carries, by what makes it for all or for each."""
+    """Return the hardware of a robot, from its factory or the common one."""
     return make[robot]() if isinstance(make, tuple) else make()
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Hardware:
-    """What the robots carry, made anew for each.
+    """Hardware of the robots, as factories of blocks and as measurement errors.
 
     Attributes
     ----------
     sample_time, delay : float
-        Of the computer: how long a command is held, and how late it comes [s].
+        Hold and delay of the commands by the computer [s].
     thrusters : callable, or tuple of callable
-        Returns the `ThrusterSet` of a base; one for all, or one for each.
+        Factory of the `ThrusterSet` of a base; one for all, or one each.
     wheels : callable, or tuple of callable, optional
-        Returns the `ReactionWheels` of a base, likewise. Without wheels its torques are the thrusters' task;
-        with them the thrusters only make up for unloading.
+        Factory of the `ReactionWheels` of a base; one for all, or one each. Without wheels the thrusters make
+        the torques of the base; with wheels they only compensate the unloading.
     drives : callable
-        Takes the joints of all robots together, as `JointDrives` does, and returns their drives.
+        Factory of the `JointDrives` of the joints of all robots, its argument.
     metrology, star_tracker, velocimeter, gyro : Measurement
-        Of the root's position [m], attitude [rad], velocity [m/s] and angular velocity [rad/s].
+        Measurements of position [m], attitude [rad], velocity [m/s] and rate [rad/s] of the truss frame.
     encoder, tachometer : Measurement
-        Of the joints' angles [rad] and rates [rad/s].
+        Measurements of joint angles [rad] and rates [rad/s].
     accelerometer : Measurement, optional
-        At each grasp point and each base [m/s^2].
+        Measurement of the accelerations of grasp points and bases [m/s^2].
     gyroscopic : str
-        Whether the momentum of wheels and other rotors resists the turning of their bases, ω × A h:
-        ``"off"``; ``"on"``; or ``"cancelled"`` by the drives of the wheels, which know their momentum and
-        the rate of their base, once a sample. Unless off, the actuators take the `rates` of the truss.
+        Gyroscopic torque ω × A h of the wheels on their base: ``"off"``; ``"on"``; or ``"cancelled"`` by
+        feedforward of the wheel torques once a sample. Unless off, the actuators have the input `rates`.
     """
 
     sample_time: float
@@ -87,37 +86,39 @@ class Hardware:
     gyroscopic: str = "off"
 
     def __post_init__(self) -> None:
-        check_choice("gyroscopic torque", self.gyroscopic, GYROSCOPIC)
+        check_choice("gyroscopic torque", self.gyroscopic, GYROSCOPIC_CHOICES)
 
     @classmethod
     def flight(cls, *, torque: float | None = None) -> Self:
-        """Return the hardware that a flown loop is designed for, from ``parameters/hardware.toml``.
+        """Return the reference hardware of ``parameters/hardware.toml``.
 
-        A hold of 20 ms and a delay of 20 ms; 5 N in steps of 0.1 N, sigma-delta modulated, and 0.3 N·m for
-        each axis of a base; 0.3 N·m for each joint, without friction; noise of 1e-4 m, rad, m/s and rad/s.
+        Commands are held for 20 ms and delayed by 20 ms. Each axis of a base has a thrust of 5 N in steps of
+        0.1 N, sigma-delta modulated, and a torque of 0.3 N·m. Joints have 0.3 N·m without friction. The noise
+        is 1e-4 m, rad, m/s and rad/s.
 
         Parameters
         ----------
         torque : float, optional
-            Of wheels and joints in place of 0.3 N·m; what the wheels hold grows in proportion [N·m].
+            Maximum torque of wheels and joints instead of 0.3 N·m; the momentum of the wheels scales
+            with it [N·m].
         """
         return cls.of(ParameterTable.shipped("hardware.toml"), torque=torque)
 
     @classmethod
     def of(cls, file: ParameterTable | LayeredFile, *, torque: float | None = None) -> Self:
-        """Return the hardware that a file states: throttled thrusters, wheels, joint drives, sensors.
+        """Return the hardware of a file: throttled thrusters, wheels, joint drives, sensors.
 
         Parameters
         ----------
         file : ParameterTable or LayeredFile
-            With the tables of ``parameters/hardware.toml``.
+            File with the tables of ``parameters/hardware.toml``.
         torque : float, optional
-            As of `flight` [N·m].
+            Maximum torque of wheels and joints, see `flight` [N·m].
 
         Raises
         ------
         ModelError
-            If a value is missing or makes no sense.
+            If a value is missing or out of range.
         """
 
         def numbers(table: str, **units: str) -> dict[str, Any]:
@@ -131,10 +132,11 @@ class Hardware:
             wheels["momentum"] *= torque / wheels["torque"]
             wheels["torque"] = joints["torque"] = torque
         sensors: dict[str, Any] = {
-            name: Measurement(**numbers(name, sample_time="s", noise=unit)) for name, unit in SENSORS.items()
+            name: Measurement(**numbers(name, sample_time="s", noise=unit))
+            for name, unit in SENSOR_UNITS.items()
         }
         return cls(
-            gyroscopic=file.table("wheels").choice("gyroscopic", GYROSCOPIC),
+            gyroscopic=file.table("wheels").choice("gyroscopic", GYROSCOPIC_CHOICES),
             **numbers("computer", sample_time="s", delay="s"),
             thrusters=partial(ThrusterSet.axial, **thrusters),
             wheels=partial(ReactionWheels, np.eye(3), **wheels),
@@ -153,22 +155,24 @@ class Hardware:
         thrust: float = 100.0,
         torque: float = 100.0,
     ) -> Self:
-        """Return hardware that holds and delays, and does nothing else unless asked.
+        """Return nearly ideal hardware, with hold and delay only by default.
 
         Parameters
         ----------
         sample_time, delay : float
-            Of the computer [s].
+            Hold and delay of the commands by the computer [s].
         noise : float
             Standard deviation of all sensors [m, rad, m/s, rad/s].
         quantum, thrust : float
-            Step between thrusts, and their limit: by default out of sight [N].
+            Step and limit of the thrusts, by default negligible and large [N].
         torque : float
-            Limit of wheels and joints, likewise [N·m].
+            Limit of wheels and joints, by default large [N·m].
         """
         thrusters = {"maximum": thrust, "quantum": quantum, "period": sample_time, "specific_impulse": 70.0}
         wheels = {"sample_time": sample_time, "torque": torque, "momentum": 1e6}
-        sensors: dict[str, Any] = dict.fromkeys(SENSORS, Measurement(sample_time=sample_time, noise=noise))
+        sensors: dict[str, Any] = dict.fromkeys(
+            SENSOR_UNITS, Measurement(sample_time=sample_time, noise=noise)
+        )
         return cls(
             sample_time=sample_time,
             delay=delay,
@@ -179,17 +183,17 @@ class Hardware:
         )
 
     def limits(self, truss: SpaceTruss) -> Vector:
-        """Return how much each actuator of a truss can do in either direction, alone [N, N·m].
+        """Return the limit of each actuator of a truss in either direction, alone [N, N·m].
 
         Parameters
         ----------
         truss : SpaceTruss
-            The plant; it is only looked at.
+            Plant.
 
         Raises
         ------
         ModelError
-            If nothing makes torques on the bases.
+            If the hardware makes no torques on the bases.
         """
         bases = np.zeros((truss.robots, 6))
         for robot, base in enumerate(bases):
@@ -199,40 +203,39 @@ class Hardware:
                 base[3:] = 1.0 / np.max(np.abs(wheels.sharing) / wheels.maximum_torque[:, None], axis=0)
         if not np.all(np.isfinite(bases)):
             raise ModelError(
-                "nothing makes torques on the bases: the hardware has no wheels, and its thrusters make "
-                "none; give it wheels, or thrusters such as ThrusterSet.pairs"
+                "the hardware makes no torques on the bases: it has no wheels, and its thrusters make no "
+                "torques; add wheels, or use thrusters such as ThrusterSet.pairs"
             )
         joints = truss.dynamics.joint_data
         torques = self.drives(joints).maximum if joints else np.zeros(0)
         return np.concatenate([bases.ravel(), torques])
 
     def actuators(self, truss: SpaceTruss) -> Diagram:
-        """Return all actuators of a truss, behind the computer that commands them.
+        """Return all actuators of a truss, with the hold and delay of the computer.
 
         Parameters
         ----------
         truss : SpaceTruss
-            The plant; it is only looked at.
+            Plant.
 
         Returns
         -------
         Diagram
-            Inputs: `command` as `SpaceTruss.actuation` has it, and what may stay open: `base_effectiveness`
-            of each base and `joint_effectiveness` of each joint, from 0 (dead) to 1; `joint_rates`, for
-            friction; `brake`, torques that hold joints (all three if there are joints); with wheels,
-            `unloading` [1/s]; unless `gyroscopic` is off, `rates`, which are `actuator_rates` of the truss.
-            Outputs: `actuation`, what acts on the truss, `ordered`, thrust as limited and rounded but of
-            healthy thrusters, and torques as commanded, and the `propellant` that each base has used, and
-            with wheels the `momentum` that they hold, in base axes.
+            Input `command`, as `SpaceTruss.actuation`. Optional inputs: `base_effectiveness` of each base and
+            `joint_effectiveness` of each joint, their health from 0 to 1; `joint_rates`, for friction;
+            `brake`, torques of locked joints; with wheels `unloading` [1/s]; unless `gyroscopic` is off,
+            `rates`, the `actuator_rates` of the truss. Outputs: `actuation` of the truss; `ordered`, thrusts
+            of healthy thrusters and commanded torques; `propellant` used by each base; with wheels their
+            `momentum`, in base axes.
 
         Raises
         ------
         ModelError
-            If there are no robots.
+            If the truss has no robots.
         """
         robots, units, joints = truss.robots, truss.actuator_units, truss.dynamics.joint_data
         if not robots:
-            raise ModelError("the truss has no robots, which carry the hardware; leave the actuators out")
+            raise ModelError("the truss has no robots, so there are no actuators; omit them")
         diagram = Diagram("actuators")
         computer, health = diagram.add(
             computer=sampled_delay(self.sample_time, self.delay, shape=truss.actuators),
@@ -270,7 +273,7 @@ class Hardware:
             health.y[i] >> wheels.effectiveness
             -wheels.unloading_torque >> thrusters.demand[3:]
             felt, wanted = wheels.torque + thrusters.wrench[3:], computer.y[torque]
-            if self.gyroscopic != "off":  # held for a sample, as the wheels would, it would drive nutation
+            if self.gyroscopic != "off":  # continuous, since a hold would add energy to the nutation
                 gyroscope = diagram.add(
                     **{
                         f"gyroscope_{i + 1}": Function(
@@ -308,26 +311,26 @@ class Hardware:
         Parameters
         ----------
         truss : SpaceTruss
-            The plant; it is only looked at.
+            Plant.
         seed : int
-            Which noise, at least 0 [1].
+            Seed of the noise, zero or positive [1].
 
         Returns
         -------
         Diagram
-            Inputs: `coordinates` and `speeds` of the truss. Outputs, as they are seen: `task_position`,
+            Inputs: `coordinates` and `speeds` of the truss. Outputs, as measured: `task_position`,
             `task_velocity` and `rigid_speeds`, and with accelerometers `grasp_acceleration` and
-            `base_acceleration`. No sensor shows the modes.
+            `base_acceleration`. The modes are not measured.
 
         Raises
         ------
         ModelError
-            If there are accelerometers, and the truss is a tunable one.
+            If there are accelerometers, and the truss is a `TunableTruss`.
         """
         if self.accelerometer is not None and isinstance(truss, TunableTruss):
             raise ModelError(
-                "accelerometers of a TunableTruss would feel another truss than the one that flies; use a "
-                "SpaceTruss, or hardware without accelerometers"
+                "accelerometers of a TunableTruss would measure its nominal truss, not that of the run; use "
+                "a SpaceTruss, or hardware without accelerometers"
             )
         places, rigid, rest = truss.rigid_q, truss.rigid, truss.parameters["initial_coordinates"]
         where, rates, attitude = truss.coordinate_units, truss.speed_units, truss.dynamics.attitude
@@ -350,7 +353,7 @@ class Hardware:
                 },
             ),
         )
-        for k, name in enumerate(SENSORS):
+        for k, name in enumerate(SENSOR_UNITS):
             first, last = (attitude.end, places) if k < 3 else (6, rigid)
             part = (slice(0, 3), slice(3, first), slice(first, last))[k % 3]
             if first == last and k % 3 == 2:
@@ -366,7 +369,7 @@ class Hardware:
             points = diagram.add(points=PointAccelerations(truss.dynamics, self.accelerometer.sample_time))
             true.y >> points.coordinates
             moving.y >> points.speeds
-            for k, port in enumerate(points.outputs(), len(SENSORS)):
+            for k, port in enumerate(points.outputs(), len(SENSOR_UNITS)):
                 sensor = self.accelerometer.sensor(port.shape, seed=derived_seed(seed, k))
                 port >> diagram.add(**{f"{port.name}_sensor": sensor}).u
                 diagram.expose(**{f"{port.name}_acceleration": sensor.y})

@@ -1,4 +1,4 @@
-"""What a sensor does to a signal."""
+"""Measurement errors of sensors: sampling, noise, drift, quantization, delay."""
 
 from __future__ import annotations
 
@@ -23,37 +23,37 @@ from trussflow.models.validation import check_number
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Measurement:
-    r"""Rate, noise, drift, quantization and delay of a sensor.
+    r"""Sample time, noise, drift, quantization and delay of a sensor.
 
-    .. math:: y = Q(u_k + b_k + \sigma w_k), \quad\text{shown from } k T_s + \delta \text{ on}
+    .. math:: y(t) = Q(u_k + b_k + \sigma w_k), \quad t \ge k T_s + \delta
 
     Attributes
     ----------
     sample_time : float
-        T_s [s].
+        Sample time, T_s [s].
     noise : float
-        σ: standard deviation of each sample [unit].
+        Standard deviation of each sample, σ [unit].
     random_walk : float
-        K: growth of the bias b, as of `Drift` [unit/√s].
+        Random walk of the bias b, K of `Drift` [unit/√s].
     correlation_time : float, optional
-        τ of the bias [s]; by default infinite.
+        Correlation time of the bias, τ [s]; by default infinite.
     initial_bias : float
         Standard deviation of the bias at the start [unit].
     quantum : float
-        Step between readings [unit]; 0 for none.
+        Step of the quantization [unit]; 0 for none.
     delay : float
-        δ: from the sample to when it is shown [s].
+        Delay of the output after the sample, δ [s].
 
     Raises
     ------
     ModelError
-        If the sample time is not above 0, or a number is negative.
+        If the sample time is not positive, or a number is negative.
 
     Notes
     -----
-    An attitude is measured as its Euler angles: noise and quantum are those of the angles. Of a quaternion
-    each number is measured with half of both, and the length of all four made one again: what is left is a
-    turn by the noise about each axis of the truss.
+    An attitude is measured as its Euler angles, with their noise and quantum. The numbers of a quaternion
+    have half of both, and the quaternion is normalized. The result is a rotation by the noise about each
+    axis of the truss.
     """
 
     sample_time: float
@@ -81,24 +81,24 @@ class Measurement:
         correlation_time: float | None = None,
         **more: Any,
     ) -> Self:
-        r"""Return a rate gyro, given as data sheets do.
+        r"""Return a rate gyro with the parameters of a data sheet.
 
         Parameters
         ----------
         sample_time : float
-            [s].
+            Sample time [s].
         angle_random_walk : float
-            N: the white noise of the rate, of :math:`N / \sqrt{T_s}` a sample [rad/√s].
+            White noise of the rate, N, with the deviation :math:`N / \sqrt{T_s}` per sample [rad/√s].
         bias_instability : float
             Standard deviation of the bias, at the start and later [rad/s].
         correlation_time : float, optional
-            Of the bias [s]; by default infinite, and the bias stays as it is.
+            Correlation time of the bias [s]; by default infinite, with a constant bias.
         **more
-            As for `Measurement`.
+            Other arguments of `Measurement`.
 
         Notes
         -----
-        The flicker noise that bias instability stands for is replaced by a Gauss–Markov process.
+        A Gauss–Markov process replaces the flicker noise of the bias instability.
         """
         time = 1.0 if correlation_time is None else correlation_time
         check_number("a gyro", sample_time=sample_time, correlation_time=time)
@@ -120,28 +120,28 @@ class Measurement:
         Parameters
         ----------
         sample_time : float
-            [s].
+            Sample time [s].
         bits : int
-            Its resolution: 2**bits steps in a turn [-].
+            Resolution: 2**bits steps per revolution [-].
         **more
-            As for `Measurement`.
+            Other arguments of `Measurement`.
 
         Raises
         ------
         ModelError
-            If the bits are no whole number from 1 to 64.
+            If `bits` is not a whole number from 1 to 64.
         """
         if not is_whole(bits) or not 1 <= bits <= 64:
             raise ModelError(f"an encoder: bits is {shown(bits)}; it must be a whole number from 1 to 64")
         return cls(sample_time=sample_time, quantum=2.0 * pi / 2.0**bits, **more)
 
     def scaled(self, factor: float) -> Self:
-        """Return the same measurement of something that has other numbers.
+        """Return the same measurement with scaled errors.
 
         Parameters
         ----------
         factor : float
-            What all errors are multiplied by, above 0 [1].
+            Factor of all errors, positive [1].
         """
         errors = ("noise", "random_walk", "initial_bias", "quantum")
         return replace(self, **{name: factor * getattr(self, name) for name in errors})
@@ -154,23 +154,23 @@ class Measurement:
         unit: Unit = None,
         initial_value: npt.ArrayLike = 0.0,
     ) -> Diagram:
-        """Return a sensor of this kind.
+        """Return a sensor with these errors.
 
         Parameters
         ----------
         shape : int or tuple of int
             Shape of the signal; each element has its own noise [-].
         seed : int
-            Which noise, at least 0 [1]. Give each sensor its own.
+            Seed of the noise, zero or positive, different for each sensor [1].
         unit : str, tuple of str or None
-            Unit of the signals, or one per element; None leaves it unchecked.
+            Unit of the signals, or one per element; None disables the check.
         initial_value : array_like
-            What it shows before its first sample, if that comes late [unit].
+            Output before the first sample [unit].
 
         Returns
         -------
         Diagram
-            With ports u and y.
+            Sensor with the ports u and y.
         """
         shape = as_shape("a sensor", shape)
         errors: dict[str, Block] = {}
@@ -203,12 +203,12 @@ class Measurement:
 
 
 def derived_seed(seed: int, number: int) -> int:
-    """Return a `seed` of its own for each `number`, which has nothing in common with the others.
+    """Return an independent seed for each `number`, derived from one `seed`.
 
     Raises
     ------
     ModelError
-        If the seed is not a whole number from 0 on.
+        If the seed is not a whole number, zero or positive.
     """
     if not is_whole(seed) or seed < 0:
         raise ModelError(f"a sensor cannot have the seed {shown(seed)}; it must be a whole number from 0 on")

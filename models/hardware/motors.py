@@ -1,4 +1,4 @@
-"""Motors: the drives of an arm's joints, and reaction wheels on a base."""
+"""Motors: joint drives of the arms, and reaction wheels of a base."""
 
 from __future__ import annotations
 
@@ -20,35 +20,35 @@ from trussflow.models.validation import unit_vectors
 
 
 class JointDrives(Block):
-    r"""Joint drives: limited torque, and friction.
+    r"""Joint drives with limited torque and friction.
 
     .. math:: \tau = \eta\,\mathrm{lim}(\tau_w, \pm\tau_{max}) - b\,\dot\theta
               - c \tanh(\dot\theta / \dot\theta_c) + \tau_b
 
-    Their encoders are `Measurement.encoder`. A drive of no effectiveness η is limp, not locked.
+    The encoders are `Measurement.encoder`. A drive with health η = 0 makes no torque; its joint is free,
+    not locked.
 
     Parameters
     ----------
     joints : int or sequence of Joint
-        Number of joints that turn, or all joints [-]; of those that slide all is in N and m. No drive gives
-        more than the `effort` of its joint.
+        Number of revolute joints, or all joints [-]. Sliding joints have the units N and m. The `effort` of
+        a joint also limits its drive.
     torque : array_like
-        Largest torque [N·m]; one for all, or one for each, as all below.
+        Maximum torque [N·m]; one value for all joints or one each, as for all parameters below.
     viscous : array_like
-        b: viscous friction [N·m·s/rad].
+        Viscous friction, b [N·m·s/rad].
     coulomb : array_like
-        c: Coulomb friction [N·m].
+        Coulomb friction, c [N·m].
     transition : array_like
-        Rate at which Coulomb friction turns round [rad/s]: below, a joint creeps, and
-        c / transition acts like viscous friction. It must suit the joints' inertia and the
-        solver's step.
+        Rate at which Coulomb friction changes its sign [rad/s]. Below it c / transition acts like viscous
+        friction. Choose it by the inertia of the joints and the step of the solver.
 
     Raises
     ------
     BlockError
-        If there is no joint, or one whose effort is 0.
+        If there is no joint, or the effort of a joint is 0.
     ParameterError
-        If the largest torque or the transition is not above 0, or friction is negative.
+        If maximum torque or transition is not positive, or friction is negative.
 
     References
     ----------
@@ -56,17 +56,19 @@ class JointDrives(Block):
     compensation methods for the control of machines with friction*, Automatica 30(7).
     """
 
-    command = Input("joints", unit=Attribute("effort_units"), meaning="torques wanted")
+    command = Input("joints", unit=Attribute("effort_units"), meaning="commanded torques")
     rate = Input("joints", unit=Attribute("rate_units"), default=0.0, meaning="joint rates")
-    effectiveness = Input("joints", default=1.0, meaning="of the motors: 0 is limp")
+    effectiveness = Input("joints", default=1.0, meaning="health of the motors: 0 is failed")
     brake = Input(
-        "joints", unit=Attribute("effort_units"), default=0.0, meaning="torques of brakes, beyond all limits"
+        "joints", unit=Attribute("effort_units"), default=0.0, meaning="torques of brakes, unlimited"
     )
     torque = Output("joints", unit=Attribute("effort_units"), meaning="joint torques")
-    maximum = Parameter(shape="joints", unit="N*m", above=0.0, meaning="largest torque")
+    maximum = Parameter(shape="joints", unit="N*m", above=0.0, meaning="maximum torque")
     viscous = Parameter(shape="joints", unit="N*m*s/rad", minimum=0.0, meaning="viscous friction")
     coulomb = Parameter(shape="joints", unit="N*m", minimum=0.0, meaning="Coulomb friction")
-    transition = Parameter(shape="joints", unit="rad/s", above=0.0, meaning="rate of full friction")
+    transition = Parameter(
+        shape="joints", unit="rad/s", above=0.0, meaning="rate of the friction's sign change"
+    )
 
     def __init__(
         self,
@@ -84,8 +86,8 @@ class JointDrives(Block):
             limp = [joint.name for joint in joints if not joint.effort]
             if limp:
                 raise BlockError(
-                    f"JointDrives: joint {limp[0]!r} has a limit of effort of 0, so nothing drives it; raise "
-                    "it, or make the joint a fixed one"
+                    f"JointDrives: joint {limp[0]!r} has an effort limit of 0; increase it, or make the "
+                    "joint a fixed one"
                 )
             given = finite_array("JointDrives: torque", torque, (self.joints,))
             torque = np.minimum(given, [joint.effort for joint in joints])
@@ -105,46 +107,46 @@ class JointDrives(Block):
 
 
 class ReactionWheels(Block):
-    r"""Reaction wheels: torque on the base against the momentum of the wheels.
+    r"""Reaction wheels: torque on the base, and momentum of the wheels.
 
-    With the axes as columns of A, momenta h and the wanted torque :math:`\tau_w`, the motors turn the
-    wheels with
+    With the axes as columns of A, momenta h and the commanded torque :math:`\tau_w`, the motor torques are
 
     .. math:: m = \mathrm{lim}(\eta\,[-A^+ \tau_w - u h], \pm m_{max}), \quad
               \dot h = \frac{m - d h}{1 + d T_s} - s, \quad \tau = -A \dot h - \omega \times A h
 
-    u being the rate of unloading, which another actuator has to make up for, and s Coulomb
-    friction: it takes what would turn the wheel after a sample, but at most c. The momentum stays
-    within its limit: there the motor gives way.
+    u is the rate of unloading, for which another actuator must compensate. s is Coulomb friction: it
+    reduces the momentum after the sample towards zero, by a torque of at most c. Saturation of the
+    momentum reduces the motor torque.
 
     Parameters
     ----------
     axes : array_like, shape (m, 3)
-        Unit vectors along the wheels' axes, base axes [1].
+        Unit vectors along the axes of the wheels, in base axes [1].
     sample_time : float
-        Time for which a torque is held [s]; so all of this is exact.
+        Time for which a torque is held [s]; with it these equations are exact.
     torque, momentum : array_like
-        Largest torque of a motor [N·m], and momentum of a wheel [N·m·s]; one for all, or one for each.
+        Maximum torque of a motor [N·m], and momentum of a wheel [N·m·s]; one value for all, or one each.
     viscous : array_like
-        d: viscous friction, divided by the wheel's inertia [1/s].
+        Viscous friction divided by the inertia of the wheel, d [1/s].
     coulomb : array_like
-        c: Coulomb friction [N·m].
+        Coulomb friction, c [N·m].
 
     Raises
     ------
     ModelError
-        If an axis is no unit vector, or there is a direction about which no wheel turns.
+        If an axis is not a unit vector, or the axes do not span three dimensions.
     ParameterError
-        If a limit is not above 0, or friction is negative.
+        If a limit is not positive, or friction is negative.
     BlockError
-        If the sample time is not above 0.
+        If the sample time is not positive.
 
     Notes
     -----
-    Friction takes the absolute momentum of a wheel for the one relative to the base.
-    The effectiveness η, from 0 to 1, is that of the motors; a dead wheel still has friction.
-    ω × A h is held for a sample like all of it. On a base that is free to nutate, at A h over its inertia,
-    that gives the motion energy: leave the input open there, and add it continuously, as `Hardware` does.
+    Friction uses the absolute momentum of a wheel instead of that relative to the base.
+    The health η, from 0 to 1, is that of the motors; a failed wheel still has friction.
+    ω × A h is held for a sample, as the whole torque. A hold of this term adds energy to the nutation of a
+    base, whose rate is A h over its inertia. In that case leave the input open and add the term
+    continuously, as `Hardware` does.
 
     References
     ----------
@@ -152,17 +154,17 @@ class ReactionWheels(Block):
     and dry friction in finite freedom dynamics* (the friction of one sample).
     """
 
-    demand = Input(3, unit="N*m", frame="base", meaning="torque wanted on the base")
-    unloading = Input(unit="1/s", default=0.0, meaning="rate at which to give momentum away")
-    effectiveness = Input(default=1.0, meaning="of the motors: 0 is dead")
-    angular_velocity = Input(3, unit="rad/s", frame="base", default=0.0, meaning="of the base")
+    demand = Input(3, unit="N*m", frame="base", meaning="commanded torque on the base")
+    unloading = Input(unit="1/s", default=0.0, meaning="rate of unloading")
+    effectiveness = Input(default=1.0, meaning="health of the motors: 0 is failed")
+    angular_velocity = Input(3, unit="rad/s", frame="base", default=0.0, meaning="rate of the base")
     torque = Output(3, unit="N*m", frame="base", meaning="torque on the base")
-    unloading_torque = Output(3, unit="N*m", frame="base", meaning="part of it wanted for unloading")
+    unloading_torque = Output(3, unit="N*m", frame="base", meaning="part of it for unloading")
     momentum = Output("wheels", unit="N*m*s", meaning="momentum of each wheel")
-    stored = Output(3, unit="N*m*s", frame="base", meaning="A h: momentum of all together")
+    stored = Output(3, unit="N*m*s", frame="base", meaning="A h, total momentum of the wheels")
     h = State("wheels", unit="N*m*s", meaning="momentum of each wheel")
-    maximum_torque = Parameter(shape="wheels", unit="N*m", above=0.0, meaning="largest torque of a motor")
-    maximum_momentum = Parameter(shape="wheels", unit="N*m*s", above=0.0, meaning="largest momentum")
+    maximum_torque = Parameter(shape="wheels", unit="N*m", above=0.0, meaning="maximum torque of a motor")
+    maximum_momentum = Parameter(shape="wheels", unit="N*m*s", above=0.0, meaning="maximum momentum")
     viscous = Parameter(shape="wheels", unit="1/s", minimum=0.0, meaning="viscous friction / inertia")
     coulomb = Parameter(shape="wheels", unit="N*m", minimum=0.0, meaning="Coulomb friction")
 
@@ -180,7 +182,7 @@ class ReactionWheels(Block):
         if np.linalg.matrix_rank(directions) < 3:
             blind = np.linalg.svd(directions)[2][-1]
             raise ModelError(
-                f"reaction wheels: none turns about the direction {blind.round(3).tolist()}; add a wheel"
+                f"reaction wheels: none has a torque along {blind.round(3).tolist()}; add a wheel"
             )
         self.axes, self.wheels = directions.T, len(directions)
         self.sharing = np.linalg.pinv(self.axes)

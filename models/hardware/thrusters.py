@@ -1,4 +1,4 @@
-"""A set of one-sided thrusters on a base, throttled or pulsed."""
+"""Thrusters of a base, throttled or pulsed."""
 
 from __future__ import annotations
 
@@ -21,74 +21,75 @@ from trussflow.models.errors import ModelError
 from trussflow.models.validation import check_number, frozen_array, unit_vectors
 
 STANDARD_GRAVITY = 9.80665
-"""g_0, by which a specific impulse in seconds is defined [m/s^2]."""
+"""g_0 of the specific impulse in seconds [m/s^2]."""
 
-WRENCH = ("N",) * 3 + ("N*m",) * 3
+WRENCH_UNITS = ("N",) * 3 + ("N*m",) * 3
 WRENCH_PARTS = ("force along x", "force along y", "force along z", *(f"torque about {a}" for a in "xyz"))
 
-# A wrench is reached if no more than this is missing, relative to it: round-off of a 6 x m pseudo-inverse.
-_REACHED = 1e-9
+# Tolerance of wrenches and thrusts, relative: round-off of a 6 x m pseudo-inverse.
+_ROUND_OFF = 1e-9
 
 
 class ThrusterSet(Diagram):
-    r"""Thrusters on a base: from a wanted wrench to the thrusts, and to the wrench that they make.
+    r"""Thrusters of a base: from the commanded wrench to the thrusts and their wrench.
 
     With B = [directions; positions × directions] the wrench of thrusts f ≥ 0 is B f. Each unit
-    wrench and its opposite have one non-negative solution of least norm; a wanted wrench w is
-    shared by these, which is exact, and opposed thrusters at one place then give up what they have in
-    common:
+    wrench and its opposite have one non-negative solution of least norm. A commanded wrench w is
+    the combination of these, which is exact. Opposed thrusters at one place then subtract their
+    common thrust:
 
     .. math:: f' = S^+ \max(w, 0) + S^- \max(-w, 0), \qquad f_i = f'_i - \min(f'_i, f'_{i'})
 
-    Each thrust is limited and rounded to the quantum once a period; what rounding and the
-    minimum impulse leave over, as a wrench, is carried to the next period (sigma-delta modulation), so
-    the impulse follows the one wanted. Limits lose impulse. With a `tick` the thrusters are on or off,
-    and the thrust of a period becomes one pulse of whole ticks (pulse-width modulation).
+    Each thrust is limited and rounded to the quantum once a period. The wrench error of rounding and
+    minimum impulse is added in the next period (sigma-delta modulation), so that the impulse follows
+    the command. Saturation loses impulse. With a `tick` the thrusters are on or off, and the thrust
+    of a period becomes one pulse of whole ticks (pulse-width modulation).
 
     Parameters
     ----------
     positions, directions : array_like, shape (m, 3)
-        Where the thrusters are, from the centroid [m], and where they push the base [-], in base axes.
+        Positions of the thrusters from the centroid [m], and directions of their force on the base [-], in
+        base axes.
     maximum : float
-        Thrust of each thruster, fully open [N].
+        Thrust of each fully open thruster [N].
     period : float
-        Time between decisions [s].
+        Period of the modulation [s].
     quantum : float, optional
-        Step between thrusts [N]; if pulsed it is ``maximum * tick / period`` and must not be given.
+        Step of the thrust [N]; for pulsed thrusters it is ``maximum * tick / period`` and must be omitted.
     minimum_impulse : float
-        Least impulse in a period that is not none [N·s].
+        Minimum impulse in a period, below which there is none [N·s].
     hysteresis : float, optional
-        How far beyond the middle between two steps the demand must be [quanta]. With it what rounding
-        leaves over is not carried on.
+        Distance of the demand beyond the middle of two steps at which the thrust changes [quanta]. With it
+        the rounding error is not added in the next period.
     tick : float, optional
         Time resolution of pulses [s]; by default thrusters are throttled and hold their thrust.
     on_delay, off_delay : float
-        How long the valves take to open and to close, whole numbers of ticks [s].
+        Opening and closing delay of the valves, whole numbers of ticks [s].
     specific_impulse : float
-        Of the propellant [s].
+        Specific impulse of the propellant [s].
     torques : bool
-        Whether they are to make torques as well as forces; if not, a torque wanted is ignored.
+        Whether the thrusters make torques besides forces; if not, a commanded torque is ignored.
 
     Raises
     ------
     ModelError
-        If a direction is no unit vector, a limit or time makes no sense, or there is a force or torque
-        that no thrusts f ≥ 0 make alone.
+        If a direction is not a unit vector, a limit or time is out of range, or no thrusts f ≥ 0 make some
+        force or torque alone.
 
     Notes
     -----
-    Ports: `demand`, the wrench wanted; `effectiveness` from 0 (dead) to 1, 1 where nothing is
-    wired; `thrust`, `wrench`, `ordered`, the wrench if all were effective, and `propellant` used, with
-    :math:`\dot m = \sum f / (I_{sp} g_0)`. The electronics know nothing of the effectiveness.
+    Ports: `demand`, the commanded wrench; `effectiveness`, the health from 0 (failed) to 1 (default);
+    `thrust`; `wrench`; `ordered`, the wrench of healthy thrusters; and `propellant` used, with
+    :math:`\dot m = \sum f / (I_{sp} g_0)`. The modulation does not depend on the health.
 
-    Thrusters in opposed pairs use the least propellant that there is. Others use more, because they
-    make each part of the wrench alone: sixteen scattered ones 2.5 times as much (median over wrenches).
+    Thrusters in opposed pairs use the least possible propellant. Others use more, because each component
+    of the wrench is made separately: 2.5 times as much for 16 scattered ones (median over wrenches).
 
     Attributes
     ----------
     reach : Vector, shape (6,)
         Largest force and torque along each axis in either direction, alone [N, N·m]; infinite for
-        torques that are ignored.
+        ignored torques.
 
     References
     ----------
@@ -119,8 +120,8 @@ class ThrusterSet(Diagram):
         self.matrix = wrench_matrix(positions, directions)
         self.count = self.matrix.shape[1]
         self.shares = _shares(self.matrix, 6 if torques else 3)
-        # Of thrusters that push against each other at one place, the partner of each; none has two.
-        opposed = np.abs(self.matrix.T[:, None] + self.matrix.T).max(axis=2) < _REACHED
+        # Partner of each thruster in an opposed pair at one place; each has at most one.
+        opposed = np.abs(self.matrix.T[:, None] + self.matrix.T).max(axis=2) < _ROUND_OFF
         self.partner = opposed.argmax(axis=1)
         self.paired = opposed.any(axis=1) & (self.partner[self.partner] == np.arange(self.count))
         self.exhaust_speed = specific_impulse * STANDARD_GRAVITY
@@ -129,7 +130,7 @@ class ThrusterSet(Diagram):
         pulses = None if tick is None else Pulses(self.count, maximum, period, tick, **valves)
         step: Any = maximum / pulses.ticks if pulses else quantum
         check_number("thrusters", quantum=step)
-        full = step * np.floor(maximum / step + _REACHED)  # rounding must not go beyond the limit
+        full = step * np.floor(maximum / step + _ROUND_OFF)  # rounding must not go beyond the limit
         if not full:
             raise ModelError(f"thrusters: quantum is {step:g} N; it must be at most maximum, {maximum:g} N")
         with np.errstate(divide="ignore"):
@@ -138,7 +139,7 @@ class ThrusterSet(Diagram):
         thrust = {"thrust": Output(self.count, unit="N")}
         total, share, limit, steps, fire, tank = self.add(
             total=Sum("++" if hysteresis is None else "+"),
-            share=Function(self.thrusts, {"wrench": Input(6, unit=WRENCH)}, thrust),
+            share=Function(self.thrusts, {"wrench": Input(6, unit=WRENCH_UNITS)}, thrust),
             limit=Saturation(np.zeros(self.count), np.full(self.count, full)),
             steps=Quantizer(step, period, hysteresis=beyond, smallest=minimum_impulse / period),
             fire=Function(
@@ -146,8 +147,8 @@ class ThrusterSet(Diagram):
                 {"valves": Input(self.count, unit="N"), "effectiveness": Input(default=1.0)},
                 {
                     **thrust,
-                    "wrench": Output(6, unit=WRENCH),
-                    "ordered": Output(6, unit=WRENCH),
+                    "wrench": Output(6, unit=WRENCH_UNITS),
+                    "ordered": Output(6, unit=WRENCH_UNITS),
                     "flow": Output(unit="kg/s"),
                 },
             ),
@@ -155,7 +156,7 @@ class ThrusterSet(Diagram):
         )
         if hysteresis is None:
             back, residue = self.add(
-                back=MatrixGain(self.matrix, input_unit="N", output_unit=WRENCH),
+                back=MatrixGain(self.matrix, input_unit="N", output_unit=WRENCH_UNITS),
                 residue=UnitDelay(period, shape=6),
             )
             limit.y - steps.y >> back >> residue >> total.u2
@@ -173,7 +174,7 @@ class ThrusterSet(Diagram):
         Parameters
         ----------
         **settings
-            As for `ThrusterSet`.
+            Arguments of `ThrusterSet`.
         """
         return cls(np.zeros((6, 3)), np.concatenate([np.eye(3), -np.eye(3)]), torques=False, **settings)
 
@@ -181,14 +182,14 @@ class ThrusterSet(Diagram):
     def pairs(cls, lever: float, **settings: Any) -> Self:
         """Return twelve thrusters in opposed pairs, which make any force and torque.
 
-        Two pairs push along each axis, at either end of the lever along the next axis.
+        Two pairs act along each axis, at both ends of a lever along the next axis.
 
         Parameters
         ----------
         lever : float
-            Distance of each from the centroid [m].
+            Distance of each thruster from the centroid [m].
         **settings
-            As for `ThrusterSet`.
+            Arguments of `ThrusterSet`.
         """
         check_number("thrusters", lever=lever)
         axes = np.eye(3)
@@ -197,7 +198,7 @@ class ThrusterSet(Diagram):
         return cls(positions, directions, **settings)
 
     def thrusts(self, wrench: Array) -> Array:
-        """Return the thrusts that make a wrench, before limits and rounding [N].
+        """Return the thrusts for a wrench, before limits and rounding [N].
 
         Parameters
         ----------
@@ -214,10 +215,10 @@ class ThrusterSet(Diagram):
 
 
 class Pulses(Block):
-    r"""Turn thrusts, averages over a period, into one pulse each, with valves that take time.
+    r"""Pulse-width modulation of thrusts, with delays of the valves.
 
     In period j a thruster is fully open for the first :math:`n f_j / f_{max}` of n ticks. A valve
-    opens `on_delay` after it is told to, and closes `off_delay` after.
+    opens `on_delay` after its command and closes `off_delay` after it.
 
     Parameters
     ----------
@@ -226,23 +227,23 @@ class Pulses(Block):
     maximum : float
         Thrust of an open thruster [N].
     period, tick : float
-        Time between pulses, and their resolution [s].
+        Period of the pulses, and their time resolution [s].
     on_delay, off_delay : float
-        How long a valve takes to open and to close, whole numbers of ticks [s].
+        Opening and closing delay of the valves, whole numbers of ticks [s].
 
     Raises
     ------
     ModelError
-        If a time is negative or no whole number of ticks.
+        If a time is negative or not a whole number of ticks.
 
     Notes
     -----
-    A pulse grows by `off_delay` minus `on_delay`; one shorter than `on_delay` less `off_delay` is lost.
+    A pulse grows by `off_delay` minus `on_delay`. A pulse shorter than `on_delay` minus `off_delay` is lost.
     """
 
-    thrust = Input("size", unit="N", meaning="average over a period")
-    y = Output("size", unit="N", meaning="thrust at the moment")
-    past = State(("memory", "size"), unit="N", meaning="what the valves were told, latest first")
+    thrust = Input("size", unit="N", meaning="average thrust over a period")
+    y = Output("size", unit="N", meaning="current thrust")
+    past = State(("memory", "size"), unit="N", meaning="previous commands of the valves, latest first")
     maximum = Parameter(unit="N", above=0.0, meaning="thrust of an open thruster")
 
     def __init__(
@@ -262,7 +263,7 @@ class Pulses(Block):
             ticks = exact(time) / exact(tick)
             if ticks.denominator != 1:
                 raise ModelError(
-                    f"pulses cannot have {name} = {time:g} s: it is no whole number of ticks of {tick:g} s"
+                    f"pulses: {name} is {time:g} s; it must be a whole number of ticks of {tick:g} s"
                 )
             counted.append(int(ticks))
         self.ticks, self.opening, self.closing = counted
@@ -271,19 +272,19 @@ class Pulses(Block):
         self.sampled(tick)
 
     def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
-        """Return the thrusts at the moment."""
-        # Told to open for a while, a valve is open that much later, and longer or shorter: whatever it
-        # was told between the two delays ago opens it, or keeps it shut.
+        """Return the current thrusts."""
+        # If the closing delay is the longer one, any open command between both delays ago keeps a valve
+        # open; otherwise any closed one keeps it closed.
         first, last = sorted((self.opening, self.closing))
-        between = self._told(t, x, u, p)[first : last + 1]
+        between = self._commands(t, x, u, p)[first : last + 1]
         return {"y": (np.max if self.closing >= self.opening else np.min)(between, axis=0)}
 
     def update(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
-        """Remember what the valves were told."""
-        return {"past": self._told(t, x, u, p)[:-1]}
+        """Store the commands of the valves."""
+        return {"past": self._commands(t, x, u, p)[:-1]}
 
-    def _told(self, t: Array, x: Signals, u: Signals, p: Signals) -> Array:
-        """Return the thrusts that the valves are told at this tick and were told before, latest first."""
+    def _commands(self, t: Array, x: Signals, u: Signals, p: Signals) -> Array:
+        """Return current and previous commands of the valves, latest first."""
         tick = np.mod(np.rint(t / self.sample_time), self.ticks)
         now = np.where(tick < np.rint(u.thrust / p.maximum * self.ticks), p.maximum, 0.0)
         return np.concatenate([np.reshape(now, (1, self.size)), x.past])
@@ -297,17 +298,18 @@ def wrench_matrix(positions: npt.ArrayLike, directions: npt.ArrayLike) -> Vector
     Parameters
     ----------
     positions, directions : array_like, shape (m, 3)
-        Where the thrusters are, from the centroid [m], and where they push the base [-], in base axes.
+        Positions of the thrusters from the centroid [m], and directions of their force on the base [-], in
+        base axes.
 
     Returns
     -------
     array, shape (6, m)
-        [1; m].
+        Matrix B [1; m].
 
     Raises
     ------
     ModelError
-        If there are none, or not as many of each, or a direction is no unit vector.
+        If there are no thrusters, the shapes differ, or a direction is not a unit vector.
     """
     ways = unit_vectors("thrusters: direction", directions)
     places = frozen_array("thrusters: positions", positions, (len(ways), 3))
@@ -315,11 +317,10 @@ def wrench_matrix(positions: npt.ArrayLike, directions: npt.ArrayLike) -> Vector
 
 
 def _shares(matrix: Vector, parts: int) -> Vector:
-    """Return the thrusts that make each unit wrench, positive ones before negative ones.
+    """Return the non-negative thrusts of least norm for each unit wrench, then for each negative one.
 
-    They are the non-negative ones of least norm. With a heavy weight on the equations, least squares with
-    bounds tell which thrusters take part; of these the pseudo-inverse is exact. (SciPy's `nnls` errs where
-    two thrusters are alike.)
+    Bounded least squares with a large weight of the equations gives the active thrusters; their
+    pseudo-inverse is then exact. (SciPy's `nnls` is wrong for two equal thrusters.)
     """
     from scipy.optimize import lsq_linear
 
@@ -332,11 +333,11 @@ def _shares(matrix: Vector, parts: int) -> Vector:
             found = lsq_linear(weighted, aim, (0.0, np.inf), method="bvls", tol=1e-14).x
             active = found > 1e-6 * found.max(initial=0.0)
             thrusts = np.where(active, np.linalg.pinv(matrix * active) @ wanted, 0.0)
-            if np.abs(matrix @ thrusts - wanted).max() > _REACHED or thrusts.min() < -_REACHED:
+            if np.abs(matrix @ thrusts - wanted).max() > _ROUND_OFF or thrusts.min() < -_ROUND_OFF:
                 way = "positive" if sign > 0 else "negative"
                 raise ModelError(
-                    f"these thrusters make no {way} {WRENCH_PARTS[k]} alone, as thrusts are never negative; "
-                    "add thrusters, or use torques=False if only forces are wanted"
+                    f"these thrusters make no {way} {WRENCH_PARTS[k]} alone, since thrusts are not negative; "
+                    "add thrusters, or use torques=False for forces only"
                 )
             columns.append(np.maximum(thrusts, 0.0))
     return np.stack(columns, axis=1)

@@ -1,1 +1,1 @@
-"""Control of the mean axes: what the momentum of the whole system moves, whatever vibrates."""
+"""Control of the mean axes, the rigid coordinates that follow from the momentum of the whole system."""

@@ -1,4 +1,4 @@
-"""Sharing the forces of the mean-axes law between limited actuators."""
+"""Control allocation of the mean-axes law to limited actuators."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from trussflow.models.mean_axes.free_modes import FreeModes
 
 
 class MeanAxesAllocation(MeanAxesBlock):
-    r"""Share what the law demands between limited actuators: the slow part, then everything close to it.
+    r"""Constrained control allocation of the mean-axes law in two steps: slow part, then whole demand.
 
     .. math::
         Q_s &= \operatorname{argmin}_{|Q| \le \lambda h} \; (P Q - u_s)^T G^{-1} (P Q - u_s)
@@ -26,21 +26,21 @@ class MeanAxesAllocation(MeanAxesBlock):
         Q &= \operatorname{argmin}_{|Q| \le h} \; (P Q - u)^T G^{-1} (P Q - u) + n\,|B (Q - Q_s) - f|^2
              + \epsilon \sum_k (r_k c_k (Q - Q_s)_k / h_k)^2
 
-    Errors are counted by the energy of the motion that they cause. By Gauss's principle that is least where
-    the arm of a dead robot swings as it must: nothing is done about its joints' errors, and all others know
-    that it swings. So the task comes first, then that the modes feel of the feedback what their damping asks
-    and nothing else, and then that all actuators are far from their limits, which are h times the
-    effectiveness of each. r makes thrust and joint torques dearer for the feedback. What is beyond reach is
-    missed where it matters least. The feedback always has the share :math:`1 - \lambda` of each limit for
-    itself. While the path rests and is close it makes no thrust greater than q, if the slow part does not.
-    What `ActuatorProbe` asks for, :math:`Q_p`, is added, as far as the limits let it.
+    The weight of errors is the kinetic energy that they cause. By Gauss's principle of least constraint the
+    arm of a failed robot then moves freely: its joint errors are not corrected, and the others account for
+    its motion. The first priority is the task. The second one is the modal force f of the feedback, zero
+    except for damping. The third one is the distance of the actuators from their limits, which are h times
+    the health of each. r is the additional weight of thrusts and joint torques in the feedback. The feedback
+    always has at least the share :math:`1 - \lambda` of each limit. At rest near the reference, the feedback
+    makes no thrust above q unless the slow part does. The excitation :math:`Q_p` by `ActuatorProbe` is added
+    within the limits.
 
     Parameters
     ----------
     dynamics : TrussDynamics
-        What is believed: robots, truss, and its free modes.
+        Nominal dynamics of truss and robots.
     limits : Vector, shape (actuators,)
-        h, of each actuator in either direction, above 0 [N, N·m].
+        Limit of each actuator in either direction, h, positive [N, N·m].
     design : MeanAxesDesign
         Sample time and weights.
 
@@ -49,32 +49,32 @@ class MeanAxesAllocation(MeanAxesBlock):
     ModelError
         If the truss has fewer modes than the design needs.
     ParameterError
-        If a limit is not above 0.
+        If a limit is not positive.
 
     See Also
     --------
-    trussflow.blocks.control.allocation.BoundedAllocation : The same for one demand.
+    trussflow.blocks.control.allocation.BoundedAllocation : Constrained allocation of one demand.
     """
 
     slow_force = Input("rigid", unit=Attribute("force_units"), meaning="u_s")
-    force = Input("rigid", unit=Attribute("force_units"), meaning="u: all of it")
+    force = Input("rigid", unit=Attribute("force_units"), meaning="u, slow part and feedback")
     modal_force = Input("neutral", meaning="f")
     actuation_matrix = Input(("rigid", "actuators"), meaning="P")
     inertia = Input(("rigid", "rigid"), meaning="G")
-    at_rest = Input(default=0.0, meaning="1 while the path rests and is close, else 0")
-    effectiveness = Input("actuators", default=1.0, meaning="what is left of each limit: 0 is dead")
-    price = Input("actuators", default=1.0, meaning="c: how much dearer than usual each is, above 0")
-    preferred = Input("actuators", unit=Attribute("actuator_units"), default=0.0, meaning="Q_0, at no cost")
+    at_rest = Input(default=0.0, meaning="1 if the reference rests and is near, else 0")
+    effectiveness = Input("actuators", default=1.0, meaning="health, factor of the limits: 0 is failed")
+    price = Input("actuators", default=1.0, meaning="c, positive cost factor of each actuator")
+    preferred = Input("actuators", unit=Attribute("actuator_units"), default=0.0, meaning="Q_0, without cost")
     probe = Input("actuators", unit=Attribute("actuator_units"), default=0.0, meaning="Q_p")
     command = Output("actuators", unit=Attribute("actuator_units"), meaning="Q + Q_p, within h")
     missed = Output("rigid", unit=Attribute("force_units"), meaning="u - P Q")
 
     limits = Parameter(shape="actuators", above=0.0, meaning="h")
-    effort = Parameter(above=0.0, meaning="epsilon: cost of an actuator at its limit")
+    effort = Parameter(above=0.0, meaning="epsilon, cost of an actuator at its limit")
     reluctance = Parameter(shape="actuators", above=0.0, meaning="r")
-    neutrality = Parameter(above=0.0, meaning="n: cost of work on the neutral modes")
-    slow_share = Parameter(above=0.0, meaning="lambda: share of the limits for what changes slowly")
-    resting_thrust = Parameter(above=0.0, unit="N", meaning="q: to where the feedback takes a thrust at rest")
+    neutrality = Parameter(above=0.0, meaning="n, cost of work on the neutral modes")
+    slow_share = Parameter(above=0.0, meaning="lambda, share of the limits for the slow part")
+    resting_thrust = Parameter(above=0.0, unit="N", meaning="q, thrust limit of the feedback at rest")
 
     def __init__(self, dynamics: TrussDynamics, limits: Vector, design: MeanAxesDesign) -> None:
         self.neutral = design.neutral_modes
@@ -94,7 +94,7 @@ class MeanAxesAllocation(MeanAxesBlock):
         )
 
     def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
-        """Return the commands, and what they miss."""
+        """Return the commands and the unmet demand."""
         reach = p.limits * u.effectiveness
         weights = np.sqrt(p.effort) * u.price / p.limits
         slow, _ = bounded_least_squares(
@@ -106,7 +106,7 @@ class MeanAxesAllocation(MeanAxesBlock):
             -p.slow_share * reach,
             p.slow_share * reach,
         )
-        # At rest a thrust of one step of the hardware does; what wants a second one is noise of the feedback.
+        # At rest one thrust step suffices; demands of a second step are noise of the feedback.
         most = np.where(self.thrusts * u.at_rest > 0.5, np.minimum(p.resting_thrust, reach), reach)
         command, missed = bounded_least_squares(
             np.concatenate([u.actuation_matrix, self.influence]),

@@ -1,4 +1,4 @@
-"""The controller of the mean axes as one block of blocks."""
+"""Mean-axes controller as one diagram."""
 
 from __future__ import annotations
 
@@ -18,35 +18,34 @@ from trussflow.models.mean_axes.probe import ActuatorProbe
 def mean_axes_controller(
     believed: TrussDynamics, limits: Vector, design: MeanAxesDesign | None = None, start: Vector | None = None
 ) -> Diagram:
-    """Wire estimator, law, allocation, monitor and probe to a controller: from measurements to commands.
+    """Return the mean-axes controller: estimator, law, allocation, fault detection and excitation.
 
     Parameters
     ----------
     believed : TrussDynamics
-        What the controller believes the plant to be.
+        Nominal dynamics of the controller.
     limits : Vector, shape (actuators,)
-        Of each actuator in either direction, above 0 [N, N·m].
+        Limit of each actuator in either direction, positive [N, N·m].
     design : MeanAxesDesign, optional
-        By default the shipped one.
+        Design parameters, by default the shipped ones.
     start : Vector, optional
         Rigid coordinates at the start [m, rad]; by default those at rest.
 
     Returns
     -------
     Diagram
-        Inputs: position and velocity, as measured; reference_position, reference_velocity and
-        reference_acceleration; actuation, which takes what was ordered from one sample to the next, within
-        limits, but before failures: these are found by it; and, if wanted, the propellant used by each base
-        and the momentum of its wheels, which are then spared. Outputs: command, missed, effectiveness,
-        mean_position, mean_speeds, modal_coordinate and disturbance. The
-        diagram is named ``mean-axes controller``.
+        Diagram ``mean-axes controller``. Inputs: measured position and velocity; reference_position,
+        reference_velocity and reference_acceleration; actuation, the actuation of healthy actuators within
+        their limits, which the fault detection needs; optionally the propellant used by each base and the
+        momentum of its wheels, to reduce both. Outputs: command, missed, effectiveness, mean_position,
+        mean_speeds, modal_coordinate and disturbance.
 
     Raises
     ------
     ModelError
         If the truss has fewer modes than the design needs.
     ParameterError
-        If a limit is not above 0.
+        If a limit is not positive.
     """
     design = MeanAxesDesign.shipped() if design is None else design
     controller = Diagram("mean-axes controller")

@@ -1,4 +1,4 @@
-"""How fast the loop of the mean axes is: bandwidths, noise, and the gain of its estimator."""
+"""Design parameters of the mean-axes controller: bandwidths, noise densities, Kalman gain."""
 
 from __future__ import annotations
 
@@ -18,71 +18,66 @@ from trussflow.models.parameter_files import ParameterTable
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class MeanAxesDesign:
-    """What the loop of the mean axes is made from, in the groups position, attitude and joints.
+    """Design parameters of the mean-axes controller, in the groups position, attitude and joints.
 
-    Process noise says how far the model is trusted, and so how fast the estimator is. It is small, so
-    that the loops have rolled off where the modes are that the estimator does not know.
+    The process noise sets the bandwidth of the estimator. It is small, so that the loop gain is low at the
+    frequencies of modes that are not in the estimator.
 
     Attributes
     ----------
     sample_time : float
-        Between measurements, and between commands; a command acts one sample time after the
-        measurements that it is computed from [s].
+        Sample time of measurements and commands [s]. A command acts one sample time after its measurements.
     bandwidth : Vector, shape (3,)
-        Natural frequencies of the three groups [rad/s].
+        Natural frequencies of the position, attitude and joint loops [rad/s].
     damping : float
-        Of all of them, fraction of critical damping [-].
+        Damping ratio of these loops [-].
     estimated_modes, damped_modes, neutral_modes : int
-        Free modes in the estimator, those to which damping is added, and those on which the feedback
-        does no work besides [-]; damped_modes are at most as many as each of the others.
+        Numbers of free modes in the estimator, of modes with added damping, and of modes without other work
+        by the feedback [-]. damped_modes must not exceed either of the others.
     modal_damping : float
-        What is added to the damping of each damped mode, fraction of critical [-].
+        Damping ratio added to each damped mode [-].
     acceleration_noise : Vector, shape (3,)
-        Of the model, density [m/s²/√Hz, rad/s²/√Hz].
+        Process noise density of the acceleration model [m/s²/√Hz, rad/s²/√Hz].
     modal_noise : float
-        The same for each free mode [kg^½·m/s²/√Hz].
+        Process noise density of each free mode [kg^½·m/s²/√Hz].
     disturbance_noise : Vector, shape (3,)
-        Of the rate at which disturbing accelerations change, density [m/s³/√Hz, rad/s³/√Hz].
+        Process noise density of the rate of disturbance accelerations [m/s³/√Hz, rad/s³/√Hz].
     position_noise, rate_noise : float
-        Standard deviations of measured pose and joints, and of their rates [m and rad, m/s and rad/s].
+        Standard deviations of measured positions and of measured rates [m and rad, m/s and rad/s].
     effort, neutrality : float
-        Cost of an actuator at its limit, and of work on the neutral modes, beside the energy of the
-        motion that is missing [kg^½·m/s² squared, -].
+        Cost of an actuator at its limit, and of work on the neutral modes, relative to the energy of the
+        motion that is missed [kg^½·m/s² squared, -].
     thrust_reluctance, joint_reluctance : float
-        How much dearer thrust, and joint torques, are for the feedback than for what changes slowly, by its
-        root: thrust, as its steps are coarse; joints, as torques that cancel each other to leave the modes
-        alone would make the loop depend on each drive alone [-].
+        Square roots of the weight ratios, feedback to slow part, of thrusts and of joint torques [-]. Thrust
+        has coarse steps. Large joint torques that cancel each other would make the loop sensitive to a
+        single drive.
     slow_share : float
-        Share of the actuators' limits for what changes slowly: feedforward and the compensation of
-        disturbances [-].
+        Share of the actuator limits for feedforward and disturbance compensation (slow part) [-].
     resting_thrust : float
-        To where the feedback may take a thrust while the path rests: less than a step of thrust, so that a
-        second one is called for only by what changes slowly. The shipped one suits `Hardware.flight` [N].
+        Thrust limit of the feedback at rest [N]. Below one thrust step, only the slow part commands a second
+        step. The shipped value is for `Hardware.flight`.
     resting_error : float
-        Up to what error of the truss, the norm of position and attitude [m and rad]: far from the path
-        thrust is what brings it back.
+        Error, the norm of position and attitude, above which the thrust limit at rest is off [m and rad].
     propellant_spread : float
-        By how much more propellant than the mean a base must have used, until its thrust costs twice [kg].
+        Propellant use above the mean of all bases that doubles the cost of a base's thrust [kg].
     unloading_time : float
-        In which the wheels are unloaded [s].
+        Time constant of the unloading of the wheels [s].
     unknown_thrust, unknown_torque : float
-        For the monitor of the actuators: standard deviations of what shakes the modes, along each axis of
-        each base, and of joint torques that the model does not know, from sample to sample [N, N·m].
+        Standard deviations, for the fault detection, of unmodelled force steps on each axis of a base, which
+        excite the modes, and of unmodelled joint torques, both per sample [N, N·m].
     unknown_share : float
-        Likewise: standard deviation of what a base or the drives of an arm do, by what is believed [-].
+        Relative standard deviation, for the fault detection, of the effect of a base or an arm's drives [-].
     structural_damping : float
-        Likewise: that by which the modes ring down, fraction of critical [-].
+        Damping ratio of the modes, for the fault detection [-].
     calm : float
-        Likewise: least variance of what is measured, by the expected one [-].
+        Lower bound on the normalized innovation variance, for the fault detection [-].
     drift, threshold, doubt : float
-        How much less likely than by its model the loss of an actuator is taken to be, from 0.5; from what
-        evidence on it is believed; and from what share of this on others are not ruled out; see
-        `ActuatorMonitor` [-].
+        Drift term, at least 0.5, and decision threshold of the CUSUM test; and the share of the largest
+        statistic above which other failures are not excluded; see `ActuatorMonitor` [-].
     settling : float
-        For how long no other robot is suspected after a loss [s].
+        Holdoff time after a failure, in which no failure of another robot is detected [s].
     probe : float
-        By how many standard deviations what `ActuatorProbe` does to the joints stands out in each sample; 0
-        for no probe [-].
+        Effect of `ActuatorProbe` on the joints per sample, in standard deviations; 0 for no excitation [-].
     """
 
     sample_time: float
@@ -154,22 +149,22 @@ class MeanAxesDesign:
 
     @classmethod
     def shipped(cls) -> MeanAxesDesign:
-        """Return the design that comes with the package, from ``parameters/mean_axes.toml``."""
+        """Return the shipped design of ``parameters/mean_axes.toml``."""
         return cls.of(ParameterTable.shipped("mean_axes.toml"))
 
     @classmethod
     def of(cls, file: ParameterTable | LayeredFile) -> MeanAxesDesign:
-        """Return the design that a file states.
+        """Return the design of a parameter file.
 
         Parameters
         ----------
         file : ParameterTable or LayeredFile
-            With the tables of ``parameters/mean_axes.toml``.
+            File with the tables of ``parameters/mean_axes.toml``.
 
         Raises
         ------
         ModelError
-            If a value is missing or makes no sense.
+            If a value is missing or out of range.
         """
         control, estimator, monitor = (file.table(name) for name in ("mean_axes", "estimator", "monitor"))
         counts = {
@@ -220,27 +215,27 @@ class MeanAxesDesign:
         Parameters
         ----------
         values : Vector, shape (3,)
-            Of position, attitude and joints [any].
+            Values of position, attitude and joints [any].
         rigid : int
             Number of rigid coordinates [-].
         """
         return np.repeat(values, (3, 3, rigid - 6))
 
     def estimator_gain(self, modes: FreeModes) -> Vector:
-        r"""Return the steady gain of the estimator, that of a Kalman filter of the system at rest.
+        r"""Return the steady-state Kalman gain of the system at rest.
 
-        Its states are :math:`(y, \dot y, \eta, \dot\eta, w)` with :math:`G \ddot y = u + w`, and it measures
-        :math:`y - S\eta` and its rate. It is designed for :math:`G^{-1} w`, an acceleration, in place of w.
+        The states are :math:`(y, \dot y, \eta, \dot\eta, w)` with :math:`G \ddot y = u + w`, the measurements
+        :math:`y - S\eta` and its rate. The filter is designed for the acceleration :math:`G^{-1} w`.
 
         Parameters
         ----------
         modes : FreeModes
-            At least the estimated ones.
+            Free modes, at least the estimated ones.
 
         Returns
         -------
         Vector, shape (3 m + 2 h, 2 m)
-            Correction of the predicted states per innovation.
+            Gain from innovations to corrections of the predicted states.
         """
         m, h = len(modes.inertia), self.estimated_modes
         omega, motion = modes.frequencies[:h], modes.root_motion[:, :h]

@@ -1,4 +1,4 @@
-"""Sparing propellant and wheels: what the allocation is to pay for each actuator, and to prefer."""
+"""Actuator costs and preferred torques, to balance propellant use and to unload the wheels."""
 
 from __future__ import annotations
 
@@ -14,39 +14,39 @@ from trussflow.models.mean_axes.estimator import MeanAxesBlock
 
 
 class ActuatorEconomy(MeanAxesBlock):
-    r"""Make the thrust of bases that have used more propellant dearer, and unload the wheels by thrust.
+    r"""Costs of thrust by propellant use, and preferred base torques that unload the wheels.
 
     .. math::
         c_i = 1 + \frac{\max(0,\ m_i - \bar m)}{m_0}, \qquad
         \tau_{0,i} = \mathrm{lim}\!\left(\frac{h_i}{T_u},\ \pm\tfrac12 \tau_{max,i}\right)
 
-    for the three forces and the three torques of base i, with the propellant m that it has used, the mean
-    over all bases, and the momentum h that its wheels hold, in its axes. A base that gets the torque
-    :math:`h / T_u` takes h back in :math:`T_u`. The allocation prefers it among all commands that do the
-    same to the truss, so other actuators make up for it: the wheels are unloaded without a thruster of
-    their own, and nothing else feels it.
+    for the three forces and the three torques of base i. m is the propellant used by the base,
+    :math:`\bar m` its mean over all bases, and h the momentum of its wheels in base axes. The base torque
+    :math:`h / T_u` unloads the wheels with the time constant :math:`T_u`. The allocation prefers it among
+    all commands with the same effect on the truss, so that other actuators compensate for it. So no base
+    needs torque thrusters.
 
     Parameters
     ----------
     dynamics : TrussDynamics
-        Which robots there are.
+        Nominal dynamics of truss and robots.
     limits : Vector, shape (actuators,)
-        Of each actuator in either direction [N, N·m].
+        Limit of each actuator in either direction [N, N·m].
     design : MeanAxesDesign
         Sample time, m_0 and T_u.
 
     See Also
     --------
-    trussflow.models.mean_axes.allocation.MeanAxesAllocation : What it makes of both.
+    trussflow.models.mean_axes.allocation.MeanAxesAllocation : Allocation with these costs.
     """
 
-    propellant = Input("robots", unit="kg", default=0.0, meaning="m: used by each base")
-    momentum = Input("stored", unit="N*m*s", default=0.0, meaning="h: held by the wheels of each base")
+    propellant = Input("robots", unit="kg", default=0.0, meaning="m, propellant used by each base")
+    momentum = Input("stored", unit="N*m*s", default=0.0, meaning="h, momentum of the wheels of each base")
     price = Output("actuators", unit="1", meaning="c, 1 for torques and joints")
-    preferred = Output("actuators", unit=Attribute("actuator_units"), meaning="Q_0, 0 but for base torques")
+    preferred = Output("actuators", unit=Attribute("actuator_units"), meaning="Q_0, 0 except base torques")
 
-    limits = Parameter(shape="actuators", above=0.0, meaning="of each actuator")
-    propellant_spread = Parameter(above=0.0, unit="kg", meaning="m_0: what is used more, where c is 2")
+    limits = Parameter(shape="actuators", above=0.0, meaning="limit of each actuator")
+    propellant_spread = Parameter(above=0.0, unit="kg", meaning="m_0, excess propellant use with c = 2")
     unloading_time = Parameter(above=0.0, unit="s", meaning="T_u")
 
     def __init__(self, dynamics: TrussDynamics, limits: Vector, design: MeanAxesDesign) -> None:
@@ -60,7 +60,7 @@ class ActuatorEconomy(MeanAxesBlock):
         )
 
     def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
-        """Return prices and preferences."""
+        """Return costs and preferred commands."""
         more = np.maximum(0.0, u.propellant - np.sum(u.propellant) / self.robots)
         ones, zeros = np.ones(3), np.zeros(3)
         price, preferred = [], []

@@ -1,4 +1,4 @@
-"""Estimator of the mean axes, of the lowest free modes, and of slow disturbances."""
+"""Estimator of the mean axes, the lowest free modes, and slow disturbances."""
 
 from __future__ import annotations
 
@@ -22,26 +22,26 @@ from trussflow.models.plant.space_truss import MODAL_UNIT, SpaceTruss
 
 
 class MeanAxesBlock(Block):
-    """What the blocks of the loop share: the rigid dynamics they believe in, sizes and units.
+    """Base of the controller's blocks: nominal rigid dynamics, sizes and units.
 
     Parameters
     ----------
     dynamics : TrussDynamics
-        What is believed.
+        Nominal dynamics of truss and robots.
     design : MeanAxesDesign
         Sample time, and number of modes.
     **parameters
-        Values of the block's own.
+        Parameter values of the derived block.
 
     Raises
     ------
     ModelError
-        If there are no robots.
+        If the truss has no robots.
     """
 
     def __init__(self, dynamics: TrussDynamics, design: MeanAxesDesign, **parameters: object) -> None:
         if not dynamics.arms:
-            raise ModelError("a truss without robots has nothing to be controlled by; give it robots")
+            raise ModelError("a truss without robots has no actuators to control it; add robots")
         self.dynamics, self.design = replace(dynamics, modes=dynamics.modes.rigid()), design
         self.rigid_q, self.rigid = dynamics.rigid_coordinates, dynamics.rigid_freedoms
         self.actuators = dynamics.actuators
@@ -57,33 +57,32 @@ class MeanAxesBlock(Block):
 
 
 def thrusts_of(dynamics: TrussDynamics) -> NDArray[np.bool_]:
-    """Return which actuators are thrusts: of each base three forces, then three torques; then all joints."""
+    """Return whether each actuator is a thrust; each base has three forces and three torques."""
     each = np.arange(dynamics.actuators)
     return (each < 6 * len(dynamics.arms)) & (each % 6 < 3)
 
 
 class MeanAxesEstimator(MeanAxesBlock):
-    r"""Observe the mean axes from the pose of the root and the joints, one sample ahead.
+    r"""Estimator of the mean axes from the pose of the truss frame and the joints, one sample ahead.
 
-    Believed are the equations of the rigid system in its mean axes, and its free modes at rest:
+    The model has the equations of the rigid system in its mean axes, and its free modes at rest:
 
     .. math:: \dot y = N(y)\,\nu, \quad G(\theta)\,\dot\nu = P_r(\theta)\,Q + w - c(\theta, \nu), \quad
               \ddot\eta + \Omega^2 \eta = B Q, \quad \dot w = 0
 
-    The joints :math:`\theta` in G, P and c are those measured, moved on with the rates measured. For with
-    thrust on the bases the arms buckle (poles to +21 1/s at 3.4 N), and an estimate that could follow
-    them would be too fast for the modes. So the buckling is a known input, and the estimator may be slow.
+    The joint angles :math:`\theta` in G, P and c are the measured ones, extrapolated with the measured rates.
+    Thrust on the bases makes the arms unstable (buckling, poles up to +21 1/s at 3.4 N). An estimate with
+    the bandwidth of this motion would destabilize the modes. With measured joints the estimator can be slow.
 
-    At each sample the estimate is corrected by the constant gain times what is measured beyond
-    :math:`y - S\eta` and its rate, in axes of the body, and predicted to the next sample (to first order,
-    and exactly for the modes) with the actuation that acts until then. The prediction is what the outputs
-    show: a command computed from it acts one sample after the newest measurement it knows, which leaves
-    the computer that long, and it is the state at that very time that it is computed for.
+    At each sample the constant gain times the innovation, the difference of the measurements and
+    :math:`y - S\eta` and its rate in body axes, corrects the estimate. The prediction to the next sample
+    (to first order, exact for the modes) uses the actuation until then. The outputs are the prediction. So a
+    command acts one sample after its last measurement, at the time for which it is computed.
 
     Parameters
     ----------
     dynamics : TrussDynamics
-        What is believed: robots, truss, and its free modes.
+        Nominal dynamics of truss and robots.
     design : MeanAxesDesign
         Sample time and noise.
     start : Vector, optional
@@ -96,16 +95,14 @@ class MeanAxesEstimator(MeanAxesBlock):
 
     See Also
     --------
-    trussflow.models.mean_axes.free_modes : What S, Ω and B are.
+    trussflow.models.mean_axes.free_modes : Definitions of S, Ω and B.
     """
 
     position = Input(
-        "rigid_q", unit=Attribute("position_units"), meaning="measured x_1: pose of the root, joints"
+        "rigid_q", unit=Attribute("position_units"), meaning="measured x_1: pose of the truss frame, joints"
     )
     velocity = Input("rigid", unit=Attribute("rigid_speed_units"), meaning="measured x_2")
-    actuation = Input(
-        "actuators", unit=Attribute("actuator_units"), meaning="Q that acts until the next sample"
-    )
+    actuation = Input("actuators", unit=Attribute("actuator_units"), meaning="Q until the next sample")
     mean_position = Output("rigid_q", unit=Attribute("position_units"), meaning="y")
     mean_speeds = Output("rigid", unit=Attribute("rigid_speed_units"), meaning="nu")
     modal_coordinate = Output("modes", unit=MODAL_UNIT, meaning="eta")
@@ -116,9 +113,9 @@ class MeanAxesEstimator(MeanAxesBlock):
     )
 
     y = State("rigid_q", initial="initial_position", meaning="mean axes")
-    nu = State("rigid", meaning="their speeds")
+    nu = State("rigid", meaning="speeds of the mean axes")
     eta = State("modes", meaning="free modes")
-    eta_rate = State("modes", meaning="their rates")
+    eta_rate = State("modes", meaning="rates of the free modes")
     w = State("rigid", meaning="disturbance")
     posture = State("joints", initial="initial_posture", meaning="joints half a sample time ahead")
 
@@ -173,7 +170,7 @@ class MeanAxesEstimator(MeanAxesBlock):
         nu, w = x.nu + step[m : 2 * m], x.w + step[2 * m + 2 * h :]
         modal = np.concatenate([x.eta, x.eta_rate]) + step[2 * m : 2 * m + 2 * h]
         modal = self.modal_flow @ modal + self.modal_input @ u.actuation
-        # The posture is measured: the estimate is too slow for arms that buckle under thrust.
+        # The joints are measured, since the estimate is too slow for arms that buckle under thrust.
         middle = np.concatenate([y[: kind.end], joints + time / 2 * u.velocity[6:]])
         terms = self.dynamics.evaluate(middle, nu)
         force = terms.actuation_matrix @ u.actuation + w - terms.bias

@@ -1,22 +1,24 @@
-r"""Mean axes and free modes of the system at rest: coordinates in which nothing is coupled.
+r"""Mean axes and free modes of the system at rest: decoupled coordinates.
 
-Rigid coordinates :math:`x` (the root's pose, the joints) and modal coordinates :math:`\tau` of the
-truss clamped at its root obey, linearized at rest, with :math:`G = M_{rr}` and the generalized forces
-u and f,
+The equations of rigid coordinates :math:`x` (pose of the truss frame, joints) and modal coordinates
+:math:`\tau` of the clamped truss, linearized at rest, with :math:`G = M_{rr}` and the generalized forces
+u and f, are
 
 .. math:: G \ddot x + M_{rf} \ddot\tau = u, \qquad M_{fr} \ddot x + \ddot\tau + \Lambda\tau = f
 
-In :math:`y = x + G^{-1} M_{rf} \tau`, the **mean axes**, :math:`G \ddot y = u` holds exactly: they move as
-the momentum of the whole system does, which no vibration disturbs. What is left,
+In the **mean axes** :math:`y = x + G^{-1} M_{rf} \tau`, :math:`G \ddot y = u` holds exactly: their velocity
+follows from the momentum of the whole system, which vibrations do not change. The remaining equation,
 
 .. math:: (I - M_{fr} G^{-1} M_{rf}) \ddot\tau + \Lambda\tau = f - M_{fr} G^{-1} u,
 
 has the modes :math:`\tau = \Psi\eta` of the free system, on which the actuators act by B:
-:math:`\ddot\eta + \Omega^2\eta = B Q`. The root of a clamped truss is light above the modes; the mean axes
-are as heavy at every frequency.
+:math:`\ddot\eta + \Omega^2\eta = B Q`. The apparent inertia of the mean axes is the same at every frequency,
+while that of the truss frame is small above the modes.
 
-Sources: Canavin, Likins (1977), *Floating reference frames for flexible spacecraft*, for the mean axes of
-Tisserand; Meirovitch (1980), *Computational Methods in Structural Dynamics*, for modes of free systems.
+References
+----------
+Canavin, Likins (1977), *Floating reference frames for flexible spacecraft*, for the mean axes of Tisserand;
+Meirovitch (1980), *Computational Methods in Structural Dynamics*, for modes of free systems.
 """
 
 from __future__ import annotations
@@ -33,16 +35,16 @@ from trussflow.models.errors import ModelError
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class FreeModes:
-    r"""The lowest modes of the free system at rest, h of them, for m rigid coordinates.
+    r"""The h lowest modes of the free system at rest, with m rigid coordinates.
 
     Attributes
     ----------
     inertia : Vector, shape (m, m)
-        G, of the mean axes [kg, kg·m, kg·m²].
+        Inertia of the mean axes, G [kg, kg·m, kg·m²].
     frequencies : Vector, shape (h,)
-        :math:`\Omega` [rad/s].
+        Natural frequencies, :math:`\Omega` [rad/s].
     damping_ratios : Vector, shape (h,)
-        Fraction of critical damping of each, what couples them left out [1].
+        Damping ratios, without the coupling of the modes [1].
     root_motion : Vector, shape (m, h)
         :math:`S = G^{-1} M_{rf} \Psi`: the rigid coordinates are :math:`x = y - S\eta` [kg^-½, rad/(kg^½·m)].
     influence : Vector, shape (h, actuators)
@@ -64,7 +66,7 @@ class FreeModes:
         dynamics : TrussDynamics
             Truss and robots.
         count : int
-            h [-].
+            Number of modes, h [-].
 
         Raises
         ------

@@ -1,4 +1,4 @@
-"""The control law of the mean axes."""
+"""Control law of the mean axes."""
 
 from __future__ import annotations
 
@@ -17,24 +17,23 @@ from trussflow.models.plant.space_truss import MODAL_UNIT
 
 
 class MeanAxesLaw(MeanAxesBlock):
-    r"""Follow a path with the mean axes, and damp the lowest free modes.
+    r"""Path tracking with the mean axes, and damping of the lowest free modes.
 
     .. math::
         u_s &= G J_g^{-1} (\ddot y_d - \dot J_g \nu) + c - w \\
         u_f &= G J_g^{-1} \left[\omega^2 (y_d - y) + 2 \zeta\omega\, (\dot y_d - J_g \nu)\right] \\
         f   &= -2 \zeta_a \Omega \dot\eta
 
-    with G, c and the actuation matrix P at the measured joints, so that the joint torques hold the arms
-    against the thrust that bends them aside. The slow part :math:`u_s` leaves the modes to themselves, being
-    slow; the fast part :math:`u_f` is to do to the neutral modes what their damping asks, f, and nothing
-    else: see `MeanAxesAllocation`. Where :math:`\dot y_d = \ddot y_d = 0`, and the truss is within
-    the resting error of its place in :math:`y_d`, the norm of position and attitude, that is told: there
-    thrust is better spared.
+    with G, c and the actuation matrix P at the measured joints, so that joint torques compensate the buckling
+    load of the thrust on the arms. The slow part :math:`u_s` does not excite the modes. The modal force of
+    the feedback :math:`u_f` on the neutral modes is f, see `MeanAxesAllocation`. `at_rest` is 1 if
+    :math:`\dot y_d = \ddot y_d = 0` and the norm of position and attitude error is below the resting error;
+    the allocation then saves thrust.
 
     Parameters
     ----------
     dynamics : TrussDynamics
-        What is believed: robots, truss, and its free modes.
+        Nominal dynamics of truss and robots.
     design : MeanAxesDesign
         Sample time, bandwidths and damping.
 
@@ -54,7 +53,7 @@ class MeanAxesLaw(MeanAxesBlock):
     disturbance = Input("rigid", unit=Attribute("force_units"), default=0.0, meaning="w")
     slow_force = Output("rigid", unit=Attribute("force_units"), meaning="u_s")
     force = Output("rigid", unit=Attribute("force_units"), meaning="u_s + u_f")
-    modal_force = Output("neutral", meaning="f of the neutral modes, 0 where not damped")
+    modal_force = Output("neutral", meaning="f of the neutral modes, 0 of undamped ones")
     actuation_matrix = Output(("rigid", "actuators"), meaning="P_r")
     inertia = Output(("rigid", "rigid"), meaning="G")
     at_rest = Output(meaning="1 while the path rests and is close, else 0")
@@ -62,7 +61,7 @@ class MeanAxesLaw(MeanAxesBlock):
     bandwidth = Parameter(shape=("rigid",), minimum=0.0, unit="rad/s", meaning="omega of each coordinate")
     damping = Parameter(minimum=0.0, meaning="zeta")
     modal_damping = Parameter(minimum=0.0, meaning="zeta_a")
-    resting_error = Parameter(minimum=0.0, unit="m", meaning="what is close [m and rad]")
+    resting_error = Parameter(minimum=0.0, unit="m", meaning="error limit of at_rest [m and rad]")
 
     def __init__(self, dynamics: TrussDynamics, design: MeanAxesDesign) -> None:
         free = FreeModes.of(dynamics, max(design.neutral_modes, design.estimated_modes))
@@ -78,7 +77,7 @@ class MeanAxesLaw(MeanAxesBlock):
         )
 
     def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
-        """Return the demands, and the matrices to allocate them by."""
+        """Return the demands, and the matrices of their allocation."""
         y, nu, kind = u.mean_position, u.mean_speeds, self.dynamics.attitude
         terms = self.dynamics.evaluate(np.concatenate([y[: kind.end], u.joint_angles]), nu)
         inertia = terms.mass_matrix

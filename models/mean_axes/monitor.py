@@ -1,4 +1,4 @@
-"""Which actuators still do what they are told, from what the joints do."""
+"""Fault detection and isolation (FDI) of the actuators, from measured joint rates."""
 
 from __future__ import annotations
 
@@ -16,92 +16,88 @@ from trussflow.models.mean_axes.free_modes import FreeModes
 
 
 class ActuatorMonitor(MeanAxesBlock):
-    r"""Tell which bases, and the drives of which arms, are dead, from what the joints do.
+    r"""Detection of failed bases and arm drives by a CUSUM test of the joint rates.
 
-    With parts g, the base and the drives of each robot, the joints change their rates from one sample to the
-    next by
+    With parts g, the base and the drives of each robot, the change of the joint rates in a sample is
 
     .. math::
         \Delta\dot\theta = \sum_g a_g - T_s S_\theta G^{-1} (c - w_r) + r, \qquad
         a_g = T_s S_\theta G^{-1} P_g Q_g,
 
-    at the measured joints, with the disturbance w of the root, as an unknown load is one. The residue r is
-    noise if all is well, and :math:`-a_g` besides if part g is dead: a base pulls its own arm first, so its
-    loss shows at once, and the arm tells whose it was. If a whole robot h is dead, it is the sum of its two
-    parts. The evidence of each such loss adds up the logarithms of the ratio of the two likelihoods (CUSUM),
+    at the measured joints, with the disturbance w of the truss frame, such as that of an unknown load. The
+    residual r is noise if all actuators are healthy, plus :math:`-a_g` if part g has failed. The force of a
+    base accelerates its own arm first, so the residual is immediate and isolates the robot. The failure of
+    a whole robot is the sum of its two parts. The CUSUM statistic of a failure h sums log-likelihood ratios,
 
     .. math::
         S_h \leftarrow \max\left(0,\ S_h - \frac{a_h^T R^{-1} r + \delta\, a_h^T R^{-1} a_h}{s}\right), \quad
         s = \max\left(s_0,\ \min_h \frac{|r + a_h|^2_{R^{-1}}}{n}\right)
 
-    with a and r the sums over two samples, in which what vibrates at half the sample rate cancels (so that
-    each sample counts about twice), and
+    with a and r summed over two samples, which cancels vibrations at half the sample rate (so that each
+    sample counts about twice), and
 
     .. math:: R = 2\sigma^2 I + S_\theta\, \mathrm{diag}\left(\frac{T_s\,|B\,q|^2_j}{\zeta\Omega_j}
               \sin^2 \Omega_j T_s\right) S_\theta^T + \left|2 T_s S_\theta G^{-1} \tau\right|^2
               + \lambda^2 \sum_g a_g a_g^T
 
-    the covariance of r: noise of the measured rates, all free modes as steps q of the thrust in every sample
-    keep them ringing, torques :math:`\tau` of thrust on arms whose angles are known to a noise only, and a
-    share :math:`\lambda` of what each part does, as it is known to that only: thrust has a longer lever than
-    believed if its arm is longer. A loss is all of what a part does, so it still stands out. Of R only the
-    shape is believed: its scale s is what the best explanation, no loss among them with a = 0, leaves of the
-    residue, by its n joints, and at least :math:`s_0`. So what no loss explains, such as modes that ring more
-    than expected, speaks for none.
+    the covariance of r. Its terms are the noise of the measured rates; the free modes, excited by thrust
+    steps q in every sample; torques :math:`\tau` of thrust on arms with uncertain angles; and a relative
+    uncertainty :math:`\lambda` of the effect of each part, for example by the length of its arm. The scale s
+    of R is the residual variance per joint, of n joints, under the most likely failure or none (a = 0), and
+    at least :math:`s_0`. So residuals that no failure explains, such as larger vibrations, do not increase
+    any statistic.
 
-    When the greatest evidence is above the threshold, what all losses have in common whose evidence is more
-    than a share of it is suspected, and believed to be dead, for good, if it still is one sample later (the
-    one in which it died fits no loss). So where a base and its robot cannot be told
-    apart yet, the base is believed dead, and the drives may follow. What a loss shook may draw suspicion on
-    others, so for a while only its own robot is suspected further. Of a part that does nothing nothing can be
-    learnt: its loss is found when it is needed.
+    If the largest statistic exceeds the threshold, the candidates are the parts common to all failures whose
+    statistic exceeds a share of the largest one. A candidate in two consecutive samples is isolated as
+    failed, permanently (the sample of the failure itself fits no failure). If the failures of a base and of
+    its robot cannot be distinguished yet, the base is isolated first. The transient of a failure can mimic
+    failures of others, so in a holdoff time only the same robot is tested. The failure of an inactive part
+    is not detectable until it is used.
 
     Parameters
     ----------
     dynamics : TrussDynamics
-        What is believed: robots and truss.
+        Nominal dynamics of truss and robots.
     design : MeanAxesDesign
         Sample time, noise, and threshold.
 
     References
     ----------
-    Page (1954), *Continuous inspection schemes*, Biometrika 41, for the sums; Basseville, Nikiforov (1993),
-    *Detection of Abrupt Changes*, chapter 2. With :math:`\delta = 1/2` it is the ratio of likelihoods; more
-    makes it slower to suspect.
+    Page (1954), *Continuous inspection schemes*, Biometrika 41 (CUSUM); Basseville, Nikiforov (1993),
+    *Detection of Abrupt Changes*, chapter 2. :math:`\delta = 1/2` gives the likelihood ratio; a larger drift
+    term delays detection.
     """
 
     position = Input("rigid_q", unit=Attribute("position_units"), meaning="measured x_1")
     velocity = Input("rigid", unit=Attribute("rigid_speed_units"), meaning="measured x_2")
     actuation = Input(
-        "actuators", unit=Attribute("actuator_units"), meaning="Q ordered until the next sample"
+        "actuators", unit=Attribute("actuator_units"), meaning="Q of healthy actuators until the next sample"
     )
     disturbance = Input("rigid", unit=Attribute("force_units"), default=0.0, meaning="w")
-    effectiveness = Output("actuators", unit="1", meaning="0 of what is dead, 1 of all others")
-    evidence = Output("losses", meaning="S: bases, then drives of the arms, then whole robots")
+    effectiveness = Output("actuators", unit="1", meaning="health: 0 failed, 1 healthy")
+    evidence = Output("losses", meaning="S of bases, of drives of the arms, of whole robots")
 
-    expected = State(("joints", "columns"), meaning="next change of rates: by each part, and by all else")
-    rates = State("joints", meaning="measured before")
-    before = State(("joints", "columns"), meaning="a of each part, and r, of the sample before")
+    expected = State(("joints", "columns"), meaning="predicted change of rates by each part, and the rest")
+    rates = State("joints", meaning="previous measured rates")
+    before = State(("joints", "columns"), meaning="a of each part, and r, of the previous sample")
     sums = State("losses", meaning="S")
-    suspected = State("parts", meaning="1 where it seems dead, and was not")
-    dead = State("parts", meaning="1 where dead")
-    truce = State("losses", unit="s", meaning="for how long each is not suspected")
+    suspected = State("parts", meaning="1 for candidates of a failure")
+    dead = State("parts", meaning="1 for failed parts")
+    truce = State("losses", unit="s", meaning="remaining holdoff time")
 
     unknown_share = Parameter(minimum=0.0, meaning="lambda")
     calm = Parameter(above=0.0, meaning="s_0")
     drift = Parameter(minimum=0.5, meaning="delta")
-    threshold = Parameter(above=0.0, meaning="of the evidence")
-    doubt = Parameter(minimum=0.0, meaning="share of the greatest evidence from which a loss is thought of")
-    settling = Parameter(
-        minimum=0.0, unit="s", meaning="for how long no other robot is suspected after a loss"
-    )
+    threshold = Parameter(above=0.0, meaning="decision threshold of S")
+    doubt = Parameter(minimum=0.0, meaning="isolation threshold, share of the largest S")
+    settling = Parameter(minimum=0.0, unit="s", meaning="holdoff time of other robots after a failure")
 
     def __init__(self, dynamics: TrussDynamics, design: MeanAxesDesign) -> None:
         robots, joints = len(dynamics.arms), dynamics.joints
         self.parts, self.columns, self.losses = 2 * robots, 2 * robots + 1, 3 * robots
         sizes = [6] * robots + [arm.joints for arm in dynamics.arms]
         self.members = np.repeat(np.eye(self.parts), sizes, axis=0)
-        # A robot without joints shows itself in those of others only, through a truss that is not rigid.
+        # A robot without joints affects only the joints of others, through the flexible truss: not tested.
         self.judged = np.tile([float(arm.joints > 0) for arm in dynamics.arms], 3)
         self.shares = np.hstack([np.eye(self.parts), np.tile(np.eye(robots), (2, 1))])
         free, time = FreeModes.of(dynamics, dynamics.modes.modes), design.sample_time
@@ -119,26 +115,26 @@ class ActuatorMonitor(MeanAxesBlock):
         super().__init__(dynamics, design, **believing)
 
     def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
-        """Return what is dead, and the evidence."""
+        """Return health and statistics."""
         return {"effectiveness": 1.0 - self.members @ x.dead, "evidence": x.sums}
 
     def evidence_of(self, effects: Array, residue: Array, p: Signals) -> Array:
-        """Return by how much two samples raise, or lower, the evidence of each loss [-].
+        """Return the change of each statistic by the sums over two samples [-].
 
         Parameters
         ----------
         effects : array, shape (joints, parts)
-            a of each part [rad/s].
+            Effect of each part, a [rad/s].
         residue : array, shape (joints,)
-            r [rad/s].
+            Residual, r [rad/s].
         p : Signals
-            The parameters.
+            Parameters of the run.
         """
         seen, unsure = np.reshape(residue, (self.joints, 1)), p.unknown_share**2
         if self.joints > self.parts:
-            # Woodbury's formula without differences of large numbers: with N = A^T R^-1 A, of R without its
-            # last term and A of all a, A^T R^-1 with that term is (1 + lambda^2 N)^-1 A^T R^-1 without. And
-            # |r|^2 is the least of what doubted shares leave, and of these.
+            # Woodbury's formula, without cancellation. Let R0 be R without its last term,
+            # A the matrix of all a, N = A^T R0^-1 A. Then A^T R^-1 = (1 + lambda^2 N)^-1 A^T R0^-1, and |r|^2
+            # is the minimum over the shares of the norm of the rest plus that of the shares.
             told = effects.T @ self.precision @ np.concatenate([effects, seen], axis=1)
             told = solve_positive_definite(np.eye(self.parts) + unsure * told[:, : self.parts], told)
             shares = told[:, self.parts]
@@ -155,7 +151,7 @@ class ActuatorMonitor(MeanAxesBlock):
         return -(match + p.drift * strength) / scale
 
     def update(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
-        """Weigh the rates measured, and expect their next change."""
+        """Update the statistics by the measured rates, and predict their next change."""
         surprise = u.velocity[6:] - x.rates - np.sum(x.expected, axis=1)
         now = np.concatenate([x.expected[:, : self.parts], np.reshape(surprise, (self.joints, 1))], axis=1)
         each, residue = (now + x.before)[:, : self.parts], (now + x.before)[:, self.parts]

@@ -1,4 +1,4 @@
-"""Small torques that nothing else asks for, so that a drive or a base that is dead is missed in the coast."""
+"""Excitation for fault detection: small torques that reveal failed drives and bases at rest."""
 
 from __future__ import annotations
 
@@ -14,38 +14,38 @@ from trussflow.models.mean_axes.design import MeanAxesDesign
 from trussflow.models.mean_axes.estimator import MeanAxesBlock, thrusts_of
 from trussflow.models.mean_axes.monitor import ActuatorMonitor
 
-PATTERN = 4
-"""Samples of a period: up, down, down, up. With two, what the monitor sums up would cancel."""
+PATTERN_SAMPLES = 4
+"""Samples per period: +, -, -, +. With two, the sums of the fault detection would cancel [-]."""
 
-ROUND_OFF = 1e-9
-"""What is a force on the truss, by the greatest that the same torques could make [-]."""
+NULL_SPACE_TOLERANCE = 1e-9
+"""Relative tolerance of zero force on the truss [-]."""
 
 
 class ActuatorProbe(MeanAxesBlock):
-    r"""Move each arm in itself, by torques of drives and base that the truss at rest does not feel.
+    r"""Excitation of the arms by torques of drives and bases without a force on the truss at rest.
 
     .. math::
         Q_p(t) = \pm v \sum_g \frac{d_g}{|T_s S_\theta G^{-1} P d_g|_{R^{-1}}}, \qquad
         S_r\, G^{-1} P d_g = 0
 
-    for the base and for the drives g of each robot, with both signs for two samples at a time. Among the
-    torques of g that leave the root r alone at rest, so that no force is on the truss and no mode is excited
-    either, d is what changes the joint rates most, torque by torque, as `ActuatorMonitor` sees them by its
-    covariance R, without what it doubts of each part. In each sample a probe then stands out by v standard
-    deviations. A part without such torques is not probed. Of the two signs of the drives that one is taken
-    which turns their arm against what its base does: together they then look like neither alone, and a whole
-    robot is told from both.
+    for the base and for the drives g of each robot, with each sign for two samples. The torques are in the
+    null space of the acceleration of the truss frame r at rest, so that there is no force on the truss and
+    no mode is excited. In this null space d has the largest effect on the joint rates per torque, weighted
+    with the covariance R of `ActuatorMonitor` without its term of :math:`\lambda`. So the effect in each
+    sample is v standard deviations. A part with an empty null space is not excited. The sign of the drives
+    is that which opposes the effect of the base on the arm. So the failure of a whole robot differs from the
+    failures of its parts.
 
-    At other joint angles, and where a brake holds the arm, the truss feels a little of it.
+    At other joint angles, or with a locked arm, there is a small force on the truss.
 
     Parameters
     ----------
     dynamics : TrussDynamics
-        What is believed: robots and truss.
+        Nominal dynamics of truss and robots.
     design : MeanAxesDesign
         Sample time, noise, and v.
     monitor : ActuatorMonitor
-        Whose R says what is seen.
+        Fault detection with the covariance R.
 
     References
     ----------
@@ -64,7 +64,7 @@ class ActuatorProbe(MeanAxesBlock):
         self.shape = np.zeros(dynamics.actuators)
         for members in monitor.members.T > 0.0:
             torques = np.flatnonzero(members & ~thrusts_of(dynamics))
-            still = scipy.linalg.null_space(response[:6, torques], rcond=ROUND_OFF)
+            still = scipy.linalg.null_space(response[:6, torques], rcond=NULL_SPACE_TOLERANCE)
             if still.size:
                 _, shown, ways = np.linalg.svd(seen[:, torques] @ still)
                 self.shape[torques] = still @ ways[0] / shown[0]
@@ -75,6 +75,6 @@ class ActuatorProbe(MeanAxesBlock):
 
     def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
         """Return the torques of this sample."""
-        # Begun with both up, the joints would never move back, and leave until the law fetches them.
-        phase = 2.0 * np.pi * (t / (PATTERN * self.design.sample_time) + 0.375)
+        # If the pattern began with two positive samples, the joints would drift in one direction.
+        phase = 2.0 * np.pi * (t / (PATTERN_SAMPLES * self.design.sample_time) + 0.375)
         return {"probe": np.where(np.sin(phase) > 0.0, 1.0, -1.0) * p.strength * self.shape}

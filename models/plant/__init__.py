@@ -1,1 +1,1 @@
-"""The blocks: the plant, and the model that the controller uses."""
+"""Blocks of the plant and of the nominal model that the controller uses."""

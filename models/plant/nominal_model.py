@@ -1,4 +1,4 @@
-"""What a controller knows about the truss: the model behind the control law."""
+"""Nominal model of the truss and its robots, as blocks for model-based controllers."""
 
 from __future__ import annotations
 
@@ -14,8 +14,8 @@ from trussflow.models.plant.space_truss import SpaceTruss
 ACCELERATIONS = Attribute("acceleration_units")
 
 
-class _BelievedDynamics(Block):
-    """What the blocks below share: the dynamics believed in, with its sizes, units and state."""
+class _NominalDynamics(Block):
+    """Base of the blocks of nominal dynamics: their sizes, units, and inputs of the plant's state."""
 
     coordinates = Input("nq", unit=Attribute("coordinate_units"), meaning="q")
     speeds = Input("n", unit=Attribute("speed_units"), meaning="v")
@@ -29,7 +29,7 @@ class _BelievedDynamics(Block):
         super().__init__()
 
 
-class NominalModel(_BelievedDynamics):
+class NominalModel(_NominalDynamics):
     r"""Inverse dynamics of the rigid motion, and the actuation matrices.
 
     With :math:`G = M_{rr}`, :math:`c = F_r^{I,nl}` and :math:`\dot x_1 = J_g x_2`,
@@ -38,19 +38,19 @@ class NominalModel(_BelievedDynamics):
               a = a_\mathrm{ff} + a_\mathrm{fb}
 
     makes :math:`\ddot x_1 = a + J_g (d - \hat d)`. This is :math:`u_{eq} + u_{sw} + u_{ff}` of
-    the source, with `feedforward` :math:`a_\mathrm{ff} = \ddot x_{1d}` and `feedback`
-    :math:`a_\mathrm{fb}` the sliding-mode terms.
+    the paper, if `feedforward` is :math:`a_\mathrm{ff} = \ddot x_{1d}` and `feedback`
+    :math:`a_\mathrm{fb}` the sum of the sliding-mode terms.
 
     Parameters
     ----------
     dynamics : TrussDynamics
-        The model that the controller believes in; usually the plant's own.
+        Nominal model of the controller, usually the plant's own dynamics.
 
     Notes
     -----
-    `nominal_acceleration` is :math:`G^{-1}(u - c)`, which the disturbance observer needs. Since
-    :math:`u` is made from it, it is the bracket above and costs no solution of equations;
-    `NominalAcceleration` computes it from any actuation.
+    `nominal_acceleration` is :math:`G^{-1}(u - c)`, an input of the disturbance observer. It
+    equals the bracket above, so that no linear system is solved. `NominalAcceleration` computes
+    it for any actuation.
 
     References
     ----------
@@ -60,10 +60,10 @@ class NominalModel(_BelievedDynamics):
     feedforward = Input("rigid", unit=ACCELERATIONS, default=0.0, meaning="desired d2x_1/dt2")
     feedback = Input("rigid", unit=ACCELERATIONS, default=0.0, meaning="correction of d2x_1/dt2")
     disturbance_estimate = Input("rigid", unit=ACCELERATIONS, default=0.0, meaning="estimate of d")
-    task_force = Input("rigid", default=0.0, meaning="force and torque in task axes, for laws such as PD")
+    task_force = Input("rigid", default=0.0, meaning="force and torque in task axes, e.g. of a PD law")
     generalized_force = Output("rigid", meaning="u")
-    feedforward_force = Output("rigid", meaning="part of u that moves along the desired path")
-    feedback_force = Output("rigid", meaning="part of u that corrects errors and disturbances")
+    feedforward_force = Output("rigid", meaning="part of u for the desired acceleration")
+    feedback_force = Output("rigid", meaning="part of u for feedback and disturbance estimate")
     transformed_task_force = Output("rigid", meaning="J_g^T times the task force")
     nominal_acceleration = Output("rigid", unit=ACCELERATIONS, meaning="G^-1 (u - c)")
     actuation_matrix = Output(("rigid", "actuators"), meaning="P_r, the rigid rows of P_Q")
@@ -88,16 +88,16 @@ class NominalModel(_BelievedDynamics):
         }
 
 
-class NominalAcceleration(_BelievedDynamics):
+class NominalAcceleration(_NominalDynamics):
     r"""Forward nominal dynamics :math:`G^{-1}(P_r Q - c)` for any actuation.
 
-    Use it for the disturbance observer where the actuation is not what the inverse dynamics
-    asked for: behind saturations, or with another control law.
+    The disturbance observer needs it if the actuation differs from that of the inverse dynamics:
+    behind saturations, or with another control law.
 
     Parameters
     ----------
     dynamics : TrussDynamics
-        The model that the controller believes in.
+        Nominal model of the controller.
 
     References
     ----------
@@ -116,17 +116,17 @@ class NominalAcceleration(_BelievedDynamics):
 
 
 class TaskErrors(Block):
-    r"""Errors in task coordinates, and the reference's acceleration in the same: what a law needs to know.
+    r"""Tracking errors and reference acceleration in task coordinates, the inputs of a control law.
 
-    Between a law of vectors and positions that are no vectors. With :math:`\epsilon = \bar a \circ a_d` of
-    two quaternions and :math:`C = R_t^T R_d` the errors of attitude are, in axes of the truss,
+    The attitude is no vector, but its error is. With :math:`\epsilon = \bar a \circ a_d` of
+    two quaternions and :math:`C = R_t^T R_d`, the attitude errors in truss axes are
 
     .. math:: e = -2\,\mathrm{sgn}(\epsilon_w)\,(\epsilon_x, \epsilon_y, \epsilon_z), \qquad
               \dot e \to \omega_t - C\omega_d, \qquad
               \ddot x_d \to C\dot\omega_d - \omega_t \times C\omega_d
 
-    so that a law :math:`\ddot e = -k_p e - k_d \dot e` turns the truss about one axis to the goal, from any
-    attitude, by the shorter way. The errors of all else are differences.
+    so that a law :math:`\ddot e = -k_p e - k_d \dot e` turns the truss to the reference about one axis, from
+    any attitude, by the smaller angle. All other errors are differences.
 
     Parameters
     ----------
@@ -140,13 +140,13 @@ class TaskErrors(Block):
     """
 
     reference_position = Input("rigid_q", unit=Attribute("position_units"), meaning="x_d")
-    reference_velocity = Input("rigid", unit=Attribute("task_rate_units"), meaning="its rate")
-    reference_acceleration = Input("rigid", unit=ACCELERATIONS, default=0.0, meaning="and acceleration")
+    reference_velocity = Input("rigid", unit=Attribute("task_rate_units"), meaning="rate of x_d")
+    reference_acceleration = Input("rigid", unit=ACCELERATIONS, default=0.0, meaning="acceleration of x_d")
     position = Input("rigid_q", unit=Attribute("position_units"), meaning="x_1")
     velocity = Input("rigid", unit=Attribute("task_rate_units"), meaning="J_g x_2")
     error = Output("rigid", unit=Attribute("task_units"), meaning="position minus reference")
     error_rate = Output("rigid", unit=Attribute("task_rate_units"), meaning="velocity minus reference")
-    acceleration = Output("rigid", unit=ACCELERATIONS, meaning="of the reference")
+    acceleration = Output("rigid", unit=ACCELERATIONS, meaning="reference acceleration")
 
     def __init__(self, dynamics: TrussDynamics) -> None:
         plant = SpaceTruss(dynamics)

@@ -1,4 +1,4 @@
-"""The plant: a flexible truss carried by space robots, as a block."""
+"""Plant block: a flexible truss carried by space robots."""
 
 from __future__ import annotations
 
@@ -28,17 +28,17 @@ MODAL_UNIT = "kg**0.5*m"
 
 
 def arm_by_name(name: str) -> RobotArm:
-    """Return one of the shipped arms.
+    """Return a shipped arm.
 
     Parameters
     ----------
     name : str
-        ``"literal"`` (Table 2 as printed) or ``"jaco"`` (the true arm behind it).
+        ``"literal"`` (Table 2 as printed) or ``"jaco"`` (Kinova JACO2, the arm that Table 2 describes).
 
     Raises
     ------
     ModelError
-        If there is no arm of that name.
+        If no arm has that name.
     """
     arms = {"literal": RobotArm.literal, "jaco": RobotArm.jaco}
     check_choice("arm", name, arms)
@@ -64,17 +64,17 @@ class SpaceTruss(Block):
     modal_actuation : bool
         Whether f is the modal demand (Eq. 42 in full) or the input `modal_force`.
     start : Vector, optional
-        `initial_coordinates` [m, unit of the attitude, rad, kg^½·m]; by default the dynamics' own rest.
+        `initial_coordinates` [m, unit of the attitude, rad, kg^½·m]; by default `TrussDynamics.rest`.
     speeds : Vector, optional
-        `initial_speeds` [m/s, rad/s, kg^½·m/s]; by default it is at rest.
+        `initial_speeds` [m/s, rad/s, kg^½·m/s]; by default zero.
 
     Notes
     -----
     :math:`q = (r_t, \Theta_t, \theta, \tau)`, :math:`v = (v_t, \omega_t, \dot\theta,
     \dot\tau)`; see `TrussDynamics`. With n coordinates of which h are modal, the first
-    n − h make up the source's :math:`x_1`, and the first n − h speeds its :math:`x_2`. With a quaternion
-    there is a coordinate more than speeds, and `task_velocity` is the velocity along inertial axes, the
-    angular velocity along those of the truss, and the joint rates.
+    n − h are the paper's :math:`x_1`, and the first n − h speeds its :math:`x_2`. With a quaternion
+    the number of coordinates is one more than that of speeds. `task_velocity` then has the velocity in
+    inertial axes, the angular velocity in truss axes, and the joint rates.
 
     References
     ----------
@@ -116,13 +116,13 @@ class SpaceTruss(Block):
     disturbance = Output(
         "rigid",
         unit=Attribute("disturbance_units"),
-        meaning="d = -G^-1 M_rf tau'', what the flexibility does to the rigid motion (Eq. 45)",
+        meaning="d = -G^-1 M_rf tau'', disturbance acceleration by the flexibility (Eq. 45)",
     )
     energy = Output(unit="J", meaning="kinetic and elastic energy")
     actuator_rates = Output(
-        "actuators", unit=Attribute("actuator_rate_units"), meaning="P_Q^T v, what Q does work on"
+        "actuators", unit=Attribute("actuator_rate_units"), meaning="P_Q^T v, rates conjugate to Q"
     )
-    modal_loss = Output(unit="W", meaning="power that the damping of the modes takes")
+    modal_loss = Output(unit="W", meaning="power dissipated by modal damping")
     energy_account = EnergyAccount(
         supplied=[("actuation", "actuator_rates")], stored="energy", dissipated="modal_loss"
     )
@@ -133,9 +133,7 @@ class SpaceTruss(Block):
     initial_coordinates = Parameter(shape=("nq",), meaning="q at the start")
     initial_speeds = Parameter(0.0, ("n",), meaning="v at the start")
     frequency = Parameter(shape=("modes",), unit="Hz", above=0.0, meaning="natural frequencies")
-    damping_ratio = Parameter(
-        shape=("modes",), minimum=0.0, meaning="fraction of critical damping of each mode"
-    )
+    damping_ratio = Parameter(shape=("modes",), minimum=0.0, meaning="damping ratio of each mode")
 
     def __init__(
         self,
@@ -178,16 +176,16 @@ class SpaceTruss(Block):
 
     @classmethod
     def published(cls, *, modes: int = 6, arm: str = "literal") -> Self:
-        """Return the source's system: its equations and printed numbers, one term left out.
+        """Return the paper's system: its equations and printed numbers, without the term P_f Q.
 
-        Truncated truss integrals, no structural damping, Table 2 read literally; the mode
-        shapes, which the source does not print, are reconstructed. The actuators do no work
-        on the modes, although Eq. 42 has it: with it the published control loop is unstable.
+        It has truncated truss integrals, no structural damping and Table 2 as printed. The paper does not
+        print the mode shapes; they are reconstructed. The actuators do no work on the modes, although
+        Eq. 42 includes it: with that term the published control loop is unstable.
 
         Parameters
         ----------
         modes : int
-            Number of flexible modes [-]; the source has six.
+            Number of flexible modes [-]; the paper has six.
         arm : str
             ``"literal"`` or ``"jaco"``.
         """
@@ -198,7 +196,7 @@ class SpaceTruss(Block):
     def consistent(cls, *, modes: int = 6, arm: str = "literal", damping: float | None = None) -> Self:
         """Return the physically consistent system of the same structure.
 
-        Exact truss integrals, actuator work on the modes, structural damping.
+        It has exact truss integrals, actuator work on the modes, and structural damping.
 
         Parameters
         ----------
@@ -207,7 +205,7 @@ class SpaceTruss(Block):
         arm : str
             ``"literal"`` or ``"jaco"``.
         damping : float, optional
-            Fraction of critical damping of every mode [-]; 0.5 % by default.
+            Damping ratio of every mode [-]; 0.5 % by default.
         """
         truss = TrussModes.reconstructed().truncated(modes).damped(_damping(damping))
         return cls(_dynamics(truss, arm, elastic_integrals=True), modal_actuation=True)
@@ -221,35 +219,35 @@ class SpaceTruss(Block):
         damping: float | None = None,
         highest_frequency: float = 100.0,
     ) -> Self:
-        """Return the consistent system with a structure that is accurate where the robots pull.
+        """Return the consistent system with a truss that is accurate at the grasp points.
 
-        Attachment shapes at the grasp points besides the modes: with the arms locked the first ten
-        frequencies of the floating system are within 0.12 % of those of all finite elements,
-        where `consistent` errs by 3 % in the first and by 90 % in the fifth and sixth. So this
-        is the plant for any statement about feedback.
+        Attachment shapes at the grasp points are added to the modes. With locked arms the first ten
+        frequencies of the floating system are within 0.12 % of those of the full finite-element model.
+        The errors of `consistent` are 3 % in the first and 90 % in the fifth and sixth frequency. Use
+        this plant for conclusions about feedback.
 
         Parameters
         ----------
         modes : int
-            Number of modes of the truss itself, besides 18 attachment shapes; six or more [-].
+            Number of clamped modes of the truss, besides 18 attachment shapes; six or more [-].
         arm : str
             ``"literal"`` or ``"jaco"``.
         damping : float, optional
-            Fraction of critical damping of every mode and shape [-]; 0.5 % by default.
+            Damping ratio of every mode and shape [-]; 0.5 % by default.
         highest_frequency : float
             Attachment shapes of higher frequencies are condensed [Hz].
 
         Notes
         -----
-        The shapes alone reach 440 Hz; condensed at 100 Hz, the fastest vibration of the whole
-        system has 155 Hz, which RK4 stands up to steps of 2.9 ms, without loss of accuracy in the
-        first ten frequencies. See `trussflow.models.truss.component_modes`.
+        The shapes have frequencies up to 440 Hz. With condensation at 100 Hz the highest frequency of the
+        whole system is 155 Hz, for which RK4 is stable up to steps of 2.9 ms. The first ten frequencies
+        keep their accuracy. See `trussflow.models.truss.component_modes`.
         """
         truss = accurate_modes(modes, highest_frequency).damped(_damping(damping))
         return cls(_dynamics(truss, arm, elastic_integrals=True), modal_actuation=True)
 
     def opened(self) -> Self:
-        """Return the same plant without `modal_actuation`, for a wire from modal demand to modal force."""
+        """Return the same plant without `modal_actuation`, to connect ``modal_demand >> modal_force``."""
         return type(self)(
             self.dynamics,
             modal_actuation=False,
@@ -258,18 +256,18 @@ class SpaceTruss(Block):
         )
 
     def turned(self, attitude: Vector) -> Self:
-        """Return the same truss, at rest in another attitude; missions start from there.
+        """Return the same plant, at rest in another attitude at the start.
 
         Parameters
         ----------
         attitude : Vector
-            In the truss's own coordinates: 3-1-2 Euler angles [rad], see `attitude_along` for those in which
-            a path has a given direction; or a quaternion, scalar first [1].
+            3-1-2 Euler angles [rad] or a quaternion, scalar first [1], as `dynamics.attitude` has it.
+            `attitude_along` gives the angles for a given direction of the path.
 
         Raises
         ------
         ModelError
-            If these are no three finite numbers, or no unit quaternion.
+            If the Euler angles are not three finite numbers, or the quaternion is not a unit quaternion.
         """
         kind, rest = self.dynamics.attitude, self.dynamics.rest
         attitude = kind.checked(frozen_array("attitude", attitude, (len(kind.rest),)))
@@ -277,7 +275,7 @@ class SpaceTruss(Block):
         return type(self)(self.dynamics, modal_actuation=self.modal_actuation, start=start)
 
     def with_quaternion(self) -> Self:
-        """Return the same truss in the same motion, with a quaternion in place of Euler angles."""
+        """Return the same plant in the same initial state, with a quaternion in place of Euler angles."""
         from scipy.spatial.transform import Rotation
 
         kind, q = self.dynamics.attitude, self.parameters["initial_coordinates"]
@@ -290,24 +288,23 @@ class SpaceTruss(Block):
         )
 
     def without(self, robot: int, coordinates: Vector | None = None, speeds: Vector | None = None) -> Self:
-        """Return what is left when a robot lets go: the same truss with the others, in the same motion.
+        """Return the plant after a robot has released the truss: truss and other robots in the same motion.
 
-        Nothing jumps: neither the truss nor the others feel that the robot has left, if it did nothing
-        before. It takes its own momentum with it.
+        Positions and speeds of the others are continuous. The released robot keeps its own momentum.
 
         Parameters
         ----------
         robot : int
-            Which one, from 1 on [-].
+            Number of the released robot, from 1 [-].
         coordinates : Vector, shape (nq,), optional
-            q when it lets go [m, rad, kg^½·m]; by default those at the start.
+            q at the release [m, rad, kg^½·m]; by default the initial coordinates.
         speeds : Vector, shape (n,), optional
-            Likewise v [m/s, rad/s, kg^½·m/s].
+            v at the release [m/s, rad/s, kg^½·m/s]; by default the initial speeds.
 
         Raises
         ------
         ModelError
-            If there is no such robot, or the state has another size.
+            If the robot does not exist, or the state has the wrong size.
         """
         check_choice("robot", robot, range(1, self.robots + 1))
         owner = np.repeat(np.arange(1, self.robots + 1), [arm.joints for arm in self.dynamics.arms])
@@ -316,7 +313,7 @@ class SpaceTruss(Block):
         q, v = (
             np.broadcast_to(self.parameters[f"initial_{name}"], size)
             if value is None
-            else frozen_array(f"letting go: {name}", value, (size,))
+            else frozen_array(f"released robot: {name}", value, (size,))
             for (name, value), size in zip(given.items(), (self.nq, self.n), strict=True)
         )
         others = [i for i in range(self.robots) if i != robot - 1]
@@ -335,32 +332,32 @@ class SpaceTruss(Block):
         )
 
     def truss_parameters(self, truss: TrussModes) -> dict[str, Vector]:
-        """Return the values of those parameters that belong to the truss.
+        """Return the values of the truss parameters.
 
         Parameters
         ----------
         truss : TrussModes
-            Of as many modes.
+            Truss with the same number of modes.
         """
         return {"frequency": truss.frequencies, "damping_ratio": truss.damping_ratios}
 
     def modal_data(self, p: Signals) -> ModalData:
-        """Return what the equations take from the truss; here it never changes.
+        """Return the truss data of the equations of motion, here constants.
 
         Parameters
         ----------
         p : Signals
-            The parameters.
+            Parameters of the run.
         """
         return self.dynamics.modes.data
 
     def check_parameters(self, p: Signals) -> None:
-        """Refuse a start that is no attitude."""
+        """Raise `ModelError` if the initial attitude is invalid."""
         kind = self.dynamics.attitude
         kind.checked(p.initial_coordinates[3 : kind.end])
 
     def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
-        """Return coordinates, speeds and what is derived from them."""
+        """Return coordinates, speeds and the quantities derived from them."""
         dynamics, rigid, position = self.dynamics, self.rigid, x.q[: self.rigid_q]
         bases = np.reshape(u.actuation[: 6 * self.robots], (self.robots, 6))
         terms, acceleration = self._motion(x, u, p)
@@ -392,7 +389,7 @@ class SpaceTruss(Block):
 
     @once
     def _motion(self, x: Signals, u: Signals, p: Signals) -> tuple[DynamicsTerms, Array]:
-        """Return the equations of motion, and the generalized accelerations that solve them."""
+        """Return the terms of the equations of motion, and the generalized accelerations."""
         terms = self.dynamics.evaluate(x.q, x.v, self.modal_data(p))
         active = terms.actuation_matrix @ u.actuation
         if not self.modal_actuation:

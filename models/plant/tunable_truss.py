@@ -1,4 +1,4 @@
-"""A plant whose truss can be another one in every run."""
+"""Plant with the data of the truss as parameters."""
 
 from __future__ import annotations
 
@@ -13,10 +13,10 @@ from trussflow.models.truss.truss_modes import ModalData, TrussModes
 
 
 class TunableTruss(SpaceTruss):
-    """A `SpaceTruss` with all data of its truss as parameters, so that one program flies any draw of it.
+    """`SpaceTruss` with all data of its truss as parameters: one compiled program simulates any sample.
 
-    The number of modes and the undeformed grasp points stay. See `trussflow.models.truss.variations` for
-    what another truss may be.
+    The number of modes and the undeformed grasp points are fixed. See `trussflow.models.truss.variations`
+    for variations of the truss.
 
     Parameters
     ----------
@@ -27,17 +27,17 @@ class TunableTruss(SpaceTruss):
     start : Vector, optional
         Coordinates at the start, by default those at rest; see `SpaceTruss` [m, rad, kg^½·m].
     speeds : Vector, optional
-        Likewise speeds, by default none [m/s, rad/s, kg^½·m/s].
+        Speeds at the start, by default zero [m/s, rad/s, kg^½·m/s].
 
     Notes
     -----
-    What is made from `dynamics` (a replay, a controller) takes the truss given there, not that of a run.
-    About h²·9 numbers are read in each evaluation that a `SpaceTruss` has as constants.
+    Controllers and replays made from `dynamics` use its nominal truss, not the truss of the run.
+    An evaluation reads about 9h² numbers that are constants in a `SpaceTruss`.
     """
 
-    mass = Parameter(unit="kg", above=0.0, meaning="of the truss")
-    first_moments = Parameter(shape=("shapes", 3), meaning="of position and mode shapes; see `ModalData`")
-    second_moments = Parameter(shape=("shapes", "products"), meaning="likewise")
+    mass = Parameter(unit="kg", above=0.0, meaning="mass of the truss")
+    first_moments = Parameter(shape=("shapes", 3), meaning="`ModalData.first_moments`")
+    second_moments = Parameter(shape=("shapes", "products"), meaning="`ModalData.second_moments`")
     grasp_translations = Parameter(shape=("grasp_rows", "modes"), meaning="T, grasp by grasp")
     grasp_rotations = Parameter(shape=("grasp_rows", "modes"), meaning="R, grasp by grasp")
 
@@ -54,24 +54,24 @@ class TunableTruss(SpaceTruss):
         super().__init__(dynamics, modal_actuation=modal_actuation, start=start, speeds=speeds)
 
     def truss_parameters(self, truss: TrussModes) -> dict[str, Vector]:
-        """Return the values of those parameters that belong to the truss.
+        """Return the values of the truss parameters.
 
         Parameters
         ----------
         truss : TrussModes
-            With as many modes, and grasp points where they were.
+            Truss with the same number of modes and the same grasp points.
 
         Raises
         ------
         ModelError
-            If it has others.
+            If number of modes or grasp points differ.
         """
         own, data = self.dynamics.modes, truss.data
         if truss.modes != own.modes or not np.array_equal(truss.grasp_positions, own.grasp_positions):
             raise ModelError(
-                f"a truss of {truss.modes} modes, grasped at {truss.grasp_positions.tolist()} m, cannot "
-                f"take the place of one of {own.modes}, grasped at {own.grasp_positions.tolist()} m; number "
-                "of modes and grasp points must be the same"
+                f"a truss of {truss.modes} modes with grasp points {truss.grasp_positions.tolist()} m cannot "
+                f"replace one of {own.modes} modes with grasp points {own.grasp_positions.tolist()} m; "
+                "number of modes and grasp points must be the same"
             )
         return super().truss_parameters(truss) | {
             "mass": np.array(data.mass),
@@ -82,12 +82,12 @@ class TunableTruss(SpaceTruss):
         }
 
     def modal_data(self, p: Signals) -> ModalData:
-        """Return what the equations take from the truss, from the parameters.
+        """Return the truss data of the equations of motion, from the parameters.
 
         Parameters
         ----------
         p : Signals
-            The parameters.
+            Parameters of the run.
         """
         spans = [slice(3 * i, 3 * i + 3) for i in range(self.robots)]
         return ModalData(

@@ -16,7 +16,7 @@ from trussflow.models.reproduction.results import Results
 from trussflow.models.reproduction.trusses import PRINTED_MODES, frame_modes
 from trussflow.models.robots.robot_arm import RobotArm
 from trussflow.models.transport.mission import CASES
-from trussflow.models.transport.summary import TORQUE_CLAIM
+from trussflow.models.transport.summary import TORQUE_BOUNDS
 from trussflow.models.truss.truss_fe import TrussFrame, printed_frequencies
 
 RUNS = tuple(
@@ -157,7 +157,7 @@ def _torques(context: Context, suffix: str, words: str) -> str:
 def _mounting(context: Context) -> str:
     bounds = [
         context.ledger(f"claim: torque in Case {case}", bound, "N*m", digits=2)
-        for case, bound in TORQUE_CLAIM.items()
+        for case, bound in TORQUE_BOUNDS.items()
     ]
     parts = (
         _torques(context, "", "so"),

@@ -14,7 +14,7 @@ from trussflow.models.reporting.figures import Curve, Panel, drawing, save
 from trussflow.models.reproduction.measures import norm
 from trussflow.models.reproduction.results import Results
 from trussflow.models.transport.figures import components
-from trussflow.models.transport.summary import TORQUE_CLAIM
+from trussflow.models.transport.summary import TORQUE_BOUNDS
 
 CONTROLLERS = {"": "proposed", "-smc": "SMC", "-pd": "PD"}
 
@@ -90,7 +90,7 @@ def _forces_per_robot(results: Results, run: str) -> list[Panel]:
 
 def _torques(*robots: int) -> Panels:
     def panels(results: Results, run: str) -> list[Panel]:
-        bound = TORQUE_CLAIM[results.run(run).case]
+        bound = TORQUE_BOUNDS[results.run(run).case]
         return [
             Panel(
                 curves=components(results[run][f"{kind}_torque"].sel(robot=i)),

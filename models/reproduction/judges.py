@@ -23,7 +23,7 @@ from trussflow.models.reproduction.claims import (
 )
 from trussflow.models.reproduction.measures import error_size, force_shares, largest_jump, late, norm, ripple
 from trussflow.models.reproduction.results import Results
-from trussflow.models.transport.summary import TORQUE_CLAIM
+from trussflow.models.transport.summary import TORQUE_BOUNDS
 
 
 def tracking(run: str, settles: bool) -> Judge:
@@ -209,7 +209,7 @@ def torque(run: str) -> Judge:
 
     @judge_by(run, *mountings)
     def judge(results: Results, ledger: Ledger) -> Judgement:
-        bound, n = TORQUE_CLAIM[results.run(run).case], ledger.of(run)
+        bound, n = TORQUE_BOUNDS[results.run(run).case], ledger.of(run)
         torques = _claimed_torques(results, run)
         peaks = {name: peak(t) for name, t in torques.items()}
         worst = max(peaks.values())

@@ -14,7 +14,7 @@ from trussflow.models.reproduction.context import Context
 from trussflow.models.reproduction.measures import force_shares, late
 from trussflow.models.reproduction.results import Results
 from trussflow.models.transport.mission import CASES
-from trussflow.models.transport.summary import TORQUE_CLAIM
+from trussflow.models.transport.summary import TORQUE_BOUNDS
 
 VARIANTS = {
     "": "as reported above",
@@ -82,7 +82,7 @@ def outcomes(results: Results, run: str) -> dict[str, bool]:
     worst = max(peak(result.base_torque), peak(result.joint_torque))
     found = {
         "small errors": peak(result.position_error) < SMALL * way,
-        "bound on the torques": worst <= TORQUE_CLAIM[mission.case],
+        "bound on the torques": worst <= TORQUE_BOUNDS[mission.case],
         "small elastic displacement": peak(result.grasp_displacement) < SMALL * way,
     }
     if mission.case == 1:

@@ -1,8 +1,14 @@
-r"""The dynamics of one robot, by recursion along its chain.
+r"""Dynamics of one robot: recursive Newton–Euler and composite-rigid-body algorithm.
 
-Outward: positions, velocities and the accelerations at zero joint accelerations. Inward:
-composite inertias and forces. Everything is about the truss origin in truss axes (see
-`trussflow.models.geometry.spatial`), so the inward sums need no transformations.
+The outward pass computes positions, velocities, and accelerations at zero joint accelerations.
+The inward pass sums forces (recursive Newton–Euler algorithm, for the bias) and inertias
+(composite-rigid-body algorithm, for the mass matrix). All quantities are about the truss origin
+in truss axes (see `trussflow.models.geometry.spatial`), so these sums need no transformations.
+
+References
+----------
+Featherstone (2008), *Rigid Body Dynamics Algorithms*, chapters 5 and 6. docs/notation.md derives both
+passes from Li, Wei, Chen (2026), Eqs. 31–42.
 """
 
 from __future__ import annotations
@@ -24,38 +30,39 @@ from trussflow.models.robots.robot_arm import RobotArm
 
 
 class ArmTerms(NamedTuple):
-    r"""What one robot adds to the equations of the system, n joints.
+    r"""Terms of one robot with n joints in the equations of the system.
 
-    With the acceleration :math:`a_0` of the hand (spatial, about :math:`O_t`) the robot obeys
+    With the spatial acceleration :math:`a_0` of the hand about :math:`O_t` they are
 
     .. math::
         f_0 = I_c a_0 + F^T \ddot\theta + f_b, \qquad
         u = F a_0 + M \ddot\theta + b
 
-    where :math:`f_0` is the force the truss exerts on the hand and :math:`u` are the joint
-    torques, or forces of joints that slide.
+    where :math:`f_0` is the force of the truss on the hand and :math:`u` are the joint
+    torques, or forces of sliding joints.
 
     Attributes
     ----------
     mass_matrix : array, shape (n, n)
-        :math:`M` [kg·m²; kg·m, kg where joints slide].
+        :math:`M` [kg·m²; kg·m, kg of sliding joints].
     root_coupling : array, shape (n, 6)
-        :math:`F`: row j is the momentum of all bodies beyond joint j per joint rate [kg·m; kg·m²; kg;
-        kg·m where joints slide].
+        :math:`F`: row j is the momentum of all bodies beyond joint j per joint rate [kg·m, kg·m²; kg,
+        kg·m of sliding joints].
     joint_bias : array, shape (n,)
-        :math:`b` [N·m; N where joints slide].
+        :math:`b` [N·m; N of sliding joints].
     static_moment : array, shape (3,)
-        Of the whole robot about :math:`O_t` [kg·m].
+        Static moment of the whole robot about :math:`O_t` [kg·m].
     inertia : array, shape (3, 3)
-        Of the whole robot about :math:`O_t` [kg·m²].
+        Inertia of the whole robot about :math:`O_t` [kg·m²].
     root_bias : array, shape (6,)
         :math:`f_b` [N; N·m].
     base_rotation : array, shape (3, 3)
-        Base frame :math:`O_i` to truss axes.
+        Rotation from base frame :math:`O_i` to truss axes.
     base_position : array, shape (3,)
         Centroid of the base in :math:`O_t` [m].
     screws : array, shape (n, 6)
-        Row j is the motion of what lies beyond joint j per joint rate [m; 1; 1; 0 where joints slide].
+        Row j is the motion of the bodies beyond joint j per joint rate, :math:`S_j` [m, 1; 1, 0 of sliding
+        joints].
     """
 
     mass_matrix: Array
@@ -78,22 +85,22 @@ def arm_terms(
     hand_velocity: Array,
     hand_acceleration: Array,
 ) -> ArmTerms:
-    """Return what a robot adds to the equations of the system.
+    """Return the terms of a robot in the equations of the system.
 
     Parameters
     ----------
     arm : RobotArm
-        Any number n of joints.
+        Robot with n joints.
     joint_angles : array, shape (n,)
-        [rad; m where joints slide].
+        Angles, or displacements of sliding joints [rad; m].
     joint_rates : array, shape (n,)
-        [rad/s; m/s].
+        Rates of the joints [rad/s; m/s].
     grasp_rotation : array, shape (3, 3)
-        Elastic rotation of the truss at the grasp point; the identity if undeformed.
+        Elastic rotation of the truss at the grasp point.
     grasp_position : array, shape (3,)
         Grasp point in the truss frame, elastic displacement included [m].
     hand_velocity : array, shape (6,)
-        Velocity of the hand, about and in the truss frame [m/s; rad/s].
+        Spatial velocity of the hand about :math:`O_t` in truss axes [m/s; rad/s].
     hand_acceleration : array, shape (6,)
         Spatial acceleration of the hand at zero generalized accelerations [m/s²; rad/s²].
 
@@ -103,10 +110,10 @@ def arm_terms(
 
     References
     ----------
-    Li, Wei, Chen (2026), Eqs. 22, 23, 36–39, with composite inertias in place of sums over
-    34-column partial velocities; the results are the same.
+    Li, Wei, Chen (2026), Eqs. 22, 23, 31–39. Composite inertias replace the paper's sums over the
+    34 columns of partial velocities; the results are equal.
     """
-    # Outward, from the hand to the base: where each body is, and the force it needs.
+    # Outward pass, from hand to base (Eqs. 33-39): motion of each body, and its inertial force.
     rotation, position = grasp_rotation @ arm.hand_rotation, grasp_position
     velocity, acceleration = hand_velocity, hand_acceleration
     cosines, sines = np.cos(joint_angles), np.sin(joint_angles)
@@ -123,23 +130,23 @@ def arm_terms(
         else:
             rotation = _turned(rotation, cosines[j], sines[j])
             screw = np.concatenate([cross(position, axis), axis])
-        # The screw is fixed to both bodies of its joint, so the inner one's velocity moves it.
-        acceleration = acceleration + motion_product(velocity, screw) * joint_rates[j]
-        velocity = velocity + screw * joint_rates[j]
+        # The screw is fixed to both bodies of its joint and so moves with the inner one.
+        acceleration = acceleration + motion_product(velocity, screw) * joint_rates[j]  # Eq. 38
+        velocity = velocity + screw * joint_rates[j]  # Eq. 36
         inertias.append(moved_inertia(arm.bodies[j + 1], rotation, position))
-        forces.append(inertial_force(inertias[-1], velocity, acceleration))
+        forces.append(inertial_force(inertias[-1], velocity, acceleration))  # rigid body in Eq. 23
         screws.append(screw)
 
-    # Inward, from the base to the hand: what each joint carries.
+    # Inward pass, from base to hand: inertia and force of all bodies beyond each joint.
     carried, force = inertias[-1], forces[-1]
     matrix: list[list[Array]] = [[0.0] * arm.joints for _ in range(arm.joints)]
     coupling: list[Array] = [0.0] * arm.joints
     bias: list[Array] = [0.0] * arm.joints
     for j in reversed(range(arm.joints)):
-        coupling[j] = momentum(carried, screws[j])
-        bias[j] = screws[j] @ force
+        coupling[j] = momentum(carried, screws[j])  # composite-rigid-body algorithm, Eq. 22
+        bias[j] = screws[j] @ force  # recursive Newton-Euler algorithm, Eq. 23
         for k in range(j + 1):
-            matrix[j][k] = matrix[k][j] = screws[k] @ coupling[j]
+            matrix[j][k] = matrix[k][j] = screws[k] @ coupling[j]  # Eq. 22
         carried = combined(carried, inertias[j])
         force = force + forces[j]
     return ArmTerms(
@@ -156,6 +163,6 @@ def arm_terms(
 
 
 def _turned(rotation: Array, cosine: Array, sine: Array) -> Array:
-    """Return `rotation` followed by a turn about its z axis."""
+    """Return `rotation` followed by a rotation about its z axis."""
     x, y, z = rotation[:, 0], rotation[:, 1], rotation[:, 2]
     return np.stack([cosine * x + sine * y, cosine * y - sine * x, z]).T

@@ -1,4 +1,4 @@
-"""The motion of a robot's hand, fixed to a grasp point of the flexible truss."""
+"""Motion of a robot's hand, which is fixed to a grasp point of the flexible truss (Eqs. 32–35)."""
 
 from __future__ import annotations
 
@@ -18,18 +18,18 @@ from trussflow.models.truss.truss_modes import ModalData
 
 
 class HandMotion(NamedTuple):
-    r"""Position and motion of one hand; motions are about :math:`O_t`, in truss axes.
+    r"""Position and motion of one hand, with spatial motions about :math:`O_t` in truss axes.
 
     Attributes
     ----------
     rotation : array, shape (3, 3)
         Elastic rotation of the truss at the grasp point.
     position : array, shape (3,)
-        Grasp point with its elastic displacement [m].
+        Grasp point with its elastic displacement, :math:`\rho` [m].
     modal_motion : array, shape (6, h)
-        Motion of the hand relative to the truss frame per modal rate.
+        Motion of the hand relative to the truss frame per modal rate, :math:`\Phi` [kg^-½; rad/(kg^½·m)].
     velocity : array, shape (6,)
-        [m/s; rad/s].
+        Spatial velocity [m/s; rad/s].
     acceleration : array, shape (6,)
         Spatial acceleration at zero generalized accelerations [m/s²; rad/s²].
     """
@@ -52,13 +52,13 @@ def hand_motion(
 ) -> HandMotion:
     r"""Return the motion of the hand at a grasp point.
 
-    With :math:`\rho = r + T\tau` and the elastic rotation :math:`c = R\tau`, the hand moves
-    relative to the truss frame with :math:`[T + \rho^\times \Gamma;\; \Gamma]\,\dot\tau`.
+    With :math:`\rho = r + T\tau` and the elastic rotation :math:`c = R\tau`, the motion of the hand
+    relative to the truss frame is :math:`[T + \rho^\times \Gamma;\; \Gamma]\,\dot\tau`.
 
     Parameters
     ----------
     truss : ModalData
-        h modes.
+        Data of the truss with h modes.
     grasp : int
         Index of the grasp point.
     modal_coordinates : array, shape (h,)
@@ -68,8 +68,8 @@ def hand_motion(
     modal_rates : array, shape (h,)
         :math:`\dot\tau` [kg^½·m/s].
     exact : bool
-        False: :math:`\Gamma = R`, as published. True: :math:`\Gamma = B(c) R`, the exact rate
-        of the rotation of the hand; the two differ by the order of :math:`c`.
+        False: :math:`\Gamma = R`, as published. True: :math:`\Gamma = B(c) R`, exact. The difference is
+        of the order of :math:`c`.
 
     Returns
     -------
@@ -82,7 +82,7 @@ def hand_motion(
     translation, turning = truss.grasp_translations[grasp], truss.grasp_rotations[grasp]
     position = truss.grasp_positions[grasp] + translation @ modal_coordinates
     rotation_vector = turning @ modal_coordinates
-    # As published Gamma = R is constant, so that the hand's turning brings no bias of its own.
+    # The published Gamma = R is constant, so that its rate adds no bias.
     turn_acceleration = np.zeros(3)
     if exact:
         turn_acceleration = cayley_bias_acceleration(rotation_vector, turning @ modal_rates)
@@ -90,7 +90,7 @@ def hand_motion(
     lever = cross_matrix(position)
     modal_motion = np.concatenate([translation + lever @ turning, turning])
     relative = modal_motion @ modal_rates
-    # Change of the relative motion as the grasp point moves and Gamma changes.
+    # Rate of the relative motion by the motion of the grasp point and the rate of Gamma.
     point_acceleration = np.cross(translation @ modal_rates, turning @ modal_rates)
     own = np.concatenate([point_acceleration + lever @ turn_acceleration, turn_acceleration])
     return HandMotion(

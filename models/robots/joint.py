@@ -1,4 +1,4 @@
-"""A joint of a robot: what kind it is, and what is known of it beside its place."""
+"""Joint of a robot: kind, name and limits."""
 
 from __future__ import annotations
 
@@ -9,20 +9,20 @@ from trussflow.models.errors import ModelError
 
 
 class Joint(NamedTuple):
-    """Kind, name and limits of a joint; the equations of motion see the kind alone.
+    """Kind, name and limits of a joint; the equations of motion use the kind only.
 
     Attributes
     ----------
     name : str
-        As the drawing or file of the robot has it.
+        Name in the file of the robot.
     sliding : bool
-        Whether it slides along its axis (prismatic) instead of turning about it (revolute).
+        Whether the joint is prismatic (slides along its axis) instead of revolute.
     lower, upper : float
-        Ends of its way [rad or m].
+        Limits of the coordinate [rad or m].
     effort : float
-        Largest torque or force of its drive [N·m or N].
+        Maximum torque or force of the drive [N·m or N].
     speed : float
-        Largest rate [rad/s or m/s].
+        Maximum rate [rad/s or m/s].
     """
 
     name: str
@@ -34,30 +34,30 @@ class Joint(NamedTuple):
 
     @property
     def unit(self) -> str:
-        """Unit of its coordinate."""
+        """Unit of the coordinate."""
         return "m" if self.sliding else "rad"
 
     @property
     def effort_unit(self) -> str:
-        """Unit of what its drive makes."""
+        """Unit of the torque or force of the drive."""
         return "N" if self.sliding else "N*m"
 
     def check(self, owner: str) -> None:
-        """Raise unless its limits leave something.
+        """Raise if the limits are inconsistent.
 
         Parameters
         ----------
         owner : str
-            What it belongs to, for the message.
+            Name of the robot, for the message.
 
         Raises
         ------
         ModelError
-            If they do not.
+            If the lower limit exceeds the upper one, or another limit is negative.
         """
         if not (self.lower <= self.upper and self.effort >= 0.0 and self.speed >= 0.0):
             raise ModelError(
-                f"{owner}: joint {self.name!r} goes from {self.lower:g} to {self.upper:g} {self.unit} with at"
-                f" most {self.effort:g} {self.effort_unit} and {self.speed:g} {self.unit}/s; the upper limit"
-                " must not be below the lower one, and the others must not be negative"
+                f"{owner}: joint {self.name!r} has the limits {self.lower:g} to {self.upper:g} {self.unit}, "
+                f"{self.effort:g} {self.effort_unit} and {self.speed:g} {self.unit}/s; the upper limit must "
+                "not be below the lower one, and effort and speed must not be negative"
             )

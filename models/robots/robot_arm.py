@@ -1,4 +1,4 @@
-"""A space robot as a chain of rigid bodies: hand, links, base."""
+"""Space robot as a chain of rigid bodies: hand, links, base."""
 
 from __future__ import annotations
 
@@ -38,53 +38,53 @@ _SHAPES: dict[str, tuple[int | str, ...]] = {
 class RobotArm:
     r"""Geometry and masses of one robot, from the truss outward.
 
-    The hand :math:`B_{i,0}` is fixed to the truss at its grasp point. Each link
-    :math:`B_{i,j}`, j = 1..n, turns about the z axis of its frame :math:`O_{i,j}`, which sits
-    at joint :math:`C_{i,j}`, or slides along it. The base :math:`B_i` is fixed to the last link,
-    which may have no mass of its own. Without joints hand and base are one body, such as a thruster
-    module that is bolted on. Change a value with `dataclasses.replace`, which checks everything again.
+    The hand :math:`B_{i,0}` is fixed to the truss at its grasp point. Link :math:`B_{i,j}`,
+    j = 1..n, rotates about the z axis of its frame :math:`O_{i,j}` at joint :math:`C_{i,j}`,
+    or slides along it. The base :math:`B_i` is fixed to the last link, which may be massless.
+    Without joints hand and base are one body, such as a thruster module bolted to the truss.
+    `dataclasses.replace` makes a changed copy, with all checks.
 
     Attributes
     ----------
     name : str
-        For messages.
+        Name for messages.
     hand_rotation : array, shape (3, 3)
-        :math:`O_{i,0}` to the truss axes, truss undeformed [1].
+        Rotation from :math:`O_{i,0}` to the axes of the undeformed truss [1].
     joint_origins : array, shape (n, 3)
         :math:`r_{O_{i,j},i,j-1}`: joint j in the frame of body j - 1 [m].
     joint_rotations : array, shape (n, 3, 3)
-        :math:`O_{i,j}` to :math:`O_{i,j-1}` at joint angle (or travel) zero [1].
+        Rotations from :math:`O_{i,j}` to :math:`O_{i,j-1}` at joint coordinate zero [1].
     masses : array, shape (n + 1,)
-        Of hand and links [kg].
+        Masses of hand and links [kg].
     static_moments : array, shape (n + 1, 3)
-        Mass times centre of mass, in each body's own frame [kg·m].
+        Mass times centre of mass, in the frame of each body [kg·m].
     inertias : array, shape (n + 1, 3, 3)
-        About each body's own frame origin, in its axes [kg·m²].
+        Inertias about the origin of each body's frame, in its axes [kg·m²].
     base_origin : array, shape (3,)
-        :math:`r_{O_i,i,n}`: origin of the base frame in the last link's frame [m].
+        :math:`r_{O_i,i,n}`: origin of the base frame in the frame of the last link [m].
     base_rotation : array, shape (3, 3)
-        Base frame :math:`O_i` to the last link's frame [1].
+        Rotation from base frame :math:`O_i` to the frame of the last link [1].
     base_centroid : array, shape (3,)
         :math:`r_{O_{ci},i}`: centroid of the base in :math:`O_i` [m].
     base_mass : float
-        [kg].
+        Mass of the base [kg].
     base_inertia : array, shape (3, 3)
-        About the centroid, in the axes of :math:`O_i` [kg·m²].
+        Inertia of the base about its centroid, in the axes of :math:`O_i` [kg·m²].
     rest_angles : array, shape (n,)
-        Joint angles of the posture the robot starts in [rad; m where joints slide].
+        Joint coordinates of the initial posture [rad; m of sliding joints].
     joint_data : tuple of Joint
-        Kinds, names and limits of the joints; by default they turn, without limits.
+        Kinds, names and limits of the joints; by default revolute without limits.
     visuals : tuple of Visual
-        What its bodies look like in pictures; without, a picture has lines between the joints and a box.
+        Shapes of the bodies for pictures. Without them, a picture has lines between the joints and a box.
     bodies : tuple of SpatialInertia
-        Derived: hand and links, the base counted with the last link.
+        Derived: inertias of hand and links; that of the last link includes the base.
     base_position : array, shape (3,)
-        Derived: centroid of the base in the last link's frame [m].
+        Derived: centroid of the base in the frame of the last link [m].
 
     Raises
     ------
     ModelError
-        If a shape is wrong, a number is not finite, or a body is not physically possible.
+        If a shape is wrong, a number is not finite, or an inertia is physically impossible.
 
     References
     ----------
@@ -144,7 +144,7 @@ class RobotArm:
         for joint in self.joint_data:
             joint.check(owner)
         for j in range(self.joints + 1):
-            # The last link is one body with the base, and may be no more than a frame.
+            # The last link may be massless, since it is one body with the base.
             if j == self.joints and not (
                 self.masses[j] or self.static_moments[j].any() or self.inertias[j].any()
             ):
@@ -160,7 +160,7 @@ class RobotArm:
 
     @property
     def sliding(self) -> tuple[bool, ...]:
-        """Which joints slide."""
+        """Whether each joint slides."""
         return tuple(joint.sliding for joint in self.joint_data)
 
     @property
@@ -169,12 +169,12 @@ class RobotArm:
         return float(np.sum(self.masses)) + self.base_mass
 
     def same_as(self, other: RobotArm) -> bool:
-        """Tell whether another arm has the same numbers, whatever its name, rest posture and looks.
+        """Return whether another arm has the same dynamics; name, rest posture and visuals may differ.
 
         Parameters
         ----------
         other : RobotArm
-            The arm to compare with.
+            Arm to compare.
 
         Returns
         -------
@@ -185,22 +185,22 @@ class RobotArm:
 
     @classmethod
     def literal(cls) -> RobotArm:
-        """Return the robot of the paper's Table 2, every printed number taken as it stands."""
+        """Return the robot of the paper's Table 2, with all numbers as printed."""
         return cls.from_file(shipped_file("robot_arm_literal.toml"))
 
     @classmethod
     def jaco(cls) -> RobotArm:
-        """Return the real arm behind Table 2, the Kinova JACO2, with its true inertias."""
+        """Return the Kinova JACO2, which Table 2 describes, with its true inertias."""
         return cls.from_file(shipped_file("robot_arm_jaco.toml"))
 
     @classmethod
     def from_file(cls, path: str | Path) -> RobotArm:
-        """Read a robot from a parameter file; the two shipped files show the layout.
+        """Read a robot from a parameter file, such as the two shipped ones.
 
         Parameters
         ----------
         path : str or pathlib.Path
-            A file with the tables ``hand``, ``[[links]]``, ``base`` and ``posture``.
+            TOML file with the tables ``hand``, ``[[links]]``, ``base`` and ``posture``.
 
         Returns
         -------
@@ -209,7 +209,7 @@ class RobotArm:
         Raises
         ------
         ModelError
-            If the file cannot be read, or a value is missing, misshapen or not physical.
+            If the file cannot be read, or a value is missing, of wrong shape, or physically impossible.
         """
         file = ParameterTable.read(path)
         hand, links, base = file.table("hand"), file.tables("links"), file.table("base")
@@ -240,41 +240,41 @@ class RobotArm:
         hand_rotation: Vector | None = None,
         locked: Mapping[str, float | str] | None = None,
     ) -> RobotArm:
-        """Read a robot from a URDF file: the chain from the link that grasps to the one that flies freely.
+        """Read a robot from a URDF file: the chain from the grasping link to the free-floating base.
 
-        Links may be named in either order of the file's tree: where the chain runs against it,
-        the coordinates of the joints keep their sign. What is fixed to a link belongs to its body.
+        The chain may run in either direction of the file's tree; joint coordinates keep their sign.
+        Links fixed to a link belong to its body.
 
         Parameters
         ----------
         path : str or pathlib.Path
-            The file, with macros expanded.
+            URDF file with expanded macros.
         hand : str
-            Link that is fixed to the truss; the origin of its frame is at the grasp point.
+            Link fixed to the truss; the origin of its frame is the grasp point.
         base : str
-            Link that is the base with its thrusters. Without inertia, the base is all that is fixed to it.
+            Link of the base with its thrusters. If it has no inertia, all links fixed to it form the base.
         hand_rotation : array, shape (3, 3), optional
-            Frame of the hand to the truss axes [1]; the identity by default.
+            Rotation from the frame of the hand to the truss axes [1]; by default the identity.
         locked : mapping of str to float or str, optional
-            Joints that are held, and where, as a number [rad or m] or as text with a unit: those beside the
-            chain, such as fingers, must be.
+            Coordinates of locked joints, as a number [rad or m] or as text with a unit. All joints outside
+            the chain, such as those of fingers, must be locked.
 
         Returns
         -------
         RobotArm
-            Its joints are `joint_data`, with the file's names, limits and efforts. Each rests at zero, or at
-            the limit that is nearest to zero.
+            Robot with the joint names and limits of the file. The rest coordinate of a joint is zero, or
+            the limit nearest to zero.
 
         Raises
         ------
         ModelError
-            If the file cannot be read, says what no robot is, or the chain is none of rigid bodies; the
-            message says where.
+            If the file cannot be read or is not valid URDF, or the chain is not one of rigid bodies. The
+            message names the line.
 
         Notes
         -----
         Shapes of links are kept for pictures: boxes, cylinders, spheres, and meshes in STL or OBJ files.
-        Colours, collisions, transmissions and friction are not read. A joint without `limit` has none.
+        Colours, collisions, transmissions and friction are ignored. A joint without `limit` is unlimited.
         """
         return cls(
             hand_rotation=np.eye(3) if hand_rotation is None else hand_rotation,
@@ -282,21 +282,20 @@ class RobotArm:
         )
 
     def to_urdf(self) -> str:
-        """Return the robot as URDF, from link ``hand`` over ``link_1`` to ``base``.
+        """Return the robot as URDF text, with the links ``hand``, ``link_1`` to ``base``.
 
-        How it grasps and rests is not part of a URDF: `hand_rotation` and `rest_angles` are left out. So are
-        `visuals`.
+        `hand_rotation`, `rest_angles` and `visuals` are omitted.
         """
         return urdf_text(self)
 
 
 def _rotation(table: ParameterTable) -> Vector:
-    """Return the fixed rotation a table gives as three angles."""
+    """Return the fixed rotation of a table, which has three angles."""
     return fixed_rotation(table.array("rotation", "rad", (3,)))
 
 
 def _body(table: ParameterTable) -> SpatialInertia:
-    """Return a link's inertia about its frame origin, from whichever of the two is given."""
+    """Return the inertia of a link about its frame origin, from that or from the central inertia."""
     mass = table.scalar("mass", "kg")
     centre = table.array("centre_of_mass", "m", (3,))
     if "inertia_about_origin" in table:

@@ -1,4 +1,4 @@
-"""The chain of rigid bodies between two links of a URDF, as a `RobotArm` has it."""
+"""Chain of rigid bodies between two links of a URDF file, as arguments of `RobotArm`."""
 
 from __future__ import annotations
 
@@ -20,21 +20,21 @@ _NOTHING = SpatialInertia(0.0, np.zeros(3), np.zeros((3, 3)))
 
 
 def chain(path: str | Path, hand: str, base: str, locked: Mapping[str, float | str]) -> dict[str, Any]:
-    """Return what a `RobotArm` is made of, but for the orientation of its hand.
+    """Return the arguments of `RobotArm` except the orientation of its hand.
 
     Parameters
     ----------
     path : str or pathlib.Path
-        A URDF file.
+        URDF file.
     hand, base : str
-        The links at the ends.
+        Links at the ends of the chain.
     locked : mapping of str to float or str
-        Joints that are held, and where: numbers [rad or m], or text with a unit.
+        Coordinates of locked joints: numbers [rad or m], or text with a unit.
 
     Raises
     ------
     ModelError
-        If there are no such links or joints, or joints beside the chain can move, or a body has no mass.
+        If a link or joint does not exist, a joint outside the chain is movable, or a body has no mass.
     """
     tree = read_urdf(path)
     file, folder = Path(path).name, Path(path).resolve().parent
@@ -54,7 +54,7 @@ def chain(path: str | Path, hand: str, base: str, locked: Mapping[str, float | s
         touching[joint.child].append(joint)
     on_chain = set(_above(tree, hand)) ^ set(_above(tree, base))
 
-    # From the hand outward, link by link: `pose` is the link's frame in that of its body.
+    # Outward from the hand, link by link; `pose` is the frame of the link in that of its body.
     bodies, places, crossed = [_NOTHING], [hand], []
     steps: list[Pose] = []
     loose: list[UrdfJoint] = []
@@ -87,21 +87,19 @@ def chain(path: str | Path, hand: str, base: str, locked: Mapping[str, float | s
                 todo.append((beyond, link, after, len(bodies) - 1))
             else:
                 loose.append(joint)
-                todo.append((beyond, link, pose, body))  # to name all that hang there
+                todo.append((beyond, link, pose, body))  # to list all movable joints behind it
     if loose:
         named = ", ".join(f"{joint.data.name!r}: 0.0" for joint in loose)
         raise loose[0].element.refused(
-            f"it moves, but lies beside the chain from {hand!r} to {base!r}; hold it, and what else "
-            f"hangs there: locked={{{named}}}"
+            f"it is movable but outside the chain from {hand!r} to {base!r}; lock it and the "
+            f"joints behind it: locked={{{named}}}"
         )
     if not own.mass:
         back = mount.inverse()
         own, bodies[-1] = moved_inertia(bodies[-1], *back), _NOTHING
     for name, one in zip(places, [*bodies[:-1], own], strict=True):
         if not one.mass:
-            raise tree.links[name].refused(
-                "neither it nor what is fixed to it has an <inertial>; give it one"
-            )
+            raise tree.links[name].refused("neither it nor a link fixed to it has an <inertial>; add one")
     return {
         "name": tree.robot.attributes.get("name", file),
         "joint_origins": np.reshape([step.position for step in steps], (-1, 3)),
@@ -121,17 +119,17 @@ def chain(path: str | Path, hand: str, base: str, locked: Mapping[str, float | s
 
 
 def _above(tree: UrdfTree, link: str) -> Iterator[str]:
-    """Yield a link and those above it, but not the root: each stands for the joint it hangs on."""
+    """Yield a link and its ancestors except the root; each link identifies the joint to its parent."""
     while link in tree.joints:
         yield link
         link = tree.joints[link].parent
 
 
 def _sides(joint: UrdfJoint, outward: bool) -> tuple[Pose, Pose]:
-    """Return the frame of a joint, with z along its motion, in the link before; and the link after in it.
+    """Return the joint frame, with z along its axis, in the previous link, and the next link in it.
 
-    Against the direction of the file the parent moves about the opposite axis: so the coordinate keeps
-    its sign.
+    Against the direction of the file the parent moves about the opposite axis, so that the coordinate
+    keeps its sign.
     """
     here = Pose(_along(joint.axis if outward else -joint.axis), np.zeros(3))
     if outward:
@@ -148,7 +146,7 @@ def _along(axis: Vector) -> Vector:
 
 
 def _moved(joint: UrdfJoint, value: float) -> Pose:
-    """Return the motion in the frame of the joint."""
+    """Return the pose of a joint coordinate in the frame of the joint."""
     if joint.data.sliding:
         return Pose(np.eye(3), np.array([0.0, 0.0, value]))
     return Pose(rotation_about_z(value), np.zeros(3))
@@ -157,6 +155,4 @@ def _moved(joint: UrdfJoint, value: float) -> Pose:
 def _refuse_mimic(joint: UrdfJoint) -> None:
     mimic = joint.element.find("mimic")
     if mimic is not None:
-        raise mimic.refused(
-            f"{joint.element.title} follows another joint, which has no equations here; lock it"
-        )
+        raise mimic.refused(f"{joint.element.title} mimics another joint, which is not supported; lock it")

@@ -1,4 +1,4 @@
-"""A URDF file as links and joints, each with its place in the file."""
+"""Reading of URDF files into links and joints, each with its line in the file."""
 
 from __future__ import annotations
 
@@ -20,21 +20,21 @@ from trussflow.models.geometry.spatial import SpatialInertia, moved_inertia
 from trussflow.models.robots.joint import Joint
 from trussflow.models.validation import check_body
 
-KINDS = ("revolute", "continuous", "prismatic", "fixed")
+JOINT_KINDS = ("revolute", "continuous", "prismatic", "fixed")
 
-# How far from 1 the length of an axis may be: files have axes of three digits.
+# Tolerance of the length of an axis from 1, since files have axes of three digits.
 _AXIS_SLACK = 1e-3
 
 
 class Pose(NamedTuple):
-    """One frame in another.
+    """Pose of a child frame in a parent frame.
 
     Attributes
     ----------
     rotation : array, shape (3, 3)
-        Axes of the one in those of the other [1].
+        Rotation from child to parent axes [1].
     position : array, shape (3,)
-        Its origin [m].
+        Origin of the child frame [m].
     """
 
     rotation: Vector
@@ -44,24 +44,24 @@ class Pose(NamedTuple):
         return Pose(self.rotation @ other.rotation, self.position + self.rotation @ other.position)
 
     def inverse(self) -> Pose:
-        """Return the other frame in this one."""
+        """Return the pose of the parent frame in the child frame."""
         return Pose(self.rotation.T, -self.rotation.T @ self.position)
 
 
 @dataclass(frozen=True, slots=True)
 class Element:
-    """An element of the file.
+    """XML element of the file.
 
     Attributes
     ----------
     tag : str
-        Its name.
+        Name of the element.
     attributes : dict
-        As written.
+        Attributes as text.
     place : str
         File and line, for messages.
     children : list of Element
-        What is in it.
+        Child elements.
     """
 
     tag: str
@@ -70,30 +70,30 @@ class Element:
     children: list[Element]
 
     def refused(self, why: str) -> ModelError:
-        """Return the error that says where and `why`."""
+        """Return an error with the place and the reason `why`."""
         return ModelError(f"{self.place}, {self.title}: {why}")
 
     @property
     def title(self) -> str:
-        """What it is called in messages."""
+        """Name of the element in messages."""
         return f"{self.tag} {self.attributes['name']!r}" if "name" in self.attributes else f"<{self.tag}>"
 
     def find(self, tag: str) -> Element | None:
-        """Return the one child of that `tag`, if there is one; two are refused."""
+        """Return the child with that `tag`, or None; two of them raise `ModelError`."""
         found = [child for child in self.children if child.tag == tag]
         if len(found) > 1:
-            raise found[1].refused(f"a second <{tag}> of the same {self.title}; remove one")
+            raise found[1].refused(f"{self.title} has two <{tag}>; remove one")
         return found[0] if found else None
 
     def child(self, tag: str) -> Element:
-        """Return the one child of that `tag`, which must be there."""
+        """Return the child with that `tag`, which must exist."""
         found = self.find(tag)
         if found is None:
             raise self.refused(f"<{tag}> is missing")
         return found
 
     def text(self, name: str) -> str:
-        """Return the attribute `name`, which must be there."""
+        """Return the attribute `name`, which must exist."""
         if name not in self.attributes:
             raise self.refused(f"attribute {name!r} is missing")
         return self.attributes[name]
@@ -104,16 +104,16 @@ class Element:
         Parameters
         ----------
         name : str
-            Of the attribute.
+            Name of the attribute.
         count : int
-            How many it must be [-].
+            Required number of numbers [-].
         default : sequence of float, optional
-            What it is if it is missing [any].
+            Value of a missing attribute [any].
 
         Raises
         ------
         ModelError
-            If it is missing, or something else.
+            If the attribute is missing or has another value.
         """
         if default is not None and name not in self.attributes:
             return np.array(default)
@@ -127,42 +127,42 @@ class Element:
         return numbers
 
     def number(self, name: str) -> float:
-        """Return an attribute as one finite number [any], which must be there.
+        """Return an attribute as one finite number [any]; it must exist.
 
         Parameters
         ----------
         name : str
-            Of the attribute.
+            Name of the attribute.
         """
         return float(self.numbers(name, 1)[0])
 
     def origin(self) -> Pose:
-        """Return the frame that its child ``origin`` describes; without one, its own."""
+        """Return the pose in the child ``origin``; by default the identity."""
         found = self.find("origin")
         if found is None:
             return Pose(np.eye(3), np.zeros(3))
-        # Roll, pitch and yaw about fixed axes are the inverse of the opposite turns about moving ones.
+        # Roll, pitch and yaw about fixed axes are the inverse of the opposite rotations about moving axes.
         turns = found.numbers("rpy", 3, (0.0, 0.0, 0.0))
         return Pose(fixed_rotation(-turns).T, found.numbers("xyz", 3, (0.0, 0.0, 0.0)))
 
 
 class UrdfJoint(NamedTuple):
-    """What joins two links.
+    """Joint between two links of a URDF file.
 
     Attributes
     ----------
     data : Joint
         Kind, name and limits.
     movable : bool
-        False if the file says that it is fixed.
+        Whether the joint is not a fixed one.
     parent, child : str
-        The links.
+        Names of the two links.
     placement : Pose
-        Frame of the child in the parent's, at coordinate zero.
+        Pose of the child's frame in the parent's, at coordinate zero.
     axis : array, shape (3,)
-        In the child's frame [1].
+        Axis in the frame of the child [1].
     element : Element
-        Its place.
+        Element of the file.
     """
 
     data: Joint
@@ -175,18 +175,18 @@ class UrdfJoint(NamedTuple):
 
 
 class UrdfTree(NamedTuple):
-    """All of a file: one tree.
+    """Tree of links and joints of a URDF file.
 
     Attributes
     ----------
     robot : Element
-        The root of the file.
+        Root element of the file.
     links : dict of str to Element
-        By name.
+        Links, keyed by name.
     bodies : dict of str to SpatialInertia
-        About and in the frames of those links that have mass.
+        Inertias of the links with mass, in their own frames.
     joints : dict of str to UrdfJoint
-        By the name of the link that is the child.
+        Joints, keyed by the name of the child link.
     """
 
     robot: Element
@@ -201,19 +201,19 @@ def read_urdf(path: str | Path) -> UrdfTree:
     Parameters
     ----------
     path : str or pathlib.Path
-        The file.
+        URDF file.
 
     Raises
     ------
     ModelError
-        If it cannot be read, or what it says is no tree of possible rigid bodies.
+        If the file cannot be read, or does not describe a tree of physically possible rigid bodies.
     """
     robot = _parsed(Path(path))
     if robot.tag != "robot":
-        raise robot.refused("a URDF file has <robot> at its root")
+        raise robot.refused("the root element of a URDF file must be <robot>")
     for child in robot.children:
         if child.tag.startswith("xacro:"):
-            raise child.refused("macros are not expanded; run xacro first, and read what it writes")
+            raise child.refused("macros are not expanded; run xacro first, and read its output")
     links = _named(robot, "link")
     bodies = {name: body for name, link in links.items() if (body := _body(link)) is not None}
     joints: dict[str, UrdfJoint] = {}
@@ -221,23 +221,23 @@ def read_urdf(path: str | Path) -> UrdfTree:
         joint = _joint(element)
         for end in (joint.parent, joint.child):
             if end not in links:
-                raise element.refused(f"there is no link {end!r}; there are: {', '.join(links)}")
+                raise element.refused(f"link {end!r} does not exist; there are: {', '.join(links)}")
         if joint.child in joints:
             other = joints[joint.child].element
             raise element.refused(
-                f"its child {joint.child!r} is the child of {other.title} too ({other.place}); a loop must "
-                "be cut open, for robots here are trees"
+                f"its child {joint.child!r} is also the child of {other.title} ({other.place}); remove one, "
+                "since a robot must be a tree"
             )
         joints[joint.child] = joint
     roots = [name for name in links if name not in joints]
     if len(roots) > 1:
-        raise links[roots[1]].refused(f"no joints join it to {roots[0]!r}; all links must be one tree")
-    rooted = set(roots)  # links known to hang on the root: each joint is followed once
+        raise links[roots[1]].refused(f"no joints connect it to {roots[0]!r}; all links must be one tree")
+    rooted = set(roots)  # links that are connected to the root; each joint is followed once
     for name in links:
         above, seen = name, set[str]()
         while above not in rooted:
             if above in seen:
-                raise joints[above].element.refused(f"it closes a cycle: link {above!r} hangs on itself")
+                raise joints[above].element.refused(f"it closes a cycle: link {above!r} is its own ancestor")
             seen.add(above)
             above = joints[above].parent
         rooted |= seen
@@ -245,7 +245,7 @@ def read_urdf(path: str | Path) -> UrdfTree:
 
 
 def _parsed(path: Path) -> Element:
-    """Return the root of an XML file."""
+    """Return the root element of an XML file."""
     parser = expat.ParserCreate()
     opened = [Element("", {}, path.name, [])]
 
@@ -255,7 +255,7 @@ def _parsed(path: Path) -> Element:
         opened[-2].children.append(opened[-1])
 
     def refuse(*_: object) -> None:
-        # Entities, with which a few lines grow to gigabytes, need such a declaration.
+        # Entities, which can expand a few lines to gigabytes, need such a declaration.
         raise ModelError(f"refused to read {path.name}: it declares a document type, which URDF does not use")
 
     parser.StartElementHandler = enter
@@ -267,19 +267,19 @@ def _parsed(path: Path) -> Element:
 
 
 def _named(robot: Element, tag: str) -> dict[str, Element]:
-    """Return the children of that tag by name, which no two may share."""
+    """Return the children with that tag, keyed by their unique names."""
     found: dict[str, Element] = {}
     for child in robot.children:
         if child.tag == tag:
             name = child.text("name")
             if name in found:
-                raise child.refused(f"there is one of that name already ({found[name].place}); rename it")
+                raise child.refused(f"the name is already used ({found[name].place}); rename it")
             found[name] = child
     return found
 
 
 def _body(link: Element) -> SpatialInertia | None:
-    """Return a link's mass and inertia about and in its frame, None if it has none."""
+    """Return the inertia of a link in its own frame, or None without mass."""
     inertial = link.find("inertial")
     if inertial is None:
         return None
@@ -296,8 +296,8 @@ def _body(link: Element) -> SpatialInertia | None:
 def _joint(element: Element) -> UrdfJoint:
     """Return a joint."""
     kind = element.text("type")
-    if kind not in KINDS:
-        raise element.refused(f"joints of type {kind!r} cannot be used; a chain has {', '.join(KINDS)} ones")
+    if kind not in JOINT_KINDS:
+        raise element.refused(f"joint type {kind!r} is not supported; the types are {', '.join(JOINT_KINDS)}")
     axis = np.array([0.0, 0.0, 1.0])
     if kind != "fixed":
         found = element.find("axis")
@@ -319,7 +319,7 @@ def _joint(element: Element) -> UrdfJoint:
 
 
 def _limit(limit: Element, name: str, default: float) -> float:
-    """Return a limit; URDF has no infinity, and the largest number stands for it."""
+    """Return a limit; URDF has no infinity, which the largest number represents."""
     if name not in limit.attributes:
         return default
     value = limit.number(name)

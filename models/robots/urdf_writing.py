@@ -1,4 +1,4 @@
-"""A robot as URDF text."""
+"""Writing of a robot as URDF text."""
 
 from __future__ import annotations
 
@@ -16,12 +16,12 @@ if TYPE_CHECKING:
 
 
 def urdf_text(arm: RobotArm) -> str:
-    """Return a robot as URDF.
+    """Return a robot as URDF text.
 
     Parameters
     ----------
     arm : RobotArm
-        The robot.
+        Robot to write.
     """
     names = ["hand", *(f"link_{j + 1}" for j in range(arm.joints)), "base"]
     lines = ['<?xml version="1.0"?>', f"<robot name={_quoted(arm.name)}>"]
@@ -42,36 +42,36 @@ def _link(name: str, mass: float, centre: Vector, inertia: Vector) -> list[str]:
     return [
         f'  <link name="{name}">',
         "    <inertial>",
-        f"      <origin {_said(xyz=centre)}/>",
-        f"      <mass {_said(value=mass)}/>",
-        f"      <inertia {_said(**moments)}/>",
+        f"      <origin {_numeric_attributes(xyz=centre)}/>",
+        f"      <mass {_numeric_attributes(value=mass)}/>",
+        f"      <inertia {_numeric_attributes(**moments)}/>",
         "    </inertial>",
         "  </link>",
     ]
 
 
 def _joint(joint: Joint | None, ends: list[str], origin: Vector, rotation: Vector) -> list[str]:
-    """Return a joint; None is the one that fixes the base."""
+    """Return the lines of a joint; None is the fixed joint of the base."""
     kind, name = "fixed", "base_mount"
     body = [
         f'    <parent link="{ends[0]}"/>',
         f'    <child link="{ends[1]}"/>',
-        f"    <origin {_said(xyz=origin, rpy=roll_pitch_yaw(rotation))}/>",
+        f"    <origin {_numeric_attributes(xyz=origin, rpy=roll_pitch_yaw(rotation))}/>",
     ]
     if joint is not None:
         name, limits = joint.name, np.array(joint[2:])
         kind = "prismatic" if joint.sliding else "revolute" if np.isfinite(limits[:2]).any() else "continuous"
         body.append('    <axis xyz="0 0 1"/>')
         if kind == "prismatic" or np.isfinite(limits).any():
-            # URDF has no infinity: the largest number stands for it.
+            # URDF has no infinity; the largest number represents it.
             lower, upper, effort, speed = np.nan_to_num(limits)
             ends_of_way = {} if kind == "continuous" else {"lower": lower, "upper": upper}
-            body.append(f"    <limit {_said(**ends_of_way, effort=effort, velocity=speed)}/>")
+            body.append(f"    <limit {_numeric_attributes(**ends_of_way, effort=effort, velocity=speed)}/>")
     return [f'  <joint name={_quoted(name)} type="{kind}">', *body, "  </joint>"]
 
 
-def _said(**values: Array) -> str:
-    """Return attributes of numbers, to the last digit."""
+def _numeric_attributes(**values: Array) -> str:
+    """Return numbers as XML attributes, to the last digit."""
     return " ".join(
         f'{name}="{" ".join(repr(float(value) + 0.0) for value in np.ravel(numbers))}"'
         for name, numbers in values.items()
@@ -79,7 +79,7 @@ def _said(**values: Array) -> str:
 
 
 def _quoted(name: str) -> str:
-    """Return a name as the value of an attribute."""
-    from xml.sax.saxutils import quoteattr  # imports what opens addresses, which takes a while
+    """Return a name as the value of an XML attribute."""
+    from xml.sax.saxutils import quoteattr  # slow to import: it imports urllib
 
     return quoteattr(name)

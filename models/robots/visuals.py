@@ -1,4 +1,4 @@
-"""What links look like: the shapes of a URDF file, read when a picture is drawn; no equation sees them."""
+"""Visual shapes of links from a URDF file, for pictures only; the equations of motion do not use them."""
 
 from __future__ import annotations
 
@@ -17,37 +17,37 @@ from trussflow.models.errors import ModelError
 from trussflow.models.robots.urdf_reading import Element, Pose
 
 Triangles = tuple[Vector, NDArray[np.int_]]
-"""Corners, shape (k, 3) [m], and which three of them each triangle joins, shape (m, 3) [-]."""
+"""Corners, shape (k, 3) [m], and the indices of three corners per triangle, shape (m, 3) [-]."""
 
-CORNERS = np.array([[(k >> axis) & 1 for axis in range(3)] for k in range(8)]) - 0.5
-"""Of a box with sides of one."""
+BOX_CORNERS = np.array([[(k >> axis) & 1 for axis in range(3)] for k in range(8)]) - 0.5
+"""Corners of a unit cube [-]."""
 
-BOX = np.reshape([int(k) for k in "031023457476015054273267062046175137"], (12, 3))
-"""Triangles between them, against the clock as seen from outside."""
+BOX_FACES = np.reshape([int(k) for k in "031023457476015054273267062046175137"], (12, 3))
+"""Triangles of a box, counterclockwise as seen from outside."""
 
-# Attributes, in the file, of each shape; those of a mesh have a default.
+# Number of values in each attribute of a shape; a mesh has defaults.
 _SIZES = {"box": {"size": 3}, "cylinder": {"radius": 1, "length": 1}, "sphere": {"radius": 1}}
 _MESH = "mesh"
-_AROUND, _ALONG = 16, 8  # corners of what is round [-]
+_AROUND, _ALONG = 16, 8  # corners of round shapes around the axis and along it [-]
 
 _FACET = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("more", "<u2")])
 
 
 class Visual(NamedTuple):
-    """One shape of the picture of a robot.
+    """One shape in the picture of a robot.
 
     Attributes
     ----------
     body : int
-        Which body it moves with: 0 is the hand, then the links [-].
+        Index of the body to which the shape is fixed: 0 is the hand, then the links [-].
     pose : Pose
-        In the frame of that body.
+        Pose in the frame of that body.
     kind : str
         ``"box"``, ``"cylinder"``, ``"sphere"`` or ``"mesh"``; others are not drawn.
     size : array
-        Sides; radius and length; radius [m]; or scales along the axes of a mesh [-].
+        Sides of a box; radius and length of a cylinder; radius of a sphere [m]; scales of a mesh [-].
     file : pathlib.Path
-        Of a mesh.
+        File of a mesh.
     """
 
     body: int
@@ -58,7 +58,7 @@ class Visual(NamedTuple):
 
     @property
     def trouble(self) -> str:
-        """Why it cannot be drawn, as far as that is known without reading its file; empty if it can."""
+        """Reason why the shape cannot be drawn, without reading its file; empty if there is none."""
         if self.kind != _MESH:
             return "" if self.kind in _SIZES else f"a {self.kind}, which is no shape of URDF"
         if self.file.suffix.lower() not in _READERS:
@@ -66,12 +66,12 @@ class Visual(NamedTuple):
         return "" if os.path.isfile(self.file) else f"{self.file.name}, which was not found"
 
     def triangles(self) -> Triangles:
-        """Return it as triangles in the frame of its body.
+        """Return the triangles of the shape in the frame of its body.
 
         Raises
         ------
         ModelError
-            If it cannot be drawn.
+            If the shape cannot be drawn.
         """
         if self.trouble:
             raise ModelError(self.trouble)
@@ -79,9 +79,9 @@ class Visual(NamedTuple):
         return points @ self.pose.rotation.T + self.pose.position, faces
 
     def _own(self) -> Triangles:
-        """Return it as triangles in its own frame."""
+        """Return the triangles in the frame of the shape."""
         if self.kind == "box":
-            return CORNERS * self.size, BOX
+            return BOX_CORNERS * self.size, BOX_FACES
         if self.kind == "cylinder":
             radius, end = self.size[0], self.size[1] / 2.0
             return _revolved(np.array([[0.0, -end], [radius, -end], [radius, end], [0.0, end]]))
@@ -91,7 +91,7 @@ class Visual(NamedTuple):
         with Explained(lambda e: ModelError(f"{self.file.name}, which cannot be read: {e}")):
             points, faces = _READERS[self.file.suffix.lower()](self.file.read_bytes())
             if not (np.isfinite(points).all() and 0 <= faces.min() <= faces.max() < len(points)):
-                raise ValueError("its numbers make no triangles")
+                raise ValueError("its triangles have invalid corners")
         return points * self.size, faces
 
 
@@ -101,13 +101,13 @@ def visuals_of(link: Element, folder: Path, body: int, pose: Pose) -> Iterator[V
     Parameters
     ----------
     link : Element
-        Of a URDF file.
+        Link of a URDF file.
     folder : pathlib.Path
-        Of that file; of packages, those around it are searched.
+        Folder of that file; packages are searched in it and the folders above.
     body : int
-        What the link belongs to [-].
+        Index of the body of the link [-].
     pose : Pose
-        Of the link in the frame of that body.
+        Pose of the link in the frame of that body.
 
     Raises
     ------
@@ -125,7 +125,7 @@ def visuals_of(link: Element, folder: Path, body: int, pose: Pose) -> Iterator[V
 
 
 def _located(name: str, folder: Path) -> Path:
-    """Return the file that a URDF file means; packages are folders around it, or what is around these."""
+    """Return the path of a file in a URDF file; packages are folders above it or their parents."""
     scheme, _, rest = name.rpartition("://")
     if scheme not in ("package", "model"):
         return folder / rest
@@ -135,7 +135,7 @@ def _located(name: str, folder: Path) -> Path:
 
 
 def _revolved(profile: Vector) -> Triangles:
-    """Return what a line of radii and heights makes that turns about z."""
+    """Return the surface of revolution about z of a profile of radii and heights."""
     angles = 2.0 * np.pi / _AROUND * np.arange(_AROUND)
     rows = [np.stack([r * np.cos(angles), r * np.sin(angles), 0.0 * angles + z], axis=1) for r, z in profile]
     k, row = np.arange(_AROUND), _AROUND * np.arange(len(profile) - 1)[:, None]
@@ -145,7 +145,7 @@ def _revolved(profile: Vector) -> Triangles:
 
 
 def _stl(raw: bytes) -> Triangles:
-    """Return what an STL file holds, binary or text."""
+    """Return the triangles of an STL file, binary or text."""
     count = int.from_bytes(raw[80:84], "little")
     if len(raw) == 84 + _FACET.itemsize * count:
         points = np.frombuffer(raw, _FACET, count, 84)["corners"].reshape(-1, 3).astype(float)
@@ -156,12 +156,12 @@ def _stl(raw: bytes) -> Triangles:
 
 
 def _obj(raw: bytes) -> Triangles:
-    """Return what a Wavefront OBJ file holds; faces of more corners as fans of triangles."""
+    """Return the triangles of a Wavefront OBJ file; polygons are divided into triangle fans."""
     points, faces = [], []
     for word, *numbers in filter(None, map(str.split, raw.decode(errors="replace").splitlines())):
         if word == "v":
             points.append([float(number) for number in numbers[:3]])
-        elif word == "f":  # corner/texture/normal, from 1 on, or from the last one back
+        elif word == "f":  # corner/texture/normal; counted from 1, or from -1 backwards
             at = [int(number.partition("/")[0]) for number in numbers]
             at = [k - 1 if k > 0 else len(points) + k for k in at]
             faces += [(at[0], b, c) for b, c in pairwise(at[1:])]

@@ -1,4 +1,4 @@
-"""The transport missions of the source: four robots carry the truss."""
+"""Transport missions of the paper: four robots carry the truss."""
 
 from trussflow.models.transport.mean_axes_wiring import mean_axes_transport as mean_axes_transport
 from trussflow.models.transport.mission import Mission as Mission

@@ -1,4 +1,4 @@
-"""``python -m trussflow.models.transport``: fly one mission and say how it went."""
+"""``python -m trussflow.models.transport``: simulate a mission and report its figures of merit."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from trussflow.models.reporting.output_folder import prepared_folder
 from trussflow.models.transport.figures import draw
 from trussflow.models.transport.index import write_index
 from trussflow.models.transport.mission import CASES
-from trussflow.models.transport.mission_file import COMMAND, HARDWARE, MEAN_AXES, MissionFile
+from trussflow.models.transport.mission_file import COMMAND, HARDWARE_KINDS, MEAN_AXES, MissionFile
 from trussflow.models.transport.mission_plant import ARMS, STRUCTURES
 from trussflow.models.transport.results import tidy
 from trussflow.models.transport.summary import summarize, table
@@ -32,45 +32,45 @@ if TYPE_CHECKING:
 
 PROG = "python -m trussflow.models.transport"
 
-SAID = {
+RESULT_KEYS = {
     "plant": "structure.model",
     "attitude": "structure.attitude",
     "arm": "robots.arm",
     "controller": "controller.law",
 }
-"""What results say of their mission, and which key says it."""
+"""Keys of the mission file for attributes of the result."""
 
 STIFF_SOLVER = "LSODA"
-"""Default for PD: its fastest pole, k_d over the least inertia, is near 1e7 1/s."""
+"""Default solver for PD, whose fastest pole, k_d over the least inertia, is near 1e7 1/s."""
 
 
 def parser(prog: str = PROG) -> argparse.ArgumentParser:
-    """Return what reads the words behind `prog`, the command."""
+    """Return the argument parser of the command `prog`."""
     found = parser_of(
         prog,
         "Four space robots carry a flexible truss (Li, Wei, Chen 2026, section 4).",
         "--case 1                                # results/case1: page, result, figures, summary",
         "--case 2 --controller smc --duration 20 # the turn, without integral, its first 20 s",
-        "--plant consistent --allocation published   # what the actuators then do to the modes",
-        "mission.toml --explain                  # a mission of your own: every value, and who says so",
+        "--plant consistent --allocation published   # unstable, by the work of the actuators on the modes",
+        "mission.toml --explain                  # your own mission: all values with their files",
         "--duration 5 --json                     # figures and provenance for other programs",
     )
     flown = found.add_mutually_exclusive_group()
     flown.add_argument(
         "mission", type=Path, nargs="?", help="mission file, such as 'trussflow new mission.toml' writes"
     )
-    # The default as text: with a number, a case that is given and is the default would not count as given.
+    # The default is text: argparse would not notice `--case 1` beside a file if the default were equal.
     flown.add_argument("--case", type=int, choices=CASES, default="1", help="or a mission of the paper")
     found.add_argument(
         "--plant",
         choices=STRUCTURES,
-        help="the paper's model, the exact one, or one that is accurate where the robots pull",
+        help="the paper's model, the exact one, or one that is accurate at the grasp points",
     )
-    found.add_argument("--arm", choices=ARMS, help="Table 2 as printed, or the true arm behind it")
+    found.add_argument("--arm", choices=ARMS, help="Table 2 as printed, or the Kinova JACO2")
     found.add_argument(
         "--controller",
         choices=(*CONTROLLERS, MEAN_AXES),
-        help="integral sliding mode (the paper's), conventional sliding mode, PD, or that of the mean axes",
+        help="integral sliding mode (the paper's), conventional sliding mode, PD, or mean axes",
     )
     found.add_argument(
         "--observer",
@@ -80,26 +80,24 @@ def parser(prog: str = PROG) -> argparse.ArgumentParser:
     found.add_argument(
         "--allocation",
         choices=ALLOCATIONS,
-        help="all by Eq. 64, or feedback without work on the modes; default: what suits the plant",
+        help="Eq. 64, or feedback without work on the modes; the default depends on the plant",
     )
-    found.add_argument("--hardware", choices=HARDWARE, help="what lies between controller and truss")
+    found.add_argument("--hardware", choices=HARDWARE_KINDS, help="hardware between controller and truss")
     found.add_argument(
-        "--infeasible", action="store_true", help="run a path that is too fast for the actuators, too"
+        "--infeasible", action="store_true", help="allow a path that is too fast for the actuators"
     )
     found.add_argument("--duration", type=float, help="simulated time [s]; default: 80")
     found.add_argument("--step", type=float, help="step of fixed-step solvers [s]")
     found.add_argument(
         "--solver", choices=(*FIXED_STEP, *METHODS), help=f"default: rk4; for PD {STIFF_SOLVER}"
     )
-    found.add_argument(
-        "--explain", action="store_true", help="only say every value that would be flown, and who says so"
-    )
+    found.add_argument("--explain", action="store_true", help="only print all values with their files")
     found.add_argument("--output", type=Path, help="folder for result, summary and figures")
     return found
 
 
 def settings_of(options: argparse.Namespace) -> dict[str, dict[str, object]]:
-    """Return what `options` say in place of the mission file, table by table."""
+    """Return the settings of `options` that override the mission file, by table."""
     solver = options.solver or (STIFF_SOLVER if options.controller == "pd" else None)
     observer = None if options.observer is None else "on" if options.observer else "off"
     duration, step = (
@@ -122,7 +120,7 @@ def settings_of(options: argparse.Namespace) -> dict[str, dict[str, object]]:
 
 
 def fly(options: argparse.Namespace, command: str) -> Outcome:
-    """Run the mission that the `options` of this `command` ask for, and write all."""
+    """Simulate the mission of the `options` of this `command`, and write all files."""
     settings = settings_of(options)
     flown = (
         MissionFile.of_case(options.case, **settings)
@@ -143,7 +141,7 @@ def fly(options: argparse.Namespace, command: str) -> Outcome:
     wall = time.perf_counter() - started
     result = result.assign_attrs(
         mission=flown.title,
-        **{attribute: flown.said(key) for attribute, key in SAID.items()},
+        **{attribute: flown.said(key) for attribute, key in RESULT_KEYS.items()},
         observer=int("observer" in diagram.blocks),
         allocation="published" if "allocation" in diagram.blocks else "mode-neutral",
         command=command,
@@ -158,7 +156,7 @@ def fly(options: argparse.Namespace, command: str) -> Outcome:
 def report(
     result: xr.Dataset, flown: MissionFile, folder: Path, wall: float, *, drawing: str
 ) -> dict[str, Any]:
-    """Write result, summary, figures and the page of all, and say so; return the summary."""
+    """Write result, summary, figures and page, print the summary and return it."""
     save(result, folder / "result.nc")
     figures = summarize(result, flown.mission)
     summary = {"figures": [asdict(each) for each in figures], "run": result.attrs}
@@ -168,17 +166,17 @@ def report(
     what = f"{flown.title}; {result.attrs['plant']} plant, {result.attrs['controller']}"
     print(f"{what}: {end:g} s in {wall:.2f} s, {end / wall:.0f} x real time.{flown.cut}\n")
     print(f"{table(figures)}\n", flush=True)
-    if len(result["time"]) > 1:  # otherwise nothing moves
+    if len(result["time"]) > 1:  # the replay needs two instants
         with told("writing the page"):
             page = write_index(result, flown, figures, folder, drawing=drawing)
-        print(f"to look at it, open {page} in a browser", flush=True)  # now: figures take longer
+        print(f"to look at it, open {page} in a browser", flush=True)  # before the slow figures
     draw(result, folder)
     print(f"written to {folder}: result.nc, summary.json and figures")
     return summary
 
 
 def main(words: list[str] | None = None, prog: str = PROG) -> int:
-    """Run the command `prog` with these `words`, by default the process's; return the exit code."""
+    """Run the command `prog` with `words`, by default those of the process; return the exit code."""
     words = sys.argv[1:] if words is None else words
     command = f"{prog} {shlex.join(words)}"
     return ended(lambda options: fly(options, command), parser(prog).parse_args(words))

@@ -1,4 +1,4 @@
-"""Figures of one mission, in the axes of the source's Section 4."""
+"""Figures of one mission, with the axes of section 4 of the paper."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ DRAWINGS = {
     "base_torques": ("base_torque",),
     "flexibility": ("modal_coordinate", "grasp_displacement"),
 }
-"""Figures by the name of their file, and what they show: each base by itself, the last grasp."""
+"""Variables of each figure, keyed by file name; one panel per base, the last grasp only."""
 
 
 def draw(result: xr.Dataset, folder: Path) -> None:
@@ -30,9 +30,9 @@ def draw(result: xr.Dataset, folder: Path) -> None:
     Parameters
     ----------
     result : xarray.Dataset
-        From `tidy`.
+        Result by `tidy`.
     folder : pathlib.Path
-        Where to write them.
+        Output folder.
     """
     for figure, names in counted("drawing figures", DRAWINGS.items()):
         panels: list[Panel] = []

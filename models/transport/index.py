@@ -1,4 +1,4 @@
-"""The page of a mission: how it went, what flew, and all that is needed to fly it again."""
+"""Web page of a mission: replay, figures of merit, parameters, provenance."""
 
 from __future__ import annotations
 
@@ -21,25 +21,25 @@ if TYPE_CHECKING:
 def write_index(
     result: xr.Dataset, flown: MissionFile, figures: list[FigureOfMerit], folder: Path, *, drawing: str = ""
 ) -> Path:
-    """Write ``index.html``: the replay, and below it summary, figures, parameters, provenance.
+    """Write ``index.html`` with replay, summary, figures, parameters and provenance.
 
     Parameters
     ----------
     result : xarray.Dataset
-        From `tidy`, with two instants or more.
+        Result by `tidy`, with two or more instants.
     flown : MissionFile
-        What was flown.
+        Simulated mission.
     figures : list of FigureOfMerit
-        From `summarize`.
+        Figures of merit by `summarize`.
     folder : pathlib.Path
-        Where to write it.
+        Output folder.
     drawing : str
-        The diagram as SVG; by default there is no such section.
+        Diagram as SVG; by default the section is omitted.
 
     Returns
     -------
     pathlib.Path
-        The file.
+        Path of the page.
 
     Raises
     ------
@@ -47,7 +47,7 @@ def write_index(
         If the result is not that of this mission, or the file cannot be written.
     """
     about = dict(result.attrs)
-    for long in ("parameters", "initial_states", "target"):  # the result has them; files are listed below
+    for long in ("parameters", "initial_states", "target"):  # too long; parameters have their own section
         about.pop(long, None)
     ended = "" if about.get("status") == "complete" else f", {about.get('status')}"
     sections = [
@@ -74,7 +74,7 @@ def _charts(result: xr.Dataset) -> str:
 
 
 def _parameters(flown: MissionFile, result: xr.Dataset) -> list[tuple[str, ...]]:
-    """Return what the mission says, and what the files of truss and arm say."""
+    """Return the values of the mission file and of the parameter files of truss and arms."""
     rows: list[tuple[str, ...]] = [
         (f"{told.place}, {told.key}", told.value, told.source) for told in flown.told
     ]

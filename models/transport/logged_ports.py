@@ -1,11 +1,11 @@
-"""What a transport run logs."""
+"""Logged ports of a transport run."""
 
 from __future__ import annotations
 
 from trussflow.blocks.framework.diagram import Diagram
 from trussflow.blocks.framework.port import Port
 
-TRUSS = (
+TRUSS_PORTS = (
     "task_position",
     "task_velocity",
     "modal_coordinate",
@@ -20,10 +20,10 @@ TRUSS = (
 
 
 def logged(diagram: Diagram) -> dict[str, Port]:
-    """Return the ports to log, by the names they have in the result."""
+    """Return the ports to log, keyed by their names in the result."""
     truss, law, model = diagram.blocks["truss"], diagram.blocks["controller"], diagram.blocks.get("model")
-    ports = {name: truss.port(name) for name in TRUSS}
-    if model is None:  # the law of the mean axes sees no errors of the truss itself
+    ports = {name: truss.port(name) for name in TRUSS_PORTS}
+    if model is None:  # the mean-axes law has no errors of the truss frame
         trajectory = diagram.blocks["trajectory"]
         references = {"reference": "position", "reference_rate": "velocity"}
         return ports | {name: trajectory.port(port) for name, port in references.items()}
@@ -33,6 +33,6 @@ def logged(diagram: Diagram) -> dict[str, Port]:
         ports["generalized_force"] = model.port("generalized_force")
     else:
         ports["generalized_force"] = model.port("transformed_task_force")
-    # Without an observer the law uses an estimate of zero, which the model's input then reads.
+    # Without an observer the input of the model has its default, zero.
     ports["disturbance_estimate"] = model.port("disturbance_estimate")
     return ports

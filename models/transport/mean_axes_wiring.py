@@ -1,4 +1,4 @@
-"""The loop of the mean axes around a truss: a transport as it can be flown."""
+"""Closed loop of truss and mean-axes controller for a transport mission."""
 
 from __future__ import annotations
 
@@ -33,44 +33,43 @@ def mean_axes_transport(
     seed: int = 0,
     path: Trajectory | None = None,
 ) -> Diagram:
-    """Wire plant, trajectory, and the controller of the mean axes, which sees root and joints only.
+    """Return the closed loop of plant, trajectory and mean-axes controller, without measurement of the modes.
 
     Parameters
     ----------
     mission : Mission
-        Where to; gains and weights are those of the source's laws.
+        Displacement and duration; its gains are not used.
     truss : SpaceTruss
-        The plant.
+        Plant.
     design : MeanAxesDesign, optional
-        By default the shipped one.
+        Design parameters of the controller, by default the shipped ones.
     believed : TrussDynamics, optional
-        What the controller believes the plant to be: the same robots, and any number of modes that the design
-        can do with. By default the plant's own dynamics.
+        Nominal dynamics of the controller, with the same robots and enough modes for the design. By default
+        the dynamics of the plant.
     hardware : Hardware, optional
-        What lies between controller and truss; by default nothing but the sample time that the controller
-        takes to compute, and the limits of `Hardware.flight`. That time is part of the hardware's delay.
+        Hardware between controller and truss. By default there are only the delay of one sample time and the
+        limits of `Hardware.flight`. The delay of the hardware includes this sample time.
     shares : Vector, shape (robots,), optional
-        What is left of the path's peak acceleration when the base of each robot is dead, above 0 [1]; see
-        `trussflow.models.feasibility.shares_left`. When the monitor finds one dead, the path becomes that
-        slow, where the share is below 1; by default it stays as it is.
+        Factor of the path's peak acceleration after the failure of each base, positive [1]; see
+        `trussflow.models.feasibility.shares_left`. If the fault detection isolates a base with a factor below
+        1, the path is slowed down. By default it is unchanged.
     seed : int
-        Which noise the sensors have, at least 0 [1].
+        Seed of the sensor noise, zero or positive [1].
     path : Trajectory, optional
-        Of all rigid coordinates, such as `trussflow.models.feasibility.fastest` returns; sampled as the
-        controller is. By default that of the mission.
+        Path of all rigid coordinates, for example by `trussflow.models.feasibility.fastest`, with the sample
+        time of the controller. By default the path of the mission.
 
     Returns
     -------
     Diagram
-        With blocks named trajectory, controller, truss, and, if there is hardware, actuators and sensors. The
-        input `share` of the mission's path may stay open; wired to what is left of its acceleration after a
-        failure, it makes the path slower under way (see `RetimedQuintic`).
+        Diagram with the blocks trajectory, controller, truss, and, with hardware, actuators and sensors. The
+        optional input `share` of the mission's path scales its acceleration under way (see `RetimedQuintic`).
 
     Raises
     ------
     ModelError
-        If `believed` has other robots, the hardware another sample time or less delay than the design, or
-        there are shares beside a path that is not the mission's.
+        If `believed` has other robots, or the hardware has another sample time or a smaller delay than the
+        design. Also if both shares and a path are given.
     """
     design = MeanAxesDesign.shipped() if design is None else design
     believed = replace(believed or truss.dynamics, attitude=truss.dynamics.attitude)
@@ -95,7 +94,7 @@ def mean_axes_transport(
         trajectory.port(name) >> controller.port(f"reference_{name}")
     if shares is not None:
         if path is not None:
-            raise ModelError("shares make the mission's own path slower; leave them, or the path, out")
+            raise ModelError("shares slow down the path of the mission; omit either shares or path")
         each = frozen_array("transport by mean axes: shares", shares, (truss.robots,))
 
         def smallest(effectiveness: Array) -> Array:
@@ -114,9 +113,9 @@ def mean_axes_transport(
         return diagram
     if hardware.sample_time != design.sample_time or hardware.delay < design.sample_time:
         raise ModelError(
-            f"the hardware takes a command every {hardware.sample_time} s and {hardware.delay} s after the "
-            f"measurements, the controller computes it in {design.sample_time} s: the first must be the same "
-            "time, and the second not less"
+            f"the hardware has a sample time of {hardware.sample_time} s and a delay of {hardware.delay} s, "
+            f"the controller a sample time of {design.sample_time} s: the sample times must be equal, and "
+            "the delay not less"
         )
     hardware = replace(hardware, delay=hardware.delay - design.sample_time)
     actuators, sensors = with_hardware(diagram, truss, hardware, seed)

@@ -1,4 +1,4 @@
-"""What a transport mission is: where to, how fast, and with which gains."""
+"""Transport missions: displacement, duration and controller gains."""
 
 from __future__ import annotations
 
@@ -15,24 +15,24 @@ from trussflow.models.validation import check_choice, check_number
 CASES = (1, 2)
 
 FASTEST = "fastest"
-"""What a file may say in place of a duration."""
+"""Value of a duration in a file for the fastest feasible path."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Mission:
-    """A rest-to-rest transport of the truss, and the controllers' gains for it.
+    """Rest-to-rest transport of the truss, with controller gains.
 
     Attributes
     ----------
     case : int or None
-        1 or 2, as in section 4 of the source; None for another mission.
+        Case 1 or 2 of section 4 of the paper; None for other missions.
     position : Vector, shape (3,)
         Displacement of the truss frame, inertial axes [m].
     attitude : Vector, shape (3,)
-        Change of the 3-1-2 Euler angles; of a truss with a quaternion axis, in the truss, times angle [rad].
+        Change of the 3-1-2 Euler angles, or, with a quaternion, axis in the truss frame times angle [rad].
     duration : float
-        Time the motion takes [s]; afterwards the truss is held. Infinite where a file asks for the fastest
-        motion, until that is found.
+        Duration of the motion, after which the truss is held [s]. Infinite before the fastest duration of a
+        file is computed.
     observer_bandwidth : float
         L [1/s].
     reaching_gain : float
@@ -72,17 +72,17 @@ class Mission:
 
     @classmethod
     def of_case(cls, case: int) -> Mission:
-        """Return a mission of the source, from ``parameters/case_1.toml`` or ``case_2.toml``.
+        """Return a mission of the paper, from ``parameters/case_1.toml`` or ``case_2.toml``.
 
         Parameters
         ----------
         case : int
-            1 or 2.
+            Case 1 or 2 [-].
 
         Raises
         ------
         ModelError
-            If there is no such case.
+            If the case does not exist.
         """
         check_choice("transport case", case, CASES)
         return cls.of(LayeredFile.read(shipped_file(f"case_{case}.toml")), case)
@@ -91,22 +91,22 @@ class Mission:
     def of(
         cls, file: LayeredFile, case: int | None = None, used: Callable[[str, str], bool] = lambda *_: True
     ) -> Mission:
-        """Return the mission that a file states.
+        """Return the mission of a file.
 
         Parameters
         ----------
         file : LayeredFile
-            See `trussflow.models.transport.mission_file`.
+            File as in `trussflow.models.transport.mission_file`.
         case : int, optional
-            Which of the source's that is; by default none.
+            Case of the paper; by default none.
         used : callable
-            Takes a table and a key and returns whether the mission uses it; if not, observer bandwidth and
-            reaching gain may be left out, and are NaN.
+            Function of table and key that returns whether the mission uses the key. If unused, observer
+            bandwidth and reaching gain are optional, by default NaN.
 
         Raises
         ------
         ModelError
-            If a value is missing, has another unit or shape, or a time is not above 0.
+            If a value is missing or has the wrong unit or shape, or a time is not positive.
         """
         path, controller, sliding = (file.table(name) for name in ("path", "controller", "sliding_mode"))
         allocation, pd = file.table("allocation"), file.table("proportional_derivative")
@@ -135,11 +135,11 @@ class Mission:
 
     @property
     def name(self) -> str:
-        """What diagrams are called by."""
+        """Name of the diagram."""
         return "transport" if self.case is None else f"transport case {self.case}"
 
     def displacement(self, rigid: int) -> Vector:
-        """Return the displacement of all task coordinates; the joints stay.
+        """Return the displacement of all task coordinates, zero for joints.
 
         Parameters
         ----------
@@ -149,7 +149,7 @@ class Mission:
         return np.concatenate([self.position, self.attitude, np.zeros(rigid - 6)])
 
     def actuator_weights(self, robots: int, joints: int) -> Vector:
-        """Return the diagonal of W (Section 4.2).
+        """Return the diagonal of W (section 4.2).
 
         Parameters
         ----------

@@ -1,4 +1,4 @@
-"""Missions as files: structure, robots, hardware, controller, path, and how long to fly."""
+"""Mission files: structure, robots, hardware, controller, path, simulation."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from trussflow.blocks.simulation.solver import FIXED_STEP
 from trussflow.models.dynamics.task_space import moved
 from trussflow.models.feasibility import ActuatorLimits, survey
 from trussflow.models.feasibility.failures import single_failures
-from trussflow.models.feasibility.reach import EXACT
+from trussflow.models.feasibility.reach import RELATIVE_TOLERANCE
 from trussflow.models.hardware.hardware import Hardware
 from trussflow.models.hardware.measurement import derived_seed
 from trussflow.models.hardware.motors import JointDrives
@@ -39,53 +39,53 @@ from trussflow.models.transport.wiring import ALLOCATIONS, CONTROLLERS, path_of,
 from trussflow.models.validation import check_choice, check_number
 
 MEAN_AXES = "mean axes"
-"""The law that flies accurate structures behind hardware; the others are of the source."""
+"""Name of the mean-axes law; the other laws are those of the paper."""
 
-HARDWARE = ("none", "flight")
+HARDWARE_KINDS = ("none", "flight")
 COMMAND = "as called"
-"""Where settings come from that count more than any file."""
+"""Place of settings that override the files."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class MissionFile:
-    """What a mission file says.
+    """Content of a mission file.
 
     Attributes
     ----------
     title : str
-        For people.
+        Title of the mission.
     mission : Mission
-        Path and gains.
+        Displacement, duration and gains.
     truss : SpaceTruss
-        The plant.
+        Plant.
     believed : SpaceTruss
-        What the controller takes it for; another one where the file draws what is uncertain.
+        Nominal plant of the controller; it differs from the plant if the file has uncertainties.
     path : Trajectory or None
-        Where it differs from the mission's own.
+        Path if it differs from that of the mission.
     law : str
         ``"ismc"``, ``"smc"``, ``"pd"`` or ``"mean axes"``.
     observer : bool or None
-        As of `transport_diagram`.
+        Argument of `transport_diagram`.
     allocation : str or None
-        Likewise.
+        Argument of `transport_diagram`.
     design : MeanAxesDesign
-        Of the mean axes.
+        Design parameters of the mean-axes controller.
     hardware : Hardware or None
-        Between controller and truss.
+        Hardware between controller and truss.
     seed : int
-        Of the sensors' noise [-].
+        Seed of the sensor noise [-].
     duration : float
-        To simulate [s].
+        Simulated time [s].
     solver : str
-        Of `Simulator`.
+        Solver of `Simulator`.
     log_every : int
         Steps between logged instants [-].
     log : tuple of str
-        What to log besides what `tidy` and the pages need; as of `Simulator`.
+        Additional signals to log, see `Simulator`.
     rods : array, optional
-        Of the picture of a structure of one's own; see `replay` [-].
+        Lines in the picture of a user-defined structure, see `replay` [-].
     told : tuple of Told
-        Every value that is used, and the file that says so.
+        Used values with their files.
     """
 
     title: str
@@ -113,46 +113,46 @@ class MissionFile:
         Parameters
         ----------
         path : str or pathlib.Path
-            TOML, as ``trussflow new mission.toml`` writes it. What it leaves out is as in the file that its
-            `extends` names, by default ``parameters/transport.toml``.
+            TOML file, such as ``trussflow new mission.toml`` writes. Missing values are read from the file in
+            its `extends`, by default ``parameters/transport.toml``.
         **settings : mapping
-            Tables whose values count more than the file's, such as ``controller={"law": "pd"}``.
+            Tables whose values override those of the file, such as ``controller={"law": "pd"}``.
 
         Raises
         ------
         ModelError
-            If the file cannot be read, says what means nothing, or leaves out what is needed.
+            If the file cannot be read, or has unknown, invalid or missing keys.
         """
         given = ParameterTable({name: dict(table) for name, table in settings.items()}, COMMAND)
         return cls.of(LayeredFile.read(path, [given], "transport.toml"))
 
     @classmethod
     def of_case(cls, case: int, /, **settings: Mapping[str, object]) -> MissionFile:
-        """Return a mission of the source.
+        """Return a mission of the paper.
 
         Parameters
         ----------
         case : int
-            1 or 2.
+            Case 1 or 2 [-].
         **settings : mapping
-            As of `read`.
+            Tables that override the file, see `read`.
         """
         check_choice("transport case", case, CASES)
         return cls.read(shipped_file(f"case_{case}.toml"), **settings)
 
     @classmethod
     def of(cls, file: LayeredFile) -> MissionFile:
-        """Return what an opened file says.
+        """Return the content of an opened file.
 
         Parameters
         ----------
         file : LayeredFile
-            With all tables of the shipped missions.
+            File with all tables of the shipped missions.
 
         Raises
         ------
         ModelError
-            As of `read`.
+            If a key is unknown, invalid or missing.
         """
         with file.blamed():
             return cls._of(file)
@@ -167,9 +167,9 @@ class MissionFile:
         law = controller.choice("law", (*CONTROLLERS, MEAN_AXES))
         observer = SWITCHES[controller.choice("observer", SWITCHES)]
         allocation = controller.choice("allocation", ("auto", *ALLOCATIONS))
-        kind = file.table("hardware").choice("kind", HARDWARE)
+        kind = file.table("hardware").choice("kind", HARDWARE_KINDS)
         believed, rods = plant_of(file)
-        stated = _hardware(file, believed)  # read whether it flies or not, so that slips in it are found
+        stated = _hardware(file, believed)  # read even if unused, to find errors in it
         hardware = stated if kind == "flight" else None
         used = _used_by(law, observer, kind)
         mission = Mission.of(file, CASES[shipped.index(own)] if own in shipped else None, used)
@@ -200,30 +200,28 @@ class MissionFile:
             "simulation", log_every=found.log_every, duration=found.duration, step=found.mission.step
         )
         if law == MEAN_AXES and observer is not None:
-            raise controller.error(
-                "observer", "is not for the mean axes, which have none to switch; leave it out"
-            )
+            raise controller.error("observer", "does not apply to the mean-axes law; omit it")
         with file.blamed("hardware", "seed"):
             derived_seed(found.seed, 0)
         limited = hardware is not None or law == MEAN_AXES
         if refused and limited and requested < np.inf:
             with file.blamed("path", "duration"):
                 least = found.least_duration()
-            if least > mission.duration * (1.0 + EXACT):
+            if least > mission.duration * (1.0 + RELATIVE_TOLERANCE):
                 raise way.error(
                     "duration",
                     f"is {mission.duration:g} s, but the actuators need at least {least:.4g} s for this "
-                    f"path; give it that time, or say duration = {FASTEST!r}, or infeasible = 'allowed'",
+                    f"path; increase it, or set duration = {FASTEST!r} or infeasible = 'allowed'",
                 )
         return replace(found, told=tuple(told for key, told in sorted(file.told.items()) if used(*key)))
 
     def diagram(self) -> Diagram:
-        """Return the loop, wired.
+        """Return the diagram of the closed loop.
 
         Raises
         ------
         ModelError
-            If the parts do not go together, such as hardware of another sample time than the controller's.
+            If parts are incompatible, such as hardware with another sample time than the controller.
         """
         both: dict[str, Any] = {
             "believed": self.believed.dynamics,
@@ -243,44 +241,44 @@ class MissionFile:
         )
 
     def simulator(self, diagram: Diagram) -> Simulator:
-        """Return a simulator of the loop that logs what `tidy` and the pages need.
+        """Return a simulator of the loop that logs the signals for `tidy` and the pages.
 
         Parameters
         ----------
         diagram : Diagram
-            From `diagram`.
+            Diagram by `diagram`.
         """
         step = self.mission.step
         log: dict[str, Port | str] = {**logged(diagram), **{name: name for name in self.log}}
         return Simulator(diagram, step=step, solver=self.solver, log=log, log_step=self.log_every * step)
 
     def said(self, key: str) -> str:
-        """Return the value of a key as it was read; of a key of several robots, their values.
+        """Return the value of a key as text, or the values of all robots.
 
         Parameters
         ----------
         key : str
-            Such as ``"structure.model"``.
+            Table and key, such as ``"structure.model"``.
         """
         return ", ".join(told.value for told in self.told if sub(r"\[\d+\]", "", told.key) == key)
 
     @property
     def target(self) -> NDArray[np.float64]:
-        """The task coordinates at the end of the path [m, unit of the attitude, rad]."""
+        """Task coordinates at the end of the path [m, unit of the attitude, rad]."""
         truss, way = self.truss, self.mission.displacement(self.truss.rigid)
         start = truss.parameters["initial_coordinates"][: truss.rigid_q]
         return np.asarray(moved(truss.dynamics.attitude, start, way))
 
     def least_duration(self) -> float:
-        """Return the shortest duration of the path with which the actuators keep their limits [s].
+        """Return the shortest duration of the path within the actuator limits [s].
 
-        By linear programmes, for the truss that is believed and the path slowed down or sped up as a whole; 0
-        for a path that rests. The limits are those of the hardware; without, of `ActuatorLimits.flight`.
+        Linear programmes compute it for the nominal plant and a path scaled in time; it is 0 for a path at
+        rest. The limits are those of the hardware or, without hardware, of `ActuatorLimits.flight`.
 
         Raises
         ------
         ModelError
-            As of `survey`.
+            If `survey` raises.
         """
         truss, limits = self.believed, _limits(self.believed, self.hardware)
         if self.path is None and not np.any(self.mission.displacement(truss.rigid)):
@@ -290,23 +288,23 @@ class MissionFile:
         return survey(truss.dynamics, path, limits, healthy)[0].least_duration
 
     def explained(self) -> str:
-        """Return every value, where it comes from and its source, and the least duration of the path."""
+        """Return all values with file and source, and the least duration of the path."""
         rows = [(told.key, told.value, told.place, told.source) for told in self.told]
-        table = text_table(("what", "value", "said by", "source"), rows)
+        table = text_table(("key", "value", "file", "source"), rows)
         least = self.least_duration()
         bound = f"The actuators need at least {least:.4g} s for the path"
         arms = self.truss.dynamics.arms
         missing = dict.fromkeys((a.name, v.trouble) for a in arms for v in a.visuals if v.trouble)
-        undrawn = "".join(f"\nThe picture of {name} leaves out {trouble}." for name, trouble in missing)
+        undrawn = "".join(f"\nThe picture of {name} omits {trouble}." for name, trouble in missing)
         return (
             f"{self.title}\n\n{table}\n\n{bound}, which takes {self.mission.duration:g} s.{self.cut}{undrawn}"
         )
 
     @property
     def cut(self) -> str:
-        """What to say if the flight ends before its path does; otherwise empty."""
+        """Remark if the simulation ends before the path; otherwise empty."""
         short = self.duration < self.mission.duration
-        return f" Only {self.duration:g} s are flown: the duration of the simulation." if short else ""
+        return f" Only {self.duration:g} s are simulated, by simulation.duration." if short else ""
 
 
 @cache
@@ -317,7 +315,7 @@ def _tables() -> frozenset[str]:
 
 
 def _used_by(law: str, observer: bool | None, hardware: str) -> Callable[[str, str], bool]:
-    """Return whether a mission uses a key of a table, by its law, observer and kind of hardware."""
+    """Return a function of table and key for whether the mission uses it."""
     sliding, flies = law in ("ismc", "smc"), hardware != "none"
     used = {
         "allocation": law in CONTROLLERS,
@@ -336,14 +334,14 @@ def _used_by(law: str, observer: bool | None, hardware: str) -> Callable[[str, s
 
 
 def _hardware(file: LayeredFile, truss: SpaceTruss) -> Hardware:
-    """Return the hardware of a file; tables of a robot count more for what that robot carries."""
+    """Return the hardware of a file; tables of a robot override it for that robot."""
     stated, each, torques = Hardware.of(file), [], []
     for arm, robot in zip(truss.dynamics.arms, file.elements("robots", truss.robots), strict=True):
         own = file.within(robot.name, "thrusters", "wheels", "joints")
         each.append(Hardware.of(own))
         torques += [own.table("joints").scalar("torque", "N*m")] * arm.joints
         if each[-1].gyroscopic != stated.gyroscopic:
-            raise own.table("wheels").error("gyroscopic", "is for all robots; say it in [wheels]")
+            raise own.table("wheels").error("gyroscopic", "must be equal for all robots; set it in [wheels]")
     if not any("." in table for table, _ in file.told):
         return stated
     parts: dict[str, Any] = {name: tuple(getattr(h, name) for h in each) for name in ("thrusters", "wheels")}
@@ -351,7 +349,7 @@ def _hardware(file: LayeredFile, truss: SpaceTruss) -> Hardware:
 
 
 def _limits(truss: SpaceTruss, hardware: Hardware | None) -> ActuatorLimits:
-    """Return the limits of the hardware; without, those of `ActuatorLimits.flight`."""
+    """Return the limits of the hardware or, without hardware, of `ActuatorLimits.flight`."""
     if hardware is None:
         return ActuatorLimits.flight()
     each = hardware.limits(truss)

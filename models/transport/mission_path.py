@@ -1,4 +1,4 @@
-"""The path of a mission file: through waypoints, as fast as the actuators let it, shaped for a mode."""
+"""Path of a mission file: waypoints, fastest duration within actuator limits, input shaping."""
 
 from __future__ import annotations
 
@@ -17,35 +17,35 @@ from trussflow.models.mean_axes.free_modes import FreeModes
 from trussflow.models.plant.space_truss import SpaceTruss
 from trussflow.models.transport.mission import FASTEST, Mission
 
-QUARTER = np.pi / 2.0
-"""Of a turn: so often a path by quaternions has a waypoint at least, that it leads about one axis [rad]."""
+MAX_LEG_ANGLE = np.pi / 2.0
+"""Largest rotation between waypoints of a quaternion path; longer legs are divided [rad]."""
 
-STRENGTH = 0.5
-"""Share of what the actuators can do that the fastest path takes; the rest is for control [-]."""
+DEFAULT_STRENGTH = 0.5
+"""Default share of the actuator limits for the fastest path; the rest is for feedback [-]."""
 
-UNITS = {"position": "m", "attitude": "rad"}
+WAYPOINT_UNITS = {"position": "m", "attitude": "rad"}
 
 
 def path_from(
     file: LayeredFile, mission: Mission, truss: SpaceTruss, limits: ActuatorLimits
 ) -> tuple[Mission, Trajectory | None]:
-    """Return the mission with the duration of its path, and the path if that is no plain `Quintic`.
+    """Return the mission with the duration of its path, and the path, or None for a single `Quintic`.
 
     Parameters
     ----------
     file : LayeredFile
-        With the table ``[path]``.
+        File with the table ``[path]``.
     mission : Mission
-        What that file states.
+        Mission of that file.
     truss : SpaceTruss
-        The plant as it is believed.
+        Nominal plant.
     limits : ActuatorLimits
-        Of what carries it.
+        Limits of the actuators.
 
     Raises
     ------
     ModelError
-        If what the table says makes no sense, or the actuators cannot move the truss along the path.
+        If a value of the table is invalid, or the actuators cannot move the truss along the path.
     """
     table = file.table("path")
     ways = _waypoints(table)
@@ -56,7 +56,7 @@ def path_from(
         return mission, None
     kind, start = truss.dynamics.attitude, truss.parameters["initial_coordinates"][: truss.rigid_q]
     if kind != EULER and shaping != "none":
-        raise table.error("shaping", "adds paths up, which attitudes as quaternions cannot be; leave it out")
+        raise table.error("shaping", "adds paths, which is not possible with quaternions; omit it")
     for key, most in {"strength": 1.0, "speed": np.inf, "turn_rate": np.inf}.items():
         if not 0.0 < given.get(key, most) <= most:
             raise table.error(
@@ -66,9 +66,9 @@ def path_from(
     rows = np.array([moved(kind, start, way) for way in ways])
     far = np.append(0.0, np.cumsum(np.linalg.norm(np.diff(ways, axis=0), axis=1)))
     if len(rows) > 2 and not np.all(np.diff(far) > 0.0):
-        raise table.error("through_position", "has a waypoint that is also the one before or after it")
+        raise table.error("through_position", "has two equal waypoints in succession")
     if mission.duration == np.inf:
-        share = given.get("strength", STRENGTH)
+        share = given.get("strength", DEFAULT_STRENGTH)
         part = {name: share * np.asarray(getattr(limits, name)) for name in ActuatorLimits.__slots__}
         limit = [given.get(key, np.inf) for key in ("speed", "turn_rate")]
         with file.blamed("path", "duration"):
@@ -76,14 +76,14 @@ def path_from(
                 truss, rows[:, : kind.end], ActuatorLimits(**part), velocity=np.repeat(limit, 3)
             )
     elif given:
-        raise table.error(min(given), f"is for the fastest path; say duration = {FASTEST!r}, or leave it out")
+        raise table.error(min(given), f"requires duration = {FASTEST!r}; omit it otherwise")
     elif len(rows) > 2:
         path = TrussPath.through(truss, mission.duration * far / far[-1], rows)
     else:
         path = Quintic(rows[1] - rows[0], mission.duration, start=rows[0], unit=truss.task_units)
     if shaping != "none":
         if not truss.modes:
-            raise table.error("shaping", "spares a mode, and this truss has none")
+            raise table.error("shaping", "needs a mode, and this truss has none")
         free = FreeModes.of(truss.dynamics, 1)
         first, damping = float(free.frequencies[0]) / (2.0 * np.pi), float(free.damping_ratios[0])
         path = ShapedTrajectory(path, first, damping=damping, kind=shaping)
@@ -91,18 +91,18 @@ def path_from(
 
 
 def _by_quarters(ways: Vector) -> Vector:
-    """Return the same ways, with others between those that are more than a quarter of a turn apart."""
+    """Return waypoints with legs of at most `MAX_LEG_ANGLE`."""
     found = [ways[:1]]
     for here, leg in zip(ways[:-1], np.diff(ways, axis=0), strict=True):
-        parts = max(1, int(np.ceil(np.linalg.norm(leg[3:]) / QUARTER)))
+        parts = max(1, int(np.ceil(np.linalg.norm(leg[3:]) / MAX_LEG_ANGLE)))
         found.append(here + leg * np.arange(1, parts + 1)[:, None] / parts)
     return np.concatenate(found)
 
 
 def _waypoints(table: LayeredTable) -> Vector:
-    """Return where the path leads, from the start on, as rows of displacement and turn."""
+    """Return the waypoints, start included, as rows of displacement and rotation."""
     parts = []
-    for key, unit in UNITS.items():
+    for key, unit in WAYPOINT_UNITS.items():
         name, end = f"through_{key}", table.array(key, unit, (3,))
         between = table.array(name, unit, (None, 3)) if name in table else np.zeros((0, 3))
         parts.append(np.vstack([np.zeros(3), between, end]))
@@ -112,6 +112,6 @@ def _waypoints(table: LayeredTable) -> Vector:
         raise table.error(
             name,
             f"has {abs(len(position) - len(attitude))} more rows than the other of through_position and "
-            "through_attitude; give as many of both",
+            "through_attitude; both must have the same number",
         )
     return np.hstack(parts)

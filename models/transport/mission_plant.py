@@ -1,4 +1,4 @@
-"""The plant of a mission file: a structure of the source or one's own, and robots."""
+"""Plant of a mission file: a structure of the paper or a user-defined one, and robots."""
 
 from __future__ import annotations
 
@@ -25,30 +25,30 @@ from trussflow.models.validation import check_number
 
 STRUCTURES = ("published", "consistent", "accurate")
 FRAME, NASTRAN, MATRICES = "frame", "nastran", "matrices"
-"""In place of these: a structure of one's own."""
+"""Kinds of user-defined structures."""
 
 ARMS = ("literal", "jaco")
 URDF = ".urdf"
-UNCERTAIN = {"mass": "1", "frequency": "1", "payload": "kg"}
-"""What the true truss may differ in, and in what unit that is said; and damping."""
+UNCERTAINTY_UNITS = {"mass": "1", "frequency": "1", "payload": "kg"}
+"""Units of the uncertainties of the truss, besides damping."""
 
 SWITCHES: Mapping[str, bool | None] = {"auto": None, "on": True, "off": False}
 
 
 def plant_of(file: LayeredFile) -> tuple[SpaceTruss, NDArray[np.int_] | None]:
-    """Return the plant that a file describes, and its rods if it is no truss of the source.
+    """Return the nominal plant of a file, and the rods of a user-defined structure.
 
-    What the file leaves out is as the model has it.
+    The model has defaults for missing keys.
 
     Parameters
     ----------
     file : LayeredFile
-        With the tables ``[structure]`` and ``[robots]``.
+        File with the tables ``[structure]`` and ``[robots]``.
 
     Raises
     ------
     ModelError
-        If what they name cannot be read, or does not go together.
+        If a file in them cannot be read, or the parts are incompatible.
     """
     structure, folder = file.table("structure"), file.folder
     model = structure.choice("model", (*STRUCTURES, FRAME, NASTRAN, MATRICES))
@@ -56,7 +56,7 @@ def plant_of(file: LayeredFile) -> tuple[SpaceTruss, NDArray[np.int_] | None]:
     damping = {"damping": structure.scalar("damping", "1")} if "damping" in structure else {}
     if model == "published" and damping:
         raise structure.error(
-            "damping", "is not for the published model, which has none; choose another model"
+            "damping", "does not apply to the undamped published model; choose another model"
         )
     blamed = structure.file.blamed
     if model in STRUCTURES:
@@ -82,25 +82,25 @@ def plant_of(file: LayeredFile) -> tuple[SpaceTruss, NDArray[np.int_] | None]:
 
 
 def truth_of(file: LayeredFile, believed: SpaceTruss) -> SpaceTruss:
-    """Return the plant that flies: a draw of what is uncertain about the one believed.
+    """Return the plant of the simulation: a Monte Carlo sample of the uncertain nominal plant.
 
-    Uniform within ±`mass` and ±`frequency` of the nominal ones, within the two of `damping`, and from no
-    `payload` to the greatest, at the point that is farthest from the root. Draw 0 is what is believed.
+    Samples are uniform within ±`mass` and ±`frequency` of the nominal values, within the bounds of `damping`,
+    and from zero to `payload`, at the point farthest from the truss frame. Sample 0 is the nominal plant.
 
     Parameters
     ----------
     file : LayeredFile
-        With the table ``[uncertainties]``.
+        File with the table ``[uncertainties]``.
     believed : SpaceTruss
-        From `plant_of`.
+        Nominal plant by `plant_of`.
 
     Raises
     ------
     ModelError
-        If what the table says makes no sense.
+        If a value of the table is invalid.
     """
     table, modes = file.table("uncertainties"), believed.dynamics.modes
-    given = {key: table.scalar(key, unit) for key, unit in UNCERTAIN.items() if key in table}
+    given = {key: table.scalar(key, unit) for key, unit in UNCERTAINTY_UNITS.items() if key in table}
     damping = table.array("damping", "1", (2,)) if "damping" in table else None
     draw = table.whole("draw") if "draw" in table else None
     for key, value in given.items():
@@ -108,16 +108,14 @@ def truth_of(file: LayeredFile, believed: SpaceTruss) -> SpaceTruss:
             below = "" if key == "payload" else " and below 1"
             raise table.error(key, f"is {value:g}; it must be at least 0{below}")
     if damping is not None and not 0.0 <= damping[0] <= damping[1] < 1.0:
-        raise table.error("damping", "must be least and greatest, from 0 to below 1")
+        raise table.error("damping", "must be a lower and an upper bound, from 0 to below 1")
     if draw is None and (given or damping is not None):
-        raise table.error(
-            next(iter([*given, "damping"])), "says nothing without the draw that is flown: say draw = 1"
-        )
+        raise table.error(next(iter([*given, "damping"])), "has no effect without a sample: set draw = 1")
     if draw is not None and draw < 0:
-        raise table.error("draw", f"is {draw}; it must be 0, for no difference, or above")
+        raise table.error("draw", f"is {draw}; it must be 0 (nominal) or above")
     if not draw:
         return believed
-    # Four numbers whatever is uncertain, so that one more uncertainty leaves the others' draws as they are.
+    # There are always four random numbers, so that samples do not depend on which keys are given.
     *chances, loading, damped = np.random.default_rng(draw).uniform(size=4)
     factors = {
         key: 1.0 + given.get(key, 0.0) * (2.0 * chance - 1.0)
@@ -134,7 +132,7 @@ def truth_of(file: LayeredFile, believed: SpaceTruss) -> SpaceTruss:
 
 
 def _structure(model: str, table: LayeredTable, folder: Path) -> Structure:
-    """Return a structure of one's own."""
+    """Return a user-defined structure."""
     if model == MATRICES:
         files = {key: folder / table.text(key) for key in ("mass", "stiffness", "positions")}
         given: dict[str, Any] = {**files, "units": table.texts("units"), "source": files["stiffness"].name}
@@ -147,7 +145,7 @@ def _structure(model: str, table: LayeredTable, folder: Path) -> Structure:
 
 
 def _shapes(table: LayeredTable) -> dict[str, Any]:
-    """Return what is said of attachment shapes, as `reduced_modes` takes it."""
+    """Return the arguments of `reduced_modes` for attachment shapes."""
     found: dict[str, Any] = {}
     if "highest_frequency" in table:
         found["highest_frequency"] = table.scalar("highest_frequency", "Hz")
@@ -157,7 +155,7 @@ def _shapes(table: LayeredTable) -> dict[str, Any]:
 
 
 def _arms(file: LayeredFile, count: int) -> tuple[RobotArm, ...]:
-    """Return the robots at so many grasps."""
+    """Return the robots of `count` grasps."""
     tables, arms = file.elements("robots", count), {}
     for table in tables:
         if table.name not in arms:
@@ -167,13 +165,15 @@ def _arms(file: LayeredFile, count: int) -> tuple[RobotArm, ...]:
 
 
 def _arm(robot: LayeredTable, folder: Path) -> RobotArm:
-    """Return a robot, as its table says."""
+    """Return the robot of a table."""
     name = robot.text("arm")
     kind = Path(name).suffix.lower()
     links: dict[str, Any] = {key: robot.text(key) for key in ("hand", "base") if kind == URDF or key in robot}
     locked = robot.mapping("locked") if "locked" in robot else {}
     if not all(isinstance(place, str) for place in locked.values()):
-        raise robot.error("locked", "must give each joint a place with its unit, such as {finger = '0.04 m'}")
+        raise robot.error(
+            "locked", "must give each joint a coordinate with its unit, such as {finger = '0.04 m'}"
+        )
     if name in ARMS:
         arm = arm_by_name(name)
     elif kind == ".toml":

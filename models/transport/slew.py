@@ -1,4 +1,4 @@
-"""Paths that turn the truss by any angle."""
+"""Paths with rotations of the truss by any angle."""
 
 from __future__ import annotations
 
@@ -14,30 +14,30 @@ from trussflow.models.plant.space_truss import SpaceTruss
 
 
 class Slew(Quintic):
-    r"""Move a truss and turn it about one axis, from rest to rest, as `Quintic` does.
+    r"""Rest-to-rest translation of a truss and rotation about one axis, with the time law of `Quintic`.
 
     .. math:: r = r_0 + \Delta r\,s, \qquad a = a_0 \circ \exp(\tfrac12 \varphi\, n s), \qquad
               \omega = \varphi\, n \dot s, \qquad \dot\omega = \varphi\, n \ddot s
 
-    The axis n is the same in the truss and in space, so angular velocity and acceleration are along it.
+    The axis n is constant in truss and inertial frame, so angular velocity and acceleration are along it.
 
     Parameters
     ----------
     truss : SpaceTruss
-        The plant, at the start; it is only looked at.
+        Plant with the initial coordinates.
     displacement : array_like, shape (m,)
-        Way of the truss frame along inertial axes, axis in the truss frame times angle (or changes of Euler
-        angles, if the truss has those), and changes of the joints [m, rad].
+        Displacement of the truss frame in inertial axes, rotation axis in the truss frame times angle (or
+        changes of Euler angles), and changes of the joints [m, rad].
     duration : float
-        T > 0 [s].
+        Duration T > 0 [s].
     *more : float
-        For `RetimedSlew`: its sample time [s].
+        Sample time of `RetimedSlew` [s].
     start_time : float
-        When the motion starts [s].
+        Start time of the motion [s].
     """
 
-    position = Output("places", unit=Attribute("place_units"), meaning="where to be")
-    start = Parameter(shape="places", meaning="where the motion starts")
+    position = Output("places", unit=Attribute("place_units"), meaning="reference position")
+    start = Parameter(shape="places", meaning="position at the start")
 
     def __init__(
         self,
@@ -55,23 +55,23 @@ class Slew(Quintic):
         )
 
     def moved(self, start: Array, way: Array) -> Array:
-        """Return where one is on a way: turned, not added."""
+        """Return the position after a displacement, with composed rotations."""
         return moved(self.kind, start, way)
 
 
 class RetimedSlew(Slew, RetimedQuintic):
-    """Move as `Slew` does, and when less acceleration is left, more slowly from there on.
+    """`Slew` whose acceleration can be reduced under way, see `RetimedQuintic`.
 
     Parameters
     ----------
     truss : SpaceTruss
-        As of `Slew`.
+        Plant with the initial coordinates.
     displacement : array_like, shape (m,)
-        Likewise [m, rad].
+        Displacement, see `Slew` [m, rad].
     duration : float
-        Likewise [s].
+        Duration T > 0 [s].
     sample_time : float
-        As of `RetimedQuintic` [s].
+        Sample time, see `RetimedQuintic` [s].
     start_time : float
-        As of `Slew` [s].
+        Start time of the motion [s].
     """

@@ -1,4 +1,4 @@
-"""Figures of merit of a mission, beside what the source says."""
+"""Figures of merit of a mission, compared with the paper."""
 
 from __future__ import annotations
 
@@ -15,8 +15,8 @@ from trussflow.models.transport.mission import Mission
 if TYPE_CHECKING:
     import xarray as xr
 
-TORQUE_CLAIM: dict[int | None, float] = {1: 0.25, 2: 0.8}
-"""Bound on the control torques in the source, Figure 7 (Robot 4 alone) and Figure 14 [N·m]."""
+TORQUE_BOUNDS: dict[int | None, float] = {1: 0.25, 2: 0.8}
+"""Bound on the control torques of each case in the paper, Figures 7 (Robot 4 only) and 14 [N·m]."""
 
 CLAIMS: dict[int | None, dict[str, str]] = {
     1: {
@@ -28,25 +28,25 @@ CLAIMS: dict[int | None, dict[str, str]] = {
     },
     2: {"peak position error": "small", "peak attitude error": "small"},
 }
-"""What the source says of each case, by the name of the figure of merit."""
+"""Statements of the paper on each case, keyed by the name of the figure of merit."""
 
 
 @dataclass(frozen=True, slots=True)
 class FigureOfMerit:
-    """One figure of merit.
+    """Figure of merit of a mission.
 
     Attributes
     ----------
     name : str
-        What it is.
+        Name of the quantity.
     value : float
-        Its value [unit].
+        Value of the quantity [unit].
     unit : str
-        Its unit.
+        Unit of the value.
     claim : str
-        What the source says; empty where it says nothing.
+        Statement of the paper; empty if there is none.
     verdict : str
-        Whether that came out; empty where the source gives nothing to compare with.
+        Comparison with that statement; empty if it has no number.
     """
 
     name: str
@@ -62,9 +62,9 @@ def summarize(result: xr.Dataset, mission: Mission) -> list[FigureOfMerit]:
     Parameters
     ----------
     result : xarray.Dataset
-        From `tidy`.
+        Result by `tidy`.
     mission : Mission
-        What was flown.
+        Simulated mission.
     """
     claims = CLAIMS.get(mission.case, {})
     errors = {f"{name} error": result[f"{name}_error"].values for name in ("position", "attitude")}
@@ -83,7 +83,7 @@ def summarize(result: xr.Dataset, mission: Mission) -> list[FigureOfMerit]:
         peak, unit = largest_component(joints), joints.attrs.get("units", "rad")
         figures.append(FigureOfMerit("peak joint error", peak, unit, claims.get("peak joint error", "")))
     torque, claim, verdict = largest_component(result["base_torque"]), "", ""
-    if bound := TORQUE_CLAIM.get(mission.case):
+    if bound := TORQUE_BOUNDS.get(mission.case):
         claim = f"within {bound:g} N*m"
         verdict = "holds" if torque <= bound else f"exceeded by {torque / bound - 1:.0%}"
     figures += [*_forces(result, mission), FigureOfMerit("peak base torque", torque, "N*m", claim, verdict)]
@@ -97,12 +97,12 @@ def summarize(result: xr.Dataset, mission: Mission) -> list[FigureOfMerit]:
     status, end = result.attrs.get("status"), float(result["time"][-1])
     if status == "complete" and end >= mission.duration:
         return figures
-    # The source speaks of whole missions; a part of one, or a failed one, is no comparison.
+    # The paper's statements are about whole missions, not about partial or failed ones.
     return [replace(f, claim="", verdict="") for f in figures]
 
 
 def _forces(result: xr.Dataset, mission: Mission) -> list[FigureOfMerit]:
-    """Return the robots' peak forces; for Case 1 the source says who carries most."""
+    """Return the robots' peak forces; for Case 1 the paper states their distribution."""
     forces = np.abs(result["base_force"].values).max(axis=(0, 2))
     figures, total = [], forces.sum()
     for i, force in enumerate(forces, 1):
@@ -114,23 +114,23 @@ def _forces(result: xr.Dataset, mission: Mission) -> list[FigureOfMerit]:
 
 
 def _observer(result: xr.Dataset, mission: Mission) -> list[FigureOfMerit]:
-    """Return what Theorem 1 is about, where there is an observer.
+    """Return the estimation error of Theorem 1 if there is an observer.
 
-    As there, the norms are over all channels, in m/s^2 and rad/s^2 alike.
+    As in the theorem, the norms are over all channels, with m/s^2 and rad/s^2 mixed.
     """
     time, d = result["time"].values, result["disturbance"].values
     if not result.attrs.get("observer", 0) or len(time) < 3:
         return []
     xi = np.linalg.norm(np.diff(d, axis=0) / np.diff(time)[:, None], axis=1).max()
     bound = float(xi / mission.observer_bandwidth)
-    # What the observer starts with dies away as exp(-L t); of a very short run the second half counts.
+    # The initial error decays as exp(-L t); of a very short run the second half is evaluated.
     late = time >= min(5 / mission.observer_bandwidth, time[-1] / 2)
     error = largest_norm((result["disturbance_estimate"].values - d)[late])
     claim, verdict = f"at most xi/L = {bound:.1e}", "holds" if error <= bound else "fails"
     return [FigureOfMerit("peak disturbance estimation error (norm)", error, "m/s^2", claim, verdict)]
 
 
-TITLES = ("figure (largest component)", "value", "unit", "the source says", "verdict")
+TITLES = ("figure (largest component)", "value", "unit", "the paper states", "verdict")
 
 
 def cells(figures: list[FigureOfMerit]) -> list[tuple[str, ...]]:
@@ -139,5 +139,5 @@ def cells(figures: list[FigureOfMerit]) -> list[tuple[str, ...]]:
 
 
 def table(figures: list[FigureOfMerit]) -> str:
-    """Return the figures as a table for people."""
+    """Return the figures as a text table."""
     return text_table(TITLES, cells(figures))

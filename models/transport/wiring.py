@@ -1,4 +1,4 @@
-"""The closed loop of a mission, wired from blocks."""
+"""Closed loop of a mission with the control laws of the paper."""
 
 from __future__ import annotations
 
@@ -39,46 +39,45 @@ def transport_diagram(
     seed: int = 0,
     path: Trajectory | None = None,
 ) -> Diagram:
-    """Wire plant, trajectory, controller, observer, nominal model and allocation.
+    """Return the closed loop of plant, trajectory, controller, observer, nominal model and allocation.
 
     Parameters
     ----------
     mission : Mission
-        Where to, and the gains.
+        Displacement, duration and gains.
     truss : SpaceTruss
-        The plant.
+        Plant.
     controller : str
-        ``"ismc"``, the source's; ``"smc"`` and ``"pd"``, its comparisons.
+        ``"ismc"``, the law of the paper; ``"smc"`` and ``"pd"``, its comparisons.
     observer : bool, optional
-        Whether there is a disturbance observer: by default only beside the source's own law,
-        of which it is a part. PD never uses one.
+        Whether to use a disturbance observer; by default with ``"ismc"`` only. PD never uses it.
     allocation : str, optional
-        ``"published"``: all by Eq. 64. ``"mode-neutral"``: feedback so that it does no work on
-        the modes; with the published one the loop is unstable if the actuators work on the
-        modes. By default what suits the plant; PD is always allocated by Eq. 64.
+        ``"published"``: Eq. 64. ``"mode-neutral"``: feedback without work on the modes. With the
+        published one the loop is unstable if the actuators do work on the modes. The default depends
+        on the plant; PD always has Eq. 64.
     believed : TrussDynamics, optional
-        What the controller believes the plant to be: the same robots, and as many or fewer
-        modes. By default the plant's own dynamics.
+        Nominal dynamics of the controller, with the same robots and no more modes. By default the
+        dynamics of the plant.
     hardware : Hardware, optional
-        What lies between controller and truss; by default nothing. The modal coordinates, which no
-        sensor shows, are exact all the same.
+        Hardware between controller and truss, by default none. The controller uses the exact modal
+        coordinates, although no sensor measures them.
     seed : int
-        Which noise the sensors have, at least 0 [1].
+        Seed of the sensor noise, zero or positive [1].
     path : Trajectory, optional
-        Of all rigid coordinates; by default that of the mission.
+        Path of all rigid coordinates; by default that of the mission.
 
     Returns
     -------
     Diagram
-        With blocks named trajectory, controller, model, truss, errors if there is a quaternion, observer if
-        there is one, actuators and sensors if there is hardware, and allocation; or, if mode-neutral,
-        feedforward_allocation and feedback_allocation.
+        Diagram with the blocks trajectory, controller, model and truss. Optional blocks are errors (with a
+        quaternion), observer, actuators and sensors (with hardware). The allocation is the block allocation
+        or, if mode-neutral, feedforward_allocation and feedback_allocation.
 
     Raises
     ------
     ModelError
-        If there is no such controller or allocation, or `believed` has other robots or more
-        modes than the plant.
+        If controller or allocation is unknown, or `believed` has other robots or more modes than the
+        plant.
     """
     if allocation is None:
         allocation = "mode-neutral" if truss.modal_actuation else "published"
@@ -105,7 +104,7 @@ def transport_diagram(
     else:
         diagram.add(truss=truss)
     seen: Block = truss
-    # Modes that the controller believes in come first.
+    # The nominal model has the first modes of the plant.
     acting, known = truss.actuation, {"coordinates": slice(0, model.nq), "speeds": slice(0, model.n)}
     if hardware is not None:
         actuators, seen = with_hardware(diagram, truss, hardware, seed)
@@ -117,7 +116,7 @@ def transport_diagram(
         if part.stop > part.start:
             truss.port(name)[part] >> model.port(name)[part]
     compared: Block = law
-    if truss.dynamics.attitude != EULER:  # the difference of two positions is no position then
+    if truss.dynamics.attitude != EULER:  # differences of quaternions are no errors
         compared = diagram.add(errors=TaskErrors(truss.dynamics))
         compared.error >> law.position
         compared.error_rate >> law.velocity
@@ -151,9 +150,9 @@ def transport_diagram(
         model.actuation_matrix >> sharing.effectiveness
         sharing.command >> acting
         return diagram
-    # There are more actuators than coordinates, modes included, so the feedback can be asked to
-    # produce [u_fb; 0] through the full P_Q: it then does no work on the modes. Asking the same of
-    # the feedforward costs far larger base torques, so that is shared by Eq. 64.
+    # There are more actuators than coordinates and modes, so that the feedback can be allocated as
+    # [u_fb; 0] by the full P_Q, without work on the modes. For the feedforward this would need much
+    # larger base torques, so that it is allocated by Eq. 64.
     ahead, back = diagram.add(
         feedforward_allocation=WeightedAllocation(truss.rigid, weights, command_unit=truss.actuator_units),
         feedback_allocation=WeightedAllocation(model.n, weights, command_unit=truss.actuator_units),
@@ -168,17 +167,17 @@ def transport_diagram(
 
 
 def path_of(mission: Mission, truss: SpaceTruss, sample_time: float | None = None) -> Quintic:
-    """Return the path of a mission, from rest where the truss is.
+    """Return the path of a mission from the initial position of the truss.
 
     Parameters
     ----------
     mission : Mission
-        Where to, and in what time.
+        Displacement and duration.
     truss : SpaceTruss
-        The plant; it is only looked at.
+        Plant with the initial coordinates.
     sample_time : float, optional
-        How often its input `share` is looked at, by which the path is made slower under way [s]; by default
-        it has none.
+        Sample time of the input `share`, which slows down the path under way [s]; by default the path has no
+        such input.
     """
     start = truss.parameters["initial_coordinates"][: truss.rigid_q]
     way, unit = mission.displacement(truss.rigid), truss.task_units
@@ -194,18 +193,18 @@ def path_of(mission: Mission, truss: SpaceTruss, sample_time: float | None = Non
 def with_hardware(
     diagram: Diagram, truss: SpaceTruss, hardware: Hardware, seed: int
 ) -> tuple[Diagram, Diagram]:
-    """Add actuators and sensors to a diagram, wired to its truss, and return them.
+    """Add actuators and sensors to a diagram, connect them to its truss, and return them.
 
     Parameters
     ----------
     diagram : Diagram
-        Where the truss is.
+        Diagram with the truss.
     truss : SpaceTruss
-        The plant.
+        Plant.
     hardware : Hardware
-        What lies between controller and truss.
+        Hardware between controller and truss.
     seed : int
-        Which noise the sensors have, at least 0 [1].
+        Seed of the sensor noise, zero or positive [1].
     """
     actuators, sensors = diagram.add(
         actuators=hardware.actuators(truss), sensors=hardware.sensors(truss, seed=seed)
@@ -228,13 +227,13 @@ def control_law(
     Parameters
     ----------
     mission : Mission
-        The gains.
+        Mission with the gains.
     controller : str
         ``"ismc"``, ``"smc"`` or ``"pd"``.
     unit : str, tuple of str or None
-        Unit of the position, or one per element; None leaves units unchecked.
+        Unit of the position, or one per element; None disables the check.
     shape : int, optional
-        Number of task coordinates [-]; by default from the units or the wires.
+        Number of task coordinates [-]; by default that of units or connections.
     """
     if controller == "pd":
         gains = mission.proportional_gain, mission.derivative_gain

@@ -1,4 +1,4 @@
-"""The paper's truss with the shapes that the robots excite: its lowest modes and attachment shapes."""
+"""Component modes of the paper's truss: its lowest modes and attachment shapes at the grasp points."""
 
 from __future__ import annotations
 
@@ -28,25 +28,25 @@ def component_modes(
     Parameters
     ----------
     frame : TrussFrame
-        The truss.
+        Frame of the truss.
     number_of_modes : int
-        Modes of the clamped frame, h [-].
+        Number of modes of the clamped frame, h [-].
     grasp_points : array, shape (k, 3)
-        Each within 2 mm of a mesh point, whose shapes it gets [m].
+        Grasp points, each within 2 mm of a mesh point, whose shapes it has [m].
     highest_frequency : float
         Attachment shapes of higher frequencies are condensed [Hz].
 
     Returns
     -------
     TrussModes
-        First the h modes, then six attachment shapes per grasp point that is not clamped.
-        Frequencies ascend.
+        The h modes, then six attachment shapes per grasp point that is not clamped, both with
+        ascending frequencies.
 
     Raises
     ------
     ModelError
-        If a grasp point is not at a mesh point, so many shapes cannot be had, or a mode lies
-        above `highest_frequency`.
+        If a grasp point is not at a mesh point, the mesh has too few modes, or a mode is above
+        `highest_frequency`.
     """
     structure, face = frame.structure(), range(1, CLAMPED_NODES + 1)
     return reduced_modes(
@@ -58,27 +58,26 @@ def component_modes(
 def accurate_modes(number_of_modes: int = 20, highest_frequency: float = 100.0) -> TrussModes:
     """Return the paper's truss with attachment shapes at the grasps, undamped.
 
-    The first six frequencies are the paper's, in place of the frame's, which are 0.1 % lower:
-    so the first six modes are those of `TrussModes.reconstructed`, and what is added is
-    orthogonal to them.
+    The paper's six frequencies replace the first six of the frame, which are 0.1 % lower. So the
+    first six modes are those of `TrussModes.reconstructed`, and all others are orthogonal to them.
 
     Parameters
     ----------
     number_of_modes : int
-        Of the clamped truss, besides the attachment shapes; six or more [-].
+        Number of clamped modes, besides the attachment shapes; six or more [-].
     highest_frequency : float
         Attachment shapes of higher frequencies are condensed [Hz].
 
     Raises
     ------
     ModelError
-        If there are fewer modes than printed frequencies, or as `component_modes` raises.
+        If there are fewer modes than printed frequencies, or `component_modes` raises.
     """
     least = len(printed_frequencies())
     if number_of_modes < least:
         raise ModelError(
-            f"cannot keep {number_of_modes} modes: the accurate truss has the {least} whose "
-            f"frequencies the source prints; ask for {least} or more"
+            f"cannot keep {number_of_modes} modes: the accurate truss has at least the {least} modes whose "
+            f"frequencies the paper prints; choose {least} or more"
         )
     frame = TrussFrame.reconstructed()
     modes = component_modes(frame, number_of_modes, printed_grasps(), highest_frequency=highest_frequency)

@@ -1,4 +1,4 @@
-"""A frame of one's own: nodes and members, with sections and materials, as TOML or in a script."""
+"""User-defined frames: nodes, and members with sections and materials, from TOML or in a script."""
 
 from __future__ import annotations
 
@@ -20,23 +20,23 @@ from trussflow.models.truss.stiffness import Rigidity, assembled_stiffness
 from trussflow.models.truss.structure import Structure
 from trussflow.models.validation import check_body, check_choice, check_number, frozen_array
 
-# Nodes nearer than this, relative to the size of the frame, are one node twice.
+# Least distance of two nodes, relative to the size of the frame.
 _SAME_PLACE = 1e-6
 
-_MOST_ELEMENTS = 1000
+_MAX_ELEMENTS = 1000
 
 
 class FrameMember(NamedTuple):
-    """A straight rod between two nodes.
+    """Straight rod between two nodes.
 
     Attributes
     ----------
     start, end : int
-        Numbers of its nodes, from 1 on.
+        Numbers of its nodes, from 1.
     elements : int
-        Beam elements: an even number, for Simpson's rule places the masses; or 1, as rods on hinges have.
+        Number of beam elements: even, since Simpson's rule lumps the mass, or 1. Hinged rods have 1.
     rigidity : Rigidity
-        What it resists with; a rod on hinges neither bends nor twists.
+        Rigidities; a hinged rod has no bending and no torsional rigidity.
     density : float
         Mass per length [kg/m].
     """
@@ -49,18 +49,18 @@ class FrameMember(NamedTuple):
 
 
 class FrameMass(NamedTuple):
-    """A rigid body that a node carries.
+    """Rigid body attached to a node.
 
     Attributes
     ----------
     node : int
-        Number of the node, from 1 on.
+        Number of the node, from 1.
     mass : float
-        [kg].
+        Mass [kg].
     offset : array, shape (3,)
-        Its centre of mass from the node, in the axes of the frame [m].
+        Centre of mass relative to the node, in the axes of the frame [m].
     inertia : array, shape (3, 3)
-        About its centre of mass; zero for a point mass [kg·m²].
+        Inertia about the centre of mass; zero for a point mass [kg·m²].
     """
 
     node: int
@@ -71,27 +71,27 @@ class FrameMass(NamedTuple):
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Frame:
-    """Nodes, members between them, and masses on them.
+    """Frame of nodes, members and attached masses.
 
-    Members are Euler–Bernoulli beams, rigidly joined, or rods on hinges. They have no inertia of
-    their own against twist.
+    Members are rigidly connected Euler–Bernoulli beams, or hinged rods. They have no inertia about their
+    own axis.
 
     Attributes
     ----------
     positions : array, shape (n, 3)
-        Of nodes 1 to n [m].
+        Positions of nodes 1 to n [m].
     members : tuple of FrameMember
-        At least one.
+        Members, at least one.
     masses : tuple of FrameMass
-        What the nodes carry besides.
+        Masses attached to nodes.
     source : str
-        Where the data come from.
+        Origin of the data.
 
     Raises
     ------
     ModelError
-        If two nodes are at one place, a member has no length, no such nodes, an odd number of elements, no
-        stiffness or negative mass, or a mass is no rigid body's.
+        If two nodes coincide; a member has no length, an unknown node, an odd number of elements, no
+        stiffness or negative mass; or a mass is physically impossible.
     """
 
     positions: Vector
@@ -103,7 +103,7 @@ class Frame:
         positions = frozen_array(f"{self.source}: positions", self.positions, (None, 3))
         object.__setattr__(self, "positions", positions)
         if not self.members:
-            raise ModelError(f"{self.source}: there are no members; a frame has at least one")
+            raise ModelError(f"{self.source}: there are no members; a frame needs at least one")
         numbers = range(1, len(positions) + 1)
         size = np.max(np.ptp(positions, axis=0), initial=0.0)
         for i in numbers:
@@ -117,12 +117,12 @@ class Frame:
             for end in member[:2]:
                 check_choice(f"node for {name}:", end, numbers)
             if member.start == member.end:
-                raise ModelError(f"{name} has no length; a member joins two nodes")
+                raise ModelError(f"{name} has no length; it must connect two nodes")
             hinged = not np.any(member.rigidity.bending)
-            if member.elements != 1 and (hinged or member.elements not in range(2, _MOST_ELEMENTS + 1, 2)):
+            if member.elements != 1 and (hinged or member.elements not in range(2, _MAX_ELEMENTS + 1, 2)):
                 raise ModelError(
                     f"{name} has {member.elements} elements; it must be 1 or an even number up to "
-                    f"{_MOST_ELEMENTS}, for Simpson's rule places the masses, and 1 on hinges"
+                    f"{_MAX_ELEMENTS}, since Simpson's rule lumps the mass, and 1 for a hinged rod"
                 )
             check_number(name, stretching=member.rigidity.stretching)
             check_number(name, zero=True, density=member.density)
@@ -134,17 +134,18 @@ class Frame:
 
     @classmethod
     def from_file(cls, path: str | Path) -> Frame:
-        """Read a frame from a TOML file; examples/missions/boom.toml shows all that it may say.
+        """Read a frame from a TOML file; examples/missions/boom.toml has all keys.
 
         Parameters
         ----------
         path : str or pathlib.Path
-            Tables ``nodes``, ``materials``, ``sections``, ``[[members]]`` and, if any, ``[[masses]]``.
+            File with the tables ``nodes``, ``materials``, ``sections``, ``[[members]]`` and, optionally,
+            ``[[masses]]``.
 
         Raises
         ------
         ModelError
-            If it cannot be read, a key is unknown or missing, a unit is wrong, or as the class raises.
+            If the file cannot be read, a key is unknown or missing, a unit is wrong, or the frame is invalid.
         """
         table = ParameterTable.read(path)
         table.only("source", "nodes", "materials", "sections", "members", "masses")
@@ -159,7 +160,7 @@ class Frame:
         return cls(positions=positions, members=tuple(members), masses=tuple(masses), source=table.place)
 
     def structure(self) -> Structure:
-        """Return the finite elements: the nodes first, then the points inside the members."""
+        """Return the finite-element model: first the nodes, then the points inside members."""
         ends = [(m.start - 1, m.end - 1, m.elements) for m in self.members]
         positions, chains, lengths = meshed(self.positions, ends)
         masses = np.zeros(len(positions))
@@ -178,32 +179,32 @@ class Frame:
             stiffness=assembled_stiffness(positions, elements, rods),
             source=self.source,
             inner=len(positions) - len(self.positions),
-            assumptions=("beams are thin (no shear) and rods turn about themselves without inertia",),
+            assumptions=("beams have no shear deformation and no inertia about their own axis",),
         )
 
 
 def meshed(
     nodes: Vector, members: Sequence[tuple[int, int, int]]
 ) -> tuple[Vector, list[list[int]], list[Vector]]:
-    """Return points of a frame whose members are divided, and the length of rod at each.
+    """Return the mesh points of a frame, and the length of rod lumped to each.
 
     Simpson's rule along each member makes mass, static moment and inertia of rods exact.
 
     Parameters
     ----------
     nodes : array, shape (k, 3)
-        [m].
+        Positions of the nodes [m].
     members : sequence of (int, int, int)
         First node, second node, number of elements: an even number, or 1.
 
     Returns
     -------
     positions : array, shape (n, 3)
-        The nodes first, then the points inside the members [m].
+        First the nodes, then the points inside members [m].
     chains : list of list of int
-        The points along each member.
+        Indices of the points along each member.
     lengths : list of array
-        What length of each member is at each of its points [m].
+        Length lumped to each point of each member [m].
     """
     positions, chains, lengths = list(nodes), [], []
     for start, end, elements in members:
@@ -221,7 +222,7 @@ def _members(
     materials: dict[str, ParameterTable],
     sections: dict[str, ParameterTable],
 ) -> list[FrameMember]:
-    """Return the members of one table: all of one material and section."""
+    """Return the members of one table, with one material and section."""
     table.only("ends", "material", "section", "elements", "hinged", "across")
     for key, known in (("material", materials), ("section", sections)):
         check_choice(f"{key} for {table.place}:", table.text(key), known)
@@ -238,8 +239,8 @@ def _members(
     hinged, elements = table.content.get("hinged", False), table.content.get("elements", 2)
     if not isinstance(hinged, bool) or type(elements) is not int or (hinged and "elements" in table):
         raise ModelError(
-            f"{table.place}: hinged is {hinged!r} and elements is {elements!r}; hinged is true or false, "
-            "elements a whole number that rods on hinges do without"
+            f"{table.place}: hinged is {hinged!r} and elements is {elements!r}; hinged must be true or "
+            "false, elements a whole number that a hinged rod must not have"
         )
     twisting = 0.0 if hinged else modulus / (2.0 * (1.0 + stuff["poissons_ratio"])) * torsion
     found = []
@@ -270,27 +271,27 @@ def _section(table: ParameterTable) -> tuple[float, Vector, float]:
 
 
 def _bending(table: ParameterTable, positions: Vector, ends: tuple[int, int], moments: Vector) -> Vector:
-    """Return the second moments as a tensor of the rotation: the first in the plane of `across`."""
+    """Return the second moments of area as a tensor: the first for bending in the plane of `across`."""
     if moments[0] == moments[1]:
         return np.asarray(moments[0] * np.eye(3))
     if "across" not in table or not all(1 <= n <= len(positions) for n in ends):
         raise ModelError(
-            f"{table.place}: 'across' is missing; a section that does not bend alike in all planes needs the "
-            "vector that spans with the rod the plane of its first second moment"
+            f"{table.place}: 'across' is missing; a section with two different second moments needs a vector "
+            "that defines, with the rod, the bending plane of the first"
         )
     across = frozen_array(f"{table.place}: 'across'", table.content["across"], (3,))
     along = positions[ends[1] - 1] - positions[ends[0] - 1]
     normal = np.cross(along, across)
     if np.linalg.norm(normal) <= _SAME_PLACE * np.linalg.norm(along) * np.linalg.norm(across):
         raise ModelError(
-            f"{table.place}: 'across' points along member {ends[0]}-{ends[1]}; it must span a plane with it"
+            f"{table.place}: 'across' is parallel to member {ends[0]}-{ends[1]}; the two must span a plane"
         )
     axes = [v / np.linalg.norm(v) for v in (normal, np.cross(normal, along))]
     return np.asarray(sum(moment * np.outer(v, v) for moment, v in zip(moments, axes, strict=True)))
 
 
 def _masses(table: ParameterTable) -> list[FrameMass]:
-    """Return the masses of one table: all alike."""
+    """Return the equal masses of one table."""
     table.only("nodes", "mass", "offset", "inertia")
     mass = table.scalar("mass", "kg")
     offset = table.array("offset", "m", (3,)) if "offset" in table else np.zeros(3)
@@ -299,7 +300,7 @@ def _masses(table: ParameterTable) -> list[FrameMass]:
 
 
 def _numbers(table: ParameterTable, key: str, count: int) -> list[tuple[int, ...]]:
-    """Return numbers of nodes, `count` by `count`; plain whole numbers, which have no unit."""
+    """Return tuples of `count` node numbers, which are integers without a unit."""
     given = table.content.get(key)
     rows = [row if isinstance(row, list) else [row] for row in given] if isinstance(given, list) else []
     if not rows or any(len(row) != count or any(type(n) is not int for n in row) for row in rows):

@@ -1,7 +1,7 @@
-"""The clamped modes of the truss frame, by Pynite (PyNiteFEA).
+"""Clamped modes of the truss frame, by Pynite (PyNiteFEA).
 
-The freedoms of a node are its displacement [m] and its rotation [rad], in truss axes. Only
-displacements carry mass.
+The freedoms of a node are its displacement [m] and its rotation [rad], in truss axes. Rotations
+have no inertia.
 """
 
 from __future__ import annotations
@@ -17,29 +17,29 @@ if TYPE_CHECKING:
     from trussflow.models.truss.truss_fe import TrussFrame
 
 CLAMPED_NODES = 4
-"""The first mesh points, the corners of the face x = 0, are clamped."""
+"""Number of clamped nodes: the first mesh points, which are the corners of the face x = 0."""
 
 _MASS_CASE, _MASS_COMBINATION = "mass", "mass"
 
 
 def eigenmodes(frame: TrussFrame, count: int) -> tuple[Vector, Vector, Vector]:
-    """Return the lowest modes of the clamped frame, as Pynite orders and scales them.
+    """Return the lowest modes of the clamped frame, with order and scale of Pynite.
 
     Parameters
     ----------
     frame : TrussFrame
-        n mesh points.
+        Frame with n mesh points.
     count : int
         Number of modes, h [-].
 
     Returns
     -------
     frequencies : array, shape (h,)
-        [Hz].
+        Natural frequencies [Hz].
     translations : array, shape (n, 3, h)
-        At the mesh points [kg^-½].
+        Mode shapes at the mesh points [kg^-½].
     rotations : array, shape (n, 3, h)
-        [rad/(kg^½·m)].
+        Rotations of the modes at the mesh points [rad/(kg^½·m)].
     """
     model, names = _analysed(frame, count)
     combinations = [f"Mode {k + 1}" for k in range(count)]
@@ -52,7 +52,7 @@ def eigenmodes(frame: TrussFrame, count: int) -> tuple[Vector, Vector, Vector]:
 
 
 def _analysed(frame: TrussFrame, count: int) -> tuple[Any, list[str]]:
-    """Return Pynite's model after a modal analysis, and the names of the mesh points in it."""
+    """Return the Pynite model after a modal analysis, and its names of the mesh points."""
     from Pynite import FEModel3D  # slow to import, and needed only here
 
     positions, masses = frame.point_masses()
@@ -65,7 +65,7 @@ def _analysed(frame: TrussFrame, count: int) -> tuple[Any, list[str]]:
     names = [f"N{i}" for i in range(len(positions))]
     for name, position, mass in zip(names, positions, masses, strict=True):
         model.add_node(name, *position)
-        # Pynite takes point masses as forces on nodes, with a "gravity" of one.
+        # Pynite converts nodal forces to point masses, here with a "gravity" of one.
         model.add_node_load(name, "FY", -mass, case=_MASS_CASE)
     for i, (start, end, _) in enumerate(frame.members()):
         model.add_member(f"M{i}", names[start], names[end], "rod", "rod")

@@ -1,7 +1,7 @@
-"""Structures from Nastran: the deck has the nodes, OUTPUT4 the matrices that Nastran made of it.
+"""Structures from Nastran: nodes from a deck, mass and stiffness matrices from an OUTPUT4 file.
 
-Nastran writes them by DMAP (``OUTPUT4 KGG,MGG//-1/21 $``), for all freedoms of all nodes. The package pyyeti
-reads the files; it is an extra, ``pip install trussflow[nastran]``.
+Nastran writes the matrices for all freedoms of all nodes by DMAP (``OUTPUT4 KGG,MGG//-1/21 $``). The optional
+dependency pyyeti reads the files: ``pip install trussflow[nastran]``.
 """
 
 from __future__ import annotations
@@ -27,16 +27,16 @@ def structure_from_nastran(
     mass: str = "MGG",
     stiffness: str = "KGG",
 ) -> Structure:
-    """Return a structure from the nodes of a deck and the matrices that Nastran made of it.
+    """Return a structure from a Nastran deck and the OUTPUT4 matrices of that deck.
 
     Parameters
     ----------
     deck : str or pathlib.Path
-        Bulk data with GRID and CORD2* cards, and what they include.
+        Bulk data with GRID and CORD2* cards, and its INCLUDE files.
     matrices : str or pathlib.Path
-        OUTPUT4, binary or as text.
+        OUTPUT4 file, binary or text.
     units : tuple of str
-        Of length, mass and time [-], for example ``("mm", "t", "s")``: Nastran has none.
+        Units of length, mass and time, for example ``("mm", "t", "s")``; Nastran files state none [-].
     mass, stiffness : str
         Names of the matrices in the file, of six freedoms per node in the order of the nodes' numbers and
         in their own output coordinate systems.
@@ -44,10 +44,10 @@ def structure_from_nastran(
     Raises
     ------
     ModelError
-        If pyyeti is not installed, a file or a matrix cannot be read, or as `Structure.from_matrices`.
+        If pyyeti is not installed, a file or a matrix cannot be read, or `Structure.from_matrices` raises.
     """
     try:
-        with np.printoptions():  # pyyeti changes how all arrays of the process are printed
+        with np.printoptions():  # pyyeti changes the print options of numpy
             from pyyeti.nastran import bulk, n2p, op4
     except ImportError as error:
         raise ModelError("Nastran's files are read by pyyeti; pip install 'trussflow[nastran]'") from error
@@ -56,7 +56,7 @@ def structure_from_nastran(
     with Explained(lambda error: ModelError(f"{cannot}: {error}")):
         _refuse_devices(Path(deck))
         nodes, _ = bulk.bulk2uset(str(deck))
-        # What pyyeti calls rigid-body modes of a node begins with its own axes.
+        # The rigid-body modes of a node by pyyeti begin with the axes of the node.
         moved = n2p.rbgeom_uset(nodes).reshape(-1, 6, 6)
         found = op4.load(str(destination(matrices)), justmatrix=True)
     if not len(nodes):
@@ -75,13 +75,13 @@ def structure_from_nastran(
 
 
 def _refuse_devices(deck: Path) -> None:
-    """Raise OSError if the deck or a file that it includes is no regular file: a device may never end."""
+    """Raise OSError if the deck or an included file is not a regular file, since a device may never end."""
     files = [deck.absolute()]
-    for file in files:  # grows
+    for file in files:  # the loop appends to the list
         text = destination(file).read_text(encoding="utf-8", errors="replace")
         for parts in re.findall(r"^include[^'\n]*'([^']*)'", text, re.IGNORECASE | re.MULTILINE):
             name = "".join(map(str.strip, parts.splitlines()))
-            # As in pyyeti: a bare name is beside the file that includes it, a path begins beside the deck.
+            # As in pyyeti: a bare name is relative to the including file, a path relative to the deck.
             included = (files[0] if os.path.dirname(name) else file).parent / name
             if included not in files:
                 files.append(included)

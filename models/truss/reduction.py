@@ -1,18 +1,16 @@
-r"""Component modes of any structure: its lowest modes, and what they leave out at the grasps.
+r"""Component modes of any structure: its lowest modes, and residual attachment shapes at the grasps.
 
-No mode of the structure alone bends it at a grasp point as the force or the torque of a robot
-does, however many are taken. So each unit force and moment on a grasp point adds the static
-deflection that is missing, :math:`G f - \sum_k \phi_k \phi_k^T f / \omega_k^2`, the residual
-attachment shape of MacNeal, with the flexibility G of the structure clamped at some nodes, or
-floating freely (inertia relief). Attachment shapes are orthogonal to the modes; among each other they
-are made so (Rayleigh–Ritz), and come out as shapes with frequencies of their own.
+The modes of a structure converge slowly to its local deformation under a force or torque on a grasp
+point. So each unit force and moment on a grasp point adds the missing static deflection,
+:math:`G f - \sum_k \phi_k \phi_k^T f / \omega_k^2`, the residual attachment shape of MacNeal. G is the
+flexibility of the structure clamped at some nodes, or free-floating (inertia relief). Attachment shapes
+are orthogonal to the modes. Rayleigh–Ritz makes them orthogonal to each other, with a frequency each.
 
-Some of those frequencies are far above all that matters, and nothing but a burden to the solver:
-hardly any mass moves when a rod twists. A shape of frequency f above the highest wanted, F, is
-**condensed**: its frequency becomes F, and its displacements and rotations at the grasps become
-F / f of what they were. What it gives way under a static load on the grasps, the square of the
-quotient, stays exactly the same; that it does so within a vibration of F rather than f is what is
-given up. Energy and momentum are conserved as before, since the equations hold for any shapes.
+Some of these frequencies are very high, because little mass moves when a rod twists, and limit the step
+of the solver. A shape of frequency f above the highest wanted frequency F is **condensed**: its frequency
+becomes F, and its displacements and rotations at the grasps are multiplied by F / f. So its static
+compliance at the grasps is unchanged, but its vibration has the frequency F instead of f. Energy and
+momentum are conserved, since the equations hold for any shapes.
 """
 
 from __future__ import annotations
@@ -31,36 +29,36 @@ from trussflow.models.truss.truss_modes import TrussModes
 from trussflow.models.validation import frozen_array
 
 Grasp = int | Collection[int] | npt.ArrayLike
-"""A node's number; a set of three or more, which move it on average; or a position [m] where a node is."""
+"""Number of a node; a set of three or more nodes, for their mean motion; or the position of a node [m]."""
 
-# Kinetic energies of shapes of equal strain energy, the least to the greatest; below this they
-# are round-off.
-_LEAST_KINETIC = 1e-8
+# Least ratio of kinetic energies of shapes of equal strain energy; smaller ones are round-off.
+_MIN_KINETIC_RATIO = 1e-8
 
 _TOO_MANY = (
-    "cannot add attachment shapes to {} modes: these move all the mass there is near the grasp points, or "
-    "it is hardly any mass; ask for fewer modes, or give an inertia to a node that only twists"
+    "cannot add attachment shapes to {} modes: the modes already span the motion of all mass near the grasp "
+    "points, or there is too little mass; choose fewer modes, or give rotational inertia to a node that only "
+    "twists"
 )
 
-# More point masses than this: the lowest modes by iteration, not all by a dense solution.
-_DENSE = 500
+# With more point masses the lowest modes are computed by iteration, not by a dense solution.
+_MAX_DENSE_POINTS = 500
 
-# A deflection that its own forces do not bring back within this share belongs to a mechanism.
-_STRANGE = 1e-3
+# Relative error of the static solution, above which the structure is a mechanism.
+_STATIC_TOLERANCE = 1e-3
 _MECHANISM = (
-    "{} is a mechanism, has parts that nothing connects, or no inertia about some axis: {}; its only motions "
-    "without forces must be the six of a rigid body"
+    "{} is a mechanism, has unconnected parts, or no inertia about some axis: {}; its only motions "
+    "without elastic forces must be the six rigid ones"
 )
 
-# Relative to the largest strength of loads on the grasps, of one each.
+# Relative to the largest eigenvalue of the strain energies of unit loads on the grasps.
 _ROUND_OFF = 1e-9
 
-# A grasp point is at a node that is this close [m].
+# Largest distance of a grasp point from its node [m].
 _GRASP_DISTANCE = 2e-3
 
 
 class _Interface(NamedTuple):
-    """How a grasp point follows the freedoms: its position, and six rows."""
+    """Grasp point as a function of the freedoms: position, nodes, and six rows of a matrix."""
 
     position: Vector
     nodes: tuple[int, ...]
@@ -81,33 +79,32 @@ def reduced_modes(
     Parameters
     ----------
     structure : Structure
-        The body.
+        Finite-element model of the body.
     number_of_modes : int
-        Modes, h, from 0 on [-].
+        Number of modes, h, zero or more [-].
     grasps : sequence of int, set of int, or array_like of shape (3,)
-        A node's number; a set of nodes, whose mean motion by least squares it has; or the position
+        Number of a node; a set of nodes, for their mean motion by least squares; or the position
         of a node within 2 mm [m].
     clamped : sequence of int
-        Nodes that stay where they are in the body's own frame; by default that frame floats with
-        the body, so that its shapes carry no momentum.
+        Nodes that are fixed in the frame of the body. By default the frame floats with the body, so that
+        the shapes have no momentum.
     highest_frequency : float
         Attachment shapes of higher frequencies are condensed [Hz].
     attachments : bool
-        Whether there are such shapes; without them the model is small, and the grasps do not give way as
-        the missing modes would.
+        Whether to add attachment shapes. Without them the model is smaller, but lacks the compliance of
+        the omitted modes at the grasps.
 
     Returns
     -------
     TrussModes
-        First the h modes, then six attachment shapes per grasp that is not clamped, fewer if grasps
-        share nodes. Each shape's sign
-        makes its largest translation at the last grasp positive.
+        The h modes, then six attachment shapes per grasp that is not clamped, fewer if grasps share
+        nodes. The sign of each shape makes its largest translation at the last grasp positive.
 
     Raises
     ------
     ModelError
-        If there is no such node, the structure is a mechanism, so many shapes cannot be had, or a mode
-        lies above `highest_frequency`.
+        If a node does not exist, the structure is a mechanism, it has too few modes, or a mode is above
+        `highest_frequency`.
 
     References
     ----------
@@ -132,12 +129,12 @@ def reduced_modes(
     stiffness = structure.stiffness[free][:, free]
     squares, modes = _lowest_modes(deflection, weighted, stiffness, number_of_modes)
 
-    # What the modes leave out: all deflections without theirs.
+    # Residual attachment shapes: static deflections without the part of the modes.
     loads = np.hstack([np.zeros((len(free), 0)), *(p.motion[:, free].T for p in pulled.values())])
     residual = deflection(loads) - modes / squares @ (modes.T @ loads)
-    residual -= modes @ ((weighted @ modes).T @ (weighted @ residual))  # what round-off left of them
-    # In shapes of unit strain energy; their kinetic energies are then 1 / omega^2. Grasps that share nodes
-    # may have loads in common, which count once.
+    residual -= modes @ ((weighted @ modes).T @ (weighted @ residual))  # removes round-off
+    # Shapes of unit strain energy have the kinetic energies 1 / omega^2. Grasps that share nodes may have
+    # linearly dependent loads, which are dropped.
     energy = residual.T @ (stiffness @ residual)
     scale = 1.0 / np.sqrt(np.diag(energy))
     strengths, mix = np.linalg.eigh(energy * np.outer(scale, scale))
@@ -145,7 +142,7 @@ def reduced_modes(
     shapes = residual * scale @ mix[:, own] / np.sqrt(strengths[own])
     moving = weighted @ shapes
     kinetic, vectors = np.linalg.eigh(moving.T @ moving)
-    if np.any(kinetic < _LEAST_KINETIC * np.max(kinetic, initial=0.0)):
+    if np.any(kinetic < _MIN_KINETIC_RATIO * np.max(kinetic, initial=0.0)):
         raise ModelError(_TOO_MANY.format(number_of_modes))
     attachments = (shapes @ vectors / np.sqrt(kinetic))[:, ::-1]
 
@@ -154,7 +151,7 @@ def reduced_modes(
         raise ModelError(
             f"highest_frequency is {highest_frequency} Hz, but mode {number_of_modes} has "
             f"{frequencies[number_of_modes - 1]:.4g} Hz; only attachment shapes can be condensed: "
-            "ask for fewer modes or a higher frequency"
+            "choose fewer modes or a higher frequency"
         )
     found = np.zeros((len(structure.elastic), len(frequencies)))
     found[free] = np.hstack([modes, attachments])
@@ -175,17 +172,17 @@ def reduced_modes(
 
 
 def upward_signs(translations: Vector) -> Vector:
-    """Return the signs that make shapes the same whatever eigensolver they come from.
+    """Return the signs that make shapes independent of the eigensolver.
 
     Parameters
     ----------
     translations : array, shape (3, h)
-        Of one point in h shapes [kg^-½].
+        Translations of one point in h shapes [kg^-½].
 
     Returns
     -------
     array, shape (h,)
-        ±1 per shape, with which its largest component is positive [1].
+        Sign ±1 per shape that makes its largest component positive [1].
     """
     largest = np.argmax(np.abs(translations), axis=0)
     return np.where(translations[largest, np.arange(translations.shape[1])] < 0.0, -1.0, 1.0)
@@ -194,9 +191,9 @@ def upward_signs(translations: Vector) -> Vector:
 def _flexibility(
     structure: Structure, free: npt.NDArray[np.intp], weighted: scipy.sparse.csr_array, rigid: Vector
 ) -> Callable[[Vector], Vector]:
-    """Return what gives the deflections under loads; of a floating body, less its rigid motion."""
+    """Return a function of loads for the deflections, without rigid motion if the body floats."""
     stiffness = structure.stiffness[free][:, free]
-    # The body accelerates under loads that are not balanced, and its own inertia balances them.
+    # Inertia relief: the inertial forces of the rigid acceleration balance the loads.
     momentum = weighted.T @ (weighted @ rigid)
     whole = stiffness
     if rigid.size:
@@ -208,7 +205,7 @@ def _flexibility(
     try:
         factors = scipy.sparse.linalg.splu(scipy.sparse.csc_array(whole))
     except RuntimeError as error:
-        raise ModelError(_MECHANISM.format(structure.source, "it has freedoms that nothing holds")) from error
+        raise ModelError(_MECHANISM.format(structure.source, "it has freedoms without stiffness")) from error
 
     def deflection(loads: Vector) -> Vector:
         ending = np.zeros((rigid.shape[1], *loads.shape[1:]))
@@ -217,9 +214,9 @@ def _flexibility(
     shaken = np.random.default_rng(0).standard_normal(len(free))
     shaken -= rigid @ np.linalg.solve(rigid.T @ momentum, momentum.T @ shaken)
     strange = np.abs(deflection(stiffness @ shaken) - shaken)
-    if not np.max(strange) < _STRANGE * np.max(np.abs(shaken)):
+    if not np.max(strange) < _STATIC_TOLERANCE * np.max(np.abs(shaken)):
         worst = structure.name_of(int(free[np.argmax(strange)]))
-        raise ModelError(_MECHANISM.format(structure.source, f"look at {worst}"))
+        raise ModelError(_MECHANISM.format(structure.source, f"check {worst}"))
     return deflection
 
 
@@ -229,19 +226,19 @@ def _lowest_modes(
     stiffness: scipy.sparse.csr_array,
     number: int,
 ) -> tuple[Vector, Vector]:
-    """Return squares of frequencies [rad²/s²], ascending, and mass-normalized modes of the free freedoms."""
+    """Return ascending squared frequencies [rad²/s²], and mass-normalized modes of the free freedoms."""
     size = weighted.shape[0]
-    if size <= 3 * _DENSE:
+    if size <= 3 * _MAX_DENSE_POINTS:
         values, vectors = scipy.linalg.eigh(weighted @ deflection(weighted.T.toarray()))
     else:
         operator = scipy.sparse.linalg.LinearOperator(
             (size, size), matvec=lambda y: weighted @ deflection(weighted.T @ y), dtype=float
         )
-        # A fixed start: the iteration then gives the same numbers every time.
+        # A fixed start vector makes the iteration reproducible.
         start = np.random.default_rng(0).standard_normal(size)
         values, vectors = scipy.sparse.linalg.eigsh(operator, number + 1, v0=start)
     shapes = deflection(weighted.T @ vectors[:, np.argsort(-values)[:number]])
-    # Round-off left them orthonormal to nine digits only.
+    # Round-off leaves the shapes orthonormal to nine digits only, hence a second Rayleigh-Ritz step.
     moving = weighted @ shapes
     if not number:
         return values[:0], shapes
@@ -267,26 +264,26 @@ def node_index(structure: Structure, number: int) -> int:
     nodes = structure.nodes[: len(structure.nodes) - structure.inner]
     if number not in nodes:
         raise ModelError(
-            f"there is no node {number} in {structure.source}; its {len(nodes)} nodes have the "
+            f"node {number} does not exist in {structure.source}; its {len(nodes)} nodes have the "
             f"numbers {min(nodes)} to {max(nodes)}"
         )
     return nodes.index(number)
 
 
 def nearest(positions: Vector, point: Vector) -> int:
-    """Return which node is at a grasp point, within 2 mm.
+    """Return the index of the node at a grasp point, within 2 mm.
 
     Parameters
     ----------
     positions : array, shape (n, 3)
-        Of the nodes [m].
+        Positions of the nodes [m].
     point : array, shape (3,)
-        [m].
+        Grasp point [m].
 
     Raises
     ------
     ModelError
-        If none is.
+        If no node is within 2 mm.
     """
     distances = np.linalg.norm(positions - point, axis=1)
     node = int(np.argmin(distances))
@@ -300,7 +297,7 @@ def nearest(positions: Vector, point: Vector) -> int:
 
 
 def _interface(structure: Structure, grasp: Grasp) -> _Interface:
-    """Return the motion of a grasp: that of its node, or the mean one of several by least squares."""
+    """Return the motion of a grasp: that of its node, or the mean motion of several by least squares."""
     if isinstance(grasp, int | np.integer | set | frozenset):
         numbers = grasp if isinstance(grasp, set | frozenset) else {int(grasp)}
         nodes = sorted(node_index(structure, n) for n in numbers)
@@ -311,13 +308,13 @@ def _interface(structure: Structure, grasp: Grasp) -> _Interface:
     rows = np.ravel([6 * n + np.arange(6) for n in nodes])
     rigid = structure.rigid_motions(structure.positions[nodes].mean(axis=0))[rows]
     if len(nodes) > 1:
-        # Displacements alone say how a face turns: the mean that a force on it is shared by.
+        # The mean rotation of several nodes follows from their displacements alone, as in RBE3 elements.
         rigid[np.arange(len(rigid)) % 6 > 2] = 0.0
     size = np.linalg.norm(rigid, axis=0)
     if np.linalg.matrix_rank((rigid / np.where(size, size, 1.0))[structure.elastic[rows]], 1e-6) < 6:
         raise ModelError(
-            f"grasp at nodes {[structure.nodes[n] for n in nodes]}: they do not say how it turns; a grasp is "
-            "one node with rotations, or a set of three or more nodes that are not in line"
+            f"grasp at nodes {[structure.nodes[n] for n in nodes]}: they do not define its rotation; a grasp "
+            "must be one node with rotations, or a set of three or more nodes that are not in line"
         )
     motion = np.zeros((6, len(structure.elastic)))
     motion[:, rows] = np.linalg.pinv(rigid)

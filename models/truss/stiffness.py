@@ -1,4 +1,4 @@
-"""The stiffness of frames: Euler–Bernoulli beams that stretch, twist and bend."""
+"""Stiffness matrices of frames of Euler–Bernoulli beams, with tension, torsion and bending."""
 
 from __future__ import annotations
 
@@ -18,16 +18,16 @@ if TYPE_CHECKING:
 
 
 class Rigidity(NamedTuple):
-    """What a rod resists with.
+    """Rigidities of a rod.
 
     Attributes
     ----------
     stretching : float
-        E A [N].
+        Axial rigidity, E A [N].
     bending : array, shape (3, 3)
-        E I of the rotation about each axis of the frame; what lies along the rod does not count [N·m²].
+        Bending rigidity, E I, as a tensor in the axes of the frame; its part along the rod is ignored [N·m²].
     twisting : float
-        G J [N·m²].
+        Torsional rigidity, G J [N·m²].
     """
 
     stretching: float
@@ -36,12 +36,12 @@ class Rigidity(NamedTuple):
 
 
 def stiffness_matrix(frame: TrussFrame) -> csr_array:
-    """Return the stiffness of the whole frame, nothing clamped.
+    """Return the stiffness matrix of the free frame.
 
     Parameters
     ----------
     frame : TrussFrame
-        n mesh points.
+        Frame with n mesh points.
 
     Returns
     -------
@@ -51,7 +51,7 @@ def stiffness_matrix(frame: TrussFrame) -> csr_array:
     positions, _ = frame.point_masses()
     modulus, bending = frame.youngs_modulus, pi * frame.rod_radius**4 / 4.0
     shear = modulus / (2.0 * (1.0 + frame.poissons_ratio))
-    # Round rods bend alike in every plane.
+    # Round rods have the same bending rigidity in every plane.
     rod = Rigidity(modulus * pi * frame.rod_radius**2, modulus * bending * np.eye(3), 2.0 * shear * bending)
     ends = frame.elements()
     return assembled_stiffness(positions, ends, [rod] * len(ends))
@@ -60,23 +60,23 @@ def stiffness_matrix(frame: TrussFrame) -> csr_array:
 def assembled_stiffness(
     positions: Vector, ends: Sequence[tuple[int, int]], rods: Sequence[Rigidity]
 ) -> csr_array:
-    """Return the stiffness of beams between points.
+    """Return the stiffness matrix of beams between points.
 
     Parameters
     ----------
     positions : array, shape (n, 3)
-        [m].
+        Positions of the points [m].
     ends : sequence of (int, int)
         First and second point of each beam.
     rods : sequence of Rigidity
-        One per beam.
+        Rigidities of each beam.
 
     Returns
     -------
     scipy.sparse.csr_array, shape (6 n, 6 n)
         Six freedoms per point: displacement, rotation [N/m, N, N·m].
     """
-    from scipy.sparse import coo_array  # no part of what flies
+    from scipy.sparse import coo_array  # slow to import, not needed in simulations
 
     freedoms = (6 * np.array(ends)[:, :, None] + np.arange(6)).reshape(-1, 12)
     values = [_element(rod, positions[b] - positions[a]) for (a, b), rod in zip(ends, rods, strict=True)]
@@ -86,14 +86,14 @@ def assembled_stiffness(
 
 
 def _element(rod: Rigidity, span: Vector) -> Vector:
-    r"""Return the stiffness of one element from its first point to its second, (12, 12).
+    r"""Return the stiffness matrix of one element, (12, 12).
 
-    With the rotations :math:`\alpha, \beta` of its ends against its chord the element stores
-    :math:`\frac{2}{l} (\alpha \cdot B\alpha + \alpha \cdot B\beta + \beta \cdot B\beta)` in bending.
+    With the rotations :math:`\alpha, \beta` of its ends relative to its chord the bending energy is
+    :math:`\frac{2}{l} (\alpha \cdot B\alpha + \alpha \cdot B\beta + \beta \cdot B\beta)`.
     """
     length = float(np.linalg.norm(span))
     along = span / length
-    # Rows of the identity: what each quantity takes of (u_a, theta_a, u_b, theta_b).
+    # Selection matrices of the freedoms (u_a, theta_a, u_b, theta_b).
     u_a, theta_a, u_b, theta_b = np.split(np.eye(12), 4)
     stretch, twist = along @ (u_b - u_a), along @ (theta_b - theta_a)
     across = np.eye(3) - np.outer(along, along)

@@ -1,9 +1,9 @@
-r"""Any free flexible body as finite elements: nodes, mass, stiffness, from whatever program.
+r"""Finite-element model of a free flexible body: nodes, mass matrix, stiffness matrix, from any program.
 
-All mass is told as masses in points, as the equations of motion take it. A node that carries mass
-and inertia is the rigid body of up to six such points, exactly. Mass that couples nodes, as
-"consistent" elements have it, is given to the nodes so that mass, centre and inertia of the whole
-stay exactly the same; what that does to the frequencies is among the `Structure.assumptions`.
+All mass is represented by point masses, as the equations of motion require. A node with mass and inertia
+becomes a rigid body of up to six point masses, without error. Mass terms that couple nodes ("consistent" mass
+matrices) are lumped to the nodes, which preserves total mass, centre and inertia; `Structure.assumptions`
+states it.
 """
 
 from __future__ import annotations
@@ -28,46 +28,47 @@ from trussflow.models.errors import ModelError
 from trussflow.models.geometry.rotation import cross_matrix
 from trussflow.models.validation import check_choice, check_rotation, frozen_array
 
-# Relative to the largest element; to what holds each freedom; to the mass of the whole; to the diagonal.
-_SYMMETRY, _GROUNDED, _POINTS = 1e-9, 1e-6, 1e-6
-_SOFTEST = 1e-8
+_SYMMETRY_TOLERANCE = 1e-9  # relative to the largest element
+_RIGID_FORCE_TOLERANCE = 1e-6  # relative to the forces of the single elements of the matrix
+_MASS_TOLERANCE = 1e-6  # of the point masses, relative to the total mass
+_DIAGONAL_SHIFT = 1e-8  # of the stiffness matrix for its Cholesky-like factors, relative to the diagonal
 
-# Inertia below this, relative to mass times squared distance from the node's own points, is round-off.
-_NO_EXTENT = 1e-9
+# Squared extents below this, relative to the largest of the node, are round-off.
+_EXTENT_TOLERANCE = 1e-9
 
 _FREEDOMS = ("x", "y", "z", "rotation about x", "rotation about y", "rotation about z")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Structure:
-    """A free elastic body of n nodes with six freedoms each, in SI units and one system of axes.
+    """Free elastic body of n nodes with six freedoms each, in SI units and one system of axes.
 
     Attributes
     ----------
     nodes : tuple of int
-        The numbers of the nodes, for grasps and messages.
+        Numbers of the nodes, for grasps and messages.
     positions : array, shape (n, 3)
-        [m].
+        Positions of the nodes [m].
     mass, stiffness : sparse array, shape (6 n, 6 n)
-        Displacements [m] and rotations [rad], node by node [kg, kg·m, kg·m²; N/m, N, N·m].
+        Matrices for displacements [m] and rotations [rad], node by node [kg, kg·m, kg·m²; N/m, N, N·m].
     source : str
-        Where the data come from.
+        Origin of the data.
     assumptions : tuple of str
-        What was taken for granted when they were read.
+        Assumptions made when the data were read.
     inner : int
-        Number of the last nodes that are inside members, where nothing can grasp [-].
+        Number of the last nodes, which are inside members and cannot be grasped [-].
     points, point_masses : array, shapes (p, 3) and (p,)
-        Derived: the point masses that stand for the mass [m, kg].
+        Derived: the point masses that represent the mass [m, kg].
     carried : sparse array, shape (3 p, 6 n)
-        Derived: how the points follow the nodes [-, m].
+        Derived: matrix from the freedoms of the nodes to the displacements of the points [-, m].
     elastic : array of bool, shape (6 n,)
-        Derived: which freedoms have stiffness; the others may have no mass, and do not count.
+        Derived: whether each freedom has stiffness; the others must have no mass, and are ignored.
 
     Raises
     ------
     ModelError
-        If the data are not those of a free body: matrices that are not symmetric, negative mass or
-        stiffness, forces on a rigid motion, freedoms with mass and without stiffness, nodes twice.
+        If the data are not those of a free body: asymmetric matrices, negative mass or stiffness,
+        elastic forces in a rigid motion, freedoms with mass but without stiffness, or equal node numbers.
     """
 
     nodes: tuple[int, ...]
@@ -92,7 +93,7 @@ class Structure:
             object.__setattr__(self, name, self._checked(name))
         object.__setattr__(self, "elastic", self.stiffness.diagonal() > 0.0)
         self._check_free()
-        self._tell_as_points()
+        self._set_point_masses()
 
     @classmethod
     def from_matrices(
@@ -111,23 +112,24 @@ class Structure:
         Parameters
         ----------
         mass, stiffness : sparse or dense matrix, str or pathlib.Path
-            A file is Matrix Market (.mtx), .npy, or .npz: of `scipy.sparse.save_npz`, or of `numpy.savez`
-            with an array of that name, ``mass`` or ``stiffness`` [`units`].
+            Matrix, or file: Matrix Market (.mtx), .npy, or .npz by `scipy.sparse.save_npz` or `numpy.savez`.
+            The latter has the array ``mass`` or ``stiffness`` [`units`].
         positions : array_like, shape (n, 3), str or pathlib.Path
-            Of the nodes; likewise, in .npz as ``positions`` [`units`].
+            Positions of the nodes, or a file of the same kinds; in .npz as ``positions`` [`units`].
         units : tuple of str
-            Of length, mass and time, for example ``("mm", "t", "s")``; all others follow from them.
+            Units of length, mass and time, for example ``("mm", "t", "s")``; the others are derived.
         nodes : sequence of int, optional
             Numbers of the nodes [-]; by default 1 to n.
         axes : array_like, shape (3, 3) or (n, 3, 3), optional
-            Rotations that take the components of a node's freedoms to the axes of the positions [-].
+            Rotations from the axes of a node's freedoms to the axes of the positions [-].
         source : str
-            Where the data come from.
+            Origin of the data.
 
         Raises
         ------
         ModelError
-            If a file cannot be read, a size or unit is wrong, axes are no rotation, or as the class raises.
+            If a file cannot be read, a size or unit is wrong, axes are not a rotation, or the data are not
+            those of a free body.
         """
         length, kilogram, second = _factors(units)
         if isinstance(positions, str | Path):
@@ -154,20 +156,20 @@ class Structure:
                     f"structure: the {name} matrix has shape {matrix.shape}; with three or six freedoms at "
                     f"each of {count} nodes it must be {(3 * count,) * 2} or {(6 * count,) * 2}"
                 )
-            # What turns is measured in radians, whatever the unit of length.
+            # Rotations are in radians in any unit of length.
             scale = np.tile([1.0, 1.0, 1.0, length, length, length][:freedoms], count)
             place = np.arange(6 * count).reshape(-1, 6)[:, :freedoms].ravel()
             row, column = matrix.coords
             entries = factor * matrix.data * scale[row] * scale[column]
             whole = scipy.sparse.coo_array((entries, (place[row], place[column])), shape=(6 * count,) * 2)
             found[name] = scipy.sparse.csr_array(turned @ whole.tocsr() @ turned.T)
-        told = f"lengths are in {units[0]}, masses in {units[1]}, times in {units[2]}, as was said"
+        stated = f"lengths are in {units[0]}, masses in {units[1]}, times in {units[2]}, as the user stated"
         numbers = tuple(range(1, count + 1)) if nodes is None else tuple(nodes)
-        return cls(nodes=numbers, positions=places, source=source, assumptions=(told,), **found)
+        return cls(nodes=numbers, positions=places, source=source, assumptions=(stated,), **found)
 
     @property
     def rigid_mass(self) -> Vector:
-        """Mass of the rigid body about the origin, shape (6, 6) [kg, kg·m, kg·m²]."""
+        """Mass matrix of the rigid body about the origin, shape (6, 6) [kg, kg·m, kg·m²]."""
         rigid = self.rigid_motions(np.zeros(3))
         return np.asarray(rigid.T @ (self.mass @ rigid))
 
@@ -178,55 +180,55 @@ class Structure:
         return centre
 
     def rigid_motions(self, about: Vector) -> Vector:
-        """Return the motions of all freedoms in six rigid motions, shape (6 n, 6) [-, m].
+        """Return the motions of all freedoms in the six rigid motions, shape (6 n, 6) [-, m].
 
         Parameters
         ----------
         about : array, shape (3,)
-            The point that rotations leave where it is [m].
+            Centre of the rotations [m].
         """
         motions = np.tile(np.eye(6), (len(self.positions), 1, 1))
         motions[:, :3, 3:] = [-cross_matrix(p - about) for p in self.positions]
         return motions.reshape(-1, 6)
 
     def rods(self, points: Vector) -> npt.NDArray[np.int_]:
-        """Return which points to join in a picture, from 0 on: those nearest to nodes that elements join.
+        """Return the lines of a picture: pairs of the points nearest to nodes that elements connect.
 
         Parameters
         ----------
         points : array, shape (k, 3)
-            Such as the `positions` of its `TrussModes` [m].
+            Points, such as the `positions` of its `TrussModes` [m].
 
         Returns
         -------
         array, shape (m, 2)
-            [-].
+            Indices of points, from 0 [-].
         """
         from scipy.spatial import KDTree
 
-        joining = np.abs(self.stiffness.data) > _SYMMETRY * np.max(self.stiffness.data)
+        joining = np.abs(self.stiffness.data) > _SYMMETRY_TOLERANCE * np.max(self.stiffness.data)
         nodes = np.column_stack([part[joining] // 6 for part in self.stiffness.tocoo().coords])
         nearest = np.asarray(KDTree(points).query(self.positions)[1])
         pairs = np.unique(np.sort(nearest[nodes], axis=1), axis=0)
         return pairs[pairs[:, 0] < pairs[:, 1]]
 
     def name_of(self, freedom: int) -> str:
-        """Return how messages call a freedom.
+        """Return the name of a freedom in messages.
 
         Parameters
         ----------
         freedom : int
-            Its row in the matrices [-].
+            Row of the freedom in the matrices [-].
         """
         return f"node {self.nodes[freedom // 6]}, {_FREEDOMS[freedom % 6]}"
 
     def _check_nodes(self) -> None:
         if len(set(self.nodes)) < len(self.nodes):
             twice = next(n for n in self.nodes if self.nodes.count(n) > 1)
-            raise ModelError(f"structure: there are two nodes {twice}; number each node once")
+            raise ModelError(f"structure: node number {twice} is used twice; each number must be unique")
 
     def _checked(self, name: str) -> scipy.sparse.csr_array:
-        """Return a matrix made exactly symmetric, or raise if it is nothing of the kind."""
+        """Return a matrix made exactly symmetric, or raise `ModelError` if it is invalid."""
         given = scipy.sparse.csr_array(getattr(self, name))
         what, size = f"structure: the {name} matrix", 6 * len(self.nodes)
         if given.shape != (size, size):
@@ -235,7 +237,7 @@ class Structure:
             raise ModelError(f"{what} {'has elements that are not finite' if given.nnz else 'is zero'}")
         off = (given - given.T).tocoo()
         largest = float(np.max(np.abs(given.data)))
-        if off.nnz and np.max(np.abs(off.data)) > _SYMMETRY * largest:
+        if off.nnz and np.max(np.abs(off.data)) > _SYMMETRY_TOLERANCE * largest:
             worst = int(np.argmax(np.abs(off.data)))
             row, column = (self.name_of(int(c[worst])) for c in off.coords)
             raise ModelError(
@@ -249,39 +251,41 @@ class Structure:
         return scipy.sparse.csr_array((given + given.T) / 2.0)
 
     def _check_free(self) -> None:
-        """Raise if a rigid motion meets forces, or a mass has nothing that holds it."""
+        """Raise `ModelError` if a rigid motion causes forces, or a freedom with mass has no stiffness."""
         loose = ~self.elastic & (self.mass.diagonal() > 0.0)
         if np.any(loose):
             raise ModelError(
                 f"structure: {self.name_of(int(np.argmax(loose)))} has mass but no stiffness; "
-                "nothing connects it to the rest: a mechanism"
+                "the structure is a mechanism; connect the node"
             )
         rigid = self._even_motions()
         forces = np.abs(self.stiffness @ rigid)
-        wrong = forces - _GROUNDED * np.max(abs(self.stiffness) @ np.abs(rigid), axis=1, keepdims=True)
+        wrong = forces - _RIGID_FORCE_TOLERANCE * np.max(
+            abs(self.stiffness) @ np.abs(rigid), axis=1, keepdims=True
+        )
         if np.max(wrong) > 0.0:
             freedom, motion = np.unravel_index(np.argmax(wrong), wrong.shape)
             raise ModelError(
-                f"structure: it is not free: moved as a whole ({_FREEDOMS[int(motion)]}) it resists with "
-                f"{forces[freedom, motion]:.4g} at {self.name_of(int(freedom))}; take supports and springs "
-                "to ground out, and look at the axes of the nodes"
+                f"structure: it is not free: a rigid motion ({_FREEDOMS[int(motion)]}) causes an elastic "
+                f"force of {forces[freedom, motion]:.4g} at {self.name_of(int(freedom))}; remove supports "
+                "and springs to ground, and check the axes of the nodes"
             )
         held = self.stiffness[self.elastic][:, self.elastic]
-        raised = scipy.sparse.csc_array(held + scipy.sparse.diags_array(_SOFTEST * held.diagonal()))
-        # Without a change of rows the pivots have the signs of the eigenvalues (Sylvester).
+        raised = scipy.sparse.csc_array(held + scipy.sparse.diags_array(_DIAGONAL_SHIFT * held.diagonal()))
+        # Without row exchanges the pivots have the signs of the eigenvalues (Sylvester's law of inertia).
         factors = scipy.sparse.linalg.splu(
             raised, "MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True}
         )
         if np.min(factors.U.diagonal(), initial=1.0) <= 0.0:
-            raise ModelError("structure: the stiffness matrix has a deformation that gives off energy")
+            raise ModelError("structure: the stiffness matrix is not positive semidefinite; check its signs")
 
     def _even_motions(self) -> Vector:
-        """Return rigid motions about the middle, in which the outermost nodes move about as far in each."""
+        """Return rigid motions about the middle of the nodes, scaled to displacements of similar size."""
         size = float(np.max(np.ptp(self.positions, axis=0), initial=np.finfo(float).tiny))
         return np.asarray(self.rigid_motions(self.positions.mean(axis=0)) / np.repeat([1.0, size], 3))
 
-    def _tell_as_points(self) -> None:
-        """Find the point masses that stand for the mass, and how the nodes carry them."""
+    def _set_point_masses(self) -> None:
+        """Set the point masses that represent the mass, and their matrix from the nodes' freedoms."""
         count = len(self.nodes)
         moved = (self.mass @ self.rigid_motions(np.zeros(3))).reshape(count, 6, 6)
         points, masses, blocks = [], [], []
@@ -300,51 +304,51 @@ class Structure:
             object.__setattr__(self, name, found if name == "carried" else np.array(found))
         row, column = self.mass.tocoo().coords
         if np.any(row // 6 != column // 6):
-            told = (
-                "the mass couples nodes and was given to them; mass, centre and inertia of the whole are kept"
+            lumped = (
+                "mass that couples nodes was lumped to them; total mass, centre and inertia are preserved"
             )
-            object.__setattr__(self, "assumptions", (*self.assumptions, told))
+            object.__setattr__(self, "assumptions", (*self.assumptions, lumped))
         rigid = self._even_motions()
         kept = self.carried @ rigid
         error = rigid.T @ (self.mass @ rigid) - (kept.T * np.repeat(masses, 3)) @ kept
         total = float(np.sum(masses))
-        if not total > 0.0 or np.max(np.abs(error)) > _POINTS * total:
+        if not total > 0.0 or np.max(np.abs(error)) > _MASS_TOLERANCE * total:
             raise ModelError(
-                f"structure: its mass cannot be told as masses in points ({total:.4g} kg of them, "
-                f"{np.max(np.abs(error)):.4g} kg amiss): a node needs the same mass in x, y and z and the "
-                "inertia of a possible body; have the program write lumped masses"
+                f"structure: point masses cannot represent its mass (total {total:.4g} kg, error "
+                f"{np.max(np.abs(error)):.4g} kg): each node must have the same mass in x, y and z, and the "
+                "inertia of a rigid body; export lumped masses"
             )
 
 
 def _rigid_points(moved: Vector, position: Vector) -> list[tuple[float, Vector]]:
-    """Return mass and offset [kg, m] of the points that are a node's rigid body.
+    """Return masses and offsets [kg, m] of the point masses that represent a node's rigid body.
 
     Parameters
     ----------
     moved : array, shape (6, 6)
         Momentum of the node in the six rigid motions about the origin.
     position : array, shape (3,)
-        Of the node.
+        Position of the node.
     """
     moved = moved.copy()
     moved[:, 3:] += moved[:, :3] @ cross_matrix(position)  # about the node
     block = (moved + moved.T) / 2.0
-    mass = float(block[0, 0])  # as y and z must have it
+    mass = float(block[0, 0])  # must be equal for y and z
     if not mass > 0.0:
         return []
     tilt = (block[3:, :3] - block[:3, 3:]) / (2.0 * mass)
     centre = np.array([tilt[2, 1], tilt[0, 2], tilt[1, 0]])
     about_centre = block[3:, 3:] / mass + np.outer(centre, centre) - centre @ centre * np.eye(3)
-    # Of the integral of position times position: the squares of the extents.
+    # Eigenvalues of the second moment of mass per mass: squares of the extents.
     squares, along = np.linalg.eigh(np.trace(about_centre) / 2.0 * np.eye(3) - about_centre)
-    wide = squares > _NO_EXTENT * max(centre @ centre, float(np.max(squares)), np.finfo(float).tiny)
+    wide = squares > _EXTENT_TOLERANCE * max(centre @ centre, float(np.max(squares)), np.finfo(float).tiny)
     offsets = np.sqrt(np.count_nonzero(wide) * squares[wide]) * along[:, wide]
     places = [centre + sign * offset for offset in offsets.T for sign in (1.0, -1.0)] or [centre]
     return [(mass / len(places), place) for place in places]
 
 
 def _factors(units: Sequence[str]) -> list[float]:
-    """Return how many metres, kilograms and seconds the units are."""
+    """Return the units in metres, kilograms and seconds."""
     from pint import DimensionalityError  # slow to import
 
     if isinstance(units, str) or len(units) != 3:
@@ -363,7 +367,7 @@ def _factors(units: Sequence[str]) -> list[float]:
 
 
 def _matrix(name: str, given: Any) -> scipy.sparse.coo_array:
-    """Return a matrix that is given, or in a file, as a sparse one."""
+    """Return a sparse matrix from a matrix or a file."""
     what = f"structure: the {name}" + " matrix" * (name != "positions")
     if isinstance(given, str | Path):
         from scipy.io import mminfo, mmread
@@ -381,7 +385,7 @@ def _matrix(name: str, given: Any) -> scipy.sparse.coo_array:
                 check_choice(f"array in {path.name}:", name, arrays)
                 return arrays[name]
 
-        # Mapped, since numpy compares what the head of a mapped file declares with its size.
+        # Memory-mapped, since numpy then compares the size in the header with the size of the file.
         readers: dict[str, Any] = {".mtx": market, ".npz": archived, ".npy": partial(np.load, mmap_mode="r")}
         suffix = Path(given).suffix
         check_choice(f"reader of {what} for files", suffix, readers)

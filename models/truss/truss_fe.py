@@ -1,7 +1,7 @@
 """Finite-element model of the L-shaped space truss, reduced to its lowest modes.
 
-The frame analysis is done by Pynite (PyNiteFEA). ``python -m trussflow.models.truss.truss_fe``
-writes the data file that comes with the package.
+Pynite (PyNiteFEA) analyses the frame. ``python -m trussflow.models.truss.truss_fe`` writes the data
+file of the package.
 """
 
 from __future__ import annotations
@@ -27,22 +27,22 @@ from trussflow.models.truss.stiffness import stiffness_matrix
 from trussflow.models.truss.structure import Structure
 from trussflow.models.truss.truss_modes import TrussModes
 
-# The iterative eigensolver starts from a random vector; below this [kg^-1/2] its results do
-# not repeat, so they are rounded off.
+# The iterative eigensolver starts from a random vector. Further decimals [kg^-1/2] of its results are not
+# reproducible, so they are rounded off.
 _DECIMALS = 12
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TrussFrame:
-    """Two arms of box modules in an L, of round rods rigidly joined, without diagonals.
+    """L-shaped truss of two arms of box modules, of rigidly connected round rods without diagonals.
 
-    Each arm is a row of modules: square frames joined by four longerons. The arms share one
+    Each arm is a row of modules: square frames connected by four longerons. The arms share one
     mitred frame at the bend. The four corners of the first frame are clamped.
 
     Attributes
     ----------
     first_arm_modules, second_arm_modules : int
-        Modules along x, and after the bend.
+        Number of modules along x, and after the bend [-].
     module_length : float
         Length of a module along its outer edge [m].
     width : float
@@ -51,15 +51,15 @@ class TrussFrame:
         Direction of the second arm from the x axis, in the x-y plane; negative towards the
         inner edge [rad].
     rod_radius : float
-        Of the solid round rods [m].
+        Radius of the solid round rods [m].
     youngs_modulus : float
-        [Pa].
+        Young's modulus [Pa].
     poissons_ratio : float
-        [1].
+        Poisson's ratio [1].
     mass : float
-        Of the whole truss [kg]; the density follows.
+        Mass of the whole truss [kg], which determines the density.
     elements_per_longeron, elements_per_edge : int
-        Beam elements per member; even numbers.
+        Number of beam elements per member, even [-].
 
     Raises
     ------
@@ -91,8 +91,8 @@ class TrussFrame:
         for name in ("elements_per_longeron", "elements_per_edge"):
             if getattr(self, name) < 2 or getattr(self, name) % 2:
                 raise ModelError(
-                    f"truss frame: {name} is {getattr(self, name)}; Simpson's rule, which places "
-                    "the masses, needs an even number of elements"
+                    f"truss frame: {name} is {getattr(self, name)}; Simpson's rule, which lumps the "
+                    "mass, needs an even number of elements"
                 )
 
     @classmethod
@@ -114,12 +114,12 @@ class TrussFrame:
     def corners(self) -> Vector:
         """Return the corner nodes, four per frame, shape (4 (modules + 1), 3) [m].
 
-        In each frame: outer low, inner low, inner high, outer high.
+        The order in each frame is: outer low, inner low, inner high, outer high.
         """
         first = np.array([1.0, 0.0])
         second = np.array([cos(self.bend_angle), sin(self.bend_angle)])
         right = [np.array([d[1], -d[0]]) for d in (first, second)]
-        # Along the bisector, and so long that both arms keep their width.
+        # The mitre is along the bisector, with the length that gives both arms their width.
         mitre = (right[0] + right[1]) / (1.0 + right[0] @ right[1])
         n = self.first_arm_modules
         frames = []
@@ -144,7 +144,7 @@ class TrussFrame:
         return edges + longerons
 
     def point_masses(self) -> tuple[Vector, Vector]:
-        """Return all mesh points and the mass at each.
+        """Return all mesh points and their masses.
 
         Simpson's rule along each member makes mass, static moment and inertia of the rods
         exact.
@@ -152,9 +152,9 @@ class TrussFrame:
         Returns
         -------
         positions : array, shape (n, 3)
-            The corners first, then the points inside the members [m].
+            First the corners, then the points inside members [m].
         masses : array, shape (n,)
-            [kg].
+            Point masses [kg].
         """
         positions, chains, lengths = meshed(self.corners(), self.members())
         shares = np.zeros(len(positions))
@@ -168,7 +168,7 @@ class TrussFrame:
         return [pair for chain in chains for pair in itertools.pairwise(chain)]
 
     def structure(self) -> Structure:
-        """Return the finite elements, nothing clamped; nodes are the mesh points, numbered from 1 on."""
+        """Return the free finite-element model; nodes are the mesh points, numbered from 1."""
         positions, masses = self.point_masses()
         return Structure(
             nodes=tuple(range(1, len(positions) + 1)),
@@ -181,12 +181,12 @@ class TrussFrame:
         )
 
     def mesh_points(self, points: Array) -> list[int]:
-        """Return the mesh points at given points, as indices into `point_masses`.
+        """Return the indices of mesh points at given points, as in `point_masses`.
 
         Parameters
         ----------
         points : array, shape (k, 3)
-            Each within 2 mm of a mesh point [m].
+            Points, each within 2 mm of a mesh point [m].
 
         Returns
         -------
@@ -195,13 +195,13 @@ class TrussFrame:
         Raises
         ------
         ModelError
-            If there is no mesh point at one of them.
+            If a point is not at a mesh point.
         """
         positions, _ = self.point_masses()
         return [nearest(positions, point) for point in np.asarray(points, dtype=float)]
 
     def check_number_of_modes(self, count: int) -> None:
-        """Raise unless the mesh, clamped, has more than `count` modes."""
+        """Raise `ModelError` unless the clamped mesh has more than `count` modes."""
         limit = 3 * (len(self.point_masses()[1]) - CLAMPED_NODES)
         if not 1 <= count < limit:
             raise ModelError(f"cannot compute {count} modes of this mesh; choose 1 to {limit - 1}")
@@ -212,20 +212,20 @@ class TrussFrame:
         Parameters
         ----------
         number_of_modes : int
-            At least one.
+            Number of modes, at least one [-].
         grasp_points : array, shape (k, 3)
-            Each within 2 mm of a mesh point, whose mode shapes it gets [m].
+            Grasp points, each within 2 mm of a mesh point, whose mode shapes it has [m].
 
         Returns
         -------
         TrussModes
-            Frequencies ascend. Each mode's sign makes its largest translation component at
-            the last grasp point positive.
+            Modes with ascending frequencies. The sign of each mode makes its largest translation
+            component at the last grasp point positive.
 
         Raises
         ------
         ModelError
-            If a grasp point is not at a mesh point, or so many modes cannot be had.
+            If a grasp point is not at a mesh point, or the mesh has fewer modes.
         """
         positions, masses = self.point_masses()
         self.check_number_of_modes(number_of_modes)
@@ -234,7 +234,7 @@ class TrussFrame:
         frequencies, translations, rotations = eigenmodes(self, number_of_modes)
         order = np.argsort(frequencies)
         translations, rotations = translations[:, :, order], rotations[:, :, order]
-        # Pynite gives massless freedoms a tiny mass, so its modes are orthonormal to 1e-6 only.
+        # Pynite gives massless freedoms a small mass, so its modes are orthonormal to 1e-6 only.
         overlap = np.einsum("n,nia,nib->ab", masses, translations, translations)
         values, vectors = np.linalg.eigh(overlap)
         normalize = (vectors / np.sqrt(values)) @ vectors.T
@@ -255,12 +255,12 @@ class TrussFrame:
 
 
 def reconstructed_modes(number_of_modes: int = 6) -> TrussModes:
-    """Return the paper's truss: shapes of the frame, frequencies and grasp points printed.
+    """Return the paper's truss: shapes of the frame, with printed frequencies and grasp points.
 
     Parameters
     ----------
     number_of_modes : int
-        The paper prints six frequencies; beyond them the frame's own are used.
+        Number of modes. The paper prints six frequencies; the others are those of the frame [-].
 
     Returns
     -------
@@ -269,7 +269,7 @@ def reconstructed_modes(number_of_modes: int = 6) -> TrussModes:
     Raises
     ------
     ModelError
-        If so many modes cannot be had.
+        If the mesh has fewer modes.
     """
     return with_printed_frequencies(TrussFrame.reconstructed().modes(number_of_modes, printed_grasps()))
 
@@ -285,12 +285,12 @@ def printed_frequencies() -> Vector:
 
 
 def with_printed_frequencies(modes: TrussModes) -> TrussModes:
-    """Return modes of a frame with the paper's frequencies in place of the frame's lowest.
+    """Return modes of a frame with its lowest frequencies replaced by the paper's.
 
     Parameters
     ----------
     modes : TrussModes
-        From `TrussFrame.modes`; frequencies beyond the printed ones are kept.
+        Modes by `TrussFrame.modes`; frequencies beyond the printed ones are kept.
     """
     printed = printed_frequencies()[: modes.modes]
     frequencies = np.concatenate([printed, modes.frequencies[len(printed) :]])
@@ -302,12 +302,12 @@ def with_printed_frequencies(modes: TrussModes) -> TrussModes:
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
-    """Compute the truss's modes and write the data file.
+    """Compute the modes of the truss and write the data file.
 
     Parameters
     ----------
     arguments : sequence of str, optional
-        Command line; by default that of the process.
+        Command-line arguments; by default those of the process.
     """
     parser = argparse.ArgumentParser(
         prog="python -m trussflow.models.truss.truss_fe",

@@ -17,16 +17,16 @@ from trussflow.models.validation import central_inertia, frozen_array
 
 
 class ModalData(NamedTuple):
-    r"""What the equations of motion take from a truss: numbers, or expressions of a traced block.
+    r"""Truss data of the equations of motion: numbers, or expressions of a traced block.
 
     Attributes
     ----------
     mass : float
-        [kg].
+        Mass [kg].
     first_moments : array, shape (h + 1, 3)
-        As those of `TrussModes`.
+        `TrussModes.first_moments`.
     second_moments : array, shape (h + 1, 9 h + 9)
-        As those of `TrussModes`, the 3 x 3 blocks of a row side by side, each flattened.
+        `TrussModes.second_moments`, with the flattened 3 x 3 blocks of a row side by side.
     grasp_positions : sequence of array, shape (3,)
         Undeformed grasp points [m].
     grasp_translations : sequence of array, shape (3, h)
@@ -43,39 +43,38 @@ class ModalData(NamedTuple):
     grasp_rotations: Sequence[Array]
 
 
-LINEAR = 0.1
-"""How far linear shapes hold: displacements of a tenth of the size, rotations of 0.1 rad.
+LINEAR_LIMIT = 0.1
+"""Limit of validity of linear shapes: displacements relative to the size [-], rotations [rad].
 
-A cantilever whose end is pushed aside by a tenth of its length has by linear theory 1 % too much of that,
-and its end has come nearer by 0.6 % of the length (foreshortening), which no linear shape shows. Bisshopp,
-Drucker (1945), *Large deflection of cantilever beams*, Quarterly of Applied Mathematics 3(3).
+If the end of a cantilever is displaced by a tenth of its length, linear theory gives 1 % too much, and omits
+the foreshortening of 0.6 % of the length. Bisshopp, Drucker (1945), *Large deflection of cantilever beams*,
+Quarterly of Applied Mathematics 3(3).
 """
 
-# Modes count as orthonormal if E = sum m T^T T differs from I by no more than this; the
-# equations take E = I exactly.
+# Tolerance of E = sum m T^T T from the identity, which the equations assume.
 _ORTHONORMALITY = 1e-6
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class TrussModes:
-    r"""A truss reduced to h modes, clamped at its frame :math:`O_t`.
+    r"""Truss reduced to h modes, clamped at its frame :math:`O_t`.
 
     The elastic displacement of a point is :math:`T \tau`, its elastic rotation
     :math:`R \tau`, with modal coordinates :math:`\tau` in kg^½·m. All mass is in points, so
-    each integral over the truss is a plain sum. Every component is in :math:`O_t`.
+    that integrals over the truss are sums. All components are in the axes of :math:`O_t`.
 
     Attributes
     ----------
     positions : array, shape (n, 3)
         Undeformed positions of the point masses [m].
     masses : array, shape (n,)
-        [kg].
+        Point masses [kg].
     shapes : array, shape (n, 3, h)
         :math:`T` at the point masses, mass-normalized [kg^-½].
     frequencies : array, shape (h,)
         Natural frequencies [Hz].
     damping_ratios : array, shape (h,)
-        Fraction of critical damping [1].
+        Damping ratios [1].
     grasp_positions : array, shape (k, 3)
         Undeformed grasp points [m].
     grasp_translations : array, shape (k, 3, h)
@@ -83,18 +82,18 @@ class TrussModes:
     grasp_rotations : array, shape (k, 3, h)
         :math:`R` at the grasp points [rad/(kg^½·m)].
     source : str
-        Where the data come from.
+        Origin of the data.
     first_moments : array, shape (h + 1, 3)
-        Derived: :math:`\int T_a\,dm` with :math:`T_0 = r`; row 0 is S, the others P's columns.
+        Derived: :math:`\int T_a\,dm` with :math:`T_0 = r`; row 0 is S, the others are the columns of P.
     second_moments : array, shape (h + 1, h + 1, 3, 3)
-        Derived: :math:`\int T_a T_b^T\,dm` with :math:`T_0 = r`. Every integral of Eq. 19, and
-        its exact form with the elastic displacement kept, is a combination of these.
+        Derived: :math:`\int T_a T_b^T\,dm` with :math:`T_0 = r`. All integrals of Eq. 19, without or
+        with the elastic displacement, are combinations of these.
 
     Raises
     ------
     ModelError
-        If a shape is wrong, a number is not finite, a mass is negative, the points have no
-        volume, a frequency is not positive, or the modes are not orthonormal.
+        If a shape is wrong, a number is not finite, a mass is negative, the points are on one line,
+        a frequency is not positive, or the modes are not orthonormal.
 
     References
     ----------
@@ -151,7 +150,7 @@ class TrussModes:
             raise ModelError("truss modes: the total mass is zero; it must be positive")
         central = central_inertia(self.mass, self.static_moment, self.inertia)
         smallest, _, largest = np.linalg.eigvalsh(central)
-        # Of points on a line the smallest comes out as round-off, of either sign.
+        # For points on a line the smallest value is round-off of either sign.
         if not smallest > 1e-12 * largest:
             raise ModelError(
                 "truss modes: the point masses lie on one line; their inertia about the centroid "
@@ -178,7 +177,7 @@ class TrussModes:
 
     @property
     def data(self) -> ModalData:
-        """What the equations of motion take from the truss."""
+        """Truss data of the equations of motion."""
         return ModalData(
             self.mass,
             self.first_moments,
@@ -222,7 +221,7 @@ class TrussModes:
     def deflection(self, modal: Vector) -> float:
         """Return the greatest displacement of a point over the truss's size, or rotation of a grasp [-, rad].
 
-        Above `LINEAR`, the deformation is beyond what linear shapes describe.
+        Above `LINEAR_LIMIT` linear shapes are not valid.
 
         Parameters
         ----------
@@ -234,12 +233,12 @@ class TrussModes:
         return max(float(np.max(np.linalg.norm(modal @ share.T, axis=1), initial=0.0)) for share in shares)
 
     def truncated(self, modes: int) -> TrussModes:
-        """Return the same truss with its first `modes` modes only.
+        """Return the same truss with its first modes only.
 
         Parameters
         ----------
         modes : int
-            From 0, a rigid truss, to the number there is.
+            Number of modes, from 0 (rigid) to h [-].
 
         Returns
         -------
@@ -248,7 +247,7 @@ class TrussModes:
         Raises
         ------
         ModelError
-            If there are not so many modes.
+            If the truss has fewer modes.
         """
         if not 0 <= modes <= self.modes:
             raise ModelError(f"cannot keep {modes} modes of {self.modes}; choose 0 to {self.modes}")
@@ -271,7 +270,7 @@ class TrussModes:
         Parameters
         ----------
         ratio : float
-            Fraction of critical damping [1].
+            Damping ratio [1].
 
         Returns
         -------
@@ -286,10 +285,10 @@ class TrussModes:
 
     @classmethod
     def reconstructed(cls) -> TrussModes:
-        """Return the paper's truss, from the data file that comes with the package.
+        """Return the paper's truss from the data file of the package: six modes, undamped.
 
-        Shapes from the finite-element model (`trussflow.models.truss.truss_fe`), frequencies from
-        the paper's Table 1, grasp points from its Table 2, six modes, no damping.
+        Its shapes are those of the finite-element model (`trussflow.models.truss.truss_fe`), its
+        frequencies and grasp points those of Tables 1 and 2 of the paper.
         """
         return cls.load(shipped_file("truss_modes.json"))
 
@@ -300,7 +299,7 @@ class TrussModes:
         Parameters
         ----------
         path : str or pathlib.Path
-            A JSON file.
+            JSON file.
 
         Returns
         -------
@@ -309,7 +308,7 @@ class TrussModes:
         Raises
         ------
         ModelError
-            If the file cannot be read or its data are not those of a truss.
+            If the file cannot be read or its data are invalid.
         """
         values = read_modes(path)
         try:
@@ -318,7 +317,7 @@ class TrussModes:
             raise ModelError(f"cannot use the data in {str(path)!r}: {error}") from error
 
     def save(self, path: str | Path) -> None:
-        """Write the modal data to a file that `load` reads back exactly.
+        """Write the modal data to a file; `load` returns exactly the same data.
 
         Parameters
         ----------
@@ -335,11 +334,11 @@ def axial(matrix: Array) -> Array:
     Parameters
     ----------
     matrix : array, shape (3, 3)
-        The second moment of two vector fields.
+        Second moment of two vector fields.
 
     Returns
     -------
     array, shape (3,)
-        Same unit.
+        Integral of their cross product, in the same unit.
     """
     return np.stack([matrix[1, 2] - matrix[2, 1], matrix[2, 0] - matrix[0, 2], matrix[0, 1] - matrix[1, 0]])

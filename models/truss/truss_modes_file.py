@@ -1,18 +1,18 @@
-"""The file format of modal data: JSON, one key per array, units in the keys.
+"""File format of modal data: JSON, one key per array, units in the keys.
 
 ================================ ========= =====================================================
 key                              shape     meaning
 ================================ ========= =====================================================
 format                           text      always ``"trussflow truss modes 1"``
-source                           text      where the data come from
+source                           text      origin of the data
 position_m                       (n, 3)    point masses, undeformed, in the truss frame
-mass_kg                          (n,)      their masses
-shape_per_sqrt_kg                (n, 3, h) mass-normalized mode shapes at them
+mass_kg                          (n,)      masses of these points
+shape_per_sqrt_kg                (n, 3, h) mass-normalized mode shapes at these points
 frequency_hz                     (h,)      natural frequencies
-damping_ratio                    (h,)      fraction of critical damping
+damping_ratio                    (h,)      damping ratios
 grasp_position_m                 (k, 3)    grasp points, undeformed
-grasp_translation_per_sqrt_kg    (k, 3, h) mode shapes there
-grasp_rotation_rad_per_sqrt_kg_m (k, 3, h) rotations of the truss there
+grasp_translation_per_sqrt_kg    (k, 3, h) mode shapes at the grasp points
+grasp_rotation_rad_per_sqrt_kg_m (k, 3, h) rotations of the modes at the grasp points
 ================================ ========= =====================================================
 """
 
@@ -28,7 +28,7 @@ import numpy as np
 from trussflow.blocks.framework.files import reading, replaced
 from trussflow.models.errors import ModelError
 
-FORMAT = "trussflow truss modes 1"
+FILE_FORMAT = "trussflow truss modes 1"
 
 _KEYS = {
     "source": "source",
@@ -49,12 +49,12 @@ def read_modes(path: str | Path) -> dict[str, Any]:
     Parameters
     ----------
     path : str or pathlib.Path
-        A file in the format above.
+        File in the format of this module.
 
     Returns
     -------
     dict
-        The arguments of `trussflow.models.truss.truss_modes.TrussModes`, not checked yet.
+        Arguments of `trussflow.models.truss.truss_modes.TrussModes`, unchecked.
 
     Raises
     ------
@@ -65,8 +65,8 @@ def read_modes(path: str | Path) -> dict[str, Any]:
     problem = f"{cannot} '{path}'"
     with reading(path, ModelError, cannot, "it is not JSON ({})") as file:
         content = json.loads(file.read_text(encoding="utf-8"))
-    if not isinstance(content, dict) or content.pop("format", None) != FORMAT:
-        raise ModelError(f"{problem}: it must be an object with 'format': {FORMAT!r}")
+    if not isinstance(content, dict) or content.pop("format", None) != FILE_FORMAT:
+        raise ModelError(f"{problem}: it must be an object with 'format': {FILE_FORMAT!r}")
     differences = {"unknown": content.keys() - _KEYS, "missing": _KEYS.keys() - content}
     for kind, keys in differences.items():
         if keys:
@@ -75,16 +75,16 @@ def read_modes(path: str | Path) -> dict[str, Any]:
 
 
 def write_modes(values: Mapping[str, Any], path: str | Path) -> None:
-    """Write modal data to a JSON file that `read_modes` reads back exactly.
+    """Write modal data to a JSON file; `read_modes` returns exactly the same data.
 
     Parameters
     ----------
     values : mapping
-        The arguments of `trussflow.models.truss.truss_modes.TrussModes`.
+        Arguments of `trussflow.models.truss.truss_modes.TrussModes`.
     path : str or pathlib.Path
         An existing file is replaced.
     """
-    content: dict[str, Any] = {"format": FORMAT}
+    content: dict[str, Any] = {"format": FILE_FORMAT}
     for key, name in _KEYS.items():
         value = values[name]
         content[key] = value if isinstance(value, str) else np.asarray(value).tolist()

@@ -1,4 +1,4 @@
-r"""What the flexible truss itself adds to the equations of the system."""
+r"""Terms of the flexible truss in the equations of the system."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from trussflow.models.truss.truss_modes import ModalData, axial
 
 
 class TrussTerms(NamedTuple):
-    r"""Mass and bias of the truss, ordered (velocity, angular velocity; modes).
+    r"""Mass matrix and bias of the truss, in the order (velocity, angular velocity; modes).
 
     Attributes
     ----------
@@ -21,9 +21,9 @@ class TrussTerms(NamedTuple):
     coupling : array, shape (6, h)
         :math:`[P; H]` [kg^½; kg^½·m]. The modal part of the mass matrix is the identity.
     root_bias : array, shape (6,)
-        [N; N·m].
+        Rigid rows of the bias [N; N·m].
     modal_bias : array, shape (h,)
-        [N/kg^½].
+        Modal rows of the bias [N/kg^½].
     """
 
     root: Array
@@ -35,9 +35,9 @@ class TrussTerms(NamedTuple):
 def truss_terms(
     truss: ModalData, deformation: Array, velocity: Array, angular_velocity: Array, modal_rates: Array
 ) -> TrussTerms:
-    r"""Return the truss's share of mass matrix and bias.
+    r"""Return the terms of the truss in mass matrix and bias.
 
-    With :math:`a = \omega \times v` the rows are
+    With :math:`a = \omega \times v` the rows of the bias are
 
     .. math::
         &m a + \omega \times (\omega \times S) + 2\,\omega \times P \dot\tau \\
@@ -56,14 +56,14 @@ def truss_terms(
     Parameters
     ----------
     truss : ModalData
-        h modes.
+        Data of the truss with h modes.
     deformation : array, shape (1,) or (1 + h,)
-        The position integrated over: ``[1]`` for the undeformed truss, ``[1, tau]`` for the
-        deformed one, :math:`\rho = r + T \tau` [1; kg^½·m].
+        Coefficients of the position in the integrals: ``[1]`` for the undeformed truss, ``[1, tau]``
+        for the deformed one, :math:`\rho = r + T \tau` [1; kg^½·m].
     velocity, angular_velocity : array, shape (3,)
-        Of the truss frame, in truss axes [m/s, rad/s].
+        Velocities of the truss frame, in truss axes [m/s, rad/s].
     modal_rates : array, shape (h,)
-        [kg^½·m/s].
+        :math:`\dot\tau` [kg^½·m/s].
 
     Returns
     -------
@@ -71,7 +71,7 @@ def truss_terms(
 
     References
     ----------
-    Li, Wei, Chen (2026), Eqs. 18, 19, 21; there with the undeformed position only.
+    Li, Wei, Chen (2026), Eqs. 18, 19, 21, with the undeformed position only.
     """
     h = modal_rates.shape[0]
     omega = angular_velocity
@@ -91,7 +91,7 @@ def truss_terms(
             np.cross(static_moment, acceleration) + np.cross(omega, inertia @ omega),
         ]
     )
-    if h == 0:  # of no modes nothing can be stacked
+    if h == 0:  # np.stack needs at least one array
         return TrussTerms(inertia_matrix(body), np.zeros((6, 0)), root_bias, np.zeros(0))
 
     # flow = integral of rho (T tau')^T; then H_w tau' = w tr(flow) - flow^T w.
@@ -111,7 +111,7 @@ def truss_terms(
 
 
 def _swirl(truss: ModalData, h: int) -> Array:
-    r"""Return the constant matrix of :math:`F_\omega \dot\tau`, from the products of rate and spin.
+    r"""Return the constant matrix of :math:`F_\omega \dot\tau`, from products of modal and angular rates.
 
     Element (a, (b, i)) is component i of :math:`\int T_b \times T_a\,dm`, since
     :math:`T_a \cdot (\omega \times T_b) = \omega \cdot (T_b \times T_a)`.

@@ -1,7 +1,6 @@
-r"""Trusses near a given one: heavier, stiffer, with a load on them, with other shapes.
+r"""Variations of a truss: mass, stiffness, payload, mode shapes at the grasps.
 
-What comes out are modes of the other truss again, mass-normalized and orthogonal, so every law of
-the equations holds for it as for the given one.
+The results are mass-normalized and orthogonal modes, so that the conservation laws of the equations hold.
 """
 
 from __future__ import annotations
@@ -19,21 +18,21 @@ from trussflow.models.validation import check_number, frozen_array
 
 
 def scaled(modes: TrussModes, *, mass: float = 1.0, frequency: float = 1.0) -> TrussModes:
-    r"""Return a truss of another density, and of such a stiffness that frequencies scale as asked.
+    r"""Return a truss with scaled density, and with a stiffness that scales its frequencies.
 
     Parameters
     ----------
     modes : TrussModes
-        The truss.
+        Nominal truss.
     mass : float
-        Factor of all masses, above 0; shapes scale with its inverse root [-].
+        Factor of all masses, positive; shapes scale with its inverse square root [-].
     frequency : float
-        Factor of all frequencies, above 0 [-].
+        Factor of all frequencies, positive [-].
 
     Raises
     ------
     ModelError
-        If a factor is not above 0.
+        If a factor is not positive.
     """
     check_number("scaled truss", mass=mass, frequency=frequency)
     return replace(
@@ -47,19 +46,19 @@ def scaled(modes: TrussModes, *, mass: float = 1.0, frequency: float = 1.0) -> T
 
 
 def loaded(modes: TrussModes, point: Array, mass: float) -> TrussModes:
-    r"""Return a truss that carries a point mass, by Rayleigh and Ritz.
+    r"""Return a truss with an additional point mass, by Rayleigh–Ritz.
 
-    Of the shapes T the new ones are :math:`T V`, with :math:`V^T (I + m T_p^T T_p) V = I` and
-    :math:`V^T \Lambda V` diagonal: exact within the space that the given shapes span.
+    The new shapes are :math:`T V`, with :math:`V^T (I + m T_p^T T_p) V = I` and
+    :math:`V^T \Lambda V` diagonal. They are exact within the space of the nominal shapes T.
 
     Parameters
     ----------
     modes : TrussModes
-        The truss, with one damping ratio for all modes: which mode is which is lost.
+        Nominal truss, with one damping ratio for all modes, since the load mixes the modes.
     point : array, shape (3,)
-        The point mass of the truss nearest to this one carries it [m].
+        Position of the load; the nearest point mass of the truss carries it [m].
     mass : float
-        m, at least 0 [kg].
+        Mass of the load, m, zero or positive [kg].
 
     Raises
     ------
@@ -71,7 +70,7 @@ def loaded(modes: TrussModes, point: Array, mass: float) -> TrussModes:
     if np.ptp(modes.damping_ratios) if modes.modes else 0.0:
         raise ModelError(
             "loaded truss: the modes have different damping ratios, and the load mixes the modes; "
-            "load the undamped truss, and damp it then"
+            "load the undamped truss, then call `damped`"
         )
     node = int(np.argmin(np.linalg.norm(modes.positions - where, axis=1)))
     masses = modes.masses.copy()
@@ -89,23 +88,23 @@ def loaded(modes: TrussModes, point: Array, mass: float) -> TrussModes:
 
 
 def misjudged(modes: TrussModes, factors: npt.ArrayLike) -> TrussModes:
-    """Return a truss whose grasps move with each mode by a factor more than thought.
+    """Return a truss with scaled mode shapes at the grasp points (model mismatch).
 
-    So each mode is excited and seen that much more by the robots; its own mass and stiffness stay.
+    Modal mass and stiffness are unchanged; the excitation of each mode by the robots scales.
 
     Parameters
     ----------
     modes : TrussModes
-        The truss.
+        Nominal truss.
     factors : array_like, shape (h,)
-        One per mode [-].
+        Factor per mode [-].
 
     Raises
     ------
     ModelError
-        If there are not as many factors as modes, or one is not finite.
+        If the number of factors differs from that of modes, or one is not finite.
     """
-    each = frozen_array("misjudged truss: factors", factors, (modes.modes,))
+    each = frozen_array("truss with scaled shapes: factors", factors, (modes.modes,))
     return replace(
         modes,
         grasp_translations=modes.grasp_translations * each,

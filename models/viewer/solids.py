@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from trussflow.blocks.framework.types import Vector
 from trussflow.models.errors import ModelError
 from trussflow.models.robots.robot_arm import RobotArm
-from trussflow.models.robots.visuals import BOX, CORNERS, Triangles
+from trussflow.models.robots.visuals import BOX_CORNERS, BOX_FACES, Triangles
 
 TRIANGLES = 12_000
 """All robots of a run together have at most so many [-]."""
@@ -60,8 +60,8 @@ def solid_of(arm: RobotArm, most: int) -> Solid:
         except ModelError as error:
             troubles.append(str(error))
     if not parts:
-        corners = arm.base_position + (2.0 * CORNERS * box_of(arm)) @ arm.base_rotation.T
-        return Solid(corners, np.full(len(corners), arm.joints), BOX, tuple(troubles))
+        corners = arm.base_position + (2.0 * BOX_CORNERS * box_of(arm)) @ arm.base_rotation.T
+        return Solid(corners, np.full(len(corners), arm.joints), BOX_FACES, tuple(troubles))
     edge, found = _FINEST, [triangles for _, triangles in parts]
     while sum(len(faces) for _, faces in found) > most:
         found, edge = [_merged(triangles, edge) for _, triangles in parts], edge * _COARSER

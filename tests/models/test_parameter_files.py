@@ -155,7 +155,7 @@ def test_unreadable_files(tmp_path):
         with pytest.raises(ModelError, match=rf"it is not TOML \({fault}"):
             ParameterTable.read(broken)
     broken.write_text(f'extends = "{"a" * 300}"')
-    with pytest.raises(ModelError, match=r"'extends' leads nowhere: no parameter file 'aaa"):
+    with pytest.raises(ModelError, match=r"'extends' names no file: no parameter file 'aaa"):
         LayeredFile.read(broken)
 
 

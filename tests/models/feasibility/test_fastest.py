@@ -162,14 +162,14 @@ def test_topp_ra_finds_the_same_duration():
 @pytest.mark.parametrize(
     ("given", "message"),
     [
-        ({"waypoints": [REST]}, "give two waypoints or more"),
-        ({"waypoints": [REST, REST]}, "each at another place than that before"),
+        ({"waypoints": [REST]}, "there must be two waypoints or more"),
+        ({"waypoints": [REST, REST]}, "successive ones must differ"),
         ({"waypoints": [[0.0, 1.0]]}, r"fastest: waypoints has shape \(1, 2\)"),
         ({"velocity": 0.0}, "fastest: velocity is 0.0; it must be one number above 0, or six"),
         ({"acceleration": [1.0, 2.0]}, r"fastest: acceleration is \[1.0, 2.0\]; it must be one number"),
         ({"intervals": 1}, "intervals is 1; it must be a whole number from 2 on"),
-        ({"waypoints": line(0, 0, 1, np.pi / 2, 0, 0)}, "where the Euler angles are singular"),
-        ({"waypoints": line(0, 0, 1, np.pi, 0, 0), "intervals": 5}, "where the Euler angles are singular"),
+        ({"waypoints": line(0, 0, 1, np.pi / 2, 0, 0)}, "the singularity of the Euler angles"),
+        ({"waypoints": line(0, 0, 1, np.pi, 0, 0), "intervals": 5}, "the singularity of the Euler angles"),
         (
             {"limits": ActuatorLimits(force=0.0, base_torque=0.0, joint_torque=1.0)},
             "the actuators cannot move the truss along this path; raise their limits",

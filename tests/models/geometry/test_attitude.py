@@ -84,7 +84,7 @@ def test_a_truss_in_the_same_attitude(angles):
 @pytest.mark.parametrize(
     ("bad", "message"),
     [
-        ([1.0, 1.0, 0.0, 0.0], "length of 1.41421; an attitude is one of length 1"),
+        ([1.0, 1.0, 0.0, 0.0], "length of 1.41421; it must be 1, with components"),
         ([0.0, 0.0, 0.0, 0.0], "length of 0"),
         ([0.1, 0.2, 0.3], r"must be \(4,\)"),
         ([np.nan, 0.0, 0.0, 0.0], "not finite"),

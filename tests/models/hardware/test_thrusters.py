@@ -243,8 +243,8 @@ def test_errors_of_layouts(build, message):
         ({}, "a quantum .throttled., or a tick"),
         ({"quantum": 0.1, "tick": 0.01}, "a quantum .throttled., or a tick"),
         ({"quantum": 0.1, "on_delay": 0.1}, "a tick .pulsed, with delays."),
-        ({"tick": 0.03}, "period = 0.1 s: it is no whole number of ticks of 0.03 s"),
-        ({"tick": 0.01, "on_delay": 0.005}, "on_delay = 0.005 s: it is no whole number"),
+        ({"tick": 0.03}, "period is 0.1 s; it must be a whole number of ticks of 0.03 s"),
+        ({"tick": 0.01, "on_delay": 0.005}, "on_delay is 0.005 s; it must be a whole number"),
     ],
 )
 def test_errors_of_settings(settings, message):

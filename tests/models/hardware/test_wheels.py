@@ -99,7 +99,7 @@ def test_dead_motors_give_no_torque():
 @pytest.mark.parametrize(
     ("axes", "settings", "message"),
     [
-        (np.eye(3)[:2], {}, r"none turns about the direction \[.*0.0, .*0.0, .*1.0\]; add a wheel"),
+        (np.eye(3)[:2], {}, r"none has a torque along \[.*0.0, .*0.0, .*1.0\]; add a wheel"),
         (np.diag([1.0, 1.0, 2.0]), {}, r"reaction wheels: axis 2 has length 2; it must be"),
         (np.eye(3), {"torque": [1, -1, 1]}, r"'maximum_torque' of ReactionWheels is -1.0 .element 1."),
         (np.eye(3), {"sample_time": 0.0}, r"cannot sample 'ReactionWheels' every 0.0 s"),

@@ -61,7 +61,7 @@ def test_damping_is_that_of_the_consistent_plant():
 
 
 def test_too_few_modes():
-    with pytest.raises(ModelError, match="cannot keep 4 modes: the accurate truss has the 6"):
+    with pytest.raises(ModelError, match="cannot keep 4 modes: the accurate truss has at least the 6"):
         SpaceTruss.accurate(modes=4)
 
 

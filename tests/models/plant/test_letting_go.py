@@ -44,5 +44,5 @@ def test_errors():
     plant = SpaceTruss.consistent(modes=1)
     with pytest.raises(ModelError, match=r"robot.*5"):
         plant.without(5)
-    with pytest.raises(ModelError, match="letting go: speeds"):
+    with pytest.raises(ModelError, match="released robot: speeds"):
         plant.without(1, speeds=np.zeros(3))

@@ -120,7 +120,7 @@ ERROR_CASES = [
     ({"joint_data": (Joint("a"), Joint("a"))}, "joint_data must name each of 7 joints once, got a, a"),
     (
         {"joint_data": (Joint("a", lower=1.0, upper=0.0), *LITERAL.joint_data[1:])},
-        r"robot arm 'literal': joint 'a' goes from 1 to 0 rad",
+        r"robot arm 'literal': joint 'a' has the limits 1 to 0 rad",
     ),
 ]
 

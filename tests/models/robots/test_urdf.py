@@ -89,7 +89,7 @@ LOCKED = {"grip": 0.0, "slide": 0.0, "shoulder": 1.0}
 ERROR_CASES = {
     "it is not XML": ("</robot>", ""),
     "declares a document type": ("<robot", "<!DOCTYPE x><robot"),
-    "line 2, <sdf>: a URDF file has <robot> at its root": (
+    "line 2, <sdf>: the root element of a URDF file must be <robot>": (
         ('<robot name="two">', "</robot>"),
         ("<sdf>", "</sdf>"),
     ),
@@ -97,34 +97,34 @@ ERROR_CASES = {
         '<link name="body">',
         '<xacro:macro name="a"/><link name="body">',
     ),
-    "line 7, link 'upper': there is one of that name already (arm.urdf, line 5)": ('"lower">', '"upper">'),
-    "joint 'slide': there is no link 'arm'; there are: body, upper": (
+    "line 7, link 'upper': the name is already used (arm.urdf, line 5)": ('"lower">', '"upper">'),
+    "joint 'slide': link 'arm' does not exist; there are: body, upper": (
         '<parent link="upper"/>',
         '<parent link="arm"/>',
     ),
-    "is the child of joint 'slide' too (arm.urdf, line 16); a loop": (
+    "is also the child of joint 'slide' (arm.urdf, line 16); remove one": (
         '<child link="finger"/>',
         '<child link="lower"/>',
     ),
     "it closes a cycle": ('<parent link="body"/>', '<parent link="finger"/>'),
-    "link 'spare': no joints join it to 'body'": ("</robot>", '<link name="spare"/></robot>'),
-    "line 12, joint 'shoulder': joints of type 'floating' cannot be used": ('"revolute"', '"floating"'),
+    "link 'spare': no joints connect it to 'body'": ("</robot>", '<link name="spare"/></robot>'),
+    "line 12, joint 'shoulder': joint type 'floating' is not supported": ('"revolute"', '"floating"'),
     "attribute 'type' is missing": ('type="fixed"', ""),
     "line 3, <mass>: value is 'two'": ('<mass value="2"/>', '<mass value="two"/>'),
     "mass of link 'body' is -2.0 kg; it must be positive": ('<mass value="2"/>', '<mass value="-2"/>'),
     "<inertial>: <mass> is missing": ('<mass value="2"/>', ""),
     "no rigid body has the inertia of link 'body'": ('izz="1"', 'izz="3"'),
-    "line 3, link 'body': neither it nor what is fixed to it has an <inertial>": (INERTIAL, ""),
+    "line 3, link 'body': neither it nor a link fixed to it has an <inertial>": (INERTIAL, ""),
     "ixx is 'nan'; it must be 1 finite number": ('ixx="1"', 'ixx="nan"'),
     "<origin>: xyz is '0.1 0'; it must be 3 finite numbers": ('xyz="0.1 0 0"', 'xyz="0.1 0"'),
     "rpy is '0 0 ${pi}'": ('rpy="0 0 0.5"', 'rpy="0 0 ${pi}"'),
-    "a second <inertial> of the same link 'body'": (INERTIAL, INERTIAL + INERTIAL),
+    "link 'body' has two <inertial>": (INERTIAL, INERTIAL + INERTIAL),
     "joint 'shoulder': its axis has length 2; it must be a unit vector": ('xyz="0 1 0"', 'xyz="0 2 0"'),
     "joint 'shoulder': <parent> is missing": ('<parent link="body"/>', ""),
     "the upper limit must not be below the lower one": ('lower="0.2"', 'lower="3"'),
     "effort is 'much'": ('effort="5"', 'effort="much"'),
-    "and the others must not be negative": ('velocity="3"', 'velocity="-3"'),
-    "joint 'shoulder' follows another joint": (
+    "and effort and speed must not be negative": ('velocity="3"', 'velocity="-3"'),
+    "joint 'shoulder' mimics another joint": (
         '<axis xyz="0 1 0"/>',
         '<mimic joint="grip"/><axis xyz="0 1 0"/>',
     ),
@@ -200,7 +200,7 @@ def test_errors_of_arguments(file, changed, message):
 
 def test_joints_beside_the_chain_must_be_held(file):
     """The error names them all, ready to be pasted: also those that hang on others."""
-    with pytest.raises(ModelError, match=r"joint 'grip': it moves, but lies beside the chain"):
+    with pytest.raises(ModelError, match=r"joint 'grip': it is movable but outside the chain"):
         read(file, locked=None)
     named = re.escape("locked={'shoulder': 0.0, 'slide': 0.0, 'grip': 0.0}")
     with pytest.raises(ModelError, match=named):

@@ -16,7 +16,7 @@ from systems import relative_error
 from trussflow.models import ModelError, RobotArm, arm_terms
 from trussflow.models.geometry.rotation import rotation_about_z
 from trussflow.models.geometry.spatial import SpatialInertia, inertia_matrix
-from trussflow.models.robots.visuals import CORNERS
+from trussflow.models.robots.visuals import BOX_CORNERS
 
 pin = pytest.importorskip("pinocchio", reason="Pinocchio has no wheels for Windows")
 
@@ -128,7 +128,7 @@ def test_visuals_of_public_robots_are_where_pinocchio_has_them(
         axes, place = bodies[visual.body]
         ours = visual._replace(kind="box", size=np.ones(3)).triangles()[0] @ axes.T + place
         placed = data.oMf[model.getFrameId(hand)].actInv(theirs[visual.file.name])
-        np.testing.assert_allclose(ours, [placed.act(c) for c in CORNERS], rtol=0, atol=TOLERANCE)
+        np.testing.assert_allclose(ours, [placed.act(c) for c in BOX_CORNERS], rtol=0, atol=TOLERANCE)
 
 
 def random_urdf(rng, links):

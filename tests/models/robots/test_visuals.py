@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from trussflow.models import ModelError, RobotArm
-from trussflow.models.robots.visuals import BOX, CORNERS
+from trussflow.models.robots.visuals import BOX_CORNERS, BOX_FACES
 
 INERTIAL = '<inertial><mass value="2"/><inertia ixx="1" ixy="0" ixz="0" iyy="1" iyz="0" izz="1"/></inertial>'
 TWO = f"""<robot name="two">
@@ -49,7 +49,7 @@ def test_shapes_have_their_volume(tmp_path, geometry, expected, share):
 
 def corners(size):
     """Return the three corners of each triangle of a box."""
-    return np.asarray((CORNERS * size)[BOX])
+    return np.asarray((BOX_CORNERS * size)[BOX_FACES])
 
 
 def stl(triangles):
@@ -68,7 +68,7 @@ def stl_text(triangles):
 
 def obj(triangles):
     """Return a box of quadrilaterals: with textures, and the last ones counted back from the end."""
-    points = CORNERS * np.ptp(triangles.reshape(-1, 3), axis=0)
+    points = BOX_CORNERS * np.ptp(triangles.reshape(-1, 3), axis=0)
     lines = ["# box", *(f"v {x} {y} {z}" for x, y, z in points), "vt 0 0"]
     lines += [
         "f 1/1 2/1 4/1 3/1",

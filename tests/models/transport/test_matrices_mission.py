@@ -124,7 +124,7 @@ def test_such_a_mission_runs(tmp_path, matrices, duration):
     [
         ("mass", "M.mtx", "mission.toml, structure: 'mass' is refused: "),
         ("mass", "other.npz", "array in other.npz: 'mass'; choose from: M"),
-        ("mass", None, "says no 'mass'"),
+        ("mass", None, "has no 'mass'"),
         ("stiffness", "broken.npz", "mission.toml, structure: 'stiffness' is refused: "),
         ("mass", "huge.npz", "the mass matrix cannot be read from .*it needs more memory than there is"),
         ("mass", "huge.npy", "the mass matrix cannot be read from .*mmap length is greater than file size"),

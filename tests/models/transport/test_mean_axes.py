@@ -31,5 +31,5 @@ def test_hardware_that_does_not_fit():
     mission = Mission.of_case(1)
     flight = Hardware.flight()
     for hardware in (replace(flight, sample_time=0.01), replace(flight, delay=0.0)):
-        with pytest.raises(ModelError, match="the first must be the same time, and the second not less"):
+        with pytest.raises(ModelError, match="the sample times must be equal, and the delay not less"):
             mean_axes_transport(mission, SpaceTruss.consistent(), hardware=hardware)

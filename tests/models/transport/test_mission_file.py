@@ -72,7 +72,7 @@ def test_what_is_assumed_is_told(tmp_path):
     assert "for the path, which takes 40 s" in text
     assert "Only" not in text
     brief = MissionFile.read(written(tmp_path, ('duration = "60 s"', 'duration = "25 s"')))
-    assert "which takes 40 s. Only 25 s are flown: the duration of the simulation." in brief.explained()
+    assert "which takes 40 s. Only 25 s are simulated, by simulation.duration." in brief.explained()
 
 
 def test_what_no_picture_will_show_is_told(boom):
@@ -80,8 +80,8 @@ def test_what_no_picture_will_show_is_told(boom):
     look = '<visual><geometry><mesh filename="hand.dae"/></geometry></visual>'
     arm.write_text(arm.read_text().replace('<link name="hand">', f'<link name="hand">{look}'))
     text = MissionFile.read(boom).explained()
-    assert text.endswith("leaves out hand.dae, which is none of .stl, .obj.")
-    assert text.count("leaves out") == 1
+    assert text.endswith("omits hand.dae, which is none of .stl, .obj.")
+    assert text.count("omits") == 1
 
 
 def test_settings_count_more_than_the_file(tmp_path):
@@ -117,14 +117,14 @@ def test_files_extend_others(tmp_path):
     assert (flown.title, flown.mission.duration) == ("slow", 90.0)
     assert_array_equal(flown.mission.position, [6.0, 6.0, 0.0])
     (tmp_path / "mine.toml").write_text('extends = "child.toml"\n', encoding="utf-8")
-    with pytest.raises(ModelError, match=r"child.toml: 'extends' leads back to child.toml"):
+    with pytest.raises(ModelError, match=r"child.toml: 'extends' is a cycle back to child.toml"):
         MissionFile.read(child)
 
 
 def test_hardware_of_another_rate_than_the_law(tmp_path):
     more = '[computer]\nsample_time = "10 ms"\ndelay = "20 ms"\n\n[wheels]'
     flown = MissionFile.read(written(tmp_path, ("[wheels]", more)))
-    with pytest.raises(ModelError, match=r"the hardware takes a command every 0.01 s"):
+    with pytest.raises(ModelError, match=r"the hardware has a sample time of 0.01 s"):
         flown.diagram()
 
 

@@ -70,7 +70,9 @@ def test_a_path_too_fast_for_the_actuators_is_refused(tmp_path, more):
     least = boom(tmp_path, f'duration = "60 s"\n{more}').least_duration()
     assert boom(tmp_path, f'duration = "{1.01 * least} s"\n{more}').hardware is not None
     short = f'duration = "{0.99 * least} s"\n{more}'
-    with pytest.raises(ModelError, match=rf"at least {least:.4g} s for this path; give it .* \(line \d+\)"):
+    with pytest.raises(
+        ModelError, match=rf"at least {least:.4g} s for this path; increase it.* \(line \d+\)"
+    ):
         boom(tmp_path, short)
     assert boom(tmp_path, f'{short}\ninfeasible = "allowed"\n').least_duration() == pytest.approx(least)
 
@@ -115,7 +117,7 @@ def test_quaternions_pass_their_waypoints(tmp_path):
 
 
 def test_quaternions_are_not_shaped(tmp_path):
-    with pytest.raises(ModelError, match="'shaping' adds paths up, which attitudes as quaternions cannot be"):
+    with pytest.raises(ModelError, match="'shaping' adds paths, which is not possible with quaternions"):
         turning(tmp_path, 'shaping = "ZV"')
 
 

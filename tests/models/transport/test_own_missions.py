@@ -102,9 +102,8 @@ def test_joints_that_leave_their_way_are_named(mission, run):
     k = int(np.argmin(ends))
     beyond = run["task_position"].copy()
     beyond[-1, 6 + k] = ends[k] + 0.25
-    message = (
-        rf"joint '{joints[k].name}' of robot \d goes 0\.25 {mission.truss.task_units[6 + k]} beyond its way"
-    )
+    unit = mission.truss.task_units[6 + k]
+    message = rf"joint '{joints[k].name}' of robot \d moves 0\.25 {unit} beyond its limits"
     with pytest.warns(SimulationWarning, match=message):
         tidy(run.assign(task_position=beyond), mission.truss)
 

@@ -153,10 +153,10 @@ ERROR_CASES = [
     ("ends = [[1, 3]]", "", "'ends' must be a list of pairs of numbers of nodes, got None"),
     ("elements = 4", "elements = 3", "member 1-2 has 3 elements; it must be 1 or an even number"),
     ("elements = 4", "elements = 1002", "it must be 1 or an even number up to 1000"),
-    ("elements = 4", "elements = 4.0", "elements is 4.0; hinged is true or false, elements a whole number"),
+    ("elements = 4", "elements = 4.0", "elements is 4.0; hinged must be true or false, elements a whole"),
     ("elements = 4", "elements = 4\nhinged = true", "hinged is True and elements is 4"),
-    ("across = [0.0, 1.0, 0.0]", "", "'across' is missing; a section that does not bend alike"),
-    ("across = [0.0, 1.0, 0.0]", "across = [1.0, 0.0, 0.0]", "'across' points along member 1-2"),
+    ("across = [0.0, 1.0, 0.0]", "", "'across' is missing; a section with two different second moments"),
+    ("across = [0.0, 1.0, 0.0]", "across = [1.0, 0.0, 0.0]", "'across' is parallel to member 1-2"),
     ("[0.0, 1.0, 0.0]], unit", "[2.0, 0.0, 0.0]], unit", "nodes 2 and 3 are at the same place"),
     ("nodes = [3]", "nodes = [9]", "no node for a mass in frame.toml: 9; choose from: 1, 2, 3"),
     ("nodes = [3]", "nodes = 3", "'nodes' must be a list of numbers of nodes, got 3"),
@@ -166,13 +166,13 @@ ERROR_CASES = [
 
 
 def test_a_frame_without_members():
-    with pytest.raises(ModelError, match="frame: there are no members; a frame has at least one"):
+    with pytest.raises(ModelError, match="frame: there are no members; a frame needs at least one"):
         Frame(positions=np.eye(3), members=())
 
 
 def test_a_grasp_that_turns_no_mass(tmp_path):
     """The end of a thin rod, twisted."""
-    with pytest.raises(ModelError, match=r"hardly any mass; .* give an inertia to a node that only twists"):
+    with pytest.raises(ModelError, match=r"too little mass; .* give rotational inertia to a node"):
         reduced_modes(read(tmp_path, TEXT).structure(), 0, [2], clamped=[1])
 
 

@@ -67,7 +67,7 @@ def test_mass_that_couples_nodes_keeps_mass_centre_and_inertia():
     modes = reduced_modes(coupled, 2, [])
     assert relative_error(modes.inertia, coupled.rigid_mass[3:, 3:]) < ROUND_OFF
     assert relative_error(modes.static_moment, coupled.rigid_mass[0, 0] * coupled.centre) < ROUND_OFF
-    assert "the mass couples nodes and was given to them" in coupled.assumptions[-1]
+    assert "mass that couples nodes was lumped to them" in coupled.assumptions[-1]
     assert not any("couples" in a for a in FRAME.assumptions)
 
 
@@ -84,7 +84,7 @@ def test_units():
         for name in ("mass", "stiffness", "positions"):
             assert relative_error(getattr(found, name), getattr(FRAME, name)) < ROUND_OFF, (units, name)
         assert found.assumptions == (
-            f"lengths are in {units[0]}, masses in {units[1]}, times in {units[2]}, as was said",
+            f"lengths are in {units[0]}, masses in {units[1]}, times in {units[2]}, as the user stated",
         )
 
 
@@ -155,7 +155,7 @@ ERROR_CASES = [
     ({"mass": changed(M, 6, 6, -1.0)}, "the mass matrix is negative at node 2, x: -1"),
     (
         {"stiffness": GROUNDED_STIFFNESS},
-        "it is not free: moved as a whole .* it resists with .* at node 2, y; take supp",
+        "it is not free: a rigid motion .* causes .* at node 2, y; remove supp",
     ),
     ({"positions": POSITIONS[:, :2]}, r"positions has shape \(4, 2\); it must be \('any', 3\)"),
     (
@@ -163,10 +163,10 @@ ERROR_CASES = [
         "axes is not a rotation matrix but left-handed: its determinant is -1",
     ),
     ({"axes": 2.0 * np.eye(3)}, "axes is not a rotation matrix"),
-    ({"nodes": [1, 2, 3, 2]}, "there are two nodes 2; number each node once"),
+    ({"nodes": [1, 2, 3, 2]}, "node number 2 is used twice"),
     ({"nodes": [1, 2, 3]}, r"positions has shape \(4, 3\); it must be \(3, 3\)"),
-    ({"stiffness": LOOSE_STIFFNESS}, "node 4, x has mass but no stiffness; nothing connects it"),
-    ({"mass": changed(M, 0, 0, 9.0)}, "its mass cannot be told as masses in points"),
+    ({"stiffness": LOOSE_STIFFNESS}, "node 4, x has mass but no stiffness; the structure is a mechanism"),
+    ({"mass": changed(M, 0, 0, 9.0)}, "point masses cannot represent its mass"),
     ({"mass": "mass.xyz"}, "no reader of structure: the mass matrix for files '.xyz'; choose from: .mtx, "),
     ({"mass": "nowhere.mtx"}, "the mass matrix cannot be read from 'nowhere.mtx'"),
 ]
@@ -184,5 +184,5 @@ def test_stiffness_that_gives_energy_is_refused():
     values, vectors = np.linalg.eigh(K.toarray())
     softest = vectors[:, 6]
     worse = K.toarray() - 1.1 * values[6] * np.outer(softest, softest)
-    with pytest.raises(ModelError, match="the stiffness matrix has a deformation that gives off energy"):
+    with pytest.raises(ModelError, match="the stiffness matrix is not positive semidefinite"):
         Structure.from_matrices(M, coo_array(worse), POSITIONS, units=SI)

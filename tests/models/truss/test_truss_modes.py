@@ -8,7 +8,7 @@ import pytest
 from scipy.integrate import solve_bvp
 
 from trussflow.models import ModelError, TrussModes
-from trussflow.models.truss.truss_modes import LINEAR, axial
+from trussflow.models.truss.truss_modes import LINEAR_LIMIT, axial
 
 TOLERANCE = 1e-12  # round-off of sums over 128 points
 
@@ -131,8 +131,8 @@ def test_unusable_files(modes, tmp_path, change, message):
 
 
 def test_the_linear_range_is_where_a_cantilever_is_right_to_a_percent():
-    """The elastica under an end load, against linear theory, at a deflection of `LINEAR` of the length."""
-    load = 3.0 * LINEAR  # P L^2 / (E I): the linear deflection is a third of it
+    """The elastica under an end load, against linear theory, at a deflection of `LINEAR_LIMIT`."""
+    load = 3.0 * LINEAR_LIMIT  # P L^2 / (E I): the linear deflection is a third of it
 
     def elastica(_, y):
         angle, curvature, _, _ = y
@@ -145,7 +145,7 @@ def test_the_linear_range_is_where_a_cantilever_is_right_to_a_percent():
     solution = solve_bvp(elastica, clamped, s, np.vstack([0 * s, 0 * s, s, 0 * s]), tol=1e-9)
     along, across = solution.y[2:, -1]
     assert load / 3.0 / across - 1.0 == pytest.approx(0.0102, abs=1e-4)
-    assert 1.0 - along == pytest.approx(0.6 * LINEAR**2, rel=0.02)
+    assert 1.0 - along == pytest.approx(0.6 * LINEAR_LIMIT**2, rel=0.02)
 
 
 def test_deflection_is_the_greatest_of_displacement_and_rotation(modes):
