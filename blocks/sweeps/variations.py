@@ -97,7 +97,7 @@ def _quoted(names: str | tuple[str, ...]) -> str:
 
 
 def _are_several(values: Any) -> bool:
-    """Tell whether there is one value behind the other."""
+    """Return whether there is one value behind the other."""
     is_text = isinstance(values, str | bytes)
     return isinstance(values, Sequence | np.ndarray) and not is_text and getattr(values, "ndim", 1) > 0
 

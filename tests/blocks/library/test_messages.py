@@ -134,12 +134,12 @@ UNTYPED: Any = Diagram("d")
         (
             lambda: run(system(), [1.0], parameters={"b.A": [[1.0]]}),
             NameLookupError,
-            r"'b\.A' \('A' is structure of 'b': build another block\)",
+            r"'b\.A' \('A' is a structural attribute of 'b': build another block\)",
         ),
         (
             lambda: run(Step(0.1), parameters={"b.time": 0.0}),
             NameLookupError,
-            "'time' is structure of 'b': build",
+            "'time' is a structural attribute of 'b': build",
         ),
         (lambda: run(Integrator(), log=["b.x"]), NameLookupError, "has no port 'x'; inputs: u; outputs: y"),
         (lambda: python(lambda _: None), ParameterError, "of Python block 'b' returned as 'y' must be num"),
@@ -156,11 +156,11 @@ UNTYPED: Any = Diagram("d")
         (
             lambda: added().add(h=copy.deepcopy(added().g)),
             DiagramError,
-            "to copy a block copies its diagram too",
+            "a copy of a block includes its diagram",
         ),
         (lambda: Constant(1.0, unit="foobar"), BlockError, "unknown unit 'foobar': .* did you mean 'bar'"),
         (lambda: Constant(1.0, unit="Nm"), BlockError, r"unknown unit 'Nm': a newton metre is 'N\*m'"),
-        (deep, DiagramError, "diagrams can be nested 100 deep"),
+        (deep, DiagramError, "diagrams can be nested at most 100 deep"),
         (lambda: Constant(10**400), ParameterError, "parameter 'value' of Constant must be numeric"),
         (lambda: Constant([[1], [1, 2]]), ParameterError, r"not \[\[1\], \[1, 2\]\]; give .* equal length"),
         (lambda: run(Gain(1.0), log=[3]), SimulationError, "cannot log 3: give ports"),
