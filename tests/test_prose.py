@@ -21,13 +21,9 @@ ONE_WORD = re.compile(r"[A-Z]{2,}$")
 
 # Breaches of the rules left in each package. Lower a number when you mend one; never raise it.
 EXCEPTIONS = {
-    "blocks/command": 3,
-    "blocks/cosimulation": 22,
-    "blocks/drawing": 36,
     "blocks/library": 35,
     "blocks/linear_analysis": 131,
     "blocks/simulation": 74,
-    "blocks/sweeps": 83,
     "examples": 2,
     "examples/analysis": 1,
     "fmu": 2,

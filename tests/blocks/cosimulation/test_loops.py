@@ -86,7 +86,7 @@ def test_iteration_with_rollback_solves_a_loop_exactly(gain, stepping):
 
 def test_a_loop_whose_members_cannot_go_back_is_refused(stepping):
     diagram = coupled(stepping(feedthrough(0.5), H), stepping(feedthrough(0.5), H, restores=False))
-    with pytest.raises(AlgebraicLoopError, match=r"cannot go back to an earlier state: 'b'"):
+    with pytest.raises(AlgebraicLoopError, match=r"cannot return to an earlier state: 'b'"):
         cosimulate(diagram, 1.0, step=H, coupling="iterate")
 
 

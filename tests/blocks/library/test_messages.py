@@ -124,9 +124,9 @@ UNTYPED: Any = Diagram("d")
     [
         (lambda: Diagram("d").add(b=Forgetful()), BlockError, r"must call super\(\)\.__init__\(\)"),
         (Late, BlockError, r"cannot set 'size' of 'Late': .* set it before super\(\)\.__init__\(\)"),
-        (lambda: UNTYPED.add(Gain(1.0)), DiagramError, r"say diagram\.add\(name=Gain\(\.\.\.\)\)"),
+        (lambda: UNTYPED.add(Gain(1.0)), DiagramError, r"write diagram\.add\(name=Gain\(\.\.\.\)\)"),
         (lambda: StateMachine(["a"], 0.1), NameLookupError, "modes must be given by name"),
-        (lambda: added().g << added().g, WiringError, "wires are source >> target"),
+        (lambda: added().g << added().g, WiringError, "connections are source >> target"),
         (index_of_unknown_shape, WiringError, r"cannot index 's\.y': its shape is not known yet"),
         (lambda: run(Gain(1.0), dt=0.1), SimulationError, "unknown setting 'dt'; there are: step, solver"),
         (lambda: run(Gain(1.0), parameters=[1]), NameLookupError, r"by name, as a dict, not as \[1\]"),
