@@ -21,7 +21,7 @@ ONE_WORD = re.compile(r"[A-Z]{2,}$")
 
 # Breaches of the rules left in each package. Lower a number when you mend one; never raise it.
 EXCEPTIONS = {
-    "blocks/library": 35,
+    "blocks/library": 5,
     "blocks/linear_analysis": 131,
     "blocks/simulation": 74,
     "examples": 2,

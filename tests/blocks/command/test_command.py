@@ -220,7 +220,7 @@ def code_of(words):
     ("words", "message"),
     [
         ("nonsense", "invalid choice: 'nonsense'"),
-        ("new loop.py", "cannot write 'loop.py': it is there already"),
+        ("new loop.py", "cannot write 'loop.py': it exists already"),
         ("new no-name.py", "name it .toml, or .py and so that it can be imported"),
         ("draw trussflow.blocks:Integrator block.svg", "not a diagram"),
         ("run loop.py:loop 1 --parameter pendulum.mass=heavy", "write name=number, or name=[number, number]"),

@@ -130,7 +130,7 @@ def test_a_loop_is_refused_with_its_path(lines, tmp_path):
         assert "a.y --wire--> b.u ==feedthrough==> b.y   [" in str(caught.value)
     assert "b.y --wire--> a.u ==feedthrough==> a.y   [" in str(caught.value)
     for second, text in (
-        (stuck, r"choose steps by a tolerance.*'b'"),
+        (stuck, r"control steps by a tolerance.*'b'"),
         (fixed, r"these members have a fixed step: 'b'"),
     ):
         diagram = loop(Fmu(a), Fmu(second, delayed=True))
