@@ -21,7 +21,7 @@ import pytest
 import xarray as xr
 
 from trussflow.blocks import Diagram, Integrator, Ramp, Simulator, StateSpace
-from trussflow.blocks.framework.files import LOCK, locked
+from trussflow.blocks.framework.files import LOCK_SUFFIX, locked
 from trussflow.blocks.tracing import compile_cache
 from trussflow.fmu import Fmu, export
 from trussflow.models.reporting.cache import Work, perform
@@ -115,12 +115,12 @@ KEPT = {*READ, ".so", ".o", ".sha256", ".key"}
 def left(folder):
     """Return files that should not be there, and temporary folders that no process holds."""
     for path in folder.rglob("*"):
-        if path.name.endswith(LOCK):
+        if path.name.endswith(LOCK_SUFFIX):
             with contextlib.suppress(BlockingIOError):
                 locked(path).close()
                 yield path
         elif "trussflow-" in path.name:
-            if not path.with_suffix(LOCK).exists():
+            if not path.with_suffix(LOCK_SUFFIX).exists():
                 yield path
         elif path.is_file() and path.suffix not in KEPT and "trussflow-" not in str(path.parent):
             yield path

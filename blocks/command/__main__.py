@@ -1,4 +1,4 @@
-"""``trussflow``, or ``python -m trussflow``: one command for all that can be done without writing code."""
+"""``trussflow``, or ``python -m trussflow``: command line of the package."""
 
 from __future__ import annotations
 
@@ -14,14 +14,14 @@ from trussflow import __version__
 
 
 class Command(NamedTuple):
-    """What a command does, and the `module` that has its ``parser(prog)`` and ``main(words, prog)``."""
+    """Subcommand: what it `does`, and the `module` with ``parser(prog)`` and ``main(words, prog)``."""
 
     does: str
     module: str
 
 
 class Version(argparse.Action):
-    """Print the version, and how much compiled code is kept where."""
+    """Print the version, and size and folder of the compile cache."""
 
     def __call__(self, parser: argparse.ArgumentParser, *_: Any) -> None:
         """Print, and end with exit code 0."""
@@ -45,28 +45,28 @@ COMMANDS = {
     ),
     "reproduce": Command("reproduce and judge the whole paper", "trussflow.models.reproduction.__main__"),
 }
-"""A new one is a line here; its module is imported only when it is called."""
+"""Subcommands by name; a module is imported only when its command is called."""
 
-FEW_CYCLES = 50_000
-"""New objects after which garbage in circles is looked for; Python's own number is 700 or more [-]."""
+GARBAGE_THRESHOLD = 50_000
+"""Number of new objects between collections of cyclic garbage; Python's default is 700 or more [-]."""
 
-EXAMPLES = """examples:
+HELP_EXAMPLES = """examples:
   trussflow new loop.py                          # a pendulum under control, to be changed
   trussflow run loop.py:loop 10 --plot loop.png  # simulated
   trussflow draw loop.py:loop loop.svg           # as a picture
   trussflow fmu export loop.py:loop loop.fmu     # for other tools
   trussflow fly --case 1                         # the space truss; open results/case1/index.html
 
-exit codes: 0 all is well, 1 what was wanted did not succeed, 2 it made no sense, 130 stopped by Ctrl-C
+exit codes: 0 success, 1 failure, 2 wrong arguments or models, 130 stopped by Ctrl-C
 tab completion: trussflow --print-completion bash > ~/.local/share/bash-completion/completions/trussflow"""
 
 
 def parser(*, whole: bool) -> argparse.ArgumentParser:
-    """Return the parser of the command; only the `whole` one knows the arguments of its commands."""
+    """Return the argument parser; only the `whole` one includes the arguments of the subcommands."""
     found = argparse.ArgumentParser(
         prog="trussflow",
         description="Block diagrams for guidance and control, and a space truss carried by four robots.",
-        epilog=EXAMPLES,
+        epilog=HELP_EXAMPLES,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     found.add_argument("--version", action=Version, nargs=0, help="print version and size of the cache")
@@ -79,16 +79,16 @@ def parser(*, whole: bool) -> argparse.ArgumentParser:
 
 
 def main(words: list[str] | None = None) -> int:
-    """Run the command that `words` begin with, by default the process's; return the exit code."""
+    """Run the subcommand in `words`, by default those of the process; return the exit code."""
     words = sys.argv[1:] if words is None else words
     command = COMMANDS.get(words[0]) if words else None
     if command is None:
         # Help, version, completion or misuse: all of these exit.
         parser(whole=words[:1] == ["--print-completion"]).parse_args(words or ["--help"])
         return 0
-    # Imports and expressions leave none behind; looking for them took a tenth of the start.
+    # Imports and expressions make no cyclic garbage, and its collection took a tenth of the start.
     usual = gc.get_threshold()
-    gc.set_threshold(FEW_CYCLES)
+    gc.set_threshold(GARBAGE_THRESHOLD)
     try:
         code: int = _module(command).main(words[1:], f"trussflow {words[0]}")
     finally:

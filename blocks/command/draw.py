@@ -6,14 +6,14 @@ import argparse
 from dataclasses import asdict
 from pathlib import Path
 
-from trussflow.blocks.drawing import svg as svg  # puts itself into Diagram
+from trussflow.blocks.drawing import svg as svg  # registers the drawing function of Diagram
 from trussflow.blocks.framework.command_line import Outcome, block_of, ended, parser_of
 from trussflow.blocks.framework.diagram import Diagram
 from trussflow.blocks.framework.errors import DiagramError
 
 
 def parser(prog: str) -> argparse.ArgumentParser:
-    """Return what reads the words behind `prog`, the command."""
+    """Return the argument parser of the command `prog`."""
     found = parser_of(
         prog,
         "Draw a diagram as SVG, or print it as a tree of blocks with ports, rates and states.",
@@ -28,7 +28,7 @@ def parser(prog: str) -> argparse.ArgumentParser:
 
 
 def draw(options: argparse.Namespace) -> Outcome:
-    """Draw what the `options` ask for."""
+    """Draw the diagram of the `options`, or return its tree."""
     diagram, text = block_of(options.item), ""
     wires = diagram.wires if isinstance(diagram, Diagram) else []
     if options.path is None:
@@ -38,7 +38,7 @@ def draw(options: argparse.Namespace) -> Outcome:
         text = f"{options.path}: {len(diagram.blocks)} blocks"
     else:
         raise DiagramError(f"cannot draw '{options.item}': it is a block by itself, not a diagram")
-    ends = [[port.full_path for port in wire.ends] for wire in wires]  # of a grounded input the target only
+    ends = [[port.full_path for port in wire.ends] for wire in wires]  # a grounded input has no source
     return Outcome({"file": options.path, "tree": asdict(diagram._described()), "wires": ends}, text)
 
 

@@ -1,4 +1,4 @@
-"""``trussflow new``: a file to start from."""
+"""``trussflow new``: a first diagram or mission file."""
 
 from __future__ import annotations
 
@@ -10,12 +10,12 @@ from trussflow.blocks.framework.command_line import Outcome, ended, parser_of
 from trussflow.blocks.framework.errors import DiagramError
 from trussflow.blocks.framework.files import replaced
 
-MISSION = "parameters/new_mission.toml"
-"""Of the models: looked up by name, as commands are."""
+MISSION_TEMPLATE = "parameters/new_mission.toml"
+"""Path of the mission template in the package `models`, which is found by name, not imported."""
 
 
 def parser(prog: str) -> argparse.ArgumentParser:
-    """Return what reads the words behind `prog`, the command."""
+    """Return the argument parser of the command `prog`."""
     found = parser_of(
         prog,
         "Write a small closed loop with a block of its own, to be run, drawn, exported and changed,\n"
@@ -23,19 +23,19 @@ def parser(prog: str) -> argparse.ArgumentParser:
         "loop.py         # then: python loop.py",
         "mission.toml    # then: trussflow fly mission.toml",
     )
-    found.add_argument("path", type=Path, help="file to write, named .py or .toml; it must not be there yet")
+    found.add_argument("path", type=Path, help="file to write, named .py or .toml; it must not exist")
     return found
 
 
 def new(options: argparse.Namespace) -> Outcome:
-    """Write the file that the `options` ask for."""
+    """Write the file of the `options`."""
     path: Path = options.path
     mission = path.suffix == ".toml"
     if not mission and (path.suffix != ".py" or not path.stem.isidentifier()):
         raise DiagramError(f"cannot write '{path}': name it .toml, or .py and so that it can be imported")
-    package, file = ("trussflow.models", MISSION) if mission else ("trussflow", "starter.py")
+    package, file = ("trussflow.models", MISSION_TEMPLATE) if mission else ("trussflow", "starter.py")
     if path.exists():
-        raise DiagramError(f"cannot write '{path}': it is there already; name another file")
+        raise DiagramError(f"cannot write '{path}': it exists already; name another file")
     try:
         with replaced(path) as partial:
             partial.write_bytes(files(package).joinpath(file).read_bytes())

@@ -20,11 +20,11 @@ from trussflow.blocks.sweeps.sweep import EXECUTORS
 
 
 def parser(prog: str) -> argparse.ArgumentParser:
-    """Return what reads the words behind `prog`, the command."""
+    """Return the argument parser of the command `prog`."""
     found = parser_of(
         prog,
-        "Run a sweep: what a script has as functools.partial(sweep, ...), or a function that hands on to\n"
-        "sweep what it is given by name. Called again with the same --path, it goes on where it was.",
+        "Run a sweep: functools.partial(sweep, ...) in a script, or a function that passes its keyword\n"
+        "arguments to sweep. Called again with the same --path, it resumes the sweep.",
         "loop.py:campaign --path kept                                    # on all cores of this machine",
         "loop.py:campaign --path kept --scheduler tcp://192.168.0.1:8786 # on the workers of a Dask cluster",
         "loop.py:campaign --samples 20 --executor serial --output few.nc # a few, to see whether it works",
@@ -40,12 +40,12 @@ def parser(prog: str) -> argparse.ArgumentParser:
 
 
 def run(options: argparse.Namespace) -> Outcome:
-    """Run the sweep that the `options` ask for."""
+    """Run the sweep of the `options`."""
     campaign = thing_of(options.campaign)
     if not callable(campaign):
         raise DiagramError(f"'{options.campaign}' is {shown(campaign)}; write functools.partial(sweep, ...)")
     file = options.campaign.partition(":")[0]
-    if file.endswith(".py"):  # which workers elsewhere do not have
+    if file.endswith(".py"):  # workers on other machines do not have the script
         cloudpickle.register_pickle_by_value(sys.modules[Path(file).stem])
     names = ("path", "samples", "executor", "workers")
     given = {name: getattr(options, name) for name in names if getattr(options, name) is not None}
@@ -66,7 +66,7 @@ def run(options: argparse.Namespace) -> Outcome:
 
 @contextlib.contextmanager
 def _cluster(address: str | None) -> Iterator[dict[str, Any]]:
-    """Yield what a sweep has to be told of a cluster, whose scheduler is at an `address`."""
+    """Yield the executor arguments of a sweep on the cluster with the scheduler at `address`."""
     if address is None:
         yield {}
         return

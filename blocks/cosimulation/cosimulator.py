@@ -1,4 +1,4 @@
-"""The master: runs the members of a diagram together."""
+"""Orchestrator of a co-simulation: runs the members of a diagram together."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ if TYPE_CHECKING:
 
 
 class MemberSettings(TypedDict, total=False):
-    """The settings of the `Solver` for what is no FMU; its step is another."""
+    """Settings of the `Solver` for blocks that are not FMUs, except its step."""
 
     solver: str
     backend: str
@@ -52,7 +52,7 @@ class MemberSettings(TypedDict, total=False):
 
 
 class CoSimulatorSettings(MemberSettings, total=False):
-    """The settings of a `CoSimulator`."""
+    """Settings of a `CoSimulator`."""
 
     step: Required[float]
     members: Sequence[str | Block]
@@ -71,48 +71,48 @@ class CoSimulatorSettings(MemberSettings, total=False):
     initial: Mapping[str, Any] | None
 
 
-DIVIDES = "take a step that divides it"
+DIVISOR_ADVICE = "use a step that divides it"
 
 
 class CoSimulator(Described):
-    """The members of a diagram made ready to run together, any number of times.
+    """A diagram prepared for co-simulation, which can run any number of times.
 
-    FMUs are members by themselves. All other blocks make up one more member, compiled and integrated
-    as in a `Simulator`, unless `members` names some that are to be members of their own. Members see
-    each other at communication points only.
+    Each FMU is a member, which is a subsystem of the co-simulation. All other blocks form one more member,
+    compiled and integrated as in a `Simulator`. Blocks and diagrams in `members` become separate members.
+    Members exchange signals only at communication points.
 
     Parameters
     ----------
     diagram : Diagram
-        What to simulate.
+        Diagram to simulate.
     step : float
-        Time between communication points [s]; with `tolerance`, the smallest that may be chosen.
+        Time between communication points [s]; with `tolerance`, the smallest step.
     members : sequence of str or Block
-        Blocks and inner diagrams that become members of their own, by path or as objects.
+        Blocks and inner diagrams that become separate members, by path or as objects.
     coupling : str
-        ``"jacobi"``: in each step all members read what the others showed at its start;
-        ``"gauss-seidel"``: members are advanced in `order`, and read from those before them what
-        these show at its end; ``"iterate"``: the step is repeated from snapshots until all read
-        what the others show at its end.
+        ``"jacobi"``: in each step, all members read the outputs of the others at the start of the step.
+        ``"gauss-seidel"``: members are advanced in `order`, and read the outputs of earlier members at the
+        end of the step. ``"iterate"``: the step is repeated from snapshots until all members read the
+        outputs of the others at the end of the step.
     extrapolation : int
-        0: inputs are held between communication points, and the error falls with the step; 1:
-        inputs are straight lines, and it falls with the square of the step [-].
+        0: inputs are held between communication points, and the error is proportional to the step. 1:
+        inputs are linear in time, and the error is proportional to the square of the step [-].
     order : sequence of str or Block, optional
-        All members in the order in which Gauss-Seidel advances them; by default as in `members`, then
-        FMUs, then ``"the rest"``.
+        All members in the order of Gauss-Seidel; by default that of `members`, then FMUs, then
+        ``"the rest"``.
     tolerance : float, optional
-        Choose communication steps such that their errors, estimated by step doubling, add up to at
-        most this, relative to the largest size that each signal had [-].
+        Tolerance for variable communication steps [-]: the errors of all steps, estimated by step
+        doubling, add up to at most this value, relative to the largest magnitude of each signal.
     absolute_tolerance : float, optional
-        What is added to that for signals near zero [unit of the signal]; by default a thousandth
+        Absolute tolerance added for signals near zero [unit of the signal]; by default a thousandth
         of `tolerance`.
     largest_step : float, optional
-        With `tolerance`, the largest time between communication points to choose [s]; by default
-        a tenth of the run.
+        With `tolerance`, the largest time between communication points [s]; by default a tenth of
+        the run.
     iteration_tolerance : float
         Relative change of signals at which an iteration ends [-].
     most_iterations : int
-        Rounds after which an iteration gives up [-].
+        Largest number of iterations [-].
     log : mapping, sequence or None
         Ports to log, as for `Simulator`; None logs every output.
     log_step : float, optional
@@ -123,12 +123,12 @@ class CoSimulator(Described):
     parameters, initial : mapping, optional
         Values of parameters and of initial states, by ``"block.name"`` [units as declared].
     **settings
-        Of the `Solver` for what is no FMU: solver, backend, rtol, atol.
+        Settings of the `Solver` for blocks that are not FMUs: solver, backend, rtol, atol.
 
     Raises
     ------
     SimulationError
-        If an argument makes no sense.
+        If an argument is not allowed.
     AlgebraicLoopError
         If there is a loop through the direct feedthrough of members, unless iteration solves it.
     DiagramError
@@ -138,11 +138,11 @@ class CoSimulator(Described):
 
     Notes
     -----
-    At a communication point all signals fit each other, as in a whole run: direct feedthrough is
-    followed from member to member. Between two points a member does not see what the others do; held
-    inputs are on average half a step old, which takes ``w H / 2`` radians of phase from a loop at
-    w [rad/s]. FMUs that do not follow their inputs before the next step show what they did at the
-    point before: one more step of delay.
+    At a communication point all signals are consistent, as in a simulation of one diagram: direct
+    feedthrough is followed from member to member. Between two points, members do not exchange signals.
+    Held inputs are on average half a step old, which reduces the phase of a loop at w [rad/s] by
+    ``w H / 2`` radians. The outputs of an FMU that does not follow its inputs before the next step are those
+    of the previous point: one more step of delay.
     """
 
     @interruptible()
@@ -182,24 +182,26 @@ class CoSimulator(Described):
         if tolerance is not None:
             if log_step is not None:
                 raise SimulationError(
-                    "log_step and tolerance do not go together: with a tolerance, the log holds "
-                    "the communication points that were chosen"
+                    "log_step and tolerance exclude each other: with a tolerance, the log contains "
+                    "the communication points of the step control"
                 )
             absolute = 1e-3 * tolerance if absolute_tolerance is None else absolute_tolerance
             self._tolerances = float(tolerance), float(absolute)
             self._grid = self._step / 2
         elif unused := [f"{name} = {value!r}" for name, value in of_chosen.items() if value is not None]:
             raise SimulationError(
-                f"{unused[0]} has no meaning without tolerance=..., which lets the steps be chosen"
+                f"{unused[0]} has no meaning without tolerance=..., which enables the step control"
             )
         if largest_step is not None and largest_step < step:
             raise SimulationError(
-                f"largest_step = {largest_step!r} must be at least step = {step!r}, the smallest to choose"
+                f"largest_step = {largest_step!r} must be at least step = {step!r}, the smallest step"
             )
         self._longest = None if largest_step is None else int(exact(largest_step) / self._grid)
-        self._log_every = 1 if log_step is None else ticks(exact(log_step), self._step, "log_step", DIVIDES)
+        self._log_every = (
+            1 if log_step is None else ticks(exact(log_step), self._step, "log_step", DIVISOR_ADVICE)
+        )
         inner = self._grid if solver_step is None else exact(solver_step)
-        ticks(self._grid, inner, "the smallest communication step", DIVIDES)
+        ticks(self._grid, inner, "the smallest communication step", DIVISOR_ADVICE)
         self._settings = Settings(
             solver=Solver.of({**settings, "step": float(inner)}, *CoSimulatorSettings.__annotations__),
             lines=extrapolation == 1,
@@ -256,29 +258,29 @@ class CoSimulator(Described):
         progress : bool
             Whether runs of more than a second show a progress bar.
         stream_to : path, optional
-            netCDF file to log to while the run goes on, so that memory stays constant.
+            netCDF file to log to during the run, for constant memory.
         not_finite : str
-            What to do if a logged output stops being finite, as for `Simulator.run`.
+            Policy for a logged output that is not finite, as for `Simulator.run`.
 
         Returns
         -------
         xarray.Dataset
-            What was logged, with members, frames and provenance.
+            Logged data, with members, frames and provenance.
 
         Raises
         ------
         SimulationError
-            If an argument makes no sense, a member refuses a step, or an iteration does not converge.
+            If an argument is not allowed, a member rejects a step, or an iteration does not converge.
         DivergenceError
-            If a signal stops being finite; what was logged is in its `result`.
+            If a signal is not finite; its `result` has the logged data.
         SimulationInterrupted
-            On Ctrl-C; what was logged is in its `result`.
+            On Ctrl-C; its `result` has the logged data.
         """
         positive(duration=duration)
         yes_or_no("a run", "progress", progress)
         end = on_grid(exact(duration), self._step)
         refuse_coarse_time(float(end), self._grid)
-        ticks(end, self._step, "the duration", DIVIDES)
+        ticks(end, self._step, "the duration", DIVISOR_ADVICE)
         last = int(end / self._grid)
         attributes = self._attributes(duration)
         log = opened(self.channels, attributes, stream_to, not_finite)
@@ -287,7 +289,7 @@ class CoSimulator(Described):
         shown = 0.0
 
         def reached() -> None:
-            """Log the signals as they are, if it is time."""
+            """Log the present signals, if logging is due."""
             nonlocal shown
             if coupled.k % self._log_every == 0 or coupled.k == last:
                 coupled.signals.take(self._logged, out=log.reserve(1)[0], mode="clip")
@@ -300,13 +302,13 @@ class CoSimulator(Described):
                 coupled.start()
                 reached()
                 control.run(last, reached)
-            messages = coupled.messages  # FMUs forget it when they are closed
+            messages = coupled.messages  # FMUs discard them when they are closed
             coupled.close()
             counts = control.steps | {"iterations": coupled.iterations}
             return log.complete(messages, wall_time=time.perf_counter() - started, **counts)
         except BaseException as error:
             messages = coupled.messages
-            with contextlib.suppress(Exception):  # the first error is the one to see
+            with contextlib.suppress(Exception):  # the first error is reported
                 coupled.close()
             counts = control.steps | {"iterations": coupled.iterations}
             if isinstance(error, RunStoppedError):
@@ -315,7 +317,7 @@ class CoSimulator(Described):
             raise
 
     def _control(self, coupled: Coupled, last: int) -> FixedSteps:
-        """Return what takes the communication steps up to a point of the grid."""
+        """Return the step control: fixed steps, or steps by the tolerance."""
         if self._tolerances is None:
             return FixedSteps(coupled)
         longest = self._longest or max(2, last // 10)
@@ -358,7 +360,7 @@ def cosimulate(
     Parameters
     ----------
     diagram : Diagram
-        What to simulate.
+        Diagram to simulate.
     duration : float
         Time to simulate [s].
     progress, stream_to, not_finite
@@ -369,7 +371,7 @@ def cosimulate(
     Returns
     -------
     xarray.Dataset
-        What was logged.
+        Logged data.
 
     Examples
     --------

@@ -1,20 +1,19 @@
-"""Coupling: one communication step of all members, by each of the schemes.
+"""Coupling schemes: one communication step of all members.
 
-Let the members stand at t, and step to t + H. What a member reads between is, from members not yet
-advanced, what is known at t, and the scheme decides about the others:
+All members are at t, and step to t + H. The scheme determines the inputs of a member during the step:
 
-* Jacobi: every member reads what the others showed at t. All are advanced independently.
-* Gauss-Seidel: members are advanced one after the other; each reads from those before it what they
-  show at t + H already, and from those after it what they showed at t.
-* Iteration: every member reads what the others show at t + H. All steps are repeated from
-  snapshots until nothing changes any more: the implicit solution.
+* Jacobi: every member reads the outputs of the others at t. All are advanced independently.
+* Gauss-Seidel: members are advanced one after another. Each reads the outputs of earlier members at
+  t + H, and those of later members at t.
+* Iteration: every member reads the outputs of the others at t + H. All steps are repeated from
+  snapshots until the signals converge to the implicit solution.
 
-With ``extrapolation=0`` inputs are held during the step. With ``extrapolation=1`` they are
-straight lines: extrapolated through the last two communication points where the end is not known,
-interpolated between t and t + H where it is. Then the error falls with H squared, not with H.
+With ``extrapolation=0``, inputs are held during the step. With ``extrapolation=1``, they are linear in
+time: interpolated between t and t + H if the end is known, otherwise extrapolated from the last two
+communication points. The error is then proportional to H squared, instead of H.
 
-Signals of sampled blocks are held in every scheme: they are what they were at t until the block
-ticks again.
+Signals of sampled blocks are held in every scheme: they keep their values at t until the block ticks
+again.
 """
 
 from __future__ import annotations
@@ -38,25 +37,25 @@ from trussflow.blocks.simulation.open_blocks import check_outputs
 COUPLINGS = ("jacobi", "gauss-seidel", "iterate")
 
 START_ROUNDS = 100
-"""Most rounds in which initial states and the signals at the start must settle."""
+"""Largest number of iterations of the initial states and signals."""
 
 
 @dataclass(frozen=True, slots=True)
 class Scheme:
-    """How members are coupled.
+    """Coupling scheme of the members.
 
     Attributes
     ----------
     coupling : str
         One of `COUPLINGS`.
     extrapolation : int
-        0: inputs are held; 1: they are straight lines [-].
+        0: inputs are held; 1: they are linear in time [-].
     order : sequence of int
-        Numbers of the members in the order in which they are advanced.
+        Indices of the members in the order in which they are advanced.
     tolerance : float
         Relative residual at which an iteration ends [-].
     limit : int
-        Most iterations in one step [-].
+        Largest number of iterations in one step [-].
     """
 
     coupling: str
@@ -67,12 +66,12 @@ class Scheme:
 
     @property
     def convergence(self) -> int:
-        """The power of H with which the error falls."""
+        """Order of convergence: the power of H in the error."""
         return 1 + self.extrapolation
 
 
 def loop_text(network: Network) -> str:
-    """Return the begin of a message that prints the algebraic loop through members."""
+    """Return the beginning of a message with the algebraic loop through members."""
     return (
         "algebraic loop through co-simulation members: within one instant each signal depends on "
         f"itself\n  {network.loop}\n"
@@ -80,23 +79,23 @@ def loop_text(network: Network) -> str:
 
 
 class Coupled:
-    """All members of a co-simulation in one run, and the time that they have reached together.
+    """All members of a co-simulation in one run, and their common time.
 
     Parameters
     ----------
     network : Network
-        The members and the places of their signals.
+        The members and the layout of their signals.
     scheme : Scheme
-        How they are coupled.
+        Coupling scheme.
     grid : Fraction
         Communication steps are multiples of this time [s].
 
     Attributes
     ----------
     k : int
-        The present time, in multiples of the grid.
+        Present time, in multiples of the grid.
     iterations : int
-        Evaluations of all members that iterations took so far [-].
+        Number of evaluations of all members in iterations so far [-].
     """
 
     def __init__(self, network: Network, scheme: Scheme, grid: Fraction) -> None:
@@ -106,22 +105,22 @@ class Coupled:
         self.iterations = 0
         self._rates = np.zeros(network.gather.size)
         self._visits: list[int] = []
-        self._current = 0  # the member that is at work, to name it if it fails
+        self._current = 0  # index of the active member, for error messages
         self._follows = [any(member.needs) for member in network.members]
         self._stepping: list[SelfStepping] = []
 
     def _check(self) -> None:
-        """Refuse members that would have to be restored but cannot be."""
+        """Check that all members can be restored if the scheme or a loop needs it."""
         stuck = ", ".join(self.unrestorable())
         if self.network.loop and stuck:
             raise AlgebraicLoopError(
-                f"{loop_text(self.network)}cannot iterate over it, because these members cannot go back "
-                f"to an earlier state: {stuck}"
+                f"{loop_text(self.network)}cannot iterate over it, because these members cannot return to "
+                f"an earlier state: {stuck}"
             )
         if self.scheme.coupling == "iterate" and stuck:
             raise SimulationError(
-                'cannot couple with "iterate": these members cannot go back to an earlier state: '
-                f'{stuck}; take coupling="gauss-seidel" or "jacobi"'
+                'cannot couple with "iterate": these members cannot return to an earlier state: '
+                f'{stuck}; use coupling="gauss-seidel" or "jacobi"'
             )
 
     def unrestorable(self) -> list[str]:
@@ -129,7 +128,7 @@ class Coupled:
         return self._names([one.restores for one in self._stepping])
 
     def unvarying(self) -> list[str]:
-        """Return the names of the members that take steps of one length only."""
+        """Return the names of the members with a fixed step."""
         return self._names([one.varies for one in self._stepping])
 
     def _names(self, able: Sequence[bool]) -> list[str]:
@@ -137,7 +136,7 @@ class Coupled:
 
     @property
     def time(self) -> float:
-        """The present time [s]."""
+        """Present time [s]."""
         return self.time_of(self.k)
 
     def time_of(self, k: int) -> float:
@@ -147,20 +146,20 @@ class Coupled:
     # -- start and end ------------------------------------------------------------------------
 
     def start(self) -> None:
-        """Open the members and begin at time 0: initial states and signals are made to fit.
+        """Open the members, and compute consistent initial states and signals at time 0.
 
         Raises
         ------
         AlgebraicLoopError
             If there is a loop, and members in it cannot be restored.
         SimulationError
-            If the signals do not settle, or the scheme iterates and members cannot be restored.
+            If the signals do not converge, or the scheme iterates and members cannot be restored.
         """
         with Explained(self._raised):
             self._start()
 
     def _raised(self, error: Exception) -> SimulationError:
-        """Return what names the member at work, which raised an error."""
+        """Return an error that names the active member, which raised `error`."""
         return SimulationError(
             f"member '{self.network.members[self._current].name}' raised {type(error).__name__} at "
             f"t = {self.time:g} s: {error}"
@@ -199,7 +198,7 @@ class Coupled:
         network, one, self._current = self.network, self._stepping[i], i
         if inputs is None:
             inputs = self.signals[network.gather[network.ins[i]]]
-        # What others make of inputs that are not known yet may be anything.
+        # Outputs that depend on unknown inputs may have any value.
         one.start(0.0, np.where(np.isfinite(inputs), inputs, np.nan))
         outputs = one.outputs()
         check_outputs(outputs, self.signals[network.outs[i]].size, network.members[i].name)
@@ -207,12 +206,12 @@ class Coupled:
 
     @property
     def messages(self) -> dict[str, list[str]]:
-        """What members have to tell of this run, by name."""
+        """Messages of the members in this run, by name."""
         pairs = zip(self.network.members, self._stepping, strict=False)
         return {member.name: list(one.messages) for member, one in pairs if one.messages}
 
     def close(self) -> None:
-        """End all members, whatever some of them raise; an error is raised after all were ended."""
+        """Close all members; an error of one of them is raised after all are closed."""
         with ExitStack() as stack:
             for one in self._stepping:
                 stack.callback(one.close)
@@ -225,14 +224,14 @@ class Coupled:
         Parameters
         ----------
         number : int
-            Its length, in multiples of the grid [-].
+            Length of the step, in multiples of the grid [-].
 
         Raises
         ------
         StepDiscardedError
-            If a member refuses it.
+            If a member rejects the step.
         DivergenceError
-            If a signal stops being finite.
+            If a signal is not finite.
         SimulationError
             If an iteration does not converge.
         """
@@ -252,7 +251,7 @@ class Coupled:
     def _one_by_one(self, inputs: Vector, now: float, until: float) -> None:
         network, lines = self.network, bool(self.scheme.extrapolation)
         sequential = self.scheme.coupling == "gauss-seidel"
-        known = np.zeros(len(self._stepping) + 1, dtype=bool)  # the last stands for no source
+        known = np.zeros(len(self._stepping) + 1, dtype=bool)  # the last element is for inputs without source
         for i in self.scheme.order:
             own = network.ins[i]
             values, rates = inputs[own], self._rates[own] if lines else None
@@ -270,7 +269,7 @@ class Coupled:
         self._read_again()
 
     def _read_again(self) -> None:
-        """Let outputs follow their inputs once more, so that all signals fit each other."""
+        """Update outputs with direct feedthrough, so that all signals are consistent."""
         network = self.network
         for i in self._visits:
             self._current = i
@@ -278,10 +277,10 @@ class Coupled:
             self.signals[network.outs[i]] = self._stepping[i].outputs()
 
     def _advance(self, i: int, values: Vector, rates: Vector | None, now: float, until: float) -> None:
-        """Advance one member, and read it.
+        """Advance one member, and read its outputs.
 
-        One that knows no lines is given their mean, which is as good for its states; if outputs
-        depend on inputs directly, it is given their end, before or after the step.
+        A member without linear inputs gets their mean value, with the same order of the error in its
+        states. If it has direct feedthrough, it gets the value at the end, before or after the step.
         """
         self._current = i
         one, step, end = self._stepping[i], until - now, None
@@ -323,7 +322,7 @@ class Coupled:
             self._read_again()
 
     def _iterate(self, implied: Callable[[Vector], Vector], guess: Vector, limit: int) -> None:
-        """Repeat a step, or the start, until all inputs are those that they imply."""
+        """Repeat a step, or the start, until all inputs are equal to the outputs that drive them."""
         try:
             _, number = fixed_point(implied, guess, self.scheme.tolerance, limit)
         except NotConvergedError as error:
@@ -331,7 +330,7 @@ class Coupled:
             worst = int(np.argmax(error.residual))
             raise SimulationError(
                 f"the iteration of the members did not converge at t = {self.time:g} s within {limit} "
-                f"rounds: {self.network.describe(int(self.network.gather[worst]))} still changes by "
+                f"iterations: {self.network.describe(int(self.network.gather[worst]))} still changes by "
                 f"{error.residual[worst]:.1g} of its size. Try a smaller step, or more iterations"
             ) from None
         self.iterations += number
@@ -345,10 +344,10 @@ class Coupled:
             )
 
     def forget(self) -> None:
-        """Take inputs to be constant up to now: what went before does not tell how they go on."""
+        """Discard the rates of inputs, so that the next step extrapolates from constant inputs."""
         self._rates[:] = 0.0
 
-    # -- going back ---------------------------------------------------------------------------
+    # -- snapshots ----------------------------------------------------------------------------
 
     def save(self) -> tuple[Any, ...]:
         """Return a snapshot of all members and signals."""
@@ -356,7 +355,7 @@ class Coupled:
         return self.k, self.signals.copy(), self._rates.copy(), states
 
     def restore(self, saved: tuple[Any, ...]) -> None:
-        """Go back to a snapshot, to the last bit."""
+        """Restore a snapshot, with bitwise equal states."""
         self.k, signals, rates, states = saved
         self.signals[:], self._rates = signals, rates.copy()
         for one, snapshot in zip(self._stepping, states, strict=True):

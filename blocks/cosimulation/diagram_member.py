@@ -19,12 +19,12 @@ from trussflow.blocks.simulation.solver import Solver
 
 @dataclass(frozen=True, slots=True)
 class Settings:
-    """How the parts of a diagram that are no FMUs are integrated.
+    """Settings of the integration of blocks that are not FMUs.
 
     Attributes
     ----------
     solver : Solver
-        The solver, and what evaluates the equations.
+        Solver and backend.
     lines : bool
         Whether inputs may change linearly.
     parameters, initial : mapping
@@ -38,16 +38,16 @@ class Settings:
 
 
 class DiagramMember(SelfStepping):
-    """A part of a diagram, with inputs from outside, that the framework integrates.
+    """A part of a diagram, with external inputs, that the framework integrates.
 
     Parameters
     ----------
     session : Session
-        Of the part; with lines, of `with_lines` of it.
+        Session of the part; if inputs change linearly, of the result of `with_lines`.
     sources : list of External
-        The inputs of the part.
+        External inputs of the part.
     settings : Settings
-        How it is integrated.
+        Settings of the integration.
     """
 
     def __init__(self, session: Session, sources: list[External], settings: Settings) -> None:
@@ -56,28 +56,28 @@ class DiagramMember(SelfStepping):
         sizes = [source.y.size for source in sources]
         self._size = sum(sizes)
         self._places = [(s.name, place, s.extent) for s, place in zip(sources, spans(sizes), strict=True)]
-        # Inputs, then, with lines, their rates and the time from which these count.
+        # Inputs; for linear inputs also their rates and the origin of time.
         self._row = np.zeros(2 * self._size + 1 if self.ramps and self._size else self._size)
         self._has_clocks = session.prepared.has_clocks
         self._begun: tuple[float, Vector] | None = None
 
     @property
     def restores(self) -> bool:
-        """Whether it can go back: so its Python blocks must."""
+        """Whether it can return to an earlier time, as all of its Python blocks must."""
         return self._session.restores
 
     @property
     def messages(self) -> tuple[str, ...]:
-        """What Python blocks in it have to tell of this run."""
+        """Messages of the Python blocks in this run."""
         said = self._session.messages if self._session.started else {}
         return tuple(f"{path}: {text}" for path, texts in said.items() for text in texts)
 
     def start(self, time: float, inputs: Vector) -> None:
-        """Begin; initial states may depend on the inputs, which are zero where they are not known."""
+        """Start the session; unknown inputs, on which initial states may depend, are zero."""
         inputs = np.nan_to_num(inputs)
         begun, self._begun = self._begun, (time, inputs.copy())
         if begun is not None and begun[0] == time and np.array_equal(begun[1], inputs):
-            return  # asked again until all signals at the start fit each other
+            return  # called repeatedly until all initial signals are consistent
         self._session.start(
             parameters=self._settings.parameters,
             initial=self._settings.initial,
@@ -86,7 +86,7 @@ class DiagramMember(SelfStepping):
         )
 
     def set(self, inputs: Vector, rates: Vector | None = None) -> None:
-        """Set all inputs, and how fast they change."""
+        """Set all inputs and their rates."""
         self._begun = None
         size = self._size
         self._row[:size] = inputs
@@ -96,18 +96,18 @@ class DiagramMember(SelfStepping):
         self._session.set_row(self._row)
 
     def latch(self, inputs: Vector) -> None:
-        """Let sampled blocks whose clock ticks now compute with these inputs, not with later ones."""
+        """Evaluate sampled blocks whose clocks tick now with these inputs, not with later ones."""
         if self._has_clocks:
             self.set(inputs)
             self._session.latch()
 
     def advance(self, now: float, until: float) -> None:
-        """Take one communication step; with a fixed-step solver a whole number of its steps."""
+        """Take one communication step, which is a whole number of steps of a fixed-step solver."""
         self._begun = None
         self._session.advance(until)
 
     def outputs(self) -> Vector:
-        """Return all outputs; what is sampled at this very time is sampled already."""
+        """Return all outputs, after the sampled blocks that tick at the present time."""
         return self._session.row()
 
     def save(self) -> Snapshot:
@@ -115,11 +115,11 @@ class DiagramMember(SelfStepping):
         return self._session.save()
 
     def restore(self, saved: Snapshot) -> None:
-        """Go back to a snapshot."""
+        """Restore a snapshot."""
         self._begun = None
         self._session.restore(saved)
 
     def close(self) -> None:
-        """End; Python blocks release what they took."""
+        """Stop the session; Python blocks release their resources."""
         self._begun = None
         self._session.stop()

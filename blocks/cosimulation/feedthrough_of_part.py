@@ -1,4 +1,4 @@
-"""Which inputs from outside reach which ports of a part of a diagram within one instant."""
+"""Direct feedthrough from external inputs to ports of a part of a diagram."""
 
 from __future__ import annotations
 
@@ -9,18 +9,18 @@ from trussflow.blocks.tracing.loops import Feedthrough
 
 
 def inputs_behind(system: System, feedthrough: Feedthrough, port: Port) -> dict[str, list[str]]:
-    """Return the inputs from outside that a port depends on, and the hops from each to it.
+    """Return the external inputs with direct feedthrough to a port, and the path from each to the port.
 
-    Sampled blocks pass their inputs on at their instants, so they count.
+    Sampled blocks have direct feedthrough at their instants, so paths through them are included.
 
     Parameters
     ----------
     system : System
         The part.
     feedthrough : dict
-        What each output of each block depends on.
+        Inputs with direct feedthrough to each output of each block.
     port : Port
-        A port of the part, whole.
+        A whole port of the part.
     """
     found: dict[str, list[str]] = {}
     routes: dict[Port, list[str]] = {port: []}
@@ -42,7 +42,7 @@ def inputs_behind(system: System, feedthrough: Feedthrough, port: Port) -> dict[
 
 
 def _sources(system: System, feedthrough: Feedthrough, port: Port) -> list[tuple[Port, str, str]]:
-    """Return the outputs that a port depends on at once, by which input, wired where."""
+    """Return the outputs on which a port depends directly, each with the input and the line of the wire."""
     path, block = port.block.path, port.block
     if port.is_input:
         names: list[str] = [port.name]

@@ -1,4 +1,4 @@
-r"""Fixed points of the signals between members, found without derivatives.
+r"""Fixed-point iteration of the signals between members, by Anderson acceleration.
 
 Plain iteration :math:`u \leftarrow g(u)` converges only where the loop gain is below one, and
 slowly near it. Anderson acceleration combines the last iterates so that the residual
@@ -20,15 +20,15 @@ import numpy as np
 
 from trussflow.blocks.framework.types import Vector
 
-MEMORY = 30
-"""Iterates that are combined at most."""
+MAX_COMBINED_ITERATES = 30
+"""Largest number of earlier iterates that are combined."""
 
-FLOOR = 1e-12
-"""Size [unit of the signal] below which a residual is round-off of signals that are zero."""
+ZERO_SIGNAL_TOLERANCE = 1e-12
+"""Absolute tolerance of the residual of signals that are zero [unit of the signal]."""
 
 
 class NotConvergedError(ArithmeticError):
-    """The limit of iterations is reached; carries the relative residual of each signal."""
+    """The limit of iterations is reached; `residual` is the relative residual of each signal."""
 
     def __init__(self, residual: Vector) -> None:
         super().__init__("not converged")
@@ -38,18 +38,18 @@ class NotConvergedError(ArithmeticError):
 def fixed_point(
     function: Callable[[Vector], Vector], guess: Vector, tolerance: float, limit: int
 ) -> tuple[Vector, int]:
-    """Return u with g(u) = u, and the number of evaluations; the last one was at u.
+    """Return u with g(u) = u, and the number of evaluations; the last evaluation is at u.
 
     Parameters
     ----------
     function : callable
-        g.
+        The function g.
     guess : Vector
-        First u [any].
+        Initial guess of u [any].
     tolerance : float
-        Residual allowed, relative to the largest size that a signal had [-].
+        Largest residual, relative to the largest magnitude of a signal so far [-].
     limit : int
-        Most evaluations [-].
+        Largest number of evaluations [-].
 
     Raises
     ------
@@ -65,19 +65,19 @@ def fixed_point(
         value = function(u)
         residual = value - u
         scale = np.maximum(scale, np.abs(value))
-        relative = np.abs(residual) / (scale + FLOOR / tolerance)
+        relative = np.abs(residual) / (scale + ZERO_SIGNAL_TOLERANCE / tolerance)
         if not np.isfinite(residual).all():
             break
         if (relative <= tolerance).all():
             return u, number
-        values = [*values[-MEMORY:], value]
-        residuals = [*residuals[-MEMORY:], residual]
-        u = _combined(values, residuals, scale + FLOOR / tolerance)
+        values = [*values[-MAX_COMBINED_ITERATES:], value]
+        residuals = [*residuals[-MAX_COMBINED_ITERATES:], residual]
+        u = _combined(values, residuals, scale + ZERO_SIGNAL_TOLERANCE / tolerance)
     raise NotConvergedError(relative)
 
 
 def _combined(values: list[Vector], residuals: list[Vector], scale: Vector) -> Vector:
-    """Return the next iterate."""
+    """Return the next iterate of Anderson acceleration."""
     if len(values) == 1:
         return values[0]
     changes = np.diff(residuals, axis=0).T / scale[:, None]

@@ -1,4 +1,4 @@
-"""Members: what is coupled, with what drives their inputs and what their outputs need."""
+"""Members of a co-simulation, with the drivers of their inputs and the feedthrough to their outputs."""
 
 from __future__ import annotations
 
@@ -17,9 +17,9 @@ class Inlet:
     Attributes
     ----------
     port : Port
-        The (first) port that reads it; it has the size.
+        The (first) port of the input.
     drivers : tuple of Driver
-        What drives its elements; those without a driver read `default`.
+        Drivers of its elements; elements without a driver read `default`.
     default : float
         Value of elements without a driver [as declared].
     """
@@ -36,28 +36,28 @@ class Inlet:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Member:
-    """Something that steps itself between communication points.
+    """Subsystem that steps itself between communication points.
 
     Attributes
     ----------
     name : str
-        Path of the block or diagram it is, or ``"the rest"``.
+        Path of the block or diagram, or ``"the rest"``.
     open : callable
-        Returns what steps it in one run.
+        Returns the object that steps the member in one run.
     inlets : tuple of Inlet
-        Its inputs, in the order of the vector that what steps it takes.
+        Inputs, in the order of the input vector.
     outlets : tuple of Port
-        Its outputs, likewise; ports of leaf blocks, whole.
+        Outputs, in the order of the output vector; whole ports of leaf blocks.
     needs : tuple of frozenset of int
-        For each outlet, the inlets on which it depends within the same instant.
+        Inlets with direct feedthrough to each outlet.
     held : frozenset of int
-        Outlets that only change at instants of their own: sampled blocks.
+        Outlets of sampled blocks, which change only at their instants.
     route : callable
-        Returns the hops from an inlet to an outlet, for messages.
+        Returns the path from an inlet to an outlet, for messages.
     parameters : mapping
-        Values of its parameters by ``"block.parameter"`` [units as declared].
+        Values of the parameters by ``"block.parameter"`` [units as declared].
     fingerprint : str
-        A hash, or another mark, of what it computes.
+        Hash, or another identification, of the equations.
     """
 
     name: str

@@ -1,4 +1,4 @@
-"""The network: all outputs in one vector, all inputs gathered from it, loops found."""
+"""Network: the vector of all outputs, the inputs as its elements, and algebraic loops."""
 
 from __future__ import annotations
 
@@ -15,11 +15,11 @@ from trussflow.blocks.framework.port import Port
 
 Key = tuple[str, str]
 Node = tuple[int, int]
-"""Number of a member, and of one of its outlets."""
+"""Index of a member, and of one of its outlets."""
 
 
 class Network:
-    """Members and the places of their signals.
+    """Members and the layout of their signals.
 
     Parameters
     ----------
@@ -29,20 +29,20 @@ class Network:
     Attributes
     ----------
     start : Vector
-        All outputs, member by member, NaN: not known yet; then the values of inputs without a
+        Initial signals: all outputs, member by member, which are NaN, and the values of inputs without a
         driver [as declared].
     outs : list of slice
-        Where the outputs of each member are in such a vector of signals.
+        Slice of the outputs of each member in the vector of signals.
     ins : list of slice
-        Where the inputs of each member are in the vector of all inputs.
+        Slice of the inputs of each member in the vector of all inputs.
     gather : array of int
-        ``signals[gather]`` are all inputs.
+        Indices of all inputs in the vector of signals.
     source : array of int
-        The member that each input comes from; -1 for none.
+        Index of the member that drives each input; -1 for none.
     held : array of bool
-        Whether each input comes from a sampled block.
+        Whether a sampled block drives each input.
     loop : str
-        The algebraic loop through members, printed; empty if there is none.
+        Description of the algebraic loop through members; empty if there is none.
     """
 
     def __init__(self, members: Sequence[Member]) -> None:
@@ -81,7 +81,7 @@ class Network:
         self.loop = self._find_loop(self._graph)
 
     def _places(self, inlet: Inlet, constants: dict[float, int]) -> NDArray[np.int64]:
-        """Return where the elements of an input are in `signals`."""
+        """Return the indices of the elements of an input in `signals`."""
         found = np.full(inlet.size, constants[inlet.default if not inlet.drivers else 0.0])
         for driver in inlet.drivers:
             if driver.source is not None:
@@ -90,14 +90,14 @@ class Network:
         return found
 
     def places(self, port: Port) -> NDArray[np.int64]:
-        """Return where the elements of a whole port, output or input, are in `signals`."""
+        """Return the indices of the elements of a whole port, output or input, in `signals`."""
         key = (port.block.path, port.name)
         if key in self._start:
             return np.arange(self._start[key], self._start[key] + port.size)
         return self._inputs[key]
 
     def describe(self, place: int) -> str:
-        """Name one element of `signals`."""
+        """Return the name of one element of `signals`, for messages."""
         key = max((k for k in self._start if self._start[k] <= place), key=self._start.__getitem__)
         member, outlet = self._node[key]
         port = self.members[member].outlets[outlet]
@@ -107,7 +107,7 @@ class Network:
     # -- order --------------------------------------------------------------------------------
 
     def _needed(self, member: Member, outlet: int) -> dict[Node, int]:
-        """Return the outlets that one depends on at once, and through which inlet."""
+        """Return the outlets on which an outlet depends directly, each with the inlet of the path."""
         return {
             self._node[driver.source.block.path, driver.source.name]: inlet
             for inlet in member.needs[outlet]
@@ -116,7 +116,7 @@ class Network:
         }
 
     def _find_loop(self, graph: dict[Node, dict[Node, int]]) -> str:
-        """Return the lines that print an algebraic loop; empty if there is none."""
+        """Return the description of an algebraic loop; empty if there is none."""
         try:
             TopologicalSorter(graph).prepare()
         except CycleError as error:
@@ -127,15 +127,15 @@ class Network:
         return ""
 
     def visits(self, follows: Sequence[bool]) -> list[int]:
-        """Return which members to read again in turn, once all have been read.
+        """Return the members to read again, in order, after all members have been read.
 
-        Each is given its inputs before: then all signals of one instant fit each other.
+        If each of them gets its inputs before it is read, all signals of an instant are consistent.
 
         Parameters
         ----------
         follows : sequence of bool
-            Which members' outputs follow their inputs before the next step, as those of all do
-            when they are initialized.
+            Whether the outputs of each member follow its inputs before the next step; at the start, they
+            always do.
         """
         waiting = {
             node: set(sources) for node, sources in self._graph.items() if sources and follows[node[0]]

@@ -1,4 +1,4 @@
-"""Partition: a flat diagram cut into the members of a co-simulation."""
+"""Partition of a flat diagram into the members of a co-simulation."""
 
 from __future__ import annotations
 
@@ -22,8 +22,8 @@ from trussflow.blocks.framework.system import Driver, System
 from trussflow.blocks.simulation.open_blocks import open_block
 from trussflow.blocks.simulation.session import Session
 
-REST = "the rest"
-"""Name of the member of all that is no member by itself."""
+REST_NAME = "the rest"
+"""Name of the member with all blocks that are in no other member."""
 
 Key = tuple[str, str]
 """Path of a leaf block, and name of its port."""
@@ -32,23 +32,23 @@ Key = tuple[str, str]
 def partition(
     system: System, names: Sequence[str | Block], logged: Sequence[Port], settings: Settings
 ) -> list[Member]:
-    """Cut a diagram into members.
+    """Partition a diagram into members.
 
     Parameters
     ----------
     system : System
         The flat diagram.
     names : sequence of str or Block
-        Blocks and diagrams within, by path or as objects, that become members of their own.
+        Blocks and nested diagrams, by path or as objects, that become separate members.
     logged : sequence of Port
-        Ports whose values are wanted, besides those that cross from member to member.
+        Logged ports, which are outputs of members like the ports between members.
     settings : Settings
-        How the parts that do not step themselves are integrated.
+        Settings of the integration of blocks that do not step themselves.
 
     Returns
     -------
     list of Member
-        In the order of `names`, then blocks that step themselves, then the rest.
+        Members in the order of `names`, then self-stepping blocks, then the rest.
 
     Raises
     ------
@@ -62,8 +62,8 @@ def partition(
     groups: dict[str, list[Block]] = {}
     for name in [*dict.fromkeys(_path(n) for n in names), *owner.values()]:
         groups.setdefault(name, [])
-    if REST in groups:  # last, whatever the order of the blocks is
-        groups[REST] = groups.pop(REST)
+    if REST_NAME in groups:  # last, whatever the order of the blocks is
+        groups[REST_NAME] = groups.pop(REST_NAME)
     for path, block in system.blocks.items():
         groups[owner[path]].append(block)
     members = []
@@ -106,16 +106,16 @@ def _owners(system: System, names: Sequence[str | Block]) -> dict[str, str]:
                     f"block '{path}' cannot be in two members, '{taken[path]}' and '{name}'"
                 )
             taken[path] = name
-    return {path: owner.get(path, taken.get(path, REST)) for path in system.blocks}
+    return {path: owner.get(path, taken.get(path, REST_NAME)) for path in system.blocks}
 
 
 def _check_names(system: System, settings: Settings) -> None:
-    """Refuse values for what is not there; each member is given its own only.
+    """Check that all parameters and initial states belong to blocks, as each member gets only its own.
 
     Raises
     ------
     NameLookupError
-        Naming it.
+        If a block does not exist, or steps itself and has no such states.
     """
     for kind, references in (("parameter", settings.parameters), ("state", settings.initial)):
         for reference in references:
@@ -212,7 +212,7 @@ def _part(
 
 
 def _inlet(external: External, driver: Driver) -> Inlet:
-    """Return the input that stands for one output of another member."""
+    """Return the input that reads one output of another member."""
     assert driver.source is not None
     everything, source = np.arange(external.y.size), driver.source.block.port(driver.source.name)
     return Inlet(external.y, (Driver(source, everything, everything, driver.where),))
@@ -224,7 +224,7 @@ def _of(inside: dict[str, Block], values: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _outlets(system: System, inside: dict[str, Block], logged: Sequence[Port]) -> list[Port]:
-    """Return the ports of a part that others read, or that are logged."""
+    """Return the ports of a part that other members read, or that are logged."""
     found: dict[Key, Port] = {}
     for (path, _), drivers in system.drivers.items():
         for driver in drivers:
@@ -238,14 +238,14 @@ def _outlets(system: System, inside: dict[str, Block], logged: Sequence[Port]) -
 
 
 def ordered(names: list[str], order: Sequence[str | Block] | None) -> list[int]:
-    """Return the numbers of members in the order given.
+    """Return the indices of members in the given order.
 
     Parameters
     ----------
     names : list of str
         Names of the members.
     order : sequence of str or Block, optional
-        All of them, in the order wanted.
+        All members in the required order.
 
     Raises
     ------

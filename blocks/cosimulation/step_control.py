@@ -1,20 +1,20 @@
-r"""Communication steps chosen by step doubling of the whole coupled system.
+r"""Communication step control by step doubling of the whole coupled system.
 
-Each stretch H is taken twice: in one step, and, from a snapshot of all members, in two of H/2. With
-a scheme whose error falls with :math:`H^p`, the second result is off by about
+Each interval H is computed twice: in one step, and, from a snapshot of all members, in two steps of
+H/2. If the error of the scheme is proportional to :math:`H^p`, the error of the second result is about
 
-.. math:: e = c |y_H - y_{H/2}|, \quad c = 1 / (2^p - 1)
+.. math:: e = c |y_H - y_{H/2}|, \quad c = 1 / (2^p - 1).
 
-and is kept if e is small enough; else the snapshot is restored and H shortened. Extrapolated lines
-start from the points before, which do not move as H does: with the last step being r H, their
-error is proportional to :math:`H^3 (1/3 + r/2)` against :math:`H^3 (7/48 + r/8)` for two halves,
-hence :math:`c = (7 + 6 r) / (9 + 18 r)`.
+The step is accepted if e is small enough. Otherwise the snapshot is restored and H reduced. Linear
+extrapolation uses earlier points, whose distance does not scale with H. If the last step was r H, its
+error is proportional to :math:`H^3 (1/3 + r/2)`, and to :math:`H^3 (7/48 + r/8)` for two halves.
+Hence :math:`c = (7 + 6 r) / (9 + 18 r)`.
 
-The errors of all steps add up to at most the tolerance. Half of it is spent in proportion to time:
-a stretch H of a run of length T may add H/T of that. The other half is a reserve for starts and
-jumps, where the order is lower: a stretch may add a tenth of what is left, and what a stretch does
-not need of its share goes to the reserve. What the system itself makes of an error afterwards, a
-stable one damping and an unstable one amplifying it, is not controlled.
+The errors of all steps add up to at most the tolerance. One half of the tolerance is proportional to
+time: an interval H of a run of length T may add H/T of this half. The other half is a reserve for starts
+and jumps, where the order is lower. An interval may use a tenth of the remaining reserve, and its unused
+share is added to the reserve. The later propagation of an error by the system is not controlled: a stable
+system reduces it, an unstable one amplifies it.
 
 References
 ----------
@@ -34,19 +34,18 @@ from trussflow.blocks.framework.errors import DivergenceError, RunEndedError, Si
 from trussflow.blocks.framework.running import StepDiscardedError
 from trussflow.blocks.framework.types import Vector
 
-SAFETY = 0.8
-"""How much shorter than just allowed the next step is [-]."""
+SAFETY_FACTOR = 0.8
+"""Safety factor of the next step [-]."""
 
-RESERVE, DRAW = 0.5, 0.1
-"""Part of the tolerance that is not spent in proportion to time, and how much of what is left of it
-one step may take [-]."""
+RESERVE_SHARE, RESERVE_DRAW = 0.5, 0.1
+"""Part of the tolerance in the reserve, and part of the remaining reserve for one step [-]."""
 
-GROWTH, SHRINKAGE = 2.0, 0.2
-"""Most that a step grows or shrinks at once [-]."""
+MAX_GROWTH, MIN_SHRINKAGE = 2.0, 0.2
+"""Largest and smallest ratio of successive steps [-]."""
 
 
 class FixedSteps:
-    """Takes communication steps of the length of the grid.
+    """Fixed communication steps of the length of the grid.
 
     Parameters
     ----------
@@ -56,7 +55,7 @@ class FixedSteps:
     Attributes
     ----------
     steps : dict of str to int
-        Communication steps kept, refused for their error, and refused by a member [-].
+        Numbers of steps that were accepted, rejected for their error, and discarded by a member [-].
     """
 
     def __init__(self, coupled: Coupled) -> None:
@@ -71,14 +70,14 @@ class FixedSteps:
         last : int
             The point to reach [-].
         reached : callable
-            Called at each communication point that is kept.
+            Called at each accepted communication point.
 
         Raises
         ------
         SimulationError
-            If a member refuses a step.
+            If a member rejects a step.
         DivergenceError
-            If a signal stops being finite.
+            If a signal is not finite.
         """
         while self.coupled.k < last:
             try:
@@ -87,31 +86,31 @@ class FixedSteps:
                 if isinstance(error, RunEndedError):
                     raise
                 raise SimulationError(
-                    f"{error}; steps are fixed here: take a smaller one, or let them be chosen "
-                    "with tolerance=..."
+                    f"{error}; the communication step is fixed: use a smaller one, or step control "
+                    "by tolerance=..."
                 ) from error
             self.steps["communication_steps"] += 1
             reached()
 
 
 class StepControl(FixedSteps):
-    """Chooses communication steps.
+    """Variable communication steps.
 
     Parameters
     ----------
     coupled : Coupled
         The members; one step of its grid is half the smallest step.
     relative, absolute : float
-        Tolerance relative to the largest size that a signal had, and absolute
+        Tolerance relative to the largest magnitude of a signal so far, and absolute tolerance
         [-, unit of the signal].
     longest : int
-        Longest step, in members of the grid [-].
+        Longest step, in multiples of the grid [-].
 
     Attributes
     ----------
     forgotten : list of int
-        Points of the grid at which two steps in a row were refused, as after a jump, and inputs
-        were no longer extrapolated from before [-].
+        Grid points at which two successive steps were rejected, as after a jump, and the rates of the
+        inputs were discarded [-].
     """
 
     def __init__(self, coupled: Coupled, relative: float, absolute: float, *, longest: int) -> None:
@@ -127,20 +126,20 @@ class StepControl(FixedSteps):
         last : int
             The point to reach, an even number [-].
         reached : callable
-            Called at each communication point that is kept.
+            Called at each accepted communication point.
 
         Raises
         ------
         SimulationError
-            If the error is too large, or a member refuses, even with the smallest step.
+            If the error is too large, or a member rejects the step, even with the smallest step.
         DivergenceError
-            If a signal stops being finite even with the smallest step.
+            If a signal is not finite even with the smallest step.
         """
         coupled = self.coupled
         self._refuse_unable()
         exponent = 1.0 / (1.0 + coupled.scheme.convergence)
         size = np.abs(coupled.signals)
-        reserve = np.full(size.shape, RESERVE)
+        reserve = np.full(size.shape, RESERVE_SHARE)
         number, before, failed = 2, 0, 0
         while coupled.k < last:
             number = min(number, _even(self.longest), last - coupled.k)
@@ -158,10 +157,10 @@ class StepControl(FixedSteps):
             np.maximum(size, np.abs(coupled.signals), out=size)
             change = np.abs(coupled.signals - whole) * self._constant(before, number)
             spent = change / (self.absolute + self.relative * size)
-            share = (1.0 - RESERVE) * number / last
-            ratios = spent / (share + DRAW * reserve)
+            share = (1.0 - RESERVE_SHARE) * number / last
+            ratios = spent / (share + RESERVE_DRAW * reserve)
             ratio = float(ratios.max(initial=0.0))
-            factor = SAFETY * max(ratio, 1e-10) ** -exponent
+            factor = SAFETY_FACTOR * max(ratio, 1e-10) ** -exponent
             if ratio > 1.0:
                 coupled.restore(saved)
                 failed += 1
@@ -172,7 +171,7 @@ class StepControl(FixedSteps):
                 elif number == 2:
                     raise self._too_inaccurate(int(np.argmax(ratios)), ratio)
                 self.steps["rejected_steps"] += 1
-                number = _even(min(int(number * max(factor, SHRINKAGE)), number - 2))
+                number = _even(min(int(number * max(factor, MIN_SHRINKAGE)), number - 2))
                 continue
             self.steps["communication_steps"] += 2
             reserve += share - spent
@@ -182,24 +181,24 @@ class StepControl(FixedSteps):
             coupled.k, coupled.signals[:] = end
             reached()
             before = number // 2
-            # After a refusal the next step does not grow: it would often be refused again.
-            number = _even(int(number * min(factor, 1.0 if failed else GROWTH)))
+            # After a rejected step the next one does not grow, as it would often be rejected again.
+            number = _even(int(number * min(factor, 1.0 if failed else MAX_GROWTH)))
             failed = 0
 
     def _refuse_unable(self) -> None:
-        """Refuse members whose steps cannot be chosen."""
+        """Check that all members can be restored and have variable steps."""
         for names, what in (
-            (self.coupled.unrestorable(), "cannot go back to an earlier state"),
-            (self.coupled.unvarying(), "take steps of one length only"),
+            (self.coupled.unrestorable(), "cannot return to an earlier state"),
+            (self.coupled.unvarying(), "have a fixed step"),
         ):
             if names:
                 raise SimulationError(
-                    f"cannot choose steps by a tolerance: these members {what}: {', '.join(names)}; "
-                    "take a fixed step"
+                    f"cannot control steps by a tolerance: these members {what}: {', '.join(names)}; "
+                    "use a fixed step"
                 )
 
     def _twice(self, saved: tuple[object, ...], number: int) -> tuple[tuple[int, Vector], Vector]:
-        """Take a step whole, then in two halves; return the point between, and the first result."""
+        """Take one step, then two halves; return the middle point, and the result of the one step."""
         coupled = self.coupled
         coupled.step(number)
         whole = coupled.signals.copy()
@@ -210,14 +209,14 @@ class StepControl(FixedSteps):
         return middle, whole
 
     def _constant(self, before: int, number: int) -> float:
-        """Return what the difference of the two results is multiplied with."""
+        """Return the factor c of the difference of the two results in the error estimate."""
         scheme = self.coupled.scheme
         if scheme.extrapolation == 0:
             return 1.0
         if scheme.coupling == "iterate":
             return 1.0 / 3.0
         if before == 0:
-            return 1.0  # the first step has no line to go by
+            return 1.0  # without an earlier point, the first step holds its inputs
         ratio = before / number
         return (7.0 + 6.0 * ratio) / (9.0 + 18.0 * ratio)
 
@@ -228,17 +227,17 @@ class StepControl(FixedSteps):
     def _too_short(self, error: Exception) -> Exception:
         if isinstance(error, DivergenceError | RunEndedError):
             return error
-        return SimulationError(f"{error}; this was {self._smallest()}: shorter ones need a smaller step=...")
+        return SimulationError(f"{error}; this was {self._smallest()}: shorter steps need a smaller step=...")
 
     def _too_inaccurate(self, place: int, error: float) -> SimulationError:
-        lines = "" if self.coupled.scheme.extrapolation else ", or take extrapolation=1"
+        lines = "" if self.coupled.scheme.extrapolation else ", or use extrapolation=1"
         return SimulationError(
             f"cannot keep the tolerance {self._smallest()}: there the error of "
-            f"{self.coupled.network.describe(place)} is {error:.3g} times what is allowed. Give a "
+            f"{self.coupled.network.describe(place)} is {error:.3g} times the allowed one. Give a "
             f"larger tolerance or absolute_tolerance, or a smaller step{lines}"
         )
 
 
 def _even(number: int) -> int:
-    """Return the largest even number that is not larger, but at least two."""
+    """Return the number rounded down to an even one, but at least two."""
     return max(2, number - number % 2)

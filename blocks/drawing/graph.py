@@ -1,4 +1,4 @@
-"""What is laid out: boxes with pins on their sides, and nets from one pin to others."""
+"""Graph to lay out: boxes with pins on their sides, and nets from one pin to others."""
 
 from __future__ import annotations
 
@@ -7,23 +7,23 @@ from dataclasses import dataclass, field
 Point = tuple[float, float]
 
 Span = tuple[list[float], list[float], float, float]
-"""Heights of a rail's pins left and right, and of its upper and lower end."""
+"""Heights of the left and right pins of a rail, and of its upper and lower end."""
 
 
 @dataclass(eq=False, slots=True)
 class Pin:
-    """Where a wire ends at a box: on its left side if it is an input, on its right side otherwise.
+    """End of a wire at a box: an input on the left side, an output on the right side.
 
     Attributes
     ----------
     box : Box
         The box.
     dy : float
-        How far below its upper edge [px].
+        Distance below the upper edge of the box [px].
     note : float
-        Width of what is written beside it [px].
+        Width of the text next to the pin [px].
     rank : float
-        Where it is while the order is sought [-].
+        Vertical position during the ordering [-].
     """
 
     box: Box
@@ -33,30 +33,30 @@ class Pin:
 
     @property
     def y(self) -> float:
-        """Its height in the picture [px]."""
+        """Vertical position in the picture [px]."""
         return self.box.y + self.dy
 
 
 @dataclass(eq=False, slots=True)
 class Box:
-    """A rectangle in a layer; one without width is where a net passes.
+    """A rectangle in a layer; a box without width is a dummy node of a net that passes the layer.
 
     Attributes
     ----------
     width, height : float
         Size [px].
     edge : int
-        -1: it belongs to the left edge of the picture, 1: to the right one, 0: anywhere [-].
+        -1 for a box at the left edge of the picture, 1 at the right edge, 0 anywhere [-].
     fixed : bool
-        Whether its pins stay in their order.
+        Whether the order of the pins is fixed.
     sides : tuple of list of Pin
-        Its inputs, and its outputs.
+        Input pins and output pins.
     layer : int
-        Its column [-].
+        Index of the column [-].
     x, y : float
         Left upper corner [px].
     rank : float
-        Where it is while the order is sought [-].
+        Vertical position during the ordering [-].
     """
 
     width: float
@@ -77,7 +77,7 @@ class Box:
 
 @dataclass(eq=False, slots=True)
 class Net:
-    """What the output at the pin `source` feeds: its `targets`, and the `paths` of the wires [px]."""
+    """Wires from the pin `source` of an output to the pins `targets`, with their `paths` [px]."""
 
     source: Pin
     targets: list[Pin]
@@ -86,9 +86,9 @@ class Net:
 
 @dataclass(eq=False, slots=True)
 class Rail:
-    """The part of a `net` in the channel between two layers: its pins `left` and `right`, joined at `x` [px].
+    """Part of a `net` in the channel between two layers: pins `left` and `right`, joined at `x` [px].
 
-    Its `span` was measured last in ranks [-] or on paper [px].
+    The `span` is in ranks [-] or in the picture [px].
     """
 
     net: Net
@@ -98,13 +98,13 @@ class Rail:
     span: Span = ([], [], 0.0, 0.0)
 
     def measure(self, *, ranked: bool) -> None:
-        """Note where its pins and its ends are, in ranks if `ranked`."""
+        """Store the vertical positions of the pins and ends, in ranks if `ranked`."""
         left, right = ([p.rank if ranked else p.y for p in pins] for pins in (self.left, self.right))
         self.span = left, right, min(left + right), max(left + right)
 
 
 def way(height: float, layer: int) -> Box:
-    """Return a place where a net passes through a `layer`, of some `height` [px]."""
+    """Return a dummy node for a net that passes a `layer`, with a `height` [px]."""
     box = Box(0.0, height, layer=layer)
     box.pin(0, height / 2)
     box.pin(1, height / 2)
@@ -112,4 +112,4 @@ def way(height: float, layer: int) -> Box:
 
 
 Channels = list[list[Rail]]
-"""The rails before each layer, and behind the last one."""
+"""Rails before each layer, and after the last one."""

@@ -1,4 +1,4 @@
-"""Which box stands in which layer: signals go right wherever they can."""
+"""Assignment of boxes to layers, with as many signals as possible from left to right."""
 
 from __future__ import annotations
 
@@ -7,11 +7,11 @@ from collections import Counter
 from trussflow.blocks.drawing.graph import Box, Channels, Net, Rail, way
 
 Edges = Counter[tuple[Box, Box]]
-"""How many nets go from one box to another."""
+"""Number of nets from one box to another."""
 
 
 def edges_of(nets: list[Net]) -> Edges:
-    """Return the edges that `nets` make, without loops of one box."""
+    """Return the edges of `nets`, without loops of a single box."""
     edges = Edges()
     for net in nets:
         own = net.source.box
@@ -20,7 +20,7 @@ def edges_of(nets: list[Net]) -> Edges:
 
 
 def by_flow(boxes: list[Box], edges: Edges) -> list[Box]:
-    """Return `boxes` in an order that few `edges` run against.
+    """Return `boxes` in an order with few `edges` in the opposite direction.
 
     References
     ----------
@@ -45,7 +45,7 @@ def by_flow(boxes: list[Box], edges: Edges) -> list[Box]:
 
 
 def into_layers(order: list[Box], edges: Edges) -> list[list[Box]]:
-    """Return boxes by layer: behind what feeds them by `edges` along the `order`, and near their others."""
+    """Return boxes by layer: after their sources by `edges` along the `order`, near other neighbours."""
     rank = {box: i for i, box in enumerate(order)}
     forward = [(a, b) for a, b in edges if rank[a] < rank[b]]
     before, after, near = ({box: list[Box]() for box in order} for _ in range(3))
@@ -73,10 +73,10 @@ def into_layers(order: list[Box], edges: Edges) -> list[list[Box]]:
 
 
 def rails(nets: list[Net], layers: list[list[Box]], gap: float) -> Channels:
-    """Lead `nets` through the `layers` between their ends, and return what joins them in each channel.
+    """Route `nets` through the `layers` between their ends, and return the rails in each channel.
 
-    What a net feeds further left, or itself, it reaches by a way back through all layers between, its own
-    included. Boxes without width, `gap` high [px], mark the ways, at the lower ends of their layers.
+    Feedback to a box further left, or to the box itself, passes all layers between, those of both ends
+    included. Dummy nodes of height `gap` [px] are added at the lower end of each passed layer.
     """
     channels: Channels = [[] for _ in range(len(layers) + 1)]
     for net in nets:

@@ -1,4 +1,4 @@
-"""The layout of boxes and wires: in layers, by the method of Sugiyama, Tagawa and Toda (1981)."""
+"""Layered layout of boxes and wires, by the method of Sugiyama, Tagawa and Toda (1981)."""
 
 from __future__ import annotations
 
@@ -11,35 +11,35 @@ from trussflow.blocks.drawing.placing import Placing
 from trussflow.blocks.drawing.routing import route, tracks
 from trussflow.blocks.framework.telling import counted
 
-GAP = 20.0
-"""Between boxes [px]."""
+BOX_GAP = 20.0
+"""Vertical distance between boxes [px]."""
 
-WIRE = 10.0
-"""Between wires [px]."""
+WIRE_GAP = 10.0
+"""Distance between wires [px]."""
 
-PITCH = 18.0
-"""Between pins [px]."""
+PIN_PITCH = 18.0
+"""Distance between pins [px]."""
 
-ROUNDS = 3
-"""Of placing, each with an order that fits the heights of the one before."""
+PLACING_ROUNDS = 3
+"""Number of placements, each with an order adapted to the heights of the one before."""
 
-EFFORT, MOST = 240, 24
-"""How many boxes all arrangements together may have that are compared, and how many these may be at most."""
+MAX_COMPARED_BOXES, MAX_ARRANGEMENTS = 240, 24
+"""Largest number of boxes in all compared arrangements, and largest number of arrangements."""
 
 
 def layout(boxes: list[Box], nets: list[Net], width: float = 0.0, top: float = 0.0) -> tuple[float, float]:
-    """Place boxes and wires, what is not wired to each other one below the other; return the size [px].
+    """Place boxes and wires; return the size of the picture [px].
 
     Parameters
     ----------
     boxes : list of Box
-        What to place.
+        Boxes to place.
     nets : list of Net
         The wires.
     width : float
-        At least so wide the picture is to be [px].
+        Smallest width of the picture [px].
     top : float
-        Where it begins [px].
+        Upper end of the picture [px].
 
     Returns
     -------
@@ -59,10 +59,10 @@ def layout(boxes: list[Box], nets: list[Net], width: float = 0.0, top: float = 0
         for k, channel in enumerate(channels):
             verticals, number = tracks(channel)
             crossings += number
-            x += 1.5 * WIRE if k else 0.0
+            x += 1.5 * WIRE_GAP if k else 0.0
             for rail, track in verticals.items():
-                rail.x = x + track * WIRE
-            x += WIRE * (1 + max(verticals.values(), default=-1))
+                rail.x = x + track * WIRE_GAP
+            x += WIRE_GAP * (1 + max(verticals.values(), default=-1))
             if k < len(layers):
                 x += max(pin.note for box in layers[k] for pin in (*box.sides[0], Pin(box, 0.0)))
                 column = max(box.width for box in layers[k])
@@ -74,34 +74,34 @@ def layout(boxes: list[Box], nets: list[Net], width: float = 0.0, top: float = 0
         scores[variant] = crossings, route(nets, channels), over(layers)
         return max(width, x), max(box.y + box.height for layer in layers for box in layer)
 
-    for variant in counted("drawing", range(max(1, min(MOST, EFFORT // len(boxes))))):
+    for variant in counted("drawing", range(max(1, min(MAX_ARRANGEMENTS, MAX_COMPARED_BOXES // len(boxes))))):
         size = attempt(variant)
     best = min(scores, key=scores.__getitem__)
     return size if best == variant else attempt(best)
 
 
 def over(layers: list[list[Box]]) -> int:
-    """Return how often in `layers` a wire passes over a box, for it should pass below."""
+    """Return how often a wire passes above a box in `layers`; it should pass below."""
     return sum(
         bool(b.width) and not a.width for layer in layers for i, b in enumerate(layer) for a in layer[:i]
     )
 
 
 def ordered(boxes: list[Box], nets: list[Net], variant: int, top: float) -> tuple[list[list[Box]], Channels]:
-    """Return layers and channels of `boxes` and `nets`, from `top` [px] on; `variant` 0 is not mixed [-]."""
+    """Return layers and channels of `boxes` and `nets` below `top` [px]; a `variant` > 0 is shuffled [-]."""
     edges, mixed, chance = edges_of(nets), list(boxes), Random(variant)
     if variant:
         chance.shuffle(mixed)
     layers = into_layers(by_flow(mixed, edges), edges)
-    channels = rails(nets, layers, WIRE)
+    channels = rails(nets, layers, WIRE_GAP)
     for layer in layers if variant else ():
         chance.shuffle(layer)
     ordering = Ordering(layers, channels)
     ordering.sort()
-    for again in range(ROUNDS):
+    for again in range(PLACING_ROUNDS):
         if again:
             for pin in ordering.rails:
-                pin.rank = pin.y / PITCH
+                pin.rank = pin.y / PIN_PITCH
             ordering.swap()
-        Placing(layers, GAP).place(channels, top)
+        Placing(layers, BOX_GAP).place(channels, top)
     return layers, channels

@@ -1,4 +1,4 @@
-"""Which blocks are in algebraic loops."""
+"""Search for blocks in algebraic loops, for diagrams that may be incomplete."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ T = TypeVar("T", bound=Hashable)
 
 
 def wires_in(diagram: Diagram) -> Iterator[tuple[Port, Port]]:
-    """Return what leads from block to block, in this diagram and in those inside it."""
+    """Yield the connections between leaf blocks, in this diagram and in nested ones."""
     for wire in diagram.wires:
         if wire.source is not None:
             yield from ((resolved(wire.source), target) for target in targets(wire.target))
@@ -30,8 +30,9 @@ def wires_in(diagram: Diagram) -> Iterator[tuple[Port, Port]]:
 def in_loops(diagram: Diagram) -> set[Block]:
     """Return the blocks whose outputs depend on themselves within an instant.
 
-    Of what cannot be traced, yet or at all, nothing is known: no loop goes through it.
+    A block that cannot be traced is assumed to have no feedthrough.
     """
+    # Only blocks in a cycle of connections are traced, as tracing is slow.
     near: dict[Block, set[Block]] = defaultdict(set)
     fed: dict[Place, set[Place]] = defaultdict(set)
     wires = list(wires_in(diagram))
@@ -47,7 +48,7 @@ def in_loops(diagram: Diagram) -> set[Block]:
 
 
 def on_circles(graph: dict[T, set[T]]) -> set[T]:
-    """Return what leads back to itself."""
+    """Return the nodes of a graph that are in a cycle."""
     found: set[T] = set()
     for start in graph:
         seen, waiting = set[T](), [start]
@@ -60,9 +61,9 @@ def on_circles(graph: dict[T, set[T]]) -> set[T]:
 
 
 def feedthrough(block: Block) -> Mapping[str, Collection[str]]:
-    """Return the inputs that each output depends on within an instant, as far as that is known.
+    """Return the inputs with direct feedthrough to each output, as far as they are known.
 
-    Shapes that are still to be inferred are scalar meanwhile, as they would be in a simulation.
+    Open shapes are scalar during the trace, as in a simulation.
     """
     if block.sample_time is None and not block.traced:
         return {}

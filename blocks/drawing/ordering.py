@@ -1,6 +1,6 @@
-"""The order of boxes in each layer, and of pins on their sides: few crossings, by sweeps and swaps.
+"""Order of boxes in each layer, and of pins on their sides, with few crossings: sweeps and swaps.
 
-Heights are ranks here: pins of a box are 1 apart, whatever they will be on paper.
+Vertical positions are ranks: pins of a box have the distance 1, regardless of that in the picture.
 """
 
 from __future__ import annotations
@@ -13,13 +13,13 @@ from typing import Any
 from trussflow.blocks.drawing.graph import Box, Channels, Pin, Rail, Span
 
 Sides = tuple[list[Rail], ...]
-SWEEPS = 12
-SWAPS = 20
-"""So often at most: heights of rails with many pins change with each swap, and it may turn in circles."""
+MAX_SWEEPS = 12
+MAX_SWAP_ROUNDS = 20
+"""Largest number of rounds of swaps, which may cycle as each swap changes the heights of rails."""
 
 
 def cuts(a: Span, b: Span) -> int:
-    """Return how often rails cross if the vertical of `a` stands left of that of `b`."""
+    """Return the number of crossings of two rails if the vertical of `a` is left of that of `b`."""
     number = 0
     for y in a[1]:
         number += b[2] < y < b[3]
@@ -29,7 +29,7 @@ def cuts(a: Span, b: Span) -> int:
 
 
 def crossings(some: list[Rail], others: list[Rail]) -> int:
-    """Return how often `some` rails cross `others` of their channel, each pair in its better order."""
+    """Return the crossings of `some` rails with `others` of their channel, each pair in its better order."""
     number = 0
     for one in some:
         a = one.span
@@ -41,14 +41,14 @@ def crossings(some: list[Rail], others: list[Rail]) -> int:
 
 
 class Ordering:
-    """Layers, which are sorted in place, as are the sides of their boxes.
+    """Ordering of layers and of the sides of their boxes, in place.
 
     Parameters
     ----------
     layers : list of list of Box
-        The boxes, from the left.
+        The layers, from the left.
     channels : Channels
-        What joins them.
+        Rails between the layers.
     """
 
     def __init__(self, layers: list[list[Box]], channels: Channels) -> None:
@@ -60,12 +60,12 @@ class Ordering:
         return list(dict.fromkeys(self.rails[pin] for pin in pins if pin in self.rails))
 
     def sort(self) -> None:
-        """Sweep to and fro, keep the best order, and swap neighbours in it."""
+        """Sweep in both directions, select the best order, and swap neighbours in it."""
         sorts: list[list[Any]] = [*self.layers, *(side for box in self.sides for side in box.sides)]
         best, found = math.inf, sorts
         for layer in self.layers:
             rank(layer)
-        for turn in range(SWEEPS):
+        for turn in range(MAX_SWEEPS):
             if turn:
                 self._sweep(turn % 2)
             self._measure()
@@ -84,7 +84,7 @@ class Ordering:
                 rail.measure(ranked=True)
 
     def _sweep(self, side: int) -> None:
-        """Sort by what is wired to right sides (1), from the right, or to left sides (0), from the left."""
+        """Sort by the neighbours of right sides (1), from the right, or of left sides (0), from the left."""
         for layer in reversed(self.layers) if side else self.layers:
             wanted = {box: self._wanted(box, side) for box in layer}
             layer.sort(key=wanted.__getitem__)
@@ -94,14 +94,14 @@ class Ordering:
             rank(layer)
 
     def _wanted(self, box: Box, side: int) -> float:
-        """Return where the pins of one side want a box to be, or those of the other, or where it is."""
+        """Return the mean position of a box for straight wires at one side, or the other, or its own."""
         for pins in (box.sides[side], box.sides[1 - side]):
             if shifts := [self._drawn_to(pin) - (pin.rank - box.rank) for pin in pins if pin in self.rails]:
                 return sum(shifts) / len(shifts)
         return box.rank
 
     def _drawn_to(self, pin: Pin) -> float:
-        """Return the mean height of what a pin is wired to, across the channel if there is any."""
+        """Return the mean rank of the pins connected to a pin, those across the channel if there are any."""
         rail = self.rails.get(pin)
         if rail is None:
             return pin.rank
@@ -110,9 +110,9 @@ class Ordering:
         return sum(others) / len(others) if others else pin.rank
 
     def swap(self) -> None:
-        """Swap neighbours, boxes and pins, wherever that saves crossings."""
+        """Swap neighbouring boxes and pins if this reduces the number of crossings."""
         self._measure()
-        for _ in range(SWAPS):
+        for _ in range(MAX_SWAP_ROUNDS):
             swapped = False
             for layer in self.layers:
                 swapped |= self._swap(layer, self.sides.__getitem__, exchange)
@@ -144,12 +144,12 @@ class Ordering:
 
 
 def extent(box: Box) -> float:
-    """Return how many ranks a box takes."""
+    """Return the height of a box in ranks."""
     return max(1, *map(len, box.sides)) + 1
 
 
 def rank(layer: list[Box]) -> None:
-    """Put boxes one below the other, around 0."""
+    """Set the ranks of the boxes of a layer one below the other, centred at 0."""
     y = -sum(map(extent, layer)) / 2
     for box in layer:
         box.rank, y = y, y + extent(box)
@@ -159,7 +159,7 @@ def rank(layer: list[Box]) -> None:
 
 
 def exchange(upper: Box, lower: Box) -> None:
-    """Exchange the ranks of neighbours, which are `upper` and `lower` before."""
+    """Exchange the ranks of two neighbours, `upper` and `lower` before the exchange."""
     for box, shift in ((upper, extent(lower)), (lower, -extent(upper))):
         box.rank += shift
         for pin in box.sides[0] + box.sides[1]:
@@ -167,5 +167,5 @@ def exchange(upper: Box, lower: Box) -> None:
 
 
 def flip(upper: Pin, lower: Pin) -> None:
-    """Exchange the ranks of two pins, `upper` and `lower` before."""
+    """Exchange the ranks of two pins, `upper` and `lower` before the exchange."""
     upper.rank, lower.rank = lower.rank, upper.rank

@@ -1,4 +1,4 @@
-"""How high each box stands: as many wires straight as the order in the layers allows."""
+"""Vertical placement of boxes, with as many straight wires as the order in the layers allows."""
 
 from __future__ import annotations
 
@@ -10,16 +10,16 @@ from trussflow.blocks.drawing.graph import Box, Channels
 
 
 class Placing:
-    """Boxes that keep their distances in each layer, tied together by straight wires.
+    """Placement of boxes with minimum distances in each layer, and ties by straight wires.
 
-    All distances are of the form y_b >= y_a + w; a straight wire is two of them.
+    All constraints have the form y_b >= y_a + w; a straight wire is two of them.
 
     Parameters
     ----------
     layers : list of list of Box
-        The boxes, from the left, each layer from above.
+        The layers from the left, each with its boxes from above.
     gap : float
-        Between boxes [px]; wires have their own.
+        Distance between boxes [px].
     """
 
     def __init__(self, layers: list[list[Box]], gap: float) -> None:
@@ -35,7 +35,7 @@ class Placing:
                 self.above[lower].append((upper, distance))
 
     def place(self, channels: Channels, top: float) -> None:
-        """Straighten wires in `channels`, move boxes to what they are wired to, and all to `top` [px]."""
+        """Straighten wires in `channels`, move boxes towards their neighbours, and all to `top` [px]."""
         self._straighten(channels)
         self._settle(channels)
         highest = min(box.y for box in self.limits)
@@ -43,7 +43,7 @@ class Placing:
             box.y += top - highest
 
     def _straighten(self, channels: Channels) -> None:
-        """Make wires straight, the most important ones first: those through layers, and those in bundles."""
+        """Straighten wires, those through layers and those in bundles first."""
         weights = Counter[tuple[Box, Box, float]]()
         for channel in channels:
             for rail in channel:
@@ -54,7 +54,7 @@ class Placing:
             self._tie(upper, lower, shift)
 
     def _tie(self, a: Box, b: Box, shift: float) -> None:
-        """Let b stand `shift` below a if that contradicts nothing."""
+        """Tie b at `shift` below a, if no other constraint is violated."""
         if self.tied[a] is self.tied[b]:
             return
         old: dict[Box, float] = {}
@@ -69,7 +69,7 @@ class Placing:
                 box.y = y
 
     def _lower(self, a: Box, b: Box, shift: float, old: dict[Box, float]) -> bool:
-        """Let b come at least `shift` below a, and what that pushes; tell whether it pushes a itself."""
+        """Move b at least `shift` below a, with the boxes that it pushes; return False if it pushes a."""
         if b.y >= a.y + shift:
             return True
         old.setdefault(b, b.y)
@@ -86,7 +86,7 @@ class Placing:
         return True
 
     def _settle(self, channels: Channels) -> None:
-        """Move what is tied together towards what it is wired to, as far as there is room."""
+        """Move groups of tied boxes towards the median of their neighbours, as far as there is space."""
         wires: dict[Box, list[tuple[Box, float]]] = {box: [] for box in self.limits}
         for channel in channels:
             for rail in channel:

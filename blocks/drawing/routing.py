@@ -1,27 +1,27 @@
-"""Where the verticals of wires stand in the channels between layers, and the paths that follow."""
+"""Routing: tracks of the vertical parts of wires in the channels between layers, and paths of wires."""
 
 from __future__ import annotations
 
 from trussflow.blocks.drawing.graph import Channels, Net, Point, Rail, way
 from trussflow.blocks.drawing.ordering import cuts
 
-NEVER = 1000
-"""What it costs that two wires lie upon each other [crossings]."""
+OVERLAP_COST = 1000
+"""Cost of the overlap of two wires [crossings]."""
 
-CLOSE = 4.0
-"""Heights nearer than that look like one [px]."""
+HEIGHT_TOLERANCE = 4.0
+"""Largest difference of two heights that appear equal [px]."""
 
 
 def cost(a: Rail, b: Rail) -> int:
-    """Return crossings, and wires upon each other, if `a` stands left of `b`."""
-    same = a.net is not b.net and any(abs(y - z) < CLOSE for y in a.span[1] for z in b.span[0])
-    return cuts(a.span, b.span) + NEVER * same
+    """Return the cost of crossings and overlaps if `a` is left of `b`."""
+    same = a.net is not b.net and any(abs(y - z) < HEIGHT_TOLERANCE for y in a.span[1] for z in b.span[0])
+    return cuts(a.span, b.span) + OVERLAP_COST * same
 
 
 def tracks(channel: list[Rail]) -> tuple[dict[Rail, int], int]:
-    """Return on which track of a `channel` verticals stand, from the left, and how often wires cross.
+    """Return the track of each vertical in a `channel`, from the left, and the number of crossings.
 
-    Where none can come next without lying upon others, one is led over two tracks.
+    If every remaining vertical would overlap another, one of them is split over two tracks.
     """
     for rail in channel:
         rail.measure(ranked=False)
@@ -31,11 +31,15 @@ def tracks(channel: list[Rail]) -> tuple[dict[Rail, int], int]:
     while waiting := [rail for rail in bent if rail not in place]:
         regret = {a: sum(max(0, costs[a, b] - costs[b, a]) for b in waiting) for a in waiting}
         rail = min(regret, key=regret.__getitem__)
-        if any(costs[rail, other] >= NEVER for other in waiting):
+        if any(costs[rail, other] >= OVERLAP_COST for other in waiting):
             _split(rail, channel)
             return tracks(channel)
         _, _, low, high = rail.span
-        near = [place[b] for b in place if b.span[2] - CLOSE <= high and low <= b.span[3] + CLOSE]
+        near = [
+            place[b]
+            for b in place
+            if b.span[2] - HEIGHT_TOLERANCE <= high and low <= b.span[3] + HEIGHT_TOLERANCE
+        ]
         place[rail] = max(near, default=-1) + 1
     flat = [rail.span[2] for rail in channel if rail not in place]
     number = sum(rail.span[2] < y < rail.span[3] for rail in bent for y in flat)
@@ -44,18 +48,18 @@ def tracks(channel: list[Rail]) -> tuple[dict[Rail, int], int]:
 
 
 def _split(rail: Rail, channel: list[Rail]) -> None:
-    """Lead a rail over two tracks, with a level between them that no other has."""
+    """Split a rail over two tracks, joined at a height that no other wire has."""
     taken = [y for other in channel for y in (*other.span[0], *other.span[1])]
     middle = way(0.0, -1)
     middle.y = (rail.span[2] + rail.span[3]) / 2
-    while any(abs(middle.y - y) < CLOSE for y in taken):
-        middle.y += CLOSE
+    while any(abs(middle.y - y) < HEIGHT_TOLERANCE for y in taken):
+        middle.y += HEIGHT_TOLERANCE
     channel.append(Rail(rail.net, middle.sides[1], rail.right))
     rail.right = middle.sides[0]
 
 
 def route(nets: list[Net], channels: Channels) -> int:
-    """Lead the wires of `nets` through `channels`, back from each target; return how often they bend."""
+    """Route the wires of `nets` through `channels`, from each target back; return the number of bends."""
     rails = {pin: rail for channel in channels for rail in channel for pin in rail.left + rail.right}
     for net in nets:
         net.paths = []
@@ -75,7 +79,7 @@ def route(nets: list[Net], channels: Channels) -> int:
 
 
 def _simplified(path: list[Point]) -> list[Point]:
-    """Return a path without points in the middle of straight lines."""
+    """Return a path without intermediate points of straight lines."""
     found: list[Point] = []
     for p in path:
         if len(found) > 1 and any(found[-2][i] == found[-1][i] == p[i] for i in (0, 1)):

@@ -1,4 +1,4 @@
-"""A diagram as boxes and nets, laid out; open diagrams are boxes around scenes of their own."""
+"""Scene: a diagram as boxes and nets with their layout; an open nested diagram has its own scene."""
 
 from __future__ import annotations
 
@@ -7,33 +7,33 @@ from collections import Counter
 from dataclasses import dataclass, field
 
 from trussflow.blocks.drawing.graph import Box, Net, Pin
-from trussflow.blocks.drawing.layout import PITCH, layout
+from trussflow.blocks.drawing.layout import PIN_PITCH, layout
 from trussflow.blocks.framework.block import Block
 from trussflow.blocks.framework.diagram import Diagram
 from trussflow.blocks.framework.port import Port
 
-LETTER = 6.7
+LETTER_WIDTH = 6.7
 """Width of a letter of 11 px in a font of equal widths [px]."""
 
-HEAD, FOOT = 40.0, 8.0
-"""Above the ports of a block are its name and kind, below them a margin [px]."""
+HEAD_HEIGHT, FOOT_HEIGHT = 40.0, 8.0
+"""Height of the name and kind above the ports of a block, and of the margin below them [px]."""
 
-LONGEST = 28
-"""Letters of a name; the tooltip has the whole."""
+MAX_NAME_LENGTH = 28
+"""Largest number of letters of a name; the tooltip has the complete name."""
 
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Row:
-    """A place for a wire at a block.
+    """Row of a block for one wire.
 
     Attributes
     ----------
     port : Port
         The port.
     key : str
-        Whose wire it is: the path of a source, ``"outside"`` or nothing.
+        Source of the wire: a path, ``"outside"`` or an empty text.
     name, note : str
-        What to write at the port, and at the wire's end.
+        Text at the port, and at the end of the wire.
     """
 
     port: Port
@@ -44,20 +44,20 @@ class Row:
 
 @dataclass(eq=False, slots=True)
 class Scene:
-    """What is in one diagram, laid out.
+    """Contents and layout of one diagram.
 
     Attributes
     ----------
     blocks : list of tuple
-        Each block with its box, and its own scene if it is an open diagram.
+        Blocks with their boxes, and with the scene of an open diagram.
     pins : list of tuple
-        Each row with its pin.
+        Rows with their pins.
     wires : list of tuple
-        Each net with its source.
+        Nets with their sources.
     edges : dict of str to Box
-        The boxes of the diagram's own ports, by name.
+        Boxes of the exposed ports of the diagram, by name.
     width, height : float
-        Its size [px].
+        Size of the scene [px].
     """
 
     blocks: list[tuple[Block, Box, Scene | None]] = field(default_factory=list)
@@ -69,23 +69,23 @@ class Scene:
 
 
 def brief(name: str) -> str:
-    """Return a name that is not too long."""
-    return name if len(name) <= LONGEST else f"{name[: LONGEST - 1]}…"
+    """Return a name, shortened if it is too long."""
+    return name if len(name) <= MAX_NAME_LENGTH else f"{name[: MAX_NAME_LENGTH - 1]}…"
 
 
 def breadth(text: str) -> float:
-    """Return how wide a text of 11 px is [px]; some scripts have letters of twice the width."""
-    return LETTER * sum(1 + (unicodedata.east_asian_width(letter) in "WF") for letter in text)
+    """Return the width of a text of 11 px [px]; letters of some scripts have twice the width."""
+    return LETTER_WIDTH * sum(1 + (unicodedata.east_asian_width(letter) in "WF") for letter in text)
 
 
 def part_of(port: Port) -> str:
-    """Return the index of a slice, if it is not the whole `port`."""
+    """Return the index of a slice as text; it is empty for the whole `port`."""
     whole = port.index is None or port.elements().size == port.size
     return "" if whole else port.full_path.removeprefix(port.path)
 
 
 def rows(diagram: Diagram, block: Block) -> tuple[list[Row], list[Row]]:
-    """Return what is written at inputs and outputs of a `block` in a `diagram`: a row for each wire."""
+    """Return the rows of the inputs and outputs of a `block` in a `diagram`, one for each wire."""
     inputs = []
     for port in block.inputs():
         ends: dict[str, list[tuple[str, str]]] = {}
@@ -107,20 +107,20 @@ def rows(diagram: Diagram, block: Block) -> tuple[list[Row], list[Row]]:
 def scene_of(
     diagram: Diagram, depth: int, width: float = 0.0, taken: Counter[str] | None = None, top: float = 0.0
 ) -> Scene:
-    """Return a diagram laid out.
+    """Return the scene of a diagram.
 
     Parameters
     ----------
     diagram : Diagram
-        What to draw.
+        Diagram to draw.
     depth : int
-        How many levels of the diagrams in it are open [-].
+        Number of levels of nested diagrams to draw open [-].
     width : float
-        At least so wide it is to be [px].
+        Smallest width [px].
     taken : Counter, optional
-        How many wires end at its own ports from outside [-], by name.
+        Number of outer wires at each exposed port [-], by name.
     top : float
-        Where it begins [px].
+        Upper end of the scene [px].
     """
     scene, pins = Scene(), dict[tuple[str, str, str], Pin]()
     for block in diagram.blocks.values():
@@ -129,18 +129,18 @@ def scene_of(
         inner = None
         if isinstance(block, Diagram) and depth > 0:
             number = Counter[str](row.port.name for side in sides for row in side)
-            inner = scene_of(block, depth - 1, least, number, HEAD)
-            box = Box(inner.width, inner.height + FOOT, fixed=True)
+            inner = scene_of(block, depth - 1, least, number, HEAD_HEIGHT)
+            box = Box(inner.width, inner.height + FOOT_HEIGHT, fixed=True)
         else:
             names = sum(max((breadth(row.name) for row in side), default=0.0) for side in sides)
-            box = Box(max(least, names + 24), HEAD + max(map(len, sides)) * PITCH + FOOT)
+            box = Box(max(least, names + 24), HEAD_HEIGHT + max(map(len, sides)) * PIN_PITCH + FOOT_HEIGHT)
         scene.blocks.append((block, box, inner))
         for side, found in enumerate(sides):
             used = Counter[str]()
             for i, row in enumerate(found):
-                dy = HEAD + (i + 0.5) * PITCH
+                dy = HEAD_HEIGHT + (i + 0.5) * PIN_PITCH
                 if inner:
-                    dy = inner.edges[row.port.name].y + (used[row.port.name] + 0.5) * PITCH
+                    dy = inner.edges[row.port.name].y + (used[row.port.name] + 0.5) * PIN_PITCH
                     used[row.port.name] += 1
                 pin = box.pin(side, dy, breadth(row.note) * 9 / 11 + 6 if row.note else 0.0)
                 pins[block.name, row.port.name, row.key] = pin
@@ -150,7 +150,7 @@ def scene_of(
     for name, inside in diagram.exposed.items():
         port, wired = diagram.ports[name], 1 if taken is None else taken[name]
         box = scene.edges[name] = Box(
-            breadth(brief(name)) + 12, PITCH * wired, edge=-1 if port.is_input else 1
+            breadth(brief(name)) + 12, PIN_PITCH * wired, edge=-1 if port.is_input else 1
         )
         pin = box.pin(int(port.is_input), box.height / 2)
         scene.pins.append((Row(port, "", brief(name)), pin))

@@ -1,4 +1,4 @@
-"""A scene as SVG: one text, which reads in light and in dark, on screens and on paper."""
+"""SVG text of a scene, for light and dark themes, screens and paper."""
 
 from __future__ import annotations
 
@@ -15,50 +15,51 @@ from trussflow.blocks.framework.clock import Clock
 from trussflow.blocks.framework.diagram import Diagram, leaves
 from trussflow.blocks.framework.port import Port
 
-COLOURS = 6
-"""So many rates have colours of their own in the style; beyond, they repeat."""
+RATE_COLOURS = 6
+"""Number of colours of rates in the style sheet; more rates reuse them."""
 
-MARGIN = 12
-"""Around the picture [px]."""
+PICTURE_MARGIN = 12
+"""Margin around the picture [px]."""
 
 
 def svg_of(diagram: Diagram, depth: int) -> str:
-    """Return the picture of a `diagram`, `depth` levels of the diagrams in it open [-]."""
+    """Return the picture of a `diagram`, with `depth` levels of nested diagrams open [-]."""
     scene, red = scene_of(diagram, depth), in_loops(diagram)
     style = files("trussflow.blocks.drawing").joinpath("picture.css").read_text(encoding="utf-8")
-    rates = {clock: f"rate{i % COLOURS}" for i, clock in enumerate(sorted(clocks_of(diagram)))}
+    rates = {clock: f"rate{i % RATE_COLOURS}" for i, clock in enumerate(sorted(clocks_of(diagram)))}
 
     def colour(block: Block) -> str:
         own = clocks_of(block)
         return "loop" if red & {*leaves(block)} else rates[own.pop()] if len(own) == 1 else ""
 
     legend = {every(float(clock.period), float(clock.offset)): rate for clock, rate in rates.items()}
-    keys, x, y = "", float(MARGIN), scene.height + MARGIN + 16
+    keys, x, y = "", float(PICTURE_MARGIN), scene.height + PICTURE_MARGIN + 16
     for text, kind in (legend | ({"algebraic loop": "loop"} if red else {})).items():
         keys += f'<rect class="box {kind}" x="{x:g}" y="{y:g}" width="12" height="12"/>'
         keys += f'<text class="faint" x="{x + 17:g}" y="{y + 10:g}">{text}</text>'
         x += breadth(text) + 34
-    width, height = max(scene.width + 2 * MARGIN, x), y + MARGIN * (2 if keys else 0) - 4
+    width, height = max(scene.width + 2 * PICTURE_MARGIN, x), y + PICTURE_MARGIN * (2 if keys else 0) - 4
     return (
         f'<svg xmlns="http://www.w3.org/2000/svg" class="tf" width="{width:g}" height="{height:g}" '
         f'viewBox="0 0 {width:g} {height:g}"><title>{escape(diagram.name)}</title><style>{style}</style>'
         f'<rect class="paper" width="{width:g}" height="{height:g}"/>'
-        f'<g transform="translate({MARGIN},{MARGIN})">{"".join(drawn(scene, colour))}</g>{keys}</svg>\n'
+        f'<g transform="translate({PICTURE_MARGIN},{PICTURE_MARGIN})">'
+        f"{''.join(drawn(scene, colour))}</g>{keys}</svg>\n"
     )
 
 
 def every(period: float, offset: float) -> str:
-    """Return in words when something of this `period` and `offset` [s] is computed."""
+    """Return the text of a clock with this `period` and `offset` [s]."""
     return f"every {period:g} s from {offset:g} s" if offset else f"every {period:g} s"
 
 
 def clocks_of(block: Block) -> set[Clock]:
-    """Return the clocks of a `block`, or of all in a diagram."""
+    """Return the clock of a `block`, or the clocks of all blocks in a diagram."""
     return {Clock.of(leaf) for leaf in leaves(block) if leaf.sample_time is not None}
 
 
 def drawn(scene: Scene, colour: Callable[[Block], str]) -> Iterator[str]:
-    """Return the elements of a `scene`; the class of a block says its `colour`."""
+    """Yield the SVG elements of a `scene`; `colour` returns the class of a block."""
     for net, source in scene.wires:
         line = "".join("M" + "L".join(f"{x:g} {y:g}" for x, y in path) for path in net.paths)
         tips = "".join(f"M{x:g} {y:g}l-7 -3.5v7z" for x, y in (path[-1] for path in net.paths))
@@ -88,7 +89,7 @@ def drawn(scene: Scene, colour: Callable[[Block], str]) -> Iterator[str]:
 
 
 def title(port: Port) -> str:
-    """Return what is shown of a `port` where the pointer rests."""
+    """Return the tooltip of a `port`."""
     block, facts = (
         port.block,
         [f"{port.path}{port.summary.removeprefix(port.name)}", port.declaration.meaning],
@@ -98,7 +99,7 @@ def title(port: Port) -> str:
 
 
 def forks(net: Net) -> list[Point]:
-    """Return where the wires of a `net` part."""
+    """Return the points at which the wires of a `net` branch."""
     lines = [line for path in net.paths for line in pairwise(path)]
     found = []
     for x, y in dict.fromkeys(point for path in net.paths for point in path[1:-1]):

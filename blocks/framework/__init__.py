@@ -1,1 +1,1 @@
-"""What users declare and wire: ports, blocks, diagrams."""
+"""Declaration and connection of ports, blocks and diagrams."""

@@ -1,4 +1,4 @@
-"""What port arithmetic builds: sum junctions, and one block for all other operations of NumPy."""
+"""Blocks of port arithmetic: sum junctions, and one block for all other functions of NumPy."""
 
 from __future__ import annotations
 
@@ -16,25 +16,25 @@ from trussflow.blocks.framework.port import INFERRED, Input, Output, Port, Shape
 from trussflow.blocks.framework.types import Array
 from trussflow.blocks.framework.validation import as_shape, finite_array, one_sign_each, shown
 
-SYMBOLS: dict[str, np.ufunc] = {
+OPERATOR_SYMBOLS: dict[str, np.ufunc] = {
     **{"+": np.add, "-": np.subtract, "*": np.multiply, "/": np.divide, "**": np.power, "@": np.matmul},
     **{"<": np.less, "<=": np.less_equal, ">": np.greater, ">=": np.greater_equal},
     **{"==": np.equal, "!=": np.not_equal, "and": np.logical_and, "or": np.logical_or},
     **{"xor": np.logical_xor, "not": np.logical_not, "min": np.minimum, "max": np.maximum},
 }
-"""NumPy's functions by what people write for them."""
+"""NumPy function of each operator symbol."""
 
-SIGNS = {np.add: "++", np.subtract: "+-", np.negative: "-"}
-"""The operations that are sum junctions where no number takes part."""
+SUM_SIGNS = {np.add: "++", np.subtract: "+-", np.negative: "-"}
+"""Signs of the sum junction for each operation that becomes one if all operands are signals."""
 
-KEEPS = (*SIGNS, np.maximum, np.minimum, np.absolute, np.hypot, np.remainder, np.rint)
-"""Operations on signals of one unit that give a signal of that unit."""
+UNIT_PRESERVING = (*SUM_SIGNS, np.maximum, np.minimum, np.absolute, np.hypot, np.remainder, np.rint)
+"""Operations on signals of one unit whose result has the same unit."""
 
-COMPARES = (np.less, np.less_equal, np.greater, np.greater_equal, np.equal, np.not_equal)
-"""Operations on signals of one unit that give 0 or 1."""
+COMPARISONS = (np.less, np.less_equal, np.greater, np.greater_equal, np.equal, np.not_equal)
+"""Operations on signals of one unit whose result is 0 or 1."""
 
-UNITS = {np.multiply: "{}*{}", np.divide: "{}/{}", np.sqrt: "{}**0.5", np.square: "{}**2"}
-"""Units of what others give, where each operand has one."""
+RESULT_UNITS = {np.multiply: "{}*{}", np.divide: "{}/{}", np.sqrt: "{}**0.5", np.square: "{}**2"}
+"""Unit of the result of other operations, if each operand has a unit."""
 
 
 class Sum(Block):
@@ -52,7 +52,7 @@ class Sum(Block):
     Raises
     ------
     BlockError
-        If `signs` holds anything else.
+        If `signs` contains other characters.
     """
 
     y = Output(INFERRED, unit=INFERRED, frame=INFERRED, meaning="signed sum of the inputs")
@@ -75,25 +75,24 @@ class Sum(Block):
 
 
 class Operation(Block):
-    r"""Compute with one or two signals as NumPy does: :math:`y = f(u_1, u_2)`.
+    r"""Apply a function of NumPy to one or two signals: :math:`y = f(u_1, u_2)`.
 
     Port arithmetic builds it: ``(2.0 * a.y / b.y) >> c.u``, ``M @ a.y``, ``a.y > 1.0``, ``np.sin(a.y)``.
-    What compares, and logic, gives 0 or 1. Shapes broadcast as in NumPy.
+    Comparisons and logical functions return 0 or 1. Shapes broadcast as in NumPy.
 
     Parameters
     ----------
     function : str or numpy.ufunc
-        One of ``+ - * / ** @ < <= > >= == != and or xor not min max``, or a function of NumPy that works
-        element by element.
+        One of ``+ - * / ** @ < <= > >= == != and or xor not min max``, or a universal function of NumPy.
     *operands : Input or array_like
-        In order: for each signal an `Input`, named ``u1`` or ``u2`` by its place. One of two may be a number
-        or an array instead, the parameter ``constant`` [as the other operand, or none]. By default all are
-        signals of one shape, as the wires say.
+        Operands in order: an `Input` for each signal, named ``u1`` or ``u2`` by its position. One of two may
+        be a number or an array instead, the parameter ``constant`` [as the other operand, or none]. By
+        default, all operands are signals of one shape, inferred from the connections.
 
     Raises
     ------
     BlockError
-        If there is no such function, or the operands do not fit it.
+        If there is no such function, or the operands do not match it.
     ParameterError
         If the constant is not numeric.
 
@@ -105,11 +104,11 @@ class Operation(Block):
     """
 
     def __init__(self, function: str | np.ufunc, *operands: Input | npt.ArrayLike) -> None:
-        known = SYMBOLS.get(function) if isinstance(function, str) else function
+        known = OPERATOR_SYMBOLS.get(function) if isinstance(function, str) else function
         if not isinstance(known, np.ufunc) or known.nout != 1 or known.nin > 2:
             raise BlockError(
-                f"Operation knows no {shown(function)}; give one of {' '.join(SYMBOLS)}, or a function of "
-                "NumPy that takes one or two arrays. For all else there is Function"
+                f"Operation has no function {shown(function)}; give one of {' '.join(OPERATOR_SYMBOLS)}, "
+                "or a universal function of NumPy of one or two arrays. For other functions, use Function"
             )
         self.function, given = known, operands or (Input(INFERRED),) * known.nin
         inputs = {f"u{i}": each for i, each in enumerate(given, 1) if isinstance(each, Input)}
@@ -119,18 +118,21 @@ class Operation(Block):
                 f"Input(...), not {shown(operands)}"
             )
         numbers = [
-            finite_array("what is computed with", each) for each in given if not isinstance(each, Input)
+            finite_array("the constant operand", each) for each in given if not isinstance(each, Input)
         ]
         if numbers:
             self._declared = {"constant": Parameter(shape=None, meaning="the number among the operands")}
         shape = _shape(known, [each.shape if isinstance(each, Input) else numbers[0].shape for each in given])
-        keeps = known in KEEPS or (known is np.multiply and bool(numbers))
+        # A constant factor or divisor has no unit, so the result has the unit of the signal.
+        keeps = known in UNIT_PRESERVING or (known is np.multiply and bool(numbers))
         keeps = keeps or (known is np.divide and "u2" not in inputs)
-        shared = INFERRED if keeps or known in COMPARES else None
+        shared = INFERRED if keeps or known in COMPARISONS else None
         units = [each.unit for each in inputs.values()]
         result = None
-        if known in UNITS and not numbers and all(isinstance(unit, str) for unit in units):
-            result = UNITS[known].format(*(u if u.isalnum() else f"({u or 1})" for u in map(str, units)))
+        if known in RESULT_UNITS and not numbers and all(isinstance(unit, str) for unit in units):
+            result = RESULT_UNITS[known].format(
+                *(u if u.isalnum() else f"({u or 1})" for u in map(str, units))
+            )
         self.extra_ports = {
             **{n: Input(each.shape, unit=shared or each.unit, frame=shared) for n, each in inputs.items()},
             "y": Output(shape, unit=INFERRED if keeps else result, frame=INFERRED if keeps else None),
@@ -143,19 +145,19 @@ class Operation(Block):
             self.inferred_shape.fix(numbers[0].shape, call_site(), own=True)
 
     def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
-        """Return what the function makes of the operands."""
+        """Return the function of the operands."""
         operands = [u.get(f"u{i}", p.get("constant")) for i in range(1, self.function.nin + 1)]
         result = self.function(*operands)
-        truth = self.function in COMPARES or self.function.__name__.startswith("logical")
+        truth = self.function in COMPARISONS or self.function.__name__.startswith("logical")
         return {"y": np.where(result, 1.0, 0.0) if truth else result}
 
 
 def _shape(function: np.ufunc, shapes: list[Any]) -> Shape:
-    """Return the shape of the result of a function of arrays of these shapes, some of them open."""
+    """Return the shape of the result of a function for arrays of these shapes; `INFERRED` if one is open."""
     if INFERRED in shapes:
         if function.signature is None:
             return INFERRED
-        raise BlockError(f"'{function.__name__}' needs operands of known shape: wire them first")
+        raise BlockError(f"'{function.__name__}' needs operands of known shape: connect them first")
     try:
         found: tuple[int, ...] = np.shape(function(*(np.ones(as_shape("Operation", s)) for s in shapes)))
         return found
@@ -171,15 +173,15 @@ def operation(function: np.ufunc, operands: Sequence[Any]) -> Sum | Operation:
     Raises
     ------
     BlockError
-        If an operand is a bool, as ``a == b`` of ports gives it.
+        If an operand is a bool, such as the result of ``a == b`` for ports.
     """
     if any(isinstance(each, bool | np.bool_) for each in operands):
         raise BlockError(
             "True and False are not signals. `==` and `!=` compare the ports themselves; "
             "write np.equal(a, b) or np.not_equal(a, b) to compare their signals"
         )
-    if function in SIGNS and all(isinstance(each, Port) for each in operands):
-        return Sum(SIGNS[function])
+    if function in SUM_SIGNS and all(isinstance(each, Port) for each in operands):
+        return Sum(SUM_SIGNS[function])
     shapes = [port.shape for port in operands if isinstance(port, Port)]
 
     def declared(port: Port) -> Input:

@@ -1,6 +1,6 @@
 """The block: ports, parameters, states and equations.
 
-A block states its equations once, as pure NumPy functions of time, states, inputs and
+A block defines its equations once, as pure NumPy functions of time, states, inputs and
 parameters::
 
     class Oscillator(Block):
@@ -53,8 +53,8 @@ from trussflow.blocks.framework.validation import as_shape, by_name, shown
 if TYPE_CHECKING:
     from trussflow.blocks.framework.diagram import Diagram
 
-SETTABLE = ("extra_ports", "traced", "_declared")
-"""What of its own a block may set before it is built."""
+SETTABLE_ATTRIBUTES = ("extra_ports", "traced", "_declared")
+"""Attributes of `Block` that a subclass may set before ``super().__init__()``."""
 
 
 def _explained(init: Callable[..., None]) -> Callable[..., None]:
@@ -89,9 +89,9 @@ class Block(PortOwner, Equations, Described):
     Subclasses declare `Input`, `Output`, `State` and `Parameter` as class attributes and
     override `output`, and `derivative` (continuous states) or `update` (discrete states of
     a sampled block). Attributes set before ``super().__init__()`` are structural: they may
-    hold sizes, which shapes refer to by name. After construction a block is frozen, and it does
-    not change when it runs: a Python block that keeps something besides its declared states
-    overrides `open`.
+    hold sizes, to which shapes refer by name. After construction a block is frozen, and a run
+    does not change it. A Python block with internal state besides its declared states overrides
+    `open`.
 
     Parameters
     ----------
@@ -105,13 +105,13 @@ class Block(PortOwner, Equations, Described):
     """
 
     traced: ClassVar[bool] = True
-    """Whether the equations are traced; a Python block sets it to False."""
+    """Whether the equations are traced; False in a Python block."""
 
     energy_account: ClassVar[EnergyAccount | None] = None
-    """Through which ports power comes and goes, and where it stays, for `energy_audit`."""
+    """Energy balance of the block, for `energy_audit`."""
 
     _arithmetic: ClassVar[tuple[str, ...]] = ()
-    """Attributes, arrays of numbers, that equations add and multiply with, and use in no other way."""
+    """Array attributes that the equations use in sums and products only."""
 
     name: str
     parent: Diagram | None
@@ -204,18 +204,19 @@ class Block(PortOwner, Equations, Described):
         self.check_parameters(Signals(owner, stored))
 
     def check_parameters(self, p: Signals) -> None:
-        """Refuse values of parameters that do not go together; by default all do.
+        """Check that the parameter values are consistent; by default, all values are accepted.
 
-        Called when the block is built, and whenever a run changes parameters of it.
+        The method is called when the block is built, and when a run changes its parameters. It raises
+        `ParameterError` for inconsistent values.
 
         Parameters
         ----------
         p : Signals
-            Values of all parameters, each checked by itself [units as declared].
+            Values of all parameters, each checked separately before [units as declared].
         """
 
     def _shape(self, shape: Shape, name: str) -> tuple[int, ...] | None:
-        """Resolve a declared shape with this block's attributes."""
+        """Return a declared shape with names replaced by the sizes in this block's attributes."""
         if shape is INFERRED:
             inferred: tuple[int, ...] | None = self.inferred_shape.get()
             return inferred
@@ -231,7 +232,7 @@ class Block(PortOwner, Equations, Described):
         return as_shape(f"{type(self).__name__}.{name}", resolved)
 
     def _inferable(self, value: Any, shared: Inferable) -> Inferable:
-        """Resolve a unit or frame; `shared` is what the ports that infer it have in common."""
+        """Return the `Inferable` of a unit or frame; `shared` is that of all ports that infer it."""
         resolved = self._resolved(value)
         return shared if resolved is INFERRED else Inferable(resolved, fixed=True)
 
@@ -239,12 +240,12 @@ class Block(PortOwner, Equations, Described):
         return self.__dict__[value] if isinstance(value, Attribute) else value
 
     def parameter_value(self, name: str, value: Any) -> Vector:
-        """Return a `value` for the parameter `name` [unit as declared], checked.
+        """Return the checked `value` of the parameter `name` [unit as declared].
 
         Raises
         ------
         ParameterError
-            If it is no number, not finite, of the wrong shape or out of bounds.
+            If it is not a number, not finite, of the wrong shape or out of bounds.
         """
         declaration: Parameter = self._declared[name]
         return declaration.convert(value, self.parameters[name].shape, f"block '{self.path}'")
@@ -254,13 +255,13 @@ class Block(PortOwner, Equations, Described):
     def __setattr__(self, name: str, value: Any) -> None:
         if self.__dict__.get("_frozen"):
             hint = (
-                f"; wire it with 'source >> block.{name}'"
+                f"; connect it with 'source >> block.{name}'"
                 if name in self.ports
-                else "; set it before super().__init__(), build a new block with the value wanted, or keep "
-                "what changes in a run in what open() returns"
+                else "; set it before super().__init__(), build a new block with the new value, or keep "
+                "data that change in a run in the object that open() returns"
             )
             raise BlockError(f"cannot set '{name}' of '{self.path}': blocks are frozen{hint}")
-        if (hasattr(Block, name) or name in Block.__annotations__) and name not in SETTABLE:
+        if (hasattr(Block, name) or name in Block.__annotations__) and name not in SETTABLE_ATTRIBUTES:
             raise BlockError(
                 f"{type(self).__name__} sets '{name}', but every block has Block.{name}; choose another name"
             )
@@ -270,7 +271,7 @@ class Block(PortOwner, Equations, Described):
         if name in Block.__annotations__:
             raise BlockError(
                 f"this {type(self).__name__} is not built yet: its __init__ must call super().__init__(), "
-                "and set before it only what shapes and units need"
+                "and set only attributes of shapes and units before that call"
             )
         if "ports" in self.__dict__ and not name.startswith("_"):
             return self.port(name)
@@ -278,13 +279,13 @@ class Block(PortOwner, Equations, Described):
 
     @final
     def named(self, name: str) -> Self:
-        """Give the block a `name` outside any diagram; return the block."""
+        """Set the `name` of a block outside any diagram; return the block."""
         self.__dict__["name"] = name
         return self
 
     @property
     def path(self) -> str:
-        """Name with the names of the diagrams around it, outermost diagram left out."""
+        """Name with the names of the enclosing diagrams, except the outermost one."""
         if self.parent is None or self.parent.parent is None:
             return str(self.name)
         return f"{self.parent.path}.{self.name}"
@@ -307,14 +308,14 @@ class Block(PortOwner, Equations, Described):
         return parent
 
     def sampled(self, every: float, offset: float = 0.0) -> Block:
-        """Make this block run at instants only, its outputs held in between.
+        """Make this block compute at sample instants only, and hold its outputs in between.
 
         Parameters
         ----------
         every : float
             Sample time [s].
         offset : float
-            First instant [s], from 0 to below `every`.
+            First instant [s], at least 0 and less than `every`.
 
         Returns
         -------
@@ -324,7 +325,7 @@ class Block(PortOwner, Equations, Described):
         Raises
         ------
         BlockError
-            If the block has continuous states, or a time makes no sense.
+            If the block has continuous states, or a time is not allowed.
         """
         if self.continuous:
             raise BlockError(f"cannot sample '{self.path}': it has continuous states; discretize it first")
@@ -336,7 +337,7 @@ class Block(PortOwner, Equations, Described):
         if not sensible:
             raise BlockError(
                 f"cannot sample '{self.path}' every {shown(every)} s with offset {shown(offset)} s: the "
-                "sample time must be positive and finite, the offset from 0 to below it"
+                "sample time must be positive and finite, the offset at least 0 and less than the sample time"
             )
         self.__dict__.update(sample_time=every, sample_offset=offset)
         return self
@@ -353,34 +354,34 @@ class Block(PortOwner, Equations, Described):
 
     @property
     def hides(self) -> bool:
-        """Whether the block keeps something besides its declared states."""
+        """Whether the block has internal state besides its declared states."""
         return type(self).open is not Block.open
 
     @property
     def fingerprint(self) -> str:
-        """A mark of what a block computes that its equations do not show; results keep it."""
+        """Text that identifies the computation of a block beyond its equations; it is stored in results."""
         return ""
 
     @property
     def steps_itself(self) -> bool:
-        """Whether `open` returns a `SelfStepping`; a block whose does has to say so."""
+        """Whether `open` returns a `SelfStepping`; such a block must override this property."""
         return False
 
     @property
     def has_events(self) -> bool:
-        """Whether the block has events; one whose `open` returns what has `on_step` alone has to say so."""
+        """Whether the block has events; override it if only the object from `open` has `on_step`."""
         return bool(self.declared(Event)) or self.states_own("on_step")
 
     def open(self, p: Signals) -> Equations:
-        """Return what states the equations for one run; by default the block itself.
+        """Return the equation object for one run; by default the block itself.
 
-        A Python block that keeps something besides its declared states returns a `Running` of its
-        own, new for each run; one that steps itself a `SelfStepping`.
+        A Python block with internal state returns a new `Running` for each run. A block that steps
+        itself returns a `SelfStepping`.
 
         Parameters
         ----------
         p : Signals
-            Parameters by name; they follow when they are changed during the run [units as
+            Parameters by name; they are updated when they change during the run [units as
             declared].
         """
         return self
@@ -391,13 +392,13 @@ class Block(PortOwner, Equations, Described):
         return {n: d for n, d in self.declared(State).items() if not isinstance(d, Mode)}
 
     def state_shape(self, name: str) -> tuple[int, ...]:
-        """Return the shape of a state, mode or event; inferred ones are known once the block is wired."""
+        """Return the shape of a state, mode or event; an inferred one is known after the connection."""
         declaration = self._declared[name]
         shape = self._shape(declaration.shape, name)
         if shape is None:
             raise BlockError(
                 f"the shape of {type(declaration).__name__.lower()} '{name}' of '{self.path}' is not known: "
-                "wire the block to a port of known shape, or give the block its shape"
+                "connect the block to a port of known shape, or give the block its shape"
             )
         return shape
 
@@ -414,10 +415,10 @@ class Block(PortOwner, Equations, Described):
         return np.broadcast_to(given, shape).astype(float)
 
     def feedthrough(self) -> dict[str, tuple[str, ...]]:
-        """Return the inputs that each output of a Python block depends on within an instant.
+        """Return the inputs with direct feedthrough to each output of a Python block.
 
-        A Python block without such inputs may stand in a feedback loop. For traced blocks
-        this is read off their equations instead.
+        A Python block without direct feedthrough is allowed in a feedback loop. For traced blocks, the
+        feedthrough is found by tracing.
         """
         return {port.name: tuple(p.name for p in self.inputs()) for port in self.outputs()}
 

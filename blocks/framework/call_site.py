@@ -1,4 +1,4 @@
-"""Which line of the user's code is meant, for messages and warnings."""
+"""Place in the user's code, for messages and warnings."""
 
 from __future__ import annotations
 
@@ -10,11 +10,11 @@ from trussflow.blocks.framework.errors import SimulationWarning
 _NOT_THE_USERS = ("trussflow.blocks", "trussflow.models", "trussflow.fmu", "functools", "contextlib")
 
 _said: set[str] = set()
-"""What this process has warned of once and for all."""
+"""Subjects of the warnings that this process shows only once."""
 
 
 def call_site() -> str:
-    """Return ``file:line`` of the user's code that led here."""
+    """Return ``file:line`` of the innermost call in the user's code."""
     frame = sys._getframe(1)
     while frame.f_back is not None and str(frame.f_globals.get("__name__", "")).startswith(_NOT_THE_USERS):
         frame = frame.f_back
@@ -22,13 +22,13 @@ def call_site() -> str:
 
 
 def warn(message: str, category: type[Warning] = SimulationWarning) -> None:
-    """Warn by a `message` of a `category` of what a run did, at the line that asked for it; each time."""
+    """Issue a warning of a `category` with a `message`, at the line of the user's code."""
     file, _, line = call_site().rpartition(":")
     warnings.warn_explicit(message, category, file, int(line))
 
 
 def warn_once(about: str, message: str) -> None:
-    """Warn by a `message` of what this process has not been warned of yet: once `about` each thing."""
+    """Issue a warning with a `message` once per process for each subject `about`."""
     if about not in _said:
         _said.add(about)
         warn(message, RuntimeWarning)

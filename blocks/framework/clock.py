@@ -12,15 +12,14 @@ from trussflow.blocks.framework.block import Block
 from trussflow.blocks.framework.errors import SimulationError
 
 SNAP = Fraction(1, 10**6)
-"""How far, in steps, a time may lie from a whole number of steps and still mean it: callers add
-up times in floating point."""
+"""Largest deviation of a time from a whole number of steps [steps]; callers add up times with round-off."""
 
 MIN_ULPS = 10
 """Least length of a step, in distances of floating-point numbers at its time [-]."""
 
 
 def exact(seconds: float) -> Fraction:
-    """Return the simple fraction that a float stands for: 0.1 gives 1/10, 1/3 gives 1/3.
+    """Return the simplest fraction that is equal to a float up to round-off: 0.1 gives 1/10.
 
     Parameters
     ----------
@@ -34,7 +33,7 @@ def exact(seconds: float) -> Fraction:
     return simple if abs(simple - decimal) <= abs(decimal) / 10**14 else decimal
 
 
-_exact = lru_cache(exact)  # blocks are asked for their clocks again and again
+_exact = lru_cache(exact)  # `Clock.of` is called many times for each block
 
 
 @dataclass(frozen=True, slots=True, order=True)
@@ -51,7 +50,7 @@ class Clock:
 
 
 def common_tick(times: Iterable[Fraction]) -> Fraction:
-    """Return the largest time [s] of which all given ones are multiples."""
+    """Return the largest time [s] of which all `times` are integer multiples."""
     found = [t for t in times if t]
     denominator = lcm(*(t.denominator for t in found))
     return Fraction(gcd(*(int(t * denominator) for t in found)), denominator)
@@ -61,18 +60,18 @@ def ticks(
     time: Fraction,
     tick: Fraction,
     what: str,
-    advice: str = "take a step that divides it, or an adaptive solver",
+    advice: str = "use a step that divides it, or an adaptive solver",
 ) -> int:
-    """Return how many ticks a time is.
+    """Return a time as a number of ticks.
 
     Parameters
     ----------
     time, tick : Fraction
         The time, and the length of a tick [s].
     what : str
-        What the time is, for messages.
+        Name of the time, for messages.
     advice : str
-        What to do if it does not fit.
+        Remedy, for messages.
 
     Raises
     ------
@@ -88,7 +87,7 @@ def ticks(
 
 
 def on_grid(time: Fraction, tick: Fraction) -> Fraction:
-    """Return the whole number of ticks that a time means, if it means one, else the time itself.
+    """Return the nearest multiple of a tick if a time is equal to it up to round-off, else the time itself.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""What all command lines have in common: how they end and tell, and what words stand for."""
+"""Common parts of all commands: parsers, output, exit codes, and references to Python objects."""
 
 from __future__ import annotations
 
@@ -22,11 +22,11 @@ from trussflow.blocks.framework.errors import DiagramError, TrussflowError
 from trussflow.blocks.framework.validation import shown
 
 FAILED, MISUSED, STOPPED = 1, 2, 130
-"""Exit codes: what was wanted did not succeed, it made no sense, or Ctrl-C ended it. 0: all is well."""
+"""Exit codes: the command failed, its arguments or models are wrong, or Ctrl-C stopped it. 0 is success."""
 
 
 class Outcome(NamedTuple):
-    """How a command ended: its `text` for people, its `facts` for other programs, and its exit `code`."""
+    """Result of a command: `text` for users, `facts` for other programs, and the exit `code`."""
 
     facts: Any
     text: str = ""
@@ -34,10 +34,10 @@ class Outcome(NamedTuple):
 
 
 def ended(command: Callable[[argparse.Namespace], Outcome], options: argparse.Namespace) -> int:
-    """Run a `command` with its `options`, tell what came out, and return the exit code.
+    """Run a `command` with its `options`, print the result, and return the exit code.
 
-    With ``--json`` the facts, and nothing else, are on standard output: what the command, or the user's code,
-    prints on its way goes to standard error. What the user can mend is one line, not a traceback.
+    With ``--json``, standard output contains only the facts: other output of the command and of the user's
+    code is redirected to standard error. An error that the user can correct is one line, not a traceback.
     """
     try:
         with contextlib.redirect_stdout(sys.stderr) if options.json else contextlib.nullcontext():
@@ -45,8 +45,8 @@ def ended(command: Callable[[argparse.Namespace], Outcome], options: argparse.Na
         if told := json_of(facts) if options.json else text:
             print(told, flush=True)
         return code
-    except BrokenPipeError:  # who reads has enough, as head has
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # for what is written on the way out
+    except BrokenPipeError:  # the reader, such as head, has closed the pipe
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # Python flushes stdout at exit
         return FAILED
     except TrussflowError as error:
         print(f"{_coloured('error:')} {error}", file=sys.stderr)
@@ -62,11 +62,11 @@ def parser_of(prog: str, description: str, *examples: str) -> argparse.ArgumentP
     Parameters
     ----------
     prog : str
-        How the command is called.
+        Name of the command.
     description : str
-        What it does.
+        Purpose of the command.
     *examples : str
-        What may stand behind the command, each with what that does behind a ``#``.
+        Example arguments, each with a comment after ``#``.
     """
     lines = [f"  {prog} {line}" for line in examples]
     found = argparse.ArgumentParser(
@@ -80,9 +80,9 @@ def parser_of(prog: str, description: str, *examples: str) -> argparse.ArgumentP
 
 
 def add_json(parser: argparse.ArgumentParser, **settings: Any) -> None:
-    """Give a `parser` the option ``--json``, which `ended` heeds, with `settings` of argparse."""
+    """Add the option ``--json``, which `ended` evaluates, to a `parser`, with `settings` of argparse."""
     parser.add_argument(
-        "--json", action="store_true", help="print what came out as JSON, for other programs", **settings
+        "--json", action="store_true", help="print the result as JSON, for other programs", **settings
     )
 
 
@@ -104,17 +104,17 @@ def json_of(thing: Any) -> str:
 
 
 def thing_of(reference: str) -> Any:
-    """Return what ``module:name`` or ``file.py:name`` stands for, whatever it is.
+    """Return the Python object with the reference ``module:name`` or ``file.py:name``.
 
     Parameters
     ----------
     reference : str
-        A module or a file, and something within it.
+        Module or file, and name of an object in it.
 
     Raises
     ------
     DiagramError
-        If there is no such thing.
+        If there is no such object.
     """
     module, _, name = reference.partition(":")
     thing: Any = _loaded(module, reference)
@@ -133,17 +133,17 @@ def thing_of(reference: str) -> Any:
 
 
 def block_of(reference: str) -> Block:
-    """Return the block that ``module:name`` or ``file.py:name`` stands for.
+    """Return the block with the reference ``module:name`` or ``file.py:name``.
 
     Parameters
     ----------
     reference : str
-        A module or a file and, within it, a block, or what returns one when called without arguments.
+        Module or file, and name of a block in it, or of a function without arguments that returns a block.
 
     Raises
     ------
     DiagramError
-        If there is no such thing, or it is no block.
+        If there is no such object, or it is not a block.
     """
     thing = thing_of(reference)
     if callable(thing) and not isinstance(thing, Block):
@@ -156,18 +156,18 @@ def block_of(reference: str) -> Block:
             ) from error
     if not isinstance(thing, Block):
         raise DiagramError(
-            f"'{reference}' is {shown(thing)}, no block; write module:name or file.py:name of a block"
+            f"'{reference}' is {shown(thing)}, not a block; write module:name or file.py:name of a block"
         )
     return thing
 
 
 def values_of(option: str, texts: Iterable[str]) -> dict[str, Any]:
-    """Return the values that an `option` with ``name=value`` was given in `texts`, by name.
+    """Return the values of an `option` by name, from `texts` of the form ``name=value``.
 
     Raises
     ------
     DiagramError
-        If one is no assignment of numbers.
+        If a text is not an assignment of numbers.
     """
     found = {}
     for text in texts:
@@ -180,7 +180,7 @@ def values_of(option: str, texts: Iterable[str]) -> dict[str, Any]:
 
 
 def _loaded(module: str, reference: str) -> Any:
-    """Return a module by its name or by its file, as if it were run from there, for a `reference`."""
+    """Import the module of a `reference` by its name or file, with its folder on the search path."""
     try:
         if not module.endswith(".py"):
             sys.path.insert(0, os.getcwd())  # as python -m does
@@ -191,7 +191,7 @@ def _loaded(module: str, reference: str) -> Any:
         assert spec.loader is not None
         loaded = importlib.util.module_from_spec(spec)
         sys.path.insert(0, str(file.parent))
-        sys.modules[file.stem] = loaded  # for what looks up the module of a class
+        sys.modules[file.stem] = loaded  # pickle and dataclasses look up the module of a class
         spec.loader.exec_module(loaded)
     except (ImportError, SyntaxError, ValueError, OSError) as error:
         raise DiagramError(f"cannot import '{module}' for '{reference}': {error}") from error
@@ -199,5 +199,5 @@ def _loaded(module: str, reference: str) -> Any:
 
 
 def _coloured(text: str) -> str:
-    """Return a `text` in red, if whoever reads errors sees colours."""
+    """Return a `text` in red if standard error is a terminal with colours."""
     return f"\033[31m{text}\033[0m" if sys.stderr.isatty() and not os.environ.get("NO_COLOR") else text

@@ -1,4 +1,4 @@
-"""What a block declares besides its ports: parameters, states, modes and events."""
+"""Declarations of a block besides its ports: parameters, states, modes and events."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ class _Required:
         return "REQUIRED"
 
     def __reduce__(self) -> str:
-        return "REQUIRED"  # there is only one, also in copies
+        return "REQUIRED"  # copies and unpickled objects are the same instance
 
 
 REQUIRED: Final = _Required()
@@ -31,7 +31,7 @@ REQUIRED: Final = _Required()
 
 
 class Attribute(str):
-    """Name of a block attribute that holds a unit or a frame (shapes take plain names)."""
+    """Name of a block attribute with a unit or a frame; shapes use plain names."""
 
     __slots__ = ()
 
@@ -39,21 +39,21 @@ class Attribute(str):
 class Parameter:
     """Declare a tunable number or array of a block (as a class attribute).
 
-    A parameter is an input of the compiled code, so changing it never recompiles. What
-    changes the structure (sizes, functions) is an ordinary attribute instead.
+    A parameter is an input of the compiled code, so a change does not recompile it. Data that
+    change the structure (sizes, functions) are ordinary attributes instead.
 
     Parameters
     ----------
     default : array_like
-        Value where none is given [unit]; `REQUIRED` if there is no sensible one.
+        Default value [unit]; `REQUIRED` if the user must give one.
     shape : shape or None
-        Shape of the value [-]; None takes it from the value given.
+        Shape of the value [-]; None accepts any shape.
     unit : str
         Unit of the value.
     meaning : str
-        One line for people.
+        Description in one line.
     minimum, above : float, optional
-        Smallest allowed value, and bound that all elements must exceed [unit].
+        Smallest allowed value, and exclusive lower bound of all elements [unit].
     """
 
     def __init__(
@@ -82,12 +82,12 @@ class Parameter:
         return self if block is None else block.parameters[self.name]
 
     def convert(self, value: Any, shape: tuple[int, ...] | None, owner: str) -> Vector:
-        """Return `value` as a float array of the given `shape`, checked, for a block `owner`.
+        """Return `value` as a checked float array of the given `shape`, for a block `owner`.
 
         Raises
         ------
         ParameterError
-            If it is no number, not finite, of the wrong shape or out of bounds.
+            If it is not a number, not finite, of the wrong shape or out of bounds.
         """
         where = f"parameter '{self.name}' of {owner}"
         array = finite_array(where, value, shape).copy()
@@ -111,23 +111,23 @@ class Parameter:
 class State:
     """Declare a state of a block (as a class attribute).
 
-    Continuous in a block with `derivative`, discrete in a sampled block with `update`.
+    States are continuous in a block with `derivative`, and discrete in a sampled block with `update`.
 
     Parameters
     ----------
     shape : shape
         Shape of the state [-].
     initial : array_like or str
-        Initial value [unit], or the name of the parameter that holds it.
+        Initial value [unit], or the name of the parameter with this value.
     unit : str
         Unit of the state.
     meaning : str
-        One line for people.
+        Description in one line.
 
     Raises
     ------
     BlockError
-        If the shape is a float, which is meant as the initial value.
+        If the shape is a float, as that is probably the initial value.
     """
 
     def __init__(
@@ -148,21 +148,21 @@ class State:
 
 
 class Mode(State):
-    """Declare a mode of a block: a number or array that changes at its events only, in `on_event`.
+    """Declare a mode of a block: a number or array that changes only at events, in `on_event`.
 
-    Equations read it like a state. It is what a relay or a stuck contact remembers; between events it
-    is constant for every solver, and linear analysis keeps it as it is.
+    Equations read a mode like a state, for example the position of a relay or a stuck contact. Between
+    events it is constant for every solver, and linear analysis does not change it.
 
     Parameters
     ----------
     initial : array_like or str
-        Initial value [unit], or the name of the parameter that holds it.
+        Initial value [unit], or the name of the parameter with this value.
     shape : shape
         Shape of the mode [-].
     unit : str
         Unit of the mode.
     meaning : str
-        One line for people.
+        Description in one line.
     """
 
     def __init__(
@@ -172,30 +172,31 @@ class Mode(State):
 
 
 RISING, FALLING, EITHER, TIMED = 1, -1, 0, 2
-"""Kinds of events, as the loops know them; also in ``tracing/events.h``."""
+"""Codes of the kinds of events, as in ``tracing/events.h``."""
 
 KINDS = {"both": EITHER, "rising": RISING, "falling": FALLING, "time": TIMED}
-"""The kinds of events by the word that declares them."""
+"""Code of each kind of event, by its name in a declaration."""
 
 
 class Event:
-    """Declare an event of a block: at it the solver stops, and `on_event` may change states and modes.
+    """Declare an event of a block: the solver stops at it, and `on_event` may change states and modes.
 
-    What `indicators` returns under its name decides when it happens.
+    The value that `indicators` returns under the name of the event determines its time.
 
     Parameters
     ----------
     kind : str
-        ``"rising"``: where the indicator, negative before, becomes zero or positive; ``"falling"``: where
-        it, positive before, becomes zero or negative; ``"both"``; or ``"time"``: the indicator is itself
-        the time of the next event [s], and changes at events only. Zero at the start counts as negative, for
-        ``"falling"`` as positive: what leaves it then is an event, for ``"both"`` upwards only.
+        ``"rising"``: a negative indicator becomes zero or positive. ``"falling"``: a positive indicator
+        becomes zero or negative. ``"both"``: either. ``"time"``: the indicator is the time of the next
+        event [s], and changes only at events. An indicator that is zero at the initial time counts as
+        negative, or for ``"falling"`` as positive. So it triggers the event when it leaves zero in the
+        declared direction, for ``"both"`` only upwards.
     shape : shape
-        Shape of the indicator [-]: as many events.
+        Shape of the indicator [-]; each element is one event.
     unit : str
         Unit of the indicator.
     meaning : str
-        One line for people.
+        Description in one line.
 
     Raises
     ------
@@ -215,7 +216,7 @@ class Signals(dict[str, Array]):
     Parameters
     ----------
     owner : str
-        Whose they are, for messages.
+        Name of the owner, for messages.
     values : dict of str to array
         The arrays by name.
     """

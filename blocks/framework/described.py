@@ -1,4 +1,4 @@
-"""What an engineer wants to know of an object at one glance, as text and in notebooks."""
+"""Summaries of objects, as text and as HTML for notebooks."""
 
 from __future__ import annotations
 
@@ -10,13 +10,13 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from trussflow.blocks.framework.block import Block
 
-WIDTH = 110
-"""Letters in a line of text."""
+MAX_LINE_LENGTH = 110
+"""Largest number of characters in a line of text."""
 
 
 @dataclass(frozen=True, slots=True)
 class Description:
-    """A `title`, `facts` by name, and the descriptions of `parts`."""
+    """Summary of an object: a `title`, `facts` by name, and the summaries of its `parts`."""
 
     title: str
     facts: dict[str, str] = field(default_factory=dict)
@@ -24,23 +24,23 @@ class Description:
 
     @property
     def head(self) -> str:
-        """The text without parts: a fact in each line."""
+        """Text without the parts, with one fact per line."""
         margin = max(map(len, self.facts), default=0) + 2
         return "\n".join(
             [self.title, *(f"  {name:{margin}}{fact}" for name, fact in self.facts.items() if fact)]
         )
 
     def tree(self, indent: str = "") -> Iterator[str]:
-        """Return the parts as a tree behind an `indent`, with a line for each."""
+        """Yield the lines of the tree of parts, after an `indent`."""
         for i, part in enumerate(self.parts, 1):
             fork, below = ("├─", "│  ") if i < len(self.parts) else ("└─", "   ")
             line = f"{indent}{fork} {part.title}"
             line += "".join(f"; {name} {fact}" for name, fact in part.facts.items() if fact)
-            yield line if len(line) <= WIDTH else f"{line[: WIDTH - 1]}…"
+            yield line if len(line) <= MAX_LINE_LENGTH else f"{line[: MAX_LINE_LENGTH - 1]}…"
             yield from part.tree(indent + below)
 
     def html(self, *, unfolded: bool = True) -> str:
-        """Return the same as HTML, `unfolded` or not: parts unfold at a click."""
+        """Return the summary as HTML, `unfolded` or not; the parts are folded."""
         cell = '<td style="text-align:left">'
         rows = (f"<tr>{cell}{escape(n)}</td>{cell}{escape(f)}</td></tr>" for n, f in self.facts.items() if f)
         inner = "".join(part.html(unfolded=False) for part in self.parts)
@@ -52,7 +52,7 @@ class Description:
 
 
 class Described:
-    """Base of what describes itself; `_described` says how."""
+    """Base of objects with a summary, which `_described` returns."""
 
     __slots__ = ()
 
@@ -68,7 +68,7 @@ class Described:
 
 
 def described_block(block: Block) -> Description:
-    """Return the rate, ports, states and parameters of a `block`, which need not be built to its end."""
+    """Return the summary of a `block`: rate, ports, states, parameters; the block may be incomplete."""
     kind = type(block).__name__
     if "ports" not in vars(block):
         return Description(f"{kind}, not built yet")

@@ -1,4 +1,4 @@
-"""The diagram: blocks and the wires between them. A diagram is itself a block."""
+"""Diagrams: blocks and the wires between them. A diagram is itself a block."""
 
 from __future__ import annotations
 
@@ -20,14 +20,14 @@ from trussflow.blocks.framework.types import Vector
 from trussflow.blocks.framework.validation import as_path, finite_array, is_whole, one_of, shown
 from trussflow.blocks.framework.wiring import same, unite
 
-DEEPEST = 100
-"""How deep diagrams can be nested; Python itself ends recursion soon after."""
+MAX_NESTING = 100
+"""Largest number of nested diagrams; beyond it, recursion exceeds Python's limit."""
 
 B = TypeVar("B", bound=Block)
 
 
 class Picture(str):
-    """The text of an SVG picture."""
+    """SVG text that notebooks show as a picture."""
 
     __slots__ = ()
 
@@ -43,8 +43,8 @@ class Diagram(Netlist):
     name : str
         Name for messages and results.
     loops : str
-        What happens to signals that depend on themselves within one instant, by a loop of blocks that are
-        all in this diagram or deeper: ``"refuse"``, or ``"solve"`` the equations at every instant.
+        Policy for algebraic loops of blocks that are all in this diagram or in diagrams within it:
+        ``"refuse"``, or ``"solve"`` the equations at every instant.
 
     Raises
     ------
@@ -76,7 +76,7 @@ class Diagram(Netlist):
         return self.port(name)
 
     def port(self, name: str) -> Port:
-        """Return the port of that name: a port of this diagram, or where an analysis point is.
+        """Return the port of that name: a port of this diagram, or the port at an analysis point.
 
         Raises
         ------
@@ -107,35 +107,35 @@ class Diagram(Netlist):
     @overload
     def add(self, **blocks: Block) -> Any: ...
     def add(self, *one: object, **blocks: Block) -> Any:
-        """Add blocks under the names of the keywords; or one, after its name.
+        """Add blocks under the names of the keywords, or one block after its name.
 
-        A block that stands under such a name already is replaced. The new one keeps its wires, and what is
-        exposed of it, where a port of the same name fits; others are cut, with a warning. A wire that was
-        kept gives way to a new one. So a cell of a notebook may be run again.
+        A block that already has such a name in the diagram is replaced. The new block keeps its wires and
+        exposed ports if a port of the same name fits. Other wires are cut, with a warning. A new wire to an
+        input replaces a wire that was kept. So a notebook cell may be run again.
 
         Parameters
         ----------
         *one : str and Block
-            Name and block; editors then know what is returned.
+            Name and block; editors then infer the type of the result.
         **blocks : Block
             Name and block.
 
         Returns
         -------
         Block or tuple of Block
-            What was given, in the same order, for unpacking.
+            The added blocks in the same order, for unpacking.
 
         Raises
         ------
         DiagramError
-            If a name cannot be used, a block is already in a diagram, or it is no block.
+            If a name cannot be used, a block is already in a diagram, or it is not a block.
         """
         named: dict[Any, Any] = dict([one]) if len(one) == 2 and isinstance(one[0], str) else {}
         if one and not named:
             what = (one[0] if isinstance(one[0], type) else type(one[0])).__name__
             raise DiagramError(
                 f"cannot add a {what} to diagram '{self.name}' without a name: "
-                f"say diagram.add(name={what}(...))"
+                f"write diagram.add(name={what}(...))"
             )
         named |= blocks
         for name, block in named.items():
@@ -145,18 +145,18 @@ class Diagram(Netlist):
                 self._check_name(name)
             fault = ""
             if isinstance(block, type) and issubclass(block, Block):
-                fault = f"{block.__name__} is a class; say {name}={block.__name__}(...)"
+                fault = f"{block.__name__} is a class; write {name}={block.__name__}(...)"
             elif not isinstance(block, Block):
                 fault = f"{shown(block)} is not a block"
             elif block.parent is not None:
                 fault = (
                     f"this {type(block).__name__} is already in diagram '{block.parent.name}' as "
-                    f"'{block.name}'; build a second one (to copy a block copies its diagram too)"
+                    f"'{block.name}'; build a second one (a copy of a block includes its diagram)"
                 )
             elif block in self._surroundings():
                 fault = "a diagram cannot contain itself"
-            elif isinstance(block, Diagram) and len(self._surroundings()) + block.levels > DEEPEST:
-                fault = f"diagrams can be nested {DEEPEST} deep"
+            elif isinstance(block, Diagram) and len(self._surroundings()) + block.levels > MAX_NESTING:
+                fault = f"diagrams can be nested at most {MAX_NESTING} deep"
             if fault:
                 raise DiagramError(f"cannot add '{name}' to diagram '{self.name}': {fault}")
             self._put(name, block)
@@ -164,11 +164,11 @@ class Diagram(Netlist):
         return added[0] if len(added) == 1 else added
 
     def _check_name(self, name: str) -> None:
-        """Refuse a name that is taken, or that could not be used as an attribute."""
+        """Raise `DiagramError` if a name is taken, or cannot be used as an attribute."""
         taken: dict[str, Collection[str]] = {"a block": self.blocks, "a port": self.ports}
         taken["an analysis point"] = self.analysis_points
         if what := next((what for what, names in taken.items() if name in names), ""):
-            fault = f"it has one already, {what}"
+            fault = f"it already has {what} of that name"
         elif name in self.__dict__ or hasattr(type(self), name):
             fault = "every diagram has an attribute of that name"
         elif not name.isidentifier():
@@ -179,24 +179,24 @@ class Diagram(Netlist):
 
     @property
     def levels(self) -> int:
-        """How many diagrams lie within each other here, this one included."""
+        """Depth of nested diagrams, this one included."""
         inner = (block.levels for block in self.blocks.values() if isinstance(block, Diagram))
         return 1 + max(inner, default=0)
 
     def _surroundings(self) -> list[Diagram]:
-        """Return this diagram and those around it."""
+        """Return this diagram and the diagrams that contain it."""
         return [self] if self.parent is None else [self, *self.parent._surroundings()]
 
     def expose(self, **ports: Port | tuple[Port, ...]) -> None:
-        """Give this diagram ports of its own that stand for ports of blocks inside; again changes nothing.
+        """Expose ports of inner blocks as ports of this diagram; a repeated call has no effect.
 
-        A name stands for one thing in a diagram, since ``diagram.name`` is that: a block, a port or an
-        analysis point.
+        A name has one meaning in a diagram, as ``diagram.name`` returns it: a block, a port or an analysis
+        point.
 
         Parameters
         ----------
         **ports : Port or tuple of Port
-            Name outside, and the port inside; an input may stand for several inputs.
+            Name of the exposed port, and the inner port; an exposed input may drive several inputs.
 
         Raises
         ------
@@ -219,7 +219,7 @@ class Diagram(Netlist):
                     what = port.describe() if is_port(port) else shown(port)
                     raise DiagramError(f"cannot expose {what} as '{name}': {fault}   [{where}]")
             if not inner:
-                raise DiagramError(f"cannot expose nothing as '{name}'   [{where}]")
+                raise DiagramError(f"cannot expose an empty tuple as '{name}'   [{where}]")
             first = inner[0]
             for port in inner[1:]:
                 unite(first, port, where)
@@ -227,16 +227,16 @@ class Diagram(Netlist):
             self.ports[name] = replace(first, block=self, name=name)
 
     def add_analysis_points(self, **ports: Port) -> None:
-        """Name signals for linear analysis, once and for all: loops to break, inputs, outputs.
+        """Name signals for linear analysis: loop openings, inputs, outputs.
 
-        Whatever takes a reference to a port takes these names: `linearize`, `loop_transfer` and its kin,
-        `trim`, what is logged. In a nested diagram the name is ``"diagram.name"``. Nothing is exposed, and
-        no wire changes. A name that was given may be given again, to another port.
+        All functions that take a reference to a port accept these names: `linearize`, `loop_transfer`,
+        `trim`, the log of a simulation. In a nested diagram the name is ``"diagram.name"``. Ports and wires
+        do not change. An existing name may be assigned again to another port.
 
         Parameters
         ----------
         **ports : Port
-            Name, and a port of a block in this diagram, whole or sliced.
+            Name, and a whole or sliced port of a block in this diagram.
 
         Raises
         ------
@@ -257,29 +257,29 @@ class Diagram(Netlist):
             if not is_port(port) or port.block.parent is not self:
                 what = port.describe() if is_port(port) else shown(port)
                 raise DiagramError(
-                    f"cannot call {what} '{name}': give a port of a block in diagram '{self.name}'; a "
-                    "diagram within it has analysis points of its own"
+                    f"cannot name {what} '{name}': give a port of a block in diagram '{self.name}'; for "
+                    "a block of a nested diagram, add the analysis point there"
                 )
             if name not in self.analysis_points:
                 self._check_name(name)
             self.analysis_points[name] = (port.block.name, port.name, port.index)
 
     def guess(self, port: Port, value: npt.ArrayLike) -> None:
-        """Say near what a signal of an algebraic loop is, for the search to begin there, not at zero.
+        """Set the initial guess of a signal in an algebraic loop; the default is zero.
 
-        That decides which of several solutions is found. The loop is opened at this signal.
+        The guess selects one of several solutions. The loop is torn at this signal.
 
         Parameters
         ----------
         port : Port
             An output of a block in this diagram.
         value : array_like
-            Where to begin [unit of the signal].
+            Initial guess [unit of the signal].
 
         Raises
         ------
         DiagramError
-            If it is no whole output of a block in this diagram.
+            If the port is not a whole output of a block in this diagram.
         ParameterError
             If the value is not finite.
         """
@@ -290,13 +290,13 @@ class Diagram(Netlist):
         self.loop_starts[port.block.name, port.name] = guessed
 
     def _exposure_fault(self, port: Port, group: tuple[Port, ...]) -> str:
-        """Say why a port cannot be exposed together with the others of its group."""
+        """Return the reason why a port cannot be exposed with the others of its group, or an empty text."""
         if not is_port(port) or port.block.parent is not self or port.index is not None:
             return f"give whole ports of blocks in diagram '{self.name}'"
         if len(group) > 1 and not port.is_input:
             return "only inputs can be grouped"
         if group.count(port) > 1:
-            return "it is named twice"
+            return "it is in the group twice"
         if not port.is_input:
             return ""
         for wire in self.wires:
@@ -304,21 +304,21 @@ class Diagram(Netlist):
                 return f"it is driven inside   [{wire.where}]"
         for name, inner in self.exposed.items():
             if port in inner:
-                return f"it is exposed as '{name}' already"
+                return f"it is already exposed as '{name}'"
         return ""
 
     def draw(self, path: str | Path | None = None, *, depth: int = 0) -> Picture:
-        """Draw the diagram: signals from left to right, feedback back below or above.
+        """Draw the diagram: signals run from left to right, feedback runs back above or below the blocks.
 
-        Sampled blocks are coloured by rate, those of an algebraic loop are red; what is wired, its shape,
-        units and rate are shown where the pointer rests.
+        Sampled blocks are coloured by rate, blocks of an algebraic loop are red. Tooltips show the connected
+        ports, shapes, units and rates.
 
         Parameters
         ----------
         path : str or pathlib.Path, optional
-            File to write, named .svg; an old one is replaced.
+            File to write, with the suffix .svg; an existing file is replaced.
         depth : int
-            How many levels of the diagrams in it are open [-]; by default each is one block.
+            Number of levels of nested diagrams to draw open [-]; by default each is one block.
 
         Returns
         -------
@@ -328,7 +328,7 @@ class Diagram(Netlist):
         Raises
         ------
         DiagramError
-            If the file cannot be written, has another ending, or the depth makes no sense.
+            If the file cannot be written, has another suffix, or the depth is not a whole number from 0 on.
 
         Examples
         --------
@@ -354,7 +354,7 @@ class Diagram(Netlist):
         return picture
 
     _artist: ClassVar[Callable[[Diagram, int], str]]
-    """What draws: the room `drawing`, which sees what a diagram does and so stands above this one."""
+    """Drawing function, set by the package `drawing`, which imports this one."""
 
     def _repr_svg_(self) -> str:
         return self.draw()
@@ -371,18 +371,18 @@ class Diagram(Netlist):
         )
 
     def sampled(self, every: float, offset: float = 0.0) -> Block:
-        """Refuse: a diagram has no clock of its own.
+        """Raise `BlockError`, as a diagram has no clock.
 
         Raises
         ------
         BlockError
-            Always; the message says what to do.
+            Always; the message gives the remedy.
         """
         raise BlockError(f"cannot sample diagram '{self.path}': sample the blocks in it one by one")
 
 
 def leaves(item: Block) -> list[Block]:
-    """Return a block, or the blocks that a diagram and the diagrams in it consist of.
+    """Return a block itself, or all blocks of a diagram and of the diagrams nested in it.
 
     Parameters
     ----------

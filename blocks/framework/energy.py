@@ -1,4 +1,4 @@
-"""What a block says of its energy: through which pairs of ports power comes and goes, and where it stays."""
+"""Energy balance of a block: ports of supplied and delivered power, stored and dissipated energy."""
 
 from __future__ import annotations
 
@@ -20,27 +20,27 @@ PowerPair = tuple["Port | str", "Port | str"]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class EnergyAccount:
-    r"""Declare what should hold of the energy of a block (as a class attribute named ``energy_account``).
+    r"""Declare the energy balance of a block (as a class attribute named ``energy_account``).
 
     .. math:: \int \sum_{supplied} e^T f - \sum_{delivered} e^T f \; dt = \Delta E + \int D \; dt
 
-    Ports are named as in the block, ``"force"``; where an account is given to `energy_audit`, as in the
-    diagram, ``"plant.force"``, or as ports.
+    Names of ports are those in the block, such as ``"force"``. In an account that is an argument of
+    `energy_audit`, they are those in the diagram, such as ``"plant.force"``, or ports.
 
     Attributes
     ----------
     supplied, delivered : sequence of pairs of ports
-        Pairs through which power comes in, and goes out. They have equally many elements, and the unit of
-        the product is W, as far as units are declared.
+        Port pairs whose power enters or leaves the block. The ports of a pair have the same number of
+        elements, and the unit of their product is W, if units are declared.
     stored : port, optional
-        The energy in the block [J].
+        Energy stored in the block [J].
     dissipated : port, optional
-        What is lost: a power [W], or, where its unit says so, the energy lost so far [J].
+        Dissipated power [W], or dissipated energy [J] if the unit of the port is an energy.
 
     Raises
     ------
     BlockError
-        If what is supplied or delivered is no sequence of pairs.
+        If `supplied` or `delivered` is not a sequence of pairs.
     """
 
     supplied: Sequence[PowerPair] = ()
@@ -55,7 +55,7 @@ class EnergyAccount:
                 raise BlockError(f"{shown(pair)} is no pair of ports; give tuples: [('force', 'velocity')]")
 
     def of(self, block: Block) -> EnergyAccount:
-        """Return the account with ports of a `block` in the place of their names."""
+        """Return the account with the ports of a `block` instead of their names."""
         return EnergyAccount(
             supplied=[(block.port(str(e)), block.port(str(f))) for e, f in self.supplied],
             delivered=[(block.port(str(e)), block.port(str(f))) for e, f in self.delivered],
@@ -65,7 +65,7 @@ class EnergyAccount:
 
 
 def check_pair(effort: Port, flow: Port) -> None:
-    """Refuse two ports whose product is no power in W, as far as their units are known.
+    """Check that the product of two ports is a power in W, if their units are known.
 
     Parameters
     ----------
@@ -75,7 +75,7 @@ def check_pair(effort: Port, flow: Port) -> None:
     Raises
     ------
     BlockError
-        If so.
+        If the sizes differ, or the product has another unit.
     """
     cannot = f"{effort.describe()} and {flow.describe()} are no power pair:"
     units = effort.element_units(), flow.element_units()

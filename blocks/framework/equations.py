@@ -1,4 +1,4 @@
-"""What a block computes: pure functions of time, states, inputs and parameters."""
+"""Equations of a block: pure functions of time, states, inputs and parameters."""
 
 from __future__ import annotations
 
@@ -8,31 +8,31 @@ from trussflow.blocks.framework.declarations import Signals
 from trussflow.blocks.framework.types import Array
 
 Values = dict[str, Array]
-"""What equations return: arrays by port or state name."""
+"""Results of equations: arrays by port or state name."""
 
 
 class Equations:
-    """The equations of a block, each called with ``(t, x, u, p)``.
+    """Equations of a block, each called with ``(t, x, u, p)``.
 
     Every method takes the same arguments:
 
     * `t`, array of shape (): time [s];
     * `x`, `u`, `p`, `Signals`: states, inputs and parameters by name [units as declared].
 
-    A `Block` states its own; what it keeps in one run besides its declared states is a `Running`,
-    which states them in its place.
+    A `Block` defines its own equations. If it has internal state, a `Running` object for each run
+    defines them instead.
 
     Notes
     -----
-    Continuous blocks may have **events**, each declared as an `Event`: `indicators` says when they
-    happen, `on_event` what changes then, states (they jump) and modes (declared as `Mode`). A bouncing
-    ball has its height as a falling indicator and turns its speed around; a relay has two indicators
-    and one mode. The solver stops at an event, lets the blocks handle it, and starts afresh. At an
-    instant, events come first: what is sampled and logged there sees the states after them.
+    Continuous blocks may have **events**, each declared as an `Event`. `indicators` determines their
+    times, and `on_event` changes states (they jump) and modes (declared as `Mode`). The height of a
+    bouncing ball is a falling indicator, and the event reverses its speed. A relay has two indicators
+    and one mode. The solver stops at an event, calls `on_event`, and restarts. At an instant, events
+    are handled first: sampled blocks and the log see the states after them.
     """
 
     sees_jumps: ClassVar[bool] = True
-    """Whether `on_step` sees inputs of sources that jump as a step ends after their jump."""
+    """Whether `on_step` sees the value after the jump of a source that jumps at the end of the step."""
 
     def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
         """Return the outputs by name; see `Equations` for `t`, `x`, `u` and `p` [as declared]."""
@@ -53,7 +53,7 @@ class Equations:
         return {}
 
     def initial_state(self, u: Signals, p: Signals) -> Values:
-        """Return initial states that depend on the inputs `u` at the start, by name.
+        """Return the initial states that depend on the inputs `u` at the initial time, by name.
 
         The parameters `p` are those of `output`.
         """
@@ -62,37 +62,39 @@ class Equations:
     # -- events -------------------------------------------------------------------------------
 
     def indicators(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
-        """Return, for each declared `Event` by name, the number whose zero it is, or its time.
+        """Return the indicator of each declared `Event` by name: a number that crosses zero, or a time.
 
-        An event is also where an input jumps, or another event makes a state jump. What an indicator is
-        at the start is no event. The arguments `t`, `x`, `u` and `p` are those of `output`.
+        A jump of an input or of a state at another event may also make an indicator cross zero. A condition
+        that already holds at the initial time does not trigger its event. The arguments `t`, `x`, `u` and
+        `p` are those of `output`.
         """
         return {}
 
     def on_event(self, t: Array, x: Signals, u: Signals, p: Signals, fired: Signals) -> Values:
         """Handle events of this block; return the new values of the states and modes that change.
 
-        It is called when one of them happens; those that happen at one time are handled at once, and all
-        blocks see what was before. The arguments `t`, `x`, `u` and `p` are those of `output`.
+        The method is called when at least one event is triggered. Simultaneous events are handled
+        together, and all blocks see the values before the events. The arguments `t`, `x`, `u` and `p` are
+        those of `output`.
 
         Parameters
         ----------
         fired : Signals
-            Which events happen, by name: true or false, in the shapes declared.
+            Triggered events by name: true or false, in the declared shapes.
         """
         return {}
 
     def on_step(self, t: Array, x: Signals, u: Signals, p: Signals) -> bool:
-        """Take note of an accepted step (Python blocks only); return True to have `on_event` called now.
+        """Handle an accepted step (Python blocks only); return True to request a call of `on_event`.
 
         The arguments `t`, `x`, `u` and `p` are those of `output`; see `sees_jumps`.
         """
         return False
 
     def states_own(self, name: str) -> bool:
-        """Tell whether the class states the equation of that `name` itself."""
+        """Return whether the class overrides the equation of that `name`."""
         return getattr(type(self), name) is not getattr(Equations, name)
 
 
 EVENTS = ("indicators", "on_event", "on_step")
-"""The equations that only blocks with events state."""
+"""Methods that only blocks with events override."""

@@ -1,4 +1,4 @@
-"""One exception class per cause; every message names what, where, and what to do."""
+"""Exceptions, one class per cause; a message names the object, the place and the remedy."""
 
 from __future__ import annotations
 
@@ -14,19 +14,19 @@ R = TypeVar("R")
 
 
 class TrussflowError(Exception):
-    """Base of every error that trussflow raises on purpose.
+    """Base of all errors that trussflow raises intentionally.
 
     Attributes
     ----------
     result : xarray.Dataset or None
-        If a simulation was running: what was logged until then.
+        Logged data up to the error, if a simulation was running.
     """
 
     result: object = None
 
 
 class BlockError(TrussflowError, ValueError):
-    """A block is declared or constructed wrongly."""
+    """A declaration or an argument of a block is wrong."""
 
 
 class ParameterError(BlockError):
@@ -38,18 +38,18 @@ class NameLookupError(TrussflowError, AttributeError):
 
 
 class DiagramError(TrussflowError, ValueError):
-    """A diagram cannot be built as it stands.
+    """A diagram cannot be built.
 
     Attributes
     ----------
     diagram : Diagram or None
-        The one at fault where that is known; a notebook shows its picture above the message.
+        The faulty diagram, if known; a notebook shows its picture above the message.
     """
 
     diagram: Any = None
 
     def _render_traceback_(self) -> Any:
-        """Show the picture, and return the lines that stand below it; notebooks call this."""
+        """Show the picture, and return the lines of the traceback below it; notebooks call this method."""
         shell, pictures = (importlib.import_module(name) for name in ("IPython", "IPython.display"))
         if self.diagram is not None:
             pictures.display(pictures.SVG(self.diagram.draw()))
@@ -57,12 +57,12 @@ class DiagramError(TrussflowError, ValueError):
         return lines(type(self), self, self.__traceback__)
 
     def __reduce__(self) -> tuple[Any, ...]:
-        """Go to other processes without the diagram, which may hold what cannot."""
+        """Pickle the error without the diagram, which may contain objects that cannot be pickled."""
         return type(self), self.args, {k: v for k, v in vars(self).items() if k != "diagram"}
 
 
 def pictured(method: Callable[Concatenate[D, P], R]) -> Callable[Concatenate[D, P], R]:
-    """Let errors of a diagram's `method` know the diagram."""
+    """Set the attribute `diagram` of errors that a diagram's `method` raises."""
 
     @functools.wraps(method)
     def call(self: D, /, *args: P.args, **kwargs: P.kwargs) -> R:
@@ -76,11 +76,11 @@ def pictured(method: Callable[Concatenate[D, P], R]) -> Callable[Concatenate[D, 
 
 
 class WiringError(DiagramError):
-    """Two ports do not fit each other."""
+    """Two ports cannot be connected."""
 
 
 class OpenInputError(DiagramError):
-    """An input is driven by nothing."""
+    """An input has no driver."""
 
 
 class AlgebraicLoopError(DiagramError):
@@ -92,20 +92,20 @@ class TracingError(TrussflowError, ValueError):
 
 
 class SimulationError(TrussflowError, ValueError):
-    """A simulation is asked for with arguments that make no sense."""
+    """A simulation has arguments that are not allowed."""
 
 
 class LinearAnalysisError(TrussflowError, ValueError):
-    """A linear model is asked for that does not exist."""
+    """A linear model does not exist."""
 
 
 class TrimError(LinearAnalysisError):
-    """No operating point meets the conditions; the message says which are violated.
+    """No operating point meets the conditions; the message lists the violated ones.
 
     Attributes
     ----------
     best : object
-        The best point found, an `OperatingPoint`.
+        The point with the smallest violation, an `OperatingPoint`.
     """
 
     best: object = None
@@ -116,19 +116,19 @@ class DivergenceError(TrussflowError, ArithmeticError):
 
 
 class TimeLimitError(TrussflowError, TimeoutError):
-    """A run took longer than it was allowed to; `result` has what was logged until then."""
+    """A run exceeded its time limit; `result` has the data logged until then."""
 
 
 class RunEndedError(TrussflowError):
-    """A block ended the run before its time, as an FMU may; `result` has all rows before, status "ended"."""
+    """A block, such as an FMU, ended the run early; `result` has all rows before, status "ended"."""
 
 
 class RunStoppedError(RunEndedError):
-    """A block ended the run as it was asked to: `simulate` returns the result."""
+    """A block ended the run as intended: `simulate` returns the result."""
 
 
 class SimulationWarning(UserWarning):
-    """A run went on to its end, but something about its result should be known."""
+    """A run was completed, but its result has a limitation that the user should know."""
 
 
 class SimulationInterrupted(KeyboardInterrupt):
@@ -137,7 +137,7 @@ class SimulationInterrupted(KeyboardInterrupt):
     Attributes
     ----------
     result : xarray.Dataset or Tuned
-        What there was until then.
+        Result up to the interruption.
     """
 
     def __init__(self, message: str, result: object = None) -> None:
@@ -146,12 +146,12 @@ class SimulationInterrupted(KeyboardInterrupt):
 
 
 class Explained:
-    """A ``with`` block around code of others: our errors pass, any other is explained.
+    """Context manager around user code: it converts exceptions other than `TrussflowError`.
 
     Parameters
     ----------
     explain : callable
-        Returns the error of ours that tells of another one.
+        Returns the `TrussflowError` for another exception.
     """
 
     def __init__(self, explain: Callable[[Exception], TrussflowError]) -> None:

@@ -1,4 +1,4 @@
-"""What comes into a system from outside: inputs that the caller sets."""
+"""External inputs of a system, which the caller sets."""
 
 from __future__ import annotations
 
@@ -13,16 +13,16 @@ from trussflow.blocks.framework.types import Vector
 
 
 class External(Block):
-    """The source that stands for an input from outside; its value is part of d.
+    """Source block of an external input; its value is part of d.
 
     Parameters
     ----------
     port : Port
-        The input that it drives: shape, unit, frame and meaning are taken over.
+        The driven input; the source has the same shape, unit, frame and meaning.
     name : str, optional
-        Its name; by default that of the port.
+        Name of the external input; by default that of the port.
     start : float, optional
-        Value until the caller sets something; by default that of the input [unit of the port].
+        Value until the caller sets one; by default the default of the input [unit of the port].
     """
 
     traced: ClassVar[bool] = False
@@ -41,13 +41,13 @@ class External(Block):
 
     @property
     def path(self) -> str:
-        """Name in brackets, which no block of a diagram can have."""
+        """Name in parentheses, which differs from the path of every block of a diagram."""
         return f"({self.name})"
 
     def start_value(self) -> Vector:
-        """Return what is read until the caller sets something."""
+        """Return the value of the input until the caller sets one."""
         return np.full(self.extent, self.start)
 
     def feedthrough(self) -> dict[str, tuple[str, ...]]:
-        """Return that nothing within the system matters."""
+        """Return that the output depends on no input."""
         return {"y": ()}

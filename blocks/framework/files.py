@@ -1,6 +1,6 @@
-"""Files written in one piece: readers see the old one or the new one, never a half.
+"""Atomic file replacement: readers see the complete old or the complete new file.
 
-And what that takes: folders of one process each, which the next process deletes if that was killed.
+Partial files are in folders of one process. If a process is killed, the next one deletes its folders.
 """
 
 from __future__ import annotations
@@ -21,32 +21,32 @@ from uuid import uuid4
 from trussflow.blocks.framework.errors import Explained, TrussflowError
 from trussflow.blocks.framework.validation import as_path
 
-LOCK = ".lock"
-"""How the names of locks end."""
+LOCK_SUFFIX = ".lock"
+"""Suffix of the names of lock files."""
 
 
 @contextlib.contextmanager
 def reading(
     path: str | Path, error: type[TrussflowError], cannot: str, damaged: str = "{}"
 ) -> Iterator[Path]:
-    """Yield the regular file to read; any failure of the body raises one error of the reader.
+    """Yield the path of a regular file to read; convert exceptions of the body to an error of the reader.
 
     Parameters
     ----------
     path : str or pathlib.Path
         The file; links are followed.
     error : type
-        Error of the reader. Errors of trussflow pass unchanged.
+        Error class of the reader. Errors of trussflow are not converted.
     cannot : str
-        Beginning of its message, such as ``"cannot read the mission"``; the path follows.
+        Beginning of the message, such as ``"cannot read the mission"``; the path follows.
     damaged : str
         Text for content that cannot be read; ``{}`` is the reason.
 
     Raises
     ------
     TrussflowError
-        The `error`, if there is no such regular file, its content is damaged or nested too deeply, or the
-        memory does not suffice.
+        The `error`, if there is no such regular file, its content is damaged or nested too deeply, or
+        memory is insufficient.
     """
 
     def explained(fault: Exception) -> TrussflowError:
@@ -65,24 +65,24 @@ def reading(
 
 @contextlib.contextmanager
 def replaced(path: str | Path) -> Iterator[Path]:
-    """Yield a path beside the one wanted, to write to; at the end it takes the other's place.
+    """Yield a temporary path to write to; at the end, the written file replaces `path` atomically.
 
-    If the body raises, what was written is deleted, and an old file stays as it is; if the process is
-    killed, that is left to the next call for a file in the same folder. What took its place is on the
-    disk: a loss of power does not leave it empty.
+    If the body raises, the temporary file is deleted, and an existing file does not change. If the process
+    is killed, the next call for a file in the same folder deletes the temporary file. The new file is
+    synchronized to the disk before it replaces the old one, so it survives a loss of power.
 
     Parameters
     ----------
     path : str or pathlib.Path
-        The file wanted; its folder must be there.
+        The file to write; its folder must exist.
 
     Raises
     ------
     OSError
-        If there is no such folder, or the file cannot be put into its place.
+        If there is no such folder, or the file cannot be moved to its place.
     """
     path = destination(path)
-    if not path.parent.is_dir():  # some libraries say "permission denied" of that
+    if not path.parent.is_dir():  # checked here, as some libraries report "permission denied" instead
         raise FileNotFoundError(errno.ENOENT, os.strerror(errno.ENOENT), str(path.parent))
     folder, lock = own_folder(path.parent, ".trussflow-")
     try:
@@ -95,38 +95,38 @@ def replaced(path: str | Path) -> Iterator[Path]:
 
 
 def own_folder(place: Path, prefix: str) -> tuple[Path, IO[str]]:
-    """Make a folder, and lock a file beside it; what killed processes left there is deleted.
+    """Make a folder with a locked lock file; delete folders that killed processes left in the same place.
 
-    The larger the place, the more seldom it is looked through for that, but at the first call always.
+    The first call in a process looks for such folders, later calls less often the larger `place` is.
 
     Parameters
     ----------
     place : pathlib.Path
-        Where.
+        Folder in which to make the new one.
     prefix : str
-        How its name begins.
+        Beginning of the name.
 
     Raises
     ------
     OSError
-        If it cannot be made.
+        If the folder cannot be made.
     """
-    seldom = 1 + place.stat().st_size // 20_000  # bytes: on most file systems a thousand files
-    looks = os.name != "nt" and next(_calls(place)) % seldom == 0  # there nothing is locked
-    for left in place.glob(f"{prefix}*{LOCK}") if looks else ():
-        with contextlib.suppress(OSError):  # another process has it, or was faster
+    seldom = 1 + place.stat().st_size // 20_000  # bytes; about a thousand files on most file systems
+    looks = os.name != "nt" and next(_calls(place)) % seldom == 0  # no locks on Windows
+    for left in place.glob(f"{prefix}*{LOCK_SUFFIX}") if looks else ():
+        with contextlib.suppress(OSError):  # another process has the lock, or has deleted the folder
             if is_private(left, stat.S_IFREG):
                 deleted(left.with_suffix(""), locked(left))
     folder = place / f"{prefix}{uuid4().hex[:12]}"
-    file = folder.with_suffix(LOCK)
+    file = folder.with_suffix(LOCK_SUFFIX)
     file.touch(0o600)
     try:
         lock = locked(file)
-    except BlockingIOError:  # another process takes it for one that was left
+    except BlockingIOError:  # another process has locked the new file to delete it
         return own_folder(place, prefix)
-    except OSError:  # the file system has no locks: then nobody else can lock it either
+    except OSError:  # the file system has no locks, so other processes cannot lock the file either
         lock = file.open("w")
-    if not file.exists():  # it did
+    if not file.exists():  # another process deleted it before it was locked
         lock.close()
         return own_folder(place, prefix)
     folder.mkdir(0o700)
@@ -135,27 +135,27 @@ def own_folder(place: Path, prefix: str) -> tuple[Path, IO[str]]:
 
 @functools.lru_cache(maxsize=1000)
 def _calls(_place: Path) -> Iterator[int]:
-    """Return what counts the folders made in a place by this process."""
+    """Return the counter of the folders that this process made in a place."""
     return itertools.count()
 
 
 def deleted(folder: Path, lock: IO[str]) -> None:
-    """Delete a `folder` of `own_folder`, and its `lock` last: so what is cut short is done by the next."""
+    """Delete a `folder` of `own_folder`, and its `lock` last, so that another process can finish this."""
     shutil.rmtree(folder, ignore_errors=True)
-    if os.name == "nt":  # what is open cannot be deleted there
+    if os.name == "nt":  # Windows cannot delete open files
         lock.close()
     if not folder.exists():
-        folder.with_suffix(LOCK).unlink(missing_ok=True)
+        folder.with_suffix(LOCK_SUFFIX).unlink(missing_ok=True)
     lock.close()
 
 
 def destination(path: str | Path) -> Path:
-    """Return the regular file that a `path` means, which need not be there yet; links are followed.
+    """Return the `path` of a regular file, which need not exist, with links resolved.
 
     Raises
     ------
     OSError
-        If there is something else: a folder, a device or a pipe.
+        If the path is that of a folder, a device or a pipe.
     """
     path = Path(os.path.realpath(path))
     if path.is_dir():
@@ -166,7 +166,7 @@ def destination(path: str | Path) -> Path:
 
 
 def _to_disk(file: Path) -> None:
-    """Wait until what was written to a file is on the disk."""
+    """Synchronize a file with the disk."""
     descriptor = os.open(file, os.O_RDWR)
     try:
         os.fsync(descriptor)
@@ -175,7 +175,7 @@ def _to_disk(file: Path) -> None:
 
 
 def locked(path: Path) -> IO[str]:
-    """Open a lock file; it is locked until it is closed, or the process ends, however that happens.
+    """Open and lock a file; the lock ends when the file is closed or the process ends in any way.
 
     Parameters
     ----------
@@ -188,7 +188,7 @@ def locked(path: Path) -> IO[str]:
         If another process has it locked.
     """
     lock = path.open("w")
-    if sys.platform != "win32":  # there nothing is locked
+    if sys.platform != "win32":  # no locks on Windows
         import fcntl
 
         try:
@@ -200,27 +200,27 @@ def locked(path: Path) -> IO[str]:
 
 
 def refuse_foreign(folder: Path) -> None:
-    """Raise PermissionError unless a `folder` is the user's own, and nobody else may write to it."""
+    """Raise PermissionError unless a `folder` belongs to the user, and no one else has write permission."""
     if not is_private(folder, stat.S_IFDIR):
-        raise PermissionError("it is another user's, or others may write to it (chmod go-w mends that)")
+        raise PermissionError("it is another user's, or others may write to it (chmod go-w removes that)")
 
 
 def is_private(path: Path, kind: int) -> bool:
-    """Tell whether a path is ours, of a kind, and nobody else may write to it; links never are.
+    """Return whether a path, other than a link, is of a kind and only its owner, the user, may write to it.
 
     Parameters
     ----------
     path : pathlib.Path
-        What to look at.
+        The path to check.
     kind : int
         ``stat.S_IFREG`` or ``stat.S_IFDIR`` [-].
 
     Raises
     ------
     OSError
-        If there is nothing.
+        If the path does not exist.
     """
     status = path.lstat()
-    if os.name == "nt":  # where the folders of users are closed to others, and modes say nothing
+    if os.name == "nt":  # user folders are private on Windows, and mode bits have no meaning
         return stat.S_IFMT(status.st_mode) == kind
     return (stat.S_IFMT(status.st_mode), status.st_uid, status.st_mode & 0o022) == (kind, os.geteuid(), 0)

@@ -1,8 +1,8 @@
-"""Ctrl-C that is not lost while CasADi works.
+"""Handling of Ctrl-C during functions of CasADi.
 
-CasADi clears exceptions that come up while it calls back into Python, to convert an argument for
-instance: a KeyboardInterrupt that falls there is swallowed, or comes out as another error. So while our
-functions work, Ctrl-C waits until no function of CasADi is on the stack.
+CasADi calls back into Python, for instance to convert an argument, and clears exceptions that occur there.
+A KeyboardInterrupt in such a call is lost, or becomes another error. Therefore Ctrl-C is delayed until no
+function of CasADi is on the stack.
 """
 
 from __future__ import annotations
@@ -15,19 +15,19 @@ from contextlib import contextmanager
 from traceback import walk_stack
 from types import FrameType
 
-RETRY = 0.005
-"""After how long it is tried again [s]."""
+RETRY_INTERVAL = 0.005
+"""Time until the next attempt while a function of CasADi is on the stack [s]."""
 
-PATIENCE = 1.0
-"""After how long it comes again where it was raised, but nothing ended: finalizers swallow it as well [s]."""
+REPEAT_INTERVAL = 1.0
+"""Time until KeyboardInterrupt is raised again if it had no effect, as in finalizers [s]."""
 
 
 @contextmanager
 def interruptible() -> Iterator[None]:
-    """Let Ctrl-C end what is done within; also a decorator.
+    """Make Ctrl-C end the body reliably; also a decorator.
 
-    Elsewhere than in the main thread, where Ctrl-C never comes, and where the user has a handler of
-    his own, nothing is changed.
+    It has no effect outside the main thread, which never receives Ctrl-C, or if the user has installed
+    another signal handler.
     """
     ours = threading.current_thread() is threading.main_thread()
     if not ours or signal.getsignal(signal.SIGINT) is not signal.default_int_handler:
@@ -36,9 +36,9 @@ def interruptible() -> Iterator[None]:
     raised: list[threading.Timer] = []
 
     def when_possible(number: int, frame: FrameType | None) -> None:
-        """Raise KeyboardInterrupt, and come again in case that somebody swallows it."""
+        """Raise KeyboardInterrupt, now or after a delay, and again later in case that it gets lost."""
         waits = _is_casadi_above(frame)
-        again = threading.Timer(RETRY if waits else PATIENCE, _thread.interrupt_main)
+        again = threading.Timer(RETRY_INTERVAL if waits else REPEAT_INTERVAL, _thread.interrupt_main)
         again.daemon = True
         again.start()
         if waits:
@@ -50,7 +50,7 @@ def interruptible() -> Iterator[None]:
     try:
         yield
     except Exception as error:
-        if raised:  # other C code, such as that of an import, made another error of it
+        if raised:  # other C code, such as an import, has converted it to another error
             raise KeyboardInterrupt from error
         raise
     finally:
@@ -61,10 +61,10 @@ def interruptible() -> Iterator[None]:
 
 @contextmanager
 def uninterrupted() -> Iterator[None]:
-    """Let Ctrl-C wait until what is done within is done, so that no lock of a library stays taken.
+    """Delay Ctrl-C to the end of the body.
 
-    Nor a module half imported, nor files half deleted. Elsewhere than in the main thread, where Ctrl-C
-    never comes, and where it raises nothing, nothing is changed.
+    This prevents locks of a library that are never released, partly imported modules, and partly deleted
+    files. It has no effect outside the main thread, or if the signal handler is not callable.
     """
     before = signal.getsignal(signal.SIGINT)
     if threading.current_thread() is not threading.main_thread() or not callable(before):
@@ -81,6 +81,6 @@ def uninterrupted() -> Iterator[None]:
 
 
 def _is_casadi_above(frame: FrameType | None) -> bool:
-    """Tell whether a function of CasADi is on the stack."""
+    """Return whether a function of CasADi is on the stack."""
     callers = (caller.f_globals.get("__name__") for caller, _ in walk_stack(frame))
     return any(str(name).startswith("casadi") for name in callers)

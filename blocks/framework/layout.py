@@ -1,4 +1,4 @@
-"""Where everything sits in the flat vectors that compiled code works on."""
+"""Layout of named arrays in the flat vectors of compiled code."""
 
 from __future__ import annotations
 
@@ -16,13 +16,13 @@ from trussflow.blocks.framework.types import Array, Vector
 
 
 def spans(sizes: Iterable[int]) -> list[slice]:
-    """Return the parts of a vector that arrays of these `sizes` [-] take, one behind the other."""
+    """Return the slices of a vector for consecutive arrays of these `sizes` [-]."""
     return [slice(start, stop) for start, stop in pairwise(accumulate(sizes, initial=0))]
 
 
 @dataclass(frozen=True, slots=True)
 class Entry:
-    """The array of a `name` and `shape` of the block at `path`, at `start` of a flat vector."""
+    """Array of a block at `path`, with its `name`, `shape`, and index `start` in a flat vector."""
 
     path: str
     name: str
@@ -35,26 +35,26 @@ class Entry:
         return self.start + prod(self.shape)
 
     def describe(self, element: int) -> str:
-        """Name one element."""
+        """Return the name of one element, for messages."""
         return f"'{self.path}.{self.name}'" + (f" (element {element})" if self.shape else "")
 
 
 class Layout:
     """The order of named arrays in one vector, `flat` [as declared].
 
-    An array is known by the `path` of its block and its `name` there.
+    An array is identified by the `path` of its block and its `name` there.
 
     Parameters
     ----------
     arrays : iterable of (path, name, shape)
         Block path, name within the block, and shape.
     start : int
-        Where the first one begins: what is laid out may be a part of a longer vector [-].
+        Index of the first element [-], if the arrays are a part of a longer vector.
 
     Attributes
     ----------
     span : slice
-        The part of the vector that the arrays take.
+        Slice of the vector that contains the arrays.
     """
 
     def __init__(self, arrays: Iterable[tuple[str, str, tuple[int, ...]]], start: int = 0) -> None:
@@ -73,16 +73,16 @@ class Layout:
         return iter(self.entries.values())
 
     def of(self, path: str) -> list[Entry]:
-        """Return the arrays of one block, which stand one after the other."""
+        """Return the arrays of one block, which are contiguous."""
         return self._of.get(path, [])
 
     def span_of(self, path: str) -> slice:
-        """Return the part of the vector that the arrays of one block take."""
+        """Return the slice of the vector that contains the arrays of one block."""
         own = self.of(path)
         return slice(own[0].start, own[-1].stop) if own else slice(0, 0)
 
     def at(self, place: int) -> Entry:
-        """Return the array that an element of the vector belongs to."""
+        """Return the array that contains the element of the vector with index `place`."""
         return next(e for e in self if e.start <= place < e.stop)
 
     def unpack(self, flat: Array, make: Callable[[Array, tuple[int, ...]], Array]) -> dict[str, Any]:
@@ -93,7 +93,7 @@ class Layout:
         flat : vector or casadi.SX
             The whole vector.
         make : callable
-            Makes an array of a given shape from a slice of `flat`.
+            Converts a slice of `flat` to an array of a given shape.
         """
         found: dict[str, Signals] = {}
         for e in self:
@@ -102,12 +102,12 @@ class Layout:
         return found
 
     def find(self, reference: str, what: str, *others: Layout, hint: str = "") -> Entry:
-        """Return the array that a `reference` ``"block.name"`` means, here or in the `others`.
+        """Return the array with the `reference` ``"block.name"``, in this layout or in the `others`.
 
         Raises
         ------
         NameLookupError
-            If there is none; the message says `what` it should have been and gives the `hint`, and lists all.
+            If there is none; the message names the kind, `what`, gives the `hint`, and lists all arrays.
         """
         path, _, name = reference.rpartition(".")
         layouts = (self, *others)
@@ -118,7 +118,7 @@ class Layout:
         raise NameLookupError(f"no {what} '{reference}'{hint}; the {what}s are: {names}")
 
     def put(self, flat: Vector, path: str, name: str, value: Any) -> None:
-        """Write the `value` of one array into its place."""
+        """Write the `value` of one array into the vector."""
         entry = self.entries[path, name]
         flat[entry.start : entry.stop] = np.ravel(value)
 
@@ -127,10 +127,10 @@ class Layout:
         return {f"{e.path}.{e.name}": np.reshape(flat[e.start : e.stop], e.shape).copy() for e in self}
 
     def signals(self, path: str, flat: Vector) -> Signals:
-        """Return the arrays of one block: views, which follow what is written there."""
+        """Return the arrays of one block as read-only views, which show later changes of the vector."""
         arrays = {e.name: flat[e.start : e.stop].reshape(e.shape) for e in self.of(path)}
         for array in arrays.values():
-            array.flags.writeable = False  # to be looked at
+            array.flags.writeable = False
         return Signals(f"block '{path}'", arrays)
 
     def listed(self, flat: Vector) -> dict[str, list[float]]:
@@ -138,7 +138,7 @@ class Layout:
         return {f"{e.path}.{e.name}": flat[e.start : e.stop].tolist() for e in self}
 
     def fault(self, flat: Vector) -> str:
-        """Name the first array with an element that is not finite, if any."""
+        """Return the name of the first element that is not finite, or an empty text."""
         for e in self:
             part = flat[e.start : e.stop]
             if not np.isfinite(part).all():

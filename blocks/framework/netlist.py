@@ -1,4 +1,4 @@
-"""The wires of a diagram: made, cut, and carried over when a block is replaced."""
+"""Wires of a diagram: connection, disconnection, and transfer when a block is replaced."""
 
 from __future__ import annotations
 
@@ -27,9 +27,9 @@ from trussflow.blocks.framework.wiring import fit, overlap, same, unite
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Wire:
-    """One connection, made at `where`, of `source` to `target`; a grounded input has no source.
+    """Connection of `source` to `target`, made at `where`; a grounded input has no source.
 
-    One `kept` when a block was replaced gives way to a new one.
+    A wire that was `kept` when a block was replaced may be replaced by a new one.
     """
 
     source: Port | None
@@ -39,11 +39,11 @@ class Wire:
 
     @property
     def ends(self) -> tuple[Port, ...]:
-        """Its ports."""
+        """Ports of the wire."""
         return (self.target,) if self.source is None else (self.source, self.target)
 
     def present(self) -> Wire:
-        """Return it between the ports that the blocks have now."""
+        """Return the wire between the present ports of its blocks."""
         return replace(
             self, source=None if self.source is None else present(self.source), target=present(self.target)
         )
@@ -59,48 +59,50 @@ class Netlist(Block):
     wires : list of Wire
         The wires, in the order in which they were made.
     exposed : dict of str to tuple of Port
-        The ports inside that ports of this diagram stand for.
+        Inner ports, by the name of the exposed port.
     """
 
     blocks: dict[str, Block]
     wires: list[Wire]
     exposed: dict[str, tuple[Port, ...]]
-    _into: dict[tuple[Block, str], list[Wire]]  # the wires again; filled when asked for, empty once some go
+    _into: dict[
+        tuple[Block, str], list[Wire]
+    ]  # index of the wires; built on demand, cleared when wires are removed
 
     def _wires_into(self, target: Port) -> list[Wire]:
-        """Return the wires to a port, or to parts of it, without a look at all others."""
+        """Return the wires to a port, or to parts of it, from an index of all wires."""
         if not self._into:
             for wire in self.wires:
                 self._into.setdefault((wire.target.block, wire.target.name), []).append(wire)
         return self._into.get((target.block, target.name), [])
 
     def _add_wire(self, wire: Wire) -> None:
-        if self._into or not self.wires:  # what is empty is filled when it is asked for
+        if self._into or not self.wires:  # an empty index of existing wires is built on demand
             self._into.setdefault((wire.target.block, wire.target.name), []).append(wire)
         self.wires.append(wire)
 
     @pictured
     def connect(self, source: Port, target: Port, *, where: str | None = None) -> None:
-        """Wire an output to an input; ``source >> target`` does the same, and again changes nothing.
+        """Connect an output to an input, as ``source >> target`` does; a repeated call has no effect.
 
         Parameters
         ----------
         source, target : Port
             Ports of blocks in this diagram, whole or sliced.
         where : str, optional
-            ``file:line`` to blame in messages; found by itself.
+            ``file:line`` of the connection for messages; by default that of the caller.
 
         Raises
         ------
         WiringError
-            If the ports do not fit, are not in this diagram, or the input is driven already.
+            If the ports do not fit, are not in this diagram, or the input already has a driver.
         """
         where = where or call_site()
         for port in (source, target):
             if not is_port(port):
                 raise WiringError(
                     f"cannot wire {shown(port)}: it is not a port   [{where}]\n  "
-                    "wire a constant with the block Constant(value)"
+                    "connect a constant by the block Constant(value)"
                 )
             if port.block.parent is not self:
                 home = "no diagram" if port.block.parent is None else f"'{port.block.parent.name}'"
@@ -119,7 +121,7 @@ class Netlist(Block):
         self._add_wire(Wire(source, target, where))
 
     def ground(self, *ports: Port) -> None:
-        """Leave inputs open on purpose: they read zero.
+        """Leave inputs unconnected intentionally: they read zero.
 
         Parameters
         ----------
@@ -131,17 +133,18 @@ class Netlist(Block):
             if not is_port(port) or not port.is_input or port.block.parent is not self:
                 what = port.describe() if is_port(port) else shown(port)
                 raise WiringError(
-                    f"cannot ground {what}: it is no input of a block in diagram '{self.name}'   [{where}]"
+                    f"cannot ground {what}: it is not an input of a block in diagram '{self.name}'   "
+                    f"[{where}]"
                 )
             if not any(w.source is None and same(w.target, port) for w in self._wires_into(port)):
                 self._check_free(port, where)
                 self._add_wire(Wire(None, port, where))
 
     def _check_free(self, target: Port, where: str) -> None:
-        """Refuse to drive an element twice; wires that were kept give way."""
+        """Check that no element gets a second driver; remove wires that were kept to these elements."""
         if target.index is not None and np.unique(target.elements()).size < target.elements().size:
             raise WiringError(
-                f"cannot drive input {target.describe()}: the index names an element twice   [{where}]"
+                f"cannot drive input {target.describe()}: the index selects an element twice   [{where}]"
             )
         there = [other for other in self._wires_into(target) if overlap(other.target, target)]
         for other in there:
@@ -161,7 +164,7 @@ class Netlist(Block):
                 )
 
     def disconnect(self, *ports: Port) -> None:
-        """Cut all wires of ports; where there are none, nothing happens.
+        """Remove all wires of ports; a port without wires is allowed.
 
         Parameters
         ----------
@@ -171,7 +174,7 @@ class Netlist(Block):
         Raises
         ------
         WiringError
-            If it is no port of a block in this diagram.
+            If it is not a port of a block in this diagram.
         """
         for port in ports:
             if not is_port(port) or port.block.parent is not self:
@@ -183,12 +186,12 @@ class Netlist(Block):
         self._cut(lambda wire: any(overlap(end, port) for end in wire.ends for port in ports))
 
     def remove(self, *items: str | Block) -> None:
-        """Take blocks out, with their wires and what is exposed of them; or ports that were exposed.
+        """Remove blocks with their wires and exposed ports, or remove exposed ports.
 
         Parameters
         ----------
         *items : str or Block
-            Blocks of this diagram, or names of them or of exposed ports.
+            Blocks of this diagram, or names of blocks or exposed ports.
 
         Raises
         ------
@@ -208,7 +211,7 @@ class Netlist(Block):
         self._infer_anew()
 
     def _put(self, name: str, block: Block) -> None:
-        """Let a `block` stand under a `name`; one that stood there hands its wires over."""
+        """Store a `block` under a `name`; it gets the wires of a block that had this name before."""
         before = self.blocks.get(name)
         self.blocks[name] = block
         block.__dict__.update(name=name, parent=self)
@@ -217,7 +220,7 @@ class Netlist(Block):
             self._infer_anew()
 
     def _hand_over(self, before: Block, after: Block | None) -> None:
-        """Let the wires of a block end at another, or at none; so for what is exposed of it."""
+        """Move the wires and exposed ports of a block to another block; remove those that do not fit."""
         before.__dict__["parent"] = None
 
         def moved(port: Port | None) -> Port | None:
@@ -241,7 +244,7 @@ class Netlist(Block):
                 self._cover(name)
 
     def _cover(self, name: str) -> None:
-        """Expose a port no longer."""
+        """Remove an exposed port, with its wires and its exposed ports in the enclosing diagrams."""
         port, around = self.ports.pop(name), self.parent
         del self.exposed[name]
         if around is not None:
@@ -251,13 +254,13 @@ class Netlist(Block):
                 around._cover(outer)
 
     def _cut(self, gone: Callable[[Wire], bool]) -> None:
-        """Drop the wires that are to be gone, and what was inferred from them."""
+        """Remove the wires selected by `gone`, and repeat the inference without them."""
         self._into.clear()
         self.wires[:] = [wire for wire in self.wires if not gone(wire)]
         self._infer_anew()
 
     def _infer_anew(self) -> None:
-        """Infer shapes, units and frames from the wires there are; those that do not fit any more are cut."""
+        """Infer shapes, units and frames from the present wires; remove wires that no longer fit."""
         root: Netlist = self
         while root.parent is not None:
             root = root.parent
@@ -268,27 +271,24 @@ class Netlist(Block):
         for diagram in [*reversed([*root._within()]), root]:
             if isinstance(diagram, Netlist):
                 for fault in diagram._fit_anew():
-                    warn(
-                        f"a wire does not fit what it was wired to any more, and is cut: {fault}",
-                        RuntimeWarning,
-                    )
+                    warn(f"a wire no longer fits its ports, and is removed: {fault}", RuntimeWarning)
 
     def _within(self) -> Iterator[Block]:
-        """Return all blocks within, those around others first."""
+        """Yield all blocks in this diagram and in nested ones, each diagram before its blocks."""
         for block in self.blocks.values():
             yield block
             if isinstance(block, Netlist):
                 yield from block._within()
 
     def _fit_anew(self) -> list[str]:
-        """Fit all wires again, those that were kept last; return what is wrong with those that were cut."""
+        """Check all wires again, those that were kept last; return the faults of the removed wires."""
         for name, inner in self.exposed.items():
             self.exposed[name] = first, *others = tuple(map(present, inner))
             self.ports[name] = replace(first, block=self, name=name)
             for port in others:
                 unite(first, port, "exposed")
         waiting, faults = sorted(self.wires, key=lambda wire: wire.kept), dict[Wire, str]()
-        while waiting:  # a slice may need a shape that a later wire tells
+        while waiting:  # a slice may need a shape that a later wire determines
             faults = {}
             for wire in waiting:
                 try:
@@ -303,18 +303,18 @@ class Netlist(Block):
         return [*faults.values()]
 
     def add_operation(self, function: np.ufunc, operands: Sequence[Any], *, where: str) -> Port:
-        """Add the block that computes a function, and return its output; port arithmetic calls this.
+        """Add the block of a function, and return its output; port arithmetic calls this method.
 
-        What is computed already is not computed again.
+        An existing block for the same function and operands is reused.
 
         Parameters
         ----------
         function : numpy.ufunc
-            What to compute.
+            Function to compute.
         operands : sequence of Port, Block or array_like
-            Outputs of blocks in this diagram, blocks that have one, and numbers [any].
+            Outputs of blocks in this diagram, blocks with one output, and numbers [any].
         where : str
-            ``file:line`` to blame in messages.
+            ``file:line`` of the operation for messages.
 
         Raises
         ------
@@ -340,35 +340,35 @@ class Netlist(Block):
         return block.port("y")
 
     def add_wired(self, stem: str, block: Block, ports: Mapping[str, Port], *, where: str) -> None:
-        """Add a block under the first free name, and wire its inputs.
+        """Add a block under the first free name, and connect its inputs.
 
         Parameters
         ----------
         stem : str
-            How the name begins; a number follows.
+            Beginning of the name; a number follows.
         block : Block
             The block.
         ports : mapping of str to Port
-            What drives its inputs, by name.
+            Drivers of its inputs, by name.
         where : str
-            ``file:line`` to blame in messages.
+            ``file:line`` of the operation for messages.
 
         Raises
         ------
         WiringError
-            If a port does not fit; nothing is added then.
+            If a port does not fit; the block is then not added.
         """
         name = next(name for i in count(1) if (name := f"{stem}_{i}") not in {**self.blocks, **self.ports})
         self._put(name, block)
         try:
             for end, port in ports.items():
                 self.connect(port, block.port(end), where=where)
-        except WiringError:  # a block wired by half would be in the way of the next try
+        except WiringError:  # a partly connected block would be reused by the next attempt
             self.remove(block)
             raise
 
 
 def present(port: Port) -> Port:
-    """Return the port, or the same part of it, that its block has now under its name."""
+    """Return the present port of the same block, name and slice."""
     now = port.block.port(port.name)
     return now if port.index is None else now[port.index]

@@ -1,7 +1,7 @@
-"""Ports: what a block takes in and gives out, and how ports are wired.
+"""Ports: inputs and outputs of blocks, and their connection.
 
 A block class declares its ports as class attributes, `Input` and `Output`. A block
-instance then has bound ports under the same names, and these are what users wire::
+instance has bound ports under the same names, which users connect::
 
     trajectory.position >> controller.reference
     plant.position[0:3] >> logger.u
@@ -35,22 +35,22 @@ class _Inferred:
         return "INFERRED"
 
     def __reduce__(self) -> str:
-        return "INFERRED"  # there is only one, also in copies
+        return "INFERRED"  # copies and unpickled objects are the same instance
 
 
 INFERRED: Final = _Inferred()
-"""Shape, unit or frame of a port that takes over what it is wired to.
+"""Shape, unit or frame of a port that is inferred from the connected port.
 
-All ports of one block that infer the same thing share it: if ``u`` of a saturation turns
-out to be six newtons, so does its ``y``.
+All ports of a block that infer the same property share it. If the input ``u`` of a saturation
+has shape 6 and unit N, its output ``y`` has them too.
 """
 
 Shape = int | str | tuple[int | str, ...] | _Inferred
-"""A size, a tuple of sizes, or names of block attributes that hold them."""
+"""A size, a tuple of sizes, or names of block attributes with sizes."""
 
 
 class _Declaration:
-    """What inputs and outputs have in common as class attributes."""
+    """Base of the declarations of inputs and outputs."""
 
     def __init__(
         self,
@@ -85,19 +85,19 @@ class Input(_Declaration):
     Parameters
     ----------
     shape : int, str, tuple or INFERRED
-        Shape of the signal [-]; a string names the attribute of the block that holds it.
+        Shape of the signal [-]; a string is the name of a block attribute with the shape.
     unit : str, tuple of str, None or INFERRED
-        One unit, one per element, or None where any unit fits.
+        One unit, one per element, or None to accept any unit.
     frame : str, None or INFERRED
-        Reference frame in which the components are given.
+        Reference frame of the components.
     dtype : type
         Element type.
     meaning : str
-        One line for people.
+        Description in one line.
     dims : tuple of str
         Names of the axes in result files.
     default : float, optional
-        Value of the input where nothing is wired to it [unit of the port].
+        Value of the input if it is not connected [unit of the port].
     **about
         Unit, frame, dtype, meaning and dims.
     """
@@ -108,25 +108,25 @@ class Input(_Declaration):
 
 
 class Output(_Declaration):
-    """Declare an output port; arguments as for `Input`, without a default."""
+    """Declare an output port; the arguments are those of `Input` without `default`."""
 
 
 @dataclass(eq=False, slots=True)
 class Inferable:
-    """A property that may be fixed later, shared by everything it was unified with.
+    """A property that may be fixed later, shared with all properties that were unified with it.
 
     Attributes
     ----------
     value : object
-        What it is; None while it is open, or where anything fits.
+        The value; None while it is open, or if any value is accepted.
     fixed : bool
-        Whether it is.
+        Whether the value is fixed.
     fixed_by : str
-        The line that did it; empty if the declaration did.
+        The line that fixed the value; empty if the declaration did.
     parent : Inferable, optional
-        The one it was unified with.
+        The property with which it was unified (union-find).
     own : bool
-        Whether the block itself says what it is, and no wire.
+        Whether the block itself fixes the value, not a wire.
     """
 
     value: Any = None
@@ -139,28 +139,28 @@ class Inferable:
         self.own = self.fixed
 
     def root(self) -> Inferable:
-        """Return the representative of everything unified with this one."""
+        """Return the representative of all properties unified with this one."""
         found = self
         while found.parent is not None:
             found = found.parent
         return found
 
     def get(self) -> Any:
-        """Return the value; None while it is open, or where anything fits."""
+        """Return the value; None while it is open, or if any value is accepted."""
         return self.root().value
 
     @property
     def is_open(self) -> bool:
-        """Whether the value is still to be inferred."""
+        """Whether the value has not been inferred yet."""
         return not self.root().fixed
 
     def fix(self, value: Any, where: str, *, own: bool = False) -> None:
-        """Set an open `value`, remembering the line `where` and whether it is the block's `own`."""
+        """Fix an open `value`, with the line `where`, and whether it is the block's `own`."""
         root = self.root()
         root.value, root.fixed, root.fixed_by, root.own = value, True, where, own
 
     def forget(self) -> None:
-        """Forget what wires said."""
+        """Remove the value that was inferred from wires."""
         self.parent = None
         if not self.own:
             self.value, self.fixed, self.fixed_by = None, False, ""
@@ -173,7 +173,7 @@ class Inferable:
         return "" if found is None else found.fixed_by
 
     def unify(self, other: Inferable, where: str) -> None:
-        """Share one value with the `other` from the line `where`; where both are fixed they stay."""
+        """Share one value with the `other` from the line `where`; two fixed values do not change."""
         a, b = self.root(), other.root()
         if a is b or (a.fixed and b.fixed):
             return
@@ -184,20 +184,20 @@ class Inferable:
 
 @dataclass(eq=False, slots=True)
 class Port(Wired):
-    """A port of one block instance: the thing that is wired.
+    """A port of a block instance, or a slice of one.
 
     Attributes
     ----------
     block : Block
-        The block it belongs to.
+        The block of the port.
     name : str
-        Its name there.
+        Name in the block.
     declaration : Input or Output
-        What the class says about it.
+        Declaration in the class.
     inferable_shape, inferable_unit, inferable_frame : Inferable
         Shape, unit and frame, which may still be open.
     index : object, optional
-        NumPy index of the part that a slice of a port stands for.
+        NumPy index of a slice; None for the whole port.
     """
 
     block: Block
@@ -208,11 +208,11 @@ class Port(Wired):
     inferable_frame: Inferable
     index: Any = field(default=None)
 
-    # -- what it is -----------------------------------------------------------------
+    # -- properties -----------------------------------------------------------------
 
     @property
     def is_input(self) -> bool:
-        """Whether the port takes a signal in."""
+        """Whether the port is an input."""
         return isinstance(self.declaration, Input)
 
     @property
@@ -227,13 +227,13 @@ class Port(Wired):
 
     @property
     def whole_shape(self) -> tuple[int, ...] | None:
-        """Shape of the whole port, or None while it is still to be inferred."""
+        """Shape of the whole port, or None while it is open."""
         shape: tuple[int, ...] | None = self.inferable_shape.get()
         return shape
 
     @property
     def shape(self) -> tuple[int, ...] | None:
-        """Shape of what this port or slice stands for, or None while open."""
+        """Shape of this port or slice, or None while it is open."""
         if self.index is None:
             return self.whole_shape
         return tuple(self.elements().shape)
@@ -250,7 +250,7 @@ class Port(Wired):
         shape = self.whole_shape
         if shape is None:
             raise WiringError(
-                f"the shape of '{self.path}' is not known yet: wire it to a port of known "
+                f"the shape of '{self.path}' is not known yet: connect it to a port of known "
                 "shape first, or give the block its shape"
             )
         return prod(shape)
@@ -268,17 +268,17 @@ class Port(Wired):
         return frame
 
     def elements(self) -> np.ndarray[Any, np.dtype[np.int64]]:
-        """Return the row-major indices, within the whole port, that this slice stands for."""
+        """Return the row-major indices of the elements of this slice within the whole port."""
         whole = np.arange(self.size).reshape(self.whole_shape or ())
         return np.asarray(whole if self.index is None else whole[self.index])
 
     def element_units(self) -> tuple[str | None, ...]:
-        """Return the unit of each element that this slice stands for.
+        """Return the unit of each element of this port or slice.
 
         Raises
         ------
         WiringError
-            If there are more or fewer units than elements.
+            If the numbers of units and elements differ.
         """
         units = per_element(self.unit, self.size)
         if len(units) != self.size:
@@ -286,7 +286,7 @@ class Port(Wired):
         return tuple(units[i] for i in self.elements().ravel())
 
     def describe(self) -> str:
-        """Return path, shape, unit and frame in one phrase for messages."""
+        """Return path, shape, unit and frame as text for messages."""
         shape = "open" if self.shape is None else self.shape
         facts = [f"shape {shape}"]
         if self.unit is not None:
@@ -297,7 +297,7 @@ class Port(Wired):
 
     @property
     def summary(self) -> str:
-        """Name, shape and units in a few letters, for overviews."""
+        """Name, shape and units as a short text."""
         shape = "" if self.whole_shape == () else f" {self.whole_shape or '(?)'}"
         units = self.unit if isinstance(self.unit, tuple) else (self.unit,)
         unit = ", ".join(dict.fromkeys(filter(None, units)))
@@ -309,14 +309,14 @@ class Port(Wired):
     # -- wiring ---------------------------------------------------------------------
 
     def __getitem__(self, index: Any) -> Port:
-        """Return the part of this port that a NumPy index selects."""
+        """Return the slice of this port that a NumPy index selects."""
         where = call_site()
         if self.index is not None:
             raise WiringError(f"'{self.path}' is already a slice; give one index   [{where}]")
         if self.whole_shape is None:
             raise WiringError(
                 f"cannot index '{self.path}': its shape is not known yet   [{where}]\n  "
-                "wire it to a port of known shape first, or give the block its shape"
+                "connect it to a port of known shape first, or give the block its shape"
             )
         part = replace(self, index=index)
         try:
@@ -328,27 +328,27 @@ class Port(Wired):
             ) from None
         if empty:
             raise WiringError(
-                f"index [{_index_text(index)}] of {self.describe()} selects nothing   [{where}]"
+                f"index [{_index_text(index)}] of {self.describe()} selects no element   [{where}]"
             )
         return part
 
     def __iter__(self) -> Iterator[Port]:
         """Return the elements of a vector, or the rows of a matrix."""
-        return (self[i] for i in range((self.shape or (1,))[0]))  # of a scalar, [0] is refused
+        return (self[i] for i in range((self.shape or (1,))[0]))  # index 0 of a scalar raises
 
     def __rshift__(self, other: Port | Block) -> Block:
-        """Wire this output to an input (or to the only input of a block); return that block."""
+        """Connect this output to an input (or to the only input of a block); return that block."""
         target = other.only_input() if hasattr(other, "only_input") else other
         self.wiring_diagram().connect(self, target, where=call_site())
         return target.block
 
     def __rrshift__(self, other: Any) -> Block:
-        """Refuse to wire what is no port."""
+        """Raise `WiringError`, as the left operand is not a port."""
         self.wiring_diagram().connect(other, self, where=call_site())
         return self.block
 
     def wiring_diagram(self) -> Diagram:
-        """Return the diagram in which the port can be wired."""
+        """Return the diagram in which the port can be connected."""
         return self.block.diagram("wire")
 
     def __bool__(self) -> bool:
@@ -356,12 +356,12 @@ class Port(Wired):
 
 
 def is_port(value: object) -> bool:
-    """Tell whether what a user gave is a port."""
+    """Return whether an argument from the user is a port."""
     return isinstance(value, Port)
 
 
 def _check_bounds(index: Any, shape: tuple[int, ...]) -> None:
-    """Refuse slices that reach beyond an axis, which NumPy would quietly shorten."""
+    """Raise IndexError for slices that exceed an axis, which NumPy would shorten without an error."""
     parts = index if isinstance(index, tuple) else (index,)
     if any(not isinstance(part, int | np.integer | slice) for part in parts):
         return
@@ -372,7 +372,7 @@ def _check_bounds(index: Any, shape: tuple[int, ...]) -> None:
 
 
 def _index_text(index: Any) -> str:
-    """Return an index as the user typed it."""
+    """Return an index as text, as the user writes it."""
     parts = index if isinstance(index, tuple) else (index,)
 
     def text(part: Any) -> str:

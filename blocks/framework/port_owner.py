@@ -1,4 +1,4 @@
-"""What a block declares, and what wires make of it: it stands for its only port."""
+"""Ports and declarations of a block, and connections to its only input or output."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ _Kind = TypeVar("_Kind", bound=State | Event)
 
 
 class PortOwner(Wired):
-    """Base of blocks: what it declares, its ports, and wires to and from the only one.
+    """Base of blocks: declarations, ports, and connections of the only input or output.
 
     Attributes
     ----------
@@ -31,7 +31,7 @@ class PortOwner(Wired):
     """
 
     _declared: Mapping[str, Any] = MappingProxyType({})
-    """What is declared, by name: by the class, or by the block itself where another file says what."""
+    """Declarations by name: those of the class, or of the instance if they depend on its arguments."""
 
     ports: dict[str, Port]
 
@@ -45,7 +45,7 @@ class PortOwner(Wired):
 
     @final
     def declared(self, kind: type[_Kind]) -> dict[str, _Kind]:
-        """Return what is declared of that `kind`, as `Mode` or `Event`, by name."""
+        """Return the declarations of a `kind`, such as `Mode` or `Event`, by name."""
         return {n: d for n, d in self._declared.items() if isinstance(d, kind)}
 
     def port(self, name: str) -> Port:
@@ -61,7 +61,7 @@ class PortOwner(Wired):
         except KeyError:
             inputs = ", ".join(p.name for p in self.ports.values() if p.is_input) or "none"
             outputs = ", ".join(p.name for p in self.ports.values() if not p.is_input) or "none"
-            hint = f", it is a state: log it as '{self.path}.{name}'; to wire it, give the block an output"
+            hint = f", it is a state: log it as '{self.path}.{name}'; to connect it, add an output"
             hint = hint if name in self.declared(State) else ""
             raise NameLookupError(
                 f"block '{self.path}' ({type(self).__name__}) has no port '{name}'{hint}; "
@@ -91,23 +91,23 @@ class PortOwner(Wired):
         if len(ports) != 1:
             raise NameLookupError(
                 f"'{self.path}' has {len(ports)} {kind}s "
-                f"({', '.join(p.name for p in ports) or 'none'}); name the one to wire"
+                f"({', '.join(p.name for p in ports) or 'none'}); name the one to connect"
             )
         return ports[0]
 
     def wiring_diagram(self) -> Diagram:
-        """Return the diagram in which the block can be wired."""
+        """Return the diagram in which the block can be connected."""
         return self.only_output().wiring_diagram()
 
     def __getitem__(self, index: Any) -> Port:
-        """Return a part of the only output."""
+        """Return a slice of the only output."""
         return self.only_output()[index]
 
     def __rshift__(self, other: Port | Block) -> Block:
-        """Wire the only output of this block; see `Port`."""
+        """Connect the only output of this block; see `Port`."""
         return self.only_output() >> other
 
     def __rrshift__(self, other: Any) -> Block:
-        """Refuse to wire what is no port; see `Port`."""
+        """Raise `WiringError`, as the left operand is not a port; see `Port`."""
         block: Block = other >> self.only_input()
         return block

@@ -1,4 +1,4 @@
-"""Ending processes of others: compilers, and FMUs."""
+"""Termination of child processes: compilers and FMUs."""
 
 from __future__ import annotations
 
@@ -12,40 +12,40 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
-PATIENCE = 2.0
-"""Time [s] after which processes that do not end are left alone."""
+END_TIMEOUT = 2.0
+"""Longest time to end processes with a mark [s]; remaining ones are left running."""
 
 
 def end(process: subprocess.Popen[Any], mark: str = "") -> None:
-    """End a process that leads a group, the group, and all it started, and wait for it.
+    """End a process, its process group, and all processes that it started, and wait for it.
 
     Parameters
     ----------
     process : subprocess.Popen
-        The process; it was started with ``process_group=0`` or as a session of its own.
+        The process; it was started with ``process_group=0`` or in its own session.
     mark : str
-        What is in the environment of all it started and nowhere else: so those are found that left
-        the group, if the system has ``/proc``.
+        Unique text in the environment of all processes that it started. On systems with ``/proc``,
+        processes outside the group are found by this text.
     """
     if sys.platform == "win32":
         process.kill()
     else:
-        with suppress(ProcessLookupError, PermissionError):  # the latter: macOS, of zombies
+        with suppress(ProcessLookupError, PermissionError):  # macOS reports PermissionError for zombies
             os.killpg(process.pid, signal.SIGKILL)
         end_marked(mark)
     process.wait()
 
 
 def end_marked(mark: str) -> None:
-    """End all processes but this one that have a mark in their environment.
+    """End all processes with a mark in their environment, except this one.
 
     Parameters
     ----------
     mark : str
-        The text; none ends none.
+        The text; an empty text ends no process.
     """
-    deadline = time.monotonic() + PATIENCE
-    # Again and again: what is there while we look may have started more.
+    deadline = time.monotonic() + END_TIMEOUT
+    # Repeated, as a process may start others during the search.
     while mark and (found := list(_marked(mark.encode()))) and time.monotonic() < deadline:
         for number in found:
             with suppress(OSError):
@@ -53,7 +53,7 @@ def end_marked(mark: str) -> None:
 
 
 def _marked(mark: bytes) -> Iterator[int]:
-    """Return the processes with a mark; of zombies there is no environment."""
+    """Yield the numbers of the processes with a mark; zombies have no environment."""
     for folder in Path("/proc").glob("[0-9]*"):
         with suppress(OSError):
             if mark in (folder / "environ").read_bytes() and folder.name != str(os.getpid()):

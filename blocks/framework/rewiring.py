@@ -1,8 +1,8 @@
-"""Rewiring: signals added to, put in place of, or read off the wires of a flat system.
+"""Signal injection: signals that add to, replace, or read the wires of a flat system.
 
-A loop is broken by cutting a wire and driving its end from outside; a part of a diagram becomes a
-system of its own whose cut wires come from outside. The diagram that the user wired stays as it
-is: these functions return new systems.
+A loop is opened by cutting a wire and driving its end by an external input. A part of a diagram becomes
+a system whose cut wires are external inputs. These functions return new systems; the diagram of the
+user does not change.
 """
 
 from __future__ import annotations
@@ -21,14 +21,14 @@ from trussflow.blocks.framework.types import Array
 
 
 class Adder(Block):
-    r"""Pass a signal on, with another added.
+    r"""Add an injected signal to the signal of an input.
 
     .. math:: y = u + w
 
     Parameters
     ----------
     port : Port
-        The input before which it is put.
+        The input.
     """
 
     w = Input("extent", unit=Attribute("own_unit"))
@@ -51,13 +51,13 @@ def injected(system: System, port: Port, source: Block, *, cut: bool = False) ->
     Parameters
     ----------
     system : System
-        The system; it stays as it is.
+        The system, which does not change.
     port : Port
-        An input, or an output, which stands for everything that reads it; whole or sliced.
+        An input, or an output, which selects all its readers; whole or sliced.
     source : Block
-        Has one output y of the port's shape.
+        Block with one output y of the port's shape.
     cut : bool
-        Whether the output replaces what drove the signal, instead of being added to it.
+        Whether the output replaces the signal, instead of being added to it.
     """
     blocks = system.blocks | {source.path: source}
     drivers = dict(system.drivers)
@@ -70,7 +70,7 @@ def injected(system: System, port: Port, source: Block, *, cut: bool = False) ->
             continue
         adder = Adder(target).named(f"({target.path} + {source.name})")
         blocks[adder.path] = adder
-        # Where elements are cut of an input that nothing drives, the others keep the default that they read.
+        # If some elements of an input without a driver are cut, the others keep its default.
         passed = np.arange(target.size)
         passed = passed[~np.isin(passed, given)] if cut else passed
         drivers[adder.path, "u"], drivers[adder.path, "w"] = before, [] if cut else [injection]
@@ -79,25 +79,25 @@ def injected(system: System, port: Port, source: Block, *, cut: bool = False) ->
 
 
 def probed(system: System, port: Port) -> tuple[System, Port]:
-    """Return a system that keeps what arrives at an input, whatever is injected there later.
+    """Return a system with a probe of the signal at an input, before any later injection.
 
     Parameters
     ----------
     system : System
-        The system; it stays as it is.
+        The system, which does not change.
     port : Port
-        An input, whole or sliced; an output is returned as it is.
+        An input, whole or sliced; an output needs no probe.
 
     Returns
     -------
     System, Port
-        The system, and the output to read.
+        The system, and the output with the signal.
     """
     leaf = resolved(port)
     if not leaf.is_input:
         return system, leaf
     taken = sum(path.startswith(f"(at {leaf.path}") for path in system.blocks)
-    probe = Adder(leaf).named(f"(at {leaf.path}, {taken + 1})")  # one signal may be read twice
+    probe = Adder(leaf).named(f"(at {leaf.path}, {taken + 1})")  # a signal may have several probes
     drivers = dict(system.drivers)
     drivers[probe.path, "u"] = drivers[leaf.block.path, leaf.name]
     drivers[probe.path, "w"] = []
@@ -106,14 +106,14 @@ def probed(system: System, port: Port) -> tuple[System, Port]:
 
 
 def readers(system: System, port: Port) -> list[tuple[Port, Indices, Indices]]:
-    """Return who reads a signal: an input, its elements, and which elements of `port` they are.
+    """Return the readers of a signal: each input, its elements, and the matching elements of `port`.
 
     Parameters
     ----------
     system : System
         The system.
     port : Port
-        An input, or an output, which stands for everything that reads it; whole or sliced.
+        An input, or an output, which selects all its readers; whole or sliced.
     """
     wanted = port.elements().ravel()
     if port.is_input:
@@ -137,7 +137,7 @@ def readers(system: System, port: Port) -> list[tuple[Port, Indices, Indices]]:
 
 
 def _without(drivers: list[Driver], elements: Indices) -> list[Driver]:
-    """Return drivers that leave these elements alone."""
+    """Return the drivers without those of these elements."""
     kept = []
     for driver in drivers:
         stays = ~np.isin(driver.given, elements)
@@ -156,7 +156,7 @@ class Line(Block):
     Parameters
     ----------
     source : External
-        The input whose shape and unit it takes over.
+        The external input with the same shape and unit.
     """
 
     value = Input("extent", unit=Attribute("own_unit"))
@@ -175,10 +175,10 @@ class Line(Block):
 
 
 def with_lines(system: System) -> System:
-    """Return a system whose inputs from outside are lines.
+    """Return a system whose external inputs change linearly in time.
 
-    Its inputs from outside are those of `system`, then their rates in the same order, then the
-    time from which the rates count.
+    The external inputs of the new system are those of `system`, their rates in the same order, and the
+    origin of time of the lines.
     """
     sources = list(system.external.values())
     if not sources:
@@ -205,19 +205,19 @@ def with_lines(system: System) -> System:
 
 
 def part_of(system: System, paths: Collection[str]) -> tuple[System, dict[External, Driver]]:
-    """Return some blocks of a system as a system of its own, whose other inputs come from outside.
+    """Return some blocks of a system as a new system, whose open inputs are external inputs.
 
     Parameters
     ----------
     system : System
-        The system; it stays as it is.
+        The system, which does not change.
     paths : collection of str
-        The blocks.
+        Paths of the blocks.
 
     Returns
     -------
     System, dict
-        The part; and, for each of its inputs from outside, the first driver that it stands for.
+        The new system, and the first driver that each external input replaces.
     """
     inside = {path: system.blocks[path] for path in system.blocks if path in paths}
     outside: dict[tuple[str, str], External] = {}

@@ -1,8 +1,8 @@
-"""What lives for one run of a block. A block itself never changes when it runs.
+"""Objects with the internal state of a block in one run. A run never changes the block itself.
 
-Most blocks need nothing of this: what they keep is declared as states, which live outside them.
-A block that keeps more (a library's solver, an open file, an FMU) returns from `Block.open` an
-object that does, one for each run; so one diagram may run many times at once.
+Most blocks need no such object: their states are declared, and stored outside the block. A block with
+other internal state (the solver of a library, an open file, an FMU) returns a new object from
+`Block.open` for each run. So one diagram may have several simultaneous runs.
 """
 
 from __future__ import annotations
@@ -15,20 +15,20 @@ from trussflow.blocks.framework.types import Vector
 
 
 class StepDiscardedError(SimulationError):
-    """What steps itself refuses a step, usually because it is too long; it must be restored."""
+    """A self-stepping block rejects a step, usually because it is too long; it must be restored."""
 
 
 class Running(Equations):
-    """A block in one run, with what it keeps there besides its declared states.
+    """Equations and internal state of a block in one run.
 
-    It states the equations in the block's place. What it keeps should change in `update` (of a
-    sampled block, called once per instant), `on_step` and `on_event` only. One that can go back to
-    an earlier time overrides `save` and `restore`.
+    The object defines the equations instead of the block. Its internal state should change only in
+    `update` (of a sampled block, called once per instant), `on_step` and `on_event`. If it can return
+    to an earlier time, it overrides `save` and `restore`.
 
     Attributes
     ----------
     stuck : str
-        Why it cannot go back, if it cannot.
+        Reason why it cannot return to an earlier time, for messages.
     """
 
     stuck = "what its open() returns would have to override save() and restore()"
@@ -41,43 +41,43 @@ class Running(Equations):
 
     @property
     def messages(self) -> tuple[str, ...]:
-        """What there is to tell of this run, such as what an FMU logged; results keep it."""
+        """Messages of this run, such as the log of an FMU; results store them."""
         return ()
 
     def tuned(self) -> None:
-        """Take note that parameters were changed: those that `Block.open` was given have followed."""
+        """Handle a change of parameters; the argument of `Block.open` has the new values."""
 
     def save(self) -> Any:
-        """Return a copy of what is kept, for `restore` of this object or one of an equal block.
+        """Return a copy of the internal state, for `restore` of this object or one of an equal block.
 
-        Numbers, strings, bytes, NumPy arrays of numbers, and lists, tuples and dicts of such
-        can be written to files too.
+        Numbers, strings, bytes, NumPy arrays of numbers, and lists, tuples and dicts of these can also be
+        written to files.
         """
         raise NotImplementedError
 
     def restore(self, saved: Any) -> None:
-        """Take back what `save` returned; it may be restored again, so it must not change."""
+        """Restore the state that `save` returned; `saved` must not change, as it may be restored again."""
         raise NotImplementedError
 
     def close(self) -> None:
-        """Release everything; called when the run ends, whatever ended it."""
+        """Release all resources; called when the run ends for any reason."""
 
 
 class SelfStepping(Running):
     """A block that steps itself from one communication point to the next.
 
-    It is a member of a co-simulation, and a sampled block in any other run.
-    Inputs and outputs are flat vectors: all ports in order of declaration, each row by row.
+    It is a subsystem in a co-simulation, and a sampled block in any other run.
+    Inputs and outputs are flat vectors: all ports in order of declaration, each in row-major order.
 
     Attributes
     ----------
     varies : bool
-        Whether steps may be of different lengths.
+        Whether steps may have different lengths.
     ramps : bool
-        Whether inputs may change linearly during a step. Known once started.
+        Whether inputs may change linearly during a step; known after `start`.
     refreshes : bool
-        Whether outputs that depend on inputs directly follow them before the next step. If not,
-        they show what the inputs of the last step made of them. Known once started.
+        Whether outputs with direct feedthrough follow new inputs before the next step. If not, they are
+        those of the inputs of the last step. Known after `start`.
     """
 
     varies: bool = True
@@ -85,14 +85,14 @@ class SelfStepping(Running):
     refreshes: bool = True
 
     def start(self, time: float, inputs: Vector) -> None:
-        """Begin at a time with these inputs; again, if they turn out to be others.
+        """Start at a time with these inputs; called again if the initial inputs change.
 
         Parameters
         ----------
         time : float
-            Time at which the run begins [s].
+            Initial time of the run [s].
         inputs : Vector
-            All inputs; NaN where nothing is known yet [units as declared].
+            All inputs; NaN if a value is not known yet [units as declared].
         """
         raise NotImplementedError
 
@@ -104,15 +104,15 @@ class SelfStepping(Running):
         inputs : Vector
             All inputs at the present time [units as declared].
         rates : Vector, optional
-            How fast they change from now on [units as declared, per second]; None: held.
+            Rates of change from now on [units as declared, per second]; None to hold the inputs.
         """
         raise NotImplementedError
 
     def latch(self, inputs: Vector) -> None:
-        """Let what is sampled at the present time compute with these inputs.
+        """Evaluate sampled blocks at the present time with these inputs.
 
-        Called before `set` where a step gets inputs that are not those of its start. What keeps
-        its clocks to itself, as FMUs do, does nothing.
+        The method is called before `set` if the inputs of a step differ from those at its start. An
+        object with internal clocks, such as an FMU, does nothing.
 
         Parameters
         ----------
@@ -133,14 +133,14 @@ class SelfStepping(Running):
         Raises
         ------
         StepDiscardedError
-            If the step is refused.
+            If the step is rejected.
         DivergenceError
             If a signal stops being finite.
         """
         raise NotImplementedError
 
     def mark(self) -> Any:
-        """Return what `restore` takes like what `save` returns, for this object alone: quicker."""
+        """Return a state for `restore` of this object only, which may be faster than `save`."""
         return self.save()
 
     def outputs(self) -> Vector:

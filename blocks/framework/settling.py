@@ -1,4 +1,4 @@
-"""Values that depend on each other are gone through until they settle."""
+"""Fixed-point iteration of values that depend on each other."""
 
 from __future__ import annotations
 
@@ -9,30 +9,30 @@ import numpy as np
 from trussflow.blocks.framework.errors import SimulationError
 from trussflow.blocks.framework.types import Vector
 
-ROUNDS = 500
-"""Rounds to try in any case: a circle in which each round changes less settles too, to the last bit."""
+MIN_ROUND_LIMIT = 500
+"""Smallest limit of the number of iterations, which lets a contraction converge to the last bit."""
 
 
 def settle(sweep: Callable[[], Vector], rounds: int, fault: str) -> None:
-    """Go through values that depend on each other until they no longer change.
+    """Iterate until values that depend on each other no longer change.
 
     Parameters
     ----------
     sweep : callable
-        Works out each value once from what the others are now; returns them all.
+        Computes each value once from the present other values; returns all of them.
     rounds : int
-        Rounds in which values that do not depend on themselves have settled: one may depend on
-        the next, so as many as there are [-].
+        Number of iterations after which a chain of values without a cycle has converged [-], which is
+        the number of values.
     fault : str
-        What to say if they do not settle.
+        Error message if the values do not converge.
 
     Raises
     ------
     SimulationError
-        If they still change after that, and after `ROUNDS`.
+        If the values still change after `rounds`, and after `MIN_ROUND_LIMIT`.
     """
     before = sweep()
-    for _ in range(max(rounds, ROUNDS)):
+    for _ in range(max(rounds, MIN_ROUND_LIMIT)):
         now = sweep()
         if np.array_equal(before, now, equal_nan=True):
             return

@@ -1,4 +1,4 @@
-"""Flattening: a diagram with everything nested in it becomes one list of blocks and drivers."""
+"""Flattening: conversion of nested diagrams to one list of blocks and drivers."""
 
 from __future__ import annotations
 
@@ -21,16 +21,16 @@ Indices = NDArray[np.int64]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Driver:
-    """What drives some elements of one input: elements of an output, or zero.
+    """Source of some elements of an input: elements of an output, or zero.
 
     Attributes
     ----------
     source : Port or None
-        The output; None: zero.
+        The output; None for zero.
     taken, given : array of int
-        Elements of the output, and those of the input that they drive.
+        Elements of the output, and the elements of the input that they drive.
     where : str
-        The line that wired it.
+        The line of the connection.
     """
 
     source: Port | None
@@ -46,13 +46,13 @@ class System:
     Attributes
     ----------
     root : Block
-        What was flattened.
+        The diagram or block that was flattened.
     blocks : dict
-        Every block that is not a diagram, by path.
+        All blocks that are not diagrams, by path.
     diagrams : dict
-        Every diagram, by path; the path of the outermost is empty.
+        All diagrams, by path; the path of the outermost one is empty.
     drivers : dict
-        What drives each input, by (path of the block, name of the input).
+        Drivers of each input, by (path of the block, name of the input).
     """
 
     root: Block
@@ -62,7 +62,7 @@ class System:
 
     @cached_property
     def clocks(self) -> list[Clock]:
-        """The distinct clocks of the sampled blocks."""
+        """Distinct clocks of the sampled blocks."""
         return sorted({Clock.of(b) for b in self.blocks.values() if b.sample_time is not None})
 
     def clock(self, block: Block) -> Clock | None:
@@ -71,32 +71,32 @@ class System:
 
     @property
     def external(self) -> dict[str, External]:
-        """What comes from outside, by the name of the input."""
+        """External inputs by name."""
         return {b.name: b for b in self.blocks.values() if isinstance(b, External)}
 
     def source(self, name: str) -> External:
-        """Return what stands for the input from outside of that `name`.
+        """Return the source block of the external input with that `name`.
 
         Raises
         ------
         NameLookupError
-            If there is none; the message lists those there are.
+            If there is none; the message lists the valid names.
         """
         if name not in self.external:
             known = ", ".join(self.external) or "none"
-            raise NameLookupError(f"no input '{name}'; the inputs from outside are: {known}")
+            raise NameLookupError(f"no input '{name}'; the external inputs are: {known}")
         return self.external[name]
 
     def port(self, reference: str | Port) -> Port:
         """Return a leaf block's port from ``"block.port"`` or from a port, exposed or not.
 
-        A port of the outermost diagram, or of the single block, is just ``"port"``. An exposed
-        input that stands for several returns the first.
+        The reference of a port of the outermost diagram, or of the single block, is ``"port"``. For an
+        exposed input that drives several inputs, the first of them is returned.
 
         Raises
         ------
         NameLookupError
-            If there is no such block or port; the message lists what there is.
+            If there is no such block or port; the message lists the valid names.
         """
         if isinstance(reference, Port):
             leaf = resolved(reference)
@@ -106,12 +106,12 @@ class System:
         return resolved(self.port_of(str(reference), str(reference)))
 
     def port_of(self, name: str, reference: str) -> Port:
-        """Return the port, exposed or not, of a `name` ``"block.port"`` in the `reference` of a user.
+        """Return the port, exposed or not, with the `name` ``"block.port"``; messages show the `reference`.
 
         Raises
         ------
         NameLookupError
-            If there is no such block or port; the message lists what there is.
+            If there is no such block or port; the message lists the valid names.
         """
         path, _, own = name.rpartition(".")
         block = self.blocks.get(path) or self.diagrams.get(path) or (None if path else self.root)
@@ -129,21 +129,23 @@ def flatten(item: Block, *, external: bool = False) -> System:
     item : Block
         A diagram, or any other block.
     external : bool
-        Whether exposed inputs, or those of a single block, may come from outside.
+        Whether exposed inputs, or those of a single block, become external inputs.
 
     Raises
     ------
     DiagramError
-        If it is no diagram, unless inputs may come from outside, or it has no blocks.
+        If it is not a diagram and `external` is false, or it has no blocks.
     OpenInputError
-        If inputs, or elements of them, are driven by nothing. All are listed.
+        If inputs, or elements of them, have no driver; the message lists all of them.
 
     Notes
     -----
-    Shapes that no wire and no block has fixed by now become scalar.
+    Shapes that are still open become scalar.
     """
     if not isinstance(item, Block if external else Diagram):
-        raise DiagramError(f"cannot simulate {shown(item)}: it is no Diagram; add blocks to a Diagram first")
+        raise DiagramError(
+            f"cannot simulate {shown(item)}: it is not a Diagram; add blocks to a Diagram first"
+        )
     system = System(item, {})
     if isinstance(item, Diagram):
         system.diagrams[""] = item
@@ -164,9 +166,9 @@ def flatten(item: Block, *, external: bool = False) -> System:
             faults += [fault] if fault and fault not in faults else []
     if faults:
         error = OpenInputError(
-            "inputs are driven by nothing:\n  "
+            "inputs are not connected:\n  "
             + "\n  ".join(faults)
-            + "\nwire each, or leave it at zero on purpose with diagram.ground(port)"
+            + "\nconnect each, or set it to zero intentionally with diagram.ground(port)"
         )
         error.diagram = system.diagrams.get("")
         raise error
@@ -174,7 +176,7 @@ def flatten(item: Block, *, external: bool = False) -> System:
 
 
 def _drive_from_outside(system: System, port: Port) -> None:
-    """Let an input of the outermost block come from outside."""
+    """Add the source of an external input for an input of the outermost block."""
     source = External(port)
     system.blocks[source.path] = source
     everything = np.arange(port.size)
@@ -185,7 +187,7 @@ def _drive_from_outside(system: System, port: Port) -> None:
 
 
 def _settle_shapes(diagram: Diagram) -> None:
-    """Make scalar what is still to be inferred: nothing says that it is anything else."""
+    """Fix open shapes of all blocks in a diagram as scalar."""
     for block in diagram.blocks.values():
         if isinstance(block, Diagram):
             _settle_shapes(block)
@@ -195,7 +197,7 @@ def _settle_shapes(diagram: Diagram) -> None:
 def _settle_ports(block: Block) -> None:
     for port in block.ports.values():
         if port.inferable_shape.is_open:
-            port.inferable_shape.fix((), "a simulation: nothing wired to it had a shape")
+            port.inferable_shape.fix((), "a simulation: no connected port had a shape")
 
 
 def _collect(diagram: Diagram, system: System) -> None:
@@ -216,7 +218,7 @@ def _collect(diagram: Diagram, system: System) -> None:
 
 
 def resolved(port: Port) -> Port:
-    """Follow a port inwards to the (first) block that has it, keeping the slice."""
+    """Return the port of the (first) leaf block behind an exposed port, with the same slice."""
     while isinstance(port.block, Diagram):
         inner = port.block.exposed[port.name][0]
         port = inner if port.index is None else inner[port.index]
@@ -224,14 +226,17 @@ def resolved(port: Port) -> Port:
 
 
 def targets(port: Port) -> list[Port]:
-    """Follow an input inwards to the blocks that read it."""
+    """Return the inputs of leaf blocks behind an input."""
     if not isinstance(port.block, Diagram):
         return [port]
     return [leaf for inner in port.block.exposed[port.name] for leaf in targets(inner)]
 
 
 def _open(port: Port, drivers: list[Driver], system: System) -> str:
-    """Say which elements of an input are driven by nothing, by the name under which it is to be wired."""
+    """Return the description of the elements of an input without drivers, or an empty text.
+
+    The name is that of the outermost exposed port that can be connected.
+    """
     if port.declaration.default is not None and not drivers:
         return ""
     driven = np.zeros(port.size, dtype=bool)
@@ -240,7 +245,9 @@ def _open(port: Port, drivers: list[Driver], system: System) -> str:
     if driven.all():
         return ""
     inner = (port.block.path, port.name)
-    for diagram in [*system.diagrams.values()][:0:-1]:  # from inside out; nothing wires the outermost one
+    for diagram in [*system.diagrams.values()][
+        :0:-1
+    ]:  # from inside out; inputs of the outermost one cannot be connected
         names = ((p, t.block.path, t.name) for p in diagram.inputs() for t in targets(p))
         port = next((p for p, *leaf in names if (*leaf,) == inner), port)
     if not driven.any():

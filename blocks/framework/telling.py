@@ -1,4 +1,4 @@
-"""Telling a user at a terminal what is being done, where that takes more than a second."""
+"""Progress display at a terminal, for operations that take more than a second."""
 
 from __future__ import annotations
 
@@ -42,19 +42,19 @@ DISPLAY: Any = Display()
 Item = TypeVar("Item")
 Made = TypeVar("Made")
 
-EVERY = 1.0
-"""Time [s] between two looks at the clock; what is done by then says nothing."""
+REFRESH_INTERVAL = 1.0
+"""Refresh interval of the progress line [s]; shorter operations show none."""
 
 _telling: list[threading.Event] = []
-"""What is being done, the innermost last: it alone is told, for there is one line."""
+"""End signals of the operations in progress, innermost last; only that one is displayed."""
 
 
 @contextlib.contextmanager
 def told(what: str, more: Callable[[float], str] = lambda _: "") -> Iterator[None]:
-    """Say on the terminal `what` is being done and for how long by now, then take it away again.
+    """Display `what` and the elapsed time on the terminal during the body, then clear the line.
 
-    What `more` returns of that time [s] is said behind it. Nothing is said where nobody looks on: in files,
-    pipes and processes that others started.
+    The result of `more` for that time [s] follows. Nothing is displayed if standard error is not a terminal,
+    or in child processes.
 
     Examples
     --------
@@ -68,7 +68,7 @@ def told(what: str, more: Callable[[float], str] = lambda _: "") -> Iterator[Non
     begun, done, said = time.perf_counter(), threading.Event(), threading.Event()
 
     def tell() -> None:
-        while not done.wait(EVERY):
+        while not done.wait(REFRESH_INTERVAL):
             if _telling[-1] is not done:
                 continue
             said.set()
@@ -89,7 +89,7 @@ def told(what: str, more: Callable[[float], str] = lambda _: "") -> Iterator[Non
 
 
 def counted(what: str, items: Collection[Item]) -> Iterator[Item]:
-    """Yield `items`, whose work is about alike, and say as `told` does `what` they are and the time left.
+    """Yield `items` of similar effort; display `what`, the number done and the remaining time as `told` does.
 
     Examples
     --------
@@ -112,11 +112,9 @@ def counted(what: str, items: Collection[Item]) -> Iterator[Item]:
 
 
 def all_counted(what: str, work: Callable[[Item], Made], items: Collection[Item]) -> list[Made]:
-    """Return what `work` makes of all `items`, and say as `counted` does `what` that is.
-
-    A comprehension over `counted` would go on telling after an error, as long as its traceback is held.
-    """
+    """Return the results of `work` for all `items`; display `what` and the progress as `counted` does."""
     made = []
+    # A comprehension would continue the display after an error while its traceback is referenced.
     for item in counted(what, items):
         made.append(work(item))  # noqa: PERF401
     return made

@@ -1,4 +1,4 @@
-"""Temporary folders that do not stay behind, however their process ends."""
+"""Temporary folders that are deleted even if their process is killed."""
 
 from __future__ import annotations
 
@@ -14,44 +14,44 @@ from trussflow.blocks.framework.files import deleted, own_folder
 
 
 def process_folder() -> Path:
-    """Return the temporary folder of this process; it goes when the process ends.
+    """Return the temporary folder of this process, which is deleted when the process ends.
 
-    Folders of processes that were killed are deleted when the next one needs a folder.
+    Folders of killed processes are deleted when the next process needs a folder.
 
     Raises
     ------
     OSError
-        If there is no room, or no folder for temporary files.
+        If the disk is full, or there is no folder for temporary files.
     """
     mine = os.getpid(), tempfile.gettempdir()
-    if not _made(*mine).is_dir():  # somebody has tidied up
+    if not _made(*mine).is_dir():  # another program has deleted it
         _made.cache_clear()
     return _made(*mine)
 
 
 def with_place(error: Exception) -> str:
-    """Return what an `error` says, after where temporary files are, which may be why it came."""
-    with suppress(OSError):  # if there is none, that is what the error says
+    """Return the message of an `error` after the folder of temporary files, a possible cause."""
+    with suppress(OSError):  # without such a folder, the message of the error says so
         tempfile.gettempdir()
     return f"(temporary files are in '{tempfile.tempdir}'): {error}"
 
 
 def not_loaded(error: Exception) -> str:
-    """Return what an `error` says that came when a library was loaded, and what may be why."""
+    """Return the message of an `error` from loading a library, with a hint at its cause."""
     hint = "; is memory limited, or the folder mounted noexec? TMPDIR and TRUSSFLOW_CACHE name another"
     return f"{error}{hint * ('map segment' in str(error))}"
 
 
 @functools.cache
 def _made(process: int, place: str) -> Path:
-    """Return a new folder, locked as long as the process is there."""
+    """Return a new folder, which is locked until the process ends."""
     folder, lock = own_folder(Path(place), "trussflow-")
     atexit.register(_delete, process, folder, lock)
     return folder
 
 
 def _delete(process: int, folder: Path, lock: IO[str]) -> None:
-    """Delete the folder, unless this is a fork of the process that it belongs to."""
+    """Delete the folder, unless this process is a fork of the owner."""
     if process == os.getpid():
         deleted(folder, lock)
     lock.close()

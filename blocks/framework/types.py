@@ -1,4 +1,4 @@
-"""The array types that the framework passes around."""
+"""Array types of the framework."""
 
 from typing import Any
 
@@ -9,4 +9,4 @@ Vector = NDArray[np.float64]
 """A float array, usually of one dimension."""
 
 Array = Any
-"""A NumPy array of numbers, or the traced array that stands in for one."""
+"""A NumPy array of numbers, or a traced array."""

@@ -1,4 +1,4 @@
-"""Units of measurement: pint decides what fits what."""
+"""Units of measurement, compared by pint."""
 
 from __future__ import annotations
 
@@ -14,17 +14,17 @@ from trussflow.blocks.framework.validation import shown
 if TYPE_CHECKING:
     import pint
 
-COMMON = {
+COMMON_UNITS = {
     *("m", "mm", "km", "s", "ms", "min", "h", "rad", "deg", "kg", "g", "N", "mN", "kN", "Pa", "kPa", "MPa"),
     *("bar", "J", "kJ", "W", "kW", "A", "mA", "V", "mV", "K", "degC", "Hz", "kHz"),
 }
-"""What is known without pint, whose import takes a second."""
+"""Units that are recognized without pint, whose import takes a second."""
 
 Unit = str | tuple[str, ...] | None
-"""One unit for all elements, one unit per element, or None: not stated, fits everything."""
+"""One unit for all elements, one unit per element, or None for an undeclared unit, which fits any other."""
 
 
-SIGNS = {
+UNIT_SIGNS = {
     r"\*\*": "^",
     r"\^0\.5(?!\d)": "^½",
     r"\^2(?![\d.])": "²",
@@ -32,19 +32,19 @@ SIGNS = {
     r"\^4(?![\d.])": "⁴",
     r"\*": "·",
 }
-"""How people write what stands in the string of a unit, in this order."""
+"""Typographic replacements in the string of a unit, by regular expression; the order matters."""
 
 
 def readable(unit: str) -> str:
-    """Return the string of a unit as people write it: ``"kg**0.5*m/s**2"`` becomes ``"kg^½·m/s²"``."""
-    for said, sign in SIGNS.items():
+    """Return the string of a unit in typographic form: ``"kg**0.5*m/s**2"`` becomes ``"kg^½·m/s²"``."""
+    for said, sign in UNIT_SIGNS.items():
         unit = re.sub(said, sign, unit)
     return unit
 
 
 @cache
 def _registry() -> pint.UnitRegistry[float]:
-    """Return the one registry; imported late because most wires have equal unit strings."""
+    """Return the registry; pint is imported only when two unit strings differ."""
     import pint
 
     return pint.UnitRegistry()
@@ -57,25 +57,25 @@ def parse(unit: str) -> pint.Unit:
     Raises
     ------
     BlockError
-        If pint does not know the unit, or cannot read the string.
+        If pint has no such unit, or cannot parse the string.
     """
     import pint
 
     registry = _registry()
-    # What pint raises for "foo", "3 m", "m**s", "m/", "1/0" and "(", in that order.
+    # Exceptions of pint for "foo", "3 m", "m**s", "m/", "1/0" and "(", in that order.
     bad = pint.PintError, ValueError, TypeError, AssertionError, ZeroDivisionError, TokenError
     try:
         if "Nm" in _names(unit):
-            raise ValueError("a newton metre is 'N*m'")  # to pint it is a measure of yarn
+            raise ValueError("a newton metre is 'N*m'")  # "Nm" is a unit of textile yarn in pint
         found = registry.Unit("" if unit == "1" else unit)
-        found.dimensionality  # noqa: B018 - unknown where a level, such as dB, stands in a product
+        found.dimensionality  # noqa: B018 - raises if a level, such as dB, is in a product
     except bad as error:
-        known = [*registry, *COMMON]
+        known = [*registry, *COMMON_UNITS]
         close = (difflib.get_close_matches(name, known) for name in _names(unit) if name not in known)
-        near = dict.fromkeys(n for names in close for n in names)  # some are common and known to pint
-        reason = str(error) or "it cannot be read"
+        near = dict.fromkeys(n for names in close for n in names)  # without duplicates
+        reason = str(error) or "it cannot be parsed"
         if "delta_" in reason:
-            reason = "levels such as dB cannot be multiplied or divided; leave the unit out"
+            reason = "levels such as dB cannot be multiplied or divided; omit the unit"
         hint = f"; did you mean {' or '.join(map(repr, near))}?" if near else ""
         raise BlockError(f"unknown unit {unit!r}: {reason}{hint}") from error
     return found
@@ -87,24 +87,24 @@ def _names(unit: str) -> list[str]:
 
 
 def check_declared(where: str, unit: object) -> None:
-    """Refuse what is no unit.
+    """Check that a declared unit is valid.
 
     Parameters
     ----------
     where : str
-        What has the unit, for messages.
+        Name of the declaration, for messages.
     unit : object
-        What is declared: one unit, a tuple of one per element, or None.
+        One unit, a tuple of one per element, or None.
 
     Raises
     ------
     BlockError
-        If it is no text, or an unknown unit.
+        If it is not text, or an unknown unit.
     """
     for one in unit if isinstance(unit, tuple) else (unit,):
         if isinstance(one, str):
             try:
-                if not COMMON.issuperset(_names(one)):
+                if not COMMON_UNITS.issuperset(_names(one)):
                     parse(one)
             except BlockError as error:
                 raise BlockError(f"{where}: {error}") from error
@@ -116,7 +116,7 @@ def check_declared(where: str, unit: object) -> None:
 
 @cache
 def mismatch(first: str, second: str) -> str:
-    """Say why two units do not fit; an empty string means that they do.
+    """Return the reason why two units do not fit, or an empty text if they do.
 
     Examples
     --------
@@ -142,7 +142,7 @@ def mismatch(first: str, second: str) -> str:
 
 
 def factor(given: str, wanted: str) -> float:
-    """Return what a number in the unit `given` is multiplied by to be in the unit `wanted`.
+    """Return the factor that converts a number from the unit `given` to the unit `wanted`.
 
     Raises
     ------
@@ -162,5 +162,5 @@ def factor(given: str, wanted: str) -> float:
 
 
 def per_element(unit: Unit, size: int) -> tuple[str | None, ...]:
-    """Return the unit of each of `size` elements that have the `unit`."""
+    """Return the unit of each of `size` elements of a port with this `unit`."""
     return tuple(unit) if isinstance(unit, tuple) else (unit,) * size

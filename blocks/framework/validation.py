@@ -1,4 +1,4 @@
-"""Checks of what users give: numbers, shapes, names."""
+"""Checks of arguments from users: numbers, shapes, names."""
 
 from __future__ import annotations
 
@@ -23,20 +23,20 @@ from trussflow.blocks.framework.errors import (
 from trussflow.blocks.framework.types import Vector
 
 MOST_ELEMENTS = 10_000_000
-"""Elements of one signal; more is a slip, and would fill the memory before anything refuses it."""
+"""Largest number of elements of a signal; a larger one is an error that would exhaust the memory."""
 
 
 def shown(value: object) -> str:
-    """Return how to show what a user gave in a message: short, whatever it is."""
+    """Return a short text of an argument from the user, for messages."""
     try:
         text = value._described().title if isinstance(value, Described) else repr(value)
-    except ValueError:  # whole numbers of more than 4300 digits
+    except ValueError:  # Python does not convert integers of more than 4300 digits
         text = f"a huge {type(value).__name__}"
     return text if len(text) <= 200 else f"{text[:200]}..."
 
 
 def number_array(what: str, value: Any) -> Vector:
-    """Return a `value` [any] as a float array of the shape that it has; `what` it is, messages say.
+    """Return a `value` [any] as a float array of its own shape; messages name it `what`.
 
     Raises
     ------
@@ -58,16 +58,16 @@ def number_array(what: str, value: Any) -> Vector:
 def finite_array(
     what: str, value: Any, shape: tuple[int, ...] | None = None, *, infinite: bool = False
 ) -> Vector:
-    """Return a value as a float array of the shape wanted.
+    """Return a value as a float array of the required shape, finite by default.
 
     Parameters
     ----------
     what : str
-        What it is, for messages.
+        Name of the value, for messages.
     value : array_like
-        What the user gave [any].
+        Value from the user [any].
     shape : tuple of int, optional
-        Shape wanted; a value that can be broadcast to it is [-]. By default any.
+        Required shape [-], to which the value is broadcast; by default any.
     infinite : bool
         Whether infinite numbers are allowed.
 
@@ -89,18 +89,18 @@ def finite_array(
 
 
 def first_element(marked: NDArray[np.bool_]) -> tuple[tuple[int, ...], str]:
-    """Return the index of the first True in `marked`, and how to name it in a message."""
+    """Return the index of the first True in `marked`, and its text for messages."""
     place = tuple(int(i) for i in np.argwhere(marked)[0])
     return place, f" (element {', '.join(map(str, place))})" if place else ""
 
 
 def positive(error: type[Exception] = SimulationError, /, **values: float) -> None:
-    """Refuse `values` [any], times and tolerances, that are zero, negative or not finite, by an `error`.
+    """Check that `values` [any], such as times and tolerances, are positive and finite.
 
     Raises
     ------
     SimulationError
-        Or that error, naming the argument and its value.
+        Or the class `error`, with the argument and its value.
     """
     for name, value in values.items():
         try:
@@ -112,35 +112,35 @@ def positive(error: type[Exception] = SimulationError, /, **values: float) -> No
 
 
 def positive_if_given(**values: float | None) -> None:
-    """Refuse times and tolerances [any] like `positive`; None stands for a default.
+    """Check that values [any] are positive and finite, or None.
 
     Raises
     ------
     SimulationError
-        Naming the argument and its value.
+        With the argument and its value.
     """
     positive(**{name: value for name, value in values.items() if value is not None})
 
 
 def one_of(what: str, name: Any, allowed: Sequence[str], error: type[Exception] = SimulationError) -> None:
-    """Refuse a `name` that is not among those `allowed`, saying `what` it should have been.
+    """Check that a `name` of the kind `what` is among those `allowed`.
 
     Raises
     ------
     SimulationError
-        Or that `error`, listing those there are.
+        Or the class `error`, with a list of the valid names.
     """
     if not isinstance(name, str) or name not in allowed:
         raise error(f"unknown {what} {shown(name)}; choose from: {', '.join(allowed)}")
 
 
 def positive_whole(**values: Any) -> None:
-    """Refuse numbers that are not 1, 2, 3 and so on.
+    """Check that values are whole numbers of at least 1.
 
     Raises
     ------
     SimulationError
-        Naming the argument and its value.
+        With the argument and its value.
     """
     for name, value in values.items():
         if not is_whole(value) or value < 1:
@@ -148,24 +148,24 @@ def positive_whole(**values: Any) -> None:
 
 
 def is_whole(value: object) -> bool:
-    """Tell whether a value is a whole number; True and False are none."""
+    """Return whether a value is a whole number; True and False are not."""
     return isinstance(value, int | np.integer) and not isinstance(value, bool)
 
 
 def as_shape(what: str, shape: Any) -> tuple[int, ...]:
-    """Return a size, or several, as a shape.
+    """Return one or several sizes as a shape.
 
     Parameters
     ----------
     what : str
-        Whose shape it is, for messages.
+        Name of the object, for messages.
     shape : int or sequence of int
-        What was given [-].
+        Size or sizes from the user [-].
 
     Raises
     ------
     BlockError
-        If sizes are no whole numbers from 0 on, or there are more elements than memory holds.
+        If sizes are not whole numbers from 0 on, or there are too many elements.
     """
     sizes = tuple(shape) if isinstance(shape, tuple | list) else (shape,)
     if not all(is_whole(n) and n >= 0 for n in sizes):
@@ -178,45 +178,45 @@ def as_shape(what: str, shape: Any) -> tuple[int, ...]:
 
 
 def yes_or_no(owner: str, name: str, value: object) -> None:
-    """Refuse the `value` of an option `name` of an `owner` if it is neither True nor False.
+    """Check that the `value` of an option `name` of an `owner` is True or False.
 
     Raises
     ------
     BlockError
-        If so.
+        If it is neither.
     """
     if not isinstance(value, bool | np.bool_):
         raise BlockError(f"{owner} needs {name}=True or {name}=False, not {shown(value)}")
 
 
 def one_sign_each(owner: str, signs: Any, allowed: str, such: str) -> None:
-    """Refuse `signs` that are no text of `allowed` ones, one for each input of an `owner`, `such` as these.
+    """Check that `signs` of an `owner` is a text of `allowed` signs; messages give `such` examples.
 
     Raises
     ------
     BlockError
-        If so.
+        If it is empty, not text, or has other characters.
     """
     if not isinstance(signs, str) or not signs or set(signs) - set(allowed):
         raise BlockError(f"{owner} needs {such}, one for each input; got {shown(signs)}")
 
 
 def by_name(what: str, values: Any, names: type | UnionType = str) -> Mapping[Any, Any]:
-    """Return values that a user gave by name; None stands for none.
+    """Return values from the user by name; None gives an empty mapping.
 
     Parameters
     ----------
     what : str
-        What they are, for messages.
+        Name of the argument, for messages.
     values : mapping of str to object, or None
-        What the user gave [any].
+        Values from the user [any].
     names : type
-        What names may be: text, or ports as well.
+        Allowed types of names: text, or also ports.
 
     Raises
     ------
     NameLookupError
-        If it is no mapping, or a name is no text.
+        If it is not a mapping, or a name has another type.
     """
     given = {} if values is None else values
     if not isinstance(given, Mapping):
@@ -228,21 +228,21 @@ def by_name(what: str, values: Any, names: type | UnionType = str) -> Mapping[An
 
 
 def as_path(error: type[Exception], cannot: str, path: Any) -> Path:
-    """Return the `path` of a file that a user gave, to be read or written.
+    """Return the `path` of a file from the user, to be read or written.
 
     Parameters
     ----------
     error : type
-        What to raise.
+        Class of the error.
     cannot : str
-        How its message begins.
+        Beginning of its message.
     path : str or os.PathLike
-        What the user gave; whether there is such a file is not looked at.
+        Path from the user; the file need not exist.
 
     Raises
     ------
     Exception
-        That error, if no file can have such a name.
+        The `error`, if no file can have such a name.
     """
     try:
         found = Path(path)
@@ -250,7 +250,7 @@ def as_path(error: type[Exception], cannot: str, path: Any) -> Path:
         os.lstat(found)
     except (FileNotFoundError, NotADirectoryError, PermissionError):
         pass
-    except (TypeError, ValueError, OSError):  # no text, with a NUL inside, too long
+    except (TypeError, ValueError, OSError):  # not text, contains NUL, or too long
         good = False
     if not good:
         raise error(f"{cannot} {shown(path)}: give the path of a file as text, not too long and without NUL")
@@ -258,14 +258,14 @@ def as_path(error: type[Exception], cannot: str, path: Any) -> Path:
 
 
 def frequencies(omega: Any, fewest: int = 1) -> Vector:
-    """Return frequencies `omega` [rad/s], at least the `fewest` [-] that are needed, as a vector.
+    """Return frequencies `omega` [rad/s] as a vector of at least `fewest` [-] elements.
 
     Raises
     ------
     ParameterError
-        If they are no numbers.
+        If they are not numbers.
     LinearAnalysisError
-        If one is not positive and finite, there are too few, or they are no list.
+        If one is not positive and finite, there are too few, or they are not a list.
     """
     found = np.atleast_1d(number_array("omega", omega))
     if found.ndim > 1 or found.size < fewest:

@@ -1,4 +1,4 @@
-"""What is wired, ports and blocks, is computed with like arrays: that adds a block for each operation."""
+"""Signal operators: arithmetic with ports and blocks, which adds a block for each operation."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 
 def _of(function: np.ufunc, *, swapped: bool = False) -> Callable[..., Port]:
-    """Return the operator that adds the block of a `function`, of its operands in order or `swapped`."""
+    """Return the operator that adds the block of a `function`, with its operands in order or `swapped`."""
 
     def operator(*operands: Any) -> Port:
         given = operands[::-1] if swapped else operands
@@ -27,23 +27,23 @@ def _of(function: np.ufunc, *, swapped: bool = False) -> Callable[..., Port]:
 
 
 class Wired:
-    """Base of ports and blocks: the operators of Python, and NumPy's functions of one or two arrays.
+    """Base of ports and blocks: Python's operators, and NumPy's functions of one or two arrays.
 
-    A block stands for its only output.
+    An operator on a block uses its only output.
     """
 
     __slots__ = ()
 
     def wiring_diagram(self) -> Diagram:
-        """Return the diagram in which it can be wired."""
+        """Return the diagram in which the port or block can be connected."""
         raise NotImplementedError
 
     def _refused(self, *_others: Any, **_more: Any) -> Any:
         what, name = type(self).__name__, getattr(self, "path", "")
         raise WiringError(
-            f"cannot compute with the {what} '{name}' like that: it is no number   [{call_site()}]\n  wires "
-            "are source >> target; a + b, 2 * a, a / b, M @ a, a[0:3], a > 1 and functions of NumPy such as "
-            "np.sin(a) add a block for what they compute; for all else use Function, or @as_block"
+            f"cannot compute with the {what} '{name}' in this way: it is not a number   [{call_site()}]\n  "
+            "connections are source >> target; a + b, 2 * a, a / b, M @ a, a[0:3], a > 1 and functions of "
+            "NumPy such as np.sin(a) add a block; for other operations use Function, or @as_block"
         )
 
     __lshift__ = __rlshift__ = __float__ = __int__ = __array_function__ = _refused
@@ -62,7 +62,7 @@ class Wired:
     __neg__, __abs__, __invert__ = map(_of, (np.negative, np.absolute, np.logical_not))
 
     def __array_ufunc__(self, function: np.ufunc, method: str, *operands: Any, **more: Any) -> Any:
-        """Add the block of a function of NumPy; an array on the left of a wire is refused as a number is."""
+        """Add the block of a function of NumPy; an array on the left of ``>>`` raises `WiringError`."""
         if function is np.right_shift:
             return getattr(self, "__rrshift__", self._refused)(operands[0])
         if method != "__call__" or more or function.nout != 1 or function.nin > 2:

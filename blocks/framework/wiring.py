@@ -1,4 +1,4 @@
-"""What makes a wire legal, and the message when it is not."""
+"""Connection check: shape, unit, frame and dtype of two ports, and their inference."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from trussflow.blocks.framework.units import mismatch
 
 
 def same(first: Port | None, second: Port | None) -> bool:
-    """Tell whether `first` and `second`, if there are two, are the same part of one port."""
+    """Return whether `first` and `second` are the same slice of one port, or both None."""
     if first is None or second is None or first.block is not second.block or first.name != second.name:
         return first is second
     if first.index is None or second.index is None:
@@ -21,7 +21,7 @@ def same(first: Port | None, second: Port | None) -> bool:
 
 
 def overlap(first: Port, second: Port) -> bool:
-    """Tell whether the ports `first` and `second` have elements in common."""
+    """Return whether the ports `first` and `second` have elements in common."""
     if first.block is not second.block or first.name != second.name:
         return False
     whole = first.index is None or second.index is None
@@ -29,7 +29,7 @@ def overlap(first: Port, second: Port) -> bool:
 
 
 def fit(source: Port, target: Port, where: str, candidates: Iterable[Port] = ()) -> None:
-    """Check that two ports fit and fix what one can infer from the other.
+    """Check that two ports fit, and infer open properties of one from the other.
 
     Parameters
     ----------
@@ -57,7 +57,7 @@ def fit(source: Port, target: Port, where: str, candidates: Iterable[Port] = ())
         if not faults:
             _infer(source, target, where)
             faults = _faults(source, target)
-    except WiringError as error:  # units that are not as many as the elements
+    except WiringError as error:  # the numbers of units and elements differ
         raise WiringError(_message(source, target, [str(error)], where)) from error
     if faults:
         better = [c.describe() for c in candidates if _would_fit(c, target)]
@@ -67,7 +67,7 @@ def fit(source: Port, target: Port, where: str, candidates: Iterable[Port] = ())
 
 
 def _would_fit(source: Port, target: Port) -> bool:
-    """Tell whether to suggest another output for an input."""
+    """Return whether an output is a candidate for an input."""
     if source.block is target.block or source.inferable_shape.is_open:
         return False
     try:
@@ -79,7 +79,7 @@ def _would_fit(source: Port, target: Port) -> bool:
 def unite(first: Port, second: Port, where: str) -> None:
     """Check that one wire, made at `where`, can drive both inputs, `first` and `second`.
 
-    They share from then on what they infer.
+    After the check, the inputs share their inferred properties.
 
     Raises
     ------
@@ -93,7 +93,7 @@ def unite(first: Port, second: Port, where: str) -> None:
 
 
 def _infer(source: Port, target: Port, where: str) -> None:
-    """Carry shape, unit and frame over to the port that infers them."""
+    """Infer shape, unit and frame of one port from the other."""
     pairs = [(source.inferable_unit, target.inferable_unit), (source.inferable_frame, target.inferable_frame)]
     if source.index is None and target.index is None:
         for a, b in [(source.inferable_shape, target.inferable_shape), *pairs]:
@@ -107,13 +107,13 @@ def _infer(source: Port, target: Port, where: str) -> None:
 
 
 def _infer_from_slice(known: Inferable, other: Port, shape: tuple[int, ...] | None, where: str) -> None:
-    """Fix the open shape of a whole port from the slice at the wire's other end."""
+    """Fix the open shape of a whole port from the slice at the other end of the wire."""
     if other.index is None and other.inferable_shape.is_open and not known.is_open:
         other.inferable_shape.fix(shape, where)
 
 
 def _faults(source: Port, target: Port) -> list[str]:
-    """Say everything that does not fit."""
+    """Return the list of all properties that do not fit."""
     faults = []
     if source.shape is not None and target.shape is not None and source.shape != target.shape:
         fault = f"shape {source.shape} does not fit {target.shape}"
@@ -141,7 +141,7 @@ def _faults(source: Port, target: Port) -> list[str]:
 
 
 def _origins(source: Port, target: Port, what: str) -> str:
-    """Say which lines gave the ports that infer their shape, unit or frame what they have."""
+    """Return the lines that fixed the inferred shape, unit or frame of the ports."""
     found = [
         (port.path, getattr(port, f"inferable_{what}").origin())
         for port in (source, target)

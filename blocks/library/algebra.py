@@ -1,4 +1,4 @@
-"""Algebra: blocks without memory that compute with signals."""
+"""Algebraic blocks: products, matrix products, selection, concatenation, functions."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ class Gain(Shaped):
         k [output unit / input unit]; one number, or one per element. `MatrixGain` takes
         matrices.
     input_unit, output_unit : str, tuple of str or None
-        Units of u and y, or one per element; where both are None, y has the unit of u.
+        Units of u and y, or one per element; if both are None, y has the unit of u.
     shape : int, tuple of int or None
         Shape of both [-]; None takes it from the gain, or else from the wires.
 
@@ -40,7 +40,7 @@ class Gain(Shaped):
         If gain and shape disagree.
     """
 
-    u = Input(INFERRED, unit=Attribute("input_unit"), frame=INFERRED, meaning="what to multiply")
+    u = Input(INFERRED, unit=Attribute("input_unit"), frame=INFERRED, meaning="signal to multiply")
     y = Output(INFERRED, unit=Attribute("output_unit"), frame=INFERRED, meaning="the product")
     gain = Parameter(shape=None, meaning="k: factor")
 
@@ -81,7 +81,7 @@ class MatrixGain(Block):
     Raises
     ------
     BlockError
-        If the gain is no matrix.
+        If the gain is not a matrix.
     """
 
     u = Input("columns", unit=Attribute("input_unit"), meaning="vector to multiply")
@@ -114,14 +114,14 @@ class Product(Shaped):
     operations : str
         One ``*`` or ``/`` for each input; the inputs are named ``u1``, ``u2``, ...
     units : sequence of str, optional
-        Unit of each input, of which that of the output follows; by default all unchecked.
+        Unit of each input, which determine that of the output; by default all unchecked.
     shape : int, tuple of int or None
         Shape of all signals [-]; None takes it from the wires.
 
     Raises
     ------
     BlockError
-        If `operations` holds anything else, or there are not as many units.
+        If `operations` contains other characters, or the number of units differs.
     """
 
     y = Output(INFERRED, unit=Attribute("output_unit"), meaning="product of the inputs")
@@ -150,7 +150,7 @@ class Product(Shaped):
 
 
 def listed(given: object) -> list[Any]:
-    """Return the elements of a list that was `given`; nothing if it is none."""
+    """Return the elements of `given` as a list; it is empty if the argument is not a sequence."""
     if isinstance(given, Sequence) or (isinstance(given, np.ndarray) and given.ndim > 0):
         return list(given)
     return []
@@ -168,14 +168,14 @@ def unit_of_each(owner: str, units: Any, count: int) -> Sequence[str | None]:
 
 
 class Select(Shaped):
-    """Pick elements of a vector, in any order; to wire a slice, index the port instead.
+    """Select elements of a vector, in any order; to connect a slice, index the port instead.
 
     Parameters
     ----------
     indices : sequence of int
-        Which elements, counted from 0 [-]; negative ones count from the end.
+        Indices of the elements, from 0 [-]; negative ones count from the end.
     size : int, optional
-        Size of the input [-]; by default the wires say.
+        Size of the input [-]; by default inferred from the wires.
     unit : str, tuple of str or None
         Unit of the output, or one per element; None leaves it unchecked.
 
@@ -185,8 +185,8 @@ class Select(Shaped):
         If there are no indices, or one does not fit the size.
     """
 
-    u = Input(INFERRED, meaning="vector to pick from")
-    y = Output("count", unit=Attribute("unit"), meaning="the elements picked")
+    u = Input(INFERRED, meaning="vector to select from")
+    y = Output("count", unit=Attribute("unit"), meaning="the selected elements")
 
     def __init__(self, indices: Sequence[int], *, size: int | None = None, unit: Unit = None) -> None:
         numbers = listed(indices)
@@ -216,19 +216,19 @@ class Select(Shaped):
 
 
 class Concatenate(Block):
-    """Put vectors one behind the other.
+    """Concatenate vectors.
 
     Parameters
     ----------
     sizes : sequence of int
         Size of each input [-]; the inputs are named ``u1``, ``u2``, ...
     units : sequence of str, optional
-        Unit of each input, which its part of the output keeps; by default unchecked.
+        Unit of each input and of its part of the output; by default unchecked.
 
     Raises
     ------
     BlockError
-        If there are no sizes, or not as many units.
+        If there are no sizes, or the number of units differs.
     """
 
     y = Output("size", unit=Attribute("unit"), meaning="all inputs in order")
@@ -257,11 +257,11 @@ class Function(WrappedFunction):
     ----------
     function : callable
         Takes the inputs in order of declaration and returns one array, or a tuple of arrays
-        where there are several outputs. No ``if`` on values (use ``np.where``) and no memory. What it
-        takes from elsewhere (globals, variables around it) is read once, when the block is first traced:
-        what changes between runs must be an input, or another block.
+        if there are several outputs. It must not use ``if`` on values (use ``np.where``) or internal state.
+        Global and enclosing variables are read once, when the block is first traced: data that change
+        between runs must be inputs.
     inputs, outputs : mapping of str to Input or Output, optional
-        The ports; by default ``u`` and ``y`` of one shape, given by the wires.
+        The ports; by default ``u`` and ``y`` of one shape, inferred from the wires.
     unit : str, tuple of str or None
         Unit of the default ports; None leaves them unchecked.
 
@@ -303,6 +303,6 @@ class Function(WrappedFunction):
 
 
 class Terminator(Block):
-    """Take a signal and do nothing with it."""
+    """Sink of an unused signal."""
 
     u = Input(INFERRED, unit=INFERRED, frame=INFERRED, meaning="not used")

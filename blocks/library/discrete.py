@@ -17,8 +17,8 @@ from trussflow.blocks.framework.units import Unit
 from trussflow.blocks.library.linear import Linear, LinearSettings, realization
 from trussflow.blocks.library.signals import Shaped, ShapeLike, finite
 
-LONGEST_DELAY = 100
-"""How many samples a sampled delay may be; more is a slip in one of its times."""
+MAX_DELAY_SAMPLES = 100
+"""Largest number of unit delays in a sampled delay; more indicate an error in one of its times."""
 
 
 class UnitDelay(Shaped):
@@ -66,7 +66,7 @@ class UnitDelay(Shaped):
         return {"y": x.previous}
 
     def update(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
-        """Remember the input."""
+        """Return the input as the next state."""
         return {"previous": u.u}
 
 
@@ -89,7 +89,7 @@ class ZeroOrderHold(Shaped):
     """
 
     u = Input(INFERRED, unit=INFERRED, frame=INFERRED, meaning="signal to sample")
-    y = Output(INFERRED, unit=INFERRED, frame=INFERRED, meaning="its last sample")
+    y = Output(INFERRED, unit=INFERRED, frame=INFERRED, meaning="last sample of the input")
 
     def __init__(self, sample_time: float, *, offset: float = 0.0, shape: ShapeLike = None) -> None:
         super().__init__(shape)
@@ -103,7 +103,7 @@ class ZeroOrderHold(Shaped):
 def sampled_delay(
     sample_time: float, delay: float, initial_value: npt.ArrayLike = 0.0, *, shape: ShapeLike = None
 ) -> Diagram:
-    r"""Return a diagram that samples a signal and shows each sample later: a computer.
+    r"""Return a diagram that samples a signal and delays each sample, as a computer does.
 
     .. math:: y(t) = u(k T_s) \quad\text{for}\quad k T_s + \delta \le t < (k + 1) T_s + \delta
 
@@ -114,28 +114,28 @@ def sampled_delay(
     delay : float
         δ ≥ 0 [s]; the delay is exact, whether or not it is a whole number of samples.
     initial_value : array_like
-        y before the first sample comes out [unit of the input].
+        y before the first sample [unit of the input].
     shape : int, tuple of int or None
         Shape of input and output [-]; None takes it from the initial value, or from the wires.
 
     Returns
     -------
     Diagram
-        With ports u and y.
+        Diagram with ports u and y.
 
     Raises
     ------
     BlockError
-        If a time makes no sense, or their common divisor is below a hundredth of the delay.
+        If a time is not allowed, or their common divisor is below a hundredth of the delay.
     """
     period = finite("sampled_delay", "sample_time", sample_time, above=0.0)
     late = finite("sampled_delay", "delay", delay)
     tick = common_tick([exact(period), exact(late)])
     samples = int(exact(late) / tick)
-    if not 0 <= samples <= LONGEST_DELAY:
+    if not 0 <= samples <= MAX_DELAY_SAMPLES:
         raise BlockError(
-            f"sampled_delay cannot delay samples of {period:g} s by {late:g} s: take 0 to {LONGEST_DELAY} "
-            f"times {float(tick):g} s, the longest time of which both are multiples"
+            f"sampled_delay cannot delay samples of {period:g} s by {late:g} s: take 0 to "
+            f"{MAX_DELAY_SAMPLES} times {float(tick):g} s, the longest time of which both are multiples"
         )
     diagram = Diagram("sampled delay")
     hold = last = diagram.add(hold=ZeroOrderHold(period, shape=shape))

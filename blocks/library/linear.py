@@ -1,4 +1,4 @@
-"""Linear systems: matrices and transfer functions, checked; what the linear blocks share."""
+"""Base class of linear blocks, and checks of matrices and transfer functions."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ Labels = Sequence[str] | None
 
 
 class LinearSettings(TypedDict, total=False):
-    """What any linear block can be told besides its matrices."""
+    """Settings of linear blocks besides their matrices."""
 
     initial_value: npt.ArrayLike
     input_unit: Unit
@@ -43,7 +43,7 @@ class Linear(Block):
     input_unit, output_unit : str, tuple of str or None
         Units of u and y, or one per element; None leaves them unchecked.
     input_names, output_names : sequence of str, optional
-        Names of the signals, for people.
+        Names of the signals, for the descriptions of the ports.
     """
 
     u = Input("input_shape", unit=Attribute("input_unit"), meaning="input")
@@ -88,7 +88,7 @@ class Linear(Block):
 
 
 def _times(matrix: Vector, vector: Array) -> Array:
-    """Return a matrix times a vector; either may stand for one row or column less."""
+    """Return a matrix times a vector; a scalar signal has a vector in place of a matrix."""
     if not shape_of(vector):
         return matrix * vector
     return matrix @ vector
@@ -97,15 +97,15 @@ def _times(matrix: Vector, vector: Array) -> Array:
 def matrices(
     owner: str, A: npt.ArrayLike, B: npt.ArrayLike, C: npt.ArrayLike, D: npt.ArrayLike
 ) -> tuple[Vector, Vector, Vector, Vector]:
-    """Return the matrices of a linear system, checked.
+    """Return the checked matrices of a linear system.
 
     Parameters
     ----------
     owner : str
-        Whose matrices they are, for messages.
+        Name of the block, for messages.
     A, B, C, D : array_like
-        The matrices [any]; B is a vector where the input is a scalar, C where the output is.
-        A scalar D stands for a matrix full of it.
+        The matrices [any]; B is a vector for a scalar input, and C for a scalar output.
+        A scalar D is broadcast to all elements.
 
     Raises
     ------
@@ -118,7 +118,7 @@ def matrices(
         matrix.setflags(write=False)
     n = len(a) if a.ndim else 0
     if a.shape != (n, n) or not n:
-        raise BlockError(f"{owner}: A has shape {a.shape}; it must be square, with a state at least")
+        raise BlockError(f"{owner}: A has shape {a.shape}; it must be square, with at least one state")
     if b.ndim not in (1, 2) or b.shape[0] != n:
         raise BlockError(
             f"{owner}: B has shape {b.shape}; with {n} states it must have shape ({n}, inputs), "
@@ -131,7 +131,7 @@ def matrices(
         )
     wanted = (*c.shape[:-1], *b.shape[1:])
     if d.shape not in ((), wanted):
-        raise BlockError(f"{owner}: D has shape {d.shape}; B and C ask for {wanted}")
+        raise BlockError(f"{owner}: D has shape {d.shape}; B and C require {wanted}")
     return a, b, c, np.broadcast_to(d, wanted)
 
 
@@ -143,15 +143,15 @@ def realization(
     Parameters
     ----------
     owner : str
-        Whose transfer function it is, for messages.
+        Name of the block, for messages.
     numerator, denominator : array_like
         Coefficients, highest power first [any].
 
     Raises
     ------
     BlockError
-        If the coefficients are no vectors, the denominator is zero or constant, or the
-        numerator of higher order.
+        If the coefficients are not vectors, the denominator is zero or constant, or the
+        numerator has a higher order.
     """
     polynomials = []
     for name, value in (("numerator", numerator), ("denominator", denominator)):

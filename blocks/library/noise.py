@@ -1,4 +1,4 @@
-"""Random signals that are the same in every run."""
+"""Random signals that are reproducible in every run."""
 
 from __future__ import annotations
 
@@ -21,20 +21,19 @@ _A12, _A13, _A21, _A23 = 1403580.0, 810728.0, 527612.0, 1370589.0  # their multi
 
 
 def _modulo(a: Array, m: float) -> Array:
-    """Return a mod m, exactly, for whole numbers a below 2^53 in size.
+    """Return a mod m, exactly, for whole numbers a of magnitude below 2^53.
 
-    The quotient, below 2^21, is off by less than half of 2^-32. A quotient that is not
-    whole is farther than that from the next whole number, by 1/m, so it is never rounded
-    to one.
+    The quotient is below 2^21, so its rounding error is less than half of 2^-32. A quotient that is not a
+    whole number differs from the next one by at least 1/m. So it is never rounded to a whole number.
     """
     return a - np.floor(a / m) * m
 
 
 def uniform(first: Array, second: Array) -> tuple[Array, Array, Array]:
-    """Return numbers between 0 and 1, and both states of the generator after that.
+    """Return numbers between 0 and 1, and the next states of the generator.
 
-    It is MRG32k3a, a pair of recurrences of third order whose integers are all exact in
-    doubles, so that NumPy and compiled code draw the same numbers.
+    The generator is MRG32k3a, a pair of recurrences of third order. All of its integers are exact in
+    double precision, so that NumPy and compiled code return the same numbers.
 
     Parameters
     ----------
@@ -54,20 +53,20 @@ def uniform(first: Array, second: Array) -> tuple[Array, Array, Array]:
 
 
 class Noise(Block):
-    r"""Band-limited white Gaussian noise: independent normal numbers, each held for a while.
+    r"""Band-limited white Gaussian noise: independent normal numbers, each held for one sample time.
 
-    Below half the sampling frequency its two-sided power spectral density is about
-    :math:`\sigma^2 T_s`. The numbers depend on the seed and the instant only: a run can be
-    repeated, on any backend (there to rounding) and with any solver.
+    Below half the sampling frequency, its two-sided power spectral density is about
+    :math:`\sigma^2 T_s`. The numbers depend only on the seed and the instant: a run is reproducible with
+    any solver, and up to round-off on any backend.
 
     Parameters
     ----------
     standard_deviation : array_like
-        σ ≥ 0 [unit]; its shape is that of the output, each element its own stream.
+        σ ≥ 0 [unit]; its shape is that of the output, whose elements are independent.
     sample_time : float
         T_s > 0 [s].
     seed : int
-        Which numbers, at least 0 [1]. Give each noise block its own.
+        Seed of the random numbers, at least 0 [1]; use a different one for each noise block.
     mean : array_like
         Mean value [unit].
     unit : str, tuple of str or None
@@ -86,7 +85,7 @@ class Noise(Block):
     second = State((3, "size"), meaning="second recurrence of the generator")
     standard_deviation = Parameter(shape="shape", minimum=0.0, meaning="σ: standard deviation")
     mean = Parameter(shape="shape", meaning="mean value")
-    seed = Parameter(minimum=0.0, meaning="which numbers are drawn")
+    seed = Parameter(minimum=0.0, meaning="seed of the random numbers")
 
     def __init__(
         self,
@@ -104,12 +103,12 @@ class Noise(Block):
         self.sampled(sample_time)
 
     def check_parameters(self, p: Signals) -> None:
-        """Refuse a seed that is not whole."""
+        """Check that the seed is a whole number."""
         if p.seed != np.floor(p.seed):
             raise ParameterError(f"parameter 'seed' of {p.owner} is {p.seed}; it must be a whole number")
 
     def _start(self, seed: Vector) -> tuple[Vector, Vector]:
-        """Return the states of the generator that a seed stands for."""
+        """Return the states of the generator for a seed."""
         words = np.random.SeedSequence(int(seed)).generate_state(6 * self.size).astype(float)
         first, second = words.reshape(2, 3, self.size)
         return first % _M1, second % _M2
@@ -119,21 +118,21 @@ class Noise(Block):
         return self._start(p.seed)[name == "second"]
 
     def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
-        """Return normal numbers made of pairs of uniform ones (Box and Muller, 1958)."""
+        """Return normal numbers from pairs of uniform ones (Box and Muller, 1958)."""
         radius, first, second = uniform(x.first, x.second)
         turn, _, _ = uniform(first, second)
         normal = np.sqrt(-2.0 * np.log(radius)) * np.cos(2.0 * np.pi * turn)
         return {"y": p.mean + p.standard_deviation * np.reshape(normal, self.shape)}
 
     def update(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
-        """Return the generator two numbers further."""
+        """Return the state of the generator after two numbers."""
         _, first, second = uniform(x.first, x.second)
         _, first, second = uniform(first, second)
         return {"first": first, "second": second}
 
 
 class Drift(Noise):
-    r"""A bias that wanders: a random walk, or a first-order Gauss–Markov process.
+    r"""Drifting bias: a random walk, or a first-order Gauss–Markov process.
 
     .. math:: b_{k+1} = \varphi\, b_k + K \sqrt{\tau (1 - \varphi^2) / 2}\; w_k, \qquad
               \varphi = e^{-T_s / \tau}
@@ -149,13 +148,13 @@ class Drift(Noise):
     sample_time : float
         T_s > 0 [s].
     seed : int
-        Which numbers, at least 0 [1]. Give each noise block its own.
+        Seed of the random numbers, at least 0 [1]; use a different one for each noise block.
     shape : int, tuple of int
-        Shape of the output; each element drifts on its own.
+        Shape of the output, whose elements are independent.
     correlation_time : float, optional
         τ > 0 [s]; by default infinite.
     initial_deviation : float
-        Standard deviation of the bias at time 0, drawn by the seed too [unit].
+        Standard deviation of the bias at time 0, which also depends on the seed [unit].
     unit : str, tuple of str or None
         Unit of the output, or one per element; None leaves it unchecked.
 
@@ -207,6 +206,6 @@ class Drift(Noise):
         return {"y": x.bias}
 
     def update(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
-        """Return the bias one step further, and the generator."""
+        """Return the next bias and the next state of the generator."""
         step = super().output(t, x, u, p)["y"]
         return super().update(t, x, u, p) | {"bias": self.memory * x.bias + step}

@@ -33,7 +33,7 @@ class Limits(Shaped):
         super().__init__(shape, lower=lower, upper=upper)
 
     def check_parameters(self, p: Signals) -> None:
-        """Refuse limits that contradict each other."""
+        """Check that no lower limit exceeds the upper one."""
         if p.lower.shape and p.upper.shape and p.lower.shape != p.upper.shape:
             return  # refused by shape
         if not np.all(p.lower <= p.upper):
@@ -67,7 +67,7 @@ class Saturation(Limits):
 
 
 class DeadZone(Limits):
-    r"""Pass on only what lies outside a zone: :math:`y = u - \min(\max(u, l), h)`.
+    r"""Dead zone: :math:`y = u - \min(\max(u, l), h)`.
 
     Parameters
     ----------
@@ -82,15 +82,15 @@ class DeadZone(Limits):
         If a lower limit exceeds the upper one, or shapes disagree.
     """
 
-    y = Output(INFERRED, unit=INFERRED, frame=INFERRED, meaning="what lies outside the zone")
+    y = Output(INFERRED, unit=INFERRED, frame=INFERRED, meaning="distance of the input from the zone")
 
     def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
-        """Return what lies outside the zone."""
+        """Return the signed distance of the input from the zone."""
         return {"y": u.u - limited(u.u, p.lower, p.upper)}
 
 
 class Remembering(Shaped):
-    """Base of sampled blocks that remember their last output, y.
+    """Base of sampled blocks with their last output, y, as state.
 
     Parameters
     ----------
@@ -103,7 +103,7 @@ class Remembering(Shaped):
     previous = State(INFERRED, meaning="output of the sample before")
 
     def update(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
-        """Remember the output."""
+        """Return the output as the next state."""
         return {"previous": self.output(t, x, u, p)["y"]}
 
 

@@ -1,4 +1,4 @@
-"""Limits and piecewise polynomials, written so that they can be traced."""
+"""Limits and piecewise polynomials that can be traced."""
 
 from __future__ import annotations
 
@@ -12,19 +12,19 @@ from trussflow.blocks.framework.types import Array, Vector
 from trussflow.blocks.framework.validation import finite_array, shown
 
 NO_LIMIT = 1e300
-"""Size of limits that never act [any]."""
+"""Magnitude of limits without effect [any]."""
 
 
 def row_for_each(owner: str, **table: npt.ArrayLike) -> tuple[Vector, Vector]:
-    """Return the two columns of a table, checked.
+    """Return the two checked columns of a table.
 
     Parameters
     ----------
     owner : str
-        What the table belongs to, for messages.
+        Name of the block, for messages.
     **table : array_like
-        What the user gave, by the names of the arguments: increasing points, at least two, then a
-        number, or a row, for each [any].
+        Columns from the user by argument name: at least two increasing points, then a number or a row
+        for each point [any].
 
     Raises
     ------
@@ -43,14 +43,14 @@ def row_for_each(owner: str, **table: npt.ArrayLike) -> tuple[Vector, Vector]:
 
 
 def limited(x: Array, lower: Array, upper: Array) -> Array:
-    """Return `x` between two limits, and NaN where it is NaN.
+    """Return `x` limited to a range; NaN stays NaN.
 
-    In CasADi's interpreter, `np.clip` would turn NaN into one of the limits.
+    In CasADi's interpreter, `np.clip` would replace NaN by one of the limits.
 
     Parameters
     ----------
     x : array
-        What to limit [any].
+        Array to limit [any].
     lower, upper : array
         The limits [unit of x].
     """
@@ -58,14 +58,14 @@ def limited(x: Array, lower: Array, upper: Array) -> Array:
 
 
 def piece(x: Array, starts: Vector, tables: Sequence[Vector]) -> list[Array]:
-    """Return, from each table, the row of the piece in which `x` lies.
+    """Return the row of each table for the piece that contains `x`.
 
     Parameters
     ----------
     x : array, shape ()
-        Where to look [any].
+        Independent variable [any].
     starts : Vector, shape (k,)
-        Where the pieces start, increasing [unit of x]; the first also serves all before it.
+        Increasing start points of the pieces [unit of x]; the first piece also covers smaller `x`.
     tables : sequence of Vector, shape (k, ...)
         One row for each piece [any].
     """
@@ -82,7 +82,7 @@ def polynomial(x: Array, coefficients: Sequence[Array]) -> Array:
     Parameters
     ----------
     x : array
-        Where to evaluate [any].
+        Independent variable [any].
     coefficients : sequence of array
         Coefficients of 1, x, x^2, ... [any].
     """

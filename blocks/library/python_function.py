@@ -20,21 +20,20 @@ from trussflow.blocks.library.signals import WrappedFunction
 
 
 class PythonFunction(WrappedFunction):
-    """Call any Python function, at each sample, whose result is held, or in continuous time.
+    """Call any Python function, at each sample with a held result, or in continuous time.
 
-    The function is called as it is, never traced, so it may use ``if``, libraries, files. It costs some
-    microseconds for each sample, and the diagram cannot become C code. In continuous time it is called at
-    every stage of the solver, four times in a step of RK4, and steps are taken in Python: some 100 µs each,
-    where a small compiled diagram takes less than one. It should keep nothing between calls: a second run
-    would start from there.
-    What needs memory that is fresh in each run is a block with states, or one whose `open` returns a
+    The function is not traced, so it may use ``if``, libraries and files. A call takes some microseconds,
+    and the diagram cannot become C code. In continuous time, the function is called at every stage of the
+    solver, four times in a step of RK4. Steps are then taken in Python: some 100 µs each, compared with
+    less than 1 µs for a small compiled diagram. The function should have no internal state, which a
+    second run would not reset. For internal state, use a block with states, or a block whose `open` returns a
     `Running`.
 
     Parameters
     ----------
     function : callable
         Takes the inputs in order of declaration, as NumPy arrays, and returns one array, or
-        a tuple of arrays where there are several outputs.
+        a tuple of arrays if there are several outputs.
     sample_time : float, optional
         Time between calls [s]; by default the function computes in continuous time.
     inputs, outputs : mapping of str to Input or Output
@@ -73,10 +72,11 @@ def as_block(
 def as_block(
     function: Any = None, *, traced: bool = True, sample_time: float | None = None, **ports: Input | Output
 ) -> Any:
-    """Make blocks of a function: a decorator.
+    """Convert a function to a constructor of blocks: a decorator.
 
-    The function then returns a block. Called with ports, or with blocks that have one output, it puts the
-    block into their diagram and wires them to its inputs, in order: ``law(sensor.y, 2.0 * b.y) >> motor.u``.
+    The decorated function returns a block. If it is called with ports, or with blocks that have one output,
+    it adds the block to their diagram and connects them to its inputs in order:
+    ``law(sensor.y, 2.0 * b.y) >> motor.u``.
 
     Parameters
     ----------
@@ -87,9 +87,9 @@ def as_block(
     sample_time : float, optional
         Time between calls [s]; by default the block is continuous.
     **ports : Input or Output
-        What is declared of the inputs, by the names of the arguments, and the outputs. Where nothing is, the
-        output is ``y``, or ``value`` if an argument is y, and shapes are those of the ports that the function
-        is called with. What is left open, or wired later, is all of one shape, which wires tell.
+        Declarations of the inputs, by the names of the arguments, and of the outputs. The default output is
+        ``y``, or ``value`` if an argument is y. Default shapes are those of the ports in the call. Shapes
+        that are still open are equal, and inferred from the wires.
 
     Returns
     -------
@@ -148,15 +148,15 @@ def as_block(
         return block
 
     made = update_wrapper(new, function)
-    function.__qualname__ += ".__wrapped__"  # where pickle finds it
+    function.__qualname__ += ".__wrapped__"  # the name under which pickle finds it
     return made
 
 
 def _declared(
     function: Callable[..., Any], names: Iterable[str], shapes: Sequence[tuple[int, ...]]
 ) -> tuple[dict[str, Input], dict[str, Output]]:
-    """Return the ports of a function of arrays of these shapes; what it returns tells its output's."""
-    some = np.random.default_rng(0).random  # ones would make matrices that cannot be inverted
+    """Return the ports of a function of arrays of these shapes; a call gives the shape of the output."""
+    some = np.random.default_rng(0).random  # arrays of ones would be singular matrices
     with (
         np.errstate(all="ignore"),
         Explained(lambda error: BlockError(f"{function.__name__} of arrays of shapes {shapes}: {error}")),

@@ -12,8 +12,8 @@ from trussflow.blocks.framework.port import Input, Output
 from trussflow.blocks.framework.types import Array
 from trussflow.blocks.framework.validation import finite_array
 
-UPRIGHT = 1.0
-"""How fast the length of the quaternion goes back to one [1/s]."""
+NORM_CORRECTION_RATE = 1.0
+"""Rate at which the length of the quaternion returns to one [1/s]."""
 
 
 class RigidBody(Block):
@@ -22,9 +22,9 @@ class RigidBody(Block):
     .. math:: m \dot v = R(q) f + m g, \quad \dot r = v, \qquad
         J \dot\omega = \tau - \omega \times J \omega, \quad \dot q = \tfrac12 q \circ (0, \omega)
 
-    q = (w, x, y, z) turns vectors of the body frame into the world frame, R is its matrix; force, torque and
-    angular velocity are given in the body frame, all else in the world frame. The center of mass is the
-    origin. The length of q is kept by an additional :math:`(1 - q^T q) q` in its rate.
+    q = (w, x, y, z) rotates vectors from the body frame to the world frame, R is its matrix. Force, torque
+    and angular velocity are in the body frame, other vectors in the world frame. The center of mass is the
+    origin. An additional term :math:`(1 - q^T q) q` in the rate of q stabilizes its length.
 
     Parameters
     ----------
@@ -89,7 +89,7 @@ class RigidBody(Block):
         )
 
     def check_parameters(self, p: Signals) -> None:
-        """Refuse what is no inertia, and no attitude."""
+        """Check the inertia and the attitude."""
         J = p.inertia
         if abs(J - J.T).max() > 1e-9 * abs(J).max() or np.linalg.eigvalsh(J).min() <= 0:
             raise ParameterError(
@@ -109,13 +109,13 @@ class RigidBody(Block):
         return {
             "r": x.v,
             "v": _matrix(x.q) @ u.force / p.mass + p.gravity,
-            "q": 0.5 * spin + UPRIGHT * (1.0 - x.q @ x.q) * x.q,
+            "q": 0.5 * spin + NORM_CORRECTION_RATE * (1.0 - x.q @ x.q) * x.q,
             "w": np.linalg.solve(p.inertia, u.torque - np.cross(x.w, momentum)),
         }
 
 
 def _matrix(q: Array) -> Array:
-    """Return the rotation of a quaternion, whatever its length."""
+    """Return the rotation matrix of a quaternion of any length."""
     w, x, y, z = q[0], q[1], q[2], q[3]
     rows = [
         np.stack([w * w + x * x - y * y - z * z, 2.0 * (x * y - w * z), 2.0 * (x * z + w * y)]),

@@ -1,4 +1,4 @@
-"""What the library's blocks share: the shape of their signals, and units of rates."""
+"""Base classes of library blocks: signals of one shape, wrapped functions; units of rates."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from trussflow.blocks.framework.units import Unit, check_declared
 from trussflow.blocks.framework.validation import as_shape, by_name, finite_array, shown
 
 ShapeLike = int | tuple[int, ...] | None
-"""A size, a shape, or None where wires decide."""
+"""A size, a shape, or None for a shape inferred from the wires."""
 
 
 class Shaped(Block):
@@ -26,14 +26,14 @@ class Shaped(Block):
     Parameters
     ----------
     shape : int, tuple of int or None
-        What the user asked for; None leaves it to the parameters, or else to the wires.
+        Shape from the user; None takes it from the parameters, or else from the wires.
     **parameters : array_like
         Parameters of the block; those that are not scalars have one value per element.
 
     Raises
     ------
     ParameterError
-        If a parameter has another shape than the user, or another parameter, says.
+        If the shape of a parameter differs from that of the user, or of another parameter.
     """
 
     def __init__(self, shape: ShapeLike = None, **parameters: object) -> None:
@@ -61,7 +61,7 @@ def per_time(unit: Unit, power: int = 1) -> Unit:
     unit : str, tuple of str or None
         Unit of the quantity, or one per element.
     power : int
-        How often it is derived.
+        Order of the time derivative [-].
 
     Examples
     --------
@@ -77,11 +77,11 @@ def per_time(unit: Unit, power: int = 1) -> Unit:
 
 
 VELOCITY_UNIT, ACCELERATION_UNIT = Attribute("velocity_unit"), Attribute("acceleration_unit")
-"""Units of ports, as `set_motion_units` notes them."""
+"""Units of ports, which `set_motion_units` sets."""
 
 
 def set_motion_units(block: Block, unit: Unit) -> None:
-    """Note the units of a position and of its rates, as the ports of a block look them up.
+    """Set the attributes of a block with the units of a position and its rates, to which ports refer.
 
     Parameters
     ----------
@@ -100,15 +100,15 @@ class WrappedFunction(Block):
     ----------
     function : callable
         Takes the inputs in order of declaration and returns one array, or a tuple of arrays
-        where there are several outputs.
+        if there are several outputs.
     inputs, outputs : mapping of str to Input or Output
         The ports.
 
     Raises
     ------
     BlockError
-        If there is no output, a name stands for two ports, something else is declared, or the function
-        takes another number of arguments.
+        If there is no output, two ports have the same name, a declaration is not a port, or the function
+        has another number of arguments.
     """
 
     def __init__(
@@ -137,11 +137,11 @@ class WrappedFunction(Block):
                 f"{owner}: the function {_described(function)} is called with the inputs, "
                 f"({', '.join(inputs)}): {error}; time is no argument, and inputs= declares more inputs"
             ) from None
-        except ValueError:  # one of NumPy's, which does not tell
+        except ValueError:  # a function of NumPy without a signature
             pass
 
     def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
-        """Return what the function returns."""
+        """Return the results of the function by output."""
         results = self._function(*(u[port.name] for port in self.inputs()))
         names = [port.name for port in self.outputs()]
         if len(names) == 1:
@@ -156,29 +156,29 @@ class WrappedFunction(Block):
 
 
 def _described(function: Callable[..., Any]) -> str:
-    """Return the name of a function, and where it is."""
+    """Return the name of a function, and its file and line."""
     name, code = getattr(function, "__name__", repr(function)), getattr(function, "__code__", None)
     return name if code is None else f"{name} ({code.co_filename}:{code.co_firstlineno})"
 
 
 def finite(owner: str, name: str, value: float, above: float = -inf) -> float:
-    """Return a structural number, checked as parameters are.
+    """Return a checked structural number.
 
     Parameters
     ----------
     owner : str
-        What the block is called in error messages.
+        Name of the block, for messages.
     name : str
-        What the number is called.
+        Name of the number.
     value : float
-        What the user gives [any].
+        Value from the user [any].
     above : float
-        What it must be greater than [the same].
+        Exclusive lower bound [the same].
 
     Raises
     ------
     BlockError
-        If it is no finite number above the bound.
+        If it is not a finite number above the bound.
     """
     number = float(finite_array(f"'{name}' of {owner}", value, ()))
     if number <= above:

@@ -1,6 +1,6 @@
-"""What switches: relays, switches, pulses, integrators with limits and resets, ends of runs.
+"""Switching blocks: relays, switches, pulses, limited integrators with resets, stop conditions.
 
-When they switch is located, with every solver: they declare events and modes.
+They declare events and modes, so every solver locates the switching times.
 """
 
 from __future__ import annotations
@@ -25,11 +25,11 @@ from trussflow.blocks.library.sources import Source
 
 
 class Relay(Shaped):
-    r"""Switch on above one level, and off below a lower one: hysteresis.
+    r"""Relay with hysteresis: it switches on above one level, and off below a lower one.
 
     .. math:: y = y_1 \text{ once } u \ge h, \qquad y = y_0 \text{ once } u \le l
 
-    Between the levels it stays as it was; at the start as `start_on` says.
+    Between the levels, the output does not change; `start_on` determines its initial value there.
 
     Parameters
     ----------
@@ -50,7 +50,7 @@ class Relay(Shaped):
         If the levels contradict each other, or shapes disagree.
     """
 
-    u = Input(INFERRED, meaning="what it looks at")
+    u = Input(INFERRED, meaning="signal to compare with the levels")
     y = Output(INFERRED, unit=Attribute("unit"), meaning="one of two values")
     is_on = Mode(0.0, INFERRED, meaning="whether it is on")
     rises = Event("rising", INFERRED)
@@ -76,22 +76,22 @@ class Relay(Shaped):
         super().__init__(shape, upper=upper, lower=upper if lower is None else lower, on=on, off=off)
 
     def check_parameters(self, p: Signals) -> None:
-        """Refuse levels that contradict each other."""
+        """Check that no lower level exceeds the upper one."""
         if not np.all(p.lower <= p.upper):
             raise ParameterError(
                 f"the lower level of {p.owner} exceeds the upper one: {p.lower} and {p.upper}"
             )
 
     def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
-        """Return the value while on, or that while off."""
+        """Return the value of the on or off state."""
         return {"y": np.where(x.is_on > 0.5, p.on, p.off)}
 
     def initial_state(self, u: Signals, p: Signals) -> Values:
-        """Be on, or off, where the input says so."""
+        """Return the initial mode from the input."""
         return {"is_on": np.where(u.u >= p.upper, 1.0, np.where(u.u <= p.lower, 0.0, float(self.start_on)))}
 
     def indicators(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
-        """Return how far the input is above the levels."""
+        """Return the distance of the input above the levels."""
         return {"rises": u.u - p.upper, "falls": u.u - p.lower}
 
     def on_event(self, t: Array, x: Signals, u: Signals, p: Signals, fired: Signals) -> Values:
@@ -100,15 +100,15 @@ class Relay(Shaped):
 
 
 class Switch(Shaped):
-    r"""Pass on one of several signals, as a control signal says.
+    r"""Select one of several signals by a control signal.
 
     .. math:: y = u_{1 + n}, \qquad n = \text{number of thresholds that } c \text{ has reached}
 
     Parameters
     ----------
     thresholds : float or sequence of float
-        Increasing [unit of the control]; there is one signal more, ``u1``, ``u2``, ... One threshold makes a
-        switch between two; 0.5, 1.5 and 2.5 choose among four by the number 0, 1, 2 or 3.
+        Increasing thresholds [unit of the control], one less than the signals ``u1``, ``u2``, ... One
+        threshold selects between two signals; 0.5, 1.5 and 2.5 among four by the number 0, 1, 2 or 3.
     shape : int, tuple of int or None
         Shape of the signals [-]; None takes it from the wires.
 
@@ -119,13 +119,13 @@ class Switch(Shaped):
 
     Notes
     -----
-    Where the control jumps (it is sampled, or comes from outside), the switch follows at once, but what is
-    logged at that very instant is still the signal before.
+    If the control jumps (it is sampled, or an external input), the switch follows at the same time, but the
+    log of that instant still has the signal before.
     """
 
-    control = Input(meaning="c: what chooses")
-    y = Output(INFERRED, unit=INFERRED, frame=INFERRED, meaning="the signal chosen")
-    reached = Mode(0.0, "number", meaning="which thresholds are reached")
+    control = Input(meaning="c: control signal")
+    y = Output(INFERRED, unit=INFERRED, frame=INFERRED, meaning="the selected signal")
+    reached = Mode(0.0, "number", meaning="whether each threshold is reached")
     rises, falls = Event("rising", "number"), Event("falling", "number")
 
     def __init__(self, thresholds: float | Sequence[float] = 0.5, *, shape: ShapeLike = None) -> None:
@@ -140,18 +140,18 @@ class Switch(Shaped):
         super().__init__(shape)
 
     def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
-        """Return the signal behind the last threshold reached."""
+        """Return the signal of the last threshold reached."""
         chosen = u.u1
         for i in range(self.number):
             chosen = np.where(x.reached[i] > 0.5, u[f"u{i + 2}"], chosen)
         return {"y": chosen}
 
     def initial_state(self, u: Signals, p: Signals) -> Values:
-        """Begin with the thresholds that the control has reached."""
+        """Return the thresholds that the control has reached at the start."""
         return {"reached": np.where(u.control >= self.thresholds, 1.0, 0.0)}
 
     def indicators(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
-        """Return how far the control is above the thresholds."""
+        """Return the distance of the control above the thresholds."""
         return {"rises": u.control - self.thresholds, "falls": u.control - self.thresholds}
 
     def on_event(self, t: Array, x: Signals, u: Signals, p: Signals, fired: Signals) -> Values:
@@ -160,11 +160,11 @@ class Switch(Shaped):
 
 
 class Pulse(Source):
-    r"""A train of pulses, a square wave: high for a part of each period.
+    r"""Pulse train (square wave): high for a part of each period.
 
     .. math:: y = y_1 \text{ for } 0 \le t - t_0 - k T < w T, \; k \ge 0, \qquad y = y_0 \text{ otherwise}
 
-    Each edge is met exactly, with every solver.
+    Every solver stops exactly at each edge.
 
     Parameters
     ----------
@@ -173,7 +173,7 @@ class Pulse(Source):
     width : float
         w: part of the period for which it is high, between 0 and 1 [-].
     delay : float
-        t_0: the first edge up [s].
+        t_0: time of the first rising edge [s].
     high, low : array_like
         y_1 and y_0 [unit].
     unit : str, tuple of str or None
@@ -182,11 +182,11 @@ class Pulse(Source):
     Raises
     ------
     BlockError
-        If a time makes no sense.
+        If a time is not allowed.
     """
 
     is_high = Mode(0.0, meaning="whether it is high")
-    next_edge = Mode(-NO_LIMIT, meaning="when it changes next")
+    next_edge = Mode(-NO_LIMIT, meaning="time of the next edge")
     edge = Event("time")
     high = Parameter(shape="shape", meaning="y_1")
     low = Parameter(shape="shape", meaning="y_0")
@@ -210,7 +210,7 @@ class Pulse(Source):
         super().__init__(unit, high=high, low=low)
 
     def _at(self, t: Array) -> Values:
-        """Return the modes from a time on; one that is an edge, but for round-off, counts as behind it."""
+        """Return the modes from a time on; a time equal to that of an edge up to round-off is after it."""
         turns = (t - self.delay) / self.period
         begun = np.maximum(np.floor(turns + 1e-9), -1.0)
         high = np.logical_and(begun >= 0.0, turns - begun < self.width - 1e-9)
@@ -218,7 +218,7 @@ class Pulse(Source):
         return {"is_high": np.where(high, 1.0, 0.0), "next_edge": next_edge}
 
     def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
-        """Return the value; at the start, whenever that is, there was no edge yet."""
+        """Return the value; before the first event it is computed from the time."""
         is_high: Array = np.where(x.next_edge > -NO_LIMIT, x.is_high, self._at(t)["is_high"])
         return {"y": np.where(is_high > 0.5, p.high, p.low)}
 
@@ -227,16 +227,16 @@ class Pulse(Source):
         return {"edge": x.next_edge}
 
     def on_event(self, t: Array, x: Signals, u: Signals, p: Signals, fired: Signals) -> Values:
-        """Go up or down."""
+        """Return the modes after an edge."""
         return self._at(t)
 
 
 class LimitedIntegrator(Integrator):
-    r"""Integrate a signal between limits, with a reset and a start from outside.
+    r"""Integrate a signal between limits, with an optional reset and an external initial value.
 
     .. math:: \dot y = u \text{ while } l < y < h, \text{ at limits inwards}; \; y = y_0 \text{ at resets}
 
-    Limits and resets are located: the integral does not go beyond a limit.
+    The solver locates limits and resets, so the integral does not exceed a limit.
 
     Parameters
     ----------
@@ -245,7 +245,8 @@ class LimitedIntegrator(Integrator):
     lower, upper : array_like
         l < h [unit]; by default none.
     reset : str or None
-        ``"rising"``, ``"falling"`` or ``"both"``: which zero crossing of an input ``reset`` sets it back.
+        Direction of the zero crossing of an input ``reset`` that resets the integral: ``"rising"``,
+        ``"falling"`` or ``"both"``.
     start_from_input : bool
         Whether y_0 is an input ``start``, instead of the initial value.
     unit : str, tuple of str or None
@@ -282,7 +283,7 @@ class LimitedIntegrator(Integrator):
         self.extra_ports, self.has_reset = {}, reset is not None
         if reset is not None:
             one_of("reset", reset, ("rising", "falling", "both"), BlockError)
-            self.extra_ports["reset"] = Input(meaning="sets the integral back where it crosses zero")
+            self.extra_ports["reset"] = Input(meaning="resets the integral when it crosses zero")
             self._declared = {**self._declared, "again": Event(reset)}
         if start_from_input:
             self.extra_ports["start"] = Input(INFERRED, unit=Attribute("unit"), meaning="y_0")
@@ -290,14 +291,14 @@ class LimitedIntegrator(Integrator):
         Shaped.__init__(self, shape, initial_value=initial_value, lower=lower, upper=upper)
 
     def check_parameters(self, p: Signals) -> None:
-        """Refuse limits that contradict each other."""
+        """Check that each lower limit is below the upper one."""
         if not np.all(p.lower < p.upper):
             raise ParameterError(
                 f"the lower limit of {p.owner} must be below the upper one: {p.lower}, {p.upper}"
             )
 
     def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
-        """Return the integral; a solver's interpolation may exceed a limit by its error."""
+        """Return the limited integral, as the interpolation of a solver may exceed a limit."""
         return {"y": limited(x.integral, p.lower, p.upper)}
 
     def derivative(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
@@ -306,17 +307,17 @@ class LimitedIntegrator(Integrator):
         return {"integral": np.where(x.side == 0.0, u.u, inwards)}
 
     def _start(self, u: Signals, p: Signals) -> Values:
-        """Return where the integral starts."""
+        """Return the initial integral and mode."""
         begin = limited(u.start if self.start_from_input else p.initial_value + 0.0 * u.u, p.lower, p.upper)
         outwards = np.where(begin >= p.upper, u.u > 0.0, np.logical_and(begin <= p.lower, u.u < 0.0))
         return {"integral": begin, "side": np.where(outwards, np.sign(u.u), 0.0)}
 
     def initial_state(self, u: Signals, p: Signals) -> Values:
-        """Start at the start, within the limits."""
+        """Return the initial integral and mode, within the limits."""
         return self._start(u, p)
 
     def indicators(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
-        """Return how far the integral is from the limits, and where the input points."""
+        """Return the distance of the integral from the limits, and the input."""
         resets = {"again": u.reset} if self.has_reset else {}
         return resets | {
             "high": x.integral - p.upper,
@@ -326,7 +327,7 @@ class LimitedIntegrator(Integrator):
         }
 
     def on_event(self, t: Array, x: Signals, u: Signals, p: Signals, fired: Signals) -> Values:
-        """Stop at a limit, leave it, or start again."""
+        """Stop at a limit, leave it, or reset."""
         high, low = np.logical_and(fired.high, u.u > 0.0), np.logical_and(fired.low, u.u < 0.0)
         integral = np.where(high, p.upper, np.where(low, p.lower, x.integral))
         leaves = np.where(x.side > 0.5, fired.leaves_high, np.logical_and(x.side < -0.5, fired.leaves_low))
@@ -341,23 +342,23 @@ class LimitedIntegrator(Integrator):
 
 
 class StopWhen(Block):
-    """End the run where a signal rises through zero.
+    """End the run when a signal rises through zero.
 
-    Wire ``a - b``, or a comparison, ``a > b``: it ends the run where it becomes true. What is true, or above
-    zero, at the start ends it only where it rises again; what is zero there, where it first becomes positive.
-    The result has the rows before, the status "ended", and what ended it and when in its attribute "ended";
-    the time is located. `Session.advance` raises a `RunEndedError`. It is a Python block: steps are taken in
-    Python.
+    Connect ``a - b``, or a comparison ``a > b``, which ends the run when it becomes true. A signal that is
+    positive at the start ends the run only when it rises again; a signal that is zero, when it first becomes
+    positive. The solver locates the time. The result has the rows before, the status "ended", and the block
+    and time in its attribute "ended". `Session.advance` raises a `RunEndedError`. It is a Python block, so
+    steps are taken in Python.
 
     Parameters
     ----------
     message : str
-        What the result says of it.
+        Text for the attribute "ended" of the result.
     """
 
     traced: ClassVar[bool] = False
 
-    u = Input(meaning="what rises through zero")
+    u = Input(meaning="signal that ends the run")
     ends = Event("rising")
 
     def __init__(self, message: object = "") -> None:

@@ -21,19 +21,19 @@ from trussflow.blocks.library.piecewise import limited, piece, row_for_each
 class Interpolation:
     """Linear interpolation that can be traced.
 
-    The points become constants of the compiled code, and each evaluation looks at every
-    point; beyond some hundred points, use a `PythonFunction`.
+    The points become constants of the compiled code, and each evaluation uses every point. For more than
+    some hundred points, use a `PythonFunction`.
 
     Parameters
     ----------
     owner : str
-        What the table belongs to, for messages.
+        Name of the block, for messages.
     points : array_like, shape (k,)
-        Increasing [any], at least two.
+        At least two increasing points [any].
     values : array_like, shape (k,) or (k, n)
         One row for each point [any].
     extrapolate : bool
-        Whether the first and the last piece go on outside; otherwise the end values hold.
+        Whether the first and the last piece are extrapolated; otherwise the end values are held.
 
     Raises
     ------
@@ -57,14 +57,14 @@ class Interpolation:
 
 
 class Table(Block):
-    """Look each element of the input up in one table, by linear interpolation.
+    """Look up each element of the input in a table, by linear interpolation.
 
     Parameters
     ----------
     points, values : array_like, shape (k,)
-        Inputs, increasing, and the outputs there [input unit, output unit].
+        Increasing inputs, and the outputs at these points [input unit, output unit].
     extrapolate : bool
-        Whether the first and the last piece go on outside; otherwise the end values hold.
+        Whether the first and the last piece are extrapolated; otherwise the end values are held.
     input_unit, output_unit : str, tuple of str or None
         Units of input and output; None leaves them unchecked.
 
@@ -74,8 +74,8 @@ class Table(Block):
         If the points do not increase, or the values do not match them.
     """
 
-    u = Input(INFERRED, unit=Attribute("input_unit"), meaning="where to look")
-    y = Output(INFERRED, unit=Attribute("output_unit"), meaning="what the table says")
+    u = Input(INFERRED, unit=Attribute("input_unit"), meaning="independent variable")
+    y = Output(INFERRED, unit=Attribute("output_unit"), meaning="interpolated value")
 
     def __init__(
         self,
@@ -90,32 +90,32 @@ class Table(Block):
         self._table = Interpolation("Table", points, values, extrapolate)
         if self._table.values.ndim != 1:
             raise BlockError(
-                f"Table has values of shape {self._table.values.shape}; it looks one number up "
+                f"Table has values of shape {self._table.values.shape}; it returns one number "
                 "per element of its input. Add one Table for each column"
             )
         super().__init__()
 
     def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
-        """Return what the table says."""
+        """Return the interpolated values."""
         return {"y": self._table(u.u)}
 
 
 class GridTable(Block):
-    r"""Look one number, or one array, up in a table of several variables, by multilinear interpolation.
+    r"""Look up a number or an array in a table of several variables, by multilinear interpolation.
 
     .. math:: y = \sum_{i, j, \dots} w_i(u_1) w_j(u_2) \cdots v_{i j \cdots}
 
-    with the hat functions w of each axis. Each evaluation looks at every point of the grid; beyond some
-    thousand, use a `PythonFunction`.
+    with the hat functions w of each axis. Each evaluation uses every point of the grid. For more than some
+    thousand points, use a `PythonFunction`.
 
     Parameters
     ----------
     axes : sequence of array_like
         Increasing points of each variable [unit of that input]; the inputs are named ``u1``, ``u2``, ...
     values : array_like
-        The outputs on the grid, one axis for each variable, those of y behind them [output unit].
+        Outputs on the grid, with one axis for each variable, followed by the axes of y [output unit].
     extrapolate : bool
-        Whether the first and the last piece go on outside; otherwise the end values hold.
+        Whether the first and the last piece are extrapolated; otherwise the end values are held.
     units : sequence of str, optional
         Unit of each input; by default unchecked.
     output_unit : str, tuple of str or None
@@ -127,7 +127,7 @@ class GridTable(Block):
         If points do not increase, or the values do not match them.
     """
 
-    y = Output("shape", unit=Attribute("output_unit"), meaning="what the table says")
+    y = Output("shape", unit=Attribute("output_unit"), meaning="interpolated value")
 
     def __init__(
         self,
@@ -151,7 +151,7 @@ class GridTable(Block):
         super().__init__()
 
     def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
-        """Return what the table says."""
+        """Return the interpolated value."""
         found: Array = self.values
         for i, hats in enumerate(self._hats, 1):
             rows = np.reshape(found, (len(hats.points), -1))
@@ -160,16 +160,16 @@ class GridTable(Block):
 
 
 class TimeTable(Block):
-    """Play a table back over time, by linear interpolation.
+    """Interpolate a table over time linearly.
 
     Parameters
     ----------
     times : array_like, shape (k,)
-        Increasing [s].
+        Increasing times [s].
     values : array_like, shape (k,) or (k, n)
         One number, or one row, for each time [unit].
     extrapolate : bool
-        Whether the first and the last piece go on outside; otherwise the end values hold.
+        Whether the first and the last piece are extrapolated; otherwise the end values are held.
     unit : str, tuple of str or None
         Unit of the output, or one per element; None leaves it unchecked.
 
@@ -179,7 +179,7 @@ class TimeTable(Block):
         If the times do not increase, or the values do not match them.
     """
 
-    y = Output("shape", unit=Attribute("unit"), meaning="what the table says")
+    y = Output("shape", unit=Attribute("unit"), meaning="interpolated value")
 
     def __init__(
         self, times: npt.ArrayLike, values: npt.ArrayLike, *, extrapolate: bool = False, unit: Unit = None
@@ -189,7 +189,7 @@ class TimeTable(Block):
         super().__init__()
 
     def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
-        """Return what the table says."""
+        """Return the interpolated value."""
         return {"y": self._table(t)}
 
     def breakpoints(self) -> tuple[float, ...]:

@@ -1,4 +1,4 @@
-"""Delays in continuous time, fixed and as a signal: what comes in goes out later."""
+"""Transport delays in continuous time, fixed or variable."""
 
 from __future__ import annotations
 
@@ -22,18 +22,18 @@ from trussflow.blocks.library.linear import realization
 from trussflow.blocks.library.piecewise import NO_LIMIT
 from trussflow.blocks.library.signals import finite
 
-CLOSE, JUMP = 1e-9, 1e-7
-"""Times are the same within this part of the delay; a signal that then moves by this part of itself jumps."""
+TIME_TOLERANCE, JUMP_TOLERANCE = 1e-9, 1e-7
+"""Tolerance of equal times, relative to the delay; smallest relative change at equal times that is a jump."""
 
-PLACES = 4
-"""Last places of a time by which sums of times may differ [-]."""
+ROUND_OFF_PLACES = 4
+"""Largest round-off of a sum of times [units in the last place]."""
 
-PER_DELAY = 5
-"""Into how many steps a delay is divided at least: what comes in is known at steps only."""
+MIN_STEPS_PER_DELAY = 5
+"""Smallest number of steps in a delay, as the input is stored at steps only [-]."""
 
 
 Piece = tuple[list[float], list[Vector]]
-"""Times [s], and what came in then."""
+"""Times [s], and the inputs at these times."""
 
 
 class DelayLine(Block):
@@ -42,9 +42,9 @@ class DelayLine(Block):
     Parameters
     ----------
     shortest, longest : float
-        Between which the delay is [s].
+        Bounds of the delay [s].
     initial_value : array_like
-        What comes out before the first input does [unit].
+        Output before the first input is available [unit].
     pade : int
         Order of the approximant [-].
     unit : str, tuple of str or None
@@ -53,7 +53,7 @@ class DelayLine(Block):
     Raises
     ------
     BlockError
-        If the order makes no sense.
+        If the order is not allowed.
     """
 
     traced: ClassVar[bool] = False
@@ -82,11 +82,11 @@ class DelayLine(Block):
         super().__init__(initial_value=initial_value)
 
     def length(self, u: Signals) -> float:
-        """Return how long the delay is now, with the inputs `u` [s]."""
+        """Return the present delay with the inputs `u` [s]."""
         return self.longest
 
     def steady(self, value: Array) -> Vector:
-        """Return the states of the approximant at rest that give an output `value` [as declared]."""
+        """Return the steady states of the approximant with an output `value` [as declared]."""
         found: Vector = np.outer(-np.linalg.solve(self.A, self.B), value)
         return found
 
@@ -95,7 +95,7 @@ class DelayLine(Block):
         return self.steady(p.initial_value)
 
     def feedthrough(self) -> dict[str, tuple[str, ...]]:
-        """Return that nothing comes out at once."""
+        """Return that there is no direct feedthrough."""
         return {"y": ()}
 
     @property
@@ -114,15 +114,14 @@ class DelayLine(Block):
 
 
 class TransportDelay(DelayLine):
-    r"""Delay a signal by a fixed time: :math:`y(t) = u(t - \tau)`, and y_0 before the first input comes out.
+    r"""Delay a signal by a fixed time: :math:`y(t) = u(t - \tau)`, with y_0 before the first input.
 
-    In a run the input of each accepted step is kept, and read between two steps by cubic interpolation, so
-    the error is of fourth order in the step for a smooth signal, whatever the tolerances; steps are no
-    longer than a fifth of the delay. A jump, of a source, a sampled block or at an event, comes out as a
-    jump, at its time, with every solver. It breaks algebraic loops. Steps are taken in Python.
+    In a run, the input is stored at each accepted step, and interpolated by cubic polynomials. So the error
+    is of fourth order in the step for a smooth signal, regardless of the tolerances. Steps are at most a
+    fifth of the delay. A jump of a source, of a sampled block or at an event is delayed exactly, with every
+    solver. The block breaks algebraic loops. Steps are taken in Python.
 
-    In linear models it is a Padé approximant, whose states are integrated beside it; `frequency_response`
-    has the exact delay.
+    In linear models, the delay is a Padé approximant; `frequency_response` uses the exact delay.
 
     Parameters
     ----------
@@ -131,7 +130,7 @@ class TransportDelay(DelayLine):
     initial_value : array_like
         y_0 [unit]; its shape is that of the signal.
     pade : int
-        Order of the approximant n, with a numerator of order n - 1 [-]; its phase is right up to about
+        Order of the approximant n, with a numerator of order n - 1 [-]; its phase is accurate up to about
         n / τ rad/s.
     unit : str, tuple of str or None
         Unit of the signal, or one per element; None leaves it unchecked.
@@ -139,7 +138,7 @@ class TransportDelay(DelayLine):
     Raises
     ------
     BlockError
-        If the delay or the order makes no sense.
+        If the delay or the order is not allowed.
     """
 
     def __init__(
@@ -150,23 +149,23 @@ class TransportDelay(DelayLine):
 
 
 class VariableDelay(DelayLine):
-    r"""Delay a signal by a time that is a signal, too: :math:`y(t) = u(t - \tau(t))`.
+    r"""Delay a signal by a time that is itself a signal: :math:`y(t) = u(t - \tau(t))`.
 
-    A delay that is shorter or longer than allowed counts as the shortest or the longest. While it grows at
-    a rate of :math:`\dot\tau`, what comes out is slower by the factor :math:`1 - \dot\tau`, as a tone is
-    lower; if it grows faster than time goes on, what has come out comes out again. For the rest it is as
-    `TransportDelay`, but that jumps are at their time within a step only, while the delay changes; steps
-    are no longer than a fifth of the shortest delay, and what came in is kept for twice the longest.
+    The delay is limited to its bounds. While it grows at the rate :math:`\dot\tau`, the output is slower than
+    the input by the factor :math:`1 - \dot\tau` (Doppler effect). If it grows faster than time, the output
+    repeats earlier inputs. Otherwise the block is as `TransportDelay`, with two differences. While the delay
+    changes, the time of a jump is exact only to one step. Steps are at most a fifth of the shortest delay,
+    and inputs are stored for twice the longest delay.
 
-    In linear analysis the delay is frozen at the operating point, where changes of the delay have no
-    influence at rest. Linear models have a Padé approximant, and `frequency_response` the exact delay.
+    In linear analysis, the delay is constant at the operating point; in a steady state, changes of the delay
+    have no influence. Linear models use a Padé approximant, and `frequency_response` the exact delay.
 
     Parameters
     ----------
     shortest, longest : float
         Bounds of τ, 0 < shortest < longest [s].
     initial_value : array_like
-        What comes out before the first input does [unit]; its shape is that of the signal.
+        Output before the first input is available [unit]; its shape is that of the signal.
     pade : int
         Order of the approximant, as for `TransportDelay` [-].
     unit : str, tuple of str or None
@@ -175,10 +174,10 @@ class VariableDelay(DelayLine):
     Raises
     ------
     BlockError
-        If the times or the order make no sense.
+        If the times or the order are not allowed.
     """
 
-    delay = Input(unit="s", meaning="τ: how long ago")
+    delay = Input(unit="s", meaning="τ: delay")
 
     def __init__(
         self,
@@ -198,16 +197,16 @@ class VariableDelay(DelayLine):
         return float(np.clip(u.delay, self.shortest, self.longest))
 
     def feedthrough(self) -> dict[str, tuple[str, ...]]:
-        """Return that the delay matters at once, the signal later."""
+        """Return that only the delay has direct feedthrough."""
         return {"y": ("delay",)}
 
 
 class History(Running):
-    """What came into a delay in one run; before the first event it is the approximant.
+    """Stored inputs of a delay in one run; before the first event, the output is that of the approximant.
 
-    It is kept in pieces, between which the input jumps. What comes out is read from the first of them, which
-    gives way to the next at an event: so a jump comes out as a jump. A delay that grows faster than time goes
-    on leads back to pieces that had given way.
+    The history consists of pieces, between which the input jumps. The output is interpolated in the first
+    piece, which an event replaces by the next one, so that jumps are not smoothed. A delay that grows faster
+    than time returns to earlier pieces.
 
     Parameters
     ----------
@@ -223,11 +222,11 @@ class History(Running):
         self._past: list[Piece] = []
 
     def _note(self, t: float, u: Vector) -> None:
-        """Keep the input at a time, and forget what has come out long ago."""
+        """Store the input at a time, and delete inputs that are no longer needed."""
         times, values = self._pieces[-1]
         if self._jumps(t, u):
             self._pieces.append(([t], [u.copy()]))
-        elif t - times[-1] > CLOSE * self._block.shortest:
+        elif t - times[-1] > TIME_TOLERANCE * self._block.shortest:
             times.append(t)
             values.append(u.copy())
         times, values = self._pieces[0]
@@ -238,14 +237,14 @@ class History(Running):
             del self._past[0]
 
     def _jumps(self, t: float, u: Vector) -> bool:
-        """Return whether the input is another than it was at that very time."""
+        """Return whether the input differs from the stored one at the same time."""
         times, values = self._pieces[-1]
         size = np.abs(values[-4:]).max(initial=0.0)
         moved = np.abs(u - values[-1]).max(initial=0.0)
-        return bool(t - times[-1] <= CLOSE * self._block.shortest and moved > JUMP * size)
+        return bool(t - times[-1] <= TIME_TOLERANCE * self._block.shortest and moved > JUMP_TOLERANCE * size)
 
     def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
-        """Return what came in before, by a cubic through the four points around it."""
+        """Return the delayed input, by cubic Lagrange interpolation of the four nearest points."""
         if not self._pieces:
             return {"y": np.reshape(self._block.C @ x.z, self._block.shape)}
         then = float(t) - self._block.length(u)
@@ -264,47 +263,47 @@ class History(Running):
         return {"y": np.tensordot(ratios.prod(axis=1), np.array(values[near]), 1)}
 
     def derivative(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
-        """Return the rates of the approximant, which rests in a run."""
+        """Return the rates of the approximant, which are zero in a run."""
         block = self._block
         rates = (block.A @ x.z + np.outer(block.B, u.u)) / block.length(u)
         return {"z": 0.0 * x.z if self._pieces else rates}
 
     def indicators(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
-        """Return when what comes out jumps next, or up to when enough of what comes in is known."""
+        """Return the time of the next jump of the output, or of the next required stored input."""
         if not self._pieces:
             return {"again": np.float64(-NO_LIMIT)}
         if self._jumps(float(t), u.u):
             return {"again": t}
-        known = self._pieces[-1][0][-1] + self._block.shortest / PER_DELAY
+        known = self._pieces[-1][0][-1] + self._block.shortest / MIN_STEPS_PER_DELAY
         return {"again": np.float64(min(known, self._next_jump(u)))}
 
     def _next_jump(self, u: Signals) -> float:
-        """Return when the first piece gives way to the next [s]."""
+        """Return the time at which the next piece replaces the first [s]."""
         return self._pieces[0][0][-1] + self._block.length(u) if self._pieces[1:] else math.inf
 
     def _is_in(self, then: float, times: list[float]) -> bool:
-        """Return whether a time is not before a piece of these times."""
-        return then >= times[0] - CLOSE * self._block.shortest
+        """Return whether a time is not before the first of these times of a piece."""
+        return then >= times[0] - TIME_TOLERANCE * self._block.shortest
 
     def _go_back(self, now: float, u: Signals) -> None:
-        """Read from a piece again that had given way."""
+        """Restore earlier pieces if the delay has grown faster than time."""
         while self._past and not self._is_in(now - self._block.length(u), self._pieces[0][0]):
             self._pieces.insert(0, self._past.pop())
 
     def on_event(self, t: Array, x: Signals, u: Signals, p: Signals, fired: Signals) -> Values:
-        """Keep the input, and let the approximant rest where the output is."""
+        """Store the input, and set the approximant to the steady state of the output."""
         now = float(t)
         if not self._pieces:
             self._pieces.append(([now], [np.array(p.initial_value)]))
             self._pieces.append(([now], [u.u.copy()]))
         self._note(now, u.u)
         self._go_back(now, u)
-        while self._next_jump(u) <= now + PLACES * math.ulp(now):
+        while self._next_jump(u) <= now + ROUND_OFF_PLACES * math.ulp(now):
             self._past.append(self._pieces.pop(0))
         return {"z": self._block.steady(self.output(t, x, u, p)["y"])}
 
     def on_step(self, t: Array, x: Signals, u: Signals, p: Signals) -> bool:
-        """Keep the input."""
+        """Store the input."""
         self._note(float(t), u.u)
         self._go_back(float(t), u)
         return False
@@ -314,7 +313,7 @@ class History(Running):
         return _copied(self._past), _copied(self._pieces)
 
     def restore(self, saved: Any) -> None:
-        """Take it back."""
+        """Restore the history."""
         self._past, self._pieces = map(_copied, saved)
 
 

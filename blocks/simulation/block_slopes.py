@@ -45,7 +45,7 @@ def derivatives(bench: Bench) -> str:
         raise NotApplicableError(
             "linear models take differences, or directional_derivative() of a Python block"
         )
-    for point in bench.points[: block_check.POINTS]:
+    for point in bench.points[: block_check.RANDOM_POINTS]:
         values = bench.values(bench.opened(), kinds, point)
         ends = np.cumsum([v.size for v in values.values()], dtype=int)[:-1]
         for (i, k), slopes in zip(places, exact(point).T, strict=True):

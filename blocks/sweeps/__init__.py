@@ -1,1 +1,1 @@
-"""Many runs of one diagram: what varies, who runs them, and what is kept of them."""
+"""Parameter sweeps: sampling, execution, reduction of results, gradients and tuning."""

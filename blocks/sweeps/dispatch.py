@@ -1,4 +1,4 @@
-"""Handing samples out to workers, whoever they are, and taking back what comes of them."""
+"""Scheduler: distribution of samples to workers, and collection of the results."""
 
 from __future__ import annotations
 
@@ -16,35 +16,35 @@ from trussflow.blocks.framework.telling import DISPLAY
 from trussflow.blocks.framework.types import Vector
 from trussflow.blocks.sweeps.executors import WorkerLostError
 from trussflow.blocks.sweeps.pieces import PIECE_SECONDS, Pieces
-from trussflow.blocks.sweeps.samples import HUNG, NotTakenOverError, Sample, run_samples
+from trussflow.blocks.sweeps.samples import HUNG_EXIT_CODE, NotTakenOverError, Sample, run_samples
 
 TASK_SECONDS = 0.2
-"""Wall time of what a worker does at a time, if samples are short [s]."""
+"""Wall time of one task, if samples are short [s]."""
 
 TASK_SAMPLES = 500
-"""How many samples that are at most [-]."""
+"""Largest number of samples in one task [-]."""
 
 UNTIL_SAMPLES = 50
-"""After so many samples it is looked at whether they are enough [-]."""
+"""Number of samples between checks of the stopping criterion [-]."""
 
 
 class Dispatch:
-    """Hands samples out to workers, and takes back what comes of them.
+    """Scheduler of the samples of one sweep.
 
     Parameters
     ----------
     pool : concurrent.futures.Executor
         The workers.
     recipe : bytes
-        What they are to know.
+        Pickled `Recipe` of the samples.
     columns : dict
-        The values that vary.
+        Varied values by name.
     pieces : Pieces
-        What is finished.
+        Store of finished samples.
     until : dict
-        When it is enough.
+        Stopping criterion: largest half width of each confidence interval.
     together : int
-        How many samples a worker runs at once [-].
+        Number of samples that a worker runs as one batch [-].
     """
 
     def __init__(
@@ -66,21 +66,21 @@ class Dispatch:
         self._timed = 0
 
     def run(self, name: str, room: int, progress: bool) -> int:
-        """Run all samples, or until it is enough; return how many of the first ones are wanted [-].
+        """Run samples until the stopping criterion holds; return how many of the first ones are valid [-].
 
         Parameters
         ----------
         name : str
-            What runs, for the bar.
+            Name of the diagram, for the progress bar.
         room : int
-            Tasks under way at a time [-].
+            Largest number of simultaneous tasks [-].
         progress : bool
-            Whether to show a bar if it takes more than a second.
+            Whether to show a progress bar after a second.
 
         Raises
         ------
         SimulationError
-            If the workers are lost as a whole, or a run did not have its values.
+            If the executor is broken, or a run did not use its values.
         """
         finished, failed = self._pieces.finished, self._pieces.failed
         with tqdm(
@@ -110,7 +110,7 @@ class Dispatch:
         return self.total if wanted is None else wanted
 
     def _submit(self, room: int) -> None:
-        """Hand out the next samples: some at once if they are short, those of a lost worker one by one."""
+        """Submit the next samples: several per task if they are short, those of a lost worker one by one."""
         again = bool(self._again)
         if again:
             numbers = [self._again.popleft()]
@@ -122,7 +122,7 @@ class Dispatch:
         task = [(n, self._values(n)) for n in numbers]
         try:
             future = self._pool.submit(run_samples, self._recipe, task)
-        except RuntimeError as error:  # it is broken or shut down
+        except RuntimeError as error:  # the executor is broken or shut down
             raise self._broken(error) from error
         self._running[future] = numbers, again
 
@@ -130,7 +130,7 @@ class Dispatch:
         return {name: values[number] for name, values in self._columns.items()}
 
     def _take(self, future: Future[Any]) -> None:
-        """Take what came of a task."""
+        """Store the results of a task."""
         numbers, again = self._running.pop(future)
         try:
             samples, seconds = future.result()
@@ -139,7 +139,7 @@ class Dispatch:
         except (Exception, CancelledError) as error:
             if not isinstance(error, WorkerLostError) and type(error).__name__ != "KilledWorker":  # of Dask
                 raise self._broken(error) from error
-            hung = getattr(error, "code", None) == HUNG
+            hung = getattr(error, "code", None) == HUNG_EXIT_CODE
             if len(numbers) > 1 or not (again or hung):
                 self._again.extend(numbers)
                 return
@@ -162,7 +162,10 @@ class Dispatch:
         return SimulationError(f"the workers cannot go on: {type(error).__name__}: {error}; {kept} {goes_on}")
 
     def _enough(self) -> int | None:
-        """Return the number of first samples that say enough, if there is one: the same for all executors."""
+        """Return the number of first samples that meet the stopping criterion, or None.
+
+        Only complete prefixes of the samples count, so the number does not depend on the executor.
+        """
         finished = self._pieces.finished
         while self._until and finished[: self._looked + UNTIL_SAMPLES].all() and self._looked < self.total:
             self._looked = min(self._looked + UNTIL_SAMPLES, self.total)
@@ -173,9 +176,10 @@ class Dispatch:
 
 
 def half_width(values: Vector) -> float:
-    """Return that of the 95 % confidence interval of the mean of `values` [any].
+    """Return the half width of the 95 % confidence interval of the mean of `values` [any].
 
-    What is not a number does not count. Of yes and no, also where all are the same, by Agresti and Coull.
+    NaN is ignored. For values of 0 and 1 only, the interval is that of Agresti and Coull, which is also
+    valid if all values are equal.
     """
     known = values[~np.isnan(values)]
     n = len(known)

@@ -1,4 +1,4 @@
-"""Who runs samples: this thread, or processes of our own that can be lost without losing others."""
+"""Executors of samples: this thread, or worker processes that fail independently."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from typing import Any
 from trussflow.blocks.framework.errors import TrussflowError
 from trussflow.blocks.framework.processes import end
 
-START = "from trussflow.blocks.sweeps.worker import main; main()"
+START_CODE = "from trussflow.blocks.sweeps.worker import main; main()"
 
 
 class WorkerLostError(TrussflowError):
@@ -33,31 +33,31 @@ class WorkerLostError(TrussflowError):
 
 
 class Serial(Executor):
-    """Runs at once what is submitted, whatever the number of workers."""
+    """Executor that runs a task when it is submitted, for any number of workers."""
 
     def __init__(self, _workers: int) -> None:
-        self._max_workers = 1  # as those of the standard library say it
+        self._max_workers = 1  # the attribute of the executors of the standard library
 
     def submit(self, fn: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:
-        """Return what is done already: `fn` of `args` and `kwargs` [any]."""
+        """Return the completed future of `fn` with `args` and `kwargs` [any]."""
         future: Future[Any] = Future()
         try:
             future.set_result(fn(*args, **kwargs))
-        except Exception as error:  # noqa: BLE001 - the future has it
+        except Exception as error:  # noqa: BLE001 - the future raises it
             future.set_exception(error)
         return future
 
 
 class Processes(ThreadPoolExecutor):
-    """Processes of our own, each behind a thread; one that ends loses only what it was doing.
+    """Executor with worker processes, each served by a thread; if a worker ends, only its task is lost.
 
-    The executor of the standard library is lost as a whole then. These are started anew, not forked, and
-    need no ``if __name__ == "__main__"``: they import nothing of the script.
+    The process pool of the standard library would be broken as a whole. Workers are started, not forked,
+    and do not import the user's script, which needs no ``if __name__ == "__main__"``.
 
     Parameters
     ----------
     workers : int
-        How many [-].
+        Number of workers [-].
     """
 
     def __init__(self, workers: int) -> None:
@@ -66,7 +66,7 @@ class Processes(ThreadPoolExecutor):
         self._all: set[subprocess.Popen[bytes]] = set()
 
     def submit(self, fn: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:
-        """Let a process compute `fn` of `args`; there are no `kwargs` [any]."""
+        """Submit `fn` with `args` to a worker process; `kwargs` must be empty [any]."""
         return super().submit(self._remote, fn, *args, **kwargs)
 
     def _remote(self, fn: Callable[..., Any], *args: Any) -> Any:
@@ -87,11 +87,11 @@ class Processes(ThreadPoolExecutor):
         return found
 
     def _start(self) -> subprocess.Popen[bytes]:
-        # They fill the cores already, and find what this process finds.
+        # One thread per library, as the workers use all cores already; the same import path as here.
         one = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
         path = os.pathsep.join(os.path.abspath(entry) for entry in sys.path)
         self._own.process = process = subprocess.Popen(
-            [sys.executable, "-P", "-c", START],
+            [sys.executable, "-P", "-c", START_CODE],
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             env=os.environ | one | {"PYTHONPATH": path},
@@ -101,17 +101,17 @@ class Processes(ThreadPoolExecutor):
         return process
 
     def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
-        """End all processes, also in the middle of samples; `wait` and `cancel_futures` as in the base."""
+        """End all processes, also during samples; `wait` and `cancel_futures` as in the base class."""
         for process in list(self._all):
-            process.kill()  # their threads come back
+            process.kill()  # so that their threads return
         super().shutdown(wait, cancel_futures=cancel_futures)
         for process in list(self._all):
             _ended(process)
 
 
 def _ended(process: subprocess.Popen[bytes]) -> None:
-    """End a process, and all that it started, and close what leads to it."""
+    """End a process and all that it started, and close its pipes."""
     end(process)
     for stream in (process.stdin, process.stdout):
-        with contextlib.suppress(OSError):  # what waits cannot be written any more
+        with contextlib.suppress(OSError):  # buffered data cannot be written any more
             stream.close() if stream is not None else None

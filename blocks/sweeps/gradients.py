@@ -1,12 +1,12 @@
-r"""Exact derivatives of what is made of a run by parameters and initial states.
+r"""Exact derivatives of functions of a run with respect to parameters and initial states.
 
-A run with fixed steps is one long function: what is sampled, and a step of the solver, tick after tick,
+A fixed-step run is a composition of ticks, each with the sampled blocks and one step of the solver,
 
 .. math:: z_{k+1} = T_k(z_k, q), \qquad y_k = g_k(z_k, q), \qquad J = J(y_0, \ldots, y_n),
 
-with z what x and d hold, and q what varies. CasADi differentiates it as it stands, forward or backward,
-whichever is less work (Griewank, Walther 2008, *Evaluating Derivatives*, chapter 3): no error of differences,
-and none of a differential equation of sensitivities that is solved with other steps than the run.
+with z = (x, d), and the varied values q. CasADi differentiates the composition in forward or reverse mode,
+whichever needs less work (Griewank, Walther 2008, *Evaluating Derivatives*, chapter 3). So the derivatives
+have no error of finite differences, and belong to the same steps as the run.
 """
 
 from __future__ import annotations
@@ -37,47 +37,47 @@ from trussflow.blocks.sweeps.tangents import TangentExecutor
 from trussflow.blocks.tracing.calling import brief
 from trussflow.blocks.tracing.tracing import shape_of, symbol, to_expression, written_out
 
-AFFINE = 1e-9
-"""How far initial states may be from affine functions of what varies, relative to what they change by [-]."""
+AFFINITY_TOLERANCE = 1e-9
+"""Largest deviation of initial states from affine functions of q, relative to their change [-]."""
 
 Run = Mapping[str, Array]
-"""What was logged, along time first, by name; and ``"time"``."""
+"""Logged signals by name, with time along the first axis; and ``"time"``."""
 
 
 class _Rows(dict[str, Array]):
-    """What was logged, by name; what was not is refused with what was."""
+    """Logged signals by name; the error for another name lists them."""
 
     def __missing__(self, name: str) -> Array:
-        raise NameLookupError(f"nothing '{name}' is logged; there are: {', '.join(self)}")
+        raise NameLookupError(f"no signal '{name}' is logged; there are: {', '.join(self)}")
 
 
 class DifferentiatedRun:
-    """What functions make of a run, as one function of what varies, with its exact derivative.
+    """Functions of a run, as one function of the varied values, with its exact derivative.
 
     Parameters
     ----------
     simulator : Simulator
-        What runs: with fixed steps, without Python blocks or loops found by iteration.
+        Simulator with fixed steps, without Python blocks or iterated loops.
     duration : float
         Time to simulate [s].
     functions : mapping of callable
-        By name; each takes the run, logged signals as traced arrays by name, and returns numbers.
+        Functions by name, from the logged signals as traced arrays by name to numbers.
     names : iterable of str
-        What varies: parameters and initial states, ``"block.name"``.
+        Varied parameters and initial states, ``"block.name"``.
 
     Attributes
     ----------
     shapes : dict
-        Shape of what varies, by name.
+        Shape of each varied value by name.
     results : dict
-        Shape of what the functions return, by name.
+        Shape of the result of each function by name.
 
     Raises
     ------
     SimulationError
-        If the run cannot be differentiated, or nothing varies.
+        If the run cannot be differentiated, or `names` is empty.
     NameLookupError
-        If there is no such parameter or state, or nothing logged by the name that a function asks for.
+        If there is no such parameter or state, or a function uses a signal that is not logged.
     TracingError
         If a function does not trace.
     """
@@ -124,7 +124,7 @@ class DifferentiatedRun:
         return [(many, 1), (many, 1), (size, 1), (size, many)]
 
     def _tick(self, prepared: Prepared) -> ca.Function:
-        """Return the function of one tick: what is sampled, what is logged then, and a step of the solver."""
+        """Return the function of one tick: sampled blocks, logged outputs, and a step of the solver."""
         plan, programs = self._plan, {program.name: program.expanded for program in prepared.programs}
         z, q, times, due = (
             ca.MX.sym(name, size)
@@ -148,7 +148,7 @@ class DifferentiatedRun:
     def _made_of(
         self, prepared: Prepared, times: Vector, functions: Mapping[str, Callable[[Run], Any]]
     ) -> ca.Function:
-        """Return the function of all logged rows, side by side, to what the functions make of them."""
+        """Return the function from all logged rows, as columns, to the results of the functions."""
         width = sum(channel.port.size for channel in prepared.channels)
         logged, rows = ca.SX.sym("rows", width, len(times)), _Rows(time=times)
         leaves, values = [], []
@@ -167,24 +167,25 @@ class DifferentiatedRun:
         return ca.Function("made", [logged], [ca.densify(column)])
 
     def __call__(self, values: Mapping[str, Any]) -> tuple[dict[str, Array], dict[str, dict[str, Array]]]:
-        """Return what the functions make of the run, and the derivatives by what varies.
+        """Return the results of the functions, and their derivatives by the varied values.
 
         Parameters
         ----------
         values : mapping
-            Of all that varies, by name [as declared].
+            All varied values by name [as declared].
 
         Returns
         -------
         found : dict
-            By the name of the function [what it returns].
+            Results by the name of the function [what it returns].
         derivatives : dict of dict
-            By the names of the function and of what varies, in the shape of the one and then the other.
+            Derivatives by the names of the function and of the varied value. The shape is that of the
+            result followed by that of the value.
 
         Raises
         ------
         SimulationError
-            If initial states are no affine functions of a parameter.
+            If initial states are not affine functions of a parameter.
         DivergenceError
             If a result is not finite.
         ParameterError
@@ -200,7 +201,7 @@ class DifferentiatedRun:
             found, derivative = (m.full() for m in self._function(q, q, z, slopes))
         if not np.isfinite(found).all():
             shown = ", ".join(f"{name} = {value}" for name, value in arrays.items())
-            raise DivergenceError(f"what is made of the run is not finite with {shown}")
+            raise DivergenceError(f"a result of the run is not finite with {shown}")
         rows = dict(zip(self.results, spans(map(prod, self.results.values())), strict=True))
         return (
             {name: found[rows[name], 0].reshape(shape) for name, shape in self.results.items()},
@@ -214,7 +215,7 @@ class DifferentiatedRun:
         )
 
     def _through_events(self, q: Vector, z: Vector, slopes: Array) -> tuple[Array, Array]:
-        """Return what the functions make of a run with events, and the derivative by q."""
+        """Return the results of the functions for a run with events, and their derivative by q."""
         p, states = self._plan.parameters(self._named(q, of_p=True)), self._plan.x.size
         moved = np.zeros((len(p), len(q)))
         for name, entry in self._parameters.items():
@@ -227,26 +228,30 @@ class DifferentiatedRun:
         return found.full(), derivative.full()
 
     def _named(self, q: Vector, *, of_p: bool) -> dict[str, Array]:
-        """Return what varies by name: what is a parameter, or what is an initial state."""
+        """Return the varied parameters, or the varied initial states, by name."""
         names = [name for name in self.shapes if (name in self._parameters) == of_p]
         return {name: q[self._places[name]].reshape(self.shapes[name]) for name in names}
 
     def _start(self, q: Vector) -> Vector:
-        """Return x and d at the start."""
+        """Return the initial x and d."""
         p = self._plan.parameters(self._named(q, of_p=True))
         return np.concatenate(self._plan.initial(p, self._named(q, of_p=False)))
 
     def _slopes(self, q: Vector, z: Vector) -> Vector:
-        """Return the derivative of what the run starts with: exact, as it is affine, or refused."""
+        """Return the derivative of the initial x and d by q: exact, as they are affine functions of q."""
         columns = []
         for k, name in enumerate(n for n, shape in self.shapes.items() for _ in range(prod(shape))):
             step = np.zeros(len(q))
-            step[k] = np.spacing(abs(q[k]) + 1.0) * 2.0**40  # a power of two: nothing is rounded
+            step[k] = (
+                np.spacing(abs(q[k]) + 1.0) * 2.0**40
+            )  # a power of two, so that differences of an affine function are not rounded
             once, twice = self._start(q + step) - z, self._start(q + 2.0 * step) - z
-            if np.max(np.abs(twice - 2.0 * once), initial=0.0) > AFFINE * np.max(np.abs(twice), initial=0.0):
+            if np.max(np.abs(twice - 2.0 * once), initial=0.0) > AFFINITY_TOLERANCE * np.max(
+                np.abs(twice), initial=0.0
+            ):
                 raise SimulationError(
-                    f"initial states are no affine function of '{name}', and so not differentiated; let "
-                    "initial states vary themselves"
+                    f"initial states are no affine function of '{name}', so they cannot be differentiated; "
+                    "vary the initial states instead"
                 )
             columns.append(once / step[k])
         return np.column_stack(columns)
@@ -259,28 +264,28 @@ def gradient(
     values: Mapping[str, Any],
     **settings: Unpack[SimulatorSettings],
 ) -> tuple[Array, dict[str, Array]]:
-    """Return what a function makes of a run, and its exact derivative by parameters and initial states.
+    """Return a function of a run, and its exact derivative by parameters and initial states.
 
     Parameters
     ----------
     diagram : Diagram
-        What runs: with fixed steps, without Python blocks or loops found by iteration.
+        Diagram to run with fixed steps, without Python blocks or iterated loops.
     duration : float
         Time to simulate [s].
     function : callable
-        Takes the run, ``run["block.port"]`` an array with time first and ``run["time"]``, and returns a
-        number or an array. It traces as equations of blocks do.
+        Function from the run to a number or an array. ``run["block.port"]`` is an array with time along the
+        first axis, and ``run["time"]`` has the times. The function must trace, as equations of blocks.
     values : mapping
-        Values of what the derivative is by: parameters and initial states, ``"block.name"`` [as declared].
+        Parameters and initial states, ``"block.name"``, for the derivative [as declared].
     **settings
         As for `Simulator`: log, log_step, step, solver.
 
     Returns
     -------
     value : array
-        [what the function returns].
+        Result of the function [what the function returns].
     derivatives : dict of array
-        By the names in `values`, of the shape of the value and then of what varies.
+        Derivatives by the names in `values`. The shape is that of the result followed by that of the value.
 
     Raises
     ------
@@ -312,18 +317,18 @@ def gradient(
 
 
 def _refuse(prepared: Prepared) -> None:
-    """Refuse what cannot be differentiated, by name.
+    """Check that runs can be differentiated.
 
     Raises
     ------
     SimulationError
-        If there is such a thing.
+        If there are Python blocks, iterated loops, or an adaptive solver.
     """
     plan = prepared.plan
     found = {
         "Python blocks, which have no derivatives": bool(plan.python_blocks),
         "algebraic loops found by iteration": bool(plan.guesses.size),
-        f"the adaptive solver '{prepared.solver.solver}'; take rk4 or euler": not prepared.solver.is_fixed,
+        f"the adaptive solver '{prepared.solver.solver}'; use rk4 or euler": not prepared.solver.is_fixed,
     }
     there = [what for what, is_there in found.items() if is_there]
     if there:
@@ -331,17 +336,17 @@ def _refuse(prepared: Prepared) -> None:
 
 
 def explained(name: str) -> Explained:
-    """Turn whatever the function of that `name` raises while traced into one clear error."""
+    """Convert an exception from the function of that `name` during tracing into a `TracingError`."""
     return Explained(
         lambda error: TracingError(
-            f"cannot differentiate {name}: {brief(error)}\n  it is called with arrays that have no numbers "
-            "yet, and may use what equations of blocks may"
+            f"cannot differentiate {name}: {brief(error)}\n  it is called with traced arrays, which have no "
+            "numbers, and may use the same functions as equations of blocks"
         )
     )
 
 
 def _calendar(prepared: Prepared, ticks: int) -> tuple[Vector, Vector]:
-    """Return the times of each tick, its middle and its end [s], and what is sampled there."""
+    """Return the start, middle and end time of each tick [s], and the set of clocks due at its start."""
     times = np.arange(ticks + 1) * float(prepared.tick)
     begin, end = times[:-1], times[1:]
     middle = begin + prepared.tick_seconds / 2

@@ -1,7 +1,7 @@
-"""What has come of samples: kept in memory, or piece by piece in a folder.
+"""Chunk store of samples, in memory or in a folder.
 
-Each piece is a whole netCDF file, put into its place when it is complete; many small ones become one. So a
-sweep that was killed goes on where it was.
+Each chunk is a netCDF file that is written atomically; many small chunks are merged. So a killed sweep
+can be resumed.
 """
 
 from __future__ import annotations
@@ -30,37 +30,37 @@ PIECE_SECONDS = 1.0
 """Wall time after which samples are written, even if they are few [s]."""
 
 PIECE_BYTES = 4_000_000
-"""Numbers that wait for that in memory at most, and what a small piece is."""
+"""Size of the samples in memory at which they are written, and upper limit of a small chunk [B]."""
 
 SMALL_PIECES = 100
-"""So many small pieces become one."""
+"""Number of small chunks that are merged."""
 
 
 class Pieces:
-    """The samples of one sweep that are finished.
+    """Finished samples of one sweep.
 
     Parameters
     ----------
     path : path or None
-        The folder; None keeps them in memory.
+        The folder; None to store samples in memory.
     identity : mapping
-        What this sweep is: all that its samples are determined by.
+        Data that determine the samples of this sweep.
     count : int
-        How many samples there are [-].
+        Number of samples [-].
     watched : sequence of str
-        What is looked at while the sweep goes on.
+        Names of the results in the stopping criterion.
 
     Attributes
     ----------
     finished, failed : array of bool
-        Which samples are, and which of these did not complete.
+        Whether each sample is finished, and whether it failed.
     numbers : Vector
-        What is watched of each [as kept].
+        Watched results of each sample [as kept].
 
     Raises
     ------
     SimulationError
-        If the folder is another sweep's, or cannot be read or written.
+        If the folder contains another sweep, or cannot be read or written.
     """
 
     def __init__(
@@ -82,7 +82,7 @@ class Pieces:
                 raise
 
     def _open(self, folder: Path, identity: Mapping[str, Any]) -> None:
-        """Take a folder, and look what is in it."""
+        """Lock a folder, compare its sweep with this one, and read the finished samples."""
         file = folder / "sweep.json"
         try:
             folder.mkdir(parents=True, exist_ok=True)
@@ -102,7 +102,7 @@ class Pieces:
             raise cannot_write(folder, error) from error
         if differs := [key for key in identity if other.get(key) != identity[key]]:
             raise SimulationError(
-                f"'{folder}' holds another sweep: its {', '.join(differs)} differ from what is asked for; "
+                f"'{folder}' holds another sweep: its {', '.join(differs)} differ from those of this sweep; "
                 "give another path, or delete the folder"
             )
         names = (int(piece.stem) for piece in self._pieces())
@@ -116,18 +116,18 @@ class Pieces:
                     self.numbers[which, k] = found[name]
 
     def add(self, samples: Iterable[Sample]) -> None:
-        """Take samples that are finished.
+        """Add finished samples.
 
         Raises
         ------
         SimulationError
-            If something is kept by a name that says something else of a sample.
+            If the name of a result is reserved, or that of a varied value.
         """
         for sample in samples:
             if taken := sorted({*sample.values} & {*sample.varied, "sample", "status", "message"}):
                 raise SimulationError(
-                    f"'{taken[0]}' cannot be kept by that name, which is that of what varies, or sample, "
-                    f"status or message: give another one, as in keep={{'last': ('{taken[0]}', 'final')}}"
+                    f"'{taken[0]}' cannot be kept by that name, which is varied, or is sample, status or "
+                    f"message: give another one, as in keep={{'last': ('{taken[0]}', 'final')}}"
                 )
             self._waiting.append(sample)
             self._bytes += sum(value.nbytes for value in sample.values.values())
@@ -137,7 +137,7 @@ class Pieces:
         self.write(force=False)
 
     def write(self, *, force: bool) -> None:
-        """Put into a piece what waits, if it waits long enough or is much, or by `force`.
+        """Write the samples in memory as a chunk, if they are old or large enough, or by `force`.
 
         Raises
         ------
@@ -160,14 +160,14 @@ class Pieces:
         self._waiting, self._bytes, self._written = [], 0, time.monotonic()
 
     def whole(self, wanted: int) -> xr.Dataset:
-        """Return the first samples, as many as `wanted` [-], in their order."""
+        """Return the first `wanted` [-] samples in their order."""
         self.write(force=True)
         parts = map(self._read, self._pieces()) if self.path is not None else iter(self._parts)
         found = _joined(parts)
         return found.isel(sample=found["sample"].values < wanted)
 
     def close(self) -> None:
-        """Write what waits, unless that is what cannot be done, and let others write to the folder."""
+        """Write the samples in memory, if possible, and unlock the folder."""
         with contextlib.suppress(SimulationError):
             self.write(force=True)
         if self._lock is not None:
@@ -190,14 +190,14 @@ class Pieces:
 
         again = "without it, the same call runs its samples again"
         with (
-            uninterrupted(),  # xarray takes locks
+            uninterrupted(),  # an interrupt could leave a lock of xarray taken
             Explained(lambda error: SimulationError(f"cannot read '{piece}' ({error}); {again}")),
         ):
             return xr.load_dataset(piece, engine="netcdf4", decode_timedelta=False)
 
 
 def _piece(samples: Sequence[Sample]) -> xr.Dataset:
-    """Return samples as a dataset; what some of them do not have is not a number."""
+    """Return samples as a dataset; missing results are NaN."""
     import xarray as xr
 
     numbers = [s.number for s in samples]
@@ -221,7 +221,7 @@ def _piece(samples: Sequence[Sample]) -> xr.Dataset:
 
 
 def _with_coordinates(name: str, value: Any) -> xr.DataArray:
-    """Return an array whose axes have coordinates, so that those of other lengths can stand beside it."""
+    """Return an array with coordinates on all axes, so that arrays of different lengths can be combined."""
     import xarray as xr
 
     if isinstance(value, np.ndarray):
@@ -232,7 +232,7 @@ def _with_coordinates(name: str, value: Any) -> xr.DataArray:
 
 
 def _joined(parts: Iterable[xr.Dataset]) -> xr.Dataset:
-    """Return pieces as one dataset, sorted, each sample once."""
+    """Return chunks as one dataset, sorted and without duplicate samples."""
     import xarray as xr
 
     found = xr.concat(parts, "sample", data_vars="all", coords="all", compat="override", join="outer")

@@ -1,4 +1,4 @@
-"""What is kept of a run: numbers in place of trajectories."""
+"""Reduction of the result of a run to numbers or selected signals."""
 
 from __future__ import annotations
 
@@ -19,21 +19,21 @@ from trussflow.blocks.framework.validation import shown
 if TYPE_CHECKING:
     import xarray as xr
 
-SETTLED = 0.02
-"""Part of the greatest distance from its end within which a signal has settled [-]."""
+SETTLING_BAND = 0.02
+"""Settling band around the final value, relative to the largest distance from it [-]."""
 
 Function = Callable[["xr.Dataset"], Any]
 
 
 class Kept(NamedTuple):
-    """What is kept of a run: what a `function` returns by name.
+    """Reduction of a run by a `function`, which returns values by name.
 
     Attributes
     ----------
     function : callable
-        Takes the result.
+        Takes the result of the run.
     names, outputs : list of str or None
-        Its names, and the outputs that it needs, if that can be known.
+        Names of its values, and the outputs that it needs; None if unknown.
     """
 
     function: Function
@@ -46,14 +46,14 @@ def _mean(times: Vector, values: Vector) -> Any:
 
 
 def _settling(times: Vector, values: Vector) -> Any:
-    """Return when the signal comes to stay near its end."""
+    """Return the settling time of each element."""
     far = np.abs(values - values[-1])
-    outside = far > SETTLED * far.max(axis=0)
+    outside = far > SETTLING_BAND * far.max(axis=0)
     last = len(times) - 1 - np.argmax(outside[::-1], axis=0)
     return np.where(outside.any(axis=0), times[np.minimum(last + 1, len(times) - 1)], times[0])
 
 
-WORDS: dict[str, Callable[[Vector, Vector], Any]] = {
+REDUCTIONS: dict[str, Callable[[Vector, Vector], Any]] = {
     "max": lambda _, values: values.max(axis=0),
     "min": lambda _, values: values.min(axis=0),
     "peak": lambda _, values: np.abs(values).max(axis=0),
@@ -63,16 +63,16 @@ WORDS: dict[str, Callable[[Vector, Vector], Any]] = {
     "settling": _settling,
     "all": lambda _, values: values,
 }
-"""What can be made of a signal, by element; `times` [s] and `values` [as declared]."""
+"""Reductions of a signal, by element, for `times` [s] and `values` [as declared]."""
 
 
 def understood(keep: Any) -> Kept:
-    """Return what to `keep`, written out.
+    """Return the reduction that the argument `keep` describes.
 
     Raises
     ------
     SimulationError
-        If it cannot be understood.
+        If the argument is not valid.
     """
     if callable(keep):
         return Kept(keep)
@@ -90,8 +90,8 @@ def understood(keep: Any) -> Kept:
             functions[own] = what
             continue
         pair = (own, what) if isinstance(what, str) else what
-        if not isinstance(pair, tuple) or len(pair) != 2 or pair[1] not in WORDS:
-            hint = f"give a function of the run, one of {', '.join(WORDS)}, or ('block.output', 'max')"
+        if not isinstance(pair, tuple) or len(pair) != 2 or pair[1] not in REDUCTIONS:
+            hint = f"give a function of the run, one of {', '.join(REDUCTIONS)}, or ('block.output', 'max')"
             raise SimulationError(f"cannot keep '{own}' as {shown(what)}: {hint}")
         output = _name(pair[0])
         functions[own], outputs[output] = functools.partial(_made, output, pair[1]), True
@@ -114,12 +114,12 @@ def _each(functions: Mapping[str, Function], result: xr.Dataset) -> dict[str, An
 
 
 def _made(output: str, word: str, result: xr.Dataset) -> Any:
-    """Return what is made of an output."""
-    return result[output] if word == "all" else WORDS[word](result["time"].values, result[output].values)
+    """Return the reduction of an output by the name of the reduction."""
+    return result[output] if word == "all" else REDUCTIONS[word](result["time"].values, result[output].values)
 
 
 def reduced(result: xr.Dataset, function: Function) -> dict[str, Any]:
-    """Return what is kept of a `result` by a `function`: numbers, arrays and whole signals, by name."""
+    """Return the values of a `function` of a `result` by name: numbers, arrays and signals."""
     import xarray as xr
 
     return {
@@ -129,7 +129,7 @@ def reduced(result: xr.Dataset, function: Function) -> dict[str, Any]:
 
 
 def code_of(thing: Any) -> str:
-    """Return a hash of functions and of what they consist of; of other objects the type alone counts."""
+    """Return a hash of functions with their constants and closures; other objects count by type only."""
     return hashlib.sha256(_text(thing).encode()).hexdigest()[:16]
 
 

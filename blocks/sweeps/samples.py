@@ -1,4 +1,4 @@
-"""One sample after the other, where it is run: in this process or far away."""
+"""Execution of samples in the process of a worker."""
 
 from __future__ import annotations
 
@@ -35,33 +35,33 @@ if TYPE_CHECKING:
     import xarray as xr
 
 Model = Diagram | System | Simulator | Callable[..., Any]
-"""What is run, or a function that builds it of what varies."""
+"""Model to run, or a function that builds it from varied arguments."""
 
 ELEMENT = re.compile(r"(.+?)\[([\d, ]+)\]")
 """An element of an array, such as ``block.parameter[2]``."""
 
-STRUCTURES = 8
-"""Simulators that are kept where a function builds others."""
+MAX_CACHED_SIMULATORS = 8
+"""Largest number of cached simulators, if a function builds the model."""
 
 
 class NotTakenOverError(SimulationError):
-    """A run does not have the values that it was given."""
+    """A run did not use the values that it was given."""
 
 
 @dataclass(slots=True)
 class Sample:
-    """What came of one sample.
+    """Result of one sample.
 
     Attributes
     ----------
     number : int
-        Which one [-].
+        Index of the sample [-].
     varied : dict
-        The values that varied, as the run had them [as declared].
+        Varied values, read back from the run [as declared].
     status, message : str
-        Those of the run; what went wrong.
+        Status of the run, and its error message.
     values : dict
-        What is kept of it.
+        Reduced results by name.
     """
 
     number: int
@@ -73,24 +73,24 @@ class Sample:
 
 @dataclass(frozen=True, slots=True)
 class Recipe:
-    """All that has to be known to run any sample.
+    """Data to run any sample of a sweep.
 
     Attributes
     ----------
     model : Diagram, System, Simulator or callable
-        What is run.
+        Model to run.
     duration : float
-        How long [s].
+        Duration of each run [s].
     settings : dict
-        Of the `Simulator`.
+        Settings of the `Simulator`.
     not_finite : str
         As for `Simulator.run`.
     keep : callable or None
-        What is kept.
+        Reduction of each result.
     time_limit : float or None
-        Wall time for each sample [s].
+        Wall time limit of each sample [s].
     lanes : bool
-        Whether several samples at once are worth the time that it takes to compile what runs them.
+        Whether the speed of batched runs justifies the time to compile their code.
     """
 
     model: Model
@@ -103,14 +103,14 @@ class Recipe:
 
 
 class Runs:
-    """Runs samples by a `recipe`, and prepares each structure once."""
+    """Executor of the samples of a `recipe`, which prepares each model structure once."""
 
     def __init__(self, recipe: Recipe) -> None:
-        import xarray  # noqa: F401 - now, so that it is not a part of the first sample's time
+        import xarray  # noqa: F401 - here, so that the time of the first sample does not include it
 
         self.recipe = recipe
         self._building = threading.RLock()
-        self._built = functools.lru_cache(STRUCTURES)(self._build)
+        self._built = functools.lru_cache(MAX_CACHED_SIMULATORS)(self._build)
         self._place = functools.lru_cache(_Place.of)
 
     def _build(self, arguments: tuple[tuple[str, Any], ...]) -> Simulator:
@@ -120,14 +120,14 @@ class Runs:
         return model if isinstance(model, Simulator) else Simulator(model, **self.recipe.settings)
 
     def simulator(self, values: Mapping[str, Any]) -> Simulator:
-        """Return what runs a sample: of all `values`, those without a dot are arguments."""
+        """Return the simulator of a sample; `values` whose names have no dot are arguments of the model."""
         arguments = {name: value.item() for name, value in values.items() if "." not in name}
-        with self._building:  # threads share what is built
+        with self._building:  # threads share the simulators
             return self._built(tuple(arguments.items()))
 
     @functools.cached_property
     def lanes(self) -> Lanes | None:
-        """What runs several samples at once, if that can be and is worth it."""
+        """Executor of batched runs, if they are possible and worth compiling."""
         if not self.recipe.lanes:
             return None
         with contextlib.suppress(CompilationError):
@@ -135,16 +135,16 @@ class Runs:
         return None
 
     def together(self, samples: Sequence[tuple[int, dict[str, Any]]]) -> Iterator[Sample]:
-        """Yield what comes of `samples`, numbers and values [as declared]."""
-        with self._building:  # threads share it
+        """Yield the results of `samples`, which are indices and values [as declared]."""
+        with self._building:  # threads share the executor
             lanes = self.lanes
         for first in range(0, len(samples), lanes.count if lanes else 1):
             group = samples[first : first + lanes.count] if lanes else samples[first : first + 1]
             results: dict[int, xr.Dataset | None] = {}
-            if lanes and 2 * len(group) >= lanes.count:  # fewer are quicker alone
+            if lanes and 2 * len(group) >= lanes.count:  # fewer samples are faster one by one
                 plan, recipe, each = self.simulator({}).prepared.plan, self.recipe, dict[int, Any]()
                 for number, values in group:
-                    with contextlib.suppress(Exception):  # alone, a run says best why
+                    with contextlib.suppress(Exception):  # the run of this sample alone reports the error
                         each[number] = self.overrides(plan, values)
                 found = lanes.run(recipe.duration, [*each.values()], recipe.not_finite)
                 results = dict(zip(each, found, strict=True))
@@ -152,7 +152,7 @@ class Runs:
                 yield self.sample(number, values, results.get(number))
 
     def check(self, values: Mapping[str, NDArray[Any]]) -> Simulator:
-        """Return the simulator of a sample after a look whether there is all that varies.
+        """Return the simulator of a sample, after a check of the varied names and shapes.
 
         Raises
         ------
@@ -175,18 +175,18 @@ class Runs:
             wanted = () if name in arguments else self._place(simulator.prepared.plan, name).shape
             if value.shape != wanted:
                 hint = f"; name one element, '{name}[0]', or give arrays" if wanted else ""
-                raise SimulationError(f"'{name}' has shape {wanted}, what varies has {value.shape}{hint}")
+                raise SimulationError(f"'{name}' has shape {wanted}, its values have {value.shape}{hint}")
         return simulator
 
     def overrides(self, plan: Plan, values: Mapping[str, Any]) -> tuple[dict[str, Any], dict[str, Any]]:
-        """Return parameters and initial states of a run that `values` [as declared] mean in a `plan`."""
+        """Return the parameters and initial states of a run in a `plan` with `values` [as declared]."""
         places = {name: self._place(plan, name) for name in values if "." in name}
         parameters, initial = dict[str, Any](), dict[str, Any]()
         for is_parameter, own in ((True, parameters), (False, initial)):
             mine = {name: place for name, place in places.items() if place.is_parameter == is_parameter}
             own |= {place.reference: values[name] for name, place in mine.items() if not place.element}
             for name, place in mine.items():
-                if place.element:  # of the array that the run would have else
+                if place.element:  # the other elements keep the values of the run
                     p = plan.parameters(parameters)
                     named = plan.p.named(p) if is_parameter else _states(plan, p)
                     own[place.reference] = np.array(own.get(place.reference, named[place.reference]))
@@ -207,15 +207,15 @@ class Runs:
         )
 
     def sample(self, number: int, values: dict[str, Any], result: xr.Dataset | None = None) -> Sample:
-        """Return what comes of sample `number` [-] with these `values`, or of its `result` [as declared].
+        """Return sample `number` [-], run with `values`, or from its `result` [as declared].
 
         Raises
         ------
         NotTakenOverError
-            If the run did not have them.
+            If the run did not use the values.
         """
         try:
-            self.simulator(values)  # what takes long at first is not the sample's time
+            self.simulator(values)  # built before the time limit of the sample starts
             with _watched(self.recipe.time_limit):
                 result = self.run(values) if result is None else result
                 found = Sample(number, self._read_back(result, values))
@@ -233,7 +233,7 @@ class Runs:
         return found
 
     def _read_back(self, result: xr.Dataset, values: Mapping[str, Any]) -> dict[str, Any]:
-        """Return the values that a run had, as it says itself."""
+        """Return the values that a run used, from the attributes of its result."""
         plan = self.simulator(values).prepared.plan
         had = {kind: json.loads(result.attrs[kind]) for kind in ("parameters", "initial_states")}
         found = {name: value for name, value in values.items() if "." not in name}
@@ -247,7 +247,7 @@ class Runs:
 
 
 class _Place(NamedTuple):
-    """Where in a plan that is what varies by some name; no `element` means the whole array."""
+    """Place of a varied value in a plan; an empty `element` selects the whole array."""
 
     reference: str
     element: tuple[int, ...]
@@ -257,7 +257,7 @@ class _Place(NamedTuple):
 
     @staticmethod
     def of(plan: Plan, name: str) -> _Place:
-        """Find it."""
+        """Return the place of the value with this name."""
         match = ELEMENT.fullmatch(name)
         reference, words = match.groups() if match else (name, "")
         hint = plan.structural(reference)
@@ -278,18 +278,18 @@ def _states(plan: Plan, p: Vector) -> dict[str, Any]:
 
 
 def own_values(plan: Plan) -> dict[str, Any]:
-    """Return the parameters and initial states that a `plan` has itself, by name [as declared]."""
+    """Return the default parameters and initial states of a `plan` by name [as declared]."""
     return plan.p.named(p := plan.parameters(None)) | _states(plan, p)
 
 
 def digest(simulator: Simulator) -> str:
-    """Return a hash of what runs without anything varied are determined by, besides settings."""
+    """Return a hash of the equations and default values of a simulator, without its settings."""
     numbers = {name: value.tolist() for name, value in own_values(simulator.prepared.plan).items()}
     return hashlib.sha256(f"{simulator.prepared.fingerprint} {json.dumps(numbers)}".encode()).hexdigest()[:16]
 
 
 def refuse_settings(model: Model, settings: Mapping[str, Any], what: str) -> None:
-    """Refuse `settings` [as of `Simulator`] beside a `model` that has its own; `what` they were given to.
+    """Check that there are no `settings` [as of `Simulator`] for `what` if the `model` is a `Simulator`.
 
     Raises
     ------
@@ -303,32 +303,32 @@ def refuse_settings(model: Model, settings: Mapping[str, Any], what: str) -> Non
 
 
 known: dict[bytes, Runs] = {}
-"""What runs the samples of pickled recipes in this process."""
+"""Executor of the samples of each pickled recipe in this process."""
 
 _loading = threading.Lock()
 
 
 def runs_of(recipe: bytes) -> Runs:
-    """Return what runs the samples of a pickled `recipe`; a process makes it once."""
+    """Return the executor of the samples of a pickled `recipe`, built once per process."""
     with _loading:
         if recipe not in known:
-            known.clear()  # a worker's last sweep
+            known.clear()  # releases the last sweep of this worker
             known[recipe] = Runs(pickle.loads(recipe))
         return known[recipe]
 
 
-PATIENCE = 2.0
-"""Wall time for which a sample may go on after the end of its time [s]."""
+END_TIMEOUT = 2.0
+"""Wall time after the time limit of a sample at which its process is ended [s]."""
 
-HUNG = 75
-"""Exit code of a worker whose sample does not come to its end, though its time is over [-]."""
+HUNG_EXIT_CODE = 75
+"""Exit code of a worker whose sample does not end at its time limit [-]."""
 
 _deadlines: dict[int, float] = {}
-"""When the samples under way should be at their end, by thread [s]."""
+"""Deadline of the running sample of each thread [s]."""
 
 
 def run_samples(recipe: bytes, samples: Sequence[tuple[int, dict[str, Any]]]) -> tuple[list[Sample], float]:
-    """Return what came of `samples`, numbers and values, by a pickled `recipe`, and the time taken [s]."""
+    """Return the results of `samples`, indices and values, by a pickled `recipe`, and the time taken [s]."""
     begun, runs = time.perf_counter(), runs_of(recipe)
     found = [*runs.together(samples)]
     return found, time.perf_counter() - begun
@@ -336,10 +336,10 @@ def run_samples(recipe: bytes, samples: Sequence[tuple[int, dict[str, Any]]]) ->
 
 @contextlib.contextmanager
 def _watched(limit: float | None) -> Iterator[None]:
-    """Say until when what is done within is to end, to what ends hanging processes."""
+    """Set the deadline of this thread for the watchdog during the body."""
     own = threading.get_ident()
     if limit is not None:
-        _deadlines[own] = time.monotonic() + limit + PATIENCE
+        _deadlines[own] = time.monotonic() + limit + END_TIMEOUT
         if multiprocessing.parent_process() is not None:  # such as Dask's workers
             watch()
     try:
@@ -350,12 +350,12 @@ def _watched(limit: float | None) -> Iterator[None]:
 
 @functools.cache
 def watch() -> None:
-    """Let this process end, from now on, if a sample hangs: others start a worker anew."""
+    """Start the watchdog, which ends this process if a sample exceeds its deadline."""
 
     def look() -> None:
         while True:
-            time.sleep(PATIENCE / 10)
+            time.sleep(END_TIMEOUT / 10)
             if any(time.monotonic() > until for until in list(_deadlines.values())):
-                os._exit(HUNG)
+                os._exit(HUNG_EXIT_CODE)
 
     threading.Thread(target=look, daemon=True).start()

@@ -1,4 +1,4 @@
-"""Sweeps: many runs of a diagram with other values, side by side, as one dataset."""
+"""Parameter sweeps: parallel runs of a diagram with varied values, as one dataset."""
 
 from __future__ import annotations
 
@@ -41,16 +41,17 @@ from trussflow.blocks.tracing.compiler import lanes
 if TYPE_CHECKING:
     import xarray as xr
 
-WORTH = 1e7
-"""Steps of all samples, and all repeats, from which on it is worth compiling the diagram once more, for
-several samples at once: the time for that, milliseconds an operation, grows with the diagram as that for a
-step does [-]. Each worker must get as many as half the lanes, too: all lanes may take half the time of one
-run after the other, and fewer are quicker on all cores."""
+MIN_BATCHED_STEPS = 1e7
+"""Smallest number of steps of all samples and repeats for which code for batched runs is compiled [-].
+
+The time to compile, like the time of a step, is proportional to the size of the diagram. Each worker must
+also get samples for half of the lanes: with fewer, single runs on all cores are faster.
+"""
 
 UNKNOWN_WORKERS = 64
-"""Tasks under way on an executor that does not say how many workers it has [-]."""
+"""Assumed number of workers of an executor with an unknown number [-]."""
 
-OWN = (
+OWN_ARGUMENTS = (
     *("vary", "samples", "seed", "method", "keep", "path", "executor", "workers", "time_limit", "until"),
     *("not_finite", "progress", "repeats"),
 )
@@ -80,76 +81,77 @@ def sweep(
     repeats: int = 1,
     **settings: Unpack[SimulatorSettings],
 ) -> xr.Dataset:
-    """Run a diagram many times with other values, side by side.
+    """Run a diagram many times in parallel with varied values.
 
-    Where it is worth it, runs of fixed steps without events, algebraic loops, Python blocks or a time limit
-    are advanced 4 or 8 at once on each core, with the same numbers.
+    For long sweeps, fixed-step runs without events, algebraic loops, Python blocks or a time limit are
+    advanced in batches of 4 or 8 on each core, with the same numbers.
 
     Parameters
     ----------
     model : Diagram, System, Simulator or callable
-        What to run, or a function of this module or script that builds it of what varies, where
-        structure does.
+        Model to run. If its structure varies, a function of this module or script that builds it from the
+        varied arguments.
     duration : float
         Time to simulate [s].
     vary : mapping
-        Frozen distributions of `scipy.stats`, or sequences of values, by what varies: parameters and
-        initial states as ``"block.name"``, single elements as ``"block.name[0]"``, and, without a dot,
-        arguments of the function. Several names in a tuple vary together: rows with a value, or an
-        array, of each, or a multivariate distribution. Sequences are combined in all ways, the last varies
-        fastest, and distributions drawn for each combination.
+        Frozen distributions of `scipy.stats`, or sequences of values, by name: parameters and initial
+        states ``"block.name"``, single elements ``"block.name[0]"``, and, without a dot, arguments of the
+        function. Several names in a tuple vary together: by rows with a value or an array for each name, or
+        by a multivariate distribution. Sequences form a full grid, in which the last varies fastest.
+        Distributions are sampled for each grid point.
     samples : int, optional
-        How often distributions are drawn [-].
+        Number of samples of the distributions [-].
     seed : int
-        Which numbers are drawn [-].
+        Seed of the random numbers [-].
     method : str
-        How: ``"random"``, or ``"latin"``, ``"sobol"``, ``"halton"`` of `scipy.stats.qmc`.
+        Sampling method: ``"random"``, or ``"latin"``, ``"sobol"``, ``"halton"`` of `scipy.stats.qmc`.
     keep : mapping, sequence, callable or str
-        What is kept of each run, by name: a function of its result; or what is made of the output of
-        that name, or of a pair of output and that: max, min, peak, mean, rms, final, settling (the time
-        after which it stays within 2 % of its end) or all. A list keeps signals whole, ``"all"`` all of
-        them, one function all that it returns by name.
+        Values to keep of each run, by name: a function of its result, the name of a reduction of the output
+        with that name, or a pair of output and reduction. Reductions are max, min, peak, mean, rms, final,
+        settling (the time after which it stays within 2 % of its final value) and all. A list keeps whole
+        signals, ``"all"`` all signals, and a function all values that it returns by name.
     path : path, optional
-        Folder to keep finished samples in. The same call goes on there after whatever ended it.
+        Folder for finished samples. After an interruption, the same call resumes the sweep.
     executor : str or concurrent.futures.Executor
         ``"processes"``, ``"threads"``, ``"serial"``, or an executor, such as that of a Dask client.
     workers : int, optional
-        How many run side by side [-]; by default one per core, or as many as the executor has.
+        Number of parallel runs [-]; by default one per core, or the number of workers of the executor.
     time_limit : float, optional
-        Wall time for each sample [s].
+        Wall time limit of each sample [s].
     until : mapping, optional
-        Largest half widths of the 95 % confidence intervals of means, by names in `keep` [as kept]:
-        as soon as all are as narrow, the sweep ends.
+        Largest half widths of the 95 % confidence intervals of means, by names in `keep` [as kept]: the
+        sweep ends when all intervals are narrow enough.
     not_finite : str
         As for `Simulator.run`.
     progress : bool
         Whether sweeps of more than a second show a progress bar.
     repeats : int
-        How many such sweeps there will be, with other values [-]: what is compiled serves them all.
+        Expected number of such sweeps [-], which share their compiled code.
     **settings
         As for `Simulator`: log, log_step, step, solver, backend, rtol, atol.
 
     Returns
     -------
     xarray.Dataset
-        What was kept, along ``sample``. What varied are coordinates: read back from the runs. ``status``
-        is that of the run, or ``"lost"``; what did not complete has a ``message``, and is not a number.
+        Kept values along ``sample``. Varied values, read back from the runs, are coordinates. ``status`` is
+        that of the run, or ``"lost"``. A sample that did not complete has a ``message``, and its values are
+        NaN.
 
     Raises
     ------
     SimulationError
-        If an argument makes no sense, a run did not have the values that it was given, or the folder is
-        another sweep's or cannot be written.
+        If an argument is not allowed, a run did not use its values, or the folder contains another sweep
+        or cannot be written.
     NameLookupError
         If there is no such parameter, state or argument.
     SimulationInterrupted
-        On Ctrl-C; what was finished is in its `result`.
+        On Ctrl-C; its `result` has the finished samples.
     """
     positive(duration=duration)
     positive_if_given(time_limit=time_limit)
     positive_whole(workers=1 if workers is None else workers, repeats=repeats)
     one_of("way to treat what is not finite", not_finite, NOT_FINITE)
-    refuse_unknown(settings, [*SimulatorSettings.__annotations__, *OWN])
+    refuse_unknown(settings, [*SimulatorSettings.__annotations__, *OWN_ARGUMENTS])
     refuse_settings(model, settings, "the sweep")
     kept = understood(keep)
     if settings.get("log") is None and not isinstance(model, Simulator) and kept.outputs is not None:
@@ -158,7 +160,7 @@ def sweep(
     positive(**until)
     if kept.names is not None and (unknown := sorted(until.keys() - {*kept.names})):
         raise SimulationError(
-            f"until looks at '{unknown[0]}', which is not kept: {', '.join(kept.names)} are"
+            f"until names '{unknown[0]}', which is not kept; kept are: {', '.join(kept.names)}"
         )
     columns = {name: values.copy() for name, values in drawn(vary, samples, seed, method).items()}
     recipe = Recipe(model, float(duration), dict(settings), not_finite, kept.function, time_limit)
@@ -181,11 +183,12 @@ def sweep(
     step, side = simulator.prepared.step, _side_by_side(executor, workers)
     if step is not None and time_limit is None and all("." in name for name in columns):
         steps = repeats * count * duration / float(step)
-        enough = steps >= WORTH and 2 * count >= lanes() * side
+        enough = steps >= MIN_BATCHED_STEPS and 2 * count >= lanes() * side
         worth = enough and goes_in_lanes(simulator.prepared)
         runs.recipe = recipe = dataclasses.replace(recipe, lanes=worth)
     explained = (
-        f"cannot hand '{identity['diagram']}' to workers: {{}}; look at what its blocks and functions hold"
+        f"cannot pickle '{identity['diagram']}' for workers: {{}}; check the attributes of its blocks and "
+        "the variables of its functions"
     )
     with Explained(lambda error: SimulationError(explained.format(error))):
         pickled = cloudpickle.dumps(recipe)
@@ -193,7 +196,9 @@ def sweep(
     pieces = Pieces(path, identity, count, list(until))
     attributes = provenance() | {k: v if isinstance(v, str) else json.dumps(v) for k, v in identity.items()}
     try:
-        together = None if pieces.finished.all() else runs.lanes  # compiled here, found by other processes
+        together = (
+            None if pieces.finished.all() else runs.lanes
+        )  # compiled once here, then in the cache of other processes
         with _pool(executor, side) as pool:
             dispatch = Dispatch(pool, pickled, columns, pieces, until, together.count if together else 1)
             wanted = dispatch.run(simulator.prepared.plan.name, 2 * side, progress)
@@ -211,22 +216,22 @@ def sweep(
 
 
 def settings_of(simulator: Simulator) -> dict[str, Any]:
-    """Return the settings of a simulator but for what it logs."""
+    """Return the settings of a simulator, without its log."""
     step = simulator.log_step
     return dataclasses.asdict(simulator.prepared.solver) | {"log_step": None if step is None else float(step)}
 
 
 def rerun(model: Model, swept: xr.Dataset, sample: int, *, log: Chosen | None = None) -> xr.Dataset:
-    """Run one sample of a sweep again, with the same numbers to the bit, and return the whole result.
+    """Run one sample of a sweep again, with bitwise equal numbers, and return its complete result.
 
     Parameters
     ----------
     model : Diagram, System, Simulator or callable
-        What was swept.
+        Model of the sweep.
     swept : xarray.Dataset
-        What `sweep` returned, or what was read from a file that it was saved to.
+        Result of `sweep`, or a dataset that was read from its file.
     sample : int
-        Which sample [-].
+        Index of the sample [-].
     log : mapping, sequence or None
         As for `Simulator`: None logs every output.
 
@@ -235,7 +240,7 @@ def rerun(model: Model, swept: xr.Dataset, sample: int, *, log: Chosen | None = 
     SimulationError
         If there is no such sample, or the diagram has changed.
     DivergenceError
-        If it diverged in the sweep as well.
+        If the sample diverges, as in the sweep.
     """
     if "vary" not in getattr(swept, "attrs", ()):
         raise SimulationError(f"cannot rerun a sample of {shown(swept)}: give what sweep() returned")
@@ -249,14 +254,14 @@ def rerun(model: Model, swept: xr.Dataset, sample: int, *, log: Chosen | None = 
     first = swept.isel(sample=0)
     if digest(runs.check({name: first[name].values[()] for name in values})) != swept.attrs["model"]:
         raise SimulationError(
-            f"'{swept.attrs['diagram']}' has changed since it was swept: its equations, parameters or "
-            "initial states are others"
+            f"'{swept.attrs['diagram']}' has changed since the sweep: its equations, parameters or "
+            "initial states are different"
         )
     return runs.run(values)
 
 
 def _side_by_side(executor: str | Executor, workers: int | None) -> int:
-    """Return how many samples, or groups of them in lanes, run at a time [-]."""
+    """Return the number of samples, or batches of samples, that run in parallel [-]."""
     if isinstance(executor, Executor):
         return workers or int(getattr(executor, "_max_workers", UNKNOWN_WORKERS))
     one_of("executor", executor, tuple(EXECUTORS))
@@ -265,7 +270,7 @@ def _side_by_side(executor: str | Executor, workers: int | None) -> int:
 
 @contextlib.contextmanager
 def _pool(executor: str | Executor, workers: int) -> Iterator[Executor]:
-    """Yield the executor that is meant; one of ours is gone afterwards."""
+    """Yield the executor; one that is made here is shut down at the end."""
     if isinstance(executor, Executor):
         yield executor
         return

@@ -1,13 +1,14 @@
-r"""Exact derivatives of what runs with events log: forward, one step and one event after the other.
+r"""Exact forward sensitivities of the logged signals of runs with events.
 
-Where an indicator g crosses zero, the time of the event moves with what varies, q: the step that leads there
-is of a length h with
+If an indicator g crosses zero, the event time depends on the varied values q. The length h of the step to
+the event has the derivative
 
 .. math:: \frac{dh}{dq} = - \left(\frac{\partial g}{\partial h}\right)^{-1} \frac{\partial g}{\partial q},
 
-both along the step as the solver takes it. State and time go through `on_event` so, and the rest of the step
-is shorter by as much (Hiskens, Pai 2000, *Trajectory sensitivity analysis of hybrid systems*, IEEE
-Transactions on Circuits and Systems I 47 (2)). Nothing is taken from differences.
+with both derivatives along the step of the solver. State and time sensitivities are passed through
+`on_event`, and the rest of the step has the opposite change of length (Hiskens, Pai 2000, *Trajectory
+sensitivity analysis of hybrid systems*, IEEE Transactions on Circuits and Systems I 47 (2)). No finite
+differences are used.
 """
 
 from __future__ import annotations
@@ -23,19 +24,19 @@ from trussflow.blocks.simulation.executor import InPlace, InterpretedExecutor, S
 from trussflow.blocks.simulation.prepared import Prepared
 from trussflow.blocks.simulation.solver import fixed_step
 
-SAME = 1e-9
-"""How far apart the derivatives of two times may be that are one [-], relative to the larger."""
+SIMULTANEITY_TOLERANCE = 1e-9
+"""Largest relative difference of the derivatives of two event times that count as one event [-]."""
 
 
 class TangentExecutor(InterpretedExecutor):
-    """Takes a run, and along with it the derivatives of its state, of what changes at instants, and of time.
+    """Executor of a run with the forward sensitivities of states, discrete data, and time.
 
     Parameters
     ----------
     prepared : Prepared
-        What runs, with a fixed-step solver.
+        Prepared diagram with a fixed-step solver.
     count : int
-        How many numbers vary, q [-].
+        Number of varied numbers, the size of q [-].
     """
 
     def __init__(self, prepared: Prepared, count: int) -> None:
@@ -49,7 +50,7 @@ class TangentExecutor(InterpretedExecutor):
             prepared.solver.solver, lambda time, y: rate(time, y, d, p), (t, t + h / 2, t + h), h, x
         )
         functions["step"] = ca.Function("step", [h, t, x, d, p], [after])
-        # One direction more than what varies: the length of the step.
+        # One direction more than q: the length of the step.
         self._along = {name: _along(function, count + 1) for name, function in functions.items()}
 
     def run(
@@ -58,21 +59,21 @@ class TangentExecutor(InterpretedExecutor):
         start: tuple[Vector, Vector, Vector],
         slopes: tuple[Array, Array, Array],
     ) -> tuple[Array, Array]:
-        """Return what is logged at ticks, and its derivatives: of shapes (ticks, width), (ticks, width, q).
+        """Return the logged values and their derivatives: shapes (ticks, width) and (ticks, width, q).
 
         Parameters
         ----------
         logged : array of int
-            Ticks at which it is logged; the last is the end [-].
+            Ticks at which values are logged; the last is the end [-].
         start : tuple of Vector
-            x and d at the start, and p [as declared].
+            Initial x and d, and p [as declared].
         slopes : tuple of array
-            Their derivatives by what varies, each of shape (size, q).
+            Their derivatives by q, each of shape (size, q).
 
         Raises
         ------
         SimulationError
-            If an event is where no derivative is.
+            If the derivative does not exist at an event.
         DivergenceError
             If a state stops being finite.
         """
@@ -96,7 +97,7 @@ class TangentExecutor(InterpretedExecutor):
         return rows, np.array(self._rows)
 
     def call(self, name: str, t: float, x: Vector, d: Vector, p: Vector) -> Vector:
-        """Return the quantity of that name; what changes state or log does so for the derivatives too."""
+        """Return the quantity of that name, and update the derivatives with it."""
         if name == "on_event":
             self._to_event(t, x, d, p)
         found = super().call(name, t, x, d, p)
@@ -113,7 +114,7 @@ class TangentExecutor(InterpretedExecutor):
     def between(
         self, method: str, times: tuple[float, float, float], x: Vector, d: Vector, p: Vector
     ) -> Vector:
-        """Return the state after a step with the events in it; the derivatives are those at its end."""
+        """Return the state after a step with its events, and move the derivatives to the end of the step."""
         self._begin = times[0], x
         after = super().between(method, times, x, d, p)
         self._to_instant(times[1], d, p)
@@ -122,19 +123,19 @@ class TangentExecutor(InterpretedExecutor):
     def _step(
         self, method: str, times: tuple[float, float, float], x: Vector, d: Vector, p: Vector
     ) -> Vector:
-        if times[0] != self._begin[0]:  # the time of an event that was none
+        if times[0] != self._begin[0]:  # the step ends at an event candidate that did not trigger
             self._to_instant(times[0], d, p)
             self._begin = times[0], x
         return super()._step(method, times, x, d, p)
 
     def _to_instant(self, t: float, d: Vector, p: Vector) -> None:
-        """Move the derivatives to a time `t` [s] that stays: what began later takes a shorter step."""
+        """Move the derivatives to a fixed time `t` [s]; a later event time makes the step shorter."""
         state = self._stepped(t, d, p)
         self._x = state[:, :-1] - state[:, -1:] * self._time
         self._time = np.zeros_like(self._time)
 
     def _slope(self, name: str, t: float, x: Vector, d: Vector, p: Vector) -> Array:
-        """Return the derivative of a quantity as state and time move."""
+        """Return the total derivative of a quantity by q, through state and time."""
         seeds = _still(self._time, self._x, self._d, self._p)
         return self._derivative(name, (t, x, d, p), seeds)[:, :-1]
 
@@ -150,36 +151,36 @@ class TangentExecutor(InterpretedExecutor):
         return self._derivative("step", (t - begin, begin, x, d, p), seeds)
 
     def _to_event(self, t: float, x: Vector, d: Vector, p: Vector) -> None:
-        """Move the derivatives to an event at time `t` [s], which moves itself if a step led to it."""
+        """Move the derivatives to an event at time `t` [s], whose time depends on q if a step leads to it."""
         if t == self._begin[0]:
             return
         state, plan = self._stepped(t, d, p), self._prepared.plan
         time = np.append(self._time, [[1.0]], axis=1)
         g = self._derivative("indicators", (t, x, d, p), [time, state, *_still(self._d, self._p)])
-        g[plan.kinds == TIMED] -= time  # a time event is where its indicator, a time, meets time
+        g[plan.kinds == TIMED] -= time  # the residual of a time event is its indicator minus the time
         fired = np.flatnonzero(d[plan.fired.span])
         with np.errstate(divide="ignore", invalid="ignore"):
             lengths = -g[fired, :-1] / g[fired, -1:]
-        apart = np.abs(lengths - lengths[0]) > SAME * np.abs(lengths).max(axis=0)
+        apart = np.abs(lengths - lengths[0]) > SIMULTANEITY_TOLERANCE * np.abs(lengths).max(axis=0)
         if apart.any() or not np.isfinite(lengths).all():
             places = plan.sides.span.start + fired
             names = [e.describe(k - e.start) for k in places.tolist() for e in [plan.sides.at(k)]]
-            why = "happen at once" if apart.any() else "touches zero without crossing it"
+            why = "happen at the same time" if apart.any() else "touches zero without crossing it"
             raise SimulationError(
                 f"cannot differentiate the run of '{plan.name}': at t = {t:g} s {' and '.join(names)} "
-                f"{why}, and the least change of what varies makes another course of it"
+                f"{why}, so the run does not depend smoothly on the varied values"
             )
         self._x = state[:, :-1] + state[:, -1:] * lengths[0]
         self._time = self._time + lengths[0]
 
 
 def _still(*slopes: Array) -> list[Array]:
-    """Return `slopes` with a column for the length of the step, which does not change them."""
+    """Return `slopes` with a zero column for the length of the step, on which they do not depend."""
     return [np.pad(slope, ((0, 0), (0, 1))) for slope in slopes]
 
 
 def _along(function: ca.Function, count: int) -> InPlace:
-    """Return the derivative of a `function` of columns along so many directions, of values and directions."""
+    """Return the function of the derivatives of a `function` of columns along `count` directions."""
     values = [ca.MX.sym("value", function.size1_in(k)) for k in range(function.n_in())]
     seeds = [ca.MX.sym("seed", function.size1_in(k), count) for k in range(function.n_in())]
     found = function.forward(count)(*values, function(*values), *seeds)

@@ -1,4 +1,4 @@
-"""Trials of values: what functions make of the runs of all samples, with exact derivatives or as a sweep."""
+"""Objective functions of the runs of all samples, with exact derivatives or by sweeps."""
 
 from __future__ import annotations
 
@@ -24,14 +24,14 @@ Becoming = Callable[..., Mapping[str, Any]]
 
 
 class Trial(NamedTuple):
-    """What came of the runs of all samples with some values.
+    """Results of one trial: all samples simulated with one candidate parameter vector.
 
     Attributes
     ----------
     found : dict of array
-        What each function returns, along samples first [as it returns].
+        Results of each function, with samples along the first axis [as it returns].
     slopes : dict of array
-        Its derivatives: along samples, elements of the result, and elements of all values.
+        Derivatives, with axes for samples, elements of the result, and elements of all values.
     """
 
     found: dict[str, Array]
@@ -39,29 +39,29 @@ class Trial(NamedTuple):
 
 
 class Trials(Protocol):
-    """Makes trials, with values by name [as declared]."""
+    """Interface of objectives, evaluated for values by name [as declared]."""
 
     def __call__(self, values: Mapping[str, Array]) -> Trial:
-        """Return what came of it; raise DivergenceError where a run or a result does not stay finite."""
+        """Return the trial; raise DivergenceError if a run or a result is not finite."""
 
 
 class DifferentiatedTrials:
-    """Runs one sample after the other, with exact derivatives; see `DifferentiatedRun`.
+    """Objective with exact derivatives, which runs one sample after another; see `DifferentiatedRun`.
 
     Parameters
     ----------
     simulator : Simulator
-        What runs.
+        Simulator of the diagram.
     duration : float
-        [s].
+        Duration of each run [s].
     functions : mapping of callable
-        By name; each takes a run without numbers.
+        Functions of a traced run by name.
     becoming : callable
-        What values become; it traces as the functions do.
+        Function from values to parameters and initial states; it must trace.
     start : mapping of array
-        Values [as declared].
+        Initial values [as declared].
     samples : sequence of mapping
-        What else the runs have.
+        Other parameters and initial states of each run.
     """
 
     def __init__(
@@ -102,22 +102,22 @@ class DifferentiatedTrials:
 
 @dataclass(frozen=True, slots=True)
 class SweptTrials:
-    """Sweeps over the samples, without derivatives: nothing is traced or compiled again.
+    """Objective without derivatives: each trial is a sweep with the same compiled code.
 
     Attributes
     ----------
     simulator : Simulator
-        What runs.
+        Simulator of the diagram.
     duration : float
-        [s].
+        Duration of each run [s].
     functions : mapping of callable
-        By name; each takes a finished run.
+        Functions of a result by name.
     becoming : callable
-        What values become.
+        Function from values to parameters and initial states.
     samples : sequence of mapping
-        What else the runs have.
+        Other parameters and initial states of each run.
     path : path or None
-        Folder in which each trial keeps its runs.
+        Folder for the runs of each trial.
     how : mapping
         As for `sweep`: executor, workers and repeats.
     """

@@ -1,4 +1,4 @@
-"""Tuning: values that make runs best, found with exact derivatives of the runs or with none."""
+"""Tuning: optimization of parameters and initial states, with exact derivatives or without derivatives."""
 
 from __future__ import annotations
 
@@ -22,44 +22,44 @@ from trussflow.blocks.simulation.simulator import Simulator, SimulatorSettings
 from trussflow.blocks.sweeps.samples import own_values, refuse_settings
 from trussflow.blocks.sweeps.trials import Becoming, DifferentiatedTrials, SweptTrials, Trials
 
-WORSE = 10.0
-"""How much more than the most that a run has cost a run costs that does not stay finite [-]."""
+DIVERGED_COST_FACTOR = 10.0
+"""Cost of a run that diverges, relative to the largest cost so far [-]."""
 
-SATISFIED = 1e-6
-"""How far a limit may be missed by round-off, relative to it, or to one where it is zero [-]."""
+LIMIT_TOLERANCE = 1e-6
+"""Largest violation of a limit that counts as round-off, relative to the limit, or to 1 if it is zero [-]."""
 
-PRECISION = 1e-9
-"""Change of the cost at which the search ends, relative to what it was at first [-]."""
+COST_TOLERANCE = 1e-9
+"""Change of the cost at which the search ends, relative to the initial cost [-]."""
 
-FAR, NEAR = 0.1, 1e-4
-"""How far apart trials without derivatives are at first, and when the search ends, parts of ranges [-]."""
+INITIAL_RADIUS, FINAL_RADIUS = 0.1, 1e-4
+"""Initial and final trust-region radius without derivatives, relative to the ranges [-]."""
 
-COST = "the cost"
-"""Its name among the functions of a run."""
+COST_NAME = "the cost"
+"""Name of the cost among the functions of a run."""
 
 Limit = tuple[Callable[[Any], Any], Any]
-"""A function, and the most that it may return."""
+"""A function, and the largest value that it may return."""
 
 Ranges = Mapping[str, tuple[Array, Array, Array]]
-"""Least value, that to begin with, and greatest, all of one shape, by name."""
+"""Smallest, initial and largest value, all of one shape, by name."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Tuned(Described):
-    """What `tune` has found.
+    """Result of `tune`.
 
     Attributes
     ----------
     values : dict of array
-        The best ones, by name [as declared].
+        Best values by name [as declared].
     cost, before : float
-        With these values, and with those it began with [as the cost].
+        Cost with these values, and with the initial ones [as the cost].
     limits : dict of array
-        What the functions of the limits return, the most of all samples [as they return].
+        Largest values of the limited functions over all samples [as they return].
     runs : int
-        How many runs it took, derivatives included [-].
+        Number of runs, derivatives included [-].
     message : str
-        Why the optimizer ended; "" where it has found an optimum.
+        Reason why the optimizer ended without an optimum, or an empty text.
     """
 
     values: dict[str, Array]
@@ -92,42 +92,43 @@ def tune(
     workers: int | None = None,
     **settings: Unpack[SimulatorSettings],
 ) -> Tuned:
-    """Return the values of parameters and initial states at which a run costs least.
+    """Return the values of parameters and initial states that minimize the cost of a run.
 
-    With exact derivatives by sequential quadratic programming (Kraft 1988; `scipy.optimize.minimize`, SLSQP);
-    without any by quadratic models of what trials gave (Ragonneau 2022, *Model-Based Derivative-Free
-    Optimization Methods and Software*; COBYQA). Both find a local optimum.
+    With exact derivatives, the method is sequential quadratic programming (Kraft 1988;
+    `scipy.optimize.minimize`, SLSQP). Without derivatives, it is a trust-region method with quadratic models
+    (Ragonneau 2022, *Model-Based Derivative-Free Optimization Methods and Software*; COBYQA). Both find a
+    local optimum.
 
     Parameters
     ----------
     model : Diagram, System or Simulator
-        What runs; to be differentiated with fixed steps, without Python blocks or loops found by iteration.
+        Model to run. With derivatives, it must have fixed steps, no Python blocks, and no iterated loops.
     duration : float
         Time to simulate [s].
     cost : callable
-        Takes the run and returns a number. With derivatives that is a run as of `gradient`, without any the
+        Function from the run to a number. With derivatives, the run is that of `gradient`, otherwise the
         dataset that `simulate` returns.
     vary : mapping
-        By ``"block.name"``: least and greatest value, to begin with what the block has; or least value, the
-        one to begin with, and greatest [as declared].
+        Ranges by ``"block.name"``: smallest and largest value, with the value of the block as the initial
+        one; or smallest, initial and largest value [as declared].
     becoming : callable, optional
-        Takes the names in `vary` as keywords, and returns parameters and initial states of the diagram, where
-        one number changes several of them. With derivatives it traces as the cost does.
+        Function from the names in `vary` as keywords to parameters and initial states of the diagram, if
+        one number changes several of them. With derivatives, it must trace.
     limits : mapping, optional
-        By name: a function of the run that returns numbers, and the most that they may be.
+        Pairs by name: a function from the run to numbers, and their largest allowed values.
     requirements : mapping, optional
-        By name: a function of the values by name, such as of poles or margins of the diagram linearized with
-        them, and the most that it may return. These are differentiated by differences.
+        Pairs by name: a function of the values, such as poles or margins of the linearized diagram, and
+        its largest allowed value. These functions are differentiated by finite differences.
     samples : sequence of mapping
-        Values of other parameters and initial states, for each run: the mean of what they cost counts, and
-        limits hold in all.
+        Other parameters and initial states of each run. The mean cost is minimized, and the limits hold for
+        all samples.
     derivatives : bool
-        Whether runs are differentiated. If not, whatever runs will do, and any function of it; each trial is
-        a `sweep` over the samples, for which nothing is traced or compiled.
+        Whether runs are differentiated. If not, any model and any function is allowed, and each trial is
+        a `sweep` over the samples without tracing or compilation.
     iterations : int
-        At most [-]; without derivatives, trials.
+        Largest number of iterations, or of trials without derivatives [-].
     path : path, optional
-        Without derivatives: folder to keep finished runs in. The same call goes on there.
+        Without derivatives: folder for finished runs. The same call resumes there.
     executor, workers
         Without derivatives: as of `sweep`; by default ``"threads"`` [workers: -].
     **settings
@@ -140,15 +141,15 @@ def tune(
     Raises
     ------
     SimulationError
-        If an argument makes no sense, the run cannot be differentiated, or a run fails.
+        If an argument is not allowed, the run cannot be differentiated, or a run fails.
     DivergenceError
-        If a run does not stay finite with the values it begins with.
+        If a run diverges with the initial values.
     NameLookupError
         If there is no such parameter or state.
     TracingError
         If a function does not trace.
     SimulationInterrupted
-        On Ctrl-C; the best until then is its `result`.
+        On Ctrl-C; its `result` is the best trial so far.
     """
     from scipy.optimize import minimize
 
@@ -161,9 +162,9 @@ def tune(
         {name: _limit(name, limit) for name, limit in by_name(what, given).items()}
         for what, given in (("limits", limits), ("requirements", requirements))
     )
-    if COST in limits:
-        raise SimulationError(f"no limit may be called '{COST}'; give it another name")
-    functions = {COST: cost, **{name: function for name, (function, _) in limits.items()}}
+    if COST_NAME in limits:
+        raise SimulationError(f"no limit may be called '{COST_NAME}'; give it another name")
+    functions = {COST_NAME: cost, **{name: function for name, (function, _) in limits.items()}}
     simulator = model if isinstance(model, Simulator) else Simulator(model, **settings)
     ranges = _ranges(simulator, vary, becoming is not None)
     becoming = dict if becoming is None else becoming
@@ -186,7 +187,7 @@ def tune(
     known: dict[bytes, Vector] = {}
 
     def spare(x: Vector) -> Vector:
-        if x.tobytes() not in known:  # asked for several times in each trial
+        if x.tobytes() not in known:  # called several times in each trial
             values = search.values(x)
             found = [_spare(function(values), most) for function, most in requirements.values()]
             known[x.tobytes()] = np.concatenate([np.ravel(one) for one in found])
@@ -196,10 +197,10 @@ def tune(
     scale = abs(before) or 1.0
     method: dict[str, Any] = {"jac": lambda x: search.at(x).slope / scale}
     room: dict[str, Any] = {"fun": lambda x: search.at(x).room, "jac": lambda x: search.at(x).room_slope}
-    method |= {"method": "SLSQP", "options": {"maxiter": iterations, "ftol": PRECISION}}
+    method |= {"method": "SLSQP", "options": {"maxiter": iterations, "ftol": COST_TOLERANCE}}
     if not derivatives:
         del method["jac"], room["jac"]
-        radii = {"initial_tr_radius": FAR, "final_tr_radius": NEAR}
+        radii = {"initial_tr_radius": INITIAL_RADIUS, "final_tr_radius": FINAL_RADIUS}
         method |= {"method": "COBYQA", "options": {"maxfev": iterations, **radii}}
     constraints: list[Any] = [{"type": "ineq", **room}] if limits else []
     if requirements:
@@ -210,7 +211,7 @@ def tune(
 
     def missing(x: Vector) -> float:
         least = np.min([np.min(one["fun"](x), initial=0.0) for one in constraints], initial=0.0)
-        return 0.0 if least >= -SATISFIED else float(np.nan_to_num(-least, nan=np.inf))
+        return 0.0 if least >= -LIMIT_TOLERANCE else float(np.nan_to_num(-least, nan=np.inf))
 
     def tuned(x: Vector, message: str) -> Tuned:
         best = search.at(x)
@@ -233,24 +234,24 @@ def tune(
 
 
 def _limit(name: str, limit: Any) -> Limit:
-    """Return a function, and the most that it may return."""
+    """Return the checked pair of a function and its largest value."""
     if not isinstance(limit, tuple | list) or len(limit) != 2 or not callable(limit[0]):
         raise SimulationError(f"the limit '{name}' is {shown(limit)}; give (function, most)")
     return limit[0], finite_array(f"the limit of '{name}'", limit[1])
 
 
 def _spare(found: Any, most: Array) -> Array:
-    """Return how much a limit leaves, relative to it, or to one where it is zero [-]."""
+    """Return the distance to a limit, relative to the limit, or to 1 if it is zero [-]."""
     return (most - found) / _size(most)
 
 
 def _size(most: Array) -> Array:
-    """Return what is a large violation of a limit [as limited]."""
+    """Return the scale of a limit [as limited]."""
     return np.where(most == 0.0, 1.0, np.abs(most))
 
 
 class _Found(NamedTuple):
-    """Cost, how much the limits leave, their derivatives, and what the limited functions return at most."""
+    """Cost, distance to the limits, their derivatives, and largest values of the limited functions."""
 
     cost: float
     slope: Vector
@@ -260,7 +261,7 @@ class _Found(NamedTuple):
 
 
 class _Search:
-    """What the optimizer asks for, of numbers from 0 to 1 for what is between its bounds."""
+    """Scaled objective of the optimizer: values are mapped from their ranges to 0 to 1."""
 
     def __init__(self, trials: Trials, ranges: Ranges, limits: Mapping[str, Limit], samples: int) -> None:
         self._trials, self._limits, self._samples, self.runs = trials, limits, samples, 0
@@ -278,13 +279,13 @@ class _Search:
         return np.asarray(self._low + self._span * np.clip(x, 0.0, 1.0))
 
     def values(self, x: Vector) -> dict[str, Array]:
-        """Return what is tuned [as declared]."""
+        """Return the tuned values by name [as declared]."""
         flat = self._flat(x)
         places = zip(self._shapes.items(), spans(map(prod, self._shapes.values())), strict=True)
         return {name: flat[place].reshape(shape) for (name, shape), place in places}
 
     def at(self, x: Vector) -> _Found:
-        """Return what is there; where a run does not stay finite, a cost that leads back."""
+        """Return the results at a point; if a run diverges, a large cost with the last derivatives."""
         key = self._flat(x).tobytes()
         if key not in self._known:
             try:
@@ -292,15 +293,17 @@ class _Search:
                 self.tried.append(np.array(x))
                 self._worst = max(self._worst, abs(self._last.cost))
             except DivergenceError:
-                self._last = self._last._replace(cost=WORSE * self._worst + 1.0)
+                self._last = self._last._replace(cost=DIVERGED_COST_FACTOR * self._worst + 1.0)
             self._known[key] = self._last
         return self._known[key]
 
     def _flown(self, x: Vector) -> _Found:
         self.runs += self._samples
         found, slopes = self._trials(self.values(x))
-        if found[COST].size != self._samples:
-            raise SimulationError(f"{COST} has the shape {found[COST].shape[1:]}, and must be one number")
+        if found[COST_NAME].size != self._samples:
+            raise SimulationError(
+                f"{COST_NAME} has the shape {found[COST_NAME].shape[1:]}, and must be one number"
+            )
         rooms, room_slopes = [np.zeros(0)], [np.zeros((0, len(x)))]
         for name, (_, most) in self._limits.items():
             rooms.append(np.ravel(_spare(found[name], most)))
@@ -308,8 +311,8 @@ class _Search:
                 sizes = np.broadcast_to(_size(most), found[name].shape).reshape(-1, 1)
                 room_slopes.append(-slopes[name].reshape(-1, len(x)) * self._span / sizes)
         return _Found(
-            float(np.mean(found[COST])),
-            np.mean(slopes[COST], axis=(0, 1)) * self._span if slopes else np.zeros(0),
+            float(np.mean(found[COST_NAME])),
+            np.mean(slopes[COST_NAME], axis=(0, 1)) * self._span if slopes else np.zeros(0),
             np.concatenate(rooms),
             np.vstack(room_slopes),
             {name: np.max(found[name], axis=0) for name in self._limits},
@@ -317,7 +320,7 @@ class _Search:
 
 
 def _ranges(simulator: Simulator, vary: Mapping[str, Any], free: bool) -> Ranges:
-    """Return the ranges of what varies; `free` are names that are none of the diagram."""
+    """Return the ranges of the varied values; if `free`, names need not be those of the diagram."""
     given, plan = by_name("what varies", vary), simulator.prepared.plan
     if not given:
         raise SimulationError("nothing varies: name parameters or initial states, such as 'block.name'")
@@ -330,7 +333,7 @@ def _ranges(simulator: Simulator, vary: Mapping[str, Any], free: bool) -> Ranges
 
 
 def _range(name: str, value: Any, own: Array | None = None) -> tuple[Array, Array, Array]:
-    """Return least value, that to begin with, by default the diagram's `own`, and greatest."""
+    """Return smallest, initial and largest value; the initial one is by default the diagram's `own`."""
     form = "(least, begin, greatest)" if own is None else "(least, greatest) or (least, begin, greatest)"
     if not isinstance(value, tuple | list) or len(value) not in {3, 3 - (own is not None)}:
         raise SimulationError(f"'{name}' is to be tuned within {shown(value)}; give {form}")
@@ -339,8 +342,8 @@ def _range(name: str, value: Any, own: Array | None = None) -> tuple[Array, Arra
     fits = all(not one.ndim or one.shape == shape for one in (low, *begin, high))
     if not (fits and np.all(low < high) and all(np.all((low <= b) & (b <= high)) for b in begin)):
         raise SimulationError(
-            f"'{name}' is to be tuned within {shown(value)}: numbers, or arrays of the shape {shape}, in "
-            "their order, the first one less than the last"
+            f"'{name}' is to be tuned within {shown(value)}: give numbers, or arrays of the shape "
+            f"{shape}, in increasing order, the first one less than the last"
         )
     start: Array = begin[0] if begin else np.clip(np.asarray(own), low, high)
     return np.broadcast_to(low, shape), np.broadcast_to(start, shape), np.broadcast_to(high, shape)

@@ -1,4 +1,4 @@
-"""What varies in a sweep: grids, lists and distributions become one value of each name per sample."""
+"""Sampling: conversion of grids, lists and distributions to the values of each sample."""
 
 from __future__ import annotations
 
@@ -14,39 +14,39 @@ from trussflow.blocks.framework.types import Vector
 from trussflow.blocks.framework.validation import by_name, is_whole, one_of, positive_whole, shown
 
 MOST_SAMPLES = 100_000_000
-"""More is a slip [-]."""
+"""Largest number of samples; a larger one is an error [-]."""
 
-METHODS = "random", "latin", "sobol", "halton"
-"""How numbers between 0 and 1 are drawn, which distributions turn into theirs."""
+SAMPLING_METHODS = "random", "latin", "sobol", "halton"
+"""Sampling methods of uniform numbers, which distributions transform."""
 
 WHAT = "what varies"
 Vary = Mapping[Any, Any]
-"""Distributions, or sequences of values, by name; by several names for what varies together."""
+"""Distributions, or sequences of values, by name, or by several names that vary together."""
 
 
 def drawn(vary: Vary, samples: int | None, seed: int, method: str) -> dict[str, NDArray[Any]]:
-    """Return the values of each name, one behind the other for all samples.
+    """Return the values of each name for all samples.
 
-    All combinations of the values in sequences are taken, the last sequence varies fastest; with each
-    of them the distributions are drawn, `samples` times, the same draws for all.
+    Sequences form a full grid, in which the last varies fastest. Each grid point has the same `samples`
+    of the distributions.
 
     Parameters
     ----------
     vary : mapping
-        What varies.
+        Distributions and sequences by name.
     samples : int, optional
-        How often distributions are drawn [-].
+        Number of samples of the distributions [-].
     seed : int
-        Which numbers are drawn [-].
+        Seed of the random numbers [-].
     method : str
         ``"random"``, or ``"latin"``, ``"sobol"`` or ``"halton"`` of `scipy.stats.qmc`.
 
     Raises
     ------
     SimulationError
-        If it makes no sense, or a distribution always gives the same.
+        If an argument is not allowed, or all samples of a distribution are equal.
     """
-    one_of("way to draw samples", method, METHODS)
+    one_of("way to draw samples", method, SAMPLING_METHODS)
     if not is_whole(seed) or seed < 0:
         raise SimulationError(f"the seed {shown(seed)} must be a whole number, zero or positive")
     names_of = [names if isinstance(names, tuple) else (names,) for names in by_name(WHAT, vary, str | tuple)]
@@ -97,13 +97,13 @@ def _quoted(names: str | tuple[str, ...]) -> str:
 
 
 def _are_several(values: Any) -> bool:
-    """Tell whether there is one value behind the other."""
+    """Return whether the argument is a sequence or array of values."""
     is_text = isinstance(values, str | bytes)
     return isinstance(values, Sequence | np.ndarray) and not is_text and getattr(values, "ndim", 1) > 0
 
 
 def _listed(names: str | tuple[str, ...], values: Any) -> dict[str, NDArray[Any]]:
-    """Return the values of one name, or of several that vary together, of each as an array."""
+    """Return the arrays of one name, or of several names that vary together."""
     if isinstance(names, str):
         return {names: _sequence(names, values)}
     rows = [*values] if _are_several(values) else []
@@ -111,14 +111,14 @@ def _listed(names: str | tuple[str, ...], values: Any) -> dict[str, NDArray[Any]
 
 
 def _columns(names: tuple[str, ...], rows: Sequence[Any]) -> dict[str, NDArray[Any]]:
-    """Return the values of names that vary together; of `rows` with one for each."""
+    """Return the arrays of names that vary together, from `rows` with one value for each name."""
     if any(not _are_several(row) or len(row) != len(names) for row in rows):
         raise SimulationError(f"{_quoted(names)} vary together: give {len(names)} values for each sample")
     return {name: _sequence(name, [row[k] for row in rows]) for k, name in enumerate(names)}
 
 
 def _sequence(names: str | tuple[str, ...], values: Any) -> NDArray[Any]:
-    """Return values that were given one by one, as an array whose first axis is the sample's."""
+    """Return a sequence of values as an array with samples along the first axis."""
     hint = "give a sequence of values, or a frozen distribution such as scipy.stats.norm(1.0, 0.1)"
     if not _are_several(values):
         raise SimulationError(f"{_quoted(names)} cannot vary over {shown(values)}: {hint}")
@@ -132,7 +132,7 @@ def _sequence(names: str | tuple[str, ...], values: Any) -> NDArray[Any]:
 
 
 def _draws(random: Vary, count: int, seed: int, method: str) -> dict[Any, NDArray[Any]]:
-    """Return what `count` draws of each distribution give."""
+    """Return `count` samples of each distribution."""
     from scipy import stats
 
     sizes = {names: int(getattr(d, "dim", 0)) for names, d in random.items()}
@@ -146,7 +146,9 @@ def _draws(random: Vary, count: int, seed: int, method: str) -> dict[Any, NDArra
         elif not sizes[names] and hasattr(distribution, "ppf"):
             found[names] = np.asarray(distribution.ppf(own[:, 0]))
         elif hasattr(distribution, "cov_object"):
-            sizes_of, axes = np.linalg.eigh(distribution.cov_object.covariance)  # which may be singular
+            sizes_of, axes = np.linalg.eigh(
+                distribution.cov_object.covariance
+            )  # eigenvectors, as it may be singular
             spread = axes * np.sqrt(np.maximum(sizes_of, 0.0))
             found[names] = distribution.mean + stats.norm.ppf(own) @ spread.T
         elif method == "random":
@@ -160,7 +162,7 @@ def _draws(random: Vary, count: int, seed: int, method: str) -> dict[Any, NDArra
 
 
 def _uniform(count: int, size: int, seed: int, method: str) -> Vector:
-    """Return `count` points of `size` numbers between 0 and 1, these excluded."""
+    """Return `count` points of `size` numbers between 0 and 1, both excluded."""
     from scipy.stats import qmc
 
     if not size:

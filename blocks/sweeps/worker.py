@@ -13,7 +13,7 @@ from trussflow.blocks.sweeps import samples
 
 
 def main() -> None:
-    """Compute the tasks that arrive, until none arrives any more."""
+    """Run the tasks from standard input until it is closed."""
     # Copies of the descriptors: user code may close or use 0 and 1.
     requests = os.fdopen(os.dup(0), "rb")
     answers = os.fdopen(os.dup(1), "wb")

@@ -1,1 +1,1 @@
-"""From equations to programs to C."""
+"""Tracing of equations into programs, and generation of C code."""

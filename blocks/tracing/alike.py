@@ -1,9 +1,9 @@
-"""Blocks whose equations are the same: one of them is traced and checked for all.
+"""Block deduplication: of several blocks with the same equations, one is traced and checked for all.
 
-What equations know besides their arguments is what they find in their block: its class, its attributes, its
-ports. Two blocks state the same where all of that is equal to the last bit; objects that are not made of
-numbers and text are equal to nothing but themselves. Names and values of parameters differ all the same: the
-block that is traced is a copy without. Equations that ask it for these fail, and are not shared.
+Besides their arguments, equations can read the class, the attributes and the ports of their block. Two blocks
+have the same equations if all of these are equal to the last bit. Objects that do not consist of numbers and
+text are equal only to themselves. Names and parameter values may differ: the traced block is a copy without
+them. Equations that read them from the copy fail, and are not shared.
 """
 
 from __future__ import annotations
@@ -20,26 +20,28 @@ from trussflow.blocks.framework.block import Block
 from trussflow.blocks.framework.types import Array, Vector
 from trussflow.blocks.tracing.tracing import from_expression, symbol, to_expression
 
-OWN = ("name", "parent", "parameters", "extra_ports")
-"""Attributes that the copy does not have."""
+UNSHARED_ATTRIBUTES = ("name", "parent", "parameters", "extra_ports")
+"""Attributes that may differ between blocks with the same equations; the traced copy has none of them."""
 
-FEW = 100
-"""Numbers of a block that become symbols at most: of large matrices, expressions would be slow to make."""
+MAX_SYMBOLIC_NUMBERS = 100
+"""Largest number of constants of a block that become symbols; expressions of large matrices build slowly."""
 
-DEEP = 8
-"""Levels of lists in lists that are compared."""
+MAX_NESTING = 8
+"""Deepest level of nested lists that is compared."""
 
 
 def mark(block: Block) -> Hashable | None:
-    """Return what is equal for two blocks, while they are, if their equations are known to be the same.
-
-    It is None if nothing is known.
-    """
+    """Return a key that is equal for two blocks only if their equations are the same; None if unknown."""
     attributes = object.__getstate__(block)
     if not isinstance(attributes, dict):
-        return None  # some are in slots
+        return None  # attributes in slots are not compared
+    # Only the pattern of zeros of a lifted attribute matters: its other numbers become symbols.
     zeros = {name: np.where(value == 0.0, value, 1.0) for name, value in lifted(block).items()}
-    seen = {n: zeros.get(n, v) for n, v in attributes.items() if n not in (*OWN, "ports", "inferred_shape")}
+    seen = {
+        n: zeros.get(n, v)
+        for n, v in attributes.items()
+        if n not in (*UNSHARED_ATTRIBUTES, "ports", "inferred_shape")
+    }
     own = type(block)._declared
     ports = [
         (
@@ -54,24 +56,25 @@ def mark(block: Block) -> Hashable | None:
 
 
 def _mark(value: Any, level: int = 0) -> Hashable:
-    """Return what is equal for two values, while they are, if no equation can tell them apart."""
+    """Return a key that is equal for two values only if no equation can distinguish them."""
     kind = type(value)
     if kind in (float, complex):
-        return kind, repr(value)  # zeros have signs
+        return kind, repr(value)  # distinguishes 0.0 from -0.0
     if kind in (bool, int, str, bytes, type(None)):
         return kind, value
     if (kind is np.ndarray or isinstance(value, np.generic)) and value.dtype.kind in "biufc":
         return kind, value.dtype.str, value.shape, value.tobytes()
-    if kind in (tuple, list) and level < DEEP:
+    if kind in (tuple, list) and level < MAX_NESTING:
         return kind, *(_mark(v, level + 1) for v in value)
-    if kind is dict and level < DEEP:
+    if kind is dict and level < MAX_NESTING:
         return kind, *((_mark(k, level + 1), _mark(v, level + 1)) for k, v in value.items())
     return kind, id(value)
 
 
 @cache
 def _arithmetic(kind: Any) -> tuple[str, ...]:
-    """Return the attributes with which equations of a class do arithmetic, if it states none of its own."""
+    """Return the names of the attributes that the equations of a class use in arithmetic only."""
+    # A subclass with methods or properties of its own may use the attributes in other ways.
     for base in kind.__mro__:
         if "_arithmetic" in vars(base):
             return tuple(base._arithmetic)
@@ -81,22 +84,22 @@ def _arithmetic(kind: Any) -> tuple[str, ...]:
 
 
 def lifted(block: Block) -> dict[str, Vector]:
-    """Return the attributes of a `block` whose numbers, but for zeros, become symbols when it is traced."""
+    """Return the attributes of a `block` whose nonzero numbers become symbols when it is traced."""
     kind: Any = type(block)
     found = {n: vars(block)[n] for n in _arithmetic(kind) if vars(block)[n].any()}
-    return found if sum(map(np.count_nonzero, found.values())) <= FEW else {}
+    return found if sum(map(np.count_nonzero, found.values())) <= MAX_SYMBOLIC_NUMBERS else {}
 
 
 def constants(block: Block) -> tuple[Vector, ...]:
-    """Return the numbers of these attributes, one behind the other, without zeros: one vector, or none."""
+    """Return the nonzero numbers of the lifted attributes of a `block`, as one vector or none."""
     values = [value[value != 0.0] for value in lifted(block).values()]
     return (np.concatenate(values),) if values else ()
 
 
 def nameless(block: Block) -> tuple[Block, tuple[Array, ...]]:
-    """Return a copy that states the equations of all blocks like this one, and symbols of its `constants`."""
+    """Return a copy of a `block` without name and parameter values, and the symbols of its `constants`."""
     copy: Block = object.__new__(type(block))
-    copy.__dict__.update((n, v) for n, v in vars(block).items() if n not in OWN)
+    copy.__dict__.update((n, v) for n, v in vars(block).items() if n not in UNSHARED_ATTRIBUTES)
     copy.__dict__["ports"] = {name: replace(port, block=copy) for name, port in block.ports.items()}
     symbols = tuple(symbol("constants", numbers.shape) for numbers in constants(block))
     start = 0

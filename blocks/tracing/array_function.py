@@ -1,4 +1,4 @@
-"""Functions of arrays with exact Jacobians, for the equations of blocks: traced, and with numbers."""
+"""Functions of arrays with exact Jacobians, for numbers and for traced arrays."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ from trussflow.blocks.tracing.tracing import from_expression, is_traced, symbol,
 
 @dataclass(frozen=True, eq=False)
 class ArrayFunction:
-    """A function traced once; called with traced arrays it is written out again, with numbers computed.
+    """A function traced once; a call inlines it for traced arrays, and evaluates it for numbers.
 
     Attributes
     ----------
     function : casadi.Function
-        Of columns, the arguments in row-major order; its result is one such column.
+        Function from the arguments, as row-major columns, to one such column.
     shape : tuple of int
         Shape of the result [-].
     """
@@ -34,7 +34,7 @@ class ArrayFunction:
         Parameters
         ----------
         function : callable
-            What a `Function` block may be.
+            Function as for a `Function` block.
         shapes : sequence of tuple of int
             Shapes of its arguments [-].
         """
@@ -44,13 +44,13 @@ class ArrayFunction:
         return cls(ca.Function("array", columns, ca.cse([ca.densify(value)])), (value.numel(),))
 
     def __call__(self, *arguments: Array) -> Array:
-        """Return the value for arguments of the shapes that it was traced with."""
+        """Return the value for arguments of the traced shapes."""
         if any(map(is_traced, arguments)):
             return from_expression(self.function(*map(to_expression, arguments)), self.shape)
         return np.reshape(self.function(*map(np.ravel, arguments)).full(), self.shape)
 
     def jacobian(self, number: int) -> ArrayFunction:
-        """Return the function that gives the exact Jacobian of this vector by the argument of a number."""
+        """Return the function of the exact Jacobian with respect to the argument with this index."""
         symbols = self.function.sx_in()
         matrix = ca.jacobian(self.function(*symbols), symbols[number])
         return ArrayFunction(ca.Function("jacobian", symbols, [ca.densify(ca.vec(matrix.T))]), matrix.shape)

@@ -1,4 +1,4 @@
-"""One block by itself: traced, checked against NumPy, and its feedthrough read off."""
+"""Check of a single block: tracing, comparison with NumPy, and direct feedthrough."""
 
 from __future__ import annotations
 
@@ -31,33 +31,34 @@ from trussflow.blocks.tracing.tracing import (
     tracing,
 )
 
-RELATIVE_TOLERANCE = 1e-9
-"""Round-off between two orders of the same operations, with room for ill-conditioned blocks."""
+ROUND_OFF_TOLERANCE = 1e-9
+"""Largest relative difference between two orders of the same operations, ill-conditioned blocks included."""
 
-POINTS = 4
-"""Random points compared; a branch on the sign of one number escapes all with odds of 1 in 8."""
+RANDOM_POINTS = 4
+"""Count of random points; they all miss one branch on the sign of one number with probability 1/8."""
 
-SPECIAL = (0.0, 1.0e3, np.nan, np.inf)
-"""What one element of each array is, with either sign, at special points [any]; at one more, all are equal.
+SPECIAL_VALUES = (0.0, 1.0e3, np.nan, np.inf)
+"""Values of one element of each array, with random sign, at the special points [any].
 
-There a difference counts only where NumPy gives a finite number: CasADi may give one where NumPy gives NaN.
+At one more special point, all elements are equal. At special points, a difference counts only where NumPy
+returns a finite number: CasADi may return one where NumPy returns NaN.
 """
 
 SPECIAL_TOLERANCE = 1e-6
-"""Large numbers cancel more digits than ordinary ones."""
+"""Largest relative difference at special points, where large numbers cancel more digits."""
 
-NEARBY = 1.0 + 1e-9
-"""Factor to a point where NumPy's numbers must be almost the same for a difference to count."""
+NEARBY_FACTOR = 1.0 + 1e-9
+"""Factor from a special point to a nearby one; a difference counts only if NumPy's results agree at both."""
 
 
 @dataclass(frozen=True, slots=True)
 class Isolated:
-    """What tracing a block by itself tells.
+    """Result of checking a single block.
 
     Attributes
     ----------
     feedthrough : dict
-        For each output, the inputs it depends on within the same instant.
+        Inputs with direct feedthrough to each output.
     template : Template or None
         The traced equations; None for a Python block.
     """
@@ -67,17 +68,17 @@ class Isolated:
 
 
 Alike = dict[Hashable, Isolated | None]
-"""What was found of all blocks with the same `mark`; None where it cannot be shared."""
+"""Result shared by all blocks with the same `mark`; None if it cannot be shared."""
 
 
 def kinds(block: Block) -> list[str]:
-    """Return which equations a `block` has."""
+    """Return the names of the equations that a `block` has."""
     found = ["output", *(["derivative" if block.continuous else "update"] if block.states() else [])]
     return [*found, "indicators", "on_event"] if block.declared(Event) else found
 
 
 def shapes_of(block: Block) -> tuple[dict[str, tuple[int, ...]], ...]:
-    """Return the shapes of what the equations of a `block` see: states with modes, inputs, events."""
+    """Return the shapes of the states and modes, inputs, and events of a `block`."""
     x, fired = (
         {n: block.state_shape(n) for n in names}
         for names in ([*block.states(), *block.declared(Mode)], block.declared(Event))
@@ -88,9 +89,9 @@ def shapes_of(block: Block) -> tuple[dict[str, tuple[int, ...]], ...]:
 def equations(
     block: Block, t: Array, x: Signals, u: Signals, p: Signals, fired: Signals, by: Block | None = None
 ) -> dict[str, Values]:
-    """Evaluate all equations of a `block`, of `t`, `x`, `u`, `p` and `fired`, and check what they return.
+    """Evaluate all equations of a `block` at `t`, `x`, `u`, `p` and `fired`, and check the results.
 
-    They are asked of the block itself, or of what stands for it, `by`.
+    The copy `by` of the block is evaluated in its place, if there is one.
 
     Raises
     ------
@@ -105,18 +106,21 @@ def equations(
 
 
 _known: WeakKeyDictionary[Block, tuple[list[tuple[int, ...] | None], Isolated]] = WeakKeyDictionary()
-"""With the shapes that its ports had: blocks are frozen and part of many plans, but wires may change."""
+"""Results by block, with the shapes of its ports at that time.
+
+A block is frozen and may be in several plans, but connections may change the shapes of its ports.
+"""
 
 
 def isolate(block: Block, alike: Alike | None = None) -> Isolated:
-    """Trace a block by itself, compare with NumPy at random points, find its feedthrough.
+    """Trace a single block, compare it with NumPy at random points, and find its feedthrough.
 
     Parameters
     ----------
     block : Block
         The block.
     alike : dict, optional
-        What was found of other blocks, for those whose equations are the same.
+        Results of other blocks, used for blocks with the same equations.
 
     Raises
     ------
@@ -130,7 +134,7 @@ def isolate(block: Block, alike: Alike | None = None) -> Isolated:
 
 
 def isolate_all(blocks: Mapping[str, Block]) -> dict[str, Isolated]:
-    """Do the same for many blocks, for those whose equations are the same at once; return it by their keys.
+    """Check many blocks, those with the same equations once; return the results by the keys of `blocks`.
 
     Raises
     ------
@@ -142,12 +146,12 @@ def isolate_all(blocks: Mapping[str, Block]) -> dict[str, Isolated]:
 
 
 def _as_alike(block: Block, alike: Alike) -> Isolated:
-    """Return what was found of a block with the same equations; if there is none, find it."""
+    """Return the result of a block with the same equations, from `alike` if it is there."""
     key = mark(block) if block.traced else None
     if key is not None and key not in alike:
         try:
             alike[key] = isolate_anew(block, nameless(block))
-        except TrussflowError:  # the block itself tells whether it is at fault, or the copy does not do
+        except TrussflowError:  # checking the block itself shows whether it or the copy is at fault
             alike[key] = None
     found = alike.get(key)
     if found is None or found.template is None:
@@ -156,9 +160,9 @@ def _as_alike(block: Block, alike: Alike) -> Isolated:
 
 
 def isolate_anew(block: Block, copy: tuple[Block, tuple[Array, ...]] | None = None) -> Isolated:
-    """Do the same for a `block` whose shapes may change yet, so that it must not be remembered.
+    """Check a `block` without storing the result, as its shapes may still change.
 
-    With a `copy` and the symbols in it, it is that which is traced.
+    If there is a `copy` with its symbols, the copy is traced in place of the block.
 
     Raises
     ------
@@ -181,13 +185,13 @@ def isolate_anew(block: Block, copy: tuple[Block, tuple[Array, ...]] | None = No
 
 
 Symbols = tuple[Array, Signals, Signals, Signals, Signals]
-"""Time, states with modes, inputs, events that happen, parameters."""
+"""Time, states with modes, inputs, triggered events, parameters."""
 
 
 def trace_alone(block: Block, by: Block | None = None) -> tuple[Symbols, dict[str, Values], Trace]:
-    """Return symbols, what the equations of a `block` make of them, and the kernels that they call.
+    """Return symbols, the results of the equations of a `block` for them, and the recorded kernel calls.
 
-    For `by` see `equations`.
+    See `equations` for `by`.
 
     Raises
     ------
@@ -204,12 +208,12 @@ def trace_alone(block: Block, by: Block | None = None) -> tuple[Symbols, dict[st
 
 
 def check_kind(block: Block) -> None:
-    """Refuse blocks that nothing would ever run.
+    """Check that every declaration and method of a `block` takes effect.
 
     Raises
     ------
     BlockError
-        If a sample time is missing.
+        If a sample time is missing, or a method would never be called.
     """
     fault, declares = "", any(isinstance(d, Event | Mode) for d in block._declared.values())
     if block.traced and block.hides:
@@ -220,21 +224,19 @@ def check_kind(block: Block) -> None:
             "derivative() if they are continuous"
         )
     elif declares and not block.hides and not block.states_own("indicators"):
-        fault = "it declares events or modes, but indicators() does not say when an event happens"
+        fault = "it declares events or modes, but has no indicators() that trigger the events"
     elif not block.has_events and any(map(block.states_own, EVENTS)):
-        fault = (
-            "its hooks for events would never be called: declare what happens, as in hit = Event('falling')"
-        )
+        fault = "its event methods would never be called: declare an event, as in hit = Event('falling')"
     elif block.traced and block.states_own("on_step"):
         fault = "its on_step() would never be called: only Python blocks (traced = False) have one"
     elif block.has_events and block.sample_time is not None:
-        fault = "a sampled block has no events, for it computes at its instants only; leave out sampled()"
+        fault = "a sampled block cannot have events, as it computes at its instants only; leave out sampled()"
     if fault and not isinstance(block, External):
         raise BlockError(f"cannot run block '{block.path}' ({type(block).__name__}): {fault}")
 
 
 def _declared_feedthrough(block: Block) -> dict[str, frozenset[str]]:
-    """Return what a Python block says about its feedthrough, checked."""
+    """Return the checked feedthrough that a Python block declares."""
     declared = block.feedthrough()
     inputs, outputs = ({p.name for p in ports} for ports in (block.inputs(), block.outputs()))
     if set(declared) != outputs or set().union(*declared.values()) - inputs:
@@ -249,7 +251,7 @@ def _declared_feedthrough(block: Block) -> dict[str, frozenset[str]]:
 def _compare(
     block: Block, symbols: Symbols, traced: dict[str, Values], trace: Trace, lifted: tuple[Array, ...]
 ) -> None:
-    """Refuse a block whose traced equations give other numbers than NumPy does."""
+    """Raise `TracingError` if the traced equations of a block return other numbers than NumPy."""
     t, x, u, fired, p = symbols
     leaves = [t, *x.values(), *u.values(), *fired.values(), *p.values(), *lifted]
     outputs = [v for values in traced.values() for v in values.values()]
@@ -279,19 +281,20 @@ def _compare(
     found = program.evaluate([np.column_stack([np.ravel(v) for v in values]) for values in everything])
     sizes = np.cumsum([column.numel() for column in columns])
     for k, (point, values) in enumerate(zip(chosen, found.T, strict=True)):
-        special = k >= POINTS
+        special = k >= RANDOM_POINTS
         try:
             expected = plain(point)
-            tolerance = SPECIAL_TOLERANCE if special else RELATIVE_TOLERANCE
+            tolerance = SPECIAL_TOLERANCE if special else ROUND_OFF_TOLERANCE
             counts = _differ(values, expected, sizes, tolerance)
             if special and counts.any():
-                # A zero that is known leaves out its product with NaN, and branches may then go another way.
+                # CasADi drops products with a structural zero, NumPy's 0 * NaN is NaN; later branches may
+                # then differ. So a difference counts only if NumPy's result is stable in the neighbourhood.
                 lost = np.isnan(expected) & np.isfinite(values)
                 counts &= np.isfinite(expected) & ~lost.any()
-                for near in ([v * NEARBY for v in point], [np.where(v == 0.0, -v, v) for v in point]):
+                for near in ([v * NEARBY_FACTOR for v in point], [np.where(v == 0.0, -v, v) for v in point]):
                     counts &= ~_differ(plain(near), expected, sizes, tolerance)
         except SimulationError as error:
-            # A random matrix without a solution proves nothing, nor do numbers that an equation refuses.
+            # A singular random matrix is no fault of the block, and neither is a value it rejects itself.
             cause = error.__cause__
             if special or not isinstance(cause, Exception) or isinstance(cause, np.linalg.LinAlgError):
                 continue
@@ -307,18 +310,19 @@ def _compare(
 
 
 @lru_cache
-def points(shapes: tuple[tuple[int, ...], ...], number: int = POINTS) -> list[list[Array]]:
-    """Return points of arrays of these `shapes` [-], which nothing can write into.
+def points(shapes: tuple[tuple[int, ...], ...], number: int = RANDOM_POINTS) -> list[list[Array]]:
+    """Return read-only points: arrays of these `shapes` [-].
 
-    Of ordinary ones there are this `number` [-]; then come special ones. Blocks of one kind share them.
+    The first `number` [-] points are random, the others are the special points. Blocks with equal shapes
+    share them.
     """
     generator = np.random.default_rng(0)
 
     def ordinary() -> list[Array]:
         return [np.array(generator.uniform(0.1, 1.0, s) * generator.choice([-1.0, 1.0], s)) for s in shapes]
 
-    found = [ordinary() for _ in range(number + len(SPECIAL))]
-    for point, value in zip(found[number:], SPECIAL, strict=True):
+    found = [ordinary() for _ in range(number + len(SPECIAL_VALUES))]
+    for point, value in zip(found[number:], SPECIAL_VALUES, strict=True):
         for array in (a for a in point[1:] if a.size):
             place = generator.integers(array.size)
             array.flat[place] = value * generator.choice([-1.0, 1.0])
@@ -329,7 +333,10 @@ def points(shapes: tuple[tuple[int, ...], ...], number: int = POINTS) -> list[li
 
 
 def _differ(found: Array, expected: Array, sizes: Array, tolerance: float) -> Array:
-    """Tell which elements differ by more than the tolerance, relative to the largest of their output."""
+    """Return a mask of the elements that differ by more than the tolerance.
+
+    The tolerance is relative to the largest element of the same output, but at least absolute.
+    """
     same = (found == expected) | (np.isnan(found) & np.isnan(expected))
     if same.all():
         return ~same

@@ -1,18 +1,18 @@
-r"""Weighted least squares within limits, in NumPy and for traced arrays.
+r"""Bounded weighted least squares, in NumPy and for traced arrays.
 
 .. math:: \min_{l \le q \le h} \; (B q - f)^T C^{-1} (B q - f) + \sum_k w_k^2 (q_k - p_k)^2
 
-Its dual has one unknown per row and no limits: with :math:`A = B W^{-1}` the q that belongs to
-multipliers y is :math:`q(y) = \mathrm{clip}(p + W^{-1} A^T y, l, h)`, and y solves
+The dual problem has one unknown per row and no limits. With :math:`A = B W^{-1}`, the solution q for
+the multipliers y is :math:`q(y) = \mathrm{clip}(p + W^{-1} A^T y, l, h)`, and y solves
 
 .. math:: F(y) = C y + A W q(y) - f = 0,
 
-the gradient of a convex, once differentiable, piecewise quadratic function. Newton's method takes
-:math:`C + A_F A_F^T` as its derivative, F being the unknowns strictly within their limits, starts
-with all of them, and stops at the smallest value along each step. Every step makes the function
-smaller, and within the piece where the minimum lies one step finds it: so no set F that a full step
-leads from comes twice, and the number of steps is finite. No limit, however many or equal, makes
-:math:`C + A_F A_F^T` singular.
+the gradient of a convex, once differentiable, piecewise quadratic function. Newton's method uses
+:math:`C + A_F A_F^T` as its derivative, where F is the set of unknowns strictly within their limits.
+It starts with all unknowns in F. An exact line search ends each step at the smallest value along it.
+Each step decreases the function, and a full step in the piece with the minimum reaches the minimum.
+Hence no full step starts twice from the same F, and the number of steps is finite. Active limits
+cannot make :math:`C + A_F A_F^T` singular, even if many are active or equal.
 
 References
 ----------
@@ -30,35 +30,34 @@ from trussflow.blocks.tracing.c_function import CFunction
 from trussflow.blocks.tracing.linear_algebra import block_diagonal
 from trussflow.blocks.tracing.tracing import shape_of
 
-ROUNDS = 100
-"""Steps after which the last command is taken [-], as in bounded_least_squares.h."""
+MAX_STEPS = 100
+"""Largest number of Newton steps [-], as in bounded_least_squares.h; the last iterate is then returned."""
 
-
-FAR = 1e3
-"""Ratio of the error's cost to that of the unknowns [-] above which the first step is refined too."""
+MAX_DIRECT_COST_RATIO = 1e3
+"""Largest cost of the error, relative to that of the unknowns [-], at which the first step is accepted."""
 
 
 def bounded_least_squares(
     matrix: Array, spread: Array, target: Array, weights: Array, preferred: Array, lower: Array, upper: Array
 ) -> tuple[Array, Array]:
-    """Return the q of least weighted squares within limits, and what it misses, f - B q.
+    """Return the bounded weighted least-squares solution q and its residual f - B q.
 
-    Both are NaN if a weight or an element on the diagonal of C is not above 0, a lower limit exceeds
-    its upper one, or a number is missing.
+    Both are NaN if a weight or a diagonal element of C is not positive, a lower limit exceeds its upper
+    limit, or an argument contains NaN.
 
     Parameters
     ----------
     matrix : array, shape (m, n)
         B [any].
     spread : array, shape (m, m)
-        C [any], symmetric: errors count by its inverse.
+        C [any], symmetric; its inverse weights the residual.
     target : array, shape (m,)
         f [any].
     weights, preferred, lower, upper : array, shape (n,)
         w, p, l, h [any]; limits may be infinite.
     """
     m, n = shape_of(matrix)
-    rows, columns = -m % 4, -n % 4  # to be added: C works on four at once
+    rows, columns = -m % 4, -n % 4  # padding: the C code uses vectors of four numbers
     padded = [
         block_diagonal(matrix, np.zeros((rows, columns))),
         block_diagonal(spread, np.eye(rows)),
@@ -72,7 +71,7 @@ def bounded_least_squares(
 
 
 def _parts(m: int, n: int, values: Vector) -> list[Vector]:
-    """Return B, C, f, w, p, l, h; of several columns of values, if there are."""
+    """Split `values`, one column or several, into B, C, f, w, p, l and h."""
     ends = np.cumsum([m * n, m * m, m, n, n, n])
     b, c, *others = np.split(values, ends)
     several = values.shape[1:]
@@ -81,7 +80,7 @@ def _parts(m: int, n: int, values: Vector) -> list[Vector]:
 
 @np.errstate(all="ignore")
 def _value(m: int, n: int, values: Vector) -> Vector:
-    """Return q, f - B q, y and the number of steps; the twin of bounded_least_squares.h."""
+    """Return q, f - B q, y and the number of steps; the same algorithm as in bounded_least_squares.h."""
     b, c, f, w, preferred, lower, upper = _parts(m, n, values)
     a = b / w
     y, drift, was = np.zeros(m), np.zeros(n), np.zeros(0, dtype=bool)
@@ -89,7 +88,7 @@ def _value(m: int, n: int, values: Vector) -> Vector:
     q = np.where(free, z, lower)
     ended, rounds = False, 0
     good = bool((w > 0).all() and (lower <= upper).all() and (np.diag(c) > 0).all())
-    while good and not ended and rounds < ROUNDS:
+    while good and not ended and rounds < MAX_STEPS:
         gradient = f - c @ y - a @ (w * (q - drift))
         known, was = np.array_equal(free, was), free
         try:
@@ -101,9 +100,11 @@ def _value(m: int, n: int, values: Vector) -> Vector:
         along, slope = step @ gradient, step @ a / w - drift
         good = bool(np.isfinite(along))
         after, kept = np.where(free, z + slope, q), np.clip(z + slope, lower, upper)
+        # If a full step leaves F unchanged up to round-off, it ends in the minimum of this piece.
         same = bool(np.all(np.abs(after - kept) <= 1e-13 * (np.abs(after) + np.abs(kept))))
         gain = (w * slope) ** 2
-        small = rounds == 0 and along <= FAR * np.sum(gain[free])
+        # The first step is exact for F = all unknowns, but rounded if the error dominates the cost.
+        small = rounds == 0 and along <= MAX_DIRECT_COST_RATIO * np.sum(gain[free])
         ended = same and (known or bool(small))
         t = 1.0
         if rounds and not same:
@@ -112,7 +113,8 @@ def _value(m: int, n: int, values: Vector) -> Vector:
         of_y = preferred + y @ a / w
         z = np.where(free, z + t * slope, of_y)
         q, free = np.clip(z, lower, upper), (z > lower) & (z < upper)
-        drift = np.where(free, z - of_y, 0.0)  # of rounding: y may be much larger than what comes of it
+        # Round-off of q(y), which the next residual compensates: y may be much larger than W (q - p).
+        drift = np.where(free, z - of_y, 0.0)
         rounds += 1
     error = f - a @ (w * q)
     result = np.concatenate([q, error, y])
@@ -122,10 +124,10 @@ def _value(m: int, n: int, values: Vector) -> Vector:
 def _lowest(
     rate: float, curve: float, gain: Vector, z: Vector, slope: Vector, lower: Vector, upper: Vector
 ) -> float:
-    """Return the step at which the function is lowest.
+    """Return the step length that minimizes the dual function along a direction (exact line search).
 
-    Its slope, `rate` at 0, rises by `curve` and by the `gain` of each unknown from where it enters its
-    limits to where it leaves them.
+    The slope of the function is `rate` at 0. It rises at the rate `curve`, plus the `gain` of each unknown
+    while that unknown is between its limits.
     """
     enter, leave = np.sort([(lower - z) / slope, (upper - z) / slope], axis=0)
     t = 0.0
@@ -139,7 +141,7 @@ def _lowest(
 
 
 def _slope(m: int, n: int, values: Vector, results: Vector, directions: Vector) -> Vector:
-    """Return the derivatives along directions, with the unknowns at their limits staying there."""
+    """Return the derivatives along directions, for an unchanged set of unknowns at their limits."""
     b, c, _, w, _, lower, upper = _parts(m, n, values)
     db, dc, df, dw, dp, dl, dh = _parts(m, n, directions)
     q, y = results[:n], results[n + m : n + 2 * m]
@@ -147,7 +149,7 @@ def _slope(m: int, n: int, values: Vector, results: Vector, directions: Vector) 
     if not np.isfinite(q).all():
         return np.full((results.size, directions.shape[1]), np.nan)
     a = b / w
-    own = w[:, None] ** 2  # what a change of Q costs
+    own = w[:, None] ** 2  # second derivative of the cost by q
     moved = dp + (np.einsum("mkd,m->kd", db, y) - 2.0 * (y @ a)[:, None] * dw) / own
     moved = np.where(free[:, None], moved, np.where((q <= lower)[:, None], dl, dh))
     known = np.einsum("mkd,k->md", db, q)

@@ -1,8 +1,8 @@
-"""Functions that are written twice, in C and in NumPy, where one expression cannot say what they do.
+"""Functions implemented twice, in C and in NumPy, because they have no CasADi expression.
 
-An iteration whose course depends on numbers has no expression. Traced, a call of such a function is
-a kernel like any other: compiled code calls the C, CasADi's interpreter the NumPy, and derivatives
-follow the rule that comes with them.
+An iteration whose length depends on numbers has no expression. When traced, a call of such a function
+becomes a kernel call: compiled code calls the C function, and CasADi's interpreter the NumPy function.
+The function supplies the rule for its derivatives.
 """
 
 from __future__ import annotations
@@ -17,7 +17,14 @@ import casadi as ca
 import numpy as np
 
 from trussflow.blocks.framework.types import Array, Vector
-from trussflow.blocks.tracing.tracing import KERNEL, Kernel, call_kernel, is_traced, shape_of, to_expression
+from trussflow.blocks.tracing.tracing import (
+    KERNEL_NAME,
+    Kernel,
+    call_kernel,
+    is_traced,
+    shape_of,
+    to_expression,
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -27,13 +34,12 @@ class CFunction:
     Attributes
     ----------
     name : str
-        Name of the function in C, without ``tf_``, and of the header beside this file that defines it:
+        Name of the C function without ``tf_``, and of the header in this folder that defines it:
         ``void tf_name(sizes..., const double* in, double* out)``.
     value : callable
-        The same in NumPy: takes the sizes and the vector.
+        NumPy implementation; takes the sizes and the vector.
     slope : callable
-        Takes the sizes, the vector, the results there and directions, one for each column; returns
-        the derivatives along them.
+        Directional derivatives; takes the sizes, the vector, the results, and directions in columns.
     """
 
     name: str
@@ -46,11 +52,11 @@ class CFunction:
         Parameters
         ----------
         sizes : tuple of int
-            What the function takes before the vector [-].
+            Arguments before the vector [-].
         argument : array, shape (n,)
             The vector [any].
         results : int
-            How many there are [-].
+            Number of results [-].
         """
         if not is_traced(argument):
             return self.value(*sizes, np.asarray(argument, dtype=float))
@@ -58,7 +64,7 @@ class CFunction:
         return call_kernel(kernel, to_expression(argument)).results(0)[0]
 
 
-@cache  # CasADi does not keep its callbacks alive
+@cache  # keeps the callbacks alive, as CasADi does not
 def _kernel(function: CFunction, sizes: tuple[int, ...], arguments: int, results: int) -> Kernel:
     numbers = ", ".join(map(str, sizes))
     header = files("trussflow.blocks.tracing").joinpath(f"{function.name}.h").read_text(encoding="utf-8")
@@ -67,15 +73,15 @@ def _kernel(function: CFunction, sizes: tuple[int, ...], arguments: int, results
         f"{function.name} {numbers}\n{header}",
         (((results,), 0, results),),
         tuple(range(results)),
-        # One copy, however many programs call it: it is large.
+        # Not inlined: the function is large, and several programs may call it.
         f"{header}\nstatic __attribute__((noinline))\n"
-        f"void {KERNEL}(const double* restrict in, double* restrict out) {{\n"
+        f"void {KERNEL_NAME}(const double* restrict in, double* restrict out) {{\n"
         f"  tf_{function.name}({numbers}, in, out);\n}}\n",
     )
 
 
 class _Value(ca.Callback):
-    """What CasADi calls for the results."""
+    """Callback of CasADi for the results."""
 
     def __init__(self, function: CFunction, sizes: tuple[int, ...], arguments: int, results: int) -> None:
         super().__init__()
@@ -105,7 +111,7 @@ class _Value(ca.Callback):
 
 
 class _Slope(ca.Callback):
-    """What CasADi calls for the derivatives along a number of directions."""
+    """Callback of CasADi for the derivatives along a number of directions."""
 
     def __init__(
         self, function: CFunction, sizes: tuple[int, ...], arguments: int, results: int, count: int
@@ -113,7 +119,7 @@ class _Slope(ca.Callback):
         super().__init__()
         self._of, self._sizes = function, sizes
         self._shapes = (arguments, 1), (results, 1), (arguments, count)
-        # CasADi keeps derivatives by name: under one name it would return those for another count.
+        # CasADi caches derivatives by name, so the name must contain the number of directions.
         self.construct(f"{function.name}_slope_{count}", {})
 
     def get_n_in(self) -> int:

@@ -1,4 +1,4 @@
-"""Calling the equations of a block: what they return is checked, what they raise explained."""
+"""Checks of the results of a block's equations, and messages for the exceptions that they raise."""
 
 from __future__ import annotations
 
@@ -12,17 +12,17 @@ import numpy as np
 from trussflow.blocks.framework.block import Block, Values
 from trussflow.blocks.framework.declarations import Event, State
 from trussflow.blocks.framework.errors import BlockError, Explained, SimulationError, TracingError
-from trussflow.blocks.tracing.traced_array import REFUSALS, NeedsNumberError
+from trussflow.blocks.tracing.traced_array import REFUSAL_MESSAGES, NeedsNumberError
 from trussflow.blocks.tracing.tracing import is_traced, shape_of
 
 _NOT_THE_USERS = ("trussflow.blocks.", "numpy", "casadi")
 
 
 def checked(block: Block, kind: str, values: Values) -> Values:
-    """Return `values`, if names and shapes are what the equation `kind` of a `block` must return."""
+    """Return `values`, checked for the names and shapes that the equation `kind` of a `block` must return."""
     where = f"{kind}() of block '{block.path}' ({type(block).__name__})"
     returned: object = values
-    some = kind == "on_event"  # those that change
+    some = kind == "on_event"  # may return only the states and modes that change
     if kind == "output":
         expected = {p.name: p.whole_shape for p in block.outputs()}
     else:
@@ -56,27 +56,27 @@ def checked(block: Block, kind: str, values: Values) -> Values:
 
 
 def tracing_errors(block: Block) -> Explained:
-    """Turn whatever a block's equations raise while traced into one clear error."""
+    """Convert an exception from a block's equations during tracing into a `TracingError`."""
     return Explained(lambda error: refusal(block, brief(error), error))
 
 
 def brief(error: Exception) -> str:
-    """Return what an error says: its first line, or two where the first only leads up to the second."""
+    """Return the first line of an error message, or the first two if the first ends with a colon."""
     if isinstance(error, NeedsNumberError):
         return str(error)
-    if str(error).startswith("setting an array element") or "read-only" in str(error):  # NumPy's own arrays
-        return REFUSALS["__setitem__"]
+    if str(error).startswith("setting an array element") or "read-only" in str(error):  # raised by NumPy
+        return REFUSAL_MESSAGES["__setitem__"]
     first, *others = str(error).splitlines() or [""]
     return f"{type(error).__name__}: {first}" + (f" {others[0]}" if others and first.endswith(":") else "")
 
 
 def _wrapped(block: Block) -> Any:
-    """Return the function that a block wraps, if any."""
+    """Return the user's function in a block such as `Function`, if there is one."""
     return vars(block).get("_function")
 
 
 def _place(block: Block, kind: str = "output", error: Exception | None = None) -> str:
-    """Return, on a line of its own, where in the user's code an error arose, or where the equation begins."""
+    """Return a line with the place of an error in the user's code, or of the first line of the equation."""
     frames = walk_tb(None if error is None else error.__traceback__)
     named = [(str(f.f_globals.get("__name__")), f.f_code, line) for f, line in frames]
     users = [(code, line) for name, code, line in named if not name.startswith(_NOT_THE_USERS)]
@@ -91,7 +91,7 @@ def _place(block: Block, kind: str = "output", error: Exception | None = None) -
 
 
 def running_errors(block: Block, kind: str, t: float | None) -> Explained:
-    """Make one clear error of what the equation `kind` of a `block` raises at time `t` [s]."""
+    """Convert an exception from the equation `kind` of a `block` at time `t` [s] into a `SimulationError`."""
     return Explained(
         lambda error: SimulationError(
             f"{kind}() of block '{block.path}' ({type(block).__name__}) raised "
@@ -101,10 +101,10 @@ def running_errors(block: Block, kind: str, t: float | None) -> Explained:
 
 
 def refusal(block: Block, reason: str, error: Exception | None = None) -> TracingError:
-    """Return the error that says for which `reason`, or `error`, a `block` cannot be traced, and where."""
+    """Return the error that a `block` cannot be traced, with the `reason` and the place of `error`."""
     return TracingError(
         f"the equations of block '{block.path}' ({type(block).__name__}) cannot be traced: "
         f"{reason}{_place(block, error=error)}\n"
-        "  blocks/tracing/README.md lists what traces; a Python block (PythonFunction, or traced = False) "
-        "may do anything"
+        "  docs/traceable.md lists the supported operations; a Python block (PythonFunction, or "
+        "traced = False) may use any Python code"
     )

@@ -1,4 +1,4 @@
-"""C code of programs: straight-line code with kernel calls in between."""
+"""Generation of C code from programs: straight-line code between kernel calls."""
 
 from __future__ import annotations
 
@@ -9,16 +9,23 @@ from itertools import accumulate, groupby
 
 import casadi as ca
 
-from trussflow.blocks.tracing.instructions import TIME, Instruction, fused, instructions_of, is_time, named
-from trussflow.blocks.tracing.operations import FORMULAS, OF_PRODUCTS, Numbers
+from trussflow.blocks.tracing.instructions import (
+    TIME_NAME,
+    Instruction,
+    fused,
+    instructions_of,
+    is_time,
+    named,
+)
+from trussflow.blocks.tracing.operations import FORMULAS, FUSED_FORMULAS, Numbers
 from trussflow.blocks.tracing.program import Program
 from trussflow.blocks.tracing.rolling import rolled
-from trussflow.blocks.tracing.tracing import KERNEL, KernelCall
+from trussflow.blocks.tracing.tracing import KERNEL_NAME, KernelCall
 
-ARGUMENTS = (TIME, "x", "d", "p")
+PROGRAM_ARGUMENTS = (TIME_NAME, "x", "d", "p")
 
-NUMBERS = Numbers()
-"""One by one, as for a single run."""
+SCALAR_NUMBERS = Numbers()
+"""Scalar arithmetic, for a single run."""
 
 OWN_NAME = "trussflow"
 
@@ -26,36 +33,40 @@ _WORK = """\
   {type} work[{size}] __attribute__((aligned(64)));
   {type}* restrict w = work;
   __asm__("" : "+r"(w));"""
-"""The array w. Its alignment is hidden: GCC 12 that knows it copies 64 bytes to where only 32 are aligned."""
+"""Declaration of the work array w.
+
+The inline assembly hides the alignment of w: GCC 12 otherwise uses aligned 64-byte moves for operands that
+are aligned to 32 bytes only.
+"""
 
 _STATIC = "static __attribute__((noinline)) "
-"""What stands before a piece."""
+"""Specifiers of the C function of a piece, which prevent inlining."""
 
 _HIDDEN = '__attribute__((visibility("hidden"))) '
-"""What stands before its declaration where it is in another file: no other library finds it."""
+"""Specifier of the declaration of a piece in another file; it hides the symbol from other libraries."""
 
-FILE = 100_000
-"""Characters of a file, about."""
+MIN_FILE_SIZE = 100_000
+"""Size of the C code [characters] above which it is split into several files of about this size."""
 
-PIECE = 2000
-"""Instructions in one C function at most: twice as many take compilers more than twice as long."""
+MAX_PIECE_INSTRUCTIONS = 2000
+"""Largest number of instructions in one C function; the compile time grows faster than this number."""
 
-KERNEL_PIECE = 250
-"""The same in a kernel, where they are on vectors."""
+MAX_KERNEL_PIECE_INSTRUCTIONS = 250
+"""Largest number of instructions in one C function of a kernel, where operands are vectors."""
 
 
 def c_sources(programs: Sequence[Program], lanes: int = 1) -> list[str]:
-    """Return C sources of programs with the stepping loop behind them.
+    """Return the C sources of programs, followed by the time-stepping loop.
 
-    The pieces of large programs are in files that can be compiled at the same time; small programs
-    share one file with the loop, so that they can be inlined.
+    The pieces of large programs are distributed over files that can be compiled in parallel. Small
+    programs share one file with the loop, so that the compiler can inline them.
 
     Parameters
     ----------
     programs : sequence of Program
-        The first one is the derivative; all take (t, x, d, p).
+        Programs of (t, x, d, p); the first one is the derivative.
     lanes : int
-        How many runs they advance at once [-]: in the place of each number but time is a vector of these.
+        Number of runs advanced at the same time [-]; each number except time is a vector of this length.
     """
     numbers = Numbers(lanes)
     names = [p.name for p in programs]
@@ -70,7 +81,7 @@ def c_sources(programs: Sequence[Program], lanes: int = 1) -> list[str]:
     defined = [f"#define {name} {value}" for name, value in (macros | event_sizes(programs)).items()]
     pieces, functions = c_functions(programs, "static ", numbers)
     begin = [0, *accumulate(map(len, pieces))]
-    if begin[-1] < FILE:
+    if begin[-1] < MIN_FILE_SIZE:
         pieces, functions = [], [*pieces, *functions]
     apart = [piece.removeprefix(_STATIC) for piece in pieces]
     vectors = vector_functions() + f"TF_FUNCTIONS({lanes})\n" * (lanes > 4)
@@ -85,7 +96,7 @@ def c_sources(programs: Sequence[Program], lanes: int = 1) -> list[str]:
     ]
     others = [
         [vectors, *(piece for _, piece in group)]
-        for _, group in groupby(zip(begin, apart, strict=False), lambda one: one[0] // FILE)
+        for _, group in groupby(zip(begin, apart, strict=False), lambda one: one[0] // MIN_FILE_SIZE)
     ]
     return ["\n".join(parts) for parts in [main, *others]]
 
@@ -96,40 +107,40 @@ def vector_functions() -> str:
 
 
 def fma() -> str:
-    """Return what of these is enough if there are no kernels."""
+    """Return the subset of these declarations that programs without kernels need."""
     return _file("fma.h")
 
 
 def fixed_step() -> str:
-    """Return the C functions that take one fixed step; TF_X has to be defined before them."""
+    """Return the C functions for one fixed step; the macro TF_X must be defined before them."""
     return _file("fixed_step.h")
 
 
 def events() -> str:
-    """Return the C functions that take a step with its events; see there what has to be defined before."""
+    """Return the C functions for a step with events; the head of events.h lists the macros that they need."""
     return _file("events.h")
 
 
 def event_sizes(programs: Iterable[Program]) -> dict[str, int]:
-    """Return how many events, modes and guesses there are, by the names of their macros, for `events`."""
+    """Return the numbers of events, modes and loop guesses, by the macro names that `events` needs."""
     sizes = {program.name: program.size for program in programs}
     modes = sizes["on_event"] - sizes["derivative"] if "on_event" in sizes else 0
     return {"TF_EVENTS": sizes.get("indicators", 0), "TF_MODES": modes, "TF_LOOPS": sizes.get("guesses", 0)}
 
 
 def c_functions(
-    programs: Sequence[Program], linkage: str, numbers: Numbers = NUMBERS
+    programs: Sequence[Program], linkage: str, numbers: Numbers = SCALAR_NUMBERS
 ) -> tuple[list[str], list[str]]:
-    """Return the C functions of programs and of the kernels they call: their pieces, then themselves.
+    """Return the C functions of the pieces, and those of the kernels and programs that call the pieces.
 
     Parameters
     ----------
     programs : sequence of Program
-        All take (t, x, d, p).
+        Programs of (t, x, d, p).
     linkage : str
-        What to put before each program, such as ``"static "``.
+        Specifiers before the function of each program, such as ``"static "``.
     numbers : Numbers
-        What they compute with.
+        Type of numbers.
     """
     kernels: dict[int, str] = {}
     pieces, whole = list[str](), list[str]()
@@ -148,8 +159,8 @@ def c_functions(
 
 def _parameters(numbers: Numbers) -> str:
     """Return the parameters of the C functions of programs and their pieces."""
-    types = ("double" if a == TIME else numbers.type for a in ARGUMENTS)
-    given = (f"const {kind}* restrict {a}" for kind, a in zip(types, ARGUMENTS, strict=True))
+    types = ("double" if a == TIME_NAME else numbers.type for a in PROGRAM_ARGUMENTS)
+    given = (f"const {kind}* restrict {a}" for kind, a in zip(types, PROGRAM_ARGUMENTS, strict=True))
     return ", ".join([*given, f"{numbers.type}* restrict result"])
 
 
@@ -159,7 +170,7 @@ def _head(name: str, numbers: Numbers) -> str:
 
 
 def content(programs: Sequence[Program], lanes: int = 1) -> str:
-    """Return what the C source of programs is made from, quicker than the source itself.
+    """Return a text that determines the C sources of programs; it is faster to make than the sources.
 
     Parameters
     ----------
@@ -175,15 +186,15 @@ def content(programs: Sequence[Program], lanes: int = 1) -> str:
 
 @cache
 def _file(name: str) -> str:
-    """Return a file of this folder, the same whatever name the package was given in an FMU."""
+    """Return the text of a file of this folder, with the original package name also inside an FMU."""
     text = files("trussflow.blocks.tracing").joinpath(name).read_text(encoding="utf-8")
     return text.replace(f"{__name__.partition('.')[0]}.", f"{OWN_NAME}.")
 
 
 def _program(program: Program, kernels: dict[int, str], numbers: Numbers) -> list[str]:
-    """Return the C functions of a program, its own the last; a long one calls functions of its pieces."""
-    # In w are the arguments and results of the kernels, and what one piece computes for another.
-    read, written, size = [f"{a}[{{}}]" for a in ARGUMENTS], list[str](), 0
+    """Return the C functions of a program; if it is long, those of its pieces come first."""
+    # The array w holds the arguments and results of kernels, and values shared by pieces.
+    read, written, size = [f"{a}[{{}}]" for a in PROGRAM_ARGUMENTS], list[str](), 0
     called: list[str] = []
     for call in program.calls:
         starts = []
@@ -196,8 +207,8 @@ def _program(program: Program, kernels: dict[int, str], numbers: Numbers) -> lis
     found = rolled(fused(instructions_of(program.graph)), read, len(program.calls), written[-1], numbers)
     instructions, loops, common = found
     size += common
-    apart = len(instructions) > PIECE
-    length = PIECE if apart else max(len(instructions), 1)
+    apart = len(instructions) > MAX_PIECE_INSTRUCTIONS
+    length = MAX_PIECE_INSTRUCTIONS if apart else max(len(instructions), 1)
     stages = _stages(instructions, len(program.calls))
     pieces = [stage[i : i + length] for stage in stages for i in range(0, len(stage), length)]
     bodies, shared = _bodies(instructions, pieces, read, written, size if apart else None, numbers)
@@ -212,14 +223,14 @@ def _program(program: Program, kernels: dict[int, str], numbers: Numbers) -> lis
                 name = f"tf_{program.name}_{len(functions)}"
                 head = f"{name}({_parameters(numbers)}, {numbers.type}* restrict w)"
                 functions.append(_apart(head, body))
-                body = [f"  {name}({', '.join(ARGUMENTS)}, result, w);"]
+                body = [f"  {name}({', '.join(PROGRAM_ARGUMENTS)}, result, w);"]
             lines += body
         lines += called[i : i + 1]
     return [*functions, "\n".join([f"{_head(program.name, numbers)} {{", *lines, *loops, "}", ""])]
 
 
 def _apart(head: str, body: Sequence[str]) -> str:
-    """Return the C function of a piece, of that name and parameters, which compilers leave apart."""
+    """Return the C function of a piece with this head, which is not inlined."""
     return "\n".join([f"{_STATIC}void {head} {{", *body, "}", ""])
 
 
@@ -231,14 +242,14 @@ def _bodies(
     first: int | None,
     numbers: Numbers,
 ) -> tuple[list[list[str]], int]:
-    """Return the statements of each piece, and how many elements of w they share.
+    """Return the C statements of each piece, and the number of elements of w that pieces share.
 
-    These begin at the `first`; with None all pieces are in one function and share its variables. What is
-    `read` and `written` are C's words for an element, with ``{}`` for its number.
+    The shared elements start at `first`. If `first` is None, all pieces are in one function and share its
+    variables. `read` and `written` are C expressions of an element, with ``{}`` for its index.
     """
     places, shared = ({}, 0) if first is None else _shared(instructions, pieces, first)
     text = [named(k, instruction, read, numbers) for k, instruction in enumerate(instructions)]
-    sums = {text[k] for k, instruction in enumerate(instructions) if instruction.operation in OF_PRODUCTS}
+    sums = {text[k] for k, instruction in enumerate(instructions) if instruction.operation in FUSED_FORMULAS}
     bodies: list[list[str]] = []
     for piece in pieces:
         here, body, moves = set(piece), list[str](), list[tuple[int, ...]]()
@@ -264,20 +275,23 @@ def _bodies(
 
 
 def straight_line(function: ca.Function, read: Sequence[str], written: Sequence[str]) -> str:
-    """Return the C statements of an SX `function`; its arguments and results are called `read`, `written`."""
+    """Return the C statements of an SX `function`, with the array names `read` and `written`."""
     instructions = fused(instructions_of(function))
     given, made = ([f"{name}[{{}}]" for name in names] for names in (read, written))
-    bodies, _ = _bodies(instructions, [range(len(instructions))], given, made, None, NUMBERS)
+    bodies, _ = _bodies(instructions, [range(len(instructions))], given, made, None, SCALAR_NUMBERS)
     return "\n".join(bodies[0])
 
 
 def _shared(
     instructions: Sequence[Instruction], pieces: Sequence[Sequence[int]], first: int
 ) -> tuple[dict[int, int], int]:
-    """Return where in w the values are that a later piece needs, from the first on, and how many places."""
+    """Return the index in w of each value that a later piece needs, and the number of elements used.
+
+    An element is reused as soon as no later piece needs its value.
+    """
     last = {o: n for n, piece in enumerate(pieces) for k in piece for o in instructions[k].operands}
     places: dict[int, int] = {}
-    free: list[int] = []  # where nothing is needed any more
+    free: list[int] = []  # elements that no later piece needs
     size = 0
     for n, piece in enumerate(pieces):
         free += [place for k, place in places.items() if last[k] == n - 1]
@@ -291,8 +305,12 @@ def _shared(
 
 
 def _stages(instructions: Sequence[Instruction], calls: int) -> list[list[int]]:
-    """Return what is computed before each kernel and after the last: where it is first needed."""
+    """Return the instructions before each kernel call and after the last one.
+
+    Each instruction is assigned to the first stage that needs its result.
+    """
     stage = [calls] * len(instructions)
+    # Backwards, as operands precede the instructions that use them.
     for k in reversed(range(len(instructions))):
         instruction = instructions[k]
         if instruction.operation == ca.OP_OUTPUT:
@@ -303,13 +321,14 @@ def _stages(instructions: Sequence[Instruction], calls: int) -> list[list[int]]:
 
 
 def _moved(moves: Sequence[tuple[int, ...]], targets: Sequence[str], arguments: Sequence[str]) -> list[str]:
-    """Return C that moves numbers: those side by side, where from and where to, in one loop.
+    """Return C statements that copy numbers; consecutive sources with consecutive targets share one loop.
 
-    Thousands of statements take the compiler minutes, and the processor as long as what they are for.
+    Thousands of single statements would take the compiler minutes, and the run as long as the computation.
     """
     lines = []
 
     def run(numbered: tuple[int, tuple[int, ...]]) -> tuple[int, ...]:
+        # Equal within a run of consecutive copies, as index and place grow together.
         number, (target, to, argument, source) = numbered
         return target, argument, to - number, source - number
 
@@ -324,20 +343,20 @@ def _moved(moves: Sequence[tuple[int, ...]], targets: Sequence[str], arguments: 
 
 
 def _kernel(call: KernelCall, name: str, numbers: Numbers) -> list[str]:
-    """Return the C functions of a kernel, the last its own; lanes are its instances, or runs."""
+    """Return the C functions of a kernel, pieces first; the vector lanes are its instances and the runs."""
     count, runs = call.inputs.size2(), numbers.lanes
     if call.kernel.source:
         each = f"{name}_each" if runs > 1 else name
-        source = call.kernel.source.replace(KERNEL, each)
+        source = call.kernel.source.replace(KERNEL_NAME, each)
         return [source + (_in_each_lane(call, name, each, numbers) if runs > 1 else "")]
-    # The last group overlaps the one before where the lanes do not divide the instances.
+    # If the lanes do not divide the instances, the last group overlaps the group before it.
     together = 1 if runs > 1 else 4 if count >= 4 else 2
     starts = [min(g, count - together) for g in range(0, count, together)]
     numbers = Numbers(runs * together, series=True)
-    kind, own = numbers.type, NUMBERS.type if runs == 1 else numbers.type
+    kind, own = numbers.type, SCALAR_NUMBERS.type if runs == 1 else numbers.type
     instructions = fused(instructions_of(call.kernel.function))
-    apart = len(instructions) > KERNEL_PIECE
-    length = KERNEL_PIECE if apart else max(len(instructions), 1)
+    apart = len(instructions) > MAX_KERNEL_PIECE_INSTRUCTIONS
+    length = MAX_KERNEL_PIECE_INSTRUCTIONS if apart else max(len(instructions), 1)
     pieces = [range(i, min(i + length, len(instructions))) for i in range(0, len(instructions), length)]
     read, written = [f"(*(const {kind}*)(a + {count} * ({{}})))"], [f"(*({kind}*)(r + {count} * ({{}})))"]
     bodies, shared = _bodies(instructions, pieces, read, written, 0 if apart else None, numbers)
@@ -359,7 +378,7 @@ def _kernel(call: KernelCall, name: str, numbers: Numbers) -> list[str]:
 
 
 def _in_each_lane(call: KernelCall, name: str, each: str, numbers: Numbers) -> str:
-    """Return the C function that calls, for one run after the other, `each`, a kernel's C of its own."""
+    """Return the C function that calls `each`, the scalar C function of a kernel, for every run."""
     return (
         f"static void {name}(const {numbers.type}* restrict in, {numbers.type}* restrict out) {{\n"
         f"  double own[{call.inputs.numel()}], results[{call.symbols.numel()}];\n"

@@ -1,4 +1,4 @@
-"""Compiling C to a shared library: by whatever compiler there is, which may fail in any way."""
+"""Compilation of C sources to a shared library with an installed compiler."""
 
 from __future__ import annotations
 
@@ -27,17 +27,20 @@ FLAGS = (
     "-fno-semantic-interposition",
     "-fPIC",
 )
-"""Multiplication and addition are fused where `codegen` writes so, and nowhere else: compilers that choose
-do so anew for each processor. ``-ffast-math`` is not wanted: NaN checks must work. GCC without errno writes
-sin(atan(x)) as x / sqrt(x**2 + 1), and 1 if x is NaN, unless it does not know what atan is."""
+"""Compiler options.
+
+Only `codegen` fuses multiplications and additions, so that results do not depend on the compiler and the
+processor. ``-ffast-math`` is not used, as checks for NaN must work. Without ``-fno-builtin-atan``, GCC
+replaces sin(atan(x)) by x / sqrt(x**2 + 1), and returns 1 if x is NaN.
+"""
 
 NO_COMPILER = "no C compiler was found; install gcc or clang, or 'pip install ziglang'"
 
-TIME_LIMIT = 1800.0
-"""Time [s] after which a compiler is taken to never end; the largest models take some minutes."""
+COMPILE_TIMEOUT = 1800.0
+"""Longest time of a compilation [s]; the largest models take some minutes."""
 
-ANSWER_LIMIT = 60.0
-"""The same for the question which version it is [s]."""
+VERSION_TIMEOUT = 60.0
+"""Longest time of a query of the compiler version [s]."""
 
 
 @functools.cache
@@ -56,18 +59,18 @@ def find_compiler() -> tuple[str, ...] | None:
 def compile_library(
     content: str, sources: Callable[[], Sequence[str]], functions: Sequence[str] = ()
 ) -> Path:
-    """Compile C source to a shared library that can be loaded, or find it in the cache.
+    """Compile C sources to a shared library that can be loaded, or find it in the cache.
 
-    Its name in the cache is a hash of the content, the compiler and the flags.
+    The cache key is a hash of the content, the compiler and the options.
 
     Parameters
     ----------
     content : str
-        What the sources are made from; equal contents have equal sources.
+        Text that determines the sources.
     sources : callable
-        Returns the C files; called only if nothing suitable is in the cache.
+        Returns the C files; called only if the cache has no valid library.
     functions : sequence of str
-        Names of functions that it must have.
+        Names of the functions that the library must define.
 
     Returns
     -------
@@ -77,8 +80,7 @@ def compile_library(
     Raises
     ------
     CompilationError
-        If there is no compiler, it fails, its message being part of the error, or what it makes
-        cannot be stored or loaded.
+        If there is no compiler, it fails, or the library cannot be stored or loaded.
     """
     compiler = find_compiler()
     if compiler is None:
@@ -98,43 +100,43 @@ def compile_library(
 
 @functools.cache
 def identity(compiler: tuple[str, ...]) -> tuple[str, ...]:
-    """Return what distinguishes this compiler and processor from others.
+    """Return texts that identify the compiler, its version, and the processor.
 
     Parameters
     ----------
     compiler : tuple of str
         The command.
     """
-    return (*compiler, _run([*compiler, "--version"], ANSWER_LIMIT).stdout, _processor())
+    return (*compiler, _run([*compiler, "--version"], VERSION_TIMEOUT).stdout, _processor())
 
 
 def compiled(command: Sequence[str], file: Path) -> Path:
-    """Run a compiler that is to write a file; return the file.
+    """Run a compiler that writes a file; return the file.
 
     Parameters
     ----------
     command : sequence of str
-        The command, but for where to write.
+        The command without the output option.
     file : pathlib.Path
-        The file.
+        The output file.
 
     Raises
     ------
     CompilationError
-        If there is no such program, it fails, does not end, or writes nothing.
+        If there is no such program, it fails, exceeds the timeout, or writes no file.
     """
-    ended = _run([*command, "-o", str(file)], TIME_LIMIT)
+    ended = _run([*command, "-o", str(file)], COMPILE_TIMEOUT)
     if ended.returncode or not file.is_file():
-        said = ended.stderr.strip()[-4000:] or f"it said nothing, and ended with code {ended.returncode}"
+        said = ended.stderr.strip()[-4000:] or f"it ended with code {ended.returncode} and without a message"
         raise CompilationError(f"{' '.join(command[:4])} failed:\n{said}")
     return file
 
 
 def _run(command: list[str], seconds: float) -> subprocess.CompletedProcess[str]:
-    """Run a compiler and return what it said; what it leaves beside it is thrown away."""
+    """Run a compiler in the temporary folder of this process; return its exit code and output."""
     pipe, folder = subprocess.PIPE, process_folder()
     try:
-        # A group of its own: what it starts goes with it if it is stopped, by Ctrl-C or the limit.
+        # In its own process group, so that its child processes are stopped with it on Ctrl-C or timeout.
         process = subprocess.Popen(command, stdout=pipe, stderr=pipe, cwd=folder, process_group=0)
     except OSError as error:
         raise CompilationError(f"the compiler {command[0]} cannot be run: {error}") from error
@@ -151,7 +153,7 @@ def _run(command: list[str], seconds: float) -> subprocess.CompletedProcess[str]
 
 
 def _processor() -> str:
-    """Return what ``-march=native`` depends on."""
+    """Return the processor features, on which the result of ``-march=native`` depends."""
     try:
         lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
     except OSError:
@@ -162,12 +164,12 @@ def _processor() -> str:
 
 
 def lanes() -> int:
-    """Return how many numbers are computed at once [-]: 8 with AVX-512, else 4, by AVX2 or two by two."""
+    """Return the number of vector lanes [-]: 8 with AVX-512, else 4 (AVX2, or two vectors of two numbers)."""
     return 8 if " avx512f" in _processor() else 4
 
 
 def _build(compiler: tuple[str, ...], sources: Sequence[str]) -> bytes:
-    """Compile files at the same time, in a temporary folder, and return the library's bytes."""
+    """Compile files in parallel in a temporary folder, and return the bytes of the library."""
     with tempfile.TemporaryDirectory(dir=process_folder()) as folder:
 
         def part(number: int) -> Path:

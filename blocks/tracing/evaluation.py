@@ -1,8 +1,8 @@
-"""Evaluating a flat system: every signal as an expression, or as a number, of the leaves.
+"""Evaluation of a flat system: every signal as an expression or a number, from the leaves.
 
-The same walk serves tracing (leaves are symbols) and plain NumPy (leaves are numbers).
-Blocks are asked port by port, with just the inputs that the port depends on, so a legal
-loop through a block that has another, direct output is no loop.
+The same code serves tracing (leaves are symbols) and plain NumPy (leaves are numbers).
+Outputs are evaluated port by port, with only the inputs that have feedthrough to the port. So a loop
+through a block is legal if only another output of that block has direct feedthrough.
 """
 
 from __future__ import annotations
@@ -24,27 +24,27 @@ from trussflow.blocks.framework.system import Driver, System
 from trussflow.blocks.framework.types import Array
 from trussflow.blocks.tracing.calling import checked, running_errors, tracing_errors
 from trussflow.blocks.tracing.loops import Active, Feedthrough, SomeOf, Stage, holds
-from trussflow.blocks.tracing.newton import MANY, solve
+from trussflow.blocks.tracing.newton import MAX_ITERATED_UNKNOWNS, solve
 from trussflow.blocks.tracing.template import Template
 from trussflow.blocks.tracing.tracing import from_expression, is_traced, symbol, to_expression, written_out
 
 
 @dataclass(frozen=True, slots=True)
 class Leaves:
-    """What an evaluation starts from; symbols or numbers.
+    """Independent variables of an evaluation; symbols or numbers.
 
     Attributes
     ----------
     t : array, shape ()
         Time [s].
     states, held, parameters : dict of Signals
-        States (and modes), held outputs (of sampled blocks) and parameters of each block, by path.
+        States and modes, held outputs of sampled blocks, and parameters, by block path.
     fired, sides : dict of Signals
-        Which events of each block happen, and on which side of zero their indicators are.
+        Triggered events, and signs of the event indicators, by block path.
     guesses : dict of Signals
-        Where the search for signals of algebraic loops starts, of each block.
+        Initial guesses of the signals of algebraic loops, by block path.
     waits : dict of Array
-        Of each clock, how many ticks are left, if they share one program.
+        Remaining ticks of each clock, if the clocks share one program.
     """
 
     t: Array
@@ -65,20 +65,20 @@ class Evaluation:
     system : System
         The flat diagram.
     feedthrough : dict
-        What each output depends on.
+        Inputs with direct feedthrough to each output.
     leaves : Leaves
         Time, states, held outputs and parameters.
     active : set of Clock
         The clocks that tick at this instant: their blocks compute, the others hold.
     templates : mapping, optional
-        Equations traced before, by path, for an evaluation with symbols.
+        Equations already traced, by block path, for an evaluation with symbols.
     solved : mapping, optional
-        Signals of algebraic loops that are known, for an evaluation with numbers.
+        Known signals of algebraic loops, for an evaluation with numbers.
 
     Attributes
     ----------
     iterated : list of Port
-        The torn signals of loops that are found by iteration, in an evaluation with symbols.
+        Torn signals of the loops that need an iteration, in an evaluation with symbols.
     """
 
     def __init__(
@@ -110,18 +110,18 @@ class Evaluation:
         return self._chosen[port]
 
     def _shown(self, port: Port) -> Array:
-        """Return what a block makes of its inputs, or goes on to show."""
+        """Return the new value of an output, or the held one if the clock of its block does not tick."""
         return self._if_ticking(port.block, self._computed(port), self.leaves.held, port.name)
 
     def _if_ticking(self, block: Block, new: Array, before: Mapping[str, Signals], name: str) -> Array:
-        """Return what a sampled block has computed, or what was there if its clock does not tick."""
+        """Return `new` if the clock of a sampled block ticks, else the value before."""
         clock = self.system.clock(block)
         if clock is None or not isinstance(self.active, SomeOf):
             return new
         return np.where(self.leaves.waits[clock] == 0.0, new, before[block.path][name])
 
     def compute(self, stages: Sequence[Stage]) -> None:
-        """Compute all outputs, in this order; asked for backwards, a long chain would overflow the stack."""
+        """Compute all outputs in sorted order; recursion along a long chain would overflow the stack."""
         for stage in stages:
             if not self.solved.keys() >= set(stage.torn):
                 self._solve(stage)
@@ -129,8 +129,8 @@ class Evaluation:
                 self.output(port)
 
     def _solve(self, stage: Stage) -> None:
-        """Find the torn signals of a loop: what their blocks make of them is what they are."""
-        # Apart, where nothing is kept of what is computed from the unknowns.
+        """Solve for the torn signals of an algebraic loop."""
+        # A separate evaluation, so that no expression in the unknowns is cached in this one.
         apart = Evaluation(self.system, self.feedthrough, self.leaves, self.active, solved=self.solved)
         apart._outputs, apart._inputs = self._outputs.copy(), self._inputs.copy()
         shapes = [port.whole_shape or () for port in stage.torn]
@@ -147,17 +147,17 @@ class Evaluation:
             for port, shape in zip(stage.torn, shapes, strict=True)
         ]
         found, iterated = solve(computed - z, z, ca.vertcat(*map(to_expression, guesses)))
-        if iterated and z.numel() > MANY:
+        if iterated and z.numel() > MAX_ITERATED_UNKNOWNS:
             raise AlgebraicLoopError(
-                f"an algebraic loop of {z.numel()} unknowns is too large for an iteration of {MANY} at "
-                f"most\n{stage.circle}\nbreak it with states or a UnitDelay, or wire fewer elements"
+                f"an algebraic loop of {z.numel()} unknowns exceeds the limit of {MAX_ITERATED_UNKNOWNS} for "
+                f"iterations\n{stage.circle}\nbreak it with states or a UnitDelay, or connect fewer elements"
             )
         self.iterated += stage.torn if iterated else ()
         for port, shape, place in zip(stage.torn, shapes, spans(map(prod, shapes)), strict=True):
             self.solved[port] = from_expression(found[place], shape)
 
     def _computed(self, port: Port) -> Array:
-        """Return what a block makes of its inputs."""
+        """Return the value of an output that its block computes from its inputs."""
         block, path = port.block, port.block.path
         needed = self.feedthrough[path][port.name]
         if (path, needed) not in self._outputs:
@@ -202,14 +202,14 @@ class Evaluation:
         return self._evaluate(block, "indicators", self.inputs(block))
 
     def after_events(self, block: Block) -> Values:
-        """Return a block's states and modes after events, as they were if none of its own happened."""
+        """Return a block's states and modes after events; without a triggered event they do not change."""
         before, fired = self.leaves.states[block.path], self.leaves.fired[block.path]
         happened = sum(np.sum(np.reshape(f, (-1,))) for f in fired.values()) > 0
         after = self._evaluate(block, "on_event", self.inputs(block))
         return before | {name: np.where(happened, value, before[name]) for name, value in after.items()}
 
     def _call(self, block: Block, needed: frozenset[str]) -> Values:
-        """Evaluate a block's outputs with the inputs `needed`, and others that come for free."""
+        """Evaluate a block's outputs with the inputs `needed`, and with others that need no computation."""
         path = block.path
         values = {}
         self._running.add((path, needed))
@@ -236,10 +236,10 @@ class Evaluation:
         return checked(block, kind, values)
 
     def _is_free(self, port: Port) -> bool:
-        """Tell whether an input that is not needed comes from states alone.
+        """Return whether an input without feedthrough depends on states only.
 
-        Such inputs are passed all the same: a block asked for several outputs then computes
-        the same expressions each time, and kernels are shared.
+        Such inputs are passed nevertheless: the evaluations for several outputs of a block then have
+        equal expressions, and share kernels.
         """
         for driver in self.system.drivers[port.block.path, port.name]:
             if driver.source is None:
@@ -248,20 +248,20 @@ class Evaluation:
             needed = self.feedthrough[source.path][driver.source.name]
             if (source.path, needed) in self._outputs or holds(self.system, source, self.active):
                 continue
-            # What is being computed already cannot be passed: a block wired to itself would ask
-            # itself for ever. And one level only is looked through: chains of blocks whose outputs
-            # come from states alone may be longer than Python's stack.
+            # An output under evaluation cannot be passed: a block connected to itself would recurse
+            # without end. Only one level is followed, as chains of blocks whose outputs depend on states
+            # only may be longer than Python's stack.
             if needed or len(self._running) > 1 or (source.path, needed) in self._running:
                 return False
         return True
 
     def _unknown(self, port: Port) -> Array:
-        """Stand in for an input that the wanted output does not depend on."""
+        """Return a placeholder for an input without feedthrough to the evaluated output."""
         shape = port.whole_shape or ()
         return symbol("unknown", shape) if is_traced(self.leaves.t) else np.zeros(shape)
 
     def _assemble(self, port: Port, drivers: list[Driver]) -> Array:
-        """Put an input together from slices of outputs, zeros, or its default."""
+        """Assemble an input from slices of outputs, zeros, or its default."""
         shape = port.whole_shape or ()
         default = port.declaration.default
         if not drivers and default is not None:
@@ -279,7 +279,7 @@ class Evaluation:
 
 
 def _is_whole(driver: Driver, port: Port) -> bool:
-    """Tell whether a driver passes one whole output to one whole input."""
+    """Return whether a driver connects a whole output to a whole input."""
     return (
         driver.source is not None
         and driver.source.whole_shape == port.whole_shape

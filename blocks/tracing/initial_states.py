@@ -1,4 +1,4 @@
-"""Initial states that blocks set from their inputs: each block after those whose outputs reach it."""
+"""Initial states that blocks compute from their inputs, in the order of the signal flow."""
 
 from __future__ import annotations
 
@@ -31,31 +31,31 @@ def set_from_inputs(
     overrides: Mapping[str, Any],
     opened: Mapping[str, Equations],
 ) -> None:
-    """Let blocks set initial states from their inputs at the start; overrides win.
+    """Set the initial states that blocks compute from their inputs; overrides take precedence.
 
-    Outputs of Python blocks, which nobody has asked yet, are asked for where they lead there.
+    Python blocks on the signal path to such an input compute their first outputs here.
 
     Parameters
     ----------
     plan : Plan
         The plan.
     t : float
-        Time of the start [s].
+        Initial time [s].
     x, d, p : Vector
-        States, what else is kept, and parameters; x and d are changed [as declared].
+        Continuous states, discrete data, and parameters; x and d are changed [as declared].
     overrides : mapping
-        Initial states that the user gave, by ``"block.name"``.
+        Initial states from the user, by ``"block.name"``.
     opened : mapping
-        What states the equations of Python blocks in this run, by path.
+        Equation objects of the Python blocks for this run, by block path.
 
     Raises
     ------
     NameLookupError
-        If a block returns what is none of its states.
+        If a block returns a name that is none of its states.
     ParameterError
         If a value is not finite or has the wrong shape.
     SimulationError
-        If they depend on themselves, so that they do not settle.
+        If initial states depend on each other, and their fixed-point iteration does not converge.
     """
     blocks = plan.system.blocks
     found = {path: opened.get(path, block) for path, block in blocks.items()}
@@ -64,7 +64,7 @@ def set_from_inputs(
         path
         for path, equations in found.items()
         if equations.states_own("initial_state")
-        # What keeps something begins there, even where all states are given.
+        # A block with internal state sets it in initial_state(), even if the user gave all states.
         and (blocks[path].hides or any(f"{path}.{name}" not in overrides for name in stored[path]))
     ]
     active = frozenset(c for c in plan.system.clocks if c.offset == 0)
@@ -79,7 +79,7 @@ def set_from_inputs(
 
     def ask(path: str, kind: str) -> Any:
         now = x.tobytes() + d.tobytes()
-        if now not in known:  # all signals, the plant's too, until a state changes
+        if now not in known:  # one evaluation serves all blocks until a state changes
             known.clear()
             known[now] = plan.evaluate(t, x, d, p, active)
         evaluation, own = known[now], plan.p.signals(path, p)
@@ -110,11 +110,11 @@ def set_from_inputs(
             sweep,
             len(stating),
             f"the initial states of '{plan.name}' do not settle: those that initial_state() of {names} "
-            "returns depend on each other in a circle; give some of them, by initial= or without "
+            "returns depend on each other in a circle; set some of them by initial=, or remove "
             "initial_state()",
         )
 
-    # Python code may count how often it is asked: that is once, in a circle as well.
+    # Python code may count its calls: output() is called once, also if initial states form a cycle.
     order, circular = _in_order(plan, stating, showing, active)
     if circular:
         settle_circle()
@@ -126,7 +126,7 @@ def set_from_inputs(
 def _in_order(
     plan: Plan, stating: Collection[str], showing: Collection[str], active: Active
 ) -> tuple[list[str], bool]:
-    """Return the blocks to ask, each after those that reach it, and whether some reach themselves."""
+    """Return the blocks in the order of evaluation, and whether their initial states form a cycle."""
     graph: dict[str, list[str]] = {}
     waiting = [*stating]
     while waiting:

@@ -1,4 +1,4 @@
-"""The instructions of a program, and how each is written in C."""
+"""Instructions of a program, and their C expressions."""
 
 from __future__ import annotations
 
@@ -9,10 +9,10 @@ from math import isfinite, isnan
 
 import casadi as ca
 
-from trussflow.blocks.tracing.operations import FUSED, Numbers
+from trussflow.blocks.tracing.operations import FUSED_OPERATIONS, Numbers
 
-TIME = "t"
-"""What time is called, the argument that all lanes share."""
+TIME_NAME = "t"
+"""Name of the time argument in C, which all lanes share."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -24,7 +24,7 @@ class Instruction:
     operation : int
         CasADi's number of the operation.
     operands : tuple of int
-        Instructions whose results it takes.
+        Indices of the instructions whose results are its operands.
     place : tuple of int
         Argument and element that an input reads or an output writes.
     constant : float
@@ -58,22 +58,22 @@ def instructions_of(function: ca.Function) -> list[Instruction]:
 
 
 def fused(instructions: list[Instruction]) -> list[Instruction]:
-    """Fuse products with the sums that use them (multiply-add, rounded once), and drop the products.
+    """Fuse products with the sums that use them (fused multiply-add, rounded once); drop the products.
 
-    Only a product without another use is fused, so that ``u - f(u)`` is exactly 0 where f returns u, as in
-    NumPy. Compilers may not fuse by themselves: each would choose other products, for each processor.
-    Squares are not fused: a square that overflows is infinite, and ``2 x - x**2`` then NaN, as in NumPy.
+    Only a product with a single use is fused, so that ``u - f(u)`` is exactly 0 where f returns u, as in
+    NumPy. The compiler must not fuse: its choice would depend on the processor. Squares are not fused: a
+    square that overflows is infinite, and ``2 x - x**2`` is then NaN, as in NumPy.
 
     Parameters
     ----------
     instructions : list of Instruction
-        Each behind its operands.
+        Instructions, each after its operands.
     """
     uses = Counter(operand for each in instructions for operand in each.operands)
     result: list[Instruction] = []
     for instruction in instructions:
         for place, operand in enumerate(instruction.operands):
-            operation = FUSED.get((instruction.operation, place))
+            operation = FUSED_OPERATIONS.get((instruction.operation, place))
             if operation and instructions[operand].operation == ca.OP_MUL and uses[operand] == 1:
                 operands = (*instructions[operand].operands, instruction.operands[1 - place])
                 instruction = replace(instruction, operation=operation, operands=operands)
@@ -83,12 +83,12 @@ def fused(instructions: list[Instruction]) -> list[Instruction]:
 
 
 def needed(instructions: list[Instruction]) -> list[Instruction]:
-    """Return those instructions that outputs need.
+    """Return the instructions on which outputs depend (dead code elimination).
 
     Parameters
     ----------
     instructions : list of Instruction
-        Each behind its operands.
+        Instructions, each after its operands.
     """
     used: set[int] = set()
     for k in reversed(range(len(instructions))):
@@ -105,7 +105,7 @@ def _with_operands(one: Instruction, operands: tuple[int, ...]) -> Instruction:
 
 
 def number(value: float) -> str:
-    """Return how C writes a `value` [any]."""
+    """Return the C literal of a `value` [any]."""
     if isnan(value):
         return "NAN"
     if not isfinite(value):
@@ -114,18 +114,18 @@ def number(value: float) -> str:
 
 
 def named(k: int, instruction: Instruction, read: Sequence[str], numbers: Numbers) -> str:
-    """Return what the value of an instruction is called in C: an argument, a number, or a variable.
+    """Return the C expression of the value of an instruction: an argument, a literal, or a variable.
 
     Parameters
     ----------
     k : int
-        Its number.
+        Index of the instruction.
     instruction : Instruction
-        Itself.
+        The instruction.
     read : sequence of str
-        What elements of arguments are called, with ``{}`` for their number.
+        C expressions of an element of each argument, with ``{}`` for its index.
     numbers : Numbers
-        What it computes with; time is a number all the same.
+        Type of numbers; time is always a scalar.
     """
     if instruction.operation == ca.OP_INPUT:
         argument, element = instruction.place
@@ -135,5 +135,5 @@ def named(k: int, instruction: Instruction, read: Sequence[str], numbers: Number
 
 
 def is_time(name: str) -> bool:
-    """Tell whether an element of that `name` in C is the time."""
-    return name.startswith(f"{TIME}[")
+    """Return whether the C expression `name` is an element of the time argument."""
+    return name.startswith(f"{TIME_NAME}[")

@@ -1,4 +1,4 @@
-"""Linear equations whose structure the tracer exploits."""
+"""Linear algebra that exploits structural zeros and equal blocks when traced."""
 
 from __future__ import annotations
 
@@ -11,8 +11,8 @@ import numpy as np
 from trussflow.blocks.framework.types import Array
 from trussflow.blocks.tracing.tracing import from_expression, is_traced, repeated, shape_of, to_expression
 
-SINGULAR = 1e-11
-"""Pivot of a matrix, relative to the element on its diagonal, below which nothing but round-off is left."""
+PIVOT_TOLERANCE = 1e-11
+"""Smallest pivot, relative to the diagonal element, that is not round-off of a singular matrix."""
 
 Blocks = tuple[list[int], list[list[int]]]
 """Rows of the border, and rows of each diagonal block."""
@@ -21,11 +21,11 @@ Blocks = tuple[list[int], list[list[int]]]
 def solve_positive_definite(matrix: Array, right_hand_side: Array) -> Array:
     r"""Solve :math:`A x = b` for a symmetric positive definite :math:`A`.
 
-    NumPy arrays are solved by Cholesky factors. Traced ones become a sparse
-    :math:`L D L^T` whose structural zeros cost nothing. If A consists of equal diagonal blocks
-    with a border, as the mass matrix of a body with several equal arms does, the blocks
-    are eliminated by one kernel. Traced code does not check A: it solves an indefinite one too,
-    and returns NaN if a pivot is zero, where there are no such blocks but for round-off.
+    NumPy arrays are solved by Cholesky factorization. Traced ones use a sparse :math:`L D L^T`
+    factorization without operations on structural zeros. If A consists of diagonal blocks of one size
+    with a border, such as the mass matrix of a body with several equal arms, one kernel eliminates the
+    blocks. Traced code does not check A: it also solves an indefinite system. If a pivot is zero up to
+    round-off, it returns NaN, but it does not check the pivots of such diagonal blocks.
 
     Parameters
     ----------
@@ -42,25 +42,25 @@ def solve_positive_definite(matrix: Array, right_hand_side: Array) -> Array:
     Raises
     ------
     numpy.linalg.LinAlgError
-        If a numeric `matrix` is not positive definite, beyond round-off.
+        If a numeric `matrix` is not positive definite, or singular up to round-off.
     """
     if not is_traced(matrix) and not is_traced(right_hand_side):
-        factor = np.linalg.cholesky(matrix)  # refuses a matrix that is not positive definite
-        if np.any(np.diagonal(factor) ** 2 < SINGULAR * np.diagonal(matrix)):
+        factor = np.linalg.cholesky(matrix)  # raises if the matrix is not positive definite
+        if np.any(np.diagonal(factor) ** 2 < PIVOT_TOLERANCE * np.diagonal(matrix)):
             raise np.linalg.LinAlgError("Matrix is singular")
         return np.linalg.solve(factor.T, np.linalg.solve(factor, right_hand_side))
     shape = shape_of(right_hand_side)
     n = shape[0]
     flat = to_expression(right_hand_side)
     columns = flat if len(shape) == 1 else ca.reshape(flat, shape[1], n).T
-    # What only the upper triangle needs is then not even computed.
+    # Mirroring the lower triangle removes all expressions that only the upper triangle uses.
     dense = ca.tril2symm(ca.tril(ca.reshape(to_expression(matrix), n, n).T))
     found = _bordered(ca.sparsify(dense).sparsity())
     if found is not None:
         solution = _solve_bordered(dense, columns, found)
     else:
         d, lt, order = ca.ldl(ca.sparsify(dense), True)
-        pivots = ca.if_else(ca.fabs(d) > SINGULAR * ca.fabs(ca.diag(dense)[order]), d, np.nan)
+        pivots = ca.if_else(ca.fabs(d) > PIVOT_TOLERANCE * ca.fabs(ca.diag(dense)[order]), d, np.nan)
         solution = ca.densify(ca.ldl_solve(columns, pivots, lt, order))
     return from_expression(solution if len(shape) == 1 else ca.vec(solution.T), shape)
 
@@ -68,8 +68,8 @@ def solve_positive_definite(matrix: Array, right_hand_side: Array) -> Array:
 def weighted_gramian(matrix: Array, weights: Array) -> Array:
     r"""Return :math:`A\, \mathrm{diag}(w)\, A^T`.
 
-    Traced, structural zeros cost nothing, and columns that fill the same rows are taken
-    together; if there are several such groups of one shape, one kernel does them all.
+    When traced, structural zeros need no operations, and columns with nonzeros in the same rows form a
+    group. One kernel computes several groups of one shape.
 
     Parameters
     ----------
@@ -105,7 +105,7 @@ def weighted_gramian(matrix: Array, weights: Array) -> Array:
 
 
 def block_diagonal(first: Array, second: Array) -> Array:
-    """Return the matrix with two matrices on its diagonal.
+    """Return the block-diagonal matrix of two matrices.
 
     Parameters
     ----------
@@ -118,22 +118,23 @@ def block_diagonal(first: Array, second: Array) -> Array:
 
 
 def _gramian(block: Array, weights: Array) -> tuple[Array]:
-    """Return a weighted Gramian; both halves are the same expressions."""
+    """Return a weighted Gramian whose two triangles share their expressions."""
     n = shape_of(block)[0]
     product = _matrix((block * weights) @ block.T, (n, n))
     return (_array(_mirrored(product)),)
 
 
 def _mirrored(matrix: ca.SX) -> ca.SX:
-    """Return a matrix with the elements of its lower triangle on both sides."""
+    """Return the symmetric matrix with the lower triangle of a matrix."""
     i, j = np.indices(matrix.shape)
     lower = np.maximum(i, j) + len(i) * np.minimum(i, j)
     return ca.reshape(ca.vec(matrix)[lower.ravel().tolist()], matrix.shape)
 
 
 def _bordered(pattern: ca.Sparsity) -> Blocks | None:
-    """Find the smallest border of dense rows that leaves diagonal blocks of one size."""
+    """Return the smallest border of dense rows, and the diagonal blocks of one size left by it, if any."""
     entries = np.diff(pattern.colind())
+    # A border consists of the rows with the most entries, so each count is tried as the threshold.
     for fewest in sorted(set(entries.tolist()), reverse=True):
         border, inner = np.flatnonzero(entries >= fewest), np.flatnonzero(entries < fewest)
         if inner.size == 0:
@@ -181,14 +182,14 @@ def _matrix(array: Array, shape: tuple[int, int]) -> ca.SX:
 
 
 def _eliminate(border: int, block: Array, beside: Array) -> tuple[Array, Array, Array]:
-    r"""Factorize a diagonal block A and fold what is beside it, B = [C, b], into the border.
+    r"""Factorize a diagonal block A, and eliminate the columns B = [C, b] next to it.
 
-    With :math:`A = L D L^T`, return L (its diagonal of ones left out), :math:`Y = D^{-1} L^{-1} B`
-    and :math:`C^T A^{-1} B`, which the border loses.
+    With :math:`A = L D L^T`, return L without its diagonal of ones, :math:`Y = D^{-1} L^{-1} B`
+    and :math:`C^T A^{-1} B`, which is subtracted from the border (Schur complement).
     """
     n, width = shape_of(beside)
     matrix, right = _matrix(block, (n, n)), _matrix(beside, (n, width))
-    unscaled = ca.SX(n, 0)  # L D; what stands above the diagonal is not taken
+    unscaled = ca.SX(n, 0)  # L D; elements above the diagonal are not used
     lower, inverse, forward, scaled = list[ca.SX](), ca.SX(1, 0), ca.SX(0, width), ca.SX(0, width)
     for i in range(n):
         row = unscaled[i, :] * inverse
@@ -204,7 +205,7 @@ def _eliminate(border: int, block: Array, beside: Array) -> tuple[Array, Array, 
 
 
 def _substitute(border: int, lower: Array, scaled: Array, on_border: Array) -> tuple[Array]:
-    """Return the unknowns of a diagonal block, given those of the border."""
+    """Return the unknowns of a diagonal block from those of the border (back substitution)."""
     n, width = shape_of(scaled)
     right = _matrix(scaled[:, border:] - scaled[:, :border] @ on_border, (n, width - border))
     entries = to_expression(lower)

@@ -1,4 +1,4 @@
-"""The algebraic loops of a plan: which outputs open them, and their values in numbers."""
+"""Algebraic loops of a plan: the torn outputs and their numeric solutions."""
 
 from __future__ import annotations
 
@@ -22,14 +22,14 @@ if TYPE_CHECKING:
 
 
 class LoopSolutions:
-    """The loops of a `plan` that are to be solved, if it has any.
+    """The algebraic loops of a `plan` that are solved; false if there are none.
 
     Attributes
     ----------
     torn : frozenset of Port
-        The outputs that are solved for.
+        The outputs that are the unknowns.
     starts : dict
-        Where searches begin that do not begin at zero [as declared].
+        Initial guesses that are not zero [as declared].
     """
 
     def __init__(self, plan: Plan) -> None:
@@ -52,28 +52,28 @@ class LoopSolutions:
         return bool(self.torn)
 
     def refuse_idle_starts(self) -> None:
-        """Refuse guesses of what is in no loop that is solved; where loops are cut, there may be.
+        """Check that every initial guess belongs to a loop that is solved.
 
         Raises
         ------
         DiagramError
-            If there is such a guess.
+            If there is a guess for a port outside such loops, and any loop is solved.
         """
         stages = self._stages() if self.starts and self.torn else []
         inside = {port for stage in stages if stage.torn for port in stage.ports}
         for port in self.starts.keys() - inside:
             raise DiagramError(
-                f"'{port.path}' is in no algebraic loop that is solved, so it needs no guess: drop "
-                'its diagram.guess(), or let the loop be solved by Diagram(..., loops="solve")'
+                f"'{port.path}' is in no algebraic loop that is solved, so it needs no guess: remove "
+                'its diagram.guess(), or enable the solution of loops by Diagram(..., loops="solve")'
             )
 
     def _stages(self) -> list[Stage]:
-        """Return the order of all outputs, when all blocks compute."""
+        """Return the sorted order of all outputs at an instant at which all clocks tick."""
         plan = self._plan
         return order(plan.system, plan.feedthrough, self._everything, self.torn, refuse=False)
 
     def iterated(self) -> list[Port]:
-        """Return those outputs that are found by iteration, when the plan has places for all of them."""
+        """Return the torn outputs that need an iteration; the plan must have guesses for all torn outputs."""
         plan = self._plan
         with tracing():
             evaluation = plan.symbolic(self._everything)
@@ -83,7 +83,7 @@ class LoopSolutions:
     def values(self, t: float, x: Vector, d: Vector, p: Vector, active: Active) -> dict[Port, Array]:
         """Return the torn outputs while `active` clocks tick.
 
-        They are those at time `t` [s] with `x`, `d` and `p` [as declared].
+        The solutions are for time `t` [s] with `x`, `d` and `p` [as declared].
 
         Raises
         ------
@@ -105,9 +105,9 @@ class LoopSolutions:
         return {port: np.reshape(part, port.whole_shape or ()) for port, part in parts.items()}
 
     def put(self, t: float, x: Vector, d: Vector, p: Vector, active: Active) -> Vector:
-        """Return d with the solutions in it, as derivatives need it, while `active` clocks tick.
+        """Return d with the loop solutions as guesses, as derivatives need it, while `active` clocks tick.
 
-        They are those at time `t` [s] with `x`, `d` and `p` [as declared].
+        The solutions are for time `t` [s] with `x`, `d` and `p` [as declared].
 
         Raises
         ------
@@ -123,7 +123,7 @@ class LoopSolutions:
         return d
 
     def blame(self, t: float, x: Vector, d: Vector, p: Vector) -> NoReturn:
-        """Say which loop cannot be solved at time `t` [s] with `x`, `d` and `p` [as declared].
+        """Raise the error of the loop without a solution at time `t` [s] with `x`, `d` and `p` [as declared].
 
         Raises
         ------
@@ -132,28 +132,28 @@ class LoopSolutions:
         """
         self.values(t, x, d, p, frozenset())
         raise DivergenceError(
-            f"an algebraic loop can just about be solved at t = {t:g} s, and not in compiled code: it is as "
-            "good as singular there"
+            f"an algebraic loop is nearly singular at t = {t:g} s: the interpreter can solve it, compiled "
+            "code cannot; break it with a state or a UnitDelay"
         )
 
     def _unsolved(self, stage: Stage, program: Program, t: float) -> DivergenceError:
-        """Say which loop cannot be solved at time `t` [s]."""
+        """Return the error of a loop without a solution at time `t` [s]."""
         places = self._plan.guesses.entries
         starts = [f"'{port.path}': ..." for port in stage.torn if (port.block.path, port.name) in places]
         left = residual_left(program.calls)
-        why = "its equations are singular, or what comes in is not finite"
+        why = "its equations are singular, or one of its inputs is not finite"
         if starts and left == 0.0:
-            why = "Newton's method comes to a solution that is singular, such as a double root"
+            why = "Newton's method converges to a singular solution, such as a double root"
         elif starts and np.isfinite(left):
             why = (
                 f"Newton's method stops at a residual of {left:.3g}; there may be no solution, or none near "
                 "the last one"
             )
         elif starts:
-            why = "its signals are not finite where Newton's method starts"
-        start = f"give another start with diagram.guess() or initial={{{', '.join(starts)}}}, or "
+            why = "its signals are not finite at the initial guess of Newton's method"
+        start = f"set another initial guess with diagram.guess() or initial={{{', '.join(starts)}}}, or "
         return DivergenceError(
             f"cannot solve the algebraic loop at t = {t:g} s: {why}\n{stage.circle}\n"
             f"{start * bool(starts)}break it with a state (Integrator, TransferFunction), a UnitDelay, or "
-            "other wiring"
+            "other connections"
         )

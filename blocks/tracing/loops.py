@@ -1,9 +1,9 @@
-"""In which order outputs are computed, and what is to be solved for where they depend on themselves.
+"""Sorted order of outputs, and tearing of algebraic loops.
 
-Outputs that depend on each other in circles are found by strongly connected components. In each, the
-fewest and smallest ones that open all circles are **torn**: they are what is solved for; all others
-follow from them, one after the other. Which ones are torn is the same at all instants, so that each has
-one place in d for the solution before, where the next search starts.
+Algebraic loops are the strongly connected components of the graph of outputs. In each component, a small set
+of outputs that opens all cycles is **torn**: these outputs are the unknowns, and all others follow from
+them one after another. The torn outputs are the same at all instants. So each has one place in d for its
+last solution, which is the initial guess of the next one.
 """
 
 from __future__ import annotations
@@ -20,30 +20,30 @@ from trussflow.blocks.framework.clock import Clock, common_tick
 from trussflow.blocks.framework.errors import AlgebraicLoopError
 from trussflow.blocks.framework.port import Port
 from trussflow.blocks.framework.system import System
-from trussflow.blocks.tracing.waits import FEW_CLOCKS
+from trussflow.blocks.tracing.waits import MAX_SEPARATE_CLOCKS
 
 Feedthrough = dict[str, dict[str, frozenset[str]]]
-"""For each block path and output, the inputs it depends on within the same instant."""
+"""Inputs with direct feedthrough, by block path and output."""
 
 Active = frozenset[Clock]
 """The clocks that tick at one instant."""
 
 
 class SomeOf(Active):
-    """Clocks of which some tick at an instant: those that the waits in d say.
+    """Clocks of which any subset may tick at an instant, as the clock counters in d determine.
 
-    They are not equal to the same clocks where all of them tick: what is computed then is another thing.
+    It is not equal to the set of the same clocks of which all tick, as that has another program.
     """
 
     def __eq__(self, other: object) -> bool:
-        """Tell whether `other` is such a set of the same clocks."""
+        """Return whether `other` is such a set of the same clocks."""
         return isinstance(other, SomeOf) and super().__eq__(other)
 
     __hash__ = Active.__hash__
 
 
 Graph = dict[Port, dict[Port, str]]
-"""What each output depends on, and how, for messages."""
+"""Outputs on which each output depends, each with a description of the path for messages."""
 
 
 class Stage(NamedTuple):
@@ -52,11 +52,11 @@ class Stage(NamedTuple):
     Attributes
     ----------
     ports : tuple of Port
-        The outputs, in order; of a loop, each after those it depends on but for the torn ones.
+        The outputs in sorted order; in a loop, dependence on torn outputs is ignored.
     torn : tuple of Port
-        Those of a loop that are solved for.
+        The outputs of a loop that are the unknowns.
     circle : str
-        A way around the loop, printed.
+        Description of a cycle in the loop.
     """
 
     ports: tuple[Port, ...]
@@ -65,21 +65,18 @@ class Stage(NamedTuple):
 
 
 def holds(system: System, block: Block, active: Active) -> bool:
-    """Tell whether outputs of a `block` of a `system` are held while the `active` clocks tick."""
+    """Return whether outputs of a `block` of a `system` are held while the `active` clocks tick."""
     clock = system.clock(block)
     return not block.traced or (clock is not None and clock not in active)
 
 
 def graph_of(system: System, feedthrough: Feedthrough, active: Active) -> Graph:
-    """Return what outputs of a `system` that are computed while `active` clocks tick depend on.
-
-    That is what `feedthrough` says.
-    """
+    """Return the dependence graph, by `feedthrough`, of outputs of a `system` while `active` clocks tick."""
     return _graph(system, feedthrough, {path: holds(system, b, active) for path, b in system.blocks.items()})
 
 
 def _graph(system: System, feedthrough: Feedthrough, held: Mapping[str, bool]) -> Graph:
-    """Return what outputs of blocks depend on that are not `held`."""
+    """Return the dependence graph of the outputs of blocks that are not `held`."""
     graph: Graph = {}
     for path, block in system.blocks.items():
         if held[path]:
@@ -102,10 +99,10 @@ def reached_from(
     active: Active,
     among: Collection[str],
 ) -> list[str]:
-    """Return which blocks `among` others the block at `path` needs within one instant, in fixed order.
+    """Return the blocks `among` others on which inputs of a block depend within one instant, in fixed order.
 
-    The way leads back through everything in the `system` that computes while the `active` clocks tick, from
-    the inputs of these `names`, as `feedthrough` says.
+    The search starts at the inputs `names` of the block at `path` of the `system`. It goes backwards through
+    all blocks that compute while the `active` clocks tick, by their `feedthrough`.
     """
     found: dict[str, None] = {}
     visited: set[tuple[str, str]] = set()
@@ -126,12 +123,13 @@ def reached_from(
 
 
 def share_program(system: System, feedthrough: Feedthrough) -> bool:
-    """Tell whether the clocks of a `system` share one program, and not each set of them has its own.
+    """Return whether the clocks of a `system` share one program, instead of one for each set of clocks.
 
-    That is where they are many. Where outputs would depend on themselves, as `feedthrough` says, if clocks
-    ticked together that never do, one program could not be ordered.
+    They do if there are more than `MAX_SEPARATE_CLOCKS`, unless a cycle of outputs by `feedthrough` contains
+    clocks that never tick together. A shared program assumes that all may tick, so it would have no sorted
+    order.
     """
-    if len(system.clocks) <= FEW_CLOCKS:
+    if len(system.clocks) <= MAX_SEPARATE_CLOCKS:
         return False
     held = {path: not b.traced and system.clock(b) is None for path, b in system.blocks.items()}
     for circle in _circles(_graph(system, feedthrough, held)):
@@ -142,9 +140,9 @@ def share_program(system: System, feedthrough: Feedthrough) -> bool:
 
 
 def torn_ports(graph: Graph, preferred: Container[Port]) -> frozenset[Port]:
-    """Return outputs that, once known, leave no circle in a `graph`.
+    """Return outputs whose removal leaves no cycle in a `graph`.
 
-    They are `preferred` ones, or else small ones that are on many circles.
+    In each component, `preferred` outputs come first, then small ones with many connections.
     """
     found: set[Port] = set()
     waiting = [graph]
@@ -164,15 +162,15 @@ def torn_ports(graph: Graph, preferred: Container[Port]) -> frozenset[Port]:
 def order(
     system: System, feedthrough: Feedthrough, active: Active, torn: frozenset[Port], *, refuse: bool = True
 ) -> list[Stage]:
-    """Return the outputs of a `system` that are computed while `active` clocks tick, in order.
+    """Return the sorted order of the outputs of a `system` that are computed while `active` clocks tick.
 
-    Each comes after those it depends on, as `feedthrough` says, but for those `torn` in loops that are to
-    be solved. With `refuse` false all are.
+    Each output comes after those on which it depends by `feedthrough`. In loops that are solved, dependence
+    on `torn` outputs is ignored. If `refuse` is false, all loops count as solved.
 
     Raises
     ------
     AlgebraicLoopError
-        If outputs depend on each other in a circle that is not to be solved; the message prints it.
+        If outputs form an algebraic loop that is not solved; the message shows the cycle.
     """
     graph = graph_of(system, feedthrough, active)
     try:
@@ -200,30 +198,30 @@ def order(
 
 
 def _components(graph: Graph) -> Iterator[tuple[Port, ...]]:
-    """Return the strongly connected components of a graph, each after those it depends on."""
+    """Yield the strongly connected components of a graph, each after those on which it depends."""
     ports = list(graph)
     number = {port: i for i, port in enumerate(ports)}
     pairs = [(number[port], number[source]) for port, sources in graph.items() for source in sources]
     rows, columns = zip(*pairs, strict=True) if pairs else ((), ())
     _, places, starts = ca.Sparsity.triplet(len(ports), len(ports), rows, columns).scc()
-    # The first ones are those that nothing depends on.
+    # CasADi lists first the components on which no other depends.
     for begin, end in reversed(list(pairwise(starts))):
         yield tuple(ports[i] for i in sorted(places[begin:end]))
 
 
 def _circles(graph: Graph) -> Iterator[tuple[Port, ...]]:
-    """Return those components that are circles."""
+    """Return the components that contain a cycle."""
     return (c for c in _components(graph) if len(c) > 1 or c[0] in graph[c[0]])
 
 
 def _among(graph: Graph, ports: Iterable[Port]) -> Graph:
-    """Return what some ports of a graph have to do with each other."""
+    """Return the subgraph of some ports."""
     chosen = dict.fromkeys(ports)
     return {port: {s: how for s, how in graph[port].items() if s in chosen} for port in chosen}
 
 
 def is_solved(system: System, paths: Collection[str]) -> bool:
-    """Tell whether a diagram of a `system` that holds all blocks at these `paths` solves its loops."""
+    """Return whether a diagram of a `system` that contains all blocks at these `paths` solves its loops."""
     return any(
         diagram.loop_policy == "solve" and all(not name or path.startswith(f"{name}.") for path in paths)
         for name, diagram in system.diagrams.items()
@@ -235,12 +233,12 @@ def _lines(graph: Graph, circle: list[Port]) -> list[str]:
 
 
 def _refused(system: System, graph: Graph, circle: list[Port]) -> AlgebraicLoopError:
-    """Return the error that prints a circle."""
+    """Return the error of an algebraic loop, with its cycle."""
     lines = _lines(graph, circle)
     error = AlgebraicLoopError(
         f"algebraic loop of {len(lines)} wires: within one instant each signal depends on "
         "itself\n" + "\n".join(lines) + "\nbreak it with a state (Integrator, "
-        "TransferFunction), a UnitDelay, or other wiring; or let it be solved at every instant: "
+        "TransferFunction), a UnitDelay, or other connections; or solve it at every instant by "
         'Diagram(..., loops="solve")'
     )
     error.diagram = system.diagrams.get("")

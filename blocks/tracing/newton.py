@@ -1,19 +1,19 @@
-r"""Equations solved within equations: the signals of an algebraic loop.
+r"""Solution of algebraic loops, by an expression or by Newton's method.
 
 .. math:: r(z, s) = f(z, s) - z = 0
 
-Where f is linear in z, the solution is an expression. Otherwise it is a kernel, which iterates by
-Newton's method with the exact derivative of r:
+If f is linear in z and has few unknowns, the solution is an expression. Otherwise it is a kernel, which
+iterates by Newton's method with the exact derivative of r:
 
 .. math:: z \leftarrow z - a\, d, \qquad d = \left(\frac{\partial r}{\partial z}\right)^{-1} r
 
-with the largest a of 1, 1/2, 1/4, ... that makes r smaller, each element in units of its terms and d. All
-that does not depend on z is computed once. It ends after a step that no longer changes z (by more than
-1e-12 of it), or if round-off lets no step make r smaller; where d is then not small beside z, the step
-before or the round-off of the terms of r, the solution is NaN.
+with the largest a of 1, 1/2, 1/4, ... that decreases the norm of r, with each element scaled by its terms
+and d. Expressions that do not depend on z are computed once. The iteration ends if a step changes z by less
+than 1e-12 of it, or if no step decreases r because of round-off. The solution is NaN if d is then not small
+relative to z, the step before, or the round-off of the terms of r.
 
-The derivative of a solution is that of its last step (the implicit function theorem): the kernel stands
-for one Newton step, where derivatives are wanted, from a start that is the solution already.
+The derivative of a solution is that of the last Newton step (implicit function theorem). For derivatives,
+the kernel is therefore replaced by one Newton step from an initial guess that is the solution already.
 
 References
 ----------
@@ -34,38 +34,38 @@ import numpy as np
 from trussflow.blocks.framework.types import Vector
 from trussflow.blocks.tracing.codegen import straight_line
 from trussflow.blocks.tracing.instructions import instructions_of
-from trussflow.blocks.tracing.tracing import KERNEL, Kernel, KernelCall, call_kernel, symbols_of
+from trussflow.blocks.tracing.tracing import KERNEL_NAME, Kernel, KernelCall, call_kernel, symbols_of
 
-ROUNDS = 60
-"""Steps at most [-], as in newton.h."""
+MAX_STEPS = 60
+"""Largest number of Newton steps [-], as in newton.h."""
 
-NOISE = 4e-15
-"""Pivot, by the number of unknowns and its terms, up to which nothing but round-off is left [-]."""
+PIVOT_TOLERANCE = 4e-15
+"""Largest pivot, relative to its terms times the number of unknowns, that counts as round-off [-]."""
 
-MANY = 128
-"""Unknowns at most of an iteration [-], whose matrices are on the stack in C."""
+MAX_ITERATED_UNKNOWNS = 128
+"""Largest number of unknowns of an iteration [-]; the C code has its matrices on the stack."""
 
-FEW = 8
-"""Unknowns up to which linear equations are solved by an expression [-], which grows with their cube."""
+MAX_DIRECT_UNKNOWNS = 8
+"""Largest number of unknowns solved by an expression [-], whose size grows with the cube of this number."""
 
-JUMPS = {
+DISCONTINUOUS_OPERATIONS = {
     getattr(ca, f"OP_{name}")
     for name in ("LT", "LE", "EQ", "NE", "SIGN", "FLOOR", "CEIL", "FMOD", "REMAINDER", "COPYSIGN")
 }
-"""Operations whose results may jump."""
+"""Operations whose results may be discontinuous."""
 
 
 def solve(residual: ca.SX, unknown: ca.SX, start: ca.SX) -> tuple[ca.SX, bool]:
-    """Return the values of unknowns at which a residual is zero, and whether finding them is an iteration.
+    """Return the values of unknowns at which a residual is zero, and whether this needs an iteration.
 
-    They are NaN where there are none to be found, or more than one.
+    The values are NaN if there is no solution or it is not unique.
 
     Parameters
     ----------
     residual, unknown : casadi.SX
-        r, and the symbols z in it; r is f(z) - z [any].
+        r = f(z) - z, and its symbols z [any].
     start : casadi.SX
-        Where an iteration starts [unit of z].
+        Initial guess of an iteration [unit of z].
     """
     n, own = unknown.numel(), symbols_of(unknown)
     slope = ca.densify(ca.jacobian(residual, unknown))
@@ -74,15 +74,15 @@ def solve(residual: ca.SX, unknown: ca.SX, start: ca.SX) -> tuple[ca.SX, bool]:
     apart, symbols, hoisted = ca.extract_parametric(both, others, {"extract_trivial": True})
     outputs = [apart[:n], apart[n:]]
     equations = ca.Function("loop", [unknown, ca.vertcat(ca.SX(0, 1), *symbols)], outputs, {"cse": True})
-    # What is left of comparisons depends on z: where it jumps, a slope that is constant says nothing.
-    jumps = any(each.operation in JUMPS for each in instructions_of(equations))
-    if n <= FEW and not jumps and not symbols_of(slope) & own:
+    # Comparisons left in the equations depend on z, so f may be discontinuous despite a constant Jacobian.
+    jumps = any(each.operation in DISCONTINUOUS_OPERATIONS for each in instructions_of(equations))
+    if n <= MAX_DIRECT_UNKNOWNS and not jumps and not symbols_of(slope) & own:
         return -ca.substitute(_step(residual, slope), unknown, ca.SX.zeros(n)), False
     return call_kernel(_kernel(equations), ca.vertcat(start, *hoisted)).symbols, True
 
 
 def _step(residual: ca.SX, slope: ca.SX) -> ca.SX:
-    """Return the step d, NaN where the slope is as good as singular: `_eliminated` as an expression."""
+    """Return the step d, NaN if the Jacobian is singular up to round-off: `_eliminated` as an expression."""
     n = residual.numel()
     if ca.sprank(ca.sparsify(slope)) < n:
         return ca.SX([np.nan] * n)
@@ -95,9 +95,10 @@ def _step(residual: ca.SX, slope: ca.SX) -> ca.SX:
         for i in range(k + 1, n):
             if rows[i][k].is_zero():
                 continue
+            # Row exchange without a branch, as expressions have none.
             better = ca.fabs(rows[i][k]) * rows[i][n + 1] > ca.fabs(rows[k][k]) * rows[k][n + 1]
             rows[k], rows[i] = ca.if_else(better, rows[i], rows[k]), ca.if_else(better, rows[k], rows[i])
-        sound = ca.logic_and(sound, ca.fabs(rows[k][k]) > NOISE * n * rows[k][n + 2 + k])
+        sound = ca.logic_and(sound, ca.fabs(rows[k][k]) > PIVOT_TOLERANCE * n * rows[k][n + 2 + k])
         for i in range(k + 1, n):
             if not rows[i][k].is_zero():
                 taken = rows[i][k] / rows[k][k] * rows[k][k : n + 1]
@@ -110,15 +111,15 @@ def _step(residual: ca.SX, slope: ca.SX) -> ca.SX:
 
 
 def _terms(slope: Vector) -> Vector:
-    """Return how large the terms are whose sums are the elements of a slope: those of f, and the -1."""
+    """Return the sum of the magnitudes of the terms of each element of a Jacobian: that of f, and -1."""
     return np.where(np.eye(len(slope), dtype=bool), 1.0 + np.abs(slope + 1.0), np.abs(slope))
 
 
 def _eliminated(slope: Vector, residual: Vector) -> Vector:
-    """Return the step d, NaN where the slope is as good as singular, by elimination with row exchanges.
+    """Return the step d by Gaussian elimination with row exchanges; NaN if a pivot is only round-off.
 
-    Rows are compared as if they and the columns were of like size, so units do not matter. A pivot counts
-    that is more than the round-off of the terms that it is the sum of.
+    Rows and columns are scaled for the choice of pivots, so the result does not depend on units. A pivot is
+    valid if it exceeds the round-off of the terms of which it is the sum.
     """
     n, a, v, terms = residual.size, slope.copy(), residual.copy(), _terms(slope)
     weights = 1.0 / np.max(terms / np.max(terms, axis=0), axis=1)
@@ -126,7 +127,7 @@ def _eliminated(slope: Vector, residual: Vector) -> Vector:
         best = k + int(np.argmax(np.abs(a[k:, k]) * weights[k:]))
         for each in (a, v, terms, weights):
             each[[k, best]] = each[[best, k]]
-        if not np.abs(a[k, k]) > NOISE * n * terms[k, k]:
+        if not np.abs(a[k, k]) > PIVOT_TOLERANCE * n * terms[k, k]:
             return np.full(n, np.nan)
         factors = a[k + 1 :, k] / a[k, k]
         taken = np.outer(factors, a[k, k:])
@@ -139,26 +140,26 @@ def _eliminated(slope: Vector, residual: Vector) -> Vector:
 
 
 def residual_left(calls: Iterable[KernelCall]) -> float:
-    """Return the largest residual with which iterations among kernel `calls` just failed [any].
+    """Return the largest residual of the iterations among kernel `calls` that failed in the last call [any].
 
-    It is zero where there is but round-off left.
+    It is zero if only round-off is left.
     """
     kernels = (call.kernel.function for call in calls)
     return max((k.left for k in kernels if isinstance(k, _Iteration)), default=0.0)
 
 
 def _kernel(equations: ca.Function) -> Kernel:
-    """Return the kernel that solves ``(z, s) -> (residual, slope)``."""
+    """Return the kernel that solves the equations ``(z, s) -> (residual, slope)`` for z."""
     n = equations.size1_in(0)
     header = files("trussflow.blocks.tracing").joinpath("newton.h").read_text(encoding="utf-8")
     body = straight_line(equations, ("z", "s"), ("residual", "slope"))
     source = f"""{header}
 static __attribute__((noinline))
-void {KERNEL}_equations(const double* z, const double* s, double* residual, double* slope) {{
+void {KERNEL_NAME}_equations(const double* z, const double* s, double* residual, double* slope) {{
 {body}
 }}
-static __attribute__((noinline)) void {KERNEL}(const double* restrict in, double* restrict out) {{
-  tf_newton({n}, {KERNEL}_equations, in, out);
+static __attribute__((noinline)) void {KERNEL_NAME}(const double* restrict in, double* restrict out) {{
+  tf_newton({n}, {KERNEL_NAME}_equations, in, out);
 }}
 """
     layout, near = (((n,), 0, n),), cache(partial(_near, equations))
@@ -166,7 +167,7 @@ static __attribute__((noinline)) void {KERNEL}(const double* restrict in, double
 
 
 def _near(equations: ca.Function) -> ca.Function:
-    """Return one Newton step, from the beginning of the input of the kernel."""
+    """Return the function of one Newton step from the initial guess in the input of the kernel."""
     n, given = equations.size1_in(0), ca.SX.sym("given", equations.size1_in(0) + equations.size1_in(1))
     residual, slope = equations(given[:n], given[n:])
     step = _step(residual, ca.reshape(slope, n, n).T)
@@ -174,7 +175,7 @@ def _near(equations: ca.Function) -> ca.Function:
 
 
 class _Iteration(ca.Callback):
-    """Newton's method, where CasADi interprets; the twin of ``newton.h``.
+    """Newton's method for CasADi's interpreter; the same algorithm as in ``newton.h``.
 
     Parameters
     ----------
@@ -184,8 +185,8 @@ class _Iteration(ca.Callback):
     Attributes
     ----------
     left : float
-        The largest residual where it failed, if it did when it was last asked and that is more than
-        round-off [unit of the signal].
+        Largest residual if the last call failed, zero if it succeeded or only round-off is left
+        [unit of the signal].
     """
 
     def __init__(self, equations: ca.Function) -> None:
@@ -208,9 +209,10 @@ class _Iteration(ca.Callback):
     def _solution(self, z: Vector, s: Vector) -> Vector:
         step, residual, terms = self._step(z, s)
         solved, ended, last = False, False, np.zeros(z.size)
-        for _ in range(ROUNDS):
+        for _ in range(MAX_STEPS):
             moved, size = np.abs(step), np.abs(z)
             close = bool(np.all(moved <= 1e-12 * size))
+            # The step is small enough for a solution if round-off prevents further progress.
             rough = bool(np.all(moved <= 1e-10 * (size + last) + 1e-13 * terms))
             unit = np.where(terms + moved > 0.0, terms + moved, 1.0)
             left, part = np.sum((residual / unit) ** 2), 1.0
@@ -236,7 +238,7 @@ class _Iteration(ca.Callback):
         return np.full(z.size, np.nan)
 
     def _step(self, z: Vector, s: Vector) -> tuple[Vector, Vector, Vector]:
-        """Return the step from z, NaN if there is none; the residual there, and how large its terms are."""
+        """Return the Newton step at z, NaN if there is none; the residual, and the magnitude of its terms."""
         residual, flat = (each.full().ravel() for each in self._equations(z, s))
         slope = flat.reshape(z.size, z.size)
         return _eliminated(slope, residual), residual, _terms(slope) @ np.abs(z)

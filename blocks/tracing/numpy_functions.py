@@ -1,7 +1,7 @@
-"""NumPy functions that CasADi has not, or not as NumPy has them: NaN, infinite numbers, halves, signs.
+"""NumPy functions that CasADi lacks, or that differ for NaN, infinite numbers, ties, or signed zeros.
 
-Each is written with those that trace alike. A product whose sum the C compiler rounds only once
-(fused multiply-add) must not matter: `np.fmod` and `np.floor` are given, and give, rounded numbers.
+Each is composed of functions that CasADi evaluates as NumPy does. Results must not depend on the single
+rounding of a fused multiply-add: `np.fmod` and `np.floor` take and return rounded numbers.
 """
 
 from __future__ import annotations
@@ -14,17 +14,17 @@ import numpy as np
 
 from trussflow.blocks.framework.types import Array
 
-LARGEST = float(np.finfo(float).max)
-ALL_INTEGERS = 2.0**52
-"""From here on every number is an integer."""
+MAX_FLOAT = float(np.finfo(float).max)
+MIN_ALL_INTEGERS = 2.0**52
+"""Smallest magnitude from which on every floating-point number is an integer [-]."""
 
 
 def _isnan(x: Array) -> Array:
-    return np.logical_not(np.abs(x) <= np.inf)  # CasADi holds x == x for true
+    return np.logical_not(np.abs(x) <= np.inf)  # CasADi simplifies x == x to true
 
 
 def _rest(a: Array, b: Array) -> tuple[Array, Array]:
-    """Return the rest of a division with the sign of `a`, and whether it needs that of `b`."""
+    """Return the remainder of a division with the sign of `a`, and whether its sign differs from `b`."""
     rest = np.fmod(a, b)
     return rest, np.where(np.greater(b, 0.0), rest < 0.0, rest > 0.0)
 
@@ -45,8 +45,8 @@ def _modf(x: Array) -> tuple[Array, Array]:
 
 
 def _rint(x: Array) -> Array:
-    rest = x._binop(1.0, ca.remainder)  # of the nearest integer, the even one of two
-    return np.where(np.abs(x) < ALL_INTEGERS, np.floor(x - rest + 0.5), x)
+    rest = x._binop(1.0, ca.remainder)  # distance from the nearest integer, ties to even
+    return np.where(np.abs(x) < MIN_ALL_INTEGERS, np.floor(x - rest + 0.5), x)
 
 
 def _round(a: Array, decimals: int = 0) -> Array:
@@ -77,8 +77,8 @@ def _nanmean(a: Array, axis: int | None = None, **kwargs: Any) -> Array:
 def _nan_to_num(
     x: Array, *, nan: float = 0.0, posinf: float | None = None, neginf: float | None = None
 ) -> Array:
-    high = np.where(x > LARGEST, LARGEST if posinf is None else posinf, x)
-    low = np.where(x < -LARGEST, -LARGEST if neginf is None else neginf, high)
+    high = np.where(x > MAX_FLOAT, MAX_FLOAT if posinf is None else posinf, x)
+    low = np.where(x < -MAX_FLOAT, -MAX_FLOAT if neginf is None else neginf, high)
     return np.where(np.isnan(x), nan, low)
 
 
@@ -93,7 +93,7 @@ def _heaviside(x: Array, half: Array) -> Array:
 
 
 def _log_of_sum(a: Array, b: Array) -> Array:
-    smaller = np.exp(-np.abs(np.where(np.equal(a, b), 0.0, np.subtract(a, b))))  # both may be infinite
+    smaller = np.exp(-np.abs(np.where(np.equal(a, b), 0.0, np.subtract(a, b))))  # avoids inf - inf
     return np.maximum(a, b) + np.log1p(smaller)
 
 
@@ -111,7 +111,7 @@ def _digitize(x: Array, bins: Array, right: bool = False) -> Array:
     return len(bins) - below if bins[0] <= bins[-1] else below
 
 
-ANSWERS: dict[Callable[..., Any], Callable[..., Any]] = {
+NUMPY_REPLACEMENTS: dict[Callable[..., Any], Callable[..., Any]] = {
     np.isnan: _isnan,
     np.isfinite: lambda x: np.abs(x) < np.inf,
     np.isinf: lambda x: np.equal(np.abs(x), np.inf),
@@ -141,4 +141,4 @@ ANSWERS: dict[Callable[..., Any], Callable[..., Any]] = {
     np.interp: _interp,
     np.digitize: _digitize,
 }
-"""What answers each function, in place of CasADi."""
+"""Traced implementation of each NumPy function, used instead of that of CasADi."""

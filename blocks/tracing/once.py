@@ -1,4 +1,4 @@
-"""What several equations of a block need is computed once, where they are asked one after the other."""
+"""Memoization of methods that several equations of a block call with the same arguments."""
 
 from __future__ import annotations
 
@@ -19,15 +19,15 @@ Result = TypeVar("Result")
 
 
 def once(method: Callable[..., Result]) -> Callable[..., Result]:
-    """Let a method of a block return its latest result again while its arguments are the same.
+    """Memoize the latest result of a method of a block.
 
-    Numbers are compared, so arrays may be written into in between, and in results too; expressions are the
-    same if they are the same objects, within one trace.
+    Numbers are compared by value, so the caller may write into arguments and results. Expressions are
+    compared by identity within one trace.
 
     Parameters
     ----------
     method : callable
-        Takes the block and `Signals`, and depends on nothing else that changes.
+        Takes the block and `Signals`; its result must depend on nothing else that changes.
     """
     latest = WeakKeyDictionary[Block, tuple[list[object], object, Result]]()
 
@@ -39,7 +39,7 @@ def once(method: Callable[..., Result]) -> Callable[..., Result]:
         asked: list[object] = [id(trace), *((place, _told(value)) for place, value in given)]
         found = latest.get(block)
         if found is None or found[0] != asked:
-            # What is told by its identity is kept, so that nothing else gets the same.
+            # References keep the compared objects alive, so that their ids are not reused.
             found = latest[block] = asked, (trace, given), method(block, *signals)
         return found[2] if traced else deepcopy(found[2])
 
@@ -47,7 +47,7 @@ def once(method: Callable[..., Result]) -> Callable[..., Result]:
 
 
 def _told(value: Array) -> object:
-    """Return what tells an array from all others."""
+    """Return a key that identifies an array: the id of an expression, the content of numbers."""
     if is_traced(value):
         return id(value)
     array = np.asarray(value)

@@ -1,4 +1,4 @@
-"""How each operation of a CasADi expression is written in C, on numbers and on vectors of them."""
+"""C expressions of CasADi's operations, for numbers and for vectors."""
 
 from __future__ import annotations
 
@@ -18,10 +18,9 @@ ALL_LANES = {
     ca.OP_TWICE: "{0} + {0}",
     ca.OP_INV: "1.0 / {0}",
 }
-"""Operations that are written alike, and round alike, on numbers and on vectors of lanes; {m[0]} is the first
-operand with the other sign."""
+"""Operations with the same C expression and rounding for numbers and vectors; {m[0]} is a negated operand."""
 
-SERIES = {
+SERIES_FUNCTIONS = {
     ca.OP_SIN: "{w}sin({0})",
     ca.OP_COS: "{w}cos({0})",
     ca.OP_EXP: "{w}exp({0})",
@@ -29,10 +28,12 @@ SERIES = {
     ca.OP_POW: "{w}pow({0}, {1})",
     ca.OP_CONSTPOW: "{w}pow({0}, {1})",
 }
-"""Functions that are done in all lanes at once by the series of ``lanes.h``, which round otherwise than C's;
-{w} is the prefix of the vector's own functions, empty for numbers."""
+"""Functions that ``lanes.h`` computes by series in all lanes at once, with other rounding than the C library.
 
-# The functions that C has under the names that CasADi gives its operations.
+{w} is the prefix of the vector functions, empty for numbers.
+"""
+
+# Functions of the C library with the names of CasADi's operations.
 _OF_ONE = (
     *("sqrt", "tan", "asin", "acos", "atan", "sinh", "cosh", "tanh", "asinh", "acosh", "atanh"),
     *("log1p", "expm1", "erf", "floor", "ceil"),
@@ -43,9 +44,9 @@ ONE_LANE = {
     **{getattr(ca, f"OP_{name.upper()}"): f"{name}({{0}})" for name in _OF_ONE},
     **{getattr(ca, f"OP_{name.upper()}"): f"{name}({{0}}, {{1}})" for name in _OF_TWO},
 }
-"""Operations written once for each lane."""
+"""Operations that are computed lane by lane, with functions of the C library."""
 
-CHOICES = {
+SCALAR_CHOICES = {
     ca.OP_FABS: "fabs({0})",
     ca.OP_LT: "{0} < {1}",
     ca.OP_LE: "{0} <= {1}",
@@ -59,9 +60,9 @@ CHOICES = {
     ca.OP_FMIN: "({0} < {1} || {0} != {0} ? {0} : {1})",  # NaN stays NaN, as in np.minimum
     ca.OP_FMAX: "({0} > {1} || {0} != {0} ? {0} : {1})",
 }
-"""Comparisons and choices, on numbers."""
+"""Comparisons and selections for numbers."""
 
-BY_MASK = {
+MASKED_CHOICES = {
     ca.OP_FABS: "{w}fabs({0})",
     ca.OP_LT: "{w}one({0} < {1})",
     ca.OP_LE: "{w}one({0} <= {1})",
@@ -75,26 +76,26 @@ BY_MASK = {
     ca.OP_FMIN: "{w}where(({0} < {1}) | ({0} != {0}), {0}, {1})",
     ca.OP_FMAX: "{w}where(({0} > {1}) | ({0} != {0}), {0}, {1})",
 }
-"""The same on vectors: a comparison makes a mask of bits, by which lanes are chosen."""
+"""Comparisons and selections for vectors: the bit mask of a comparison selects lanes."""
 
-OF_PRODUCTS = {-1: "{w}fma({0}, {1}, {2})", -2: "{w}fma({0}, {1}, {m[2]})", -3: "{w}fma({m[0]}, {1}, {2})"}
-"""Operations that CasADi has not: a b + c, a b - c, and c - a b, rounded once; on numbers and vectors."""
+FUSED_FORMULAS = {-1: "{w}fma({0}, {1}, {2})", -2: "{w}fma({0}, {1}, {m[2]})", -3: "{w}fma({m[0]}, {1}, {2})"}
+"""Fused operations, which CasADi lacks: a b + c, a b - c, c - a b, rounded once; for numbers and vectors."""
 
-FUSED = {(ca.OP_ADD, 0): -1, (ca.OP_ADD, 1): -1, (ca.OP_SUB, 0): -2, (ca.OP_SUB, 1): -3}
-"""Which of them an operation becomes whose operand of that number is a product."""
+FUSED_OPERATIONS = {(ca.OP_ADD, 0): -1, (ca.OP_ADD, 1): -1, (ca.OP_SUB, 0): -2, (ca.OP_SUB, 1): -3}
+"""Fused operation that replaces an operation whose operand with this index is a product."""
 
 
 @dataclass(frozen=True, slots=True)
 class Numbers:
-    """How C calls what it computes with: numbers, or vectors of as many as there are lanes.
+    """C type of numbers: scalars, or vectors with one number per lane.
 
     Attributes
     ----------
     lanes : int
-        Numbers side by side [-]; 1 for numbers.
+        Vector length [-]; 1 for scalars.
     series : bool
-        Whether functions are done in all lanes at once, by series; else each lane calls C's own, so that
-        it rounds as a number does.
+        Whether series compute functions in all lanes at once. If not, each lane calls the C library, and
+        rounds as a scalar does.
     """
 
     lanes: int = 1
@@ -102,28 +103,28 @@ class Numbers:
 
     @property
     def type(self) -> str:
-        """Their type."""
+        """Name of the C type."""
         return "double" if self.lanes == 1 else f"tf_lanes{self.lanes}"
 
     def of_one(self, text: str) -> str:
-        """Return what has in all lanes the number that C writes so."""
+        """Return the C expression of a vector with the scalar `text` in all lanes."""
         return text if self.lanes == 1 else f"tf_{self.lanes}_all({text})"
 
     def computed(self, operation: int, operands: Sequence[str], sums: Container[str] = ()) -> str:
-        """Return what CasADi's `operation` [-] makes of `operands` of this type; `sums` are made by fma."""
+        """Return the C expression of CasADi's `operation` [-] on `operands`; `sums` are results of fma."""
         minus = [f"-{o}" for o in operands]
         if self.lanes == 1:
-            # Compilers write -(a b + c) as -a b - c, by which an exact zero has the other sign.
+            # Compilers turn -(a b + c) into -a b - c, which changes the sign of an exact zero.
             minus = [f"tf_minus({o})" if o in sums else m for o, m in zip(operands, minus, strict=True)]
             return str(FORMULAS[operation].format(*operands, w="", m=minus))
-        if operation in ONE_LANE or (operation in SERIES and not self.series):
+        if operation in ONE_LANE or (operation in SERIES_FUNCTIONS and not self.series):
             lanes = ([f"{o}[{i}]" for o in operands] for i in range(self.lanes))
             return f"({self.type}){{{', '.join(FORMULAS[operation].format(*each, w='') for each in lanes)}}}"
-        return str(ON_VECTORS[operation].format(*operands, w=f"tf_{self.lanes}_", m=minus))
+        return str(VECTOR_FORMULAS[operation].format(*operands, w=f"tf_{self.lanes}_", m=minus))
 
 
-FORMULAS = ALL_LANES | SERIES | OF_PRODUCTS | ONE_LANE | CHOICES
-"""All operations, as they are written on numbers."""
+FORMULAS = ALL_LANES | SERIES_FUNCTIONS | FUSED_FORMULAS | ONE_LANE | SCALAR_CHOICES
+"""C expressions of all operations on numbers."""
 
-ON_VECTORS = FORMULAS | BY_MASK
-"""The same, as they are written on vectors, but where each lane is written by itself."""
+VECTOR_FORMULAS = FORMULAS | MASKED_CHOICES
+"""C expressions of operations on vectors, for those that are not computed lane by lane."""

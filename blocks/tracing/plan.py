@@ -1,8 +1,8 @@
-"""The plan: a diagram traced into the few functions that a simulation needs.
+"""The plan: a diagram traced into the functions that a simulation needs.
 
-All functions take ``(t, x, d, p)``: time, continuous states, what only changes at instants
-(modes, then discrete states, held outputs of sampled blocks, where indicators of events stand, which
-events happen, what algebraic loops were solved by, and inputs from outside), and parameters.
+All functions take ``(t, x, d, p)``: time, continuous states, discrete data, and parameters. The discrete
+data d change only at instants. They are modes, discrete states, held outputs of sampled blocks, clock
+counters, signs of event indicators, triggered events, loop solutions, and external inputs, in this order.
 """
 
 from __future__ import annotations
@@ -37,26 +37,25 @@ from trussflow.blocks.tracing.waits import Waits
 
 
 class Plan:
-    """A diagram, flat and ready to be traced.
+    """A flat diagram with its data layout and sorted order, ready for tracing.
 
     Parameters
     ----------
     diagram : Diagram or System
-        What to simulate.
+        Diagram to simulate.
     own_programs : bool
-        Whether each set of clocks that tick together gets a program of its own, however many there are.
+        Whether each set of clocks that tick together has its own program, regardless of their number.
 
     Attributes
     ----------
     x, p : Layout
         Order of continuous states and of parameters.
     modes, memory, held, waits, sides, fired, guesses, u : Layout
-        The parts of d: modes, discrete states, held outputs; how many ticks are left for each clock, if
-        many share one program; on which side of zero the indicators of events are, and which events
-        happen, and the last solutions of algebraic loops that are found by iteration, as ``events.h`` has
-        them; inputs from outside.
+        Parts of d: modes, discrete states, held outputs, remaining ticks of clocks that share one
+        program, signs of event indicators, triggered events, last solutions of the loops that need an
+        iteration, external inputs. ``events.h`` depends on the order from `sides` to `guesses`.
     kinds : array of int8
-        The kinds of all events, in the order of `sides`.
+        Directions of all events, in the order of `sides`.
     has_events : bool
         Whether any block has events.
     loops : LoopSolutions
@@ -65,7 +64,7 @@ class Plan:
     Raises
     ------
     DiagramError
-        If there are no blocks, inputs are open, or there is an algebraic loop.
+        If there are no blocks, inputs are not connected, or there is an algebraic loop.
     TracingError
         If the equations of a block cannot be traced.
     """
@@ -99,7 +98,7 @@ class Plan:
             ]
             for kind in (Mode, Event)
         )
-        # The parts of d, one after the other.
+        # Each part of d starts at the end of the part before.
         self.modes = Layout(modes)
         self.memory = Layout(
             ((path, name, shape) for path, name, shape, c in states if not c), self.modes.span.stop
@@ -107,7 +106,7 @@ class Plan:
         self.held = Layout(held, self.memory.span.stop)
         shared = not own_programs and share_program(self.system, self.feedthrough)
         self.waits = Waits(self.system.clocks if shared else [], self.held.span.stop)
-        # From here on as ``events.h`` has them.
+        # ``events.h`` depends on the order of the following parts.
         self.sides = Layout(events, self.waits.span.stop)
         self.fired = Layout(events, self.sides.span.stop)
         kinds = [
@@ -127,12 +126,13 @@ class Plan:
         self._lay_out_rest([])
         self.loops = LoopSolutions(self)
         if self.loops:
+            # The trace that finds the iterated outputs needs guesses for all torn ones.
             self._lay_out_rest(self.loops.torn)
             self._lay_out_rest(self.loops.iterated())
         self.order(frozenset())
 
     def _lay_out_rest(self, iterated: Iterable[Port]) -> None:
-        """Lay out the end of d, with places for the outputs found by iteration."""
+        """Lay out the end of d: guesses of the iterated outputs, and external inputs."""
         ports = sorted(iterated, key=lambda port: port.path)
         guesses = [(port.block.path, port.name, port.whole_shape or ()) for port in ports]
         self.guesses = Layout(guesses, self.fired.span.stop)
@@ -142,7 +142,7 @@ class Plan:
 
     @property
     def layouts(self) -> tuple[Layout, ...]:
-        """All layouts: those of x, of the parts of d, and of p."""
+        """Layouts of x, of the parts of d, and of p."""
         return (
             *(self.x, self.modes, self.memory, self.held, self.waits, self.sides, self.fired),
             *(self.guesses, self.u, self.p),
@@ -150,34 +150,34 @@ class Plan:
 
     @property
     def stored(self) -> tuple[Layout, ...]:
-        """Those of what has an initial value: x, modes and memory."""
+        """Layouts of data with initial values: x, modes and memory."""
         return self.x, self.modes, self.memory
 
     @property
     def sampled(self) -> slice:
-        """The part of d that sampled blocks compute: memory and held outputs."""
+        """Slice of d that sampled blocks compute: memory and held outputs."""
         return slice(self.memory.span.start, self.held.span.stop)
 
     @property
     def u_start(self) -> int:
-        """Where the inputs from outside begin in d."""
+        """Index in d of the first external input."""
         return self.u.span.start
 
     def place(self, path: str, name: str) -> slice:
-        """Return where the array `name` of the block at `path`, of x or d, is in (x, d)."""
+        """Return the slice of (x, d) with the array `name` of the block at `path`."""
         for layout in (*self.stored, self.held, self.u):
             if (path, name) in layout.entries:
                 entry, start = layout.entries[path, name], 0 if layout is self.x else self.x.size
                 return slice(start + entry.start, start + entry.stop)
-        raise NameLookupError(f"'{path}.{name}' is neither a state nor held nor from outside")
+        raise NameLookupError(f"'{path}.{name}' is neither a state nor a held output nor an external input")
 
     def order(self, active: Active) -> list[Stage]:
-        """Return the outputs in the order in which they are computed while clocks tick.
+        """Return the sorted order of the outputs while `active` clocks tick.
 
         Raises
         ------
         AlgebraicLoopError
-            If there is none.
+            If there is an algebraic loop that is not solved.
         """
         if active not in self._orders:
             self._orders[active] = order(self.system, self.feedthrough, active, self.loops.torn)
@@ -186,21 +186,21 @@ class Plan:
     # -- values ---------------------------------------------------------------------------
 
     def parameters(self, overrides: Mapping[str, Any] | None, present: Vector | None = None) -> Vector:
-        """Return p: the present values, or else the blocks' own, but for those that the user gave.
+        """Return p: the present values, or else the defaults of the blocks, with overrides from the user.
 
         Parameters
         ----------
         overrides : mapping, optional
-            What the user gave, by ``"block.parameter"`` [units as declared].
+            Values from the user, by ``"block.parameter"`` [units as declared].
         present : Vector, optional
-            The present values [as declared].
+            Present values of all parameters [as declared].
 
         Raises
         ------
         NameLookupError
             If an override names no parameter.
         ParameterError
-            If a value is not allowed, or those of a block do not go together.
+            If a value is not allowed, or the values of a block are not consistent.
         """
         blocks, changed = self.system.blocks, dict[str, Block]()
         flat = np.zeros(self.p.size) if present is None else present.copy()
@@ -215,10 +215,12 @@ class Plan:
         return flat
 
     def structural(self, reference: str) -> str:
-        """Say so if a block has what a user took for a parameter as part of its structure."""
+        """Return a hint if the parameter that a user asked for is a structural attribute of a block."""
         path, _, name = reference.rpartition(".")
         there = vars(self.system.blocks[path]) if path in self.system.blocks else {}
-        return f" ('{name}' is structure of '{path}': build another block)" if name in there else ""
+        return (
+            f" ('{name}' is a structural attribute of '{path}': build another block)" if name in there else ""
+        )
 
     def initial(
         self,
@@ -228,19 +230,19 @@ class Plan:
         t: float = 0.0,
         opened: Mapping[str, Equations] | None = None,
     ) -> tuple[Vector, Vector]:
-        """Return x and d at the start time `t` [s], before the first instant, with `p` [as declared].
+        """Return x and d at the initial time `t` [s], before the first instant, with `p` [as declared].
 
-        `overrides` are initial states by ``"block.name"``, `inputs` values from outside by name, and
-        `opened` the equations of blocks that keep something in the run that begins, by path.
+        `overrides` are initial states by ``"block.name"``, `inputs` external inputs by name, and `opened`
+        the equation objects of blocks with internal state for this run, by block path.
 
         Raises
         ------
         NameLookupError
-            If an override names no state, or there is no such input from outside.
+            If an override names no state, or there is no such external input.
         ParameterError
             If a value is not finite or has the wrong shape.
         SimulationError
-            If initial states depend on themselves, so that they do not settle.
+            If initial states depend on each other, and their fixed-point iteration does not converge.
         """
         x, d = np.zeros(self.x.size), np.zeros(self.d_size)
         for layout in self.stored:
@@ -261,12 +263,12 @@ class Plan:
         return x, d
 
     def set_inputs(self, d: Vector, values: Mapping[str, Any] | None) -> None:
-        """Write `values` from outside into `d` [as declared]: all of them, or, on an error, none.
+        """Write the `values` of external inputs into `d` [as declared]: all of them, or none on an error.
 
         Raises
         ------
         NameLookupError
-            If there is no such input; the message lists those there are.
+            If there is no such input; the message lists the valid names.
         ParameterError
             If a value is not finite or has the wrong shape.
         """
@@ -278,7 +280,7 @@ class Plan:
             self.u.put(d, path, "y", array)
 
     def override(self, x: Vector, d: Vector, overrides: Mapping[str, Any]) -> None:
-        """Put the `overrides` that the user gave, by ``"block.name"``, into `x` and `d` [as declared]."""
+        """Write the user's `overrides`, by ``"block.name"``, into `x` and `d` [as declared]."""
         for reference, value in overrides.items():
             what = "state or loop signal" if self.loops else "state"
             e = self.x.find(reference, what, self.modes, self.memory, self.guesses)
@@ -290,12 +292,12 @@ class Plan:
         return bool(np.isfinite(d[modes.stop :]).all() and not np.isnan(d[modes]).any())
 
     def set_state(self, path: str, name: str, value: Any, x: Vector, d: Vector) -> None:
-        """Put the `value` of the state `name` of the block at `path` into `x` or `d` [as declared].
+        """Write the `value` of the state `name` of the block at `path` into `x` or `d` [as declared].
 
         Raises
         ------
         ParameterError
-            If it is not finite, but for modes, which may be infinite, or has the wrong shape.
+            If the value has the wrong shape or is not finite; modes may be infinite.
         """
         places = *self.stored, self.guesses
         layout = next(layout for layout in places if (path, name) in layout.entries)
@@ -306,9 +308,10 @@ class Plan:
     # -- evaluation -----------------------------------------------------------------------
 
     def evaluation(self, t: Array, x: Array, d: Array, p: Array, make: Any, active: Active) -> Evaluation:
-        """Return what computes the signals while the `active` clocks tick; `make` makes arrays of slices.
+        """Return the evaluation of all signals while the `active` clocks tick.
 
-        With symbols for `t`, `x`, `d` and `p` the signals are expressions, with numbers numbers.
+        `make` converts a slice to an array. Signals are expressions if `t`, `x`, `d` and `p` are symbols,
+        and numbers otherwise.
         """
         states, fired = self.memory.unpack(d, make), self.fired.unpack(d, make)
         for layout, flat in ((self.x, x), (self.modes, d)):
@@ -330,7 +333,7 @@ class Plan:
         return Evaluation(self.system, self.feedthrough, leaves, active, solved=solved)
 
     def symbolic(self, active: Active, symbols: Sequence[ca.SX] = ()) -> Evaluation:
-        """Return what computes the signals while `active` clocks tick, of new `symbols` or these."""
+        """Return the symbolic evaluation while `active` clocks tick, with given or new `symbols`."""
         t, x, d, p = symbols or self.symbols()
         return self.evaluation(from_expression(t, ()), x, d, p, from_expression, active)
 
@@ -340,9 +343,9 @@ class Plan:
         return [ca.SX.sym(n, size) for n, size in zip("txdp", sizes, strict=True)]
 
     def evaluate(self, t: float, x: Vector, d: Vector, p: Vector, active: Active = frozenset()) -> Evaluation:
-        """Return the signals while `active` clocks tick as plain numbers, for looking and debugging.
+        """Return the signals as plain numbers while `active` clocks tick.
 
-        They are those at time `t` [s] with `x`, `d` and `p` [as declared].
+        The signals are those at time `t` [s] with `x`, `d` and `p` [as declared].
         """
         evaluation = self.evaluation(np.asarray(t), x, d, p, np.reshape, active)
         evaluation.compute(self.order(active))

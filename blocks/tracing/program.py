@@ -1,7 +1,7 @@
-"""Programs: traced expressions, with the kernels they call, that compute one vector.
+"""Programs: traced expressions and kernel calls that compute one vector.
 
-The same program becomes a CasADi function (for the interpreter and for derivatives) and C
-code (for speed).
+A program is converted to a CasADi function (for the interpreter and for derivatives) and to C code (for
+speed).
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ class Program:
     Attributes
     ----------
     name : str
-        Its name.
+        Name of the program.
     inputs : tuple of casadi.SX
         Columns of symbols.
     calls : tuple of KernelCall
@@ -47,9 +47,9 @@ class Program:
     def graph(self) -> ca.Function:
         """All straight-line code in one function.
 
-        Its inputs are those of the program, then the results of each kernel; its outputs the
-        inputs of each kernel, then the result. Kernel arrays are stored element by element,
-        the instances of an element side by side.
+        The inputs are those of the program and the results of each kernel. The outputs are the inputs of
+        each kernel and the result. Kernel arrays are stored by element: the values of all instances of one
+        element are contiguous.
         """
         leaves = [*self.inputs, *(ca.vec(c.symbols.T) for c in self.calls)]
         roots = [*(ca.vec(c.inputs.T) for c in self.calls), self.result]
@@ -57,22 +57,22 @@ class Program:
 
     @cached_property
     def code(self) -> str:
-        """What distinguishes this program from programs that compute something else."""
+        """Text that identifies the computation of this program."""
         kernels = (call.kernel.code for call in self.calls)
         return "\0".join([self.name, self.graph.serialize(), *kernels])
 
     def evaluate(self, values: Sequence[Array]) -> Array:
-        """Return the result for one set of inputs, or several at once; quick to set up, slow to repeat.
+        """Return the result for one or several sets of inputs; for few calls, it is faster than `function`.
 
         Parameters
         ----------
         values : sequence of array, shape (size,) or (size, n)
-            One for each input [any]; where there are several sets, one column for each.
+            Value of each input [any]; several sets are columns.
 
         Returns
         -------
         array, shape (size,) or (size, n)
-            The result, in columns as the inputs.
+            The result; several sets are columns.
         """
         leaves = [*self.inputs, *(ca.vec(c.symbols) for c in self.calls)]
         roots = [*(c.inputs for c in self.calls), self.result]
@@ -81,7 +81,8 @@ class Program:
             everything = _straight(self.name, leaves, roots)
         sets = np.shape(values[0])[1:]
         results = [np.zeros((c.symbols.numel(), *sets)) for c in self.calls]
-        for k, call in enumerate(self.calls):  # what does not depend on the kernels before is right
+        # Kernel after kernel: the inputs of call k depend only on inputs and results of earlier calls.
+        for k, call in enumerate(self.calls):
             columns = everything.call([*values, *results])[k]
             each = np.asarray(call.kernel.function(columns), dtype=float)
             results[k] = each.reshape(results[k].shape, order="F")
@@ -94,9 +95,9 @@ class Program:
 
     @cached_property
     def expanded(self) -> ca.Function:
-        """The program written out, for its derivatives and dependencies.
+        """The program with inlined kernels, for derivatives and dependencies.
 
-        Values and derivatives are right where the starts of algebraic loops in d are their solutions.
+        Values and derivatives are valid if the guesses of algebraic loops in d are their solutions.
         """
         if not self.calls:
             return self.function
@@ -104,7 +105,7 @@ class Program:
         return self._function([k.near() if k.near else k.function for k in kernels]).expand()
 
     def _function(self, kernels: Sequence[ca.Function]) -> ca.Function:
-        """Return the program with these functions for the kernels that it calls."""
+        """Return the program as a CasADi function with these implementations of its kernels."""
         if not self.calls:
             return _straight(self.name, self.inputs, [self.result])
         inputs = [ca.MX.sym(f"i{k}", s.numel()) for k, s in enumerate(self.inputs)]
@@ -119,7 +120,7 @@ class Program:
         return ca.Function(self.name, inputs, [last(*values)])
 
     def jacobian(self, *numbers: int) -> ca.Function:
-        """Return the function of the exact derivatives by the inputs of these numbers, written out."""
+        """Return the function of the exact Jacobian with respect to the inputs with these indices."""
         by = ca.vertcat(*(self.inputs[number] for number in numbers))
         derivatives = ca.densify(ca.jacobian(self.expanded(*self.inputs), by))
         return ca.Function("jacobian", self.inputs, [derivatives])
@@ -135,11 +136,12 @@ def lower(name: str, inputs: Sequence[ca.SX], result: ca.SX, trace: Trace) -> Pr
     inputs : sequence of casadi.SX
         Columns of symbols.
     result : casadi.SX
-        A column, in `inputs` and in the results of the kernels in `trace`.
+        Column in `inputs` and in the results of the kernels in `trace`.
     trace : Trace
         The kernel calls recorded while the expression was traced.
     """
     calls: list[KernelCall] = []
+    # Backwards, so that calls whose results are not used are left out.
     wanted = symbols_of(result)
     for call in reversed(trace.calls):
         if not wanted.isdisjoint(call.gives):
@@ -149,10 +151,10 @@ def lower(name: str, inputs: Sequence[ca.SX], result: ca.SX, trace: Trace) -> Pr
 
 
 def _straight(name: str, inputs: Sequence[ca.SX], results: Sequence[ca.SX]) -> ca.Function:
-    """Build a function without kernels; symbols that are no inputs do not matter and read zero.
+    """Return a function without kernels, with zero for symbols that are not among the inputs.
 
-    They stand for inputs that a wanted output was found not to depend on, but that reach a
-    kernel some of whose other results are not wanted.
+    Such symbols are placeholders of block inputs without feedthrough to the evaluated output. They occur
+    in the inputs of kernels that also have unused results.
     """
     known = set().union(*map(symbols_of, inputs))
     shared = ca.cse([ca.densify(r) for r in results])

@@ -1,4 +1,4 @@
-"""The quantities that a run needs of a plan: vectors computed from (t, x, d, p)."""
+"""Quantities that a run needs from a plan: vectors computed from (t, x, d, p)."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ class Quantity:
 
 
 def derivative() -> Quantity:
-    """Return the quantity dx/dt; zero in the places of Python blocks, which are asked later."""
+    """Return the quantity dx/dt; it is zero for Python blocks, whose derivatives are added later."""
 
     def collect(plan: Plan, evaluation: Evaluation) -> list[Array]:
         paths = dict.fromkeys(e.path for e in plan.x)
@@ -50,7 +50,7 @@ def derivative() -> Quantity:
 
 
 def outputs(ports: Sequence[Port], name: str = "outputs", active: Active = frozenset()) -> Quantity:
-    """Return the quantity `name`: the values of `ports`, one after the other, while `active` clocks tick."""
+    """Return the quantity `name`: the concatenated values of `ports` while `active` clocks tick."""
 
     def collect(_plan: Plan, evaluation: Evaluation) -> list[Array]:
         return [evaluation.value(port) for port in ports]
@@ -59,7 +59,7 @@ def outputs(ports: Sequence[Port], name: str = "outputs", active: Active = froze
 
 
 def sample(number: int, active: Active) -> Quantity:
-    """Return the quantity d after the traced blocks of the set `number` of `active` clocks computed."""
+    """Return the quantity d after an instant at which the set `number` of `active` clocks ticks."""
 
     def collect(plan: Plan, evaluation: Evaluation) -> list[Array]:
         def computes(path: str) -> bool:
@@ -89,7 +89,7 @@ def sample(number: int, active: Active) -> Quantity:
 
 
 def guesses() -> Quantity:
-    """Return the quantity of the signals of algebraic loops from which the next search is to start."""
+    """Return the quantity of the loop solutions, which are the initial guesses of the next ones."""
 
     def collect(plan: Plan, evaluation: Evaluation) -> list[Array]:
         return [
@@ -103,7 +103,7 @@ def guesses() -> Quantity:
 
 
 def indicators() -> Quantity:
-    """Return the quantity of all indicators of events; zero in the places of Python blocks."""
+    """Return the quantity of all event indicators; they are zero for Python blocks."""
 
     def collect(plan: Plan, evaluation: Evaluation) -> list[Array]:
         blocks = {e.path: plan.system.blocks[e.path] for e in plan.sides}
@@ -114,7 +114,7 @@ def indicators() -> Quantity:
 
 
 def after_events() -> Quantity:
-    """Return the quantity (x, modes) after the events that d says happen; those of Python blocks stay."""
+    """Return the quantity (x, modes) after the events triggered in d; Python blocks keep their values."""
 
     def collect(plan: Plan, evaluation: Evaluation) -> list[Array]:
         blocks = {e.path: plan.system.blocks[e.path] for e in plan.sides}

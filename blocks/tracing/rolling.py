@@ -1,4 +1,4 @@
-"""Loops in place of code written out, for elements of a result that are computed alike."""
+"""Loop rerolling: C loops over elements of a result that have the same operations."""
 
 from __future__ import annotations
 
@@ -8,42 +8,42 @@ from dataclasses import dataclass
 import casadi as ca
 
 from trussflow.blocks.tracing.instructions import Instruction, is_time, needed, number
-from trussflow.blocks.tracing.operations import OF_PRODUCTS, Numbers
+from trussflow.blocks.tracing.operations import FUSED_FORMULAS, Numbers
 
-LEAST = 8
-"""Elements that a loop is worth."""
+MIN_LOOP_ELEMENTS = 8
+"""Smallest number of elements for which a loop is generated."""
 
-PERIODS = range(1, 9)
-"""Distances between the elements of a loop: equal blocks of several states, side by side, make as many."""
+LOOP_PERIODS = range(1, 9)
+"""Strides between the elements of a loop; equal blocks with n states need the stride n."""
 
-LARGEST = 2048
-"""Operations of one element at most, those that wait for operands included: a row of a matrix is long."""
+MAX_ELEMENT_OPERATIONS = 2048
+"""Largest number of operations of one element, those under expansion included; matrix rows are long."""
 
-FEW = 64
-"""The same where some of them are for other elements, too: these compute them again."""
+MAX_SHARED_OPERATIONS = 64
+"""Largest number of operations of an element that shares some with others, which compute them again."""
 
-NOTHING = Instruction(ca.OP_CONST, ())
+EMPTY_INSTRUCTION = Instruction(ca.OP_CONST, ())
 
-COMMON = 4
-"""A value that more operations take is computed once, before the loops."""
+MAX_REPEATED_USES = 4
+"""Largest number of uses of a value that loops compute again; other values are computed before the loops."""
 
 Leaf = tuple[int, int] | tuple[float] | int
-"""What an element is computed from: argument and element, a constant, or the number of an instruction."""
+"""Operand of an element: argument and index, a constant, or the index of an instruction."""
 
 
 @dataclass(frozen=True, slots=True)
 class Element:
-    """How one element of a result is computed.
+    """Expression of one element of a result.
 
     Attributes
     ----------
     output : int
-        The instruction that writes it.
+        Index of the instruction that writes the element.
     form : tuple
-        Its operations with their operands: numbers of earlier operations, or -1 - s for leaf s. The last is
-        its value; an element without any is leaf 0.
+        Operations with their operands: indices of earlier operations, or -1 - s for leaf s. The last
+        operation gives the value; without operations, leaf 0 does.
     leaves : tuple of Leaf
-        Each as often as it is taken.
+        Leaves, one for each use.
     """
 
     output: int
@@ -54,33 +54,33 @@ class Element:
 def rolled(
     instructions: list[Instruction], read: Sequence[str], target: int, shared: str, numbers: Numbers
 ) -> tuple[list[Instruction], list[str], int]:
-    """Return what is left to be written out, the C of loops, and how many numbers these share with it.
+    """Return the remaining instructions, the C code of the loops, and the number of values shared by both.
 
-    The loops stand behind and write ``result``. Their operations are the same, on numbers that are side by
-    side, or as far apart: of vectors of thousands of elements, of a thousand equal blocks. Written out, they
-    take compilers minutes. What many elements take alike, such as a norm, is written out, once, as an output
-    with the number behind the result's.
+    The loops follow the remaining instructions and write ``result``. The elements of a loop have the same
+    operations, on operands with a constant stride: vectors of thousands of elements, or a thousand equal
+    blocks. Without loops, compilers would take minutes. A value that many elements use, such as a norm, is
+    computed once, as an output with the index after that of the result.
 
     Parameters
     ----------
     instructions : list of Instruction
-        Of a program.
+        Instructions of a program.
     read : sequence of str
-        What elements of its arguments are called, with ``{}`` for their number.
+        C expressions of an element of each argument, with ``{}`` for its index.
     target : int
-        The number of its result among the outputs.
+        Index of the result among the outputs.
     shared : str
-        What elements of the array are called in which such values are, likewise.
+        C expression of an element of the array of shared values, with ``{}`` for its index.
     numbers : Numbers
-        What it computes with.
+        Type of numbers.
     """
     elements = _elements(instructions, target)
     loops, done, places = list[str](), set[int](), dict[int, int]()
     for start in sorted(elements):
         if elements[start].output in done:
             continue
-        runs = ((_run(elements, start, n, done), n) for n in PERIODS)
-        run, period = next((found for found in runs if found[0] >= LEAST), (1, 1))
+        runs = ((_run(elements, start, n, done), n) for n in LOOP_PERIODS)
+        run, period = next((found for found in runs if found[0] >= MIN_LOOP_ELEMENTS), (1, 1))
         if run == 1:
             continue
         each = [elements[start + period * i] for i in range(run)]
@@ -90,25 +90,27 @@ def rolled(
         done |= {element.output for element in each}
         names = {k: shared.format(place) for k, place in places.items()}
         loops += ["  {", *_loop(each, read, names, f"result[{start} + {period} * i]", numbers), "  }"]
-    left = [NOTHING if k in done else one for k, one in enumerate(instructions)]
+    left = [EMPTY_INSTRUCTION if k in done else one for k, one in enumerate(instructions)]
     left += [Instruction(ca.OP_OUTPUT, (k,), (target + 1, place)) for k, place in places.items()]
     return needed(left) if done else instructions, loops, len(places)
 
 
 def _elements(instructions: Sequence[Instruction], target: int) -> dict[int, Element]:
-    """Return how the elements of a result are computed, those that are few operations."""
+    """Return the expressions of the elements of a result, for elements with few operations."""
     uses = [0] * len(instructions)
     for one in instructions:
         for operand in one.operands:
             uses[operand] += 1
     given = (ca.OP_INPUT, ca.OP_CONST)
-    leaves = [one.operation in given or n > COMMON for one, n in zip(instructions, uses, strict=True)]
+    leaves = [
+        one.operation in given or n > MAX_REPEATED_USES for one, n in zip(instructions, uses, strict=True)
+    ]
     found: dict[int, Element] = {}
     for k, one in enumerate(instructions):
         if one.operation != ca.OP_OUTPUT or one.place[0] != target:
             continue
         if instructions[one.operands[0]].operation == ca.OP_INPUT:
-            continue  # moved, see codegen
+            continue  # copied by `_moved` in codegen
         element = _expanded(k, instructions, uses, leaves)
         if element is not None:
             found[one.place[1]] = element
@@ -118,10 +120,10 @@ def _elements(instructions: Sequence[Instruction], target: int) -> dict[int, Ele
 def _expanded(
     output: int, instructions: Sequence[Instruction], uses: Sequence[int], is_leaf: Sequence[bool]
 ) -> Element | None:
-    """Return the element that the `output` writes, None if it is too many operations."""
+    """Return the element that the `output` writes, None if it has too many operations."""
 
     def called(k: int) -> int:
-        """Return how the value of instruction `k` is called; that of a leaf has another name each time."""
+        """Return the operand number of instruction `k`; a leaf gets a new number for each use."""
         one = instructions[k]
         if not is_leaf[k]:
             return known[k]
@@ -133,8 +135,10 @@ def _expanded(
 
     form, leaves, known = list[tuple[int, tuple[int, ...]]](), list[Leaf](), dict[int, int]()
     root = instructions[output].operands[0]
-    waiting = [] if is_leaf[root] else [root]  # no recursion: sums of hundreds of terms are as deep
-    most = LARGEST
+    waiting = (
+        [] if is_leaf[root] else [root]
+    )  # a stack, as sums of hundreds of terms exceed the recursion limit
+    most = MAX_ELEMENT_OPERATIONS
     while waiting:
         k = waiting[-1]
         before = [o for o in instructions[k].operands if not is_leaf[o] and o not in known]
@@ -145,7 +149,7 @@ def _expanded(
                 known[k] = len(form) - 1
         waiting += before
         if uses[k] > 1:
-            most = FEW
+            most = MAX_SHARED_OPERATIONS
         if len(waiting) + len(form) > most:
             return None
     if not form:
@@ -154,7 +158,7 @@ def _expanded(
 
 
 def _run(elements: Mapping[int, Element], start: int, period: int, done: set[int]) -> int:
-    """Return how many elements from the first on, each so far behind the other, are computed alike."""
+    """Return the number of elements, from the first on at a stride of `period`, with the same operations."""
     first, second = elements[start], elements.get(start + period)
     if second is None or second.form != first.form:
         return 1
@@ -172,13 +176,13 @@ def _run(elements: Mapping[int, Element], start: int, period: int, done: set[int
 
 
 def _step(first: Leaf, second: Leaf) -> int:
-    """Return how far the leaf of the next element is from that of the first."""
+    """Return the stride from the leaf of the first element to that of the next."""
     alike = isinstance(first, tuple) and isinstance(second, tuple) and len(first) == len(second) == 2
     return second[1] - first[1] if alike else 0  # type: ignore[index,misc]
 
 
 def _is_at(first: Leaf, step: int, i: int, leaf: Leaf) -> bool:
-    """Tell whether a `leaf` is that of element `i`, if those of one and the next are a `step` apart."""
+    """Return whether a `leaf` is that of element `i`, for a stride of `step` between elements."""
     if isinstance(first, tuple) and isinstance(leaf, tuple) and len(first) == len(leaf):
         return len(first) == 1 or (leaf[0] == first[0] and leaf[1] == first[1] + step * i)  # type: ignore[misc]
     return first == leaf
@@ -187,7 +191,7 @@ def _is_at(first: Leaf, step: int, i: int, leaf: Leaf) -> bool:
 def _loop(
     each: Sequence[Element], read: Sequence[str], known: Mapping[int, str], result: str, numbers: Numbers
 ) -> list[str]:
-    """Return the C of a loop over elements that are computed alike; what is `known` has a name."""
+    """Return the C code of a loop over elements with the same operations; `known` names shared values."""
     tables, names = list[str](), list[str]()
     for s, first in enumerate(each[0].leaves):
         if isinstance(first, int):
@@ -202,7 +206,7 @@ def _loop(
                 tables.append(f"    static const double c{s}[] = {{{', '.join(constants)}}};")
             names.append(numbers.of_one(f"c{s}[i]" if len({*constants}) > 1 else constants[0]))
     values = list[str]()
-    sums = {f"e{k}" for k, (operation, _) in enumerate(each[0].form) if operation in OF_PRODUCTS}
+    sums = {f"e{k}" for k, (operation, _) in enumerate(each[0].form) if operation in FUSED_FORMULAS}
     for k, (operation, operands) in enumerate(each[0].form):
         given = [f"e{o}" if o >= 0 else names[-1 - o] for o in operands]
         values.append(f"      const {numbers.type} e{k} = {numbers.computed(operation, given, sums)};")

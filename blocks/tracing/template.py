@@ -1,4 +1,4 @@
-"""A block's traced equations, to be used again with other expressions in place of its symbols."""
+"""Traced block: the equations of a block, reusable with other expressions in place of its symbols."""
 
 from __future__ import annotations
 
@@ -16,20 +16,20 @@ from trussflow.blocks.tracing.tracing import KernelCall, call_kernel, from_expre
 class Template:
     """Traced equations of one block.
 
-    Putting expressions in place of symbols is much quicker than running the equations again.
+    Substituting expressions for symbols is much faster than tracing the equations again.
 
     Attributes
     ----------
     leaves : tuple of array
-        The symbols that the equations were traced with.
+        Symbols with which the equations were traced.
     calls : tuple of KernelCall
-        The kernels that they call.
+        Kernel calls of the equations.
     values : dict
-        What each equation returned.
+        Results of each equation.
     constants : tuple of array
-        Numbers of the block that take the place of the last leaves.
+        Numbers of the block that replace the last leaves.
     parts : list of casadi.Function
-        What is made of these at first use: blocks with the same equations share it.
+        Functions built at first use; blocks with the same equations share them.
     """
 
     leaves: tuple[Array, ...]
@@ -39,7 +39,7 @@ class Template:
     parts: list[ca.Function] = field(default_factory=list)
 
     def _prepare(self) -> None:
-        """Make straight-line functions: of the inputs of each kernel, then of all values."""
+        """Build the straight-line functions: for the inputs of each kernel, then for all values."""
         leaves = [to_expression(leaf) for leaf in self.leaves]
         for call in self.calls:
             self.parts.append(ca.Function("part", leaves, [call.inputs]))
@@ -48,9 +48,9 @@ class Template:
         self.parts.append(ca.Function("part", leaves, values))
 
     def fits(self, arguments: Iterable[Array]) -> bool:
-        """Tell whether these arguments can take the place of the symbols without loss.
+        """Return whether these arguments can replace the symbols without loss of efficiency.
 
-        A matrix with structural zeros cannot: equations that solve with it may exploit them.
+        A matrix with structural zeros cannot, as a new trace of the equations may exploit the zeros.
         """
         return not any(
             len(shape_of(a)) == 2 and any(e.is_constant() for e in ca.vertsplit(to_expression(a)))
@@ -58,12 +58,12 @@ class Template:
         )
 
     def __call__(self, arguments: Sequence[Array]) -> dict[str, Values]:
-        """Return what the equations return for other arguments.
+        """Return the results of the equations for other arguments.
 
         Parameters
         ----------
         arguments : sequence of array
-            One for each leaf but the constants, of its shape.
+            One array of the same shape for each leaf except the constants.
         """
         if not self.parts:
             self._prepare()

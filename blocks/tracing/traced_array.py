@@ -1,8 +1,8 @@
-"""Traced arrays: they answer NumPy as its arrays do, with expressions instead of numbers, or refuse.
+"""Traced arrays: NumPy arrays with expressions instead of numbers.
 
-CasADi's array interface does most of it. What it answers otherwise than NumPy, mostly for NaN and
-infinite numbers, is answered by `numpy_functions`; keywords that it would drop, and whatever needs a
-number, are refused.
+CasADi's array interface implements most functions. `numpy_functions` replaces those that differ from NumPy,
+mostly for NaN and infinite numbers. Keywords that CasADi ignores, and operations that need numbers, raise
+`NeedsNumberError`.
 """
 
 from __future__ import annotations
@@ -15,16 +15,16 @@ from typing import Any, Never
 import casadi as ca
 import numpy as np
 
-from trussflow.blocks.tracing.numpy_functions import ANSWERS
+from trussflow.blocks.tracing.numpy_functions import NUMPY_REPLACEMENTS
 
-DROPPED = frozenset(
+UNSUPPORTED_ARGUMENTS = frozenset(
     ("where", "initial", "dtype", "out", "order", "casting", "subok", "like", "mean", "correction", "period")
 )
-"""Arguments of NumPy functions that CasADi's answers do not look at, or read in another way."""
+"""Arguments of NumPy functions that CasADi ignores or interprets differently."""
 
 
 class NeedsNumberError(TypeError):
-    """An equation asks a traced array for its numbers, or writes into it; the message says what to do."""
+    """An equation needs the numbers of a traced array, or writes into it; the message proposes a remedy."""
 
 
 def _refuse(what: str) -> Callable[..., Never]:
@@ -41,7 +41,7 @@ _TO_CHOOSE = (
     "a signal has no value while traced, and cannot be an index or a count; write np.where or np.select to "
     "choose, np.trunc or np.floor instead of int()"
 )
-REFUSALS = {
+REFUSAL_MESSAGES = {
     "__bool__": "a condition has no value while traced; write np.where instead of 'if', np.logical_and "
     "and np.logical_or instead of 'and' and 'or', np.maximum and np.minimum instead of max() and min()",
     "__float__": "a signal has no value while traced; write NumPy's functions instead of those of math "
@@ -55,14 +55,14 @@ REFUSALS = {
         ("__and__", "__or__", "__xor__", "__invert__", "__rand__", "__ror__", "__rxor__"), _TO_COMBINE
     ),
 }
-"""What to do instead of each thing that needs a number."""
+"""Message of each method that needs numbers, with the remedy."""
 
 
 class TracedArray(ca.ArrayInterfaceSX):
-    """A NumPy array without numbers yet."""
+    """A NumPy array whose elements are expressions."""
 
     def __array_ufunc__(self, ufunc: np.ufunc, method: str, *inputs: Any, **kwargs: Any) -> Any:
-        """Answer ``np.add`` and other functions that work element by element."""
+        """Implement ``np.add`` and other universal functions."""
         name = (
             f"np.{ufunc.__name__}"
             if hasattr(np, ufunc.__name__)
@@ -70,33 +70,33 @@ class TracedArray(ca.ArrayInterfaceSX):
         )
         name += f".{method}" if method != "__call__" else ""
         _refuse_dropped(name, kwargs)
-        if ufunc in ANSWERS:
-            return ANSWERS[ufunc](*inputs) if method == "__call__" else owned(NotImplemented, name)
+        if ufunc in NUMPY_REPLACEMENTS:
+            return NUMPY_REPLACEMENTS[ufunc](*inputs) if method == "__call__" else owned(NotImplemented, name)
         return owned(super().__array_ufunc__(ufunc, method, *inputs, **kwargs), name)
 
     def __array_function__(self, func: Callable[..., Any], types: Any, args: Any, kwargs: Any) -> Any:
-        """Answer ``np.stack`` and other functions."""
+        """Implement ``np.stack`` and other functions."""
         name = f"{func.__module__.replace('numpy', 'np', 1)}.{func.__name__}"
         _refuse_dropped(name, _given(func, args, kwargs))
-        if func in ANSWERS:
-            return ANSWERS[func](*args, **kwargs)
+        if func in NUMPY_REPLACEMENTS:
+            return NUMPY_REPLACEMENTS[func](*args, **kwargs)
         return owned(super().__array_function__(func, types, args, kwargs), name)
 
 
 def owned(value: Any, name: str = "") -> Any:
-    """Return what CasADi answers to a function as traced arrays, or as plain ones where they hold numbers.
+    """Convert a result of CasADi to traced arrays, or to plain arrays if it consists of numbers.
 
     Parameters
     ----------
     value : object
-        The answer.
+        The result.
     name : str
-        What was asked for, as the user writes it.
+        Name of the function, as the user writes it.
 
     Raises
     ------
     NeedsNumberError
-        If there is no answer.
+        If CasADi does not implement the function.
     """
     if value is NotImplemented:
         raise NeedsNumberError(f"{name} does not trace, or not with these arguments")
@@ -108,7 +108,7 @@ def owned(value: Any, name: str = "") -> Any:
 
 
 def _kept(name: str) -> Callable[..., Any]:
-    """Return the method of CasADi's arrays with traced arrays as its results."""
+    """Return a method of CasADi's arrays, with its results converted to traced arrays."""
     method = getattr(ca.ArrayInterface, name)
 
     def call(self: TracedArray, *_args: Any, **_kwargs: Any) -> Any:
@@ -117,15 +117,15 @@ def _kept(name: str) -> Callable[..., Any]:
     return call
 
 
-_KEPT = (
+_WRAPPED_METHODS = (
     *("_binop", "_rbinop", "_matmul", "__getitem__", "__neg__", "__abs__", "reshape", "transpose"),
     *("sum", "mean", "prod", "max", "min", "ptp", "all", "any", "var", "std", "squeeze", "flatten", "ravel"),
 )
-for _name in _KEPT:
+for _name in _WRAPPED_METHODS:
     setattr(TracedArray, _name, _kept(_name))
 for _name in ("__mod__", "__rmod__", "__floordiv__", "__rfloordiv__", "__divmod__", "__rdivmod__"):
     setattr(TracedArray, _name, getattr(np.lib.mixins.NDArrayOperatorsMixin, _name))
-for _name, _what in REFUSALS.items():
+for _name, _what in REFUSAL_MESSAGES.items():
     setattr(TracedArray, _name, _refuse(_what))
 _transposed = vars(ca.ArrayInterface)["T"]
 setattr(TracedArray, "T", property(lambda self: owned(_transposed.fget(self))))  # noqa: B010  # mypy: a method
@@ -135,18 +135,18 @@ setattr(TracedArray, "T", property(lambda self: owned(_transposed.fget(self)))) 
 def _signature(func: Callable[..., Any]) -> inspect.Signature | None:
     try:
         return inspect.signature(func)
-    except ValueError:  # written in C
+    except ValueError:  # a function written in C
         return None
 
 
 def _given(func: Callable[..., Any], args: Any, kwargs: Any) -> dict[str, Any]:
-    """Return the arguments of a call by name; without a signature, those given by name."""
+    """Return the arguments of a call by name; without a signature, only the keyword arguments."""
     signature = _signature(func)
     return kwargs if signature is None else signature.bind(*args, **kwargs).arguments
 
 
 def _refuse_dropped(name: str, arguments: dict[str, Any]) -> None:
-    for dropped in DROPPED.intersection(arguments):
+    for dropped in UNSUPPORTED_ARGUMENTS.intersection(arguments):
         value = arguments[dropped]
         idle = value is None or value is np._NoValue or value is True or value is float or value == "K"
         if not idle:

@@ -1,10 +1,9 @@
-"""Tracing: turn NumPy equations into CasADi expression graphs.
+"""Tracing: conversion of NumPy equations to CasADi expression graphs, and kernels.
 
-A block's equations are ordinary NumPy functions. Called with *traced arrays*
-(``casadi.ArrayInterface``, which answers NumPy calls) they return expressions
-instead of numbers. Two helpers tell the tracer what plain NumPy cannot: `repeated` marks a
-function that is called several times, `elementwise` an expensive one that is applied to each
-element.
+A block's equations are ordinary NumPy functions. For *traced arrays* (``casadi.ArrayInterface``, which
+implements NumPy's functions) they return expressions instead of numbers. `repeated` marks a function that
+is called several times, and `elementwise` an expensive function that is applied to each element: both
+become kernels, which are compiled once.
 """
 
 from __future__ import annotations
@@ -26,12 +25,12 @@ from trussflow.blocks.tracing.traced_array import owned
 
 Shapes = tuple[tuple[int, ...], ...]
 
-KERNEL = "TF_KERNEL"
-"""What stands in C for the name of a kernel."""
+KERNEL_NAME = "TF_KERNEL"
+"""Placeholder of the name of a kernel in its C source."""
 
 
 def is_traced(value: object) -> bool:
-    """Tell whether `value` is a traced array (and so has no numeric value yet)."""
+    """Return whether `value` is a traced array (and so has no numeric value yet)."""
     return isinstance(value, ca.ArrayInterface)
 
 
@@ -57,7 +56,7 @@ def from_expression(flat: ca.SX, shape: tuple[int, ...]) -> Array:
     """Return the traced array of `shape` whose row-major elements are the column `flat`."""
     if 0 in shape:
         return np.zeros(shape)
-    made: Any = ca.ArrayInterface  # without copies: no array is written into
+    made: Any = ca.ArrayInterface  # no copies needed, as traced arrays are read-only
     one = prod(shape) == 1 and len(shape) <= 2
     array = owned(made._wrap(flat, len(shape)) if one else made._wrap_nd(flat, shape))
     array._column = flat
@@ -68,30 +67,29 @@ def to_expression(value: Array) -> ca.SX:
     """Return the elements of an array, traced or not, as one row-major column."""
     if not is_traced(value):
         return ca.SX(np.asarray(value, dtype=float).ravel())
-    column: ca.SX | None = vars(value).get("_column")  # of those that from_expression made
+    column: ca.SX | None = vars(value).get("_column")  # set by from_expression
     return value._flat() if column is None else column
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Kernel:
-    """A function traced by itself.
+    """A function that is traced separately.
 
     Attributes
     ----------
     function : casadi.Function
-        Maps one input column to its distinct, non-constant results.
+        Function from one input column to its distinct, non-constant results.
     code : str
-        What distinguishes it from kernels that compute something else.
+        Text that identifies the computation.
     layout : tuple
-        Shape of each result, and where it starts and stops among all elements.
+        Shape of each result, with its start and stop among all elements.
     template : tuple
-        For each element of the results, its constant value [any], or the index of the distinct
-        result that it is.
+        For each element of the results, its constant value [any], or the index of its distinct result.
     source : str
-        Its C, under the name `KERNEL`, where `function` has no expression.
+        C source with the name `KERNEL_NAME`, if `function` has no expression.
     near : callable or None
-        Returns an expression in the place of such a `function`, with its derivatives, where the beginning of
-        its input is the result already.
+        Returns an expression with the derivatives of such a `function`, valid if the beginning of its
+        input is the result already.
     """
 
     function: ca.Function
@@ -113,8 +111,7 @@ class KernelCall:
     inputs : casadi.SX
         One column per instance.
     symbols : casadi.SX
-        What stands for the kernel's distinct results in later expressions, one column per
-        instance.
+        Symbols of the kernel's distinct results in later expressions, one column per instance.
     """
 
     kernel: Kernel
@@ -123,16 +120,16 @@ class KernelCall:
 
     @cached_property
     def reads(self) -> set[int]:
-        """The element hashes of the symbols in its inputs."""
+        """Element hashes of the symbols in the inputs."""
         return symbols_of(self.inputs)
 
     @cached_property
     def gives(self) -> list[int]:
-        """The element hashes of its results, column by column."""
+        """Element hashes of the results, column by column."""
         return [s.element_hash() for s in ca.vertsplit(ca.vec(self.symbols))]
 
     def results(self, instance: int) -> tuple[Array, ...]:
-        """Return all results of one instance, rebuilt from symbols and constants."""
+        """Return all results of one instance, assembled from symbols and constants."""
         column: list[Any] = self.symbols[:, instance].elements()
         flat = ca.vertcat(*(ca.SX(e) if isinstance(e, float) else column[e] for e in self.kernel.template))
         return tuple(from_expression(flat[start:stop], shape) for shape, start, stop in self.kernel.layout)
@@ -149,7 +146,7 @@ _active: contextvars.ContextVar[Trace | None] = contextvars.ContextVar("trace", 
 
 
 def active_trace() -> Trace | None:
-    """Return where kernel calls are recorded now, if they are."""
+    """Return the trace that records kernel calls now, or None."""
     return _active.get()
 
 
@@ -166,7 +163,7 @@ def tracing() -> Iterator[Trace]:
 
 @contextlib.contextmanager
 def written_out() -> Iterator[None]:
-    """Write out what would be kernel calls inside the ``with`` block."""
+    """Inline kernels instead of recording kernel calls inside the ``with`` block."""
     token = _active.set(None)
     try:
         yield
@@ -185,15 +182,15 @@ def repeated(
     Parameters
     ----------
     function : callable
-        Takes arrays and returns a tuple of arrays. What differs between the instances
-        must be an argument; what it takes from elsewhere is constant.
+        Takes arrays and returns a tuple of arrays. Values that differ between the instances
+        must be arguments; values from elsewhere must be constant.
     instances : sequence of tuple of array
-        The arguments of each call; the same shapes in every call.
+        Arguments of each call, with the same shapes in every call.
 
     Returns
     -------
     list of tuple of array
-        The results of each call.
+        Results of each call.
     """
     trace = _active.get()
     if trace is None or len(instances) < 2 or not any(map(is_traced, instances[0])):
@@ -210,20 +207,20 @@ def repeated(
 def elementwise(function: Callable[..., Array], *arguments: Array) -> Array:
     """Return ``function(*arguments)`` for a function that works element by element.
 
-    While a diagram is traced, `function` becomes a kernel that does several elements at once.
-    It pays for functions such as powers and exponentials of long vectors.
+    While a diagram is traced, `function` becomes a kernel that computes several elements at once.
+    This is faster for functions such as powers and exponentials of long vectors.
 
     Parameters
     ----------
     function : callable
         Takes arrays, or scalars, of one shape and returns the same shape.
     *arguments : array
-        Of shapes that broadcast together.
+        Arrays whose shapes can be broadcast.
 
     Returns
     -------
     array
-        Of the broadcast shape.
+        Result with the broadcast shape.
     """
     shape = np.broadcast_shapes(*map(shape_of, arguments))
     if not any(map(is_traced, arguments)) or prod(shape) < 2:
@@ -239,9 +236,9 @@ def _in_tuple(function: Callable[..., Array], *arguments: Array) -> tuple[Array]
 
 @lru_cache(maxsize=256)
 def _kernel(function: Callable[..., tuple[Array, ...]], constants: tuple[Any, ...], shapes: Shapes) -> Kernel:
-    """Trace a function by itself, unless that was done before."""
+    """Return the kernel of a function, traced at the first call with these constants and shapes."""
     arguments = [symbol(f"a{i}", shape) for i, shape in enumerate(shapes)]
-    with written_out():  # a kernel inside a kernel
+    with written_out():  # a kernel cannot call another kernel
         results = function(*constants, *arguments)
     layout, expressions, start = [], [], 0
     for result in results:
@@ -253,10 +250,10 @@ def _kernel(function: Callable[..., tuple[Array, ...]], constants: tuple[Any, ..
     flat = ca.cse(ca.SX(ca.vertcat(*expressions)))
     if not symbols_of(flat) <= symbols_of(column):
         raise ValueError(
-            "the function given to repeated() takes a signal from elsewhere; it must be an argument"
+            "the function given to repeated() uses a signal from elsewhere; the signal must be an argument"
         )
-    # Constants stay constants, and an element returned twice (the two halves of a symmetric
-    # matrix) stays one symbol, so that what follows still sees the structure.
+    # Constants stay constants, and an element returned twice (in both triangles of a symmetric
+    # matrix) stays one symbol, so that later equations can exploit the structure.
     distinct: dict[int, int] = {}
     template: list[float | int] = []
     kept: list[int] = []
@@ -274,20 +271,20 @@ def _kernel(function: Callable[..., tuple[Array, ...]], constants: tuple[Any, ..
 
 
 def call_kernel(kernel: Kernel, inputs: ca.SX) -> KernelCall:
-    """Record the call of a kernel in the active trace; an equal earlier call is returned instead.
+    """Record a kernel call in the active trace; if there is an equal earlier call, return that one.
 
     Parameters
     ----------
     kernel : Kernel
-        What to call.
+        The kernel.
     inputs : casadi.SX
         One column per instance.
     """
     trace = _active.get()
     if trace is None:
         raise TracingError(
-            "a function without an expression, such as an allocation within limits, can be called only "
-            "while a diagram is traced, and not inside an algebraic loop: break that with a UnitDelay"
+            "a function without an expression, such as a bounded allocation, can be called only while "
+            "a diagram is traced, and not inside an algebraic loop: break the loop with a UnitDelay"
         )
     size, count, number = kernel.function.size1_out(0), inputs.size2(), len(trace.calls)
     symbols = ca.horzcat(*(ca.SX.sym(f"k{number}_{i}", size) for i in range(count)))
@@ -300,9 +297,10 @@ def call_kernel(kernel: Kernel, inputs: ca.SX) -> KernelCall:
 
 
 def _equal(first: KernelCall, second: KernelCall) -> bool:
-    """Tell whether the inputs of two calls are equal in structure, element by element."""
+    """Return whether the inputs of two calls are the same expressions, element by element."""
     if first.inputs.shape != second.inputs.shape or first.reads != second.reads:
         return False
+    # Common subexpression elimination gives equal expressions the same hash.
     shared: list[Any] = ca.cse(ca.vertcat(ca.vec(first.inputs), ca.vec(second.inputs))).elements()
     hashes = [element.element_hash() for element in shared]
     n = first.inputs.numel()
@@ -310,16 +308,16 @@ def _equal(first: KernelCall, second: KernelCall) -> bool:
 
 
 def dependencies(expressions: Sequence[ca.SX], trace: Trace) -> list[set[int]]:
-    """Return, for each expression, the element hashes of all symbols that it depends on.
+    """Return the element hashes of all symbols on which each expression depends.
 
-    Dependence through a kernel is followed element by element, by its sparsity.
+    Dependence through a kernel is found for each element, by the sparsity of its Jacobian.
 
     Parameters
     ----------
     expressions : sequence of casadi.SX
-        Any expressions in symbols and kernel results.
+        Expressions in symbols and kernel results.
     trace : Trace
-        The kernel calls behind the kernel results.
+        Kernel calls that compute these results.
     """
     found = [symbols_of(expression) for expression in expressions]
     for call in reversed(trace.calls):

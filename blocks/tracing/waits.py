@@ -1,4 +1,4 @@
-"""How many ticks are left for each clock: what tells a program that many clocks share which of them tick."""
+"""Clock counters: the remaining ticks of each clock, for a program that several clocks share."""
 
 from __future__ import annotations
 
@@ -10,22 +10,22 @@ from trussflow.blocks.framework.clock import Clock, common_tick
 from trussflow.blocks.framework.layout import Layout
 from trussflow.blocks.framework.types import Array, Vector
 
-FEW_CLOCKS = 5
-"""Clocks up to which each set of them that ticks together gets a program of its own; more share one [-]."""
+MAX_SEPARATE_CLOCKS = 5
+"""Largest number of clocks for which each set that ticks together has its own program [-]."""
 
 
 class Waits(Layout):
-    """The part of d where waits stand; empty where each set of clocks has a program of its own.
+    """Layout of the clock counters in d; empty if each set of clocks has its own program.
 
-    A clock ticks where none is left. Counted from one instant to the next, whole numbers stay exact however
-    long a run is.
+    A clock ticks when its counter is zero. Counters are whole numbers that restart at each tick, so they
+    stay exact in arbitrarily long runs.
 
     Parameters
     ----------
     clocks : sequence of Clock
-        Those that share a program.
+        The clocks that share a program.
     start : int
-        Where they begin in d [-].
+        Index of the first counter in d [-].
     """
 
     def __init__(self, clocks: Sequence[Clock], start: int) -> None:
@@ -37,16 +37,16 @@ class Waits(Layout):
         self.first = offsets - offsets.min() if clocks else offsets
 
     def by_clock(self, d: Array, make: Callable[[Array, tuple[int, ...]], Array]) -> dict[Clock, Array]:
-        """Return the wait of each clock; `make` makes arrays of slices of `d` [as declared]."""
+        """Return the counter of each clock; `make` converts a slice of `d` [as declared] to an array."""
         left = make(d[self.span], (self.size,))
         return {clock: left[i] for i, clock in enumerate(self._clocks)}
 
     def waiting(self, d: Vector) -> set[Clock]:
-        """Return the clocks that do not tick, by numbers in `d` [as declared]."""
+        """Return the clocks that do not tick, by the counters in `d` [as declared]."""
         return {clock for clock, wait in self.by_clock(d, np.reshape).items() if wait > 0.0}
 
     def after(self, waits: Mapping[Clock, Array]) -> list[Array]:
-        """Return the waits at the next instant, of those at one [ticks]."""
+        """Return the counters at the next instant from the `waits` at this one [ticks]."""
         if not self.size:
             return []
         pairs = zip(waits.values(), self._periods, strict=True)

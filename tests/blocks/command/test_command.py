@@ -233,7 +233,7 @@ def code_of(words):
     ("words", "message"),
     [
         ("nonsense", "invalid choice: 'nonsense'"),
-        ("new loop.py", "cannot write 'loop.py': it is there already"),
+        ("new loop.py", "cannot write 'loop.py': it exists already"),
         ("new no-name.py", "name it .toml, or .py and so that it can be imported"),
         ("draw trussflow.blocks:Integrator block.svg", "not a diagram"),
         ("analyse trussflow.blocks:Integrator --at u", "it is a single block, not a diagram"),
@@ -281,7 +281,7 @@ def test_colours_are_for_terminals_only(plain, monkeypatch):
 
 
 def test_work_is_reported_with_the_time_left(monkeypatch):
-    monkeypatch.setattr(telling, "EVERY", 0.2)
+    monkeypatch.setattr(telling, "REFRESH_INTERVAL", 0.2)
     with redirect_stderr(Terminal()) as terminal:
         for _ in telling.counted("drawing", range(4)):
             time.sleep(0.75)
@@ -289,7 +289,7 @@ def test_work_is_reported_with_the_time_left(monkeypatch):
 
 
 def test_inner_work_has_the_line_until_it_is_done(monkeypatch):
-    monkeypatch.setattr(telling, "EVERY", 0.1)
+    monkeypatch.setattr(telling, "REFRESH_INTERVAL", 0.1)
     with redirect_stderr(Terminal()) as terminal, telling.told("writing"):
         for _ in telling.counted("drawing", range(2)):
             time.sleep(0.5)
@@ -308,7 +308,7 @@ def test_quick_work_is_not_reported():
 
 
 def test_work_is_reported_on_terminals_only(monkeypatch, capsys):
-    monkeypatch.setattr(telling, "EVERY", 0.01)
+    monkeypatch.setattr(telling, "REFRESH_INTERVAL", 0.01)
     for _ in telling.counted("drawing", range(2)):
         time.sleep(0.05)
     assert capsys.readouterr().err == ""

@@ -180,7 +180,7 @@ def test_initial_states_that_depend_on_other_members_are_solved(members):
         ({"extrapolation": 2}, SimulationError, "extrapolation = 2 must be 0 or 1"),
         ({"step": -1.0}, SimulationError, r"step = -1\.0 must be a positive"),
         ({"tolerance": 0.0}, SimulationError, r"tolerance = 0\.0 must be a positive"),
-        ({"tolerance": 0.1, "log_step": 1.0}, SimulationError, "log_step and tolerance do not go"),
+        ({"tolerance": 0.1, "log_step": 1.0}, SimulationError, "log_step and tolerance exclude"),
         ({"log_step": 1.5 * H}, SimulationError, "log_step of .* not a whole number"),
         ({"solver_step": H / 1.5}, SimulationError, "communication step of .* not a whole number"),
         ({"members": ["nothing"]}, NameLookupError, "no block 'nothing' for a member; there are: plant"),

@@ -86,7 +86,7 @@ def test_iteration_with_rollback_solves_a_loop_exactly(gain, stepping):
 
 def test_a_loop_whose_members_cannot_go_back_is_refused(stepping):
     diagram = coupled(stepping(feedthrough(0.5), H), stepping(feedthrough(0.5), H, restores=False))
-    with pytest.raises(AlgebraicLoopError, match=r"cannot go back to an earlier state: 'b'"):
+    with pytest.raises(AlgebraicLoopError, match=r"cannot return to an earlier state: 'b'"):
         cosimulate(diagram, 1.0, step=H, coupling="iterate")
 
 
@@ -94,9 +94,9 @@ def test_member_that_cannot_go_back_is_neither_iterated_nor_given_a_tolerance(st
     def diagram():
         return coupled(stepping(feedthrough(0.0), H, restores=False), feedthrough(0.0))
 
-    with pytest.raises(SimulationError, match=r'couple with "iterate".*state: \'a\'; take'):
+    with pytest.raises(SimulationError, match=r'couple with "iterate".*state: \'a\'; use'):
         cosimulate(diagram(), 1.0, step=H, coupling="iterate")
-    with pytest.raises(SimulationError, match=r"choose steps by a tolerance.*state: 'a'; take a"):
+    with pytest.raises(SimulationError, match=r"control steps by a tolerance.*state: 'a'; use a"):
         cosimulate(diagram(), 1.0, step=2 * H, tolerance=1e-3)
     cosimulate(diagram(), 1.0, step=H, coupling="jacobi")
 

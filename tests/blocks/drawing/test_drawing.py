@@ -23,7 +23,7 @@ from trussflow.blocks import (
     simulate,
 )
 from trussflow.blocks.drawing.loops import in_loops
-from trussflow.blocks.drawing.scene import HEAD, breadth, scene_of
+from trussflow.blocks.drawing.scene import HEAD_HEIGHT, breadth, scene_of
 
 LONG_NAME = "a_name_that_is_longer_than_any_picture_can_show_in_a_box"
 SVG = "{http://www.w3.org/2000/svg}"
@@ -80,7 +80,7 @@ def test_no_two_texts_overlap_and_those_of_blocks_are_inside(depth):
         assert c <= e or g <= a or d <= f or h <= b
     for row, pin in scene.pins:
         assert breadth(row.name) + 12 <= pin.box.width
-        assert pin.dy >= HEAD or pin.box.edge
+        assert pin.dy >= HEAD_HEIGHT or pin.box.edge
     assert min(a for a, *_ in texts(scene)) >= -12  # the margin
 
 

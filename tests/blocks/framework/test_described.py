@@ -18,7 +18,7 @@ from trussflow.blocks import (
     UnitDelay,
     simulate,
 )
-from trussflow.blocks.framework.described import WIDTH, Description
+from trussflow.blocks.framework.described import MAX_LINE_LENGTH, Description
 
 
 def loop():
@@ -45,7 +45,7 @@ def test_diagram_is_a_tree():
         diagram.law.y >> diagram.add(f"gain_{i}", Gain(1.0)).u
     outer = Diagram("outer")
     outer.add(a_very_long_name_of_a_block_that_leaves_little_room=UnitDelay(0.1, shape=3), loop=diagram)
-    assert max(map(len, repr(outer).splitlines())) == WIDTH
+    assert max(map(len, repr(outer).splitlines())) == MAX_LINE_LENGTH
 
 
 def test_block_tells_its_facts():
@@ -74,7 +74,7 @@ def test_block_that_is_not_built_has_a_text(fault):
 
 
 def test_messages_show_the_title_only():
-    with pytest.raises(DiagramError, match=r"cannot simulate law: Gain: it is no Diagram"):
+    with pytest.raises(DiagramError, match=r"cannot simulate law: Gain: it is not a Diagram"):
         simulate(loop().law, 1.0, step=0.1)
 
 

@@ -29,7 +29,7 @@ def test_blocks_are_added_under_their_keywords():
     assert [diagram.one, diagram.two, diagram.three] == [one, two, three]
     assert [b.path for b in diagram.blocks.values()] == ["one", "two", "three"]
     diagram.expose(out=two.y)
-    with pytest.raises(DiagramError, match="'d' cannot have a 'out': it has one already"):
+    with pytest.raises(DiagramError, match="'d' cannot have a 'out': it already has"):
         diagram.add(out=Gained(2.0))
 
 
@@ -112,16 +112,16 @@ def test_exposing_what_cannot_be_exposed():
     diagram.expose(u=gain.u, y=gain.y)
     diagram.expose(again=gain.y)  # an output may be seen under two names
     for fault, port in {
-        "it is exposed as 'u' already": gain.u,
+        "it is already exposed as 'u'": gain.u,
         "give whole ports of blocks in diagram 'd'": wide.u[0],
         "only inputs can be grouped": (one.y, gain.y),
-        "it is named twice": (other.u, other.u),
+        "it is in the group twice": (other.u, other.u),
         "cannot expose 3 as 'x': give whole ports": 3,
-        "cannot expose nothing as 'x'": (),
+        "cannot expose an empty tuple as 'x'": (),
     }.items():
         with pytest.raises(DiagramError, match=fault):
             diagram.expose(x=port)
-    with pytest.raises(DiagramError, match="cannot have a 'u': it has one already"):
+    with pytest.raises(DiagramError, match="cannot have a 'u': it already has"):
         diagram.expose(u=other.u)
     with pytest.raises(WiringError, match=r"'gain.u' .*: it is exposed as 'u' and driven from outside"):
         one >> gain
@@ -144,7 +144,7 @@ def test_grounding_what_is_no_input():
     diagram = Diagram("d")
     one = diagram.add(one=Length(1.0))
     for what in (one.y, 3, Gained(2.0).u):
-        with pytest.raises(WiringError, match=r"cannot ground .* it is no input of a block in diag"):
+        with pytest.raises(WiringError, match=r"cannot ground .* it is not an input of a block in diag"):
             diagram.ground(what)
 
 

@@ -8,7 +8,7 @@ from concurrent.futures import ThreadPoolExecutor
 
 import pytest
 
-from trussflow.blocks.framework.files import LOCK, deleted, own_folder, replaced
+from trussflow.blocks.framework.files import LOCK_SUFFIX, deleted, own_folder, replaced
 
 KILLED_WRITER = """
 import os, sys
@@ -83,7 +83,7 @@ def test_folders_that_are_made_at_once_are_all_locked(tmp_path):
         made = list(pool.map(lambda _: own_folder(tmp_path, ".trussflow-"), range(100)))
     for folder, lock in made:
         assert folder.is_dir()
-        assert folder.with_suffix(LOCK).is_file()
+        assert folder.with_suffix(LOCK_SUFFIX).is_file()
         lock.close()
     deleted(*own_folder(tmp_path, ".trussflow-"))
     assert list(tmp_path.iterdir()) == []

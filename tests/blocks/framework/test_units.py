@@ -24,7 +24,7 @@ def test_what_is_a_unit_is_read(unit, same):
 @pytest.mark.parametrize(
     ("error", "kind", "message"),
     [
-        (AssertionError(), BlockError, "unknown unit 'm': it cannot be read"),
+        (AssertionError(), BlockError, "unknown unit 'm': it cannot be parsed"),
         (ImportError("no flexparser"), ImportError, "no flexparser"),
         (RuntimeError("cannot read its definitions"), RuntimeError, "cannot read its definitions"),
     ],

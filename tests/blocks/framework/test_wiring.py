@@ -111,10 +111,10 @@ def test_open_inputs_are_all_listed():
     with pytest.raises(OpenInputError) as error:
         flatten(d)
     assert str(error.value) == (
-        "inputs are driven by nothing:\n"
+        "inputs are not connected:\n"
         "  'user.mixed' (shape (3,), unit per element)\n"
         "  'user.grid' (shape (2, 3)): elements 0, 1, 3, 4, 5\n"
-        "wire each, or leave it at zero on purpose with diagram.ground(port)"
+        "connect each, or set it to zero intentionally with diagram.ground(port)"
     )
 
 
@@ -141,7 +141,7 @@ def test_slices_may_share_an_input_but_not_an_element():
     with pytest.raises(WiringError, match=r"cannot drive input 'user\.grid\[1, :\]' .* twice"):
         d.traj.pos >> d.user.grid[1, :]
     d.traj.pos[-1] >> d.user.grid[1, 0]
-    with pytest.raises(WiringError, match="names an element twice"):
+    with pytest.raises(WiringError, match="selects an element twice"):
         d.traj.pos[:2] >> d.user.mixed[[0, 0]]
 
 
@@ -151,7 +151,7 @@ def test_slices_may_share_an_input_but_not_an_element():
         (3, r"index \[3\] does not fit 'traj\.pos' .*out of bounds"),
         (slice(1, 5), r"index \[1:5\] does not fit .*slice out of bounds for axis 0 with size 3"),
         (slice(-4, None), r"index \[-4:\] does not fit"),
-        (slice(2, 1), r"index \[2:1\] of 'traj\.pos' .* selects nothing"),
+        (slice(2, 1), r"index \[2:1\] of 'traj\.pos' .* selects no element"),
         ((0, 0), r"index \[0, 0\] does not fit .*too many indices"),
         ("x", r"index \[x\] does not fit .*only integers"),
     ],
@@ -210,7 +210,7 @@ REFUSED_WIRES = [
     (in_another_diagram, r"cannot wire 'truss\.f' in diagram 'other': its block"),
     (lambda d: d.alloc.f >> Truss().f, "its block is in no diagram"),
     (nested, r"'box\.truss\.f' in diagram 'loop'(.|\n)*expose"),
-    (lambda d: assigned(d, "f"), r"cannot set 'f' of 'truss': blocks are frozen; wire it"),
+    (lambda d: assigned(d, "f"), r"cannot set 'f' of 'truss': blocks are frozen; connect it"),
     (lambda d: assigned(d, "mass"), r"cannot set 'mass' of 'truss'.*build a new block"),
     (lambda d: d.alloc >> d.truss, r"'truss' has 3 inputs \(f, torque, mode\); name"),
     (lambda d: d.traj >> d.truss.f, r"'traj' has 5 outputs \(pos, mixed, clock"),

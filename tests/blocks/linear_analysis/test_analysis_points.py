@@ -117,15 +117,15 @@ def test_the_name_stays_when_its_block_is_replaced_copied_or_moved():
 def test_names_are_unique_among_blocks_ports_and_points():
     diagram = attitude()
     for points, message in (
-        ({"plant": diagram.plant.u}, "cannot have a 'plant': it has one already, a block"),
-        ({"bias": diagram.plant.u}, "cannot have a 'bias': it has one already, a port"),
+        ({"plant": diagram.plant.u}, "cannot have a 'plant': it already has a block of that name"),
+        ({"bias": diagram.plant.u}, "cannot have a 'bias': it already has a port of that name"),
         ({"wires": diagram.plant.u}, "every diagram has an attribute of that name"),
-        ({"inner": diagram.computer.law.y}, "a diagram within it has analysis points of its own"),
-        ({"other": "plant.u"}, "cannot call 'plant.u' 'other': give a port"),
+        ({"inner": diagram.computer.law.y}, "for a block of a nested diagram, add the"),
+        ({"other": "plant.u"}, "cannot name 'plant.u' 'other': give a port"),
     ):
         with pytest.raises(DiagramError, match=message):
             diagram.add_analysis_points(**points)
-    message = "cannot have a 'roll': it has one already, an analysis point"
+    message = "cannot have a 'roll': it already has an analysis point of that name"
     with pytest.raises(DiagramError, match=message):
         diagram.expose(roll=diagram.plant.y)
     with pytest.raises(DiagramError, match=message):

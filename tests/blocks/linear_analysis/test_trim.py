@@ -199,7 +199,7 @@ def test_sampled_values_that_cannot_rest_are_named():
         (
             {"inputs": {"flaps": 1.0}},
             NameLookupError,
-            r"no input 'flaps'; the inputs from outside are: thrust, lift",
+            r"no input 'flaps'; the external inputs are: thrust, lift",
         ),
         ({"inputs": {"lift[2]": 1.0}}, NameLookupError, r"'lift\[2\]' does not fit"),
         ({"outputs": {"sink": 1.0}}, NameLookupError, r"no port 'sink'; inputs: .* outputs: climb"),

@@ -234,7 +234,7 @@ FAULTS = (
     (UsesMath, "tracing", r"cannot be traced: "),
     (RoundsByAdding, "tracing", r"traced and NumPy values of 'y' differ"),
     (NoSampleTime, "declarations", r"discrete states need a sample time"),
-    (NoEvent, "declarations", r"hooks for events would never be called"),
+    (NoEvent, "declarations", r"event methods would never be called"),
     (
         BadEvent,
         "numbers",

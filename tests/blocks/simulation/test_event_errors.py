@@ -76,13 +76,13 @@ def test_what_hooks_return(hook, returned, error, message):
 @pytest.mark.parametrize(
     ("base", "own", "message"),
     [
+        (Counter, {"on_event": lambda *_: {}}, "event methods would never be called: declare an event"),
+        (Counter, {"stuck": Mode()}, r"declares events or modes, but has no indicators"),
         (
             Counter,
-            {"on_event": lambda *_: {}},
-            "hooks for events would never be called: declare what happens",
+            {"hit": Event(), "indicators": lambda *_: {"hit": 1.0}},
+            "a sampled block cannot have events",
         ),
-        (Counter, {"stuck": Mode()}, r"declares events or modes, but indicators\(\) does not say when"),
-        (Counter, {"hit": Event(), "indicators": lambda *_: {"hit": 1.0}}, "a sampled block has no events"),
         (Falling, {"traced": True, "on_step": lambda *_: True}, r"on_step\(\) would never be called"),
     ],
 )

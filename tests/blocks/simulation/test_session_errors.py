@@ -42,7 +42,7 @@ class Bad(Block):
 def test_wrong_inputs_are_refused_and_change_nothing():
     with Session(pair(), step=STEP, backend="numpy") as session:
         for values, error, message in (
-            ({"aim": 1.0}, NameLookupError, "no input 'aim'; the inputs from outside are: goal"),
+            ({"aim": 1.0}, NameLookupError, "no input 'aim'; the external inputs are: goal"),
             ({"goal": [1.0, np.nan]}, ParameterError, "input 'goal' is not finite"),
             ({"goal": [1.0, 2.0, 3.0]}, ParameterError, r"input 'goal' has shape \(3,\); it must"),
             ({"goal": "far"}, ParameterError, "input 'goal' must be numeric, not 'far'"),

@@ -208,7 +208,7 @@ def test_overrides_are_checked(settings, cause, message):
 
 @pytest.mark.parametrize("what", [Grower(), "diagram", None])
 def test_only_diagrams_can_be_simulated(what):
-    with pytest.raises(DiagramError, match="it is no Diagram"):
+    with pytest.raises(DiagramError, match="it is not a Diagram"):
         simulate(what, 1.0, step=0.1)
 
 

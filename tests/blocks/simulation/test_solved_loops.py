@@ -212,7 +212,7 @@ def test_no_solution_is_an_error_that_says_where_and_when(backend, solver):
     message = (
         r"(?s)cannot solve the algebraic loop at t = 0\.6\d* s: Newton's method stops at a residual of .*"
         r"law\.y --wire--> law\.back ==feedthrough==> law\.y   \[.*test_solved_loops\.py:\d+\].*"
-        r"give another start with diagram\.guess\(\) or initial=\{'law\.y': \.\.\.\}"
+        r"set another initial guess with diagram\.guess\(\) or initial=\{'law\.y': \.\.\.\}"
     )
     with pytest.raises(DivergenceError, match=message) as caught:
         values(
@@ -243,7 +243,7 @@ def root_of_two():
         (ring(law(lambda u: u, "u")), r"at t = 0 s: its equations are singular"),
         # The slope is constant, but y is 1 up to 1/2, and 0 above.
         (circle(law(lambda back: np.where(back > 0.5, 0.0, 1.0), "back")), r"residual of 0\.5"),
-        (root_of_two(), "its signals are not finite where Newton's method starts"),
+        (root_of_two(), "its signals are not finite at the initial guess of Newton's method"),
     ],
     ids=["gain", "gain to round-off", "identity", "jump", "start"],
 )
@@ -287,7 +287,7 @@ def test_loops_are_refused_unless_their_diagram_says_so():
     assert_allclose(values(outer, "inner.gain.y"), 2.0, rtol=0, atol=ROUND_OFF)
     outer.disconnect(inner.u)
     inner.back >> outer.add(outside=Gain(0.5)) >> inner.u
-    with pytest.raises(AlgebraicLoopError, match=r'or let it be solved.*Diagram\(\.\.\., loops="solve"\)'):
+    with pytest.raises(AlgebraicLoopError, match=r'or solve it.*Diagram\(\.\.\., loops="solve"\)'):
         values(outer, "inner.y")
     with pytest.raises(DiagramError, match="unknown policy for algebraic loops 'delay'; choose from: refuse"):
         Diagram("outer", loops="delay")

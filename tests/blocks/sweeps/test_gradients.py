@@ -27,7 +27,7 @@ from trussflow.blocks import (
     gradient,
     simulate,
 )
-from trussflow.blocks.tracing.waits import FEW_CLOCKS
+from trussflow.blocks.tracing.waits import MAX_SEPARATE_CLOCKS
 from trussflow.models.plant.tunable_truss import TunableTruss
 
 
@@ -121,7 +121,7 @@ CASES = {
         {"step": 0.01, "log_step": 0.02, "solver": solver},
     )
     for solver in ("rk4", "euler")
-    for periods in ((0.02,), tuple(0.02 * k for k in range(1, FEW_CLOCKS + 2)))
+    for periods in ((0.02,), tuple(0.02 * k for k in range(1, MAX_SEPARATE_CLOCKS + 2)))
 } | {
     "truss": (
         truss,

@@ -147,7 +147,7 @@ def test_the_end_is_rerun_from_a_file(tmp_path):
     with xr.open_dataset(tmp_path / "swept.nc") as read:
         worst = int(np.argmax(read["x.y"].values))
         assert rerun(decay(), read, worst)["x.y"].values[-1] == read["x.y"].values[worst]
-        with pytest.raises(SimulationError, match="'decay' has changed since it was swept"):
+        with pytest.raises(SimulationError, match="'decay' has changed since the sweep"):
             rerun(decay(rate=2.0), read, worst)
         for sample in (7, [1]):
             with pytest.raises(SimulationError, match=f"there is no sample {re.escape(str(sample))}"):
@@ -158,11 +158,11 @@ def test_the_end_is_rerun_from_a_file(tmp_path):
 
 WRONG_SETTINGS = {
     "no parameter or initial state 'back.gian'": {"vary": {"back.gian": [1.0]}},
-    "no parameter or initial state 'back.input_unit' .*structure": {"vary": {"back.input_unit": [1.0]}},
+    "no parameter or initial state 'back.input_unit' .*structural": {"vary": {"back.input_unit": [1.0]}},
     "no parameter or state 'gain': write 'block.gain'": {"vary": {"gain": [1.0]}},
     r"there is no 'x.integral\[1\]': 'x.integral' has shape \(1,\)": {"vary": {"x.integral[1]": [1.0]}},
-    r"'x.integral' has shape \(1,\), what varies has \(\); name one element": {"vary": {"x.integral": [1.0]}},
-    r"'back.gain' has shape \(\), what varies has \(2,\)": {"vary": {"back.gain": [[1.0, 2.0]]}},
+    r"'x.integral' has shape \(1,\), its values have \(\); name one element": {"vary": {"x.integral": [1.0]}},
+    r"'back.gain' has shape \(\), its values have \(2,\)": {"vary": {"back.gain": [[1.0, 2.0]]}},
     "a sweep needs what varies": {"vary": {}},
     "'back.gain' cannot vary over 3.0: give a sequence": {"vary": {"back.gain": 3.0}},
     "'back.gain' cannot vary over": {"vary": {"back.gain": [[1.0], [2.0, 3.0]]}},

@@ -223,7 +223,7 @@ def test_an_executor_that_breaks_is_one_error(tmp_path):
 
 def test_what_cannot_be_sent_is_said_at_once():
     lock = threading.Lock()
-    with pytest.raises(SimulationError, match="cannot hand 'decay' to workers"):
+    with pytest.raises(SimulationError, match="cannot pickle 'decay' for workers"):
         swept([-1.0], lambda _: float(lock.locked()))
 
 

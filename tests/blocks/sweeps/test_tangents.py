@@ -187,7 +187,7 @@ def test_where_there_is_no_derivative_it_is_said():
     diagram = Diagram("two")
     diagram.add(one=Ball(), two=Ball())
     with pytest.raises(
-        SimulationError, match=r"'two'.* at t = 0\.44\d* s .*one.* and .*two.* happen at once"
+        SimulationError, match=r"'two'.* at t = 0\.44\d* s .*one.* and .*two.* happen at the same time"
     ):
         gradient(diagram, 1.0, lambda run: run["one.height"][-1], {"one.z": 1.0}, step=0.01)
 

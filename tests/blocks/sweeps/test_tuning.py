@@ -126,7 +126,7 @@ def test_derivatives_go_through_what_values_become():
         ({"vary": {"law.gain": 3.0}}, r"'law\.gain' is to be tuned within 3\.0; give \(least, greatest\)"),
         ({"vary": {"law.gain": (3.0, 1.0)}}, "the first one less"),
         ({"vary": {"law.gain": ([1.0, 2.0], 3.0)}}, "arrays of the shape"),
-        ({"vary": {"law.gain": (1.0, 9.0, 8.0)}}, "in their order"),
+        ({"vary": {"law.gain": (1.0, 9.0, 8.0)}}, "in increasing order"),
         ({"vary": {"law.gian": (1.0, 8.0)}, "derivatives": False}, r"no parameter or state 'law\.gian'"),
         ({"vary": {}}, "nothing varies"),
         ({"vary": {"k": (1.0, 8.0)}, "becoming": dict}, r"give \(least, begin, greatest\)"),

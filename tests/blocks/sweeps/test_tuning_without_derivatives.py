@@ -143,7 +143,7 @@ def test_no_trial_traces_or_compiles(monkeypatch, tmp_path, worth):
         monkeypatch.setattr(owner, attribute, count)
 
     monkeypatch.setenv("TRUSSFLOW_CACHE", str(tmp_path))
-    monkeypatch.setattr(sweep, "WORTH", worth)
+    monkeypatch.setattr(sweep, "MIN_BATCHED_STEPS", worth)
     counted(Prepared, "__init__", "prepared")
     counted(compiler, "_build", "compiled")
     counted(Lanes, "run", "in lanes")

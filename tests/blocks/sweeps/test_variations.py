@@ -14,7 +14,7 @@ from systems import decay
 
 from trussflow.blocks import Gain, SimulationError, TrussflowError, sweep
 from trussflow.blocks.sweeps.sweep import sweep as function
-from trussflow.blocks.sweeps.variations import METHODS, drawn
+from trussflow.blocks.sweeps.variations import SAMPLING_METHODS, drawn
 
 VALUE_LISTS = st.lists(st.lists(st.integers(0, 9), min_size=1, max_size=4), max_size=3)
 
@@ -36,7 +36,7 @@ def test_all_combinations_come_with_all_draws(lists, distributions, samples, met
         assert_array_equal(found[f"b.{k}"], np.tile(first, len(found[f"b.{k}"]) // count))
 
 
-@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("method", SAMPLING_METHODS)
 def test_draws_have_the_distribution_that_was_asked_for(method):
     joint = stats.multivariate_normal([1.0, -2.0], [[0.5, 0.3], [0.3, 0.4]])
     wanted = {

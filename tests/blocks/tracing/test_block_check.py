@@ -87,7 +87,7 @@ def test_equations_that_cannot_be_traced_are_refused(equation, advice):
         path, number, text = place.split(":", 2)
         assert path.endswith(__file__)
         assert text.strip() == lines[int(number) - first].strip()
-    assert last.startswith("  blocks/tracing/README.md lists what traces; a Python block")
+    assert last.startswith("  docs/traceable.md lists the supported operations; a Python block")
 
 
 @pytest.mark.parametrize(

@@ -81,7 +81,7 @@ def test_code_that_writes_the_source_is_part_of_the_name(file, run, builds, monk
 def test_folder_that_cannot_be_written_is_replaced(tmp_path, run, monkeypatch, builds):
     (tmp_path / "file").write_text("")
     monkeypatch.setenv("TRUSSFLOW_CACHE", str(tmp_path / "file" / "cache"))
-    with pytest.warns(RuntimeWarning, match="compiled code is not kept in .*Not a directory") as hints:
+    with pytest.warns(RuntimeWarning, match="compiled code cannot be cached in .*Not a directory") as hints:
         assert run("compiled").attrs["backend"] == "compiled"
     assert len(hints) == 1
     library = library_of(SOURCE)

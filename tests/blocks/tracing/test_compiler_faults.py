@@ -133,7 +133,7 @@ def test_folder_that_others_may_write_to_is_not_used(spoil, cache):
         pytest.skip("only the superuser can give files away")
     planted = answer()
     spoil(cache)
-    with pytest.warns(RuntimeWarning, match="is not kept in .*others may write to it") as hints:
+    with pytest.warns(RuntimeWarning, match="cannot be cached in .*others may write to it") as hints:
         used = answer()
     assert len(hints) == 1
     assert planted != used
@@ -154,13 +154,13 @@ def test_a_new_folder_is_ours_alone(cache):
 # -- compilers ----------------------------------------------------------------------------------
 
 COMPILER_SCRIPTS = {
-    "fails": ("exit 3", "said nothing, and ended with code 3"),
+    "fails": ("exit 3", "ended with code 3 and without a message"),
     "fails in no language": (r"printf '\377\376 no' >&2; exit 1", "failed:\n\ufffd\ufffd no"),
     "killed": ("kill -9 $$", "ended with code -9"),
-    "writes nothing": ("exit 0", "said nothing, and ended with code 0"),
+    "writes nothing": ("exit 0", "ended with code 0 and without a message"),
     "chats and writes nothing": (r"printf '\377 all is well'; exit 0", "ended with code 0"),
     "writes nonsense": (r'for o; do :; done; printf nonsense > "$o"', "cannot store and load"),
-    "writes a folder": ('for o; do :; done; mkdir "$o"', "said nothing"),
+    "writes a folder": ('for o; do :; done; mkdir "$o"', "without a message"),
     "hangs": ("sleep 1000 & wait", r"did not end within 0\.2 s"),
     "hangs when asked": ("sleep 1000", r"--version did not end within 0\.2 s"),
 }
@@ -175,8 +175,8 @@ def test_compilers_that_do_not_work(script, run, tmp_path, monkeypatch):
     mine.write_text(f"#!/bin/sh\n{asked}{code}\n")
     mine.chmod(0o755)
     monkeypatch.setenv("CC", str(mine))
-    monkeypatch.setattr(compiler, "TIME_LIMIT", 0.2 if script == "hangs" else 20.0)
-    monkeypatch.setattr(compiler, "ANSWER_LIMIT", 0.2 if "asked" in script else 20.0)
+    monkeypatch.setattr(compiler, "COMPILE_TIMEOUT", 0.2 if script == "hangs" else 20.0)
+    monkeypatch.setattr(compiler, "VERSION_TIMEOUT", 0.2 if "asked" in script else 20.0)
     begin = time.monotonic()
     with pytest.raises(CompilationError, match=message):
         run("compiled")
@@ -252,7 +252,7 @@ NO_FOLDER = "if small: cannot compile .*No such file or directory: '/nowhere"
 @pytest.mark.parametrize(
     ("variables", "arguments", "backend", "message"),
     [
-        ({"TRUSSFLOW_CACHE": "/dev/null/x"}, ["0"], "compiled", "compiled code is not kept in '/dev/null/x'"),
+        ({"TRUSSFLOW_CACHE": "/dev/null/x"}, ["0"], "compiled", "code cannot be cached in '/dev/null/x'"),
         pytest.param({"HOME": "/nowhere"}, ["0"], "compiled", "", marks=in_campaign),
         pytest.param({"TMPDIR": "/nowhere"}, ["0"], "compiled", "", marks=in_campaign),
         ({}, ["100"], "interpreted", TOO_LARGE),

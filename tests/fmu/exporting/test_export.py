@@ -172,7 +172,7 @@ def test_command_line(tmp_path, capsys):
         ("nowhere.to.be.found:x", [], "cannot import 'nowhere.to.be.found'"),
         ("trussflow.blocks:Intergator", [], "there is no 'Intergator'; did you mean 'Integrator'?"),
         ("trussflow.blocks:StateSpace", [], "cannot be called without arguments"),
-        ("math:pi", [], "no block; write module:name or file.py:name of a block"),
+        ("math:pi", [], "not a block; write module:name or file.py:name of a block"),
         ("trussflow.blocks:Integrator", ["--parameter", "initial_value=x"], "write name=number"),
     ],
 )
