@@ -149,7 +149,7 @@ class Motion:
         return None if said is None else list(frozen_array("target", said, (self._truss.rigid_q,)))
 
     def exaggeration(self) -> int:
-        """Return the factor that scales the largest grasp displacement to `SHOWN_DISPLACEMENT`, at most 500."""
+        """Return the scale of the largest grasp displacement to `SHOWN_DISPLACEMENT`, at most 500 [-]."""
         modes = self.coordinates[self._truss.rigid_q :]
         with np.errstate(over="ignore", invalid="ignore"):  # of diverged runs
             moved = np.einsum("kih,ht->kit", self._truss.dynamics.modes.grasp_translations, modes)
