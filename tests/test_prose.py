@@ -34,7 +34,6 @@ EXCEPTIONS = {
     "models/flight": 107,
     "models/reporting": 29,
     "models/reproduction": 61,
-    "models/viewer": 28,
     "tests": 4,
     "tests/benchmarks": 24,
     "tests/blocks": 58,

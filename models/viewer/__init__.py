@@ -1,4 +1,4 @@
-"""A run to look at: one HTML file with the truss in motion and charts, and still pictures of it."""
+"""Replay of a run: an HTML file with the moving truss and charts, and still pictures."""
 
 from trussflow.models.viewer.page import Section as Section
 from trussflow.models.viewer.page import replay as replay

@@ -1,4 +1,4 @@
-"""``python -m trussflow.models.viewer``: a page that shows a run, and still pictures of it."""
+"""``python -m trussflow.models.viewer``: write the page of a run, and still pictures."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ PROG = "python -m trussflow.models.viewer"
 
 
 def parser(prog: str = PROG) -> argparse.ArgumentParser:
-    """Return what reads the words behind `prog`, the command."""
+    """Return the argument parser of the command `prog`."""
     found = parser_of(
         prog,
         "Show a run in one HTML file: the truss in motion, and charts of all that was logged.",

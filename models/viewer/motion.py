@@ -1,4 +1,4 @@
-"""What the page shows of a result: where everything was, what pushed, and all signals that were logged."""
+"""Time histories for the page of a run: motion, forces, and all logged signals."""
 
 from __future__ import annotations
 
@@ -20,32 +20,32 @@ from trussflow.models.viewer.packing import Packer, columns
 if TYPE_CHECKING:
     import xarray as xr
 
-FRAME = 0.02
-"""Time between instants of the picture, if the run was logged so often [s]."""
+FRAME_TIME = 0.02
+"""Least time between instants of the picture [s]."""
 PICTURE_NUMBERS, CHART_NUMBERS = 800_000, 1_700_000
-"""Numbers that a page has room for, if they compress well [-]; longer runs are shown at fewer instants."""
-FEWEST = 50
-"""Instants of a short run that are shown if they were logged [-]."""
-TURNED = 4.0
-"""Joints that turn or slide less are known to 1.2e-7 rad or m from four bytes [rad, m]."""
-SEEN = 0.5
-"""Greatest displacement that is shown at first [m]."""
+"""Numbers per page if they compress well; longer runs are shown at fewer instants [-]."""
+MIN_INSTANTS = 50
+"""Instants of a short run in the picture, if logged [-]."""
+FLOAT32_JOINT_LIMIT = 4.0
+"""Joint coordinates below this have errors of at most 1.2e-7 rad or m in four bytes [rad, m]."""
+SHOWN_DISPLACEMENT = 0.5
+"""Largest elastic displacement in the picture by the default exaggeration [m]."""
 CHART_BITS = 13
-"""Of a number in a chart: four decimal digits [-]."""
+"""Mantissa bits of a number in a chart, about four decimal digits [-]."""
 
 
 def opened(result: xr.Dataset | str | Path) -> xr.Dataset:
-    """Return a result, read from its file if need be.
+    """Return a result, or read it from its file.
 
     Parameters
     ----------
     result : xarray.Dataset, str or pathlib.Path
-        A run, or the netCDF file of one.
+        Result of a run, or its netCDF file.
 
     Raises
     ------
     ModelError
-        If it is neither.
+        If the argument is neither.
     """
     import xarray as xr
 
@@ -62,30 +62,30 @@ def opened(result: xr.Dataset | str | Path) -> xr.Dataset:
 
 
 class Motion:
-    """A result beside the plant that flew.
+    """Time histories for the viewer, from a result and its plant.
 
     Parameters
     ----------
     result : xarray.Dataset
-        From a run, or made tidy by `trussflow.models.transport.tidy`.
+        Result of a run, with or without `trussflow.models.transport.tidy`.
     truss : SpaceTruss
-        What flew.
+        Plant of the run.
     block : str
-        Its name in the diagram.
+        Name of the plant in the diagram.
 
     Attributes
     ----------
     time : Vector, shape (instants,)
-        [s].
+        Logged instants [s].
     coordinates : Vector, shape (nq, instants)
-        q of `SpaceTruss` [m, unit of the attitude, rad, kg^½·m].
+        Coordinates q of `SpaceTruss` [m, unit of the attitude, rad, kg^½·m].
     signals : dict of str to xarray.DataArray
-        All that was logged.
+        Logged signals.
 
     Raises
     ------
     ModelError
-        If the ports it takes are not in the result, are those of another truss, or are not finite.
+        If required signals are missing in the result, belong to another truss, or are not finite.
     """
 
     def __init__(self, result: xr.Dataset, truss: SpaceTruss, block: str = "truss") -> None:
@@ -122,7 +122,7 @@ class Motion:
         self.coordinates = np.concatenate([self._values(port, size) for port, size in way.items()])
 
     def name_of(self, port: str) -> str | None:
-        """Return the signal that a port of the truss was logged as, if it was."""
+        """Return the name of the logged signal of a port of the truss, or None."""
         return next((name for name in (f"{self._block}.{port}", port) if name in self.signals), None)
 
     def _values(self, port: str, size: int) -> Vector:
@@ -144,27 +144,27 @@ class Motion:
         return values
 
     def target(self, given: npt.ArrayLike | None) -> list[float] | None:
-        """Return the task coordinates to reach: those `given`, otherwise what the result says [m, rad]."""
+        """Return the target task coordinates: those `given`, otherwise those of the result [m, rad]."""
         said = self._said if given is None else given
         return None if said is None else list(frozen_array("target", said, (self._truss.rigid_q,)))
 
     def exaggeration(self) -> int:
-        """Return what makes the greatest elastic displacement of a grasp `SEEN`, but at most 500 [-]."""
+        """Return the scale of the largest grasp displacement to `SHOWN_DISPLACEMENT`, at most 500 [-]."""
         modes = self.coordinates[self._truss.rigid_q :]
-        with np.errstate(over="ignore", invalid="ignore"):  # of what diverged
+        with np.errstate(over="ignore", invalid="ignore"):  # of diverged runs
             moved = np.einsum("kih,ht->kit", self._truss.dynamics.modes.grasp_translations, modes)
             peak = np.sqrt(np.max(np.sum(moved**2, axis=1), initial=0.0))
-        return int(np.clip(SEEN / peak, 1, 500)) if peak > 0.0 else 1
+        return int(np.clip(SHOWN_DISPLACEMENT / peak, 1, 500)) if peak > 0.0 else 1
 
     def packed(self, packer: Packer, share: float) -> dict[str, Any]:
-        """Return what the page shows of it.
+        """Return the data of the page.
 
         Parameters
         ----------
         packer : Packer
-            Takes the arrays.
+            Packer of the arrays.
         share : float
-            Of the room in the page [-].
+            Share of the numbers per page [-].
         """
         none, size = np.zeros((0, len(self.time))), 3 * self._truss.robots
         force, torque = (
@@ -180,7 +180,9 @@ class Motion:
             "logged": len(self.time),
             "time": packer.pack(self.time[None, shown], width=8),
             "root": packer.pack(root, width=8),
-            "joints": packer.pack(joints, width=4 if np.abs(joints).max(initial=0.0) < TURNED else 8),
+            "joints": packer.pack(
+                joints, width=4 if np.abs(joints).max(initial=0.0) < FLOAT32_JOINT_LIMIT else 8
+            ),
             "modes": packer.pack(modes),
             "force": packer.pack(force[:, shown]),
             "torque": packer.pack(torque[:, shown]),
@@ -198,12 +200,12 @@ class Motion:
         }
 
     def _instants(self, numbers: int, room: float) -> Vector:
-        """Return which instants to show, first and last among them, if each has so many numbers."""
+        """Return the indices of shown instants, first and last included, for `numbers` per instant."""
         start, end = self.time[0], self.time[-1]
-        frame = min(FRAME, (end - start) / FEWEST)
+        frame = min(FRAME_TIME, (end - start) / MIN_INSTANTS)
         spacing = frame * np.ceil(max(1.0, (end - start) / frame * numbers / room))
         wanted = np.append(np.arange(start, end, spacing), end)
-        # Of instants logged that come a little early by round-off the same one, not the one after.
+        # The tolerance selects logged instants that are slightly early by round-off.
         return np.unique(np.minimum(np.searchsorted(self.time, wanted - 1e-6 * spacing), len(self.time) - 1))
 
 
@@ -213,7 +215,7 @@ def _units(variable: xr.DataArray) -> str:
 
 
 def _components(variable: xr.DataArray) -> list[str]:
-    """Return the names of the components, by the labels of the axes, otherwise counted."""
+    """Return the names of the components by the labels of the axes, or by numbers."""
     axes: list[list[str]] = []
     for dim, size in list(variable.sizes.items())[1:]:
         counted = "xyz" if (dim, size) == ("axis", 3) else range(1, size + 1)

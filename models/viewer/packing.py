@@ -1,4 +1,4 @@
-"""Arrays as bytes that a page can carry: small, and read back without any library."""
+"""Compact encoding of arrays in a page, which is decoded without any library."""
 
 from __future__ import annotations
 
@@ -12,15 +12,15 @@ import numpy.typing as npt
 from trussflow.blocks.framework.telling import all_counted
 from trussflow.blocks.framework.types import Vector
 
-PART = 1_000_000
-"""Of what is compressed, between two looks at the clock [byte]."""
+PART_BYTES = 1_000_000
+"""Size of a compressed part between two updates of the progress [byte]."""
 
 
 class Packer:
-    """Collects arrays into one blob of bytes.
+    """Packer of arrays into one blob of bytes.
 
-    In the blob the first bytes of all numbers of an array come first, then the second ones, and so on:
-    neighbours in time differ in their last bytes only, so this compresses to about half.
+    The blob has the first bytes of all numbers of an array, then the second bytes, and so on. Neighbours in
+    time differ in their last bytes only, so that the compressed size is about half.
     """
 
     def __init__(self) -> None:
@@ -28,18 +28,18 @@ class Packer:
         self._size = 0
 
     def pack(self, values: npt.ArrayLike, *, width: int = 4, bits: int = 52) -> dict[str, Any]:
-        """Add an array, and return what the page needs to find it.
+        """Add an array, and return its position in the blob.
 
         Parameters
         ----------
         values : array_like, shape (rows, columns)
-            What to carry [any].
+            Array to add [any].
         width : int
-            Bytes of a number, 4 or 8 [-].
+            Bytes per number, 4 or 8 [-].
         bits : int
-            Bits kept of the 23 or 52 after the point; few of them compress far better [-].
+            Number of kept mantissa bits, of 23 or 52; few bits compress better [-].
         """
-        with np.errstate(over="ignore"):  # what is beyond a float32 is beyond a chart
+        with np.errstate(over="ignore"):  # a chart cannot show numbers beyond float32
             array = np.ascontiguousarray(values, dtype=f"<f{width}")
         dropped = (23 if width == 4 else 52) - bits
         if dropped > 0:
@@ -58,15 +58,15 @@ class Packer:
 
 
 def compressed(raw: bytes) -> str:
-    """Return bytes as text that the page's own zlib reads.
+    """Return compressed bytes as text, for the zlib decoder of the page.
 
     Parameters
     ----------
     raw : bytes
-        Any.
+        Bytes to compress.
     """
     whole, packer = memoryview(raw), zlib.compressobj()
-    parts = [whole[start : start + PART] for start in range(0, len(raw), PART)]
+    parts = [whole[start : start + PART_BYTES] for start in range(0, len(raw), PART_BYTES)]
     packed = all_counted("compressing", packer.compress, parts)
     return base64.b64encode(b"".join([*packed, packer.flush()])).decode("ascii")
 
@@ -77,7 +77,7 @@ def columns(values: npt.ArrayLike) -> Vector:
     Parameters
     ----------
     values : array_like, shape (instants, ...)
-        [any].
+        Values over time [any].
     """
     array = np.asarray(values, dtype=float)
     return array.reshape(len(array), -1).T

@@ -1,4 +1,4 @@
-"""One HTML file that shows a run: it needs no network, no server, and nothing beside it."""
+"""Self-contained HTML page of a run, without network, server or other files."""
 
 from __future__ import annotations
 
@@ -27,24 +27,24 @@ if TYPE_CHECKING:
     import xarray as xr
 
 SHOWN = ("position_error", "error", "base_force", "modal_coordinate", "base_torque", "energy")
-"""Signals charted at first, if they were logged; the reader chooses others."""
-CHARTS = 4
-LARGEST = 8_000_000
-"""Of a page [byte]."""
+"""Signals of the initial charts, if logged."""
+INITIAL_CHARTS = 4
+MAX_PAGE_BYTES = 8_000_000
+"""Largest size of a page [byte]."""
 NO_ROOM = 1e-9
-"""In this much of a page there are the first instant and the last [-]."""
+"""Share of numbers per page with only the first and the last instant [-]."""
 
 
 @dataclass(frozen=True, slots=True)
 class Section:
-    """A part of the page below the picture.
+    """Section of the page below the picture.
 
     Attributes
     ----------
     title : str
-        Above it.
+        Heading.
     content : str
-        HTML; an element with the attribute ``data-signal`` becomes a chart of the signal of that name.
+        HTML text; an element with the attribute ``data-signal`` becomes a chart of the signal of that name.
     """
 
     title: str
@@ -65,39 +65,39 @@ def replay(
     title: str = "Replay",
     sections: Sequence[Section] = (),
 ) -> Path:
-    """Write a page that shows a run: the truss in motion, and charts of all signals logged.
+    """Write a page of a run, with the moving truss and charts of all logged signals.
 
     Parameters
     ----------
     result : xarray.Dataset, str or pathlib.Path
-        What `simulate` returned, or its file.
+        Result of `simulate`, or its file.
     truss : SpaceTruss, str or None
-        The plant that flew, or its name: ``"published"``, ``"consistent"``, ``"accurate"``; None: as the
-        result of a mission says.
+        Plant of the run, or its name: ``"published"``, ``"consistent"``, ``"accurate"``; None for the name in
+        the result of a mission.
     path : str or pathlib.Path
         File to write.
     other : xarray.Dataset, str or pathlib.Path, optional
-        A second run, shown over the first.
+        Second run, shown over the first.
     other_truss : SpaceTruss, str or None
-        What flew there; by default what its result says, otherwise `truss`.
+        Plant of the second run; by default the name in its result, otherwise `truss`.
     names : sequence of str
-        Of the two runs.
+        Names of the two runs.
     target : array_like, optional
-        Task coordinates of the pose to reach, drawn as a ghost [m, rad]; by default the attribute ``target``
-        of the result, which missions write.
+        Task coordinates of the target pose, drawn transparently [m, rad]; by default the attribute ``target``
+        of the result.
     rods : array_like, shape (k, 2), optional
-        Pairs of point masses that a rod joins [-]; needed for trusses other than the shipped ones.
+        Pairs of point masses connected by a rod [-]; required except for the shipped trusses.
     block : str
         Name of the plant in the diagram.
     title : str
-        Of the page.
+        Title of the page.
     sections : sequence of Section
-        More to read, below.
+        Further sections below the picture.
 
     Returns
     -------
     pathlib.Path
-        The file.
+        Path of the page.
 
     Raises
     ------
@@ -130,7 +130,7 @@ def replay(
                 raise ModelError(f"section '{section.title}': no signal '{signal}' is there, but {known}")
 
     def written(room: float) -> bytes:
-        """Return the page with so much room, relative to what numbers that compress well leave free."""
+        """Return the page with a share `room` of the numbers of a page that compresses well."""
         packer = Packer()
         runs: list[dict[str, Any]] = [
             {"name": name, "truss": scene_of(plant, rods, packer), **motion.packed(packer, room / len(flown))}
@@ -138,19 +138,19 @@ def replay(
         ]
         logged = [signal["name"] for signal in runs[0]["signals"]]
         wished = [name for wish in SHOWN for name in logged if name.rpartition(".")[2] == wish]
-        shown = [*wished, *(name for name in logged if name not in wished)][:CHARTS]
+        shown = [*wished, *(name for name in logged if name not in wished)][:INITIAL_CHARTS]
         head = {"runs": runs, "target": goal, "shown": shown, "exaggeration": first.exaggeration()}
         return _text(title, head, packer, sections).encode("utf-8")
 
     room, page = 1.0, written(1.0)
-    least = len(written(NO_ROOM)) if len(page) > LARGEST else 0
-    if least > LARGEST:
+    least = len(written(NO_ROOM)) if len(page) > MAX_PAGE_BYTES else 0
+    if least > MAX_PAGE_BYTES:
         raise ModelError(
-            f"cannot show the run in a page of {LARGEST / 1e6:g} MB: truss, sections and names of signals "
-            f"alone take {least / 1e6:.1f} MB; give a truss of fewer points or modes"
+            f"cannot show the run in a page of {MAX_PAGE_BYTES / 1e6:g} MB: truss, sections and names of "
+            f"signals alone take {least / 1e6:.1f} MB; give a truss of fewer points or modes"
         )
-    while len(page) > LARGEST:  # noise hardly compresses
-        room *= 0.95 * (LARGEST - least) / (len(page) - least)
+    while len(page) > MAX_PAGE_BYTES:  # noise hardly compresses
+        room *= 0.95 * (MAX_PAGE_BYTES - least) / (len(page) - least)
         page = written(max(room, NO_ROOM))
     try:
         with replaced(path) as partial:
@@ -168,7 +168,7 @@ def _library() -> str:
 
 
 def _note(runs: list[dict[str, Any]]) -> str:
-    """Return how much of the runs the page shows."""
+    """Return a note on the numbers of logged and shown instants."""
     parts = [
         f"{run['name']}: {run['logged']} instants were logged, {run['time']['shape'][1]} are in the picture, "
         f"{run['signalTime']['shape'][1]} in the charts"

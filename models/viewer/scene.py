@@ -1,4 +1,4 @@
-"""What the page must know of a plant to draw it: rods, shapes of the modes, arms, bases."""
+"""Geometry of a plant for the page: rods, mode shapes, arms, bases."""
 
 from __future__ import annotations
 
@@ -18,25 +18,25 @@ from trussflow.models.truss.truss_fe import TrussFrame
 from trussflow.models.truss.truss_modes import TrussModes
 from trussflow.models.validation import check_choice
 from trussflow.models.viewer.packing import Packer
-from trussflow.models.viewer.solids import TRIANGLES, solid_of
+from trussflow.models.viewer.solids import MAX_TRIANGLES, solid_of
 
 PLANTS = ("published", "consistent", "accurate")
 
 
 def plant_of(truss: SpaceTruss | str | None, attributes: dict[str, Any]) -> SpaceTruss:
-    """Return the plant that was meant.
+    """Return the plant of a run.
 
     Parameters
     ----------
     truss : SpaceTruss, str or None
-        It, its name, or None: the name stands in the result.
+        Plant, its name, or None for the name in the result.
     attributes : dict
-        Of the result; a mission writes plant, arm and attitude there.
+        Attributes of the result; those of a mission include plant, arm and attitude.
 
     Raises
     ------
     ModelError
-        If that says none.
+        If the plant is unknown.
     """
     if isinstance(truss, SpaceTruss):
         return truss
@@ -62,16 +62,16 @@ def scene_of(truss: SpaceTruss, rods: npt.ArrayLike | None, packer: Packer) -> d
     Parameters
     ----------
     truss : SpaceTruss
-        The plant.
+        Plant.
     rods : array_like, shape (k, 2), optional
-        Pairs of point masses that a rod joins [-]; by default those of the reconstructed frame.
+        Pairs of point masses connected by a rod [-]; by default those of the reconstructed frame.
     packer : Packer
-        Takes the arrays.
+        Packer of the arrays.
 
     Raises
     ------
     ModelError
-        If the point masses are not those of the frame and no rods are given, or a rod joins no two of them.
+        If rods are required but not given, or are not pairs of point masses.
     """
     modes, arms = truss.dynamics.modes, truss.dynamics.arms
     solids = _solids(arms, packer)
@@ -121,12 +121,12 @@ def _arm(modes: TrussModes, grasp: int, arm: RobotArm, solid: dict[str, Any]) ->
 
 
 def _solids(arms: Sequence[RobotArm], packer: Packer) -> list[dict[str, Any]]:
-    """Return what each robot looks like; robots with the same looks share them."""
+    """Return the solid of each robot; robots with the same visuals share it."""
     found: dict[int, dict[str, Any]] = {}
     for arm in arms:
         alike = id(arm.visuals) if arm.visuals else id(arm)
         if alike not in found:
-            solid = solid_of(arm, TRIANGLES // len(arms))
+            solid = solid_of(arm, MAX_TRIANGLES // len(arms))
             found[alike] = {
                 "drawn": len(solid.troubles) < len(arm.visuals),
                 "points": packer.pack(solid.points),

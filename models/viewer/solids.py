@@ -1,4 +1,4 @@
-"""What robots look like as triangles that a page can carry: their visuals, coarser if there are many."""
+"""Visuals of robots as triangles for the page, simplified if there are too many."""
 
 from __future__ import annotations
 
@@ -12,10 +12,10 @@ from trussflow.models.errors import ModelError
 from trussflow.models.robots.robot_arm import RobotArm
 from trussflow.models.robots.visuals import BOX_CORNERS, BOX_FACES, Triangles
 
-TRIANGLES = 12_000
-"""All robots of a run together have at most so many [-]."""
+MAX_TRIANGLES = 12_000
+"""Largest number of triangles of all robots of a run [-]."""
 
-_FINEST, _COARSER = 1e-3, 1.3  # edge of cells whose corners become one [m], and its growth [-]
+_FINEST, _COARSER = 1e-3, 1.3  # edge of clustering cells [m], and its growth factor [-]
 
 
 class Solid(NamedTuple):
@@ -26,11 +26,11 @@ class Solid(NamedTuple):
     points : array, shape (k, 3)
         Corners, in the frame of their body [m].
     bodies : array, shape (k,)
-        Which body each moves with: 0 is the hand, then the links [-].
+        Index of the body of each corner: 0 is the hand, then the links [-].
     faces : array, shape (m, 3)
-        Which corners each triangle joins [-].
+        Indices of the corners of each triangle [-].
     troubles : tuple of str
-        What is left out.
+        Reasons why visuals are omitted.
     """
 
     points: Vector
@@ -40,14 +40,14 @@ class Solid(NamedTuple):
 
 
 def solid_of(arm: RobotArm, most: int) -> Solid:
-    """Return what a robot looks like; one without visuals is a box around its base.
+    """Return the solid of a robot; without visuals, a box around its base.
 
     Parameters
     ----------
     arm : RobotArm
-        The robot.
+        Robot to draw.
     most : int
-        Triangles it may have [-]; if it has more, corners that are close become one.
+        Largest number of triangles; above it, close corners are merged [-].
 
     References
     ----------
@@ -75,7 +75,7 @@ def solid_of(arm: RobotArm, most: int) -> Solid:
 
 
 def box_of(arm: RobotArm) -> Vector:
-    """Return half the sides of the uniform box that has the base's mass and inertia, shape (3,) [m]."""
+    """Return half the sides of the uniform box with mass and inertia of the base, shape (3,) [m]."""
     moments = np.diag(arm.base_inertia)
     squares = 6.0 / arm.base_mass * (moments.sum() - 2.0 * moments)
     sides: Vector = np.sqrt(np.maximum(squares, 0.0))
@@ -83,7 +83,7 @@ def box_of(arm: RobotArm) -> Vector:
 
 
 def _merged(triangles: Triangles, edge: float) -> Triangles:
-    """Return triangles whose corners in the same cell are one, without those that this leaves flat."""
+    """Return triangles with merged corners per cell, without degenerate and duplicate ones."""
     points, faces = triangles
     cells = np.rint((points - points.min(axis=0)) / edge).astype(np.int64)
     _, first, place = np.unique(cells @ [1, 1 << 21, 1 << 42], return_index=True, return_inverse=True)

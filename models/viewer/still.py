@@ -1,4 +1,4 @@
-"""Still pictures of a page, taken by a browser without a window."""
+"""Still pictures of a page, by a headless browser."""
 
 from __future__ import annotations
 
@@ -16,21 +16,21 @@ from trussflow.models.validation import check_choice
 
 BROWSERS = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable", "chrome", "msedge")
 CAMERAS = ("oblique", "front", "side", "top")
-TIME_LIMIT = 600  # s; for what hangs, not for what is slow
-SAID = re.compile(r'"This page (?:is shown|(cannot be shown: .*))", source')
-"""What a page says of itself, as a browser writes it down."""
+TIME_LIMIT = 600  # s; for a browser that hangs, not for a slow one
+PAGE_STATUS = re.compile(r'"This page (?:is shown|(cannot be shown: .*))", source')
+"""Pattern of the page's status message in the log of the browser."""
 
 
 def browser() -> str | None:
-    """Return the program that takes pictures: what BROWSER_PATH says, or the first found of `BROWSERS`."""
+    """Return the browser: BROWSER_PATH, or the first installed one of `BROWSERS`."""
     return os.environ.get("BROWSER_PATH") or next(filter(None, map(shutil.which, BROWSERS)), None)
 
 
 def launch_options() -> list[str]:
-    """Return how to start it: to draw without a graphics card, and to leave the network alone."""
+    """Return the options of the browser: software rendering, no background network access."""
     options = ["--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--disable-background-networking"]
     root = hasattr(os, "geteuid") and os.geteuid() == 0
-    return options + ["--no-sandbox"] * root  # which does not hold root
+    return options + ["--no-sandbox"] * root  # the sandbox does not run as root
 
 
 def still(
@@ -42,12 +42,12 @@ def still(
     exaggeration: float | None = None,
     size: tuple[int, int] = (1200, 700),
 ) -> Path:
-    """Take a picture of the truss from a page that `replay` wrote.
+    """Take a picture of the truss from a page by `replay`.
 
     Parameters
     ----------
     page : str or pathlib.Path
-        The page.
+        Page to show.
     picture : str or pathlib.Path
         PNG file to write.
     time : float, optional
@@ -55,14 +55,14 @@ def still(
     camera : str
         One of `CAMERAS`.
     exaggeration : float, optional
-        Of the deformation, 1 to 500; by default the page's own [-].
+        Exaggeration of the deformation, 1 to 500; by default that of the page [-].
     size : tuple of int
         Width and height [pixel].
 
     Returns
     -------
     pathlib.Path
-        The picture.
+        Path of the picture.
 
     Raises
     ------
@@ -87,8 +87,8 @@ def still(
             command += ["--virtual-time-budget=60000", "--enable-logging=stderr", f"--screenshot={partial}"]
             command.append(f"{source.as_uri()}#{words}")
             done = subprocess.run(command, capture_output=True, text=True, timeout=TIME_LIMIT, check=False)
-            said = SAID.search(done.stderr)
-            if said is None or said[1]:  # a browser takes pictures of what is no page, too
+            said = PAGE_STATUS.search(done.stderr)
+            if said is None or said[1]:  # a browser also takes pictures of its error pages
                 why = "replay did not write it, or the browser failed" if said is None else f"it {said[1]}"
                 raise ModelError(f"cannot take a picture of '{page}': {why}")
             if not partial.is_file():

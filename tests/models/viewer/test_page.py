@@ -18,9 +18,9 @@ from trussflow.models.robots.urdf_reading import Pose
 from trussflow.models.robots.visuals import Visual
 from trussflow.models.viewer import Section, page, replay, still
 from trussflow.models.viewer.__main__ import main
-from trussflow.models.viewer.motion import FRAME
+from trussflow.models.viewer.motion import FRAME_TIME
 from trussflow.models.viewer.packing import Packer
-from trussflow.models.viewer.solids import TRIANGLES
+from trussflow.models.viewer.solids import MAX_TRIANGLES
 
 LARGEST = 8e6  # bytes of a page
 PLOTLY = 2.2e6  # bytes of the library in it, about
@@ -112,7 +112,7 @@ def test_whatever_was_simulated_the_page_fits(seed, truss, make_run, content, mo
     """Noise hardly compresses; what is not of the run, or does not change in time, takes room as well."""
     rng = np.random.default_rng(seed)
     largest = int(PLOTLY + 10.0 ** rng.uniform(5.3, 6.0))
-    monkeypatch.setattr(page, "LARGEST", largest)
+    monkeypatch.setattr(page, "MAX_PAGE_BYTES", largest)
     run = make_run(truss, duration=rng.uniform(1.0, 60.0), step=rng.choice([0.001, 0.02]))
     noise = rng.standard_normal((len(run["time"]), rng.integers(1, 60)))
     run = run.assign(noise=(("time", "k"), noise))
@@ -122,11 +122,11 @@ def test_whatever_was_simulated_the_page_fits(seed, truss, make_run, content, mo
     time = found.array(found.run["time"])[0]
     assert len(time) >= 2
     assert (time[0], time[-1]) == (run["time"][0], run["time"][-1])
-    assert found.size > 0.6 * largest or len(time) > run["time"][-1] / FRAME
+    assert found.size > 0.6 * largest or len(time) > run["time"][-1] / FRAME_TIME
 
 
 def test_what_cannot_fit_is_refused(truss, run, content, monkeypatch):
-    monkeypatch.setattr(page, "LARGEST", 100_000)
+    monkeypatch.setattr(page, "MAX_PAGE_BYTES", 100_000)
     with pytest.raises(ModelError, match=r"page of 0.1 MB: truss, sections .* take \d\.\d MB; give"):
         content(run, truss)
 
@@ -150,7 +150,7 @@ def test_fine_meshes_become_coarser_until_they_fit(truss, make_run, content, tmp
     for arm in found.run["truss"]["arms"]:
         solid = arm["solid"]
         points, faces = found.array(solid["points"]), found.array(solid["faces"]).T.astype(int)
-        assert 1000 < len(faces) <= TRIANGLES // 4
+        assert 1000 < len(faces) <= MAX_TRIANGLES // 4
         assert_allclose(np.linalg.norm(points, axis=1), 1.0, rtol=0, atol=1e-5)
         a, b, c = np.moveaxis(points[faces], 1, 0)
         enclosed = abs(np.sum(a * np.cross(b, c)) / 6.0)
@@ -181,8 +181,8 @@ def test_long_runs_with_all_signals_fit(truss, make_run, content, others):
     for shown in found.head["runs"]:
         time = found.array(shown["time"])[0]
         assert (time[0], time[-1]) == (0.0, 80.0)
-        assert np.diff(time).max() < 1.01 * FRAME
-        assert np.diff(found.array(shown["signalTime"])[0]).max() < (2.5 if others else 1.1) * FRAME
+        assert np.diff(time).max() < 1.01 * FRAME_TIME
+        assert np.diff(found.array(shown["signalTime"])[0]).max() < (2.5 if others else 1.1) * FRAME_TIME
 
 
 def half_written(run, folder):
