@@ -122,13 +122,10 @@ def own_folder(place: Path, prefix: str) -> tuple[Path, IO[str]]:
     file.touch(0o600)
     try:
         lock = locked(file)
-    except BlockingIOError:  # another process has locked the new file to delete it
+    except BlockingIOError:  # another process has taken the new file for one left behind, and deletes it
         return own_folder(place, prefix)
     except OSError:  # the file system has no locks, so other processes cannot lock the file either
         lock = file.open("w")
-    if not file.exists():  # another process deleted it before it was locked
-        lock.close()
-        return own_folder(place, prefix)
     folder.mkdir(0o700)
     return folder, lock
 
@@ -185,7 +182,7 @@ def locked(path: Path) -> IO[str]:
     Raises
     ------
     BlockingIOError
-        If another process has it locked.
+        If another process has it locked or has deleted it.
     """
     lock = path.open("w")
     if sys.platform != "win32":  # no locks on Windows
@@ -193,6 +190,9 @@ def locked(path: Path) -> IO[str]:
 
         try:
             fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            # Another file may have the name by now, and this lock would not protect it.
+            if not os.fstat(lock.fileno()).st_nlink:
+                raise BlockingIOError(f"'{path}' was deleted while it was being locked")
         except OSError:
             lock.close()
             raise

@@ -8,7 +8,7 @@ from concurrent.futures import ThreadPoolExecutor
 
 import pytest
 
-from trussflow.blocks.framework.files import LOCK_SUFFIX, deleted, own_folder, replaced
+from trussflow.blocks.framework.files import LOCK_SUFFIX, deleted, locked, own_folder, replaced
 
 KILLED_WRITER = """
 import os, sys
@@ -87,6 +87,20 @@ def test_folders_that_are_made_at_once_are_all_locked(tmp_path):
         lock.close()
     deleted(*own_folder(tmp_path, ".trussflow-"))
     assert list(tmp_path.iterdir()) == []
+
+
+@posix
+def test_a_deleted_file_cannot_be_locked(tmp_path, monkeypatch):
+    """A new file under its name, of another process, would not be protected."""
+    path = tmp_path / "lock"
+
+    def replaced_file(*_):
+        path.unlink()
+        path.touch()
+
+    monkeypatch.setattr("fcntl.flock", replaced_file)
+    with pytest.raises(BlockingIOError, match="was deleted while"):
+        locked(path)
 
 
 @posix
