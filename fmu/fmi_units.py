@@ -31,8 +31,8 @@ class FmiUnit:
     name : str
         Name in the declaration of the block or in the imported FMU.
     exponents : dict or None
-        Exponents of the base units by FMI's names. None if the FMU does not state them, or if FMI
-        cannot express them because they are not integers or the factor is zero or infinite.
+        Exponents of the base units by FMI's names. None if the FMU does not state them. Also None if
+        FMI cannot express the unit: an exponent is not an integer, or the factor is zero or infinite.
     factor, offset : float
         Value in base units = factor * value + offset [1].
     display : tuple of (str, float)

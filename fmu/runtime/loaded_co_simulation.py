@@ -79,8 +79,8 @@ class LoadedCoSimulation(LoadedFmu):
     def set_inputs(self, values: Vector | None = None) -> None:
         """Set all inputs; see `LoadedFmu.set_inputs`.
 
-        If the FMU has an event mode, inputs that may change at events only (integers, Booleans,
-        discrete reals) are set in that mode if they changed.
+        If the FMU has an event mode, changed discrete inputs (integers, Booleans, discrete reals)
+        are set in that mode.
         """
         if values is not None:
             self._input.values[:] = values
