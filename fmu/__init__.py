@@ -1,4 +1,4 @@
-"""Exchange of blocks and diagrams with other tools as FMUs."""
+"""FMU import and export of blocks and diagrams."""
 
 from trussflow.fmu.errors import ExportError as ExportError
 from trussflow.fmu.errors import FmuArchiveError as FmuArchiveError

@@ -8,37 +8,39 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from trussflow.blocks.framework.command_line import Outcome, add_json, block_of, ended, parser_of, values_of
-from trussflow.fmu.exporting.description.export_interface import TOLERANCE
-from trussflow.fmu.exporting.description.model_description import VERSIONS
-from trussflow.fmu.exporting.export import KINDS, export
+from trussflow.fmu.exporting.description.export_interface import DEFAULT_TOLERANCE
+from trussflow.fmu.exporting.description.model_description import VERSION_MODULES
+from trussflow.fmu.exporting.export import EXPORT_KINDS, export
 from trussflow.fmu.importing.block import Fmu
 
-PROG = "python -m trussflow.fmu"
+PROGRAM_NAME = "python -m trussflow.fmu"
 
 
-def parser(prog: str = PROG) -> argparse.ArgumentParser:
-    """Return what reads the words behind `prog`, the command."""
+def parser(prog: str = PROGRAM_NAME) -> argparse.ArgumentParser:
+    """Return the argument parser of the command `prog`."""
     whole = parser_of(
         prog,
-        "Write blocks and diagrams as FMUs (FMI 2.0 and 3.0), or say what an FMU holds.",
+        "Write blocks and diagrams as FMUs (FMI 2.0 and 3.0), or list the contents of an FMU.",
         "export trussflow.models:SpaceTruss.consistent plant.fmu   # C inside, runs without Python",
         "export loop.py:loop loop.fmu --version 3.0 --step 1e-3    # a diagram of yours",
         "export loop.py:loop loop.c --kind c                       # plain C, for a flight computer",
         "inspect plant.fmu --json                                  # ports, parameters, states",
     )
     commands = whole.add_subparsers(required=True, metavar="export|inspect")
-    inspecting = commands.add_parser("inspect", help="say what an FMU holds; nothing of it runs")
+    inspecting = commands.add_parser("inspect", help="list the contents of an FMU without running it")
     inspecting.add_argument("path", type=Path, help="the FMU")
     inspecting.set_defaults(perform=_inspect)
     exporting = commands.add_parser("export", help="write a block or diagram as an FMU")
     exporting.set_defaults(perform=_export)
-    exporting.add_argument("item", help="module:name or file.py:name of a block, or of what returns one")
+    exporting.add_argument(
+        "item", help="module:name or file.py:name of a block, or of a function that returns one"
+    )
     exporting.add_argument("path", type=Path, help="file to write")
-    exporting.add_argument("--kind", choices=KINDS, default="native")
-    exporting.add_argument("--version", choices=VERSIONS, default="2.0", help="version of FMI")
+    exporting.add_argument("--kind", choices=EXPORT_KINDS, default="native")
+    exporting.add_argument("--version", choices=VERSION_MODULES, default="2.0", help="version of FMI")
     exporting.add_argument("--step", type=float, default=1e-3, help="internal step [s]")
-    exporting.add_argument("--stop-time", type=float, default=10.0, help="default end [s]")
-    exporting.add_argument("--tolerance", type=float, default=TOLERANCE, help="default tolerance")
+    exporting.add_argument("--stop-time", type=float, default=10.0, help="default stop time [s]")
+    exporting.add_argument("--tolerance", type=float, default=DEFAULT_TOLERANCE, help="default tolerance")
     exporting.add_argument(
         "--parameter",
         dest="parameters",
@@ -55,11 +57,11 @@ def parser(prog: str = PROG) -> argparse.ArgumentParser:
         help="such as x86_64-windows, or all; may be repeated; by default this one",
     )
     for command in (inspecting, exporting):
-        add_json(command, default=argparse.SUPPRESS)  # one given before the command's name stays
+        add_json(command, default=argparse.SUPPRESS)  # keeps --json given before the subcommand
     return whole
 
 
-def main(words: Sequence[str] | None = None, prog: str = PROG) -> int:
+def main(words: Sequence[str] | None = None, prog: str = PROGRAM_NAME) -> int:
     """Run the command line and return the exit code.
 
     Parameters
@@ -67,7 +69,7 @@ def main(words: Sequence[str] | None = None, prog: str = PROG) -> int:
     words : sequence of str, optional
         The arguments; by default those of the process.
     prog : str
-        How the command was called.
+        Name of the command in messages.
     """
     return ended(_performed, parser(prog).parse_args(words))
 

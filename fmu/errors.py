@@ -1,4 +1,4 @@
-"""Errors of FMU exchange; every message names what, where, and what to do."""
+"""Errors of FMU import and export; each message names the object, the fault and the remedy."""
 
 from trussflow.blocks.framework.errors import RunEndedError, SimulationError, TrussflowError
 from trussflow.blocks.framework.running import StepDiscardedError
@@ -6,19 +6,19 @@ from trussflow.blocks.framework.validation import positive_if_given
 
 
 class ExportError(TrussflowError, ValueError):
-    """A block or diagram cannot be exported as an FMU as it stands."""
+    """A block or diagram cannot be exported."""
 
 
 class FmuError(TrussflowError, ValueError):
-    """Something is wrong with an FMU that is imported, or with how it is used."""
+    """An imported FMU is invalid or used wrongly."""
 
 
 class FmuArchiveError(FmuError):
-    """The file is no FMU, or unpacking it would do harm."""
+    """The file is not an FMU, or unpacking it would be unsafe."""
 
 
 class FmuDescriptionError(FmuError):
-    """The model description is missing, broken, hostile, or says what cannot be."""
+    """The model description is missing, invalid, unsafe or contradictory."""
 
 
 class FmuBinaryError(FmuError):
@@ -26,35 +26,35 @@ class FmuBinaryError(FmuError):
 
 
 class FmuUnitError(FmuError):
-    """A unit of the FMU is unknown here, or does not fit the one asked for."""
+    """A unit of the FMU is unknown, or has another dimension than the requested one."""
 
 
 class FmuCallError(FmuError):
-    """A function of the FMU failed; the message has what the FMU logged.
+    """A function of the FMU failed; the message includes the FMU's log.
 
     Attributes
     ----------
     status : int
-        What the function returned: 2 discard, 3 error, 4 fatal.
+        FMI status of the call: 2 discard, 3 error, 4 fatal.
     """
 
     status: int = 3
 
 
 class FmuDiscardError(FmuCallError, StepDiscardedError):
-    """The FMU discarded a step, and parts of it."""
+    """The FMU discarded a step and all its subdivisions."""
 
     status = 2
 
 
 class FmuEndedError(FmuError, RunEndedError):
-    """The FMU asked to end the run: the model says that it is over, which is no fault."""
+    """The FMU requested the end of the run, which is not an error of the model."""
 
 
 class FmuEndedStepError(FmuDiscardError, FmuEndedError):
-    """The FMU asked to end the run in a step that it discarded; a shorter one may do.
+    """The FMU requested the end of the run in a discarded step; a shorter step may succeed.
 
-    Some tools ask for that whenever they discard a step.
+    Some tools request the end whenever they discard a step.
     """
 
 
@@ -63,17 +63,17 @@ class FmuTimeoutError(FmuCallError):
 
 
 class FmuCrashError(FmuCallError):
-    """The FMU's process ended by itself while the FMU was running."""
+    """The process of the FMU ended unexpectedly."""
 
 
 class SspError(FmuError):
-    """A system structure (SSP) is broken, or says what a diagram cannot do."""
+    """A system structure (SSP) is invalid, or uses features that diagrams do not support."""
 
 
 def check_positive(kind: type[TrussflowError], where: str, **values: float | None) -> None:
-    """Refuse `values` [any] that are given and not positive and finite, by an error of that `kind`.
+    """Raise an error of class `kind` if one of `values` [any] is not positive and finite.
 
-    The message begins with `where`.
+    The message begins with `where`. Values of None are ignored.
     """
     try:
         positive_if_given(**values)

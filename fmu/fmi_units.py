@@ -1,4 +1,4 @@
-"""Units as FMI wants them: whole exponents of SI base units, a factor and an offset."""
+"""Units in the form of FMI: integer exponents of SI base units, a factor and an offset."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import Any
 
 from trussflow.blocks.framework.units import parse
 
-BASE = {
+BASE_UNIT_NAMES = {
     "kilogram": "kg",
     "meter": "m",
     "second": "s",
@@ -19,24 +19,24 @@ BASE = {
     "candela": "cd",
     "radian": "rad",
 }
-"""FMI's names of the base units by those of pint."""
+"""FMI's names of the base units, by pint's names."""
 
 
 @dataclass(frozen=True, slots=True)
 class FmiUnit:
-    """A unit as it stands in a model description, of an FMU made here or elsewhere.
+    """A unit of a model description.
 
     Attributes
     ----------
     name : str
-        As the block declares it, or as an imported FMU calls it.
+        Name in the declaration of the block or in the imported FMU.
     exponents : dict or None
-        Exponents of the base units by FMI's names; None where the FMU does not say, or where they
-        are not whole numbers, or the factor is none, which FMI cannot express: the unit then has a name only.
+        Exponents of the base units by FMI's names. None if the FMU does not state them. Also None if
+        FMI cannot express the unit: an exponent is not an integer, or the factor is zero or infinite.
     factor, offset : float
         Value in base units = factor * value + offset [1].
     display : tuple of (str, float)
-        Units in which tools may show values, and how many make one of this unit [1].
+        Display units, and the number of them per unit [1].
     """
 
     name: str
@@ -64,22 +64,22 @@ def fmi_unit(name: str) -> FmiUnit:
     quantity = unit._REGISTRY.Quantity
     try:
         zero, one = (quantity(value, unit).to_base_units() for value in (0.0, 1.0))
-    except OverflowError:  # some power of it is beyond all numbers
+    except OverflowError:  # a power of the unit overflows
         return FmiUnit(name)
-    parts: dict[str, Any] = dict(one.unit_items())  # pint allows any kind of number
-    powers = {BASE.get(part, part): float(power) for part, power in parts.items() if power}
+    parts: dict[str, Any] = dict(one.unit_items())  # pint allows exponents of any numeric type
+    powers = {BASE_UNIT_NAMES.get(part, part): float(power) for part, power in parts.items() if power}
     display: tuple[tuple[str, float], ...] = ()
     if dict(quantity(1.0, unit).unit_items()).get("radian") == 1:
         display = ((name.replace("radian", "deg").replace("rad", "deg"), 180 / pi),)
     factor, offset = float(one.magnitude - zero.magnitude), float(zero.magnitude)
-    whole = all(power.is_integer() and abs(power) < 2**31 for power in powers.values())  # as XML has them
-    if not (whole and set(powers) <= set(BASE.values()) and 0.0 < abs(factor) < inf):
+    whole = all(power.is_integer() and abs(power) < 2**31 for power in powers.values())  # xs:int
+    if not (whole and set(powers) <= set(BASE_UNIT_NAMES.values()) and 0.0 < abs(factor) < inf):
         return FmiUnit(name, None, display=display)
     exponents = {part: int(power) for part, power in powers.items()}
     return FmiUnit(name, exponents, _rounded(factor), offset, display)
 
 
 def _rounded(factor: float) -> float:
-    """Take away round-off of the conversion from a factor that is a simple number."""
+    """Return a factor without the round-off error of the conversion, if it is a simple number."""
     simple = float(f"{factor:.12g}")
     return simple if isclose(simple, factor, rel_tol=1e-14) else factor

@@ -1,1 +1,1 @@
-"""Blocks and diagrams as FMUs."""
+"""Export of blocks and diagrams as FMUs and plain C."""

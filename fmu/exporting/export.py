@@ -1,4 +1,4 @@
-"""Export: from a block or diagram to an FMU file."""
+"""Export of blocks and diagrams as FMUs or plain C."""
 
 from __future__ import annotations
 
@@ -15,17 +15,17 @@ from trussflow.blocks.simulation.adaptive import METHODS
 from trussflow.blocks.simulation.solver import FIXED_STEP
 from trussflow.blocks.tracing.compile_cache import CompilationError
 from trussflow.fmu.errors import ExportError
-from trussflow.fmu.exporting.description.export_interface import TOLERANCE, ExportInterface
-from trussflow.fmu.exporting.description.model_description import VERSIONS
+from trussflow.fmu.exporting.description.export_interface import DEFAULT_TOLERANCE, ExportInterface
+from trussflow.fmu.exporting.description.model_description import VERSION_MODULES
 from trussflow.fmu.exporting.native.package import native_files
 from trussflow.fmu.exporting.packing import check_writable, write, written
 from trussflow.fmu.exporting.plain_c.plain_files import plain_files
 from trussflow.fmu.exporting.python.python_files import python_files
 
-KINDS = ("native", "python", "c")
+EXPORT_KINDS = ("native", "python", "c")
 
-ABOUT = ("author", "copyright", "description", "generationDateAndTime", "license", "version")
-"""Attributes of the model description that are the user's."""
+ABOUT_ATTRIBUTES = ("author", "copyright", "description", "generationDateAndTime", "license", "version")
+"""Attributes of the model description that the user may set."""
 
 
 @interruptible()
@@ -38,64 +38,66 @@ def export(
     arrays: bool = True,
     step: float = 1e-3,
     stop_time: float = 10.0,
-    tolerance: float = TOLERANCE,
+    tolerance: float = DEFAULT_TOLERANCE,
     parameters: Mapping[str, Any] | None = None,
     start: Mapping[str, Any] | None = None,
     platforms: str | Sequence[str] | None = None,
     solver: str = "rk4",
     about: Mapping[str, str] | None = None,
 ) -> Path:
-    """Write a block, or what a diagram exposes, as an FMU.
+    """Write a block or diagram as an FMU or as plain C.
 
-    A native FMU offers model exchange and co-simulation, the latter with fixed steps of the
-    classical Runge-Kutta method inside; it needs no Python where it runs. In model exchange,
-    sample times and times at which signals jump are time events, and events of blocks have indicators;
-    where a signal kinks without being an event, the importer's step control has to cope. In
-    co-simulation, events are located inside a step; FMI 3 importers that allow it get the step back there.
+    A native FMU offers model exchange and co-simulation and needs no Python on the target. Its
+    co-simulation uses fixed steps of the classical Runge-Kutta method. In model exchange, sample
+    instants and jumps of signals are time events, and events of blocks have event indicators. A
+    kink of a signal that is not an event is left to the importer's step size control. In
+    co-simulation, events are located inside a step; an FMI 3 importer that allows early return
+    gets control there.
 
-    A Python FMU offers co-simulation; it may hold Python blocks (but no imported FMUs), and takes
-    along a copy of the item with the code of its author, and this package under another name.
-    Where it runs it needs Python with the libraries that ``resources/requirements.txt`` in it
-    lists; a C compiler makes it faster.
+    A Python FMU offers co-simulation. It may contain Python blocks, but no imported FMUs. It
+    contains a copy of the item with its author's code, and this package under another name. The
+    target needs Python with the libraries listed in ``resources/requirements.txt`` of the FMU; a C
+    compiler makes it faster.
 
-    Plain C is a source and a header without FMI and without allocation, for a flight loop or a
-    microcontroller: functions that initialize, step, set each input and parameter, and get each
-    output, with the numbers of `Session`. States that start at a number of their own can be set until
-    the first step, those of sampled blocks too, so that a law begins where another one ends. It is
-    C99; where a diagram repeats equations (`repeated`), it needs the vector extension of GCC and Clang.
+    Plain C is a source and a header without FMI and without memory allocation, for a flight
+    computer or a microcontroller. Its functions initialize, step, set each input and parameter,
+    and get each output. The results equal those of `Session`. States whose initial value is a
+    number can be set until the first step, including those of sampled blocks. A controller can thus
+    start from the state of another one. The code is C99; if a diagram repeats equations
+    (`repeated`), it needs the vector extension of GCC and Clang.
 
     Parameters
     ----------
     item : Block
-        A block, all of whose ports become variables, or a diagram, whose exposed ports do.
+        A block, whose ports become variables, or a diagram, whose exposed ports become variables.
     path : path
-        File to write; it appears whole or not at all. The name of a C source, such as
-        ``controller.c``, begins the names of its functions.
+        File to write; if the export fails, it is not changed. The stem of a C source, such as
+        ``controller.c``, is the prefix of its functions.
     kind : str
         ``"native"``, ``"python"`` or ``"c"``.
     version : str
         Version of FMI: ``"2.0"`` (one variable per scalar) or ``"3.0"`` (array variables).
     arrays : bool
-        Whether FMI 3.0 has array variables; else one per scalar, which importers such as OMSimulator need.
+        Whether FMI 3.0 uses array variables; else one variable per scalar, as OMSimulator needs.
     step : float
-        Step of the internal solver [s]; sample times are multiples of it.
+        Step size of the internal solver [s]; sample times must be multiples of it.
     stop_time, tolerance : float
-        End [s] and relative tolerance [-] of the default experiment.
+        Stop time [s] and relative tolerance [-] of the default experiment.
     parameters : mapping, optional
-        Values of parameters by ``"block.parameter"``, or ``"parameter"`` where a single block is
-        exported [units as declared]; the importer may still change them. What `check_parameters` refuses
-        is Python code: a Python FMU refuses to step with such values, native FMUs and plain C do not look.
+        Values of parameters by ``"block.parameter"``, or by ``"parameter"`` for a single block [units
+        as declared]; the importer may change them. `check_parameters` is Python code: a Python FMU
+        rejects a step with invalid values, but native FMUs and plain C do not check them.
     start : mapping, optional
         Start values of inputs by name [units of the ports]; zero by default.
     platforms : str or sequence of str, optional
-        What a native FMU is compiled for, by FMI 3's names such as ``"x86_64-windows"``, or
-        ``"all"``; by default this platform. Other ones need the package ziglang. With none
-        (``()``), it holds the sources only. A Python FMU always has the binaries of pythonfmu.
+        Target platforms of a native FMU by FMI 3's names, such as ``"x86_64-windows"``, or
+        ``"all"``; by default this platform. Other platforms need the package ziglang. An empty
+        tuple exports the sources only. A Python FMU always has the binaries of pythonfmu.
     solver : str
         Solver inside a Python FMU, as for `Session`.
     about : mapping of str to str, optional
-        Author, copyright, description, generationDateAndTime, license and version, for the model
-        description; the description is by default the first line of the block's docstring.
+        Attributes of the model description: author, copyright, description, generationDateAndTime,
+        license, version. The default description is the first line of the block's docstring.
 
     Returns
     -------
@@ -105,23 +107,23 @@ def export(
     Raises
     ------
     ExportError
-        If it cannot be exported as asked; the message says why and what to do.
+        If the item cannot be exported with these options; the message names the remedy.
     DiagramError
         If the diagram cannot be built.
     """
-    one_of("kind of FMU", kind, KINDS, ExportError)
-    one_of("FMI version", version, tuple(VERSIONS), ExportError)
+    one_of("kind of FMU", kind, EXPORT_KINDS, ExportError)
+    one_of("FMI version", version, tuple(VERSION_MODULES), ExportError)
     one_of("solver", solver, (*FIXED_STEP, *METHODS), ExportError)
     if kind != "python" and solver != "rk4":
         what = "a native FMU" if kind == "native" else "plain C"
-        raise ExportError(f"{what} has the solver rk4 inside, not {solver!r}; try kind='python'")
+        raise ExportError(f"{what} contains the solver rk4, not {solver!r}; use kind='python'")
     if kind == "c" and (version != "2.0" or platforms is not None):
         raise ExportError(
-            "plain C has no FMI version and is compiled by you; leave out version and platforms"
+            "plain C has no FMI version and is compiled by the user; leave out version and platforms"
         )
     if kind == "python" and platforms is not None:
         raise ExportError(
-            "an FMU of kind 'python' has the binaries that pythonfmu brings along; leave out "
+            "an FMU of kind 'python' contains the binaries of pythonfmu; leave out "
             "platforms, or export with kind='native'"
         )
     yes_or_no("export", "arrays", arrays)
@@ -130,7 +132,7 @@ def export(
         item, step=step, stop_time=stop_time, tolerance=tolerance, parameters=parameters, start=start
     )
     for name, text in (about := by_name("about", about)).items():
-        one_of("attribute of an FMU", name, ABOUT, ExportError)
+        one_of("attribute of an FMU", name, ABOUT_ATTRIBUTES, ExportError)
         if not isinstance(text, str):
             raise ExportError(f"cannot export '{item.name}': its {name} must be text, not {shown(text)}")
     interface = replace(interface, about=about)

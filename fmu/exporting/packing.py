@@ -1,4 +1,4 @@
-"""Writing files: FMUs, SSP files that hold FMUs, and C."""
+"""Atomic writing of FMUs, SSP files and C files."""
 
 from __future__ import annotations
 
@@ -12,29 +12,29 @@ from trussflow.blocks.framework.files import destination, replaced
 from trussflow.blocks.framework.validation import as_path
 from trussflow.fmu.errors import ExportError
 
-PACKED = (".fmu",)
-"""Endings of files that are archives themselves; these are not compressed again."""
+ARCHIVE_SUFFIXES = (".fmu",)
+"""Suffixes of archives, which are not compressed again."""
 
 
 def write(path: Path, files: Mapping[str, bytes | Path]) -> None:
-    """Write an archive in one piece: the same files give the same bytes.
+    """Write an archive atomically; equal files give equal bytes.
 
     Parameters
     ----------
     path : Path
         The file.
     files : mapping
-        Contents, or the file that has them, by path in the archive.
+        Contents, or the file with the contents, by path in the archive.
 
     Raises
     ------
     ExportError
-        If it cannot be written.
+        If the file cannot be written.
     """
     with written(path) as partial, zipfile.ZipFile(partial, "w") as archive:
         for inner, content in files.items():
-            info = zipfile.ZipInfo(inner)  # of a fixed date
-            packed = inner.endswith(PACKED)
+            info = zipfile.ZipInfo(inner)  # it has a fixed date
+            packed = inner.endswith(ARCHIVE_SUFFIXES)
             info.compress_type = zipfile.ZIP_STORED if packed else zipfile.ZIP_DEFLATED
             info.external_attr = 0o644 << 16
             archive.writestr(info, content.read_bytes() if isinstance(content, Path) else content)
@@ -42,12 +42,12 @@ def write(path: Path, files: Mapping[str, bytes | Path]) -> None:
 
 @contextmanager
 def written(path: Path) -> Iterator[Path]:
-    """Yield where to write what appears at `path` in one piece.
+    """Yield a temporary file that replaces `path` at the end.
 
     Raises
     ------
     ExportError
-        If it cannot be written.
+        If the file cannot be written.
     """
     try:
         with replaced(path) as partial:
@@ -57,7 +57,7 @@ def written(path: Path) -> Iterator[Path]:
 
 
 def check_writable(path: str | Path) -> Path:
-    """Return a path, or refuse one that cannot be written before the long work starts.
+    """Return a path; raise an error if it is not writable, before the export starts.
 
     Parameters
     ----------
@@ -67,7 +67,7 @@ def check_writable(path: str | Path) -> Path:
     Raises
     ------
     ExportError
-        Naming the path and what is wrong with it.
+        If the path is not writable.
     """
     path = as_path(ExportError, "cannot write", path)
     fault = ""

@@ -1,1 +1,1 @@
-"""FMUs as blocks."""
+"""Import of FMUs as blocks."""

@@ -1,4 +1,4 @@
-"""FMUs as blocks."""
+"""Block that runs an FMU."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from trussflow.fmu.importing.co_simulation_run import CoSimulationRun
 from trussflow.fmu.importing.fmu_run import FmuRun
 from trussflow.fmu.importing.import_interface import ImportInterface
 from trussflow.fmu.importing.model_exchange_run import (
-    PLACEHOLDER,
+    PLACEHOLDER_STATE,
     STATE_EVENT,
     TIME_EVENT,
     DifferentiableRun,
@@ -27,35 +27,34 @@ from trussflow.fmu.runtime.description import FmuDescription, Kind
 from trussflow.fmu.runtime.file import FmuFile
 from trussflow.fmu.runtime.split_inputs import is_smooth
 
-MOST = {"time_limit": 1e6, "memory_limit": 1e15}
-"""What operating systems can still wait for [s] and count [B]."""
+MAX_LIMITS = {"time_limit": 1e6, "memory_limit": 1e15}
+"""Maximum limits that operating systems support [s, B]."""
 
 
 class Fmu(Block):
     """An FMU as a block: FMI 2.0 or 3.0, for co-simulation or model exchange.
 
-    An FMU is native code, which runs with your rights: use only what you trust. See the README
-    for what is checked, and for what a child process protects from.
+    An FMU is native code that runs with the rights of the user: use trusted FMUs only. The README
+    lists the checks, and the faults that a child process protects from.
 
-    **Names.** Inputs and outputs that are numbers become ports; scalars ``u[1]``, ``u[2]``…
-    become one port ``u``, arrays of FMI 3 stay arrays. Characters that no Python name has become
-    underscores: ``arm.q[1]``… is the port ``arm_q``. `variables` tells which is which.
-    Parameters that are numbers become parameters of the block, so that they can be changed from
-    run to run without building it anew; tunable ones also during a run. Text, structural
-    parameters and start values of other variables are set by `start`.
+    **Names.** Numeric inputs and outputs become ports. Scalars ``u[1]``, ``u[2]``… become one port
+    ``u``; arrays of FMI 3 remain arrays. Characters that are illegal in Python names become
+    underscores: ``arm.q[1]``… becomes the port ``arm_q``. `variables` maps the names of the block to
+    the names of the FMU. Numeric parameters become parameters of the block, which can be changed
+    between runs; tunable parameters also during a run. `start` sets text, structural parameters and
+    start values of other variables.
 
-    **Co-simulation** is a sampled block. At each instant it first lets the FMU step from the
-    instant before, with the inputs of that instant held: what it feeds back arrives one step
-    later. Outputs that depend on inputs directly, as the FMU's description says (or does not
-    say), are computed with the inputs of the present instant. Steps that the FMU discards are
-    halved where it allows that; steps that return early are completed.
+    **Co-simulation** is a sampled block. At each sample instant the FMU first steps from the
+    previous instant with the inputs held since then. Feedback therefore has a delay of one step.
+    Outputs with direct feedthrough are computed with the inputs of the current instant; outputs
+    without stated dependencies count as such. If the FMU discards a step and allows variable steps,
+    the step is halved. A step that returns early is completed.
 
-    **Model exchange** is a continuous block; its states stand beside all others under the solver
-    of the diagram, which also locates the FMU's events. At an instant events come first: what is
-    sampled and logged there sees the outputs after them. Events that what is sampled causes come last:
-    inputs that may change at events only, wired to a sampled block, show in the next row.
-    Linear models take the FMU's own directional derivatives if it has them, and no inputs that change
-    at events only; else differences.
+    **Model exchange** is a continuous block. The solver of the diagram integrates its states and
+    locates its events. At an instant, events are handled first; sampled blocks and the log see the
+    outputs after them. Events caused by sampled blocks are handled last: a discrete input driven by
+    a sampled block takes effect in the next row of the log. Linear models use the directional
+    derivatives of the FMU if it has them and has no discrete inputs, else finite differences.
 
     Parameters
     ----------
@@ -65,36 +64,36 @@ class Fmu(Block):
         ``"cs"`` (co-simulation) or ``"me"`` (model exchange); by default co-simulation, if the
         FMU offers it.
     step : float, optional
-        Time between the instants of co-simulation [s]; by default what the FMU suggests.
+        Communication step size of co-simulation [s]; by default the FMU's suggestion.
     parameters, start : mapping of str to object, optional
-        Values of parameters, and start values, by the FMU's names or the block's [units as the
-        FMU states]. An input that is given a start value need not be wired.
+        Values of parameters, and start values, by the names of the FMU or the block [units as the
+        FMU states]. An input with a start value may stay unconnected.
     declared_starts : bool
-        Whether inputs that are not wired keep the start values that the FMU declares; a vector that
-        declares different ones must be wired.
+        Whether unconnected inputs keep the start values that the FMU declares. A vector whose
+        elements have different start values must be connected.
     units : mapping of str to (str or None), optional
-        Our name of a unit by the FMU's, where it is not understood; None leaves it unchecked.
+        Trussflow's name of a unit by the FMU's name, for unknown units; None disables the check.
     delayed : bool
-        Whether outputs of co-simulation shall not see the inputs of the same instant, although
-        the FMU says (or leaves open) that they depend on them: this breaks algebraic loops.
+        Whether co-simulation outputs use the inputs of the previous instant, even if the FMU
+        declares direct feedthrough or states no dependencies; this breaks algebraic loops.
     tolerance : float, optional
         Relative tolerance of the FMU's own solver [-].
     time_limit : float, optional
-        Time that each call of the FMU may take, and loading it [s]. It then runs in a process of
-        its own, which is ended when it takes longer, and which may crash without harm.
+        Maximum time of each call of the FMU, and of loading [s]. The FMU then runs in a child
+        process, which is ended after that time, and whose crash does not affect this process.
     memory_limit : float, optional
-        Memory that it may take in that process [B].
+        Maximum memory of the FMU in the child process [B].
     logging : bool
-        Whether the FMU shall log all it can; the ``messages`` of a result or session have it.
+        Whether the FMU logs all its messages; see ``messages`` of a result or session.
     max_bytes : float
-        Unpacked size allowed [B].
+        Maximum unpacked size [B].
 
     Raises
     ------
     FmuError
-        If the FMU, a name, a value or a unit is refused; its subclasses tell which.
+        If the FMU, a name, a value or a unit is refused.
     NameLookupError
-        If what is to be given by name is not.
+        If an argument that must be a mapping by name is not.
     BlockError
         If `declared_starts`, `delayed` or `logging` is neither True nor False.
 
@@ -137,8 +136,8 @@ class Fmu(Block):
         limits = {"time_limit": time_limit, "memory_limit": memory_limit}
         check_positive(FmuError, "Fmu", tolerance=tolerance, **limits)
         if memory_limit is not None and time_limit is None:
-            raise FmuError("Fmu: memory_limit holds in a process of its own; give time_limit too")
-        for name, most in MOST.items():
+            raise FmuError("Fmu: memory_limit needs a child process; give time_limit too")
+        for name, most in MAX_LIMITS.items():
             if (limit := limits[name]) is not None and limit > most:
                 raise FmuError(f"Fmu: {name} = {limit:g} is more than {most:g}; leave it out for no limit")
         yes_or_no("Fmu", "declared_starts", declared_starts)
@@ -149,8 +148,8 @@ class Fmu(Block):
         if twice := parameters.keys() & start.keys():
             raise FmuError(f"'{min(twice)}' is given both as a parameter and as a start value")
         if self.kind == "me":
-            self._refuse("step", step is not None, "the diagram's solver has the step")
-            self._refuse("delayed", delayed, "nothing is held from instant to instant")
+            self._refuse("step", step is not None, "the diagram's solver sets the step")
+            self._refuse("delayed", delayed, "inputs are not held")
         self.options = {**limits, "logging": logging}
         self.units, self.delayed, self.tolerance = dict(by_name("units", units)), delayed, tolerance
         reserved = {*dir(Fmu), *Block.__annotations__, *Fmu.__annotations__, STATE_EVENT, TIME_EVENT}
@@ -165,8 +164,8 @@ class Fmu(Block):
         self._declared = dict(self.interface.declarations)
         if self.kind == "me" and not self.interface.states.size:
             state = State(meaning="always zero: the FMU has no states")
-            state.name = PLACEHOLDER
-            self._declared[PLACEHOLDER] = state
+            state.name = PLACEHOLDER_STATE
+            self._declared[PLACEHOLDER_STATE] = state
         if self.kind == "me":
             number = self.file.description.event_indicators
             self._declared |= {STATE_EVENT: Event(shape=(number,)), TIME_EVENT: Event("time")}
@@ -175,11 +174,11 @@ class Fmu(Block):
             self.sampled(self._suggested_step() if step is None else step)
 
     def _refuse(self, option: str, given: bool, reason: str) -> None:
-        """Refuse an option that makes no sense for model exchange."""
+        """Raise an error for an option that does not apply to model exchange."""
         if given:
             raise FmuError(
                 f"FMU '{self.file.description.name}' is used for model exchange, where {reason}; leave "
-                f"out {option}, or say kind='cs'"
+                f"out {option}, or set kind='cs'"
             )
 
     def _suggested_step(self) -> float:
@@ -187,8 +186,7 @@ class Fmu(Block):
         suggested = description.step or description.kinds["cs"].fixed_step
         if suggested is None:
             raise FmuError(
-                f"FMU '{description.name}' does not say which step suits it; give step, the time "
-                "between two exchanges of inputs and outputs [s]"
+                f"FMU '{description.name}' suggests no step size; give step, the communication step size [s]"
             )
         return suggested
 
@@ -197,7 +195,7 @@ class Fmu(Block):
         fmu = {"fmu": f"{description.name}, FMI {description.version}, {self.kind}, {self.file.path}"}
         return replace(own, facts=fmu | own.facts)
 
-    # -- what there is ------------------------------------------------------------------------
+    # -- properties ---------------------------------------------------------------------------
 
     @property
     def description(self) -> FmuDescription:
@@ -206,26 +204,26 @@ class Fmu(Block):
 
     @property
     def variables(self) -> dict[str, tuple[str, ...]]:
-        """The FMU's names of the variables behind each port, parameter and state."""
+        """Names of the FMU variables of each port, parameter and state."""
         return self.interface.variables()
 
     @property
     def continuous(self) -> bool:
-        """Whether our solver integrates its states."""
+        """Whether the solver of the diagram integrates the states."""
         return self.kind == "me"
 
     @property
     def steps_itself(self) -> bool:
-        """Whether it integrates its states itself."""
+        """Whether the FMU integrates its states itself."""
         return self.kind == "cs"
 
     @property
     def fingerprint(self) -> str:
-        """What tells the FMU from others."""
+        """GUID or instantiation token of the FMU."""
         return self.description.token
 
     def feedthrough(self) -> dict[str, tuple[str, ...]]:
-        """Return the inputs that each output depends on within an instant."""
+        """Return the inputs with direct feedthrough to each output."""
         found = self.interface.feedthrough()
         return dict.fromkeys(found, ()) if self.delayed else found
 

@@ -1,8 +1,8 @@
-"""An FMU for co-simulation in one run: it steps itself.
+"""Run of an FMU for co-simulation.
 
-The one rule for steps that do not end where they should, wherever the FMU runs: one that returns
-early is stepped on from where it came to; one that discards a step is given half of it, if it takes
-steps of different lengths, again and again, until it gives in or `StepDiscardedError` is raised.
+After an early return, the step continues from the time reached. After a discarded step, the step
+size is halved if the FMU allows variable steps, up to `MAX_HALVINGS` times; then
+`StepDiscardedError` is raised.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from trussflow.blocks.framework.types import Vector
 from trussflow.fmu.errors import FmuCallError, FmuDiscardError, FmuEndedStepError, FmuError
 from trussflow.fmu.importing.fmu_run import FmuRun
 from trussflow.fmu.importing.import_interface import Side
-from trussflow.fmu.runtime.description import REAL
+from trussflow.fmu.runtime.description import REAL_TYPES
 from trussflow.fmu.runtime.library import Step
 from trussflow.fmu.runtime.loaded_co_simulation import LoadedCoSimulation
 from trussflow.fmu.runtime.saved_states import HeldState, restore_state, saved_state
@@ -25,29 +25,29 @@ from trussflow.fmu.runtime.saved_states import HeldState, restore_state, saved_s
 if TYPE_CHECKING:
     from trussflow.fmu.importing.block import Fmu
 
-HALVINGS = 10
-"""How often a step is halved before an FMU that discards it is given up."""
+MAX_HALVINGS = 10
+"""Maximum number of halvings of a step that the FMU discards [-]."""
 
-MOST_PARTS = 100_000
-"""Parts of one step after which an FMU that keeps returning early is given up."""
+MAX_PARTS = 100_000
+"""Maximum number of parts of one step, for an FMU that returns early [-]."""
 
-ROUND_OFF = 1e-9
-"""Part of a step that counts as nothing: times are added up in floating point."""
+TIME_TOLERANCE = 1e-9
+"""Tolerance of times relative to the step size [-], for round-off errors of their sums."""
 
-NUDGE = 1e-3
-"""How much inputs are moved to see whether outputs follow, relative and absolute
+INPUT_PERTURBATION = 1e-3
+"""Perturbation of the inputs for the feedthrough test, relative and absolute
 [-, unit of the input]."""
 
 
 class CoSimulationRun(FmuRun, SelfStepping):
-    """An FMU that steps itself, in one run.
+    """Run of an FMU for co-simulation.
 
     Parameters
     ----------
     block : Fmu
         The block.
     p : Signals
-        Its parameters, which follow when they are changed [units as the FMU states].
+        Its parameters, updated when they change [units as the FMU states].
     """
 
     def __init__(self, block: Fmu, p: Signals) -> None:
@@ -64,12 +64,12 @@ class CoSimulationRun(FmuRun, SelfStepping):
         self._follows: bool | None = None
         self._begun: tuple[float, Vector] | None = None
 
-    # -- the start ------------------------------------------------------------------------------
+    # -- initialization -------------------------------------------------------------------------
 
     def start(self, time: float, inputs: Vector) -> None:
-        """Initialize the FMU with these inputs; where they are NaN, with start values of its own."""
+        """Initialize the FMU with the given inputs; NaN selects the FMU's start value."""
         self._u[self._inputs] = np.where(np.isnan(inputs), self._u[self._inputs], inputs)
-        before = self._begun  # a co-simulation asks again until all signals at the start fit
+        before = self._begun  # initial signals are iterated: several calls
         same = before is not None and before[0] == time and np.array_equal(before[1], self._u)
         if same or (before is not None and self._delayed):
             return
@@ -78,28 +78,30 @@ class CoSimulationRun(FmuRun, SelfStepping):
         self._begun = time, self._u.copy()
 
     @property
-    def refreshes(self) -> bool:  # type: ignore[override] # found out when it is first asked for
-        """Whether outputs follow inputs between two steps.
+    def refreshes(self) -> bool:  # type: ignore[override] # tested on first access
+        """Whether outputs change with the inputs between two steps.
 
-        FMI leaves that to the FMU. So it is tried out at the start, on a saved state: an FMU that
-        cannot be restored is taken not to follow.
+        FMI leaves this to the FMU. It is tested at the start and the state is restored afterwards.
+        If the FMU cannot restore its state, the value is False.
         """
         if self._follows is None:
             self._follows = self.restores and self._direct and self._tried()
         return self._follows
 
     def _tried(self) -> bool:
-        """Move the inputs, and see whether the outputs follow."""
+        """Return whether the outputs change when the inputs are perturbed."""
         fmu = self._fmu
         saved, before = HeldState(fmu), fmu.get_outputs().copy()
         inputs = self._interface.inputs.order
-        is_real = np.array([v.type in REAL for v in inputs for _ in range(v.size)], dtype=bool)
+        is_real = np.array([v.type in REAL_TYPES for v in inputs for _ in range(v.size)], dtype=bool)
         try:
-            fmu.set_inputs(np.where(is_real, self._u * (1.0 + NUDGE) + NUDGE, self._u))
+            fmu.set_inputs(
+                np.where(is_real, self._u * (1.0 + INPUT_PERTURBATION) + INPUT_PERTURBATION, self._u)
+            )
             follows = not np.array_equal(before, fmu.get_outputs(), equal_nan=True)
             fmu.set_inputs(self._u)
             restore_state(fmu, saved)
-        except FmuCallError:  # it does not allow that: begin again
+        except FmuCallError:  # the FMU forbids it: initialize again
             assert self._begun is not None
             self._set_up(self._begun[0], self._u)
             return False
@@ -108,7 +110,7 @@ class CoSimulationRun(FmuRun, SelfStepping):
     # -- steps ----------------------------------------------------------------------------------
 
     def set(self, inputs: Vector, rates: Vector | None = None) -> None:
-        """Set all inputs and how fast they change, and parameters that were changed."""
+        """Set all inputs, their time derivatives, and changed parameters."""
         self._begun = None
         self._u[self._inputs] = inputs
         self._slopes = None
@@ -121,7 +123,7 @@ class CoSimulationRun(FmuRun, SelfStepping):
             self._fmu.tune(changed)
 
     def _write(self, since: float) -> None:
-        """Give the FMU its inputs as they are some time after they were set [s]."""
+        """Write the inputs extrapolated to `since` [s] after they were set."""
         if not self._u.size:
             return
         if self._slopes is None:
@@ -131,16 +133,16 @@ class CoSimulationRun(FmuRun, SelfStepping):
             self._fmu.set_input_derivatives(self._slopes)
 
     def advance(self, now: float, until: float) -> None:
-        """Take one step, in parts if the FMU returns early or discards."""
+        """Perform one step, in parts if the FMU returns early or discards it."""
         self._begun = None
         fmu, time, longest, halved = self._fmu, now, np.inf, 0
-        small = ROUND_OFF * (until - now)
+        small = TIME_TOLERANCE * (until - now)
         refused: tuple[float, float] | None = None
-        for part in range(MOST_PARTS):
+        for part in range(MAX_PARTS):
             self._refuse_after_end(until)
             left = until - time
             if abs(left - self._nominal) <= small:
-                left = self._nominal  # to the last digit the same in every step
+                left = self._nominal  # bit-equal step sizes, without round-off of the times
             if part and self._slopes is not None:
                 self._write(time - now)
             step = min(left, longest)
@@ -155,24 +157,24 @@ class CoSimulationRun(FmuRun, SelfStepping):
             if done.event:
                 ended = fmu.handle_event() or ended
             stuck = done.discarded and done.time - time <= small
-            if ended and not stuck:  # where it could do nothing, smaller steps are tried first
+            if ended and not stuck:  # a smaller step is tried before the run ends
                 self._ended = done.time
             if stuck:
                 halved, longest = halved + 1, step / 2
                 if not self.varies:
                     raise self._discarded(time, step, ", and does not take smaller ones", ended)
-                if halved > HALVINGS:
+                if halved > MAX_HALVINGS:
                     raise self._discarded(time, step, ", and all parts of it", ended)
             time = max(time, done.time)
             if until - time <= small:
                 return
         raise FmuError(
-            f"FMU '{self._description.name}' returned early {MOST_PARTS} times in the step from t = {now:g} s"
+            f"FMU '{self._description.name}' returned early {MAX_PARTS} times in the step from t = {now:g} s"
         )
 
     def _discarded(self, time: float, step: float, more: str, ended: bool = False) -> FmuDiscardError:
         asks = f"asks to end the run at t = {time:g} s: it " if ended else ""
-        hint = "" if self._logs_all else "; logging=True may tell more"
+        hint = "" if self._logs_all else "; logging=True may show the reason"
         kind = FmuEndedStepError if ended else FmuDiscardError
         return kind(
             f"FMU '{self._description.name}' {asks}discarded its step of {step:g} s from t = {time:g} s"
@@ -184,10 +186,10 @@ class CoSimulationRun(FmuRun, SelfStepping):
         found: Vector = self._fmu.get_outputs()[self._outputs]
         return found
 
-    # -- going back -------------------------------------------------------------------------------
+    # -- saved states -----------------------------------------------------------------------------
 
     def save(self) -> dict[str, Any]:
-        """Return the state of the FMU: as bytes, if it can.
+        """Return the state of the FMU, as bytes if it can serialize them.
 
         Raises
         ------
@@ -198,19 +200,19 @@ class CoSimulationRun(FmuRun, SelfStepping):
         return self._kept(saved_state(self._fmu)) | {"u": self._u.copy()}
 
     def mark(self) -> dict[str, Any]:
-        """Return the state of the FMU, for this run alone."""
+        """Return the state of the FMU, valid for this run only."""
         self._saved_once = True
         return self._kept(HeldState(self._fmu)) | {"u": self._u.copy()}
 
     def restore(self, saved: dict[str, Any]) -> None:
-        """Go back to what `save` or `mark` returned."""
+        """Restore the result of `save` or `mark`."""
         self._begun, self._saved_once = None, True
-        self._u[:], self._slopes = saved["u"], None  # rates are set anew before each step
+        self._u[:], self._slopes = saved["u"], None  # derivatives are set before each step
         self._went_back(saved)
 
 
 def _places(side: Side) -> Any:
-    """Return where each element of the ports, one after the other, is in the FMU's vector."""
+    """Return the indices into the FMU's vector of the concatenated elements of the ports."""
     numbered = side.split(np.arange(float(side.size)))
     parts = [values.ravel() for values in numbered.values()]
     places = np.concatenate([np.zeros(0), *parts]).astype(np.int64)

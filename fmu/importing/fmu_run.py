@@ -1,4 +1,4 @@
-"""An FMU in one run: what both kinds have in common."""
+"""Base class of a run of an FMU, for both kinds."""
 
 from __future__ import annotations
 
@@ -28,9 +28,9 @@ class FmuRun(Running):
     block : Fmu
         The block.
     p : Signals
-        Its parameters, which follow when they are changed [units as the FMU states].
+        Its parameters, updated when they change [units as the FMU states].
     kind : type
-        The loaded FMU.
+        Class of the loaded FMU.
     """
 
     stuck = "its FMU cannot save its state (no canGetAndSetFMUState in its model description)"
@@ -40,32 +40,32 @@ class FmuRun(Running):
         self._p, self._tolerance, self._logs_all = p, block.tolerance, bool(block.options["logging"])
         self._tuned, self._look = self._interface.tunable(p), False
         self._starts = self._interface.changed(p)
-        self._ended: float | None = None  # when the FMU asked to end the run
+        self._ended: float | None = None  # time at which the FMU requested the end of the run
         self._fmu: Any = open_instance(
             kind, block.file, start=self._interface.fixed_starts(), name=block.name, **block.options
         )
 
     @property
     def restores(self) -> bool:
-        """Whether it can go back."""
+        """Whether the FMU can restore a saved state."""
         return bool(self._fmu.capabilities.saves_state)
 
     @property
     def messages(self) -> tuple[str, ...]:
-        """What the FMU logged: ``"[status] text"``, the latest messages."""
+        """Latest log messages of the FMU: ``"[status] text"``."""
         try:
             return tuple(f"[{status_name(status)}] {text}" for status, _, text in self._fmu.log)
-        except FmuError:  # its process has ended
+        except FmuError:  # the child process has ended
             return ()
 
     def _set_up(self, time: float, inputs: Vector) -> None:
-        """Initialize the FMU, anew if need be."""
+        """Initialize the FMU in a new instance."""
         inputs_given = inputs if inputs.size else None
         self._ended = None
         self._fmu.setup(time, tolerance=self._tolerance, inputs=inputs_given, start=self._starts)
 
     def _retuned(self) -> dict[str, Any]:
-        """Return the tunable parameters that changed since they were last looked at."""
+        """Return the tunable parameters that changed since the last call."""
         if not self._is_retuned:
             return {}
         before, self._tuned = self._tuned, self._interface.tunable(self._p)
@@ -74,30 +74,30 @@ class FmuRun(Running):
 
     @property
     def _is_retuned(self) -> bool:
-        """Whether tunable parameters changed; looked up only after somebody said so."""
+        """Whether tunable parameters changed; compared only after a call of `tuned`."""
         return self._look and not np.array_equal(self._interface.tunable(self._p), self._tuned)
 
     def tuned(self) -> None:
-        """Take note that parameters were changed."""
+        """Note that parameters were changed."""
         self._look = True
 
     def _kept(self, state: Any) -> dict[str, Any]:
-        """Return what `_went_back` takes, with a state of the FMU."""
+        """Return the argument of `_went_back` for a state of the FMU."""
         return {"state": state, "tuned": self._tuned, "ended": self._ended}
 
     def _went_back(self, saved: dict[str, Any]) -> None:
-        """Give the FMU its state back, and take note of the parameters that it has again."""
+        """Restore the state of the FMU and the parameters that belong to it."""
         restore_state(self._fmu, saved["state"])
         self._tuned, self._look, self._ended = np.array(saved["tuned"]), True, saved["ended"]
 
     def _refuse_after_end(self, time: float) -> None:
-        """End the run where it would go on to a time after the one at which the FMU asked to end it."""
+        """Raise `FmuEndedError` if `time` is after the end of the run that the FMU requested."""
         if self._ended is not None and time > self._ended:
             raise FmuEndedError(
                 f"FMU '{self._description.name}' asks to end the run at t = {self._ended:g} s; the result of "
-                f"this exception holds the log up to there{self._fmu.log_text()}"
+                f"this exception contains the log until then{self._fmu.log_text()}"
             )
 
     def close(self) -> None:
-        """Free and unload the FMU, and delete what was unpacked."""
+        """Free and unload the FMU, and delete its unpacked files."""
         self._fmu.close()

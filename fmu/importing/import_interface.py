@@ -1,4 +1,4 @@
-"""What a block has for an FMU: ports, parameters and states, and what they are in the FMU."""
+"""Ports, parameters and states of a block for an FMU, and their mapping to FMU variables."""
 
 from __future__ import annotations
 
@@ -20,17 +20,17 @@ from trussflow.fmu.runtime.start_values import Starts, declared_start, resized, 
 
 
 class Side:
-    """The inputs, the outputs, the parameters or the states: groups in a block, one vector.
+    """Mapping between named groups of a block and one vector of the FMU.
 
-    The vector has the elements in the order of `order`, which is the FMU's; each name of the
-    block has some places in it.
+    Used for the inputs, the outputs, the parameters and the states. The vector has the elements in
+    the FMU's order; each name of the block refers to some of its elements.
 
     Parameters
     ----------
     order : sequence of FmuVariable
-        The variables as the FMU orders them.
+        The variables in the FMU's order.
     groups : dict of str to Group
-        What each name of the block stands for.
+        The FMU variables of each name of the block.
 
     Attributes
     ----------
@@ -46,12 +46,12 @@ class Side:
         for name, group in groups.items():
             places = [i for v in group.variables for i in spans[v.name]]
             first, last = (places[0], places[-1] + 1) if places else (0, 0)
-            # A slice where that will do: indexing with it copies nothing.
+            # A slice is preferred because indexing with it does not copy.
             whole = places == list(range(first, last))
             self._places[name] = slice(first, last) if whole else np.array(places)
 
     def split(self, flat: Vector) -> dict[str, Array]:
-        """Return the values by name, copied from a vector.
+        """Return copies of the values in a vector, by name.
 
         Parameters
         ----------
@@ -63,7 +63,7 @@ class Side:
         }
 
     def join(self, values: Signals) -> Vector:
-        """Return the vector of values by name.
+        """Return the vector of named values.
 
         Parameters
         ----------
@@ -77,22 +77,22 @@ class Side:
 
 
 class ImportInterface:
-    """Ports, parameters and states that a block has for an FMU.
+    """Ports, parameters and states of a block for an FMU.
 
     Parameters
     ----------
     description : FmuDescription
         The model description.
     given : mapping of str to object
-        Parameters and start values, by the FMU's names or the block's [units as the FMU states].
+        Parameters and start values by the names of the FMU or the block [units as the FMU states].
     units : mapping of str to (str or None)
-        What the user says of units.
+        The user's definitions of units, see `UnitTable`.
     reserved : collection of str
-        Names that blocks use themselves.
+        Names of attributes of blocks.
     with_states : bool
         Whether continuous states are states of the block.
     declared_starts : bool
-        Whether inputs need not be wired that have one start value for all their elements.
+        Whether inputs with a common declared start value for all elements may stay unconnected.
 
     Raises
     ------
@@ -112,7 +112,7 @@ class ImportInterface:
     ) -> None:
         self._declared_starts = declared_starts
         description = self.description = resized(description, given)
-        taken = set(reserved)  # who comes first gets a name that several would have
+        taken = set(reserved)  # of equal names, the first one is not changed
         parameters = self._side(numbers(description, "parameter"), taken)
         self.inputs = self._side(numbers(description, "input"), taken)
         self.outputs = self._side(numbers(description, "output"), taken)
@@ -133,14 +133,14 @@ class ImportInterface:
 
     @staticmethod
     def _side(variables: Sequence[FmuVariable], taken: set[str]) -> Side:
-        """Gather variables, and give each group a name of its own."""
+        """Group variables and give each group a unique name."""
         groups = gather(variables)
         names = legal_names([group.name for group in groups], taken)
         taken.update(names.values())
         return Side(variables, {names[group.name]: group for group in groups})
 
     def _states(self, description: FmuDescription, taken: set[str]) -> dict[str, Group]:
-        """Name the states; one that is an output as well has `_state` after its name."""
+        """Name the states; the name of a state that is also an output gets the suffix `_state`."""
         found = {}
         for group in gather(description.states):
             plain = legal_names([group.name], ())[group.name]
@@ -151,21 +151,21 @@ class ImportInterface:
         return found
 
     def _is_known(self, variable: FmuVariable) -> bool:
-        """Tell whether a parameter's value is given or stated; nobody states that of a resized array."""
+        """Return whether a parameter has a given or declared value; a resized array has none declared."""
         stated = variable.start is not None or not variable.shape
         return variable.name in self.starts or (stated and bool(np.isfinite(declared_start(variable)).all()))
 
     def _start(self, variables: Sequence[FmuVariable]) -> Vector:
-        """Return the values that variables begin with: given, or the FMU's own."""
+        """Return the start values of variables: given, or declared by the FMU."""
         parts = [self.starts.get(v.name, declared_start(v)) for v in variables]
         return np.concatenate([np.zeros(0), *parts])
 
     def initial_inputs(self) -> Vector:
-        """Return the FMU's start values of its inputs, and those given."""
+        """Return the start values of the inputs: given, or declared by the FMU."""
         return self._start(self.inputs.order)
 
     def _declarations(self) -> dict[str, Any]:
-        """Return what the block declares."""
+        """Return the declarations of the block."""
         declared: dict[str, Any] = {}
         for name, group in self.inputs.groups.items():
             declared[name] = Input(group.shape, default=self._default(group), **self._about(group))
@@ -173,7 +173,7 @@ class ImportInterface:
             declared[name] = Output(group.shape, **self._about(group))
         for name, group in self.parameters.groups.items():
             about = self._about(group)
-            if not isinstance(about["unit"], str):  # a parameter has one unit, not one per element
+            if not isinstance(about["unit"], str):  # parameters support one unit, not one per element
                 about["unit"] = ""
             default = self._start(group.variables).reshape(group.shape)
             declared[name] = Parameter(default, group.shape, **about)
@@ -188,14 +188,14 @@ class ImportInterface:
         return {"unit": self._unit(group), "meaning": group.variables[0].meaning}
 
     def _unit(self, group: Group) -> Unit:
-        """Return the unit of a group, or one for each element."""
+        """Return the unit of a group, or the units of its elements if they differ."""
         units = [self._table.unit(v.unit) for v in group.variables for _ in range(v.size)]
         if len(set(units)) <= 1:
             return units[0] if units else None
         return tuple("" if unit is None else unit for unit in units)
 
     def _default(self, group: Group) -> float | None:
-        """Return what an input is where nothing is wired to it, if that was given or counts as declared."""
+        """Return the value of an unconnected input, or None if the input must be connected."""
         given = any(v.name in self.starts for v in group.variables)
         declared = self._declared_starts and all(v.start is not None for v in group.variables)
         if not given and not declared:
@@ -206,19 +206,19 @@ class ImportInterface:
                 return None
             raise FmuError(
                 f"FMU '{self.description.name}': input '{group.name}' can be given one value for "
-                "all its elements; wire a Constant to it instead"
+                "all its elements; connect a Constant to it instead"
             )
         return float(values[0]) if values.size else 0.0
 
     # -- values -------------------------------------------------------------------------------
 
     def fixed_starts(self) -> Starts:
-        """Return the given values that are no parameters of the block and no inputs."""
+        """Return the given values of variables other than parameters and inputs of the block."""
         elsewhere = {v.name for side in (self.parameters, self.inputs) for v in side.order}
         return {name: value for name, value in self.starts.items() if name not in elsewhere}
 
     def changed(self, p: Signals) -> Starts:
-        """Return the parameters that were given, or that differ from what the FMU's description states.
+        """Return the parameters that were given or differ from the values in the model description.
 
         Parameters
         ----------
@@ -234,7 +234,7 @@ class ImportInterface:
         return found
 
     def tunable(self, p: Signals) -> Vector:
-        """Return the parameters that may change during a run, one after the other.
+        """Return the concatenated tunable parameters.
 
         Parameters
         ----------
@@ -244,24 +244,24 @@ class ImportInterface:
         return np.concatenate([np.zeros(0), *(p[name].ravel() for name in self._tunable)])
 
     def retuned(self, p: Signals, before: Vector) -> Starts:
-        """Return the parameters that changed since `tunable` was asked.
+        """Return the tunable parameters that have changed.
 
         Parameters
         ----------
         p : Signals
             The parameters of the block [units as the FMU states].
         before : Vector
-            What `tunable` returned then [units as the FMU states].
+            Earlier result of `tunable` [units as the FMU states].
         """
         variables = [v for name in self._tunable for v in self.parameters.groups[name].variables]
         pairs = zip(shares(variables, self.tunable(p)), shares(variables, before), strict=True)
         return {v.name: now for (v, now), (_, was) in pairs if not np.array_equal(now, was)}
 
     def feedthrough(self) -> dict[str, tuple[str, ...]]:
-        """Return the inputs that each output depends on within an instant, by the block's names."""
+        """Return the inputs with direct feedthrough to each output, by the block's names."""
         found: dict[str, tuple[str, ...]] = {}
         for name, group in self.outputs.groups.items():
-            # One set for each variable; None, where the FMU does not say, stands for all inputs.
+            # One set for each variable; None means all inputs, if the FMU does not state them.
             known = [self.description.dependencies.get(v.name) for v in group.variables]
             everything = None in known
             needed = frozenset().union(*(names for names in known if names is not None))
@@ -273,7 +273,7 @@ class ImportInterface:
         return found
 
     def variables(self) -> dict[str, tuple[str, ...]]:
-        """Return the FMU's names of the variables behind each name of the block."""
+        """Return the names of the FMU variables of each name of the block."""
         sides = (self.inputs, self.outputs, self.parameters, self.states)
         groups = {name: group for side in sides for name, group in side.groups.items()}
         return {name: tuple(v.name for v in group.variables) for name, group in groups.items()}

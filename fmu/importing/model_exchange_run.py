@@ -1,4 +1,4 @@
-"""An FMU for model exchange in one run: our solver integrates its states."""
+"""Run of an FMU for model exchange, integrated by the solver of the diagram."""
 
 from __future__ import annotations
 
@@ -17,38 +17,38 @@ from trussflow.fmu.runtime.saved_states import saved_state
 if TYPE_CHECKING:
     from trussflow.fmu.importing.block import Fmu
 
-PLACEHOLDER = "placeholder"
-"""Name of the state, always zero, of a block whose FMU has none: solvers step from state to
-state, and its events are found on the way."""
+PLACEHOLDER_STATE = "placeholder"
+"""Name of a constant zero state for an FMU without states, because the solver locates events only
+between steps of a state."""
 
 
 STATE_EVENT, TIME_EVENT = "state_event", "time_event"
-"""Names of the events that such a block declares."""
+"""Names of the events of a block for model exchange."""
 
 
 class ModelExchangeRun(FmuRun):
-    """An FMU that says what its derivatives are, in one run.
+    """Run of an FMU for model exchange.
 
     Parameters
     ----------
     block : Fmu
         The block.
     p : Signals
-        Its parameters, which follow when they are changed [units as the FMU states].
+        Its parameters, updated when they change [units as the FMU states].
     """
 
     def __init__(self, block: Fmu, p: Signals) -> None:
         super().__init__(block, p, LoadedModelExchange)
-        # When it was initialized, until it is first evaluated; NaN before.
+        # Time of initialization, until the first evaluation; NaN before initialization.
         self._begun: float | None = math.nan
-        self._in_run = False  # else it is evaluated anywhere, for linear analysis
-        self._last: tuple[float, Vector] | None = None  # the last accepted point: time and inputs
-        self._pending = False  # whether an event is to be handled at once
+        self._in_run = False  # False: evaluated at arbitrary points, for linear analysis
+        self._last: tuple[float, Vector] | None = None  # time and inputs of the last accepted point
+        self._pending = False  # whether an event must be handled immediately
 
     # -- evaluation -----------------------------------------------------------------------------
 
     def initial_state(self, u: Signals, p: Signals) -> Values:
-        """Initialize the FMU with its inputs at the start, and return its states."""
+        """Initialize the FMU with its initial inputs, and return its states."""
         self._initialize(0.0, self._interface.inputs.join(u))
         self._in_run = True
         return self._by_name(self._fmu.initial_states)
@@ -58,19 +58,19 @@ class ModelExchangeRun(FmuRun):
         self._begun, self._last, self._pending = time, None, False
 
     def _by_name(self, flat: Vector) -> Values:
-        """Return states, or their derivatives, by name."""
+        """Return states or their derivatives by name."""
         states = self._interface.states
-        return states.split(flat) | ({} if states.size else {PLACEHOLDER: np.zeros(())})
+        return states.split(flat) | ({} if states.size else {PLACEHOLDER_STATE: np.zeros(())})
 
     def _place(self, t: Array, x: Signals, u: Signals) -> Vector:
-        """Bring the FMU to a point; return the inputs there."""
+        """Set time, states and inputs of the FMU; return the inputs."""
         time, inputs = float(t), self._interface.inputs.join(u)
         if self._begun is not None and time != self._begun:
-            self._initialize(time, inputs)  # the run does not begin at zero
+            self._initialize(time, inputs)  # the run starts at another time than zero
         self._begun = None
         states = self._interface.states.join(x)
         self._fmu.place(time, states, inputs)
-        if not self._in_run:  # its discrete states become those of this point
+        if not self._in_run:  # updates the discrete states to this point
             self._fmu.handle_event(inputs)
             self._fmu.place(time, states, inputs)
         return inputs
@@ -82,7 +82,7 @@ class ModelExchangeRun(FmuRun):
 
     def derivative(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
         """Return the derivatives of the states."""
-        # Only steps go on after the end: events look ahead by a part of a step.
+        # Not checked in `indicators`, which event location may evaluate after the end.
         self._refuse_after_end(float(t))
         self._place(t, x, u)
         return self._by_name(self._fmu.derivatives())
@@ -90,13 +90,13 @@ class ModelExchangeRun(FmuRun):
     # -- events ---------------------------------------------------------------------------------
 
     def indicators(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
-        """Return the event indicators, and the time of the FMU's next time event [s].
+        """Return the event indicators and the time of the FMU's next time event [s].
 
-        Inputs that jumped since the last accepted point, or may change at events only, ask for an
-        event at once.
+        Inputs that jumped since the last accepted point, and changed discrete inputs, cause an
+        immediate event.
         """
         inputs, last = self._place(t, x, u), self._last
-        if last is None or last[0] >= float(t):  # an event may be a rounding error later
+        if last is None or last[0] >= float(t):  # round-off may put the accepted time after t
             self._pending = (
                 self._pending
                 or self._fmu.event_inputs_changed(inputs)
@@ -107,7 +107,7 @@ class ModelExchangeRun(FmuRun):
         return {STATE_EVENT: np.array(self._fmu.indicators()), TIME_EVENT: next_time}
 
     def on_step(self, t: Array, x: Signals, u: Signals, p: Signals) -> bool:
-        """Tell the FMU that a step is accepted; return whether it wants an event."""
+        """Report an accepted step to the FMU; return whether an event is needed."""
         self._refuse_after_end(float(t))
         inputs = self._place(t, x, u)
         self._last = float(t), inputs
@@ -115,7 +115,7 @@ class ModelExchangeRun(FmuRun):
         return wanted or bool(self._fmu.event_inputs_changed(inputs))
 
     def on_event(self, t: Array, x: Signals, u: Signals, p: Signals, fired: Signals) -> Values:
-        """Let the FMU handle an event; return its states if they jumped."""
+        """Let the FMU handle an event; return its states if they changed."""
         inputs = self._place(t, x, u)
         if self._last is None or self._last[0] != float(t):
             self._completed_step(float(t))
@@ -129,10 +129,10 @@ class ModelExchangeRun(FmuRun):
         self._ended = time if ended else self._ended
         return bool(wanted)
 
-    # -- going back -------------------------------------------------------------------------------
+    # -- saved states -----------------------------------------------------------------------------
 
     def save(self) -> dict[str, Any]:
-        """Return the state of the FMU, what it keeps between events included.
+        """Return the state of the FMU, its next time event and its inputs.
 
         Raises
         ------
@@ -143,19 +143,19 @@ class ModelExchangeRun(FmuRun):
         return self._kept(saved_state(self._fmu)) | {"next": float(self._fmu.next_time), "inputs": inputs}
 
     def restore(self, saved: dict[str, Any]) -> None:
-        """Go back to what `save` returned."""
+        """Restore the result of `save`."""
         self._went_back(saved)
         self._fmu.set_restored(saved["next"], saved["inputs"])
         self._begun, self._last, self._pending, self._in_run = None, None, False, True
 
 
 class DifferentiableRun(ModelExchangeRun):
-    """A run of an FMU that has directional derivatives, and no inputs that change at events only."""
+    """Run of an FMU with directional derivatives and without discrete inputs."""
 
     def directional_derivative(
         self, kind: str, t: Array, x: Signals, u: Signals, p: Signals, dx: Signals, du: Signals
     ) -> Values:
-        """Return how what `kind` returns changes along `dx` and `du` [units as the FMU states]."""
+        """Return the derivative of method `kind` along `dx` and `du` [units as the FMU states]."""
         self._place(t, x, u)
         found = self._fmu.along(kind, self._interface.states.join(dx), self._interface.inputs.join(du))
         return self._interface.outputs.split(found) if kind == "output" else self._by_name(found)

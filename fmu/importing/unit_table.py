@@ -1,4 +1,4 @@
-"""Units of an FMU in our words, checked against what the FMU itself says they are."""
+"""Conversion of an FMU's unit names to pint's names, checked against the FMU's definitions."""
 
 from __future__ import annotations
 
@@ -12,31 +12,30 @@ from trussflow.fmu.errors import FmuUnitError
 from trussflow.fmu.fmi_units import FmiUnit, fmi_unit
 from trussflow.fmu.runtime.description import FmuDescription
 
-WORDS = {"-": "", "1": "", "Ohm": "ohm", "degC": "degC", "%": "percent", "°": "deg"}
-"""Names that are common in FMUs and that pint knows by another."""
+UNIT_NAMES = {"-": "", "1": "", "Ohm": "ohm", "degC": "degC", "%": "percent", "°": "deg"}
+"""pint's names of units that are common in FMUs under other names."""
 
-POWER = re.compile(r"(?<=[A-Za-z\u00b5\u03bc])\^?(-?\d+)")
-"""A power as FMI writes it: ``m2`` or ``s-1``."""
+POWER_PATTERN = re.compile(r"(?<=[A-Za-z\u00b5\u03bc])\^?(-?\d+)")
+"""Pattern of a power in FMI's notation: ``m2`` or ``s-1``."""
 
-
-TIMES = re.compile(r"[.·](?=[^\W\d])")
-"""A product as FMI writes it: ``N.m``; the point of ``kg**0.5`` is none."""
+PRODUCT_PATTERN = re.compile(r"[.·](?=[^\W\d])")
+"""Pattern of a product in FMI's notation: ``N.m``; it excludes the point of ``kg**0.5``."""
 
 
 class UnitTable:
-    """The units of one FMU by their names there.
+    """The units of one FMU, by the FMU's names.
 
     Parameters
     ----------
     description : FmuDescription
         The model description.
     given : mapping of str to (str or None), optional
-        What the user says: our unit by the FMU's name, or None for a unit not to be looked at.
+        The user's definitions: a unit of pint by the FMU's name, or None to disable the check.
 
     Raises
     ------
     FmuUnitError
-        If a name is not a unit of the FMU, or contradicts what the FMU says.
+        If a name is not a unit of the FMU, or a definition contradicts that of the FMU.
     """
 
     def __init__(self, description: FmuDescription, given: Mapping[str, str | None] | None = None) -> None:
@@ -53,17 +52,17 @@ class UnitTable:
             self._known[name] = unit
 
     def unit(self, name: str) -> str | None:
-        """Return our unit; None where none is stated.
+        """Return the unit of pint; None if no unit is stated or it is unchecked.
 
         Parameters
         ----------
         name : str
-            The FMU's name of it.
+            The FMU's name of the unit.
 
         Raises
         ------
         FmuUnitError
-            If it is unknown here, or means something else here than in the FMU.
+            If the unit is unknown to pint and the FMU does not define it, or the two contradict.
         """
         if name not in self._known:
             self._known[name] = self._find(name)
@@ -79,9 +78,9 @@ class UnitTable:
         if definition is None or definition.exponents is None:
             if found is None:
                 raise FmuUnitError(
-                    f"FMU '{self._name}' has the unit '{name}', which is unknown here and not "
-                    f"defined there; say what it is with units={{'{name}': '...'}}, or "
-                    f"units={{'{name}': None}} to leave it unchecked"
+                    f"FMU '{self._name}' has the unit '{name}', which is unknown and which the FMU does "
+                    f"not define; define it with units={{'{name}': '...'}}, or disable its check with "
+                    f"units={{'{name}': None}}"
                 )
             return ours
         if found is not None and _agree(found, definition):
@@ -89,15 +88,15 @@ class UnitTable:
         base = _from_base(definition)
         if base is not None and _agree(fmi_unit(base), definition):
             return base
-        here = ", and something else here" if found is not None else ""
+        here = ", which differs from the unit of that name in trussflow" if found is not None else ""
         raise FmuUnitError(
-            f"FMU '{self._name}': its unit '{name}' means {describe(definition)} there{here}; "
-            f"say which of ours means the same with units={{'{name}': '...'}}, or leave it unchecked "
+            f"FMU '{self._name}' defines its unit '{name}' as {describe(definition)}{here}; "
+            f"name an equal unit with units={{'{name}': '...'}}, or disable its check "
             f"with units={{'{name}': None}}"
         )
 
     def _check(self, unit: str, definition: FmiUnit) -> None:
-        """Refuse a unit of the user that contradicts the FMU."""
+        """Raise an error for a unit of the user that contradicts the FMU."""
         try:
             found = fmi_unit(unit)
         except BlockError as error:
@@ -105,31 +104,30 @@ class UnitTable:
         if definition.exponents is not None and not _agree(found, definition):
             raise FmuUnitError(
                 f"unit '{unit}' does not fit '{definition.name}' of FMU '{self._name}', which "
-                f"means {describe(definition)}; insert a Gain with the factor behind the block "
-                "rather than calling it something else"
+                f"is {describe(definition)}; insert a Gain with the factor after the block instead"
             )
 
 
 def spelled(name: str) -> str:
-    """Return a unit as pint writes it: ``N.m`` becomes ``N*m``, ``m/s2`` becomes ``m/s**2``.
+    """Convert a unit to pint's notation: ``N.m`` becomes ``N*m``, ``m/s2`` becomes ``m/s**2``.
 
     Parameters
     ----------
     name : str
-        A unit as FMI writes it.
+        A unit in FMI's notation.
     """
-    if name in WORDS:
-        return WORDS[name]
-    text = TIMES.sub("*", name)
+    if name in UNIT_NAMES:
+        return UNIT_NAMES[name]
+    text = PRODUCT_PATTERN.sub("*", name)
     try:
         parse(text)
     except BlockError:
-        return POWER.sub(r"**\1", text)
+        return POWER_PATTERN.sub(r"**\1", text)
     return text
 
 
 def describe(definition: FmiUnit) -> str:
-    """Return what a unit is in base units, for messages.
+    """Return a unit in base units, for messages.
 
     Parameters
     ----------
@@ -142,7 +140,7 @@ def describe(definition: FmiUnit) -> str:
 
 
 def _agree(ours: FmiUnit, theirs: FmiUnit) -> bool:
-    """Tell whether two units are the same; radians count as one, as they do in many FMUs."""
+    """Return whether two units are equal; the radian counts as 1, because many FMUs leave it out."""
     if ours.exponents is None or theirs.exponents is None:
         return True
     powers = [
@@ -157,7 +155,7 @@ def _agree(ours: FmiUnit, theirs: FmiUnit) -> bool:
 
 
 def _from_base(definition: FmiUnit) -> str | None:
-    """Return a unit made of base units, if it has no factor."""
+    """Return a unit as a product of base units, if it has neither factor nor offset."""
     if definition.factor != 1.0 or definition.offset != 0.0:
         return None
     powers = (definition.exponents or {}).items()

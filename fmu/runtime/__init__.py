@@ -1,1 +1,1 @@
-"""An FMU of any tool, loaded and called; knows no block."""
+"""Load and call FMUs of any tool, independently of blocks."""

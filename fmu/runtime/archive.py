@@ -1,4 +1,4 @@
-"""The FMU as a file: a zip archive from elsewhere, opened without trusting it."""
+"""Safe reading and unpacking of FMU archives from untrusted origin."""
 
 from __future__ import annotations
 
@@ -18,37 +18,44 @@ from trussflow.blocks.framework.validation import positive, shown
 from trussflow.fmu.errors import FmuArchiveError
 
 MAX_BYTES = 2_000_000_000
-"""Unpacked size [B] above which an archive is refused; the largest FMUs known have some 500 MB."""
+"""Maximum unpacked size of an archive [B]; the largest known FMUs have about 500 MB."""
 
 MAX_FILES = 50_000
-"""Number of files above which an archive is refused."""
+"""Maximum number of files of an archive."""
 
 MAX_XML_BYTES = 100_000_000
-"""Size [B] above which a model description is refused."""
+"""Maximum size of a model description [B]."""
 
-DAMAGE = (zipfile.BadZipFile, zipfile.LargeZipFile, zlib.error, lzma.LZMAError, EOFError, NotImplementedError)
-"""What reading a damaged archive, or one of an unknown kind, raises."""
+ARCHIVE_ERRORS = (
+    zipfile.BadZipFile,
+    zipfile.LargeZipFile,
+    zlib.error,
+    lzma.LZMAError,
+    EOFError,
+    NotImplementedError,
+)
+"""Errors raised while reading a damaged archive or one with an unknown compression."""
 
-DESCRIPTION = "modelDescription.xml"
+DESCRIPTION_FILE = "modelDescription.xml"
 """Name of the model description inside every FMU."""
 
 
 @contextmanager
 def opened(path: Path, max_bytes: float = MAX_BYTES) -> Iterator[zipfile.ZipFile]:
-    """Open an FMU and check every name and size in it before anything is unpacked.
+    """Open an FMU and check all names and sizes in it before unpacking.
 
     Parameters
     ----------
     path : pathlib.Path
         The FMU.
     max_bytes : float
-        Unpacked size allowed [B].
+        Maximum unpacked size [B].
 
     Raises
     ------
     FmuArchiveError
-        If it is no zip archive, is damaged, or has names, links or sizes that do harm; or if `max_bytes`
-        is no size.
+        If the file is not a zip archive, is damaged, or has unsafe names, links or sizes; or if
+        `max_bytes` is not positive.
     """
     positive(FmuArchiveError, max_bytes=max_bytes)
     damaged = "it is no zip archive, or a damaged one ({})"
@@ -59,21 +66,21 @@ def opened(path: Path, max_bytes: float = MAX_BYTES) -> Iterator[zipfile.ZipFile
             if fault := next(_faults(archive.infolist(), max_bytes), None):
                 raise FmuArchiveError(f"refused to unpack '{path}': {fault}")
             yield archive
-    except DAMAGE as error:
+    except ARCHIVE_ERRORS as error:
         raise FmuArchiveError(f"cannot open '{path}': {damaged.format(error)}") from error
     except OSError as error:
         raise FmuArchiveError(f"cannot open or unpack '{path}' {with_place(error)}") from error
 
 
 def _faults(members: list[zipfile.ZipInfo], max_bytes: float) -> Iterator[str]:
-    """Say why an archive would write outside its folder, or fill the disk."""
+    """Yield the reasons why unpacking an archive is unsafe."""
     if len(members) > MAX_FILES:
         yield f"it has {len(members)} files, more than {MAX_FILES}"
     size = sum(member.file_size for member in members)
     if size > max_bytes:
         yield (
             f"it would take {size / 1e6:.4g} MB, more than {max_bytes / 1e6:.4g} MB; if you trust it, "
-            "allow more with max_bytes"
+            "increase max_bytes"
         )
     seen: dict[str, tuple[int, int]] = {}
     for member in members:
@@ -86,11 +93,11 @@ def _faults(members: list[zipfile.ZipInfo], max_bytes: float) -> Iterator[str]:
 
 
 def _harm(member: zipfile.ZipInfo) -> str:
-    """Say what is wrong with an entry; empty if nothing is."""
+    """Return the fault of an entry; empty if it has none."""
     name = member.orig_filename
     parts = PurePosixPath(name).parts
     if "\\" in name or ":" in name or "\0" in name or any(ord(c) < 32 for c in name):
-        return "a name has characters that are no part of a path"
+        return "a name has characters that are not allowed in a path"
     if not parts or name.startswith("/") or ".." in parts:
         return "a path leads outside the archive"
     kind = stat.S_IFMT(member.external_attr >> 16)
@@ -102,49 +109,51 @@ def _harm(member: zipfile.ZipInfo) -> str:
 
 
 def read_description(path: Path, max_bytes: float = MAX_BYTES) -> tuple[bytes, frozenset[str]]:
-    """Return the model description of an FMU as it stands, and the names of all its files.
+    """Return the bytes of the model description of an FMU, and the names of all its files.
 
     Parameters
     ----------
     path : pathlib.Path
         The FMU.
     max_bytes : float
-        Unpacked size allowed [B].
+        Maximum unpacked size [B].
 
     Raises
     ------
     FmuArchiveError
-        If the archive is refused, or there is no model description in it.
+        If the archive is refused, or has no model description.
     """
     with opened(path, max_bytes) as archive:
         try:
-            member = archive.getinfo(DESCRIPTION)
+            member = archive.getinfo(DESCRIPTION_FILE)
         except KeyError:
-            raise FmuArchiveError(f"cannot read FMU '{path}': there is no {DESCRIPTION} at its top") from None
+            raise FmuArchiveError(
+                f"cannot read FMU '{path}': it has no {DESCRIPTION_FILE} at its top level"
+            ) from None
         if member.file_size > MAX_XML_BYTES:
             raise FmuArchiveError(
-                f"cannot read FMU '{path}': its {DESCRIPTION} has {member.file_size / 1e6:.4g} MB, "
+                f"cannot read FMU '{path}': its {DESCRIPTION_FILE} has {member.file_size / 1e6:.4g} MB, "
                 f"more than {MAX_XML_BYTES / 1e6:.4g} MB"
             )
         return archive.read(member), frozenset(archive.namelist())
 
 
 def unpack(path: Path, max_bytes: float = MAX_BYTES, place: Path | None = None) -> Path:
-    """Unpack an FMU into a new temporary folder, which the caller deletes.
+    """Unpack an FMU into a new temporary folder, which the caller must delete.
 
     Parameters
     ----------
     path : pathlib.Path
         The FMU.
     max_bytes : float
-        Unpacked size allowed [B].
+        Maximum unpacked size [B].
     place : pathlib.Path, optional
-        Where the folder is to be; by default in that of this process.
+        Parent folder; by default the temporary folder of this process.
 
     Raises
     ------
     FmuArchiveError
-        If the archive is refused or damaged; nothing is left on disk then.
+        If the archive is refused or damaged; the folder is deleted then.
     """
     with opened(path, max_bytes) as archive:
         folder = Path(tempfile.mkdtemp(prefix="fmu-", dir=place or process_folder()))
@@ -157,7 +166,7 @@ def unpack(path: Path, max_bytes: float = MAX_BYTES, place: Path | None = None) 
 
 
 def remove(folder: Path) -> None:
-    """Delete a folder made by `unpack`, if it is still there.
+    """Delete a folder created by `unpack`, if it still exists.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""What runs in the child process: one FMU, told by messages what to do."""
+"""Entry point of the child process: serves the calls of one FMU."""
 
 from __future__ import annotations
 
@@ -16,15 +16,15 @@ from typing import Any
 
 import fmpy.fmi2
 import fmpy.fmi3
-import fmpy.logging  # noqa: F401 - now: later, the time that it takes would be the FMU's
+import fmpy.logging  # noqa: F401 - imported here, so that its time does not count as the FMU's
 
 from trussflow.blocks.framework.processes import end_marked
 from trussflow.fmu.errors import FmuError
-from trussflow.fmu.runtime.frames import TOKEN, encode, receive, send
+from trussflow.fmu.runtime.frames import TOKEN_BYTES, encode, receive, send
 from trussflow.fmu.runtime.messages import Messages
 
-WATCH = 0.5
-"""Time [s] between two looks whether the parent is still there."""
+PARENT_CHECK_INTERVAL = 0.5
+"""Interval [s] between two checks of the parent process."""
 
 
 def main() -> None:
@@ -34,7 +34,7 @@ def main() -> None:
     Messages.echo = sys.stderr
     server, instance = os.getpid(), None
     end = socket.socket(fileno=int(sys.argv[1]))
-    send(end, bytes(TOKEN), encode((True, None)))  # all is imported
+    send(end, bytes(TOKEN_BYTES), encode((True, None)))  # reports that the imports are done
     while True:
         try:
             token, request = receive(end)
@@ -56,9 +56,9 @@ def main() -> None:
             reply: Any = True, value
         except FmuError as error:
             reply = False, (type(error).__name__, str(error), getattr(error, "status", 0))
-        except Exception as error:  # noqa: BLE001 - whatever it is, the other side must hear of it
+        except Exception as error:  # noqa: BLE001 - the parent process must be told of every error
             reply = False, ("FmuError", f"{type(error).__name__}: {error}", 0)
-        if os.getpid() != server:  # a copy that the FMU has forked; the other one answers
+        if os.getpid() != server:  # a copy forked by the FMU must not answer
             os._exit(0)
         send(end, token, encode(reply))
     if instance is not None:
@@ -66,7 +66,7 @@ def main() -> None:
 
 
 def _limit(memory: int) -> None:
-    """Let this process take no more than so much memory [B], over what it has."""
+    """Limit the memory of this process to its present size plus `memory` [B]."""
     taken = 0
     if (pages := Path("/proc/self/statm")).exists():
         taken = int(pages.read_text().split()[0]) * resource.getpagesize()
@@ -74,9 +74,9 @@ def _limit(memory: int) -> None:
 
 
 def _end_with(parent: int) -> None:
-    """End this process when its parent has ended, even while the FMU does not return."""
+    """End this process when its parent has ended, even during a call of the FMU."""
     while os.getppid() == parent:
-        time.sleep(WATCH)
+        time.sleep(PARENT_CHECK_INTERVAL)
     end_marked(os.environ["TMPDIR"])
     os.killpg(0, signal.SIGKILL)
 

@@ -1,4 +1,4 @@
-"""An FMU in a process of its own, for one that is not trusted to return, or to stay alive."""
+"""An FMU in a child process, with limits of time and memory, and protection from crashes."""
 
 from __future__ import annotations
 
@@ -22,33 +22,33 @@ from trussflow.fmu import errors
 from trussflow.fmu.errors import FmuCallError, FmuCrashError, FmuError, FmuTimeoutError
 from trussflow.fmu.runtime.archive import unpack
 from trussflow.fmu.runtime.file import FmuFile
-from trussflow.fmu.runtime.frames import TOKEN, FrameError, decode, receive, send
+from trussflow.fmu.runtime.frames import TOKEN_BYTES, FrameError, decode, receive, send
 from trussflow.fmu.runtime.library import Step
 from trussflow.fmu.runtime.loaded import KnownFmu
 from trussflow.fmu.runtime.loaded_co_simulation import LoadedCoSimulation
 from trussflow.fmu.runtime.loaded_model_exchange import LoadedModelExchange
 
-STARTUP = 60.0
-"""Time [s] that a child process may take to import what it needs, before the FMU is loaded."""
+STARTUP_TIMEOUT = 60.0
+"""Maximum time [s] for the imports of a child process, before the FMU is loaded."""
 
-PATIENCE = 1.0
-"""Time [s] that a process which has closed its socket is given to end."""
+EXIT_TIMEOUT = 1.0
+"""Maximum time [s] for a child process to end after it has closed its socket."""
 
-TAIL = 2000
-"""Characters of what the child wrote that an error shows."""
+MAX_SHOWN_BYTES = 2000
+"""Maximum size [B] of the child's output in an error message."""
 
-ERRORS = {name: kind for name, kind in vars(errors).items() if name.startswith("Fmu")}
-"""What a child may raise here, by name."""
+ERROR_CLASSES = {name: kind for name, kind in vars(errors).items() if name.startswith("Fmu")}
+"""Error classes that a child process may report, by name."""
 
-SIGNALS = {-number: f"signal {number.name}" for number in signal.Signals}
-"""What a process ended by a signal ended with, by its return code; not every signal has a name."""
+SIGNAL_NAMES = {-number: f"signal {number.name}" for number in signal.Signals}
+"""Names of signals by the return code of a process that a signal ended."""
 
 
 class RemoteInstance(KnownFmu):
-    """A loaded FMU of either kind in a child process, with the same methods and values.
+    """A loaded FMU of either kind in a child process, with the methods and attributes of that kind.
 
-    Each call waits at most for the time limit; then the process is ended, so nothing goes on
-    running. A call takes some 0.1 ms longer than in this process.
+    Each call waits at most for the time limit; then the process is ended. A call takes about
+    0.1 ms longer than in this process.
 
     Parameters
     ----------
@@ -57,20 +57,20 @@ class RemoteInstance(KnownFmu):
     file : FmuFile, str or pathlib.Path
         The FMU.
     time_limit : float
-        Time that each call may take, and loading [s].
+        Maximum time of each call, and of loading [s].
     memory_limit : float, optional
-        Memory that the FMU may take [B].
+        Maximum memory of the FMU [B].
     **arguments : object
-        Those of `LoadedFmu`.
+        Further arguments of `LoadedFmu`.
 
     Raises
     ------
     FmuTimeoutError
-        If a call takes longer.
+        If a call exceeds the time limit.
     FmuCrashError
-        If the process ends by itself.
+        If the process ends unexpectedly.
     FmuError
-        If the FMU fails, as in this process.
+        If the FMU fails, as for an FMU in this process.
     """
 
     def __init__(
@@ -84,11 +84,11 @@ class RemoteInstance(KnownFmu):
     ) -> None:
         if sys.platform == "win32":
             raise FmuError("child processes for FMUs need a POSIX system; leave out time_limit")
-        # What is known without the FMU is found here: nothing that it says of itself is believed.
+        # The description is read here: the child process is not trusted to report it.
         super().__init__(kind.kind, file, arguments.get("start") or {})
         self._limit, self._name = float(time_limit), self.file.path.name
         self._waiting = False
-        self._fault = FmuError(f"the process of FMU '{self._name}' has ended; set it up anew")
+        self._fault = FmuError(f"the process of FMU '{self._name}' has ended; set it up again")
         cannot = Explained(lambda error: FmuError(f"cannot start a process for FMU '{self._name}': {error}"))
         with cannot, ExitStack() as stack:
             folder = Path(tempfile.mkdtemp(prefix="fmu-", dir=process_folder()))
@@ -107,11 +107,11 @@ class RemoteInstance(KnownFmu):
                     env={**os.environ, **environment},
                     start_new_session=True,
                 )
-            # It is not asked to end: whatever it holds is in its own folder.
+            # The process is killed without a request: all its files are in its own folder.
             stack.callback(end, self._process, mark=str(folder))
             self._finalizer = weakref.finalize(self, stack.pop_all().close)
         try:
-            self._answer("start", bytes(TOKEN), STARTUP)
+            self._answer("start", bytes(TOKEN_BYTES), STARTUP_TIMEOUT)
             unpacked = unpack(self.file.path, self.file.max_bytes, folder)
             memory = None if memory_limit is None else int(memory_limit)
             self._call("open", (kind, self.file, memory, {"folder": unpacked, **arguments}))
@@ -120,24 +120,24 @@ class RemoteInstance(KnownFmu):
             raise
 
     def _call(self, what: str, arguments: Any) -> Any:
-        """Let the child do something, and return what comes of it."""
+        """Send a request to the child and return its answer."""
         if not self._finalizer.alive:
             raise self._fault
-        if self._waiting:  # another thread, or a saved state that is freed meanwhile
+        if self._waiting:  # by another thread, or by the finalizer of a saved state
             raise FmuError(f"FMU '{self._name}' is called before its last call has returned")
         doing = arguments[0] if what == "call" else what
-        token, request = os.urandom(TOKEN), pickle.dumps((what, arguments))
+        token, request = os.urandom(TOKEN_BYTES), pickle.dumps((what, arguments))
         done, value = self._answer(doing, token, self._limit, request)
         if done:
             return Step(*value) if doing == "do_step" else value
         name, text, status = value
-        error = ERRORS.get(name, FmuError)(text)
+        error = ERROR_CLASSES.get(name, FmuError)(text)
         if isinstance(error, FmuCallError):
             error.status = status
         raise error
 
     def _answer(self, doing: str, token: bytes, seconds: float, request: bytes | None = None) -> Any:
-        """Return the answer with that token; whatever else happens ends the child."""
+        """Return the answer with the given token; end the child process on any failure."""
         self._waiting = True
         try:
             if request is not None:
@@ -145,12 +145,12 @@ class RemoteInstance(KnownFmu):
             return decode(receive(self._socket, token, seconds)[1])
         except FrameError:
             text = (
-                f"FMU '{self._name}' has written in '{doing}' into a descriptor that is not its own, the one "
-                "that answers; its process was ended"
+                f"FMU '{self._name}' has written in '{doing}' into the descriptor reserved for answers; "
+                "its process was ended"
             )
             raise self._ended(FmuCrashError, text) from None
         except (EOFError, OSError) as error:
-            # A process that the FMU has forked may hold the descriptor: there is no end of file then.
+            # A process forked by the FMU may keep the descriptor open: no end of file arrives then.
             if isinstance(error, TimeoutError) and self._process.poll() is None:
                 text = f"FMU '{self._name}' did not return from '{doing}' within {seconds:g} s"
                 raise self._ended(FmuTimeoutError, f"{text}; its process was ended") from None
@@ -163,25 +163,25 @@ class RemoteInstance(KnownFmu):
             self._waiting = False
 
     def _how(self, doing: str) -> str:
-        """Say how the child has ended."""
+        """Return a description of how the child process ended."""
         try:
-            code = self._process.wait(PATIENCE)
+            code = self._process.wait(EXIT_TIMEOUT)
         except subprocess.TimeoutExpired:
-            return f"closed, in '{doing}', the descriptor that answers, and was ended"
-        how = f"exit code {code}" if code >= 0 else SIGNALS.get(code, f"signal {-code}")
+            return f"closed the descriptor reserved for answers in '{doing}', and was ended"
+        how = f"exit code {code}" if code >= 0 else SIGNAL_NAMES.get(code, f"signal {-code}")
         return f"ended by itself in '{doing}' with {how}"
 
     def _ended(self, kind: type[FmuCallError], message: str) -> FmuError:
-        """End the child; return an error with the end of what it wrote, the FMU's log included."""
+        """End the child; return an error with the end of its output, which includes the FMU's log."""
         size = self._output.seek(0, os.SEEK_END)
-        self._output.seek(max(0, size - TAIL))
+        self._output.seek(max(0, size - MAX_SHOWN_BYTES))
         text = self._output.read().decode("utf-8", "replace").strip()
         self.close()
         self._fault = kind(message + (f"; it wrote:\n  {text}" if text else "; it wrote nothing"))
         return self._fault
 
     def __getattr__(self, name: str) -> Any:
-        """Return a method, or the present value of an attribute, of what is in the child."""
+        """Return a method, or the current value of an attribute, of the FMU in the child process."""
         if name.startswith("_"):
             raise AttributeError(name)
         if any(callable(getattr(kind, name, None)) for kind in (LoadedCoSimulation, LoadedModelExchange)):
@@ -189,7 +189,7 @@ class RemoteInstance(KnownFmu):
         return self._call("get", name)
 
     def close(self) -> None:
-        """End the process and delete what it unpacked."""
+        """End the process and delete the unpacked files."""
         self._finalizer()
 
 
@@ -201,7 +201,7 @@ def open_instance(
     memory_limit: float | None = None,
     **arguments: Any,
 ) -> Any:
-    """Load an FMU in this process, or with a time limit in one of its own.
+    """Load an FMU in this process or, if a time limit is given, in a child process.
 
     Parameters
     ----------
@@ -210,11 +210,11 @@ def open_instance(
     file : FmuFile, str or pathlib.Path
         The FMU.
     time_limit : float, optional
-        Time that each call may take, and loading [s]; None stays in this process.
+        Maximum time of each call, and of loading [s]; None loads the FMU in this process.
     memory_limit : float, optional
-        Memory that the FMU may take [B], in a process of its own.
+        Maximum memory of the FMU [B], in a child process.
     **arguments : object
-        Those of `LoadedFmu`.
+        Further arguments of `LoadedFmu`.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""What a model description says, checked, in the form that the import works with."""
+"""Checked model description, in the form that the import uses."""
 
 from __future__ import annotations
 
@@ -14,23 +14,23 @@ from xml.etree import ElementTree
 from trussflow.blocks.framework.temporary import process_folder, with_place
 from trussflow.fmu.errors import FmuDescriptionError
 from trussflow.fmu.fmi_units import FmiUnit
-from trussflow.fmu.runtime.archive import DESCRIPTION
+from trussflow.fmu.runtime.archive import DESCRIPTION_FILE
 from trussflow.fmu.runtime.safe_xml import check_xml
 
 Kind = Literal["cs", "me"]
 """Co-simulation, or model exchange."""
 
 MAX_ELEMENTS = 10_000_000
-"""Size of an array variable above which a description is refused."""
+"""Maximum number of elements of an array variable."""
 
-NUMERIC = frozenset(
+NUMERIC_TYPES = frozenset(
     {"Real", "Integer", "Boolean", "Enumeration", "Float32", "Float64"}
     | {f"{sign}Int{bits}" for sign in ("", "U") for bits in (8, 16, 32, 64)}
 )
-"""Types whose values fit into a vector of floats."""
+"""FMI types whose values fit into a vector of floats."""
 
-REAL = frozenset({"Real", "Float32", "Float64"})
-"""Types that are real numbers."""
+REAL_TYPES = frozenset({"Real", "Float32", "Float64"})
+"""FMI types of real numbers."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -40,23 +40,23 @@ class FmuVariable:
     Attributes
     ----------
     name : str
-        As in the model description.
+        Name in the model description.
     reference : int
         Value reference.
     type : str
         ``"Real"``, ``"Float64"`` and so on.
     causality, variability, initial : str
-        As FMI defines them; `initial` is empty where FMI has none.
+        Attributes as defined by FMI; `initial` is empty where FMI defines none.
     start : str or None
-        Start value as text, as it stands.
+        Start value as the text in the model description.
     unit : str
-        Name of the unit; empty where none is stated.
+        Name of the unit; empty if none is stated.
     shape : tuple of int
-        ``()`` for a scalar.
+        Shape of the array; ``()`` for a scalar.
     meaning : str
-        One line for people.
+        Description, one line.
     dimensions : tuple of int or None
-        For each dimension the value reference of the structural parameter that sets it, if any.
+        Value reference of the structural parameter that sets each dimension, if any.
     """
 
     name: str
@@ -78,34 +78,34 @@ class FmuVariable:
 
     @property
     def is_structural(self) -> bool:
-        """Whether it decides sizes of arrays."""
+        """Whether the variable sets array sizes."""
         return self.causality == "structuralParameter"
 
 
 @dataclass(frozen=True, slots=True)
 class Capabilities:
-    """What one kind of an FMU can do.
+    """Capabilities of one kind of an FMU.
 
     Attributes
     ----------
     identifier : str
-        Name of the binary.
+        Name of the binary without its suffix.
     saves_state, serializes_state : bool
-        Whether its state can be saved and restored, and turned into bytes.
+        Whether the state can be saved and restored, and serialized to bytes.
     once_per_process : bool
-        Whether a process may have one instance only.
+        Whether only one instance per process is allowed.
     variable_step : bool
-        Whether steps of co-simulation may differ.
+        Whether the communication step size may vary.
     interpolates_inputs : bool
-        Whether derivatives of inputs may be set.
+        Whether input derivatives may be set.
     event_mode : bool
-        Whether events of co-simulation are announced, which ends steps early (FMI 3).
+        Whether the FMU reports events in co-simulation by returning early from a step (FMI 3).
     completed_step_needed : bool
-        Whether model exchange wants to hear of every accepted step.
+        Whether ``completedIntegratorStep`` must be called after every accepted step.
     derivatives : bool
-        Whether there are directional derivatives.
+        Whether directional derivatives are available.
     fixed_step : float or None
-        Internal step of co-simulation [s], if there is one.
+        Fixed internal step of co-simulation [s], or None.
     """
 
     identifier: str
@@ -120,7 +120,7 @@ class Capabilities:
     fixed_step: float | None = None
 
 
-ATTRIBUTES = {
+FMPY_ATTRIBUTES = {
     "identifier": "modelIdentifier",
     "saves_state": "canGetAndSetFMUstate",
     "serializes_state": "canSerializeFMUstate",
@@ -130,7 +130,7 @@ ATTRIBUTES = {
     "event_mode": "hasEventMode",
     "completed_step_needed": "needsCompletedIntegratorStep",
 }
-"""What fmpy calls the capabilities, of both kinds or of one; `fixed_step` is a number, and read apart."""
+"""fmpy's names of the capabilities that are flags or text; some exist for one kind only."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -142,25 +142,25 @@ class FmuDescription:
     name : str
         Name of the model.
     version : int
-        2 or 3: major version of FMI.
+        Major version of FMI, 2 or 3.
     token : str
         GUID or instantiation token.
     kinds : dict
-        What can be done with it, by kind: ``"cs"``, ``"me"``.
+        Capabilities by kind: ``"cs"``, ``"me"``.
     variables : dict
-        All variables by name, in order.
+        All variables by name, in the order of the model description.
     units : dict
         Definitions of units by name.
     dependencies : dict
-        For each output, by name, the variables it depends on within an instant; None for all.
+        Names of the variables that each output depends on directly, by output; None for all.
     states, derivatives : tuple of FmuVariable
         Continuous states and their derivatives, in the same order.
     stateless : str
-        Name of a derivative that does not say of which state, for which model exchange is refused.
+        Name of a derivative without a state; model exchange is refused then. Empty if there is none.
     event_indicators : int
-        Their number [-].
+        Number of event indicators [-].
     tolerance, step : float or None
-        Of the default experiment [-, s].
+        Relative tolerance [-] and step size [s] of the default experiment.
     """
 
     name: str
@@ -178,7 +178,7 @@ class FmuDescription:
     step: float | None = None
 
     def having(self, *causalities: str) -> list[FmuVariable]:
-        """Return the variables of these causalities, in order."""
+        """Return the variables of the given causalities, in order."""
         return [v for v in self.variables.values() if v.causality in causalities]
 
 
@@ -190,39 +190,39 @@ def parse_description(text: bytes, where: str) -> FmuDescription:
     text : bytes
         The XML.
     where : str
-        What it is, for messages.
+        Name of the document, for error messages.
 
     Raises
     ------
     FmuDescriptionError
-        If it is hostile, broken, of another version of FMI, or says what cannot be.
+        If the description is unsafe, invalid, contradictory or of an unsupported version of FMI.
     """
     check_xml(text, where)
     try:
         root = ElementTree.fromstring(text)
         _check_structure(root, where)
         with tempfile.TemporaryDirectory(dir=process_folder()) as folder:
-            from fmpy.model_description import read_model_description  # late: it takes 0.3 s
+            from fmpy.model_description import read_model_description  # imported here: it takes 0.3 s
 
-            file = Path(folder) / DESCRIPTION
+            file = Path(folder) / DESCRIPTION_FILE
             file.write_bytes(text)
             return _converted(read_model_description(str(file), validate=False), root)
     except FmuDescriptionError:
         raise
     except OSError as error:
         raise FmuDescriptionError(f"cannot read {where} {with_place(error)}") from error
-    except Exception as error:  # what fmpy raises depends on where it stumbles
+    except Exception as error:  # fmpy raises errors of many types
         raise FmuDescriptionError(f"cannot read {where}: {type(error).__name__}: {error}") from error
 
 
 def _check_structure(root: ElementTree.Element, where: str) -> None:
-    """Refuse, with a name, what fmpy would stumble over or not see."""
+    """Raise a clear error for faults that fmpy misses or reports unclearly."""
     version = root.get("fmiVersion", "")
     if root.tag != "fmiModelDescription" or not version:
-        raise FmuDescriptionError(f"cannot read {where}: it is no model description of FMI")
+        raise FmuDescriptionError(f"cannot read {where}: it is not an FMI model description")
     if version != "2.0" and not version.startswith("3."):
         raise FmuDescriptionError(
-            f"cannot use {where}: it is of FMI {version}; FMI 2.0 and 3.0 can be imported"
+            f"cannot use {where}: its version is FMI {version}; FMI 2.0 and 3.0 can be imported"
         )
     listed = root.find("ModelVariables")
     if listed is None:
@@ -233,8 +233,8 @@ def _check_structure(root: ElementTree.Element, where: str) -> None:
     for name, count in counts.items():
         if name is not None and count > 1:
             raise FmuDescriptionError(
-                f"cannot use {where}: {count} variables are named '{name}', so the name says "
-                "nothing; the tool that made the FMU must give each its own"
+                f"cannot use {where}: {count} variables are named '{name}', so the name is "
+                "ambiguous; the tool that made the FMU must use unique names"
             )
     by_reference = {v.get("valueReference"): v for v in listed}
     for variable in listed:
@@ -245,7 +245,7 @@ def _check_structure(root: ElementTree.Element, where: str) -> None:
                 start = by_reference[source].get("start")
             if start is None or not start.strip().isdecimal():
                 raise FmuDescriptionError(
-                    f"cannot use {where}: the size of array '{variable.get('name')}' is not known; "
+                    f"cannot use {where}: the size of array '{variable.get('name')}' is unknown; "
                     "each dimension needs a start, or the value reference of a structural "
                     "parameter that has one"
                 )
@@ -258,12 +258,12 @@ def _check_structure(root: ElementTree.Element, where: str) -> None:
 
 
 def _converted(read: Any, root: ElementTree.Element) -> FmuDescription:
-    """Turn what fmpy read of the description `root` into our form."""
+    """Convert fmpy's description, read from `root`, to an `FmuDescription`."""
     kinds: dict[str, Capabilities] = {}
     for kind, stated in (("cs", read.coSimulation), ("me", read.modelExchange)):
         if stated is not None:
-            found = {k: getattr(stated, name) for k, name in ATTRIBUTES.items() if hasattr(stated, name)}
-            # fmpy does not know what FMI 3 calls this attribute.
+            found = {k: getattr(stated, name) for k, name in FMPY_ATTRIBUTES.items() if hasattr(stated, name)}
+            # FMI 3 uses another name for this attribute, which fmpy does not read.
             flags = (f"providesDirectionalDerivative{s}" for s in ("", "s"))
             elements = root.findall(type(stated).__name__)
             found["derivatives"] = any(e.get(f) in ("true", "1") for f in flags for e in elements)
@@ -276,7 +276,7 @@ def _converted(read: Any, root: ElementTree.Element) -> FmuDescription:
     experiment = read.defaultExperiment
     rates = [u.variable for u in read.derivatives] if "me" in kinds else []
     stateless = [rate.name for rate in rates if rate.derivative is None]
-    if stateless:  # co-simulation does not need them
+    if stateless:  # co-simulation does not need the derivatives
         rates = []
     return FmuDescription(
         name=read.modelName or "",
@@ -299,7 +299,7 @@ def _converted(read: Any, root: ElementTree.Element) -> FmuDescription:
 
 
 def _number(read: Any, name: str) -> float | None:
-    """Return a number that fmpy keeps as text; None where it is not stated."""
+    """Return a number that fmpy stores as text, or None if it is not stated."""
     text = getattr(read, name, None)
     return None if text is None else float(text)
 

@@ -1,4 +1,4 @@
-"""An FMU on disk, looked into but not unpacked."""
+"""An FMU file, read and checked without unpacking it."""
 
 from __future__ import annotations
 
@@ -9,27 +9,27 @@ from typing import Any
 
 from trussflow.blocks.framework.validation import as_path
 from trussflow.fmu.errors import FmuArchiveError, FmuBinaryError, FmuDescriptionError, FmuError
-from trussflow.fmu.runtime.archive import DESCRIPTION, MAX_BYTES, read_description
+from trussflow.fmu.runtime.archive import DESCRIPTION_FILE, MAX_BYTES, read_description
 from trussflow.fmu.runtime.description import FmuDescription, Kind, parse_description
 from trussflow.fmu.runtime.library import binary_path
 
 
 @dataclass(frozen=True, slots=True)
 class FmuFile:
-    """An FMU on disk, looked into but not unpacked.
+    """An FMU file, read and checked without unpacking it.
 
     Attributes
     ----------
     path : pathlib.Path
-        Where it is.
+        Path of the file.
     description : FmuDescription
         Its model description.
     files : frozenset of str
-        The names of the files in it.
+        Names of the files in the archive.
     digest : str
-        What tells its model description from others.
+        SHA-256 digest of the model description.
     max_bytes : float
-        Unpacked size allowed [B].
+        Maximum unpacked size [B].
     """
 
     path: Path
@@ -40,21 +40,21 @@ class FmuFile:
 
     @classmethod
     def read(cls, path: str | Path, max_bytes: float = MAX_BYTES) -> FmuFile:
-        """Look into an FMU.
+        """Read an FMU file.
 
         Parameters
         ----------
         path : str or pathlib.Path
             The FMU.
         max_bytes : float
-            Unpacked size allowed [B].
+            Maximum unpacked size [B].
 
         Raises
         ------
         FmuArchiveError
-            If it is no archive, or unpacking it would do harm.
+            If the file is not a zip archive, or unpacking it would be unsafe.
         FmuDescriptionError
-            If its model description is broken or hostile.
+            If the model description is invalid or unsafe.
         """
         path = as_path(FmuArchiveError, "cannot open the FMU", path).absolute()
         text, files = read_description(path, max_bytes)
@@ -62,27 +62,27 @@ class FmuFile:
         return cls(path, description, files, hashlib.sha256(text).hexdigest(), max_bytes)
 
     def check_unchanged(self, folder: Path) -> None:
-        """Refuse an FMU that was written anew since it was looked into.
+        """Raise an error if the FMU file was changed since it was read.
 
         Parameters
         ----------
         folder : pathlib.Path
-            Where it was unpacked.
+            Folder of the unpacked FMU.
 
         Raises
         ------
         FmuError
-            If its model description is another one now.
+            If the model description differs.
         """
-        text = (folder / DESCRIPTION).read_bytes()
+        text = (folder / DESCRIPTION_FILE).read_bytes()
         if hashlib.sha256(text).hexdigest() != self.digest:
             raise FmuError(
-                f"FMU '{self.path.name}' was written anew since it was read, so its variables may "
-                "be others; build a new block of it"
+                f"FMU '{self.path.name}' was changed since it was read, so its variables may "
+                "differ; create a new block from it"
             )
 
     def kind(self, wanted: str | None = None) -> Kind:
-        """Return the kind to use: the one wanted, else co-simulation if there is a choice.
+        """Return the kind to use: `wanted` if given, else co-simulation if the FMU offers both.
 
         Parameters
         ----------
@@ -92,11 +92,11 @@ class FmuFile:
         Raises
         ------
         FmuError
-            If the FMU is not of the kind wanted.
+            If the FMU does not offer the wanted kind.
         FmuDescriptionError
-            If its description does not suffice for that kind.
+            If the model description is incomplete for that kind.
         FmuBinaryError
-            If it has no binary for this machine.
+            If the FMU has no binary for this machine.
         """
         kinds = self.description.kinds
         kind: Any = next(iter(kinds)) if wanted is None else wanted
@@ -108,7 +108,7 @@ class FmuFile:
         if kind == "me" and (name := self.description.stateless):
             raise FmuDescriptionError(
                 f"cannot use FMU '{self.path.name}' for model exchange: '{name}' is listed as a derivative "
-                "of a state, but does not say of which"
+                "of a state, but its state is not stated"
             )
         needed = binary_path(self.description, kind)
         if needed not in self.files:

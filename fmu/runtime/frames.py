@@ -1,8 +1,8 @@
-"""What a process sends to another, in frames: read within a time, a size and a form, or refused.
+"""Frames between two processes, with limits of time and size and a checked format.
 
-The process of an FMU can hold anything, so nothing from there is trusted: no more is read than announced
-and allowed, and values come as JSON and raw numbers, which run no code. A frame has the token of what
-it answers: what an FMU writes into a descriptor that is not its own is told from an answer.
+The process of an FMU is not trusted. No more bytes are read than announced and allowed. Values are
+encoded as JSON and raw numbers, which cannot run code. An answer repeats the token of its request, so
+that bytes which an FMU writes into the wrong descriptor are not taken for an answer.
 """
 
 from __future__ import annotations
@@ -16,20 +16,20 @@ from typing import Any
 import numpy as np
 
 MAX_BYTES = 1_000_000_000
-"""Size of a frame [B] above which it is refused; the largest are saved states."""
+"""Maximum size of a frame [B]; the largest frames are saved states."""
 
-CHUNK = 1 << 16
-"""Most that is read at once [B]: memory is taken for what came, not for what was announced."""
+MAX_READ_BYTES = 1 << 16
+"""Maximum number of bytes of one read [B], so that memory grows with the bytes received."""
 
-TOKEN = 8
+TOKEN_BYTES = 8
 """Size of a token [B]."""
 
-_HEAD, _TEXT = struct.Struct(f"<{TOKEN}sQ"), struct.Struct("<Q")
-_TYPES = {"float64": np.float64, "bool": np.bool_}
+_FRAME_HEADER, _TEXT_LENGTH = struct.Struct(f"<{TOKEN_BYTES}sQ"), struct.Struct("<Q")
+_ARRAY_TYPES = {"float64": np.float64, "bool": np.bool_}
 
 
 class FrameError(Exception):
-    """What came is no frame of ours."""
+    """The received bytes are not a valid frame."""
 
 
 def send(end: socket.socket, token: bytes, content: bytes, seconds: float | None = None) -> None:
@@ -38,23 +38,23 @@ def send(end: socket.socket, token: bytes, content: bytes, seconds: float | None
     Parameters
     ----------
     end : socket.socket
-        Where to.
+        Socket to write to.
     token : bytes
-        What the answer shall have, or what is answered.
+        Token of the request; its answer has the same token.
     content : bytes
-        The frame.
+        Content of the frame.
     seconds : float, optional
-        Time that it may take [s].
+        Maximum time [s].
 
     Raises
     ------
     TimeoutError
-        If it takes longer.
+        If sending takes longer.
     OSError
         If the other end is closed.
     """
     end.settimeout(seconds)
-    end.sendall(_HEAD.pack(token, len(content)) + content)
+    end.sendall(_FRAME_HEADER.pack(token, len(content)) + content)
 
 
 def receive(
@@ -65,42 +65,42 @@ def receive(
     Parameters
     ----------
     end : socket.socket
-        Where from.
+        Socket to read from.
     token : bytes, optional
-        The only one allowed.
+        Expected token; by default any token.
     seconds : float, optional
-        Time that the whole frame may take [s].
+        Maximum time for the whole frame [s].
 
     Raises
     ------
     TimeoutError
-        If it takes longer.
+        If the frame takes longer.
     EOFError
         If the other end is closed.
     FrameError
-        If it is no frame, too large, or followed by something.
+        If the frame is invalid, too large, or followed by further bytes.
     """
     deadline = None if seconds is None else time.monotonic() + seconds
-    content, size, found = bytearray(), _HEAD.size, b""
+    content, size, found = bytearray(), _FRAME_HEADER.size, b""
     while len(content) < size:
         if deadline is not None:
-            end.settimeout(max(deadline - time.monotonic(), 1e-6))  # 0 would mean not to wait at all
-        part = end.recv(CHUNK)
+            end.settimeout(max(deadline - time.monotonic(), 1e-6))  # 0 would make the socket non-blocking
+        part = end.recv(MAX_READ_BYTES)
         if not part:
             raise EOFError
         content += part
         if not found and len(content) >= size:
-            found, announced = _HEAD.unpack_from(content)
+            found, announced = _FRAME_HEADER.unpack_from(content)
             if (token is not None and found != token) or announced > MAX_BYTES:
                 raise FrameError
             size += announced
     if len(content) > size:
         raise FrameError
-    return found, content[_HEAD.size :]
+    return found, content[_FRAME_HEADER.size :]
 
 
 def encode(value: Any) -> bytes:
-    """Return a value as bytes: numbers, truth values, text, bytes, arrays, None, and sequences of these.
+    """Return a value as bytes: numbers, Booleans, text, bytes, arrays, None, and sequences of these.
 
     Parameters
     ----------
@@ -117,23 +117,23 @@ def encode(value: Any) -> bytes:
         return {item.dtype.name: item.shape}
 
     text = json.dumps(value, default=apart).encode()
-    return b"".join([_TEXT.pack(len(text)), text, *raw])
+    return b"".join([_TEXT_LENGTH.pack(len(text)), text, *raw])
 
 
 def decode(content: bytearray) -> Any:
-    """Return what `encode` was given.
+    """Return the value that `encode` wrote.
 
     Parameters
     ----------
     content : bytearray
-        What it returned.
+        Bytes from `encode`.
 
     Raises
     ------
     FrameError
-        If it is nothing of the kind.
+        If the bytes are not an encoded value.
     """
-    place = _TEXT.size
+    place = _TEXT_LENGTH.size
 
     def restored(item: dict[str, Any]) -> Any:
         nonlocal place
@@ -142,12 +142,12 @@ def decode(content: bytearray) -> Any:
             found: Any = bytes(content[place : place + shape])
             place += shape
         else:
-            found = np.ndarray(shape, _TYPES[kind], content, place).copy()
+            found = np.ndarray(shape, _ARRAY_TYPES[kind], content, place).copy()
             place += found.nbytes
         return found
 
     try:
-        place += _TEXT.unpack_from(content)[0]
-        return json.loads(content[_TEXT.size : place], object_hook=restored)
+        place += _TEXT_LENGTH.unpack_from(content)[0]
+        return json.loads(content[_TEXT_LENGTH.size : place], object_hook=restored)
     except Exception as error:
         raise FrameError from error

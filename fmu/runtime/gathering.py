@@ -1,4 +1,4 @@
-"""Vectors out of scalars: ``u[1]``, ``u[2]``… become one port ``u``."""
+"""Grouping of scalar variables into arrays: ``u[1]``, ``u[2]``… become one port ``u``."""
 
 from __future__ import annotations
 
@@ -12,13 +12,13 @@ from math import prod
 
 from trussflow.fmu.runtime.description import FmuVariable
 
-ELEMENT = re.compile(r"(?P<name>.*[^\[\],\s])\[(?P<index>\s*\d+\s*(,\s*\d+\s*)*)\](?P<close>\)?)")
-"""A name that ends in indices; ``der(x[1])`` is an element of ``der(x)``."""
+ELEMENT_NAME = re.compile(r"(?P<name>.*[^\[\],\s])\[(?P<index>\s*\d+\s*(,\s*\d+\s*)*)\](?P<close>\)?)")
+"""Pattern of a name with indices; ``der(x[1])`` is an element of ``der(x)``."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Group:
-    """Variables that belong together: the elements of an array, or one variable by itself.
+    """The variables that are elements of one array, or a single variable.
 
     Attributes
     ----------
@@ -27,7 +27,7 @@ class Group:
     variables : tuple of FmuVariable
         The elements in row-major order, or one variable of any shape.
     shape : tuple of int
-        Shape of the whole.
+        Shape of the array.
     """
 
     name: str
@@ -41,10 +41,10 @@ class Group:
 
 
 def gather(variables: Iterable[FmuVariable]) -> list[Group]:
-    """Return the groups that variables form, in the order of their first elements.
+    """Group variables into arrays; return the groups in the order of their first elements.
 
-    Scalars form an array if they differ in their last indices only, these count from 1 (or from
-    0) without a gap in each dimension, and causality, variability and type are equal.
+    Scalars form an array if their names differ in the last indices only and their causality,
+    variability and type are equal. The indices must count from 1 or 0 without gaps.
 
     Parameters
     ----------
@@ -55,7 +55,7 @@ def gather(variables: Iterable[FmuVariable]) -> list[Group]:
     taken = {v.name for v in listed}
     families: dict[tuple[str, ...], dict[tuple[int, ...], FmuVariable]] = {}
     for variable in listed:
-        found = ELEMENT.fullmatch(variable.name)
+        found = ELEMENT_NAME.fullmatch(variable.name)
         if found is None or variable.shape:
             families[("", variable.name)] = {(): variable}
             continue
@@ -64,7 +64,7 @@ def gather(variables: Iterable[FmuVariable]) -> list[Group]:
         index = tuple(int(part) for part in found["index"].split(","))
         families.setdefault(key, {})[index] = variable
     groups: list[Group] = []
-    kinds = Counter(key[0] for key in families)  # more than one: the elements are not of one kind
+    kinds = Counter(key[0] for key in families)  # above one, the elements differ in kind
     for key, members in families.items():
         shape = _shape(members)
         name = key[0]
@@ -77,7 +77,7 @@ def gather(variables: Iterable[FmuVariable]) -> list[Group]:
 
 
 def _shape(members: Mapping[tuple[int, ...], FmuVariable]) -> tuple[int, ...] | None:
-    """Return the shape that indices span, or None if they leave gaps."""
+    """Return the shape of an array with the given indices, or None if there are gaps."""
     if () in members:
         return ()
     ranks = {len(index) for index in members}
@@ -93,19 +93,19 @@ def _shape(members: Mapping[tuple[int, ...], FmuVariable]) -> tuple[int, ...] | 
 
 
 def legal_names(names: Iterable[str], reserved: Collection[str]) -> dict[str, str]:
-    """Return a Python name for each name of an FMU, no two alike.
+    """Return a unique Python name for each name of an FMU.
 
-    Every run of characters that cannot stand in a name becomes one underscore, at the end none:
-    ``arm.q`` becomes ``arm_q``, ``der(x)`` becomes ``der_x``, ``u[3]`` becomes ``u_3``. A name
-    that begins with a digit gets an underscore before it; a keyword, a name that blocks use
-    themselves, or one that is taken gets an underscore after it.
+    Each run of illegal characters becomes one underscore, and underscores at the ends are
+    removed: ``arm.q`` becomes ``arm_q``, ``der(x)`` becomes ``der_x``, ``u[3]`` becomes ``u_3``.
+    A leading digit gets an underscore before it. A keyword, a reserved name or a duplicate gets
+    an underscore after it.
 
     Parameters
     ----------
     names : iterable of str
         Names in the FMU.
     reserved : collection of str
-        Names that must not be used.
+        Names to avoid.
     """
     found: dict[str, str] = {}
     taken = set(reserved)

@@ -1,4 +1,4 @@
-"""The binary of an FMU, loaded, and one instance of it: calls with checked status."""
+"""Loaded binary of an FMU and one instance of it: calls with checked status."""
 
 from __future__ import annotations
 
@@ -15,31 +15,31 @@ from trussflow.fmu.runtime.description import FmuDescription, Kind
 from trussflow.fmu.runtime.messages import Messages, status_name
 from trussflow.fmu.runtime.signatures import function
 
-WARNING, DISCARD, ERROR, FATAL = 1, 2, 3, 4
-"""The statuses that are told apart; anything else above a warning is an error."""
+STATUS_WARNING, STATUS_DISCARD, STATUS_ERROR, STATUS_FATAL = 1, 2, 3, 4
+"""FMI statuses that are handled; any other status above a warning is an error."""
 
 _alone: set[str] = set()
-"""Tokens of the FMUs that have an instance in this process and allow no second one."""
+"""Tokens of FMUs that allow one instance per process and have one in this process."""
 
 Call = Callable[[], None]
-"""A function of the FMU with all its arguments, which raises an error unless all is well."""
+"""Function of the FMU with bound arguments; it raises an error if the call fails."""
 
 
 class Step(NamedTuple):
-    """How a step of co-simulation ended.
+    """Result of a co-simulation step.
 
     Attributes
     ----------
     time : float
-        Time reached [s]; short of the end of the step if it was discarded or returned early.
+        Time reached [s]; before the end of the step if it was discarded or returned early.
     discarded : bool
-        Whether the FMU could not do the step; up to `time` it did.
+        Whether the FMU discarded the step after `time`.
     early : bool
-        Whether the FMU returned early on purpose; it can be stepped on from `time`.
+        Whether the FMU returned early; the next step can start at `time`.
     event : bool
-        Whether there is an event to be handled at `time`.
+        Whether an event must be handled at `time`.
     terminate : bool
-        Whether the FMU asks to end the run.
+        Whether the FMU requests the end of the run.
     """
 
     time: float
@@ -50,16 +50,16 @@ class Step(NamedTuple):
 
 
 class Update(NamedTuple):
-    """What an event did.
+    """Result of one update of the discrete states.
 
     Attributes
     ----------
     again : bool
-        Whether discrete states must be updated once more.
+        Whether the discrete states must be updated once more.
     terminate : bool
-        Whether the FMU asks to end the run.
+        Whether the FMU requests the end of the run.
     states_changed : bool
-        Whether continuous states jumped.
+        Whether the continuous states changed.
     next_time : float
         Time of the next time event [s]; infinite if there is none.
     """
@@ -71,7 +71,7 @@ class Update(NamedTuple):
 
 
 def binary_path(description: FmuDescription, kind: Kind) -> str:
-    """Return where in an FMU its binary for this machine is.
+    """Return the path of the binary for this machine inside an FMU.
 
     Parameters
     ----------
@@ -88,7 +88,7 @@ def binary_path(description: FmuDescription, kind: Kind) -> str:
 
 
 class Library:
-    """A loaded binary and its instance; `Library2` and `Library3` know the versions of FMI.
+    """Loaded binary and its instance; `Library2` and `Library3` implement the versions of FMI.
 
     Parameters
     ----------
@@ -102,32 +102,32 @@ class Library:
     Raises
     ------
     FmuBinaryError
-        If there is no binary for this machine, or it cannot be loaded.
+        If the FMU has no binary for this machine, or it cannot be loaded.
     """
 
     version: ClassVar[int]
     accessors: ClassVar[dict[str, tuple[str, Any]]]
-    """For each type the name of its functions, and the type of its elements in C."""
+    """Name of the access functions and C type of the elements, by FMI type."""
 
     flag: ClassVar[Any]
-    """The type of a truth value in C."""
+    """C type of a Boolean."""
 
     state_word: ClassVar[str]
-    """How the functions around saved states spell what they are about."""
+    """Word for the FMU state in the names of the state functions."""
 
     deserialize_name: ClassVar[str]
-    """How the function is called that makes a saved state of bytes."""
+    """Name of the function that deserializes a state."""
 
     derivatives_name: ClassVar[str]
-    """How the function for derivatives is called."""
+    """Name of the function that returns the state derivatives."""
 
     def __init__(self, folder: Path, description: FmuDescription, kind: Kind) -> None:
         self.folder, self.description, self.kind = folder, description, kind
         self.capabilities = description.kinds[kind]
         self.log = Messages()
         self.component: Any = None
-        self.dead = False  # no function may be called any more
-        self.broken = False  # the instance may only be freed
+        self.dead = False  # after a fatal error FMI forbids all calls
+        self.broken = False  # after an error FMI only allows freeing the instance
         path = folder / binary_path(description, kind)
         try:
             self._library = ctypes.CDLL(str(path))
@@ -151,7 +151,7 @@ class Library:
         name : str
             Name without the prefix.
         *arguments : object
-            All but the instance.
+            Arguments after the instance.
 
         Raises
         ------
@@ -168,10 +168,10 @@ class Library:
         name : str
             Name of the function without the prefix.
         status : int
-            What it returned [-].
+            Status that the function returned [-].
         """
-        self.dead = self.dead or status == FATAL
-        self.broken = self.broken or status >= ERROR
+        self.dead = self.dead or status == STATUS_FATAL
+        self.broken = self.broken or status >= STATUS_ERROR
         error = FmuCallError(
             f"FMU '{self.description.name}': fmi{self.version}{name} returned status "
             f"'{status_name(status)}'{self.log.text()}"
@@ -180,32 +180,32 @@ class Library:
         raise error
 
     def bound(self, name: str, *arguments: Any) -> Call:
-        """Return a call with everything it needs, for the inner loop.
+        """Return a call with bound arguments, for the inner loop.
 
         Parameters
         ----------
         name : str
             Name without the prefix.
         *arguments : object
-            All but the instance.
+            Arguments after the instance.
         """
         status_of = partial(self.function(name), self.component, *arguments)
 
         def checked() -> None:
-            if (status := status_of()) > WARNING:
+            if (status := status_of()) > STATUS_WARNING:
                 self.fail(name, status)
 
         return checked
 
     def vector_call(self, name: str, vector: Vector) -> Call:
-        """Return a call that hands over a vector of floats, such as the continuous states.
+        """Return a call that passes a vector of floats, such as the continuous states.
 
         Parameters
         ----------
         name : str
             Name without the prefix.
         vector : Vector
-            Where the values are [units as the FMU states]; it must not move.
+            Buffer of the values [units as the FMU states]; it must not be reallocated.
         """
         return self.bound(name, vector.ctypes.data, vector.size)
 
@@ -217,11 +217,11 @@ class Library:
         get : bool
             Whether to read.
         kind : str
-            Type of the variables.
+            FMI type of the variables.
         references : sequence of int
             Value references [-].
         buffer : object
-            Where the values are: anything that ctypes takes for a pointer.
+            Buffer of the values, as a pointer that ctypes accepts.
         count : int
             Number of values [-].
         """
@@ -236,49 +236,49 @@ class Library:
         Parameters
         ----------
         start : float
-            Time at which it begins [s].
+            Start time of the experiment [s].
         tol : float or None
             Relative tolerance of the FMU's own solver [-].
         """
         experiment = tol is not None, tol or 0.0, start, False, 0.0
-        if self.version == 2:  # FMI 3 has made one function of the two
+        if self.version == 2:  # FMI 3 has one function for both calls
             self.call("SetupExperiment", *experiment)
             self.call("EnterInitializationMode")
         else:
             self.call("EnterInitializationMode", *experiment)
 
     def completed_step(self) -> tuple[bool, bool]:
-        """Tell that a step of model exchange was accepted; return (event wanted, end wanted)."""
+        """Call ``completedIntegratorStep``; return (enter event mode, terminate)."""
         event, end = self.flag(), self.flag()
         self.call("CompletedIntegratorStep", True, ctypes.byref(event), ctypes.byref(end))
         return bool(event.value), bool(end.value)
 
-    # -- what the versions do differently ---------------------------------------------------
+    # -- differences between the versions ---------------------------------------------------
 
     def instantiate(self, name: str, *, logging: bool) -> None:
-        """Make the instance.
+        """Create the instance.
 
         Parameters
         ----------
         name : str
-            Name of the instance, in its log.
+            Name of the instance, used in its log.
         logging : bool
-            Whether it should log as much as it can.
+            Whether the FMU logs all its messages.
 
         Raises
         ------
         FmuCallError
-            If the FMU refuses.
+            If the FMU returns no instance.
         """
         raise NotImplementedError
 
     def step_call(self, rollback: bool) -> Callable[[float, float], Step]:
-        """Return the function that does a step of co-simulation from a time, of a size [s].
+        """Return the function that performs a co-simulation step, given its start and size [s].
 
         Parameters
         ----------
         rollback : bool
-            Whether the FMU must keep what it needs to go back before the step.
+            Whether a state from before the step may be restored later.
         """
         raise NotImplementedError
 
@@ -289,7 +289,7 @@ class Library:
     # -- instance ---------------------------------------------------------------------------
 
     def instantiated(self, component: Any) -> None:
-        """Keep the instance, or say why there is none."""
+        """Store the instance, or raise an error if there is none."""
         self.component = component
         if component and self.capabilities.once_per_process:
             _alone.add(self.description.token)
@@ -300,22 +300,22 @@ class Library:
             )
 
     def check_alone(self) -> None:
-        """Refuse a second instance of an FMU that allows one per process.
+        """Raise an error for a second instance of an FMU that allows one per process.
 
         Raises
         ------
         FmuError
-            If there is one already.
+            If an instance exists already.
         """
         if self.capabilities.once_per_process and self.description.token in _alone:
             raise FmuError(
                 f"FMU '{self.description.name}' allows one instance in a process "
-                "(canBeInstantiatedOnlyOncePerProcess), and there is one; stop that one, or give "
-                "time_limit, so that this one runs in a process of its own"
+                "(canBeInstantiatedOnlyOncePerProcess), and one exists; stop that instance, or set "
+                "time_limit to run this one in a child process"
             )
 
     def free(self) -> None:
-        """Free the instance, if there is one and it can still be called."""
+        """Free the instance, if it exists and calls are still allowed."""
         component, self.component = self.component, None
         if component:
             _alone.discard(self.description.token)
@@ -335,7 +335,7 @@ def unload(library: ctypes.CDLL) -> None:
     Parameters
     ----------
     library : ctypes.CDLL
-        The library; it must not be used any more.
+        The library; it must not be used afterwards.
     """
     from fmpy import freeLibrary
 

@@ -1,4 +1,4 @@
-"""FMI 2.0: what it does in its own way."""
+"""Functions of FMI 2.0 that differ from FMI 3.0."""
 
 from __future__ import annotations
 
@@ -11,11 +11,11 @@ from typing import Any, ClassVar
 import numpy as np
 
 from trussflow.fmu.errors import FmuBinaryError
-from trussflow.fmu.runtime.library import DISCARD, WARNING, Library, Step, Update, unload
+from trussflow.fmu.runtime.library import STATUS_DISCARD, STATUS_WARNING, Library, Step, Update, unload
 from trussflow.fmu.runtime.messages import callbacks2
 
-LAST_SUCCESSFUL_TIME, TERMINATED = 2, 3
-"""What the FMU can be asked after a discarded step: two values of ``fmi2StatusKind``."""
+KIND_LAST_SUCCESSFUL_TIME, KIND_TERMINATED = 2, 3
+"""Values of ``fmi2StatusKind`` that are queried after a discarded step."""
 
 
 class Library2(Library):
@@ -37,7 +37,7 @@ class Library2(Library):
     _callbacks: Any = None
 
     def instantiate(self, name: str, *, logging: bool) -> None:
-        """Make the instance; see `Library`."""
+        """Create the instance; see `Library`."""
         if self._callbacks is None:
             self._callbacks = callbacks2(self.log, self.folder)
         resources = (self.folder / "resources").as_uri()
@@ -53,30 +53,30 @@ class Library2(Library):
         self.instantiated(component)
 
     def step_call(self, rollback: bool) -> Callable[[float, float], Step]:
-        """Return the function that does a step of co-simulation from a time, of a size [s]."""
+        """Return the function that performs a co-simulation step, given its start and size [s]."""
         do_step, component, prior = self.function("DoStep"), self.component, int(not rollback)
 
         def step(t: float, h: float) -> Step:
             status = do_step(component, t, h, prior)
-            if status <= WARNING:
+            if status <= STATUS_WARNING:
                 return Step(t + h)
-            if status != DISCARD:
+            if status != STATUS_DISCARD:
                 self.fail("DoStep", status)
             return self._discarded(t, h)
 
         return step
 
     def _discarded(self, t: float, h: float) -> Step:
-        """Ask how far a discarded step came; an FMU that does not say came nowhere."""
+        """Query the time that a discarded step reached; its start if the FMU does not report it."""
         reached, ended = ctypes.c_double(t), ctypes.c_int(0)
         with suppress(FmuBinaryError):
             status = self.function("GetRealStatus")(
-                self.component, LAST_SUCCESSFUL_TIME, ctypes.byref(reached)
+                self.component, KIND_LAST_SUCCESSFUL_TIME, ctypes.byref(reached)
             )
-            if status > WARNING or not t <= reached.value <= t + h:
+            if status > STATUS_WARNING or not t <= reached.value <= t + h:
                 reached.value = t
-            status = self.function("GetBooleanStatus")(self.component, TERMINATED, ctypes.byref(ended))
-            ended.value = 0 if status > WARNING else ended.value
+            status = self.function("GetBooleanStatus")(self.component, KIND_TERMINATED, ctypes.byref(ended))
+            ended.value = 0 if status > STATUS_WARNING else ended.value
         return Step(reached.value, discarded=True, terminate=bool(ended.value))
 
     def update_discrete(self) -> Update:
@@ -93,7 +93,7 @@ class Library2(Library):
         )
 
     def close(self) -> None:
-        """Free the instance and unload the binary, and the library that writes its log."""
+        """Free the instance and unload the binary and its logger library."""
         super().close()
         proxy = getattr(self._callbacks, "proxy", None)
         if proxy is not None and not self.dead:

@@ -1,4 +1,4 @@
-"""FMI 3.0: what it does in its own way."""
+"""Functions of FMI 3.0 that differ from FMI 2.0."""
 
 from __future__ import annotations
 
@@ -10,9 +10,9 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from trussflow.fmu.runtime.library import DISCARD, WARNING, Library, Step, Update
+from trussflow.fmu.runtime.library import STATUS_DISCARD, STATUS_WARNING, Library, Step, Update
 from trussflow.fmu.runtime.messages import callback3
-from trussflow.fmu.runtime.signatures import INTEGERS
+from trussflow.fmu.runtime.signatures import INTEGER_TYPES
 
 
 class Library3(Library):
@@ -21,7 +21,7 @@ class Library3(Library):
     version: ClassVar[int] = 3
     flag: ClassVar[Any] = ctypes.c_bool
     accessors: ClassVar[dict[str, tuple[str, Any]]] = {
-        **{kind: (kind, np.dtype(kind.lower()).type) for kind in ("Float32", "Float64", *INTEGERS)},
+        **{kind: (kind, np.dtype(kind.lower()).type) for kind in ("Float32", "Float64", *INTEGER_TYPES)},
         "Boolean": ("Boolean", np.bool_),
         "String": ("String", object),
         "Enumeration": ("Int64", np.int64),
@@ -33,7 +33,7 @@ class Library3(Library):
     _logger: Any = None
 
     def instantiate(self, name: str, *, logging: bool) -> None:
-        """Make the instance; early return is used with event mode only: otherwise nothing is done there."""
+        """Create the instance; early return is enabled only with event mode, which handles it."""
         self._logger = callback3(self.log)
         folder = self.folder / "resources"
         resources = f"{folder}{os.sep}".encode() if folder.is_dir() else None
@@ -49,7 +49,7 @@ class Library3(Library):
         self.instantiated(component)
 
     def step_call(self, rollback: bool) -> Callable[[float, float], Step]:
-        """Return the function that does a step of co-simulation from a time, of a size [s]."""
+        """Return the function that performs a co-simulation step, given its start and size [s]."""
         do_step, component, prior = self.function("DoStep"), self.component, not rollback
         event, end, early = ctypes.c_bool(), ctypes.c_bool(), ctypes.c_bool()
         reached = ctypes.c_double()
@@ -57,10 +57,10 @@ class Library3(Library):
 
         def step(t: float, h: float) -> Step:
             status = do_step(component, t, h, prior, *pointers)
-            if status <= WARNING:
+            if status <= STATUS_WARNING:
                 until = reached.value if early.value else t + h
                 return Step(until, False, early.value, event.value, end.value)
-            if status != DISCARD:
+            if status != STATUS_DISCARD:
                 self.fail("DoStep", status)
             inside = early.value and t <= reached.value <= t + h
             return Step(reached.value if inside else t, True, False, False, end.value)

@@ -1,4 +1,4 @@
-"""What both kinds of FMU have in common: from the file to an initialized instance."""
+"""Base of both kinds of FMU: from the file to an initialized instance."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from trussflow.blocks.framework.errors import TrussflowError
 from trussflow.blocks.framework.types import Vector
 from trussflow.fmu.errors import FmuError
 from trussflow.fmu.runtime.archive import remove, unpack
-from trussflow.fmu.runtime.description import NUMERIC, FmuDescription, FmuVariable, Kind
+from trussflow.fmu.runtime.description import NUMERIC_TYPES, FmuDescription, FmuVariable, Kind
 from trussflow.fmu.runtime.file import FmuFile
 from trussflow.fmu.runtime.library import Library, Update
 from trussflow.fmu.runtime.library2 import Library2
@@ -22,11 +22,11 @@ from trussflow.fmu.runtime.start_values import apply, resized, resolve
 from trussflow.fmu.runtime.variable_buffers import VariableBuffers
 
 MAX_UPDATES = 100
-"""Updates of discrete states at one event above which an FMU is taken to never settle."""
+"""Maximum number of updates of the discrete states at one event."""
 
 
 class KnownFmu:
-    """What is known of an FMU in use before it runs, wherever it runs.
+    """Properties of an FMU in use that do not need its binary, for this or a child process.
 
     Parameters
     ----------
@@ -47,9 +47,9 @@ class KnownFmu:
     description : FmuDescription
         The model description.
     capabilities : Capabilities
-        What the FMU can do.
+        Capabilities of the kind in use.
     inputs, outputs : tuple of FmuVariable
-        The inputs and outputs that are numbers, in the order of their places in the vectors.
+        The numeric inputs and outputs, in the order of the input and output vectors.
     """
 
     def __init__(self, kind: Kind, file: FmuFile | str | Path, start: Mapping[str, Any]) -> None:
@@ -60,7 +60,7 @@ class KnownFmu:
         self.inputs, self.outputs = (numbers(self.description, c) for c in ("input", "output"))
 
     def close(self) -> None:
-        """End its use; nothing is left on disk."""
+        """Release the FMU and delete its temporary files."""
 
     def __enter__(self) -> Self:
         return self
@@ -70,7 +70,7 @@ class KnownFmu:
 
 
 class LoadedFmu(KnownFmu):
-    """An FMU, unpacked and loaded, and its instance; the base of both kinds.
+    """An unpacked and loaded FMU and its instance; base class of both kinds.
 
     Parameters
     ----------
@@ -79,27 +79,27 @@ class LoadedFmu(KnownFmu):
     start : mapping of str to object, optional
         Parameters and start values by the FMU's names [units as the FMU states].
     name : str, optional
-        Name of the instance, in its log; by default that of the model.
+        Name of the instance, used in its log; by default the name of the model.
     logging : bool
-        Whether the FMU should log all it can, rather than faults only.
+        Whether the FMU logs all its messages instead of errors only.
     folder : pathlib.Path, optional
-        Where it is unpacked already; it is deleted at the end.
+        Folder with the FMU already unpacked; `close` deletes it.
 
     Raises
     ------
     FmuError
-        If the FMU is refused, or a name or value in `start` is wrong; nothing is left on disk.
+        If the FMU is refused, or a name or value in `start` is wrong. The temporary files are deleted.
 
     Attributes
     ----------
     input_values : Vector
-        The buffer of the inputs, which may be written in place [units as the FMU states].
+        Buffer of the inputs; the caller may write in place [units as the FMU states].
     """
 
     kind: ClassVar[Kind]
 
     generation: int = 0
-    """How many instances there were; saved states belong to one."""
+    """Number of instances created so far; a saved state belongs to one of them."""
 
     def __init__(
         self,
@@ -128,7 +128,7 @@ class LoadedFmu(KnownFmu):
 
     @property
     def initialized(self) -> bool:
-        """Whether there is an instance."""
+        """Whether an instance exists."""
         return self._library.component is not None
 
     @property
@@ -140,7 +140,7 @@ class LoadedFmu(KnownFmu):
         """Return the latest log messages for an error message."""
         return self._library.log.text()
 
-    # -- life -------------------------------------------------------------------------------
+    # -- setup ------------------------------------------------------------------------------
 
     def setup(
         self,
@@ -150,14 +150,14 @@ class LoadedFmu(KnownFmu):
         inputs: Vector | None = None,
         start: Mapping[str, Any] | None = None,
     ) -> None:
-        """Make a new instance and initialize it; an instance that was there is freed.
+        """Create a new instance and initialize it; an existing instance is freed first.
 
         Parameters
         ----------
         start_time : float
-            Time at which the run begins [s].
+            Start time of the run [s].
         tolerance : float, optional
-            Relative tolerance of the FMU's own solver [-]; by default what the FMU suggests.
+            Relative tolerance of the FMU's own solver [-]; by default that of its default experiment.
         inputs : Vector, optional
             Inputs at the start [units as the FMU states]; by default the FMU's start values.
         start : mapping of str to object, optional
@@ -166,13 +166,13 @@ class LoadedFmu(KnownFmu):
         Raises
         ------
         FmuCallError
-            If the FMU refuses; its own log is part of the message.
+            If a call fails; the message includes the FMU's log.
         FmuError
-            If it failed fatally before: by the standards no instance may be made any more.
+            If a call failed fatally before: FMI forbids further instances then.
         """
         library = self._library
         if library.dead:
-            raise FmuError(f"FMU '{self.description.name}' failed fatally before; close it and load it anew")
+            raise FmuError(f"FMU '{self.description.name}' failed fatally before; close it and load it again")
         self._free()
         self.generation += 1
         library.broken = False
@@ -182,7 +182,7 @@ class LoadedFmu(KnownFmu):
         starts = {**self._starts, **resolve(self.description, start or {})}
         known = self.description.variables
         structure = {n: starts.pop(n) for n in list(starts) if known[n].is_structural}
-        if structure:  # sizes of arrays can be set in a mode of their own only
+        if structure:  # array sizes can be set in configuration mode only
             library.call("EnterConfigurationMode")
             apply(library, structure)
             library.call("ExitConfigurationMode")
@@ -198,7 +198,7 @@ class LoadedFmu(KnownFmu):
         self._started(float(start_time))
 
     def _started(self, time: float) -> None:
-        """Prepare what needs an instance that is initialized."""
+        """Prepare the subclass after initialization."""
         raise NotImplementedError
 
     def tune(self, values: Mapping[str, Any]) -> None:
@@ -212,37 +212,37 @@ class LoadedFmu(KnownFmu):
         Raises
         ------
         FmuError
-            If a name or value is wrong, or the FMU refuses.
+            If a name or value is wrong, or the FMU rejects it.
         """
         apply(self._library, resolve(self.description, values))
 
     def read(self, names: tuple[str, ...]) -> Vector:
-        """Return the present values of variables, whatever their causality.
+        """Return the current values of variables of any causality.
 
         Parameters
         ----------
         names : tuple of str
-            The FMU's names of numbers [units as the FMU states].
+            Names of numeric variables in the FMU [units as the FMU states].
 
         Raises
         ------
         FmuError
-            If there is no such number.
+            If a variable does not exist or is not numeric.
         """
         known = self.description.variables
         for name in names:
-            if name not in known or known[name].type not in NUMERIC:
-                raise FmuError(f"FMU '{self.description.name}' has no number '{name}'")
+            if name not in known or known[name].type not in NUMERIC_TYPES:
+                raise FmuError(f"FMU '{self.description.name}' has no numeric variable '{name}'")
         bank = VariableBuffers([known[name] for name in names], self._library, writes=False)
         bank.bind()
         bank.read()
         return bank.values
 
     def _free(self) -> None:
-        """End and free the instance, if there is one."""
+        """Terminate and free the instance, if it exists."""
         library = self._library
         if library.component and not library.broken:
-            with suppress(TrussflowError):  # it is freed in any case
+            with suppress(TrussflowError):  # a failed Terminate does not prevent freeing
                 library.call("Terminate")
         library.free()
 
@@ -256,7 +256,7 @@ class LoadedFmu(KnownFmu):
                 self._finalizer()
 
     def _settle(self) -> Update:
-        """Update discrete states, in event mode, until they settle; return what that did in all."""
+        """Iterate the discrete states in event mode to convergence; return the combined update."""
         states_changed = False
         for _ in range(MAX_UPDATES):
             update = self._library.update_discrete()
@@ -264,7 +264,7 @@ class LoadedFmu(KnownFmu):
             if update.terminate or not update.again:
                 return update._replace(states_changed=states_changed)
         raise FmuError(
-            f"FMU '{self.description.name}': its discrete states did not settle after "
+            f"FMU '{self.description.name}': its discrete states did not converge within "
             f"{MAX_UPDATES} updates at one event"
         )
 
@@ -276,12 +276,12 @@ class LoadedFmu(KnownFmu):
         Parameters
         ----------
         values : Vector, optional
-            The inputs [units as the FMU states]; by default what stands in `input_values`.
+            The inputs [units as the FMU states]; by default the content of `input_values`.
 
         Raises
         ------
         FmuError
-            If a value is none of the input's type, or the FMU refuses it.
+            If a value does not fit the type of the input, or the FMU rejects it.
         """
         if values is not None:
             self._input.values[:] = values
@@ -293,12 +293,12 @@ class LoadedFmu(KnownFmu):
         Raises
         ------
         FmuCallError
-            If the FMU cannot compute them.
+            If the FMU cannot compute the outputs.
         """
         self._output.read()
         return self._output.values
 
-    # -- going back -------------------------------------------------------------------------
+    # -- saved states -----------------------------------------------------------------------
 
     def save_state(self) -> int:
         """Return the handle of a copy of the state; free it with `free_state`.
@@ -306,7 +306,7 @@ class LoadedFmu(KnownFmu):
         Raises
         ------
         FmuError
-            If the FMU cannot do that.
+            If the FMU cannot save its state.
         """
         if not self.capabilities.saves_state:
             raise FmuError(
@@ -318,12 +318,12 @@ class LoadedFmu(KnownFmu):
         return handle.value or 0
 
     def restore_state(self, state: int) -> None:
-        """Go back to a saved state, which stays valid.
+        """Restore a saved state, which stays valid.
 
         Parameters
         ----------
         state : int
-            What `save_state` returned [-].
+            Handle from `save_state` [-].
         """
         self._library.call(f"Set{self._library.state_word}", ctypes.c_void_p(state))
 
@@ -333,7 +333,7 @@ class LoadedFmu(KnownFmu):
         Parameters
         ----------
         state : int
-            What `save_state` returned [-].
+            Handle from `save_state` [-].
         """
         library = self._library
         if library.component and not library.dead:
@@ -345,16 +345,16 @@ class LoadedFmu(KnownFmu):
         Parameters
         ----------
         state : int
-            What `save_state` returned [-].
+            Handle from `save_state` [-].
 
         Raises
         ------
         FmuError
-            If the FMU cannot do that.
+            If the FMU cannot serialize its state.
         """
         if not self.capabilities.serializes_state:
             raise FmuError(
-                f"FMU '{self.description.name}' cannot turn its state into bytes "
+                f"FMU '{self.description.name}' cannot serialize its state to bytes "
                 "(canSerializeFMUState is not set in its model description)"
             )
         word, handle, size = self._library.state_word, ctypes.c_void_p(state), ctypes.c_size_t()
@@ -364,12 +364,12 @@ class LoadedFmu(KnownFmu):
         return buffer.raw
 
     def deserialize_state(self, content: bytes) -> int:
-        """Return the handle of a state that was turned into bytes.
+        """Return the handle of a deserialized state.
 
         Parameters
         ----------
         content : bytes
-            What `serialize_state` returned, of this or another instance of the same FMU.
+            Bytes from `serialize_state` of this or another instance of the same FMU.
         """
         handle = ctypes.c_void_p()
         buffer = ctypes.create_string_buffer(content, len(content))
@@ -378,13 +378,13 @@ class LoadedFmu(KnownFmu):
 
 
 def numbers(description: FmuDescription, causality: str) -> tuple[FmuVariable, ...]:
-    """Return the variables of one causality that are numbers.
+    """Return the numeric variables of one causality.
 
     Parameters
     ----------
     description : FmuDescription
         The model description.
     causality : str
-        As FMI defines it.
+        Causality as defined by FMI.
     """
-    return tuple(v for v in description.having(causality) if v.type in NUMERIC)
+    return tuple(v for v in description.having(causality) if v.type in NUMERIC_TYPES)

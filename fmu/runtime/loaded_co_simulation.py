@@ -1,4 +1,4 @@
-"""Co-simulation: an FMU that steps itself, with as little as possible between it and the caller."""
+"""Loaded FMU for co-simulation, with little overhead per step."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import numpy as np
 
 from trussflow.blocks.framework.types import Vector
 from trussflow.fmu.errors import FmuError
-from trussflow.fmu.runtime.description import REAL, Kind
+from trussflow.fmu.runtime.description import REAL_TYPES, Kind
 from trussflow.fmu.runtime.library import Step
 from trussflow.fmu.runtime.loaded import LoadedFmu
 from trussflow.fmu.runtime.split_inputs import SplitInputs
@@ -19,10 +19,10 @@ from trussflow.fmu.runtime.split_inputs import SplitInputs
 class LoadedCoSimulation(LoadedFmu):
     """An FMU for co-simulation, loaded.
 
-    The order of calls: `setup`; then again and again `set_inputs`, `do_step`, `get_outputs`; at
-    last `close`, or use it in a ``with`` statement. `setup` may be called again to begin anew.
-    `do_step` tells how the step ended; going on after a discarded or early one is up to the
-    caller. Where a step ends at an event, `handle_event` must come before the next step.
+    Call `setup` first, then `set_inputs`, `do_step` and `get_outputs` for each step, and `close`
+    at the end, or use a ``with`` statement. Call `setup` again to start a new run. `do_step`
+    returns whether the step was completed, discarded or ended early; the caller decides how to
+    continue. If a step ends at an event, call `handle_event` before the next step.
 
     The parameters are those of `LoadedFmu`.
 
@@ -50,7 +50,7 @@ class LoadedCoSimulation(LoadedFmu):
         self._written: Vector | None = None
         self._written_by_state: dict[int, Vector | None] = {}
         self._ended = False
-        if self._has_events:  # such an FMU is in event mode after initialization
+        if self._has_events:  # FMI 3: it is in event mode after initialization
             split = SplitInputs(self._input, library)
             self._split = split if split.jumping.size else None
             self._ended = self._leave_event_mode()
@@ -62,7 +62,7 @@ class LoadedCoSimulation(LoadedFmu):
         return state
 
     def restore_state(self, state: int) -> None:
-        """Go back to a saved state; see `LoadedFmu.restore_state`."""
+        """Restore a saved state; see `LoadedFmu.restore_state`."""
         super().restore_state(state)
         self._written = self._written_by_state.get(state)
         self._ended = False
@@ -79,8 +79,8 @@ class LoadedCoSimulation(LoadedFmu):
     def set_inputs(self, values: Vector | None = None) -> None:
         """Set all inputs; see `LoadedFmu.set_inputs`.
 
-        Where the FMU has an event mode, inputs that may change at events only (whole numbers,
-        truth values, discrete reals) are set in that mode if they changed.
+        If the FMU has an event mode, changed discrete inputs (integers, Booleans, discrete reals)
+        are set in that mode.
         """
         if values is not None:
             self._input.values[:] = values
@@ -98,32 +98,32 @@ class LoadedCoSimulation(LoadedFmu):
         self._written = now.copy()
 
     def do_step(self, time: float, step: float, *, rollback: bool = False) -> Step:
-        """Do a step.
+        """Perform a step.
 
         Parameters
         ----------
         time, step : float
-            Where it begins and how long it is [s].
+            Start time and size of the step [s].
         rollback : bool
             Whether a state from before this step may be restored later.
 
         Returns
         -------
         Step
-            How it ended. None is done if the FMU asked to end the run when its inputs or
-            parameters were set.
+            Result of the step. No step is performed if the FMU requested the end of the run when
+            its inputs or parameters were set.
 
         Raises
         ------
         FmuCallError
-            If the FMU fails; its own log is part of the message.
+            If the FMU fails; the message includes the FMU's log.
         """
         if self._ended:
             return Step(time, terminate=True)
         return (self._keeping if rollback else self._plain)(time, step)
 
     def tune(self, values: Mapping[str, Any]) -> None:
-        """Change parameters between steps, in event mode if there is one; see `LoadedFmu.tune`."""
+        """Change parameters between steps, in event mode if the FMU has one; see `LoadedFmu.tune`."""
         if self._has_events:
             self._library.call("EnterEventMode")
         super().tune(values)
@@ -131,17 +131,17 @@ class LoadedCoSimulation(LoadedFmu):
             self._ended = self._leave_event_mode()
 
     def handle_event(self) -> bool:
-        """Update the discrete states until they settle (FMI 3 with event mode).
+        """Iterate the discrete states to convergence (FMI 3 with event mode).
 
         Returns
         -------
         bool
-            Whether the FMU asks to end the run.
+            Whether the FMU requests the end of the run.
 
         Raises
         ------
         FmuError
-            If the discrete states do not settle.
+            If the discrete states do not converge.
         FmuCallError
             If the FMU fails.
         """
@@ -149,7 +149,7 @@ class LoadedCoSimulation(LoadedFmu):
         return self._leave_event_mode()
 
     def _leave_event_mode(self) -> bool:
-        """Let discrete states settle and go on to steps; return whether the FMU asks to end the run."""
+        """Iterate the discrete states and enter step mode; return whether the FMU requests the end."""
         update = self._settle()
         self._library.call("EnterStepMode")
         return update.terminate
@@ -157,7 +157,7 @@ class LoadedCoSimulation(LoadedFmu):
     # -- coupling ---------------------------------------------------------------------------
 
     def set_input_derivatives(self, values: Vector) -> None:
-        """Set derivatives of all inputs with respect to time, for the next step (FMI 2).
+        """Set the time derivatives of all inputs for the next step (FMI 2).
 
         Parameters
         ----------
@@ -167,13 +167,13 @@ class LoadedCoSimulation(LoadedFmu):
         Raises
         ------
         FmuError
-            If the FMU cannot interpolate inputs, or has inputs that are no real numbers.
+            If the FMU cannot interpolate inputs, or an input is not a real number.
         """
         if not self.can_interpolate:
             raise FmuError(
                 f"FMU '{self.description.name}' cannot interpolate its inputs: either "
-                "canInterpolateInputs is not set in its model description, or it is of FMI 3, or "
-                "an input is no real number"
+                "canInterpolateInputs is not set in its model description, or its version is FMI 3, or "
+                "an input is not a real number"
             )
         n = len(self.inputs)
         buffer = np.ascontiguousarray(values, dtype=np.float64)
@@ -185,9 +185,9 @@ class LoadedCoSimulation(LoadedFmu):
 
     @property
     def can_interpolate(self) -> bool:
-        """Whether derivatives of inputs may be set."""
+        """Whether input derivatives may be set."""
         return (
             self._library.version == 2
             and self.capabilities.interpolates_inputs
-            and all(v.type in REAL for v in self.inputs)
+            and all(v.type in REAL_TYPES for v in self.inputs)
         )

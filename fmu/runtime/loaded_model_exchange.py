@@ -1,4 +1,4 @@
-"""Model exchange: an FMU that says what its derivatives are, for a solver that is not its own."""
+"""Loaded FMU for model exchange, which an external solver integrates."""
 
 from __future__ import annotations
 
@@ -19,9 +19,9 @@ from trussflow.fmu.runtime.split_inputs import SplitInputs, is_smooth, smooth_el
 class LoadedModelExchange(LoadedFmu):
     """An FMU for model exchange, loaded.
 
-    The order of calls: `setup`; then at each evaluation `place`, and what is wanted of
-    `derivatives`, `indicators` and `get_outputs`; after each accepted step `completed_step`; at
-    each event `handle_event`; at last `close`, or use it in a ``with`` statement.
+    Call `setup` first. At each evaluation call `place`, then any of `derivatives`, `indicators`
+    and `get_outputs`. Call `completed_step` after each accepted step, `handle_event` at each
+    event, and `close` at the end, or use a ``with`` statement.
 
     The parameters are those of `LoadedFmu`.
 
@@ -62,7 +62,7 @@ class LoadedModelExchange(LoadedFmu):
         self.initial_states = self._states.copy()
 
     def place(self, t: float, x: Vector, u: Vector) -> None:
-        """Set time, continuous states, and the inputs that may change between events.
+        """Set the time, the continuous states and the continuous inputs.
 
         Parameters
         ----------
@@ -76,7 +76,7 @@ class LoadedModelExchange(LoadedFmu):
         Raises
         ------
         FmuCallError
-            If the FMU refuses.
+            If the FMU rejects a value.
         """
         self._library.call("SetTime", t)
         if x.size:
@@ -85,20 +85,20 @@ class LoadedModelExchange(LoadedFmu):
         self._split.write_smooth(u)
 
     def set_restored(self, next_time: float, inputs: Vector) -> None:
-        """Set what belongs to a state that was restored, and is not in the FMU.
+        """Set the values that belong to a restored state but are stored outside the FMU.
 
         Parameters
         ----------
         next_time : float
             Time of the next time event [s].
         inputs : Vector
-            What `input_values` was when the state was saved [units as the FMU states].
+            Value of `input_values` when the state was saved [units as the FMU states].
         """
         self.next_time = next_time
         self._input.values[:] = inputs
 
     def event_inputs_changed(self, u: Vector) -> bool:
-        """Tell whether inputs differ that may change at events only.
+        """Return whether any input that may change at events only has changed.
 
         Parameters
         ----------
@@ -115,14 +115,14 @@ class LoadedModelExchange(LoadedFmu):
         return self._rates
 
     def along(self, what: str, dx: Vector, du: Vector) -> Vector:
-        """Return directional derivatives; those of what changes at events only are zero.
+        """Return directional derivatives; those of discrete variables are zero.
 
         Parameters
         ----------
         what : str
             ``"output"`` or ``"derivative"``.
         dx, du : Vector
-            The direction: of the states, and of all inputs [units as the FMU states].
+            Direction in the states and in all inputs [units as the FMU states].
 
         Raises
         ------
@@ -153,36 +153,37 @@ class LoadedModelExchange(LoadedFmu):
         return self._signs
 
     def completed_step(self) -> tuple[bool, bool]:
-        """Tell the FMU that the present point is accepted.
+        """Report to the FMU that the solver accepted the step.
 
         Returns
         -------
         tuple of bool
-            Whether it wants an event to be handled now, and whether the run is to end.
+            Whether the FMU requests an event now, and whether it requests the end of the run.
         """
         if not self.capabilities.completed_step_needed:
             return False, False
         return self._library.completed_step()
 
     def handle_event(self, u: Vector, values: Mapping[str, Any] | None = None) -> tuple[Vector | None, bool]:
-        """Handle an event at the present point.
+        """Handle an event at the current time.
 
         Parameters
         ----------
         u : Vector
             All inputs [units as the FMU states].
         values : mapping of str to object, optional
-            Parameters that change, by the FMU's names [units as the FMU states].
+            Changed parameters by the FMU's names [units as the FMU states].
 
         Returns
         -------
         tuple
-            The continuous states if they jumped, else None; and whether the run is to end.
+            The continuous states if they changed, else None; and whether the FMU requests the end
+            of the run.
 
         Raises
         ------
         FmuError
-            If the discrete states do not settle, or the FMU fails.
+            If the discrete states do not converge, or the FMU fails.
         """
         self._library.call("EnterEventMode")
         if u.size:
@@ -196,7 +197,7 @@ class LoadedModelExchange(LoadedFmu):
         return None, ended
 
     def _resume(self) -> tuple[bool, bool]:
-        """Let discrete states settle and go on in continuous time; return (jumped, end wanted)."""
+        """Iterate the discrete states, enter continuous-time mode; return (states changed, terminate)."""
         update = self._settle()
         self.next_time = update.next_time
         self._library.call("EnterContinuousTimeMode")

@@ -1,4 +1,4 @@
-"""What an FMU has to say: its log messages, kept for error messages."""
+"""Log messages of an FMU, stored for error messages."""
 
 from __future__ import annotations
 
@@ -9,18 +9,18 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any, ClassVar, TextIO
 
-STATUS = ("ok", "warning", "discard", "error", "fatal", "pending")
-"""Names of the numbers that functions of FMI return."""
+STATUS_NAMES = ("ok", "warning", "discard", "error", "fatal", "pending")
+"""Names of the FMI statuses, by number."""
 
-KEPT = 200
-"""Messages kept; older ones are dropped."""
+MAX_KEPT_MESSAGES = 200
+"""Maximum number of stored messages; older ones are dropped."""
 
-SHOWN = 12
-"""Messages shown in an error."""
+MAX_SHOWN_MESSAGES = 12
+"""Maximum number of messages in an error message."""
 
 
 class Messages:
-    """The log messages of one instance of an FMU, the latest ones.
+    """The latest log messages of one instance of an FMU.
 
     Attributes
     ----------
@@ -29,20 +29,20 @@ class Messages:
     """
 
     echo: ClassVar[TextIO | None] = None
-    """Where messages are written besides, at once: a process that may crash sets it."""
+    """Stream to which messages are also written immediately; set in a process that may crash."""
 
     def __init__(self) -> None:
-        self.messages: deque[tuple[int, str, str]] = deque(maxlen=KEPT)
+        self.messages: deque[tuple[int, str, str]] = deque(maxlen=MAX_KEPT_MESSAGES)
 
     def add(self, status: int, category: bytes | None, text: bytes | None) -> None:
-        """Keep a message; never raises, since the FMU's C code calls it.
+        """Store a message; it never raises, because the FMU's C code calls it.
 
         Parameters
         ----------
         status : int
-            Status of FMI [-].
+            FMI status [-].
         category, text : bytes or None
-            As the FMU gave them.
+            Arguments of the FMU's logger call.
         """
         said, kind = ((part or b"").decode("utf-8", "replace").strip() for part in (text, category))
         self.messages.append((status, kind, said))
@@ -51,32 +51,32 @@ class Messages:
             self.echo.flush()
 
     def text(self) -> str:
-        """Return the latest messages for an error message; empty if there are none."""
+        """Return the latest warnings and errors, or else the latest messages, for an error message."""
         worst = [m for m in self.messages if m[0] >= 1] or list(self.messages)
         if not worst:
             return "; the FMU logged nothing"
-        lines = [f"\n  [{status_name(status)}] {text}" for status, _, text in worst[-SHOWN:]]
+        lines = [f"\n  [{status_name(status)}] {text}" for status, _, text in worst[-MAX_SHOWN_MESSAGES:]]
         return "; the FMU's own log:" + "".join(lines)
 
 
 def status_name(status: int) -> str:
-    """Return what FMI calls a `status` [-]."""
-    return STATUS[status] if 0 <= status < len(STATUS) else str(status)
+    """Return the name of an FMI `status` [-]."""
+    return STATUS_NAMES[status] if 0 <= status < len(STATUS_NAMES) else str(status)
 
 
 def callbacks2(log: Messages, folder: Path) -> Any:
-    """Return the callbacks of FMI 2; keep them as long as the instance lives.
+    """Return the callbacks of FMI 2; they must exist as long as the instance.
 
     FMI 2's logger takes a variable number of arguments, like C's ``printf``, which Python cannot
-    read. fmpy has a small library that writes the text, but it keeps one receiver per process;
-    so each instance gets a copy of it in its own folder.
+    read. fmpy has a small library that formats the text, but supports one receiver per process.
+    Therefore each instance loads a copy of this library from its own folder.
 
     Parameters
     ----------
-    log : Log
-        Takes the messages.
+    log : Messages
+        Receiver of the messages.
     folder : pathlib.Path
-        Of the unpacked FMU.
+        Folder of the unpacked FMU.
     """
     from fmpy import calloc, fmi2, free
 
@@ -87,7 +87,7 @@ def callbacks2(log: Messages, folder: Path) -> Any:
     callbacks.logger = fmi2.fmi2CallbackLoggerTYPE(logged)
     callbacks.allocateMemory = fmi2.fmi2CallbackAllocateMemoryTYPE(calloc)
     callbacks.freeMemory = fmi2.fmi2CallbackFreeMemoryTYPE(free)
-    with suppress(ImportError, OSError, AttributeError):  # no such library for this machine
+    with suppress(ImportError, OSError, AttributeError):  # fmpy has no such library for this machine
         from fmpy import logging as proxy
 
         copy = folder / "trussflow-logger.bin"
@@ -101,12 +101,12 @@ def callbacks2(log: Messages, folder: Path) -> Any:
 
 
 def callback3(log: Messages) -> Any:
-    """Return the logger of FMI 3; keep it as long as the instance lives.
+    """Return the logger callback of FMI 3; it must exist as long as the instance.
 
     Parameters
     ----------
-    log : Log
-        Takes the messages.
+    log : Messages
+        Receiver of the messages.
     """
     from fmpy.fmi3 import fmi3LogMessageCallback
 

@@ -1,4 +1,4 @@
-"""A first look at XML from elsewhere, before any library builds a tree of it."""
+"""Check of XML from untrusted files, before a library parses it into a tree."""
 
 from __future__ import annotations
 
@@ -7,34 +7,34 @@ from xml.parsers import expat
 from trussflow.fmu.errors import FmuDescriptionError
 
 MAX_DEPTH = 100
-"""Nesting above which a document is refused; FMI needs six levels, annotations some more."""
+"""Maximum nesting depth of elements; FMI needs six levels, annotations a few more."""
 
 
 def check_xml(text: bytes, where: str) -> None:
-    """Refuse XML that is not well-formed, or that declares a document type.
+    """Raise an error for XML that is not well-formed or declares a document type.
 
-    Entities, with which a few lines grow to gigabytes or read other files, need such a
-    declaration, and FMI has none. After this check a parser has nothing left to expand.
+    Entities can expand a few lines to gigabytes or include other files. They need a document
+    type declaration, which FMI does not use. After this check a parser has no entity to expand.
 
     Parameters
     ----------
     text : bytes
         The document.
     where : str
-        What it is, for messages.
+        Name of the document, for error messages.
 
     Raises
     ------
     FmuDescriptionError
         If the document is refused.
     """
-    parser = expat.ParserCreate(namespace_separator=" ")  # names of no known space are faults too
+    parser = expat.ParserCreate(namespace_separator=" ")  # reports unbound namespace prefixes as errors
     depth = 0
 
     def refuse(*_: object) -> None:
         raise FmuDescriptionError(
             f"refused to read {where}: it declares a document type or entities, which FMI does "
-            "not use and which can be made to fill the memory or to read other files"
+            "not use and which can exhaust the memory or include other files"
         )
 
     def enter(*_: object) -> None:

@@ -1,4 +1,4 @@
-"""Saved states of FMUs: bytes where the FMU can, else handles that only its own run can use."""
+"""Saved states of FMUs: bytes if the FMU can serialize them, else handles for the same run."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from trussflow.fmu.errors import FmuError
 
 
 class HeldState:
-    """A state that an FMU keeps for us because it cannot turn it into bytes.
+    """A state inside an FMU instance that cannot serialize it to bytes.
 
     Parameters
     ----------
@@ -25,21 +25,21 @@ class HeldState:
         weakref.finalize(self, _free, self.fmu, self.instance, self.handle)
 
     def __repr__(self) -> str:
-        return f"a state of FMU '{self._name}', which cannot turn it into bytes (no canSerializeFMUState)"
+        return f"a state of FMU '{self._name}', which cannot serialize it to bytes (no canSerializeFMUState)"
 
 
 def _free(fmu: weakref.ref[Any], instance: int, handle: int) -> None:
-    """Free a state, if the instance that keeps it is still there."""
+    """Free a state, if its instance still exists."""
     found = fmu()
     if found is None:
         return
-    with suppress(FmuError):  # its process may have ended, and the state with it
+    with suppress(FmuError):  # the state is already gone if the child process has ended
         if found.initialized and found.generation == instance:
             found.free_state(handle)
 
 
 def saved_state(fmu: Any) -> bytes | HeldState:
-    """Return the state of an FMU: bytes if it can, else an object that keeps it.
+    """Return the state of an FMU as bytes if it can serialize them, else as a `HeldState`.
 
     Parameters
     ----------
@@ -49,7 +49,7 @@ def saved_state(fmu: Any) -> bytes | HeldState:
     Raises
     ------
     FmuError
-        If it cannot save its state.
+        If the FMU cannot save its state.
     """
     if not fmu.capabilities.serializes_state:
         return HeldState(fmu)
@@ -62,26 +62,26 @@ def saved_state(fmu: Any) -> bytes | HeldState:
 
 
 def restore_state(fmu: Any, state: bytes | HeldState) -> None:
-    """Give an initialized FMU back a state.
+    """Restore a saved state in an initialized FMU.
 
     Parameters
     ----------
     fmu : object
         A `LoadedCoSimulation` or `LoadedModelExchange`, or one in a child process.
     state : bytes or HeldState
-        What `saved_state` returned.
+        Result of `saved_state`.
 
     Raises
     ------
     FmuError
-        If the state is of an instance that is gone.
+        If the state belongs to another instance.
     """
     if isinstance(state, HeldState):
         keeper: Any = state.fmu()
         if keeper is not fmu or state.instance != fmu.generation:
             raise FmuError(
-                f"cannot restore FMU '{fmu.description.name}': it cannot turn its state into "
-                "bytes, so only the run that saved it can go back to it"
+                f"cannot restore FMU '{fmu.description.name}': it cannot serialize its state to "
+                "bytes, so only the run that saved the state can restore it"
             )
         fmu.restore_state(state.handle)
         return

@@ -1,9 +1,9 @@
-"""C signatures of the functions of FMI 2.0 and 3.0 that are called here.
+"""C signatures of the functions of FMI 2.0 and 3.0 that the import calls.
 
 One letter per argument: c instance, p pointer, s text, d double, z size, i int or enumeration,
-b C99 bool. Results are a status, except where `RESULTS` says otherwise.
-FMUs that leave out functions they do not support can still be used without these; the standards
-ask for all, but not every tool obeys.
+b C99 bool. A function returns a status unless `RESULT_TYPES` lists it.
+FMI requires all functions, but some tools leave out unsupported ones. Functions are therefore
+looked up when they are first called.
 """
 
 from __future__ import annotations
@@ -13,20 +13,20 @@ from typing import Any
 
 from trussflow.fmu.errors import FmuBinaryError
 
-INTEGERS = [f"{sign}Int{bits}" for sign in ("", "U") for bits in (8, 16, 32, 64)]
-"""The types of FMI 3.0 that are whole numbers."""
+INTEGER_TYPES = [f"{sign}Int{bits}" for sign in ("", "U") for bits in (8, 16, 32, 64)]
+"""Integer types of FMI 3.0."""
 
 _TYPES2 = ("Real", "Integer", "Boolean", "String")
-_TYPES3 = ("Float32", "Float64", "Boolean", "String", *INTEGERS)
+_TYPES3 = ("Float32", "Float64", "Boolean", "String", *INTEGER_TYPES)
 
-BOTH = {
+COMMON_FUNCTIONS = {
     "c": "FreeInstance Terminate ExitInitializationMode EnterEventMode EnterContinuousTimeMode",
     "cd": "SetTime",
     "cpz": "SetContinuousStates GetContinuousStates GetEventIndicators",
 }
-"""The functions with the same name and signature in both versions, by signature."""
+"""Functions with equal name and signature in both versions, by signature."""
 
-FMI2 = {
+FMI2_FUNCTIONS = {
     "c": "EnterInitializationMode",
     "sisspii": "Instantiate",
     "ciddid": "SetupExperiment",
@@ -41,9 +41,9 @@ FMI2 = {
     "cpz": "GetDerivatives",
     "cpzpzpp": "GetDirectionalDerivative",
 }
-"""The functions of FMI 2.0 by signature, besides those of `BOTH`."""
+"""Further functions of FMI 2.0, by signature."""
 
-FMI3 = {
+FMI3_FUNCTIONS = {
     "c": "EnterConfigurationMode ExitConfigurationMode EnterStepMode",
     "sssbbbbpzppp": "InstantiateCoSimulation",
     "sssbbpp": "InstantiateModelExchange",
@@ -59,25 +59,30 @@ FMI3 = {
     "cpz": "GetContinuousStateDerivatives",
     "cpzpzpzpz": "GetDirectionalDerivative",
 }
-"""The functions of FMI 3.0 by signature, besides those of `BOTH`."""
+"""Further functions of FMI 3.0, by signature."""
 
-SIGNATURES = {
+FUNCTION_SIGNATURES = {
     (version, name): letters
-    for version, table in ((2, BOTH), (3, BOTH), (2, FMI2), (3, FMI3))
+    for version, table in (
+        (2, COMMON_FUNCTIONS),
+        (3, COMMON_FUNCTIONS),
+        (2, FMI2_FUNCTIONS),
+        (3, FMI3_FUNCTIONS),
+    )
     for letters, names in table.items()
     for name in names.split()
 }
-"""The signature of each function by major version of FMI and name without the prefix."""
+"""Signature of each function, by major version of FMI and name without the prefix."""
 
-RESULTS: dict[str, Any] = {
+RESULT_TYPES: dict[str, Any] = {
     "Instantiate": ctypes.c_void_p,
     "InstantiateCoSimulation": ctypes.c_void_p,
     "InstantiateModelExchange": ctypes.c_void_p,
     "FreeInstance": None,
 }
-"""What functions return that return no status."""
+"""Result types of the functions that do not return a status."""
 
-LETTERS: dict[str, Any] = {
+ARGUMENT_TYPES: dict[str, Any] = {
     "c": ctypes.c_void_p,
     "p": ctypes.c_void_p,
     "s": ctypes.c_char_p,
@@ -89,7 +94,7 @@ LETTERS: dict[str, Any] = {
 
 
 def function(library: ctypes.CDLL, version: int, name: str) -> Any:
-    """Return a function of an FMU, ready to be called.
+    """Return a function of an FMU with its argument and result types.
 
     Parameters
     ----------
@@ -103,7 +108,7 @@ def function(library: ctypes.CDLL, version: int, name: str) -> Any:
     Raises
     ------
     FmuBinaryError
-        If the binary does not have it.
+        If the binary does not contain the function.
     """
     full = f"fmi{version}{name}"
     try:
@@ -112,6 +117,6 @@ def function(library: ctypes.CDLL, version: int, name: str) -> Any:
         raise FmuBinaryError(
             f"the binary of the FMU has no function {full}; it was built incompletely"
         ) from None
-    found.argtypes = [LETTERS[letter] for letter in SIGNATURES[version, name]]
-    found.restype = RESULTS.get(name, ctypes.c_int)
+    found.argtypes = [ARGUMENT_TYPES[letter] for letter in FUNCTION_SIGNATURES[version, name]]
+    found.restype = RESULT_TYPES.get(name, ctypes.c_int)
     return found

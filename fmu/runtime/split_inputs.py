@@ -1,4 +1,4 @@
-"""Inputs that may change at any time, and those that may change at events only."""
+"""Separation of continuous inputs from inputs that may change at events only."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trussflow.blocks.framework.types import Vector
-from trussflow.fmu.runtime.description import REAL, FmuVariable
+from trussflow.fmu.runtime.description import REAL_TYPES, FmuVariable
 from trussflow.fmu.runtime.library import Library
 from trussflow.fmu.runtime.variable_buffers import VariableBuffers
 
@@ -18,10 +18,10 @@ class SplitInputs:
 
     Parameters
     ----------
-    everything : Bank
-        All inputs, bound.
+    everything : VariableBuffers
+        Buffers of all inputs, bound.
     library : Library
-        The instance.
+        Library of the instance.
     """
 
     def __init__(self, everything: VariableBuffers, library: Library) -> None:
@@ -35,7 +35,7 @@ class SplitInputs:
             self._smooth.bind()
 
     def write_smooth(self, u: Vector) -> None:
-        """Set the inputs that may change at any time.
+        """Set the continuous inputs.
 
         Parameters
         ----------
@@ -48,11 +48,11 @@ class SplitInputs:
 
 
 def is_smooth(variable: FmuVariable) -> bool:
-    """Tell whether a `variable` may change between events."""
-    return variable.variability == "continuous" and variable.type in REAL
+    """Return whether a `variable` may change between events."""
+    return variable.variability == "continuous" and variable.type in REAL_TYPES
 
 
 def smooth_elements(variables: Sequence[FmuVariable]) -> NDArray[np.bool_]:
-    """Return for each element of `variables` whether it may change between events."""
+    """Return whether each element of `variables` may change between events."""
     flags = [np.full(v.size, is_smooth(v)) for v in variables]
     return np.concatenate([np.zeros(0, dtype=bool), *flags])

@@ -1,4 +1,4 @@
-"""Values by name: parameters and start values of an FMU, found, checked and set."""
+"""Parameters and start values of an FMU: look up by name, check and set."""
 
 from __future__ import annotations
 
@@ -13,17 +13,23 @@ import numpy as np
 
 from trussflow.blocks.framework.types import Vector
 from trussflow.fmu.errors import FmuError
-from trussflow.fmu.runtime.description import MAX_ELEMENTS, NUMERIC, REAL, FmuDescription, FmuVariable
+from trussflow.fmu.runtime.description import (
+    MAX_ELEMENTS,
+    NUMERIC_TYPES,
+    REAL_TYPES,
+    FmuDescription,
+    FmuVariable,
+)
 from trussflow.fmu.runtime.gathering import gather
 from trussflow.fmu.runtime.library import Library
 from trussflow.fmu.runtime.variable_buffers import VariableBuffers
 
 Starts = dict[str, Any]
-"""Values by the FMU's own names of variables: flat vectors of floats, or lists of text."""
+"""Values by the FMU's variable names: flat vectors of floats, or lists of text."""
 
 
 def settable(variable: FmuVariable) -> bool:
-    """Tell whether a variable may be given a value before initialization.
+    """Return whether a variable may be set before initialization.
 
     Parameters
     ----------
@@ -40,27 +46,27 @@ def resolve(
     given: Mapping[str, Any],
     aliases: Mapping[str, Sequence[FmuVariable]] | None = None,
 ) -> Starts:
-    """Return values by the names of single variables.
+    """Split given values into values of single variables, keyed by the FMU's names.
 
     Parameters
     ----------
     description : FmuDescription
         The model description.
     given : mapping of str to object
-        Values by the name of a variable, or by the name without indices of variables that form
-        an array: numbers [units as the FMU states] or text.
+        Numbers [units as the FMU states] or text, by the name of a variable or array. The name of
+        an array of scalar variables has no indices.
     aliases : mapping of str to sequence of FmuVariable, optional
-        Further names and what they stand for.
+        Variables by further names.
 
     Raises
     ------
     FmuError
-        If a name is unknown, names what cannot be set, is given twice, or a value does not fit.
+        If a name is unknown or given twice, its variable cannot be set, or a value does not fit.
     """
     if not given:
         return {}
     allowed = [v for v in description.variables.values() if settable(v)]
-    # Where a name means several things, the FMU's own name of one variable goes before all else.
+    # If a name is ambiguous, the FMU's own name of a single variable has priority.
     meant: dict[str, Sequence[FmuVariable]] = {
         **(aliases or {}),
         **{group.name: group.variables for group in gather(allowed)},
@@ -96,7 +102,7 @@ def _unknown(description: FmuDescription, name: str, meant: Iterable[str]) -> st
 def _parts(
     description: FmuDescription, name: str, variables: Sequence[FmuVariable], value: Any
 ) -> list[tuple[FmuVariable, Any]]:
-    """Split a value among the variables that a name stands for."""
+    """Split a value among the variables of one name."""
     size = sum(v.size for v in variables)
     where = f"FMU '{description.name}': '{name}'"
     if any(v.type == "String" for v in variables):
@@ -104,7 +110,7 @@ def _parts(
         if len(texts) != size or not all(isinstance(text, str) for text in texts):
             raise FmuError(f"{where} takes {size} text(s), not {value!r}")
         return shares(variables, texts)
-    if any(v.type not in NUMERIC for v in variables):
+    if any(v.type not in NUMERIC_TYPES for v in variables):
         raise FmuError(f"{where} is of type {variables[0].type}, which cannot be set from here")
     try:
         numbers = np.asarray(value, dtype=float)
@@ -116,7 +122,7 @@ def _parts(
         raise FmuError(f"{where} has {size} elements, not {numbers.size}")
     if not np.isfinite(numbers).all():
         raise FmuError(f"{where} must be finite, not {value!r}")
-    if any(v.type not in REAL for v in variables) and not (numbers == np.rint(numbers)).all():
+    if any(v.type not in REAL_TYPES for v in variables) and not (numbers == np.rint(numbers)).all():
         raise FmuError(f"{where} is of type {variables[0].type}; it takes whole numbers, not {value!r}")
     if any(isinstance(v, int) and v != float(v) for v in np.asarray(value, dtype=object).flat):
         raise FmuError(f"{where} cannot be {value!r}: numbers are floats here, exact for whole ones to 2^53")
@@ -124,33 +130,31 @@ def _parts(
 
 
 def shares(variables: Sequence[FmuVariable], values: Any) -> list[tuple[FmuVariable, Any]]:
-    """Return each variable with its share of the values.
+    """Return each variable with its slice of the values.
 
     Parameters
     ----------
     variables : sequence of FmuVariable
         The variables.
     values : Vector or list of str
-        The values of all their elements, one after the other [units as the FMU states].
+        Values of all elements, concatenated [units as the FMU states].
     """
     ends = np.cumsum([0, *(v.size for v in variables)])
     return [(v, values[a:b]) for v, (a, b) in zip(variables, pairwise(ends), strict=True)]
 
 
 def declared_start(variable: FmuVariable) -> Vector:
-    """Return the start value that the description states, flat.
-
-    It is zero where the description states none.
+    """Return the flat start value in the model description, or zero if it states none.
 
     Parameters
     ----------
     variable : FmuVariable
-        A variable that is a number.
+        A numeric variable.
 
     Raises
     ------
     FmuError
-        If the text is no number, or has another number of values than the variable.
+        If the text is not numeric, or its number of values differs from that of the variable.
     """
     if variable.start is None:
         return np.zeros(variable.size)
@@ -166,14 +170,14 @@ def declared_start(variable: FmuVariable) -> Vector:
 
 
 def apply(library: Library, starts: Mapping[str, Any]) -> None:
-    """Set start values in an instance that was just made.
+    """Set start values in a new instance.
 
     Parameters
     ----------
     library : Library
-        The instance.
+        Library of the instance.
     starts : mapping of str to object
-        What `resolve` returned.
+        Result of `resolve`.
     """
     known = library.description.variables
     texts = {name: value for name, value in starts.items() if known[name].type == "String"}
@@ -189,14 +193,14 @@ def apply(library: Library, starts: Mapping[str, Any]) -> None:
 
 
 def resized(description: FmuDescription, given: Mapping[str, Any]) -> FmuDescription:
-    """Return a description in which arrays have the sizes that structural parameters give them.
+    """Return a description with the array sizes that the structural parameters set.
 
     Parameters
     ----------
     description : FmuDescription
         The model description.
     given : mapping of str to object
-        Values by name; those of structural parameters are looked at.
+        Values by name; only structural parameters are used.
 
     Raises
     ------
@@ -210,7 +214,7 @@ def resized(description: FmuDescription, given: Mapping[str, Any]) -> FmuDescrip
         size = float(values[0])
         if not 0 <= size <= MAX_ELEMENTS:
             raise FmuError(
-                f"FMU '{description.name}': '{name}' decides sizes of arrays; it must be from 0 "
+                f"FMU '{description.name}': '{name}' sets array sizes; it must be from 0 "
                 f"to {MAX_ELEMENTS}, not {size:g}"
             )
         sizes[known[name].reference] = int(size)

@@ -1,4 +1,4 @@
-"""Banks: some variables of an FMU as one vector of floats, with buffers that are made once."""
+"""Access to several variables of an FMU as one vector of floats, with preallocated buffers."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from trussflow.fmu.runtime.library import Library
 
 @dataclass(slots=True, eq=False)
 class _Part:
-    """The variables of a bank that have one type."""
+    """The variables of one type."""
 
     type: str
     references: list[int]
@@ -26,22 +26,22 @@ class _Part:
 
 
 class VariableBuffers:
-    """Some variables of an FMU, as one vector.
+    """Several variables of an FMU as one vector.
 
     Parameters
     ----------
     variables : sequence of FmuVariable
-        The variables; arrays are laid out in row-major order.
+        The variables; arrays are stored in row-major order.
     library : Library
-        Knows the types.
+        Library of the instance.
     writes : bool
-        Whether the bank is for setting the variables, else for getting them: not every FMU has
-        the functions for both.
+        Whether the buffers set the variables; else they get them. Some FMUs have only one of the
+        two functions.
 
     Attributes
     ----------
     values : Vector
-        The values [units as the FMU states]; `write` takes them from here, `read` puts them here.
+        The values [units as the FMU states], which `write` sends and `read` updates.
     """
 
     def __init__(self, variables: Sequence[FmuVariable], library: Library, *, writes: bool) -> None:
@@ -55,7 +55,7 @@ class VariableBuffers:
             accessor = library.accessors[variable.type]
             members.setdefault(accessor, []).append(variable)
             places.setdefault(accessor, []).extend(range(start, end))
-        plain = all(kind is np.float64 for _, kind in members)  # whose buffer is the vector itself
+        plain = all(kind is np.float64 for _, kind in members)  # the vector itself is the buffer then
         self._parts = [
             _Part(
                 alike[-1].type,
@@ -68,23 +68,23 @@ class VariableBuffers:
         ]
 
     def bind(self) -> None:
-        """Prepare the calls for the present instance."""
+        """Prepare the calls for the current instance."""
         self._calls = [
             self._library.accessor(
                 not self._writes, part.type, part.references, part.buffer.ctypes.data, part.buffer.size
             )
             for part in self._parts
         ]
-        # One call with nothing to convert is what most FMUs need, in every step: no loop for it.
+        # Most FMUs need one call without conversion in every step: it avoids the loop.
         self._only = self._calls[0] if len(self._parts) == 1 and self._parts[0].places is None else None
 
     def write(self) -> None:
-        """Give the values to the FMU.
+        """Send the values to the FMU.
 
         Raises
         ------
         FmuError
-            If a value is none of its type, or the FMU refuses it.
+            If a value does not fit its type, or the FMU rejects it.
         """
         if self._only is not None:
             self._only()
@@ -95,12 +95,12 @@ class VariableBuffers:
             call()
 
     def read(self) -> None:
-        """Take the values from the FMU.
+        """Read the values from the FMU.
 
         Raises
         ------
         FmuCallError
-            If it cannot compute them.
+            If the FMU cannot compute the values.
         """
         if self._only is not None:
             self._only()
@@ -111,7 +111,7 @@ class VariableBuffers:
                 self.values[part.places] = part.buffer
 
     def _convert(self, part: _Part) -> None:
-        """Turn floats into the type of the FMU; refuse what is no such number."""
+        """Convert floats to the type of the FMU; raise an error for values outside its range."""
         given, kind = self.values[part.places], part.buffer.dtype
         if kind.kind == "f":
             largest = float(np.finfo(kind).max)
@@ -119,7 +119,7 @@ class VariableBuffers:
             takes = f"numbers up to {largest:.4g}"
         else:
             low, high = (0, 1) if part.type == "Boolean" else (np.iinfo(kind).min, np.iinfo(kind).max)
-            # No float is the largest number of 64 bits; the one after it is a float.
+            # The largest 64-bit integer is not a float, but its successor is: hence "<".
             wrong = ~((given == np.rint(given)) & (given >= float(low)) & (given < float(high + 1)))
             takes = "0 or 1" if part.type == "Boolean" else f"whole numbers from {low} to {high}"
         if wrong.any():

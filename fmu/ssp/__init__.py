@@ -1,1 +1,1 @@
-"""System structures (SSP): diagrams of FMUs as one file."""
+"""Import and export of diagrams of FMUs as SSP files (System Structure and Parameterization)."""

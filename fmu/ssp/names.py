@@ -1,4 +1,4 @@
-"""Names of the SSP format, and how ports become its scalar connectors."""
+"""Names of the SSP format, and the scalar connectors of ports."""
 
 from __future__ import annotations
 
@@ -15,23 +15,23 @@ from trussflow.fmu.exporting.description.variables import element_names
 if TYPE_CHECKING:
     from trussflow.fmu.runtime.description import FmuVariable
 
-SPACES = {
+XML_NAMESPACES = {
     "ssd": "http://ssp-standard.org/SSP1/SystemStructureDescription",
     "ssc": "http://ssp-standard.org/SSP1/SystemStructureCommon",
     "ssv": "http://ssp-standard.org/SSP1/SystemStructureParameterValues",
     "ssm": "http://ssp-standard.org/SSP1/SystemStructureParameterMapping",
     "oms": "https://raw.githubusercontent.com/OpenModelica/OMSimulator/master/schema/oms.xsd",
 }
-"""Namespaces by the prefixes that stand for them in these modules and in the files."""
+"""XML namespaces by their prefixes, in these modules and in the files."""
 
-STRUCTURE = "SystemStructure.ssd"
-"""Name of the description inside every SSP file."""
+STRUCTURE_FILE = "SystemStructure.ssd"
+"""Name of the system description in an SSP file."""
 
-NOTES = "extra/trussflow.json"
-"""What SSP has no place for, by path of the FMU. Annotations are the place that the standard means, but
-OMSimulator refuses a file with any that are not its own; files of XML it takes for its own as well."""
+OPTIONS_FILE = "extra/trussflow.json"
+"""File of the options that SSP cannot express, by path of the FMU. The standard provides annotations for
+such data, but OMSimulator rejects foreign annotations and reads foreign XML files as its own."""
 
-OPTIONS: dict[str, type | tuple[type, ...]] = {
+OPTION_TYPES: dict[str, type | tuple[type, ...]] = {
     "step": (int, float),
     "tolerance": (int, float),
     "time_limit": (int, float),
@@ -40,37 +40,37 @@ OPTIONS: dict[str, type | tuple[type, ...]] = {
     "logging": bool,
     "units": dict,
 }
-"""What is noted of an FMU, and of which type it is."""
+"""Types of the options of an FMU in that file."""
 
 FMU_TYPE = "application/x-fmu-sharedlibrary"
 
-IMPLEMENTATIONS = {"cs": "CoSimulation", "me": "ModelExchange"}
+IMPLEMENTATION_NAMES = {"cs": "CoSimulation", "me": "ModelExchange"}
 
-TYPES = {"Boolean": "Boolean", "String": "String", "Real": "Real", "Float32": "Real", "Float64": "Real"}
-"""SSP's types by FMI's; what is left are integers."""
+SSP_TYPES = {"Boolean": "Boolean", "String": "String", "Real": "Real", "Float32": "Real", "Float64": "Real"}
+"""SSP's types by FMI's types; all other types are integers."""
 
 
 def qualified(name: str) -> str:
-    """Return ``prefix:name`` as ElementTree stores it.
+    """Return ``prefix:name`` in the form of ElementTree.
 
     Parameters
     ----------
     name : str
-        The name, with a prefix of `SPACES`.
+        The name, with a prefix of `XML_NAMESPACES`.
     """
     prefix, _, plain = name.partition(":")
-    return f"{{{SPACES[prefix]}}}{plain}"
+    return f"{{{XML_NAMESPACES[prefix]}}}{plain}"
 
 
 def add(parent: Element, path: str, attributes: Mapping[str, str] | None = None, **more: str) -> Element:
-    """Add elements, each within the one before, and return the last, which gets the attributes.
+    """Add a path of nested elements and return the innermost one, which gets the attributes.
 
     Parameters
     ----------
     parent : Element
-        Diagram that receives them.
+        Element to which the outermost one is added.
     path : str
-        Their names, with prefixes of `SPACES` and slashes between.
+        Names with prefixes of `XML_NAMESPACES`, separated by slashes.
     attributes : mapping of str, optional
         Attributes by name.
     **more : str
@@ -83,28 +83,28 @@ def add(parent: Element, path: str, attributes: Mapping[str, str] | None = None,
 
 
 def type_of(variable: FmuVariable) -> str:
-    """Return SSP's name of the type of a variable.
+    """Return the SSP type of a variable.
 
     Parameters
     ----------
     variable : FmuVariable
         The variable.
     """
-    return TYPES.get(variable.type, "Integer")
+    return SSP_TYPES.get(variable.type, "Integer")
 
 
 def connectors(port: Port) -> list[str]:
-    """Return the scalar connectors that stand for the elements of a whole port.
+    """Return the names of the scalar connectors of the elements of a port.
 
     Parameters
     ----------
     port : Port
-        Of a block made by `Fmu`, or of a diagram.
+        Port of an `Fmu` block or of a diagram.
 
     Raises
     ------
     ExportError
-        If it stands for an array variable of FMI 3.
+        If the port is an array variable of FMI 3.
     """
     if isinstance(port.block, Diagram):
         return element_names(port.name, port.whole_shape or ())
@@ -112,6 +112,6 @@ def connectors(port: Port) -> list[str]:
     if len(names) != prod(port.whole_shape or ()):
         raise ExportError(
             f"cannot export '{port.path}' to SSP: it is an array variable of FMI 3, and SSP 1.0 "
-            "has scalar connectors only; take the FMU as FMI 2.0, which has a variable per element"
+            "has scalar connectors only; use an FMU of FMI 2.0, which has a variable per element"
         )
     return names

@@ -1,4 +1,4 @@
-"""Import: an SSP file as a diagram of FMUs."""
+"""Import of an SSP file as a diagram of FMUs."""
 
 from __future__ import annotations
 
@@ -21,13 +21,21 @@ from trussflow.fmu.runtime.archive import MAX_BYTES, remove, unpack
 from trussflow.fmu.runtime.file import FmuFile
 from trussflow.fmu.runtime.gathering import legal_names
 from trussflow.fmu.runtime.safe_xml import check_xml
-from trussflow.fmu.ssp.names import FMU_TYPE, IMPLEMENTATIONS, NOTES, OPTIONS, SPACES, STRUCTURE, qualified
+from trussflow.fmu.ssp.names import (
+    FMU_TYPE,
+    IMPLEMENTATION_NAMES,
+    OPTION_TYPES,
+    OPTIONS_FILE,
+    STRUCTURE_FILE,
+    XML_NAMESPACES,
+    qualified,
+)
 from trussflow.fmu.ssp.wiring import Place, wire
 
 Values = dict[str, Any]
-"""Values by the FMU's names of variables."""
+"""Values by the FMU's variable names."""
 
-RESERVED = frozenset(dir(Diagram)) | {"blocks", "wires", "exposed", "name", "parent", "ports"}
+RESERVED_NAMES = frozenset(dir(Diagram)) | {"blocks", "wires", "exposed", "name", "parent", "ports"}
 
 
 def import_ssp(
@@ -38,41 +46,41 @@ def import_ssp(
     open_inputs: str = "expose",
     max_bytes: float = MAX_BYTES,
 ) -> Diagram:
-    """Return the diagram that an SSP 1.0 file describes, with its FMUs as blocks.
+    """Return the diagram of an SSP 1.0 file, with its FMUs as blocks.
 
-    Systems within become diagrams within, system connectors become exposed ports, and inputs that
-    nothing drives read their start values. FMUs are native code, which runs with your rights: use
-    only what you trust.
+    Nested systems become nested diagrams, and system connectors become exposed ports. Unconnected
+    inputs keep their start values. FMUs are native code that runs with the rights of the user: use
+    trusted files only.
 
     Parameters
     ----------
     path : str or pathlib.Path
         The file.
     folder : str or pathlib.Path, optional
-        Where to put its FMUs; by default a temporary folder, deleted with the diagram.
+        Folder for the unpacked FMUs; by default a temporary folder, deleted with the diagram.
     step : float, optional
-        Time between the instants of all FMUs of co-simulation [s]; by default what the file says, or
-        each FMU suggests.
+        Communication step size of all FMUs for co-simulation [s]; by default that of the file, or
+        the suggestion of each FMU.
     open_inputs : str
         Treatment of the inputs of the system: ``"expose"`` makes them inputs of the diagram, ``"start"``
         leaves them at the start values that the FMUs declare.
     max_bytes : float
-        Unpacked size allowed [B].
+        Maximum unpacked size [B].
 
     Returns
     -------
     Diagram
-        The diagram, ready for `cosimulate`.
+        The diagram, for example for `cosimulate`.
 
     Raises
     ------
     FmuArchiveError
-        If it is no archive, or unpacking it would do harm.
+        If the file is not a zip archive, or unpacking it would be unsafe.
     SspError
-        If it says what cannot be, or what a diagram cannot do: conversions in connections,
-        signal dictionaries, systems in other files.
+        If the file is invalid or uses features that diagrams do not support: conversions in
+        connections, signal dictionaries, systems in other files.
     FmuError
-        If an FMU in it is refused.
+        If an FMU in the file is refused.
     """
     one_of("open_inputs", open_inputs, ("expose", "start"), SspError)
     path = as_path(FmuArchiveError, "cannot open the SSP file", path)
@@ -93,21 +101,21 @@ def import_ssp(
 
 
 def _moved(unpacked: Path, folder: Path) -> Path:
-    """Copy what was unpacked to where the user wants it.
+    """Copy the unpacked files to the folder of the user.
 
     Raises
     ------
     SspError
-        If something is there already.
+        If the folder exists and is not empty.
     """
     if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
-        raise SspError(f"cannot unpack into '{folder}': it is there already, and not empty")
+        raise SspError(f"cannot unpack into '{folder}': it exists already and is not an empty folder")
     shutil.copytree(unpacked, folder, dirs_exist_ok=True)
     return folder
 
 
 class _Reader:
-    """Reads one file; `where` names it in messages."""
+    """Reader of one SSP file; `where` is its name in error messages."""
 
     def __init__(
         self, where: str, folder: Path, step: float | None, open_inputs: str, max_bytes: float
@@ -116,13 +124,13 @@ class _Reader:
         self.open_inputs = open_inputs
 
     def read(self) -> Diagram:
-        root = self._xml(STRUCTURE)
+        root = self._xml(STRUCTURE_FILE)
         if root.tag != qualified("ssd:SystemStructureDescription"):
-            raise SspError(f"cannot read '{self.where}': it is no system structure of SSP 1")
-        system = root.find("ssd:System", SPACES)
+            raise SspError(f"cannot read '{self.where}': it is not a system structure of SSP 1")
+        system = root.find("ssd:System", XML_NAMESPACES)
         if system is None:
             raise SspError(f"cannot read '{self.where}': it has no System")
-        master = system.find(".//oms:FixedStepMaster", SPACES)
+        master = system.find(".//oms:FixedStepMaster", XML_NAMESPACES)
         stated = None if master is None else master.get("stepSize")
         self.master_step = None if stated is None else self._number(stated, "stepSize")
         name, notes = self._notes()
@@ -130,18 +138,18 @@ class _Reader:
         return self._system(system, name or system.get("name", ""), {}, notes, fed)[0]
 
     def _notes(self) -> tuple[str, Values]:
-        """Return what our own notes say: the name of the diagram, and options by path of the FMU."""
-        if not (self.folder / NOTES).is_file():
+        """Return the name of the diagram and the options by path of the FMU from trussflow's file."""
+        if not (self.folder / OPTIONS_FILE).is_file():
             return "", {}
-        fault = f"cannot read '{self.where}': its '{NOTES}' is damaged"
+        fault = f"cannot read '{self.where}': its '{OPTIONS_FILE}' is damaged"
         try:
-            notes = json.loads(self._inside(NOTES).read_bytes())
+            notes = json.loads(self._inside(OPTIONS_FILE).read_bytes())
             name, fmus = str(notes["name"]), dict(notes["fmus"])
             wrong = [
                 f"'{option}' of '{path}' is {value!r}"
                 for path, options in fmus.items()
                 for option, value in dict(options).items()
-                if not isinstance(value, OPTIONS.get(option, ()))
+                if not isinstance(value, OPTION_TYPES.get(option, ()))
             ]
         except (ValueError, TypeError, KeyError, RecursionError) as error:
             raise SspError(f"{fault} ({type(error).__name__}: {error})") from None
@@ -150,53 +158,55 @@ class _Reader:
         return name, fmus
 
     def _xml(self, name: str) -> Element:
-        """Return a file within as a tree, checked before it is parsed."""
+        """Return the XML tree of a file in the archive, checked before it is parsed."""
         text = self._inside(name).read_bytes()
         check_xml(text, f"'{name}' of '{self.where}'")
         return ElementTree.fromstring(text)
 
     def _inside(self, name: str) -> Path:
-        """Return where a file within is.
+        """Return the path of an unpacked file.
 
         Raises
         ------
         SspError
-            If it is elsewhere, or nowhere.
+            If the file does not exist, or its name leads outside the archive.
         """
         parts = PurePosixPath(name).parts
         if not parts or name.startswith("/") or ".." in parts or ":" in name or "\\" in name:
             raise SspError(
                 f"cannot read '{self.where}': '{name}' is not inside of it; only SSP files that "
-                "hold all they need can be imported"
+                "contain all their resources can be imported"
             )
         file = self.folder.joinpath(*parts)
         if not os.path.isfile(file):
-            raise SspError(f"cannot read '{self.where}': there is no '{name}' in it")
+            raise SspError(f"cannot read '{self.where}': it contains no file '{name}'")
         return file
 
     def _number(self, text: str, what: str) -> float:
         try:
             return float(text)
         except ValueError:
-            raise SspError(f"cannot read '{self.where}': {what} '{text}' is no number") from None
+            raise SspError(f"cannot read '{self.where}': {what} '{text}' is not a number") from None
 
     # -- elements -----------------------------------------------------------------------------
 
     def _system(
         self, system: Element, title: str, outer: Values, notes: Values, fed: set[str] | None
     ) -> tuple[Diagram, dict[str, Place]]:
-        """Return the diagram of a system, and where its connectors lead.
+        """Return the diagram of a system and the targets of its connectors.
 
-        If `fed` is given, only these of its inputs are kept.
+        If `fed` is given, only the inputs in it are kept.
         """
         diagram = Diagram(title)
         values = outer | self._values(system)
-        elements = system.findall("ssd:Elements/*", SPACES)
+        elements = system.findall("ssd:Elements/*", XML_NAMESPACES)
         known = {qualified("ssd:Component"), qualified("ssd:System")}
-        if {e.tag for e in elements} - known or system.find("ssd:SignalDictionaries", SPACES) is not None:
+        if {e.tag for e in elements} - known or system.find(
+            "ssd:SignalDictionaries", XML_NAMESPACES
+        ) is not None:
             raise SspError(
                 f"cannot import '{title}' of '{self.where}': it has a signal dictionary, which "
-                "diagrams do not know"
+                "diagrams do not support"
             )
         connections = [
             c
@@ -205,8 +215,8 @@ class _Reader:
         ]
         names = [e.get("name", "") for e in elements]
         if len(set(names)) < len(names):
-            raise SspError(f"cannot import '{title}' of '{self.where}': two elements have one name")
-        legal = legal_names(names, RESERVED)
+            raise SspError(f"cannot import '{title}' of '{self.where}': two elements have the same name")
+        legal = legal_names(names, RESERVED_NAMES)
         driven = {(c.get("endElement"), c.get("endConnector")) for c in connections}
         places: dict[str, dict[str, Place]] = {}
         for element, name in zip(elements, names, strict=True):
@@ -224,9 +234,9 @@ class _Reader:
         return diagram, wire(diagram, places, connections, system, self.where)
 
     def _wires(self, system: Element, values: Values) -> list[Element]:
-        """Return the connections of signals; those from parameters of the system hand on its values."""
+        """Return the connections of signals; apply connections of system parameters to `values`."""
         parameters = "ssd:Connectors/ssd:Connector[@kind='parameter']"
-        names = {connector.get("name") for connector in system.findall(parameters, SPACES)}
+        names = {connector.get("name") for connector in system.findall(parameters, XML_NAMESPACES)}
         found = []
         for connection in self._connections(system):
             name = connection.get("startConnector", "")
@@ -237,17 +247,17 @@ class _Reader:
         return found
 
     def _connections(self, system: Element) -> Iterator[Element]:
-        for connection in system.findall("ssd:Connections/ssd:Connection", SPACES):
+        for connection in system.findall("ssd:Connections/ssd:Connection", XML_NAMESPACES):
             if any(child.tag.endswith("Transformation") for child in connection):
                 raise SspError(
                     f"cannot import '{system.get('name')}' of '{self.where}': the connection from "
                     f"'{connection.get('startConnector')}' to '{connection.get('endConnector')}' "
-                    "converts values, which wires do not; convert them in one of the FMUs"
+                    "converts values, which wires do not support; convert them in one of the FMUs"
                 )
             yield connection
 
     def _within(self, values: Values, name: str, others: list[str]) -> Values:
-        """Return the values for one element: those whose names begin with its own."""
+        """Return the values for one element, whose names begin with that of the element."""
         prefix = f"{name}."
         longer = tuple(f"{o}." for o in others if o.startswith(prefix))
         return {
@@ -265,7 +275,7 @@ class _Reader:
         diagram: Diagram,
         name: str,
     ) -> dict[str, Place]:
-        """Add one FMU; return where its connectors lead."""
+        """Add one FMU; return the targets of its connectors."""
         kind, source = component.get("type", FMU_TYPE), component.get("source", "")
         if kind != FMU_TYPE:
             raise SspError(
@@ -273,7 +283,7 @@ class _Reader:
                 f"'{kind}'; only FMUs can be imported"
             )
         file = self._inside(source)
-        kinds = {text: short for short, text in IMPLEMENTATIONS.items()}
+        kinds = {text: short for short, text in IMPLEMENTATION_NAMES.items()}
         wanted = kinds.get(component.get("implementation", "any"))
         description = FmuFile.read(file, self.max_bytes).description
         values = outer | self._values(component)
@@ -304,32 +314,32 @@ class _Reader:
     # -- values -------------------------------------------------------------------------------
 
     def _values(self, element: Element) -> Values:
-        """Return the values that an element is given, by name."""
+        """Return the parameter values of an element, by name."""
         found: Values = {}
-        for binding in element.findall("ssd:ParameterBindings/ssd:ParameterBinding", SPACES):
+        for binding in element.findall("ssd:ParameterBindings/ssd:ParameterBinding", XML_NAMESPACES):
             source, prefix = binding.get("source"), binding.get("prefix", "")
-            roots = binding.findall("ssd:ParameterValues/ssv:ParameterSet", SPACES)
+            roots = binding.findall("ssd:ParameterValues/ssv:ParameterSet", XML_NAMESPACES)
             if source is not None:
                 roots = [self._xml(source)]
             values: Values = {}
             for parameter in (p for r in roots for p in r.iter(qualified("ssv:Parameter"))):
                 name = parameter.get("name", "")
                 values[prefix + name] = self._value(parameter, name)
-            found |= self._mapped(values, binding.find("ssd:ParameterMapping", SPACES))
+            found |= self._mapped(values, binding.find("ssd:ParameterMapping", XML_NAMESPACES))
         return found
 
     def _mapped(self, values: Values, mapping: Element | None) -> Values:
-        """Return values under the names that a parameter mapping gives them, if there is one."""
+        """Return the values under the target names of a parameter mapping, if there is one."""
         if mapping is None:
             return values
         source, found = mapping.get("source"), {}
         for entry in (mapping if source is None else self._xml(source)).iter(qualified("ssm:MappingEntry")):
             name, target = entry.get("source", ""), entry.get("target", "")
-            linear = entry.find("ssc:LinearTransformation", SPACES)
+            linear = entry.find("ssc:LinearTransformation", XML_NAMESPACES)
             if linear is None and len(entry):
                 raise SspError(
-                    f"cannot import '{self.where}': the mapping of parameter '{name}' to '{target}' converts "
-                    "it other than linearly; write the value under the FMU's own name"
+                    f"cannot import '{self.where}': the mapping of parameter '{name}' to '{target}' is "
+                    "not linear; write the value under the FMU's own name"
                 )
             if name in values:
                 found[target] = values[name]

@@ -1,4 +1,4 @@
-"""Scalar connections of SSP become wires between ports, and system connectors exposed ports."""
+"""Conversion of SSP's scalar connections to wires, and of system connectors to exposed ports."""
 
 from __future__ import annotations
 
@@ -14,48 +14,48 @@ from trussflow.blocks.framework.port import Port
 from trussflow.fmu.errors import SspError
 from trussflow.fmu.runtime.description import FmuVariable
 from trussflow.fmu.runtime.gathering import gather, legal_names
-from trussflow.fmu.ssp.names import SPACES
+from trussflow.fmu.ssp.names import XML_NAMESPACES
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Place:
-    """Where a scalar connector leads: an `element` of a `port`."""
+    """Target of a scalar connector: an `element` of a `port`."""
 
     port: Port
     element: int
 
 
 Ends = Mapping[str, Mapping[str, Place]]
-"""By element and connector, where it leads."""
+"""Targets of connectors, by element and connector."""
 
 
 def wire(
     diagram: Diagram, places: Ends, connections: Sequence[Element], system: Element, where: str
 ) -> dict[str, Place]:
-    """Wire the blocks of a diagram, and expose its ports.
+    """Connect the blocks of a diagram and expose its ports.
 
     Parameters
     ----------
     diagram : Diagram
         The diagram, with its blocks.
     places : mapping
-        Where the connectors of each element lead.
+        Targets of the connectors of each element.
     connections : sequence of Element
         The connections.
     system : Element
         The system.
     where : str
-        The file, for messages.
+        Name of the file, for error messages.
 
     Returns
     -------
     dict
-        Where the connectors of the system itself lead.
+        Targets of the connectors of the system.
 
     Raises
     ------
     SspError
-        If a connection leads nowhere, or a system connector is no whole port.
+        If a connector does not exist, or a system connector does not match a complete port.
     WiringError
         If shapes or units of the ports do not fit.
     """
@@ -70,8 +70,8 @@ def wire(
                 continue
             if name not in places.get(element, {}):
                 raise SspError(
-                    f"cannot import '{where}': there is no connector '{name}' of '{element}' for "
-                    f"the connection to or from it in system '{diagram.name}'"
+                    f"cannot import '{where}': system '{diagram.name}' has a connection to or from "
+                    f"connector '{name}' of '{element}', which does not exist"
                 )
             ends.append(places[element][name])
         first, second = ends
@@ -80,7 +80,7 @@ def wire(
         elif first is None and second is None:
             raise SspError(
                 f"cannot import '{where}': in system '{diagram.name}' a connection leads from one "
-                "of its connectors straight to another; no block is between them"
+                "of its connectors directly to another one, without a block between them"
             )
         elif second is not None:
             outer.setdefault(connection.get("startConnector", ""), []).append(second)
@@ -92,7 +92,7 @@ def wire(
 
 
 def _connect(diagram: Diagram, group: list[tuple[Place, Place]]) -> None:
-    """Wire elements of one port to elements of another, in one piece."""
+    """Connect elements of one port to elements of another port with a single wire."""
     source, target = group[0][0].port, group[0][1].port
     order = sorted(range(len(group)), key=lambda k: group[k][1].element)
     taken = np.array([group[k][0].element for k in order])
@@ -107,7 +107,7 @@ def _connect(diagram: Diagram, group: list[tuple[Place, Place]]) -> None:
 
 
 def _part(port: Port, elements: NDArray[np.int64]) -> Port:
-    """Return the part of a port that has these elements, in this shape."""
+    """Return the part of a port with the given elements in the given shape."""
     shape = port.whole_shape or ()
     if elements.shape == shape and np.array_equal(elements.ravel(), np.arange(port.size)):
         return port
@@ -118,9 +118,10 @@ def _part(port: Port, elements: NDArray[np.int64]) -> Port:
 
 
 def _expose(diagram: Diagram, outer: dict[str, list[Place]], system: Element, where: str) -> dict[str, Place]:
-    """Expose the ports that system connectors stand for; return where these lead."""
+    """Expose the ports of the system connectors; return the targets of the connectors."""
     listed = [
-        (c.get("name", ""), c.get("kind", "")) for c in system.findall("ssd:Connectors/ssd:Connector", SPACES)
+        (c.get("name", ""), c.get("kind", ""))
+        for c in system.findall("ssd:Connectors/ssd:Connector", XML_NAMESPACES)
     ]
     scalars = [
         FmuVariable(name, 0, "Real", kind, "", "", None, "", ()) for name, kind in listed if name in outer

@@ -1,4 +1,4 @@
-"""Export: a diagram of FMUs as an SSP file, which other tools run."""
+"""Export of a diagram of FMUs as an SSP file for other tools."""
 
 from __future__ import annotations
 
@@ -23,10 +23,10 @@ from trussflow.fmu.importing.block import Fmu
 from trussflow.fmu.runtime.description import FmuVariable
 from trussflow.fmu.ssp.names import (
     FMU_TYPE,
-    IMPLEMENTATIONS,
-    NOTES,
-    SPACES,
-    STRUCTURE,
+    IMPLEMENTATION_NAMES,
+    OPTIONS_FILE,
+    STRUCTURE_FILE,
+    XML_NAMESPACES,
     add,
     connectors,
     qualified,
@@ -39,20 +39,20 @@ def export_ssp(
 ) -> Path:
     """Write a diagram whose blocks are all FMUs, or diagrams of FMUs, as an SSP 1.0 file.
 
-    The file holds the FMUs, the values given to them, and the wires, one for each element of a
-    port. What else `Fmu` was told is noted in a file that other tools pass over; for them, a name of
-    the diagram that is no word becomes one.
+    The file contains the FMUs, their given values, and one connection for each element of a port.
+    Other options of `Fmu` are stored in a file that other tools ignore. Characters in the name of
+    the diagram that are illegal in other tools become underscores.
 
     Parameters
     ----------
     diagram : Diagram
-        What to write. Inputs it exposes become inputs of the system.
+        The diagram. Its exposed inputs become inputs of the system.
     path : str or pathlib.Path
-        File to write; it appears whole or not at all.
+        File to write; if the export fails, it is not changed.
     step : float, optional
-        Communication step that tools are told to take [s]; by default the smallest of the FMUs'.
+        Communication step size for other tools [s]; by default the smallest step of the FMUs.
     stop_time : float
-        End of the default experiment [s].
+        Stop time of the default experiment [s].
 
     Returns
     -------
@@ -62,7 +62,8 @@ def export_ssp(
     Raises
     ------
     ExportError
-        If a block is no FMU, an FMU has what SSP cannot say, or the file cannot be written.
+        If a block is not an FMU, SSP cannot express a property of an FMU, or the file cannot be
+        written.
 
     Examples
     --------
@@ -73,16 +74,16 @@ def export_ssp(
     """
     given: object = diagram
     if not isinstance(given, Diagram):
-        raise ExportError(f"cannot export {given!r} to SSP: it is no diagram; put it into one")
+        raise ExportError(f"cannot export {given!r} to SSP: it is not a diagram; add it to a diagram")
     where = f"cannot export '{diagram.name}': "
     positive(ExportError, **{f"{where}stop_time": stop_time, f"{where}step": 1.0 if step is None else step})
     blocks = leaves(diagram)
     strangers = [f"'{b.path}' ({type(b).__name__})" for b in blocks if not isinstance(b, Fmu)]
     if strangers or not blocks:
-        what = f"these blocks are none: {', '.join(strangers)}" if strangers else "it has no block"
+        what = f"these blocks are not FMUs: {', '.join(strangers)}" if strangers else "it has no block"
         raise ExportError(
-            f"cannot export '{diagram.name}' to SSP, which knows FMUs only: {what}. Export each, "
-            "or an inner diagram of them, with trussflow.fmu.export, and put it back as Fmu(path)"
+            f"cannot export '{diagram.name}' to SSP, which supports FMUs only: {what}. Export each block, "
+            "or an inner diagram, with trussflow.fmu.export, and replace it by Fmu(path)"
         )
     files = _resources(blocks)
     steps = [b.sample_time for b in blocks if b.sample_time is not None]
@@ -90,12 +91,14 @@ def export_ssp(
     target = check_writable(path)
     notes = {"name": diagram.name, "fmus": {block.path: _options(block) for block in blocks}}
     content = json.dumps(notes, indent=1).encode()
-    write(target, {STRUCTURE: text, NOTES: content, **{name: file for file, name in files.items()}})
+    write(
+        target, {STRUCTURE_FILE: text, OPTIONS_FILE: content, **{name: file for file, name in files.items()}}
+    )
     return target
 
 
 def _resources(blocks: list[Block]) -> dict[Path, str]:
-    """Return the name inside the archive for each file of an FMU."""
+    """Return the path inside the archive of each FMU file."""
     found: dict[Path, str] = {}
     for block in blocks:
         file = block.file.path
@@ -109,8 +112,8 @@ def _resources(blocks: list[Block]) -> dict[Path, str]:
 
 
 def _structure(diagram: Diagram, files: dict[Path, str], step: float, stop_time: float) -> bytes:
-    """Return the description of the whole."""
-    for prefix, space in SPACES.items():
+    """Return the XML of the system description."""
+    for prefix, space in XML_NAMESPACES.items():
         ElementTree.register_namespace(prefix, space)
     name = re.sub("[^A-Za-z0-9_-]+", "_", diagram.name)
     name = name if name[:1].isalpha() else f"system_{name}"
@@ -135,7 +138,7 @@ def _structure(diagram: Diagram, files: dict[Path, str], step: float, stop_time:
 def _system(
     parent: Element, name: str, diagram: Diagram, files: dict[Path, str], units: dict[str, FmiUnit]
 ) -> Element:
-    """Add the system that a diagram is."""
+    """Add the system of a diagram."""
     system = add(parent, "ssd:System", name=name)
     _add_connectors(system, diagram, units)
     elements = add(system, "ssd:Elements")
@@ -169,7 +172,7 @@ def _system(
 
 
 def _ends(port: Port) -> list[tuple[str, str]]:
-    """Return component and connector for each element that a port stands for."""
+    """Return the component and connector of each element of a port."""
     names = connectors(port.block.port(port.name))
     return [(port.block.name, names[i]) for i in port.elements().ravel()]
 
@@ -198,7 +201,7 @@ def _add_connectors(element: Element, block: Block, units: dict[str, FmiUnit]) -
 
 
 def _variables(port: Port) -> list[tuple[Any, FmuVariable]]:
-    """Return, for each element of a whole port, the FMU's block and its variable."""
+    """Return the FMU block and the variable of each element of a port."""
     block = port.block
     if isinstance(block, Diagram):
         return _variables(block.exposed[port.name][0])
@@ -213,14 +216,14 @@ def _component(
     units: dict[str, FmiUnit],
     grounded: dict[str, float],
 ) -> None:
-    """Add one FMU."""
+    """Add the component of one FMU."""
     component = add(
         elements,
         "ssd:Component",
         name=block.name,
         type=FMU_TYPE,
         source=files[block.file.path],
-        implementation=IMPLEMENTATIONS[block.kind],
+        implementation=IMPLEMENTATION_NAMES[block.kind],
     )
     _add_connectors(component, block, units)
     interface = block.interface
@@ -242,7 +245,7 @@ def _component(
 
 
 def _value(kind: str, value: Any) -> str:
-    """Return a value as XML writes it."""
+    """Return the XML text of a value."""
     if kind == "String":
         return str(value[0] if isinstance(value, list) else value)
     number = float(np.ravel(value)[0])
@@ -252,7 +255,7 @@ def _value(kind: str, value: Any) -> str:
 
 
 def _grounded(diagram: Diagram, block: Block) -> dict[str, float]:
-    """Return the inputs of an FMU that are left at zero on purpose."""
+    """Return the grounded inputs of an FMU with their value, zero."""
     return {
         name: 0.0
         for wire in diagram.wires
@@ -262,7 +265,7 @@ def _grounded(diagram: Diagram, block: Block) -> dict[str, float]:
 
 
 def _options(block: Block) -> dict[str, Any]:
-    """Return what `Fmu` was told and SSP has no place for."""
+    """Return the options of an `Fmu` that SSP cannot express."""
     told = {
         "step": block.sample_time,
         "tolerance": block.tolerance,
@@ -274,7 +277,7 @@ def _options(block: Block) -> dict[str, Any]:
 
 
 def _note_master(system: Element, step: float) -> None:
-    """Note the communication step where OMSimulator looks for it; it stops without."""
+    """Add the communication step size as OMSimulator's annotation, which OMSimulator requires."""
     add(
         add(system, "ssd:Annotations/ssc:Annotation", type="org.openmodelica"),
         "oms:Annotations/oms:SimulationInformation/oms:FixedStepMaster",

@@ -1,1 +1,1 @@
-"""What an FMU says about itself: variables, units, dependencies, and the XML of both versions."""
+"""Model description of an exported FMU: variables, units, dependencies, XML of both versions."""

@@ -1,7 +1,7 @@
-"""Which scalar of an FMU depends on which: exact sparsity of the traced programs.
+"""Dependencies between the scalars of an FMU: exact sparsity of the traced programs.
 
-The columns of every pattern are what an importer may know, in the order of the value references:
-time, inputs, parameters, continuous states.
+The columns of each pattern are the known variables in the order of their value references: time,
+inputs, parameters, continuous states.
 """
 
 from __future__ import annotations
@@ -21,17 +21,18 @@ Pattern = NDArray[np.bool_]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Dependencies:
-    """Dependencies while time goes on, and during initialization.
+    """Dependencies after and during initialization.
 
     Attributes
     ----------
     derivatives, outputs : Pattern
-        One row per scalar, one column per known. Outputs at sample instants are included.
+        Patterns after initialization: one row per scalar, one column per known variable. Outputs at
+        sample instants are included.
     initial_states, initial_derivatives, initial_outputs : Pattern
-        The same before time 0 has passed. Columns of states that are themselves calculated are
-        empty: what they depend on is named instead.
+        Patterns during initialization. Columns of calculated states are empty: their own
+        dependencies are substituted.
     tunable : Pattern
-        For each element of the parameters, whether it matters once time goes on.
+        Whether each element of the parameters has an effect after initialization.
     """
 
     derivatives: Pattern
@@ -43,7 +44,7 @@ class Dependencies:
 
 
 def sparsity(program: Program) -> list[Pattern]:
-    """Return which elements of the result depend on which ones of each argument of a program."""
+    """Return the sparsity pattern of the result of a program for each argument."""
     function = program.expanded
     patterns = []
     for argument in range(len(program.inputs)):
@@ -62,26 +63,26 @@ def dependencies(plan: Plan, programs: Mapping[str, Program]) -> Dependencies:
     plan : Plan
         The plan.
     programs : mapping of Program
-        By name: ``derivative``, dx/dt; ``outputs``, all of them; ``initialization``, (x, modes, memory)
-        after it; ``indicators`` and ``on_event``, if there are events; ``guesses``, if there are loops;
-        the others d after a set of clocks has ticked.
+        Programs by name: ``derivative`` returns dx/dt, ``outputs`` all outputs, ``initialization`` the
+        initialized (x, modes, memory). ``indicators`` and ``on_event`` exist with events, ``guesses``
+        with algebraic loops. Further programs return d after a set of clocks has ticked.
     """
     patterns = {name: np.hstack(sparsity(program)) for name, program in programs.items()}
     start = patterns.pop("initialization")
     events = [patterns.pop(name) for name in ("indicators", "on_event", "guesses") if name in patterns]
-    # The arguments t, x, d, p of a program side by side: where d and p begin, and which columns are known.
+    # Columns are the concatenated arguments t, x, d, p: starts of d and p, and the known columns.
     d, p = 1 + plan.x.size, 1 + plan.x.size + plan.d_size
     known = np.r_[0, d + plan.u_start : p, p : p + plan.p.size, 1:d]
     unknown = _of_python_blocks(plan, *plan.layouts[1:-1])
 
     def with_python_blocks(pattern: Pattern, computed: Pattern) -> Pattern:
-        """Let what Python blocks have computed depend on everything: nothing is known of their code."""
+        """Let values computed by Python blocks depend on all knowns, as their code is not traced."""
         return pattern | (computed | pattern[:, d:p][:, unknown].any(axis=1))[:, None]
 
     rate = with_python_blocks(patterns.pop("derivative"), _of_python_blocks(plan, plan.x))
     output = with_python_blocks(patterns.pop("outputs"), np.zeros(1, dtype=bool))
     sampled = [with_python_blocks(pattern, unknown) for pattern in patterns.values()]
-    # An output read at an instant already shows what ticks there: it is computed from the d after it.
+    # Outputs at a sample instant are computed from d after the tick.
     changing = slice(d, d + plan.u_start)
     rest = output.copy()
     rest[:, changing] = False
@@ -89,13 +90,13 @@ def dependencies(plan: Plan, programs: Mapping[str, Program]) -> Dependencies:
         [output, *(rest | _product(output[:, changing], s[: plan.u_start]) for s in sampled)], axis=0
     )
     x, memory = np.split(start[:, known], [plan.x.size])
-    # What is in d starts as constants, or as what initialization or the first sample makes of it.
+    # Initial d: constants, or values from the initialization or the first sample.
     first = np.zeros((plan.d_size, len(known)), dtype=bool)
     first[: len(memory)] = memory
     first[plan.u_start :, 1 : 1 + plan.u.size] = np.eye(plan.u.size, dtype=bool)
 
     def initially(pattern: Pattern) -> Pattern:
-        """Put what states and d start from in the place of x and d."""
+        """Substitute the dependencies of the initial x and d for x and d."""
         direct = pattern[:, known]
         direct[:, len(known) - plan.x.size :] = False
         return direct | _product(pattern[:, 1:d], x) | _product(pattern[:, d:p], first)
@@ -111,11 +112,11 @@ def dependencies(plan: Plan, programs: Mapping[str, Program]) -> Dependencies:
 
 
 def _of_python_blocks(plan: Plan, *layouts: Layout) -> Pattern:
-    """Mark the elements of layouts, one after the other, that belong to Python blocks."""
+    """Return a mask of the elements of concatenated layouts that belong to Python blocks."""
     paths = {block.path for block in plan.python_blocks}
     marks = [e.path in paths for layout in layouts for e in layout for _ in range(e.start, e.stop)]
     return np.array(marks, dtype=bool)
 
 
 def _product(a: Pattern, b: Pattern) -> Pattern:
-    return np.asarray(a.astype(np.float32) @ b.astype(np.float32) > 0)  # of floats: BLAS is quick
+    return np.asarray(a.astype(np.float32) @ b.astype(np.float32) > 0)  # floats use BLAS, Booleans do not

@@ -1,4 +1,4 @@
-"""The interface of an exported block or diagram: one description for every kind of FMU."""
+"""Interface of an exported block or diagram, common to all kinds of FMU."""
 
 from __future__ import annotations
 
@@ -28,54 +28,52 @@ from trussflow.fmu.exporting.description.groups import input_starts, name_of, va
 from trussflow.fmu.exporting.description.initialization import initialization
 from trussflow.fmu.exporting.description.variables import Variables
 
-TOLERANCE = 1e-8
-"""Relative tolerance [-] that the default experiment asks of a solver."""
+DEFAULT_TOLERANCE = 1e-8
+"""Default relative tolerance of the default experiment [-]."""
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class ExportInterface:
-    """What an FMU shows to the outside, and the plan behind it.
+    """Variables, start values and programs of an exported item.
 
     Value references count scalars from 1 in the order time, inputs, parameters, states, derivatives,
-    outputs, modes, indicators of state events. So ``references`` of a variable minus those of the
-    first of its group are places in the vectors u, p and x of the plan, dx/dt, the outputs one after
-    the other, and so on.
+    outputs, modes, state event indicators. ``references`` of a variable minus the first reference of
+    its group are indices into the vector of that group: u, p or x of the plan, dx/dt, and so on.
 
     Attributes
     ----------
     name, identifier : str
-        Name of the model, and the same as a C identifier.
+        Name of the model, and the name as a C identifier.
     meaning : str
         First line of the block's docstring.
     plan : Plan
-        The plan, with inputs from outside.
+        The plan, with external inputs.
     schedule : Schedule
-        When which sampled blocks tick, in steps.
+        Ticks of the sampled blocks, in steps.
     variables : Variables
         All variables.
     x, d, p : Vector
-        What the programs take before initialization: states, what changes at instants, parameters
+        Values before initialization of the states, the discrete values and the parameters
         [as declared].
     dependencies : Dependencies
-        What depends on what.
+        Dependencies between the variables.
     programs : dict of Program
-        By name: derivative, outputs, initialization, sample_1 and so on; with events indicators,
-        on_event; with loops guesses.
+        Programs by name: derivative, outputs, initialization, sample_1 and so on; with events also
+        indicators and on_event; with algebraic loops also guesses.
     step, stop_time, tolerance : float
-        Step of fixed-step solvers [s], end of the default experiment [s], and its tolerance [-].
+        Step size of fixed-step solvers [s], stop time [s] and tolerance [-] of the default experiment.
     token : str
-        32 hexadecimal digits that change whenever the equations or the interface do.
+        Hash of the equations and the interface, 32 hexadecimal digits.
     about : mapping of str to str
         Further attributes of the model description, such as the author.
 
     Notes
     -----
-    What every kind of export makes of time: step k ends at ``start + k step``, whatever the
-    communication points are, and inputs are held during a step. Instants count from the start of
-    the run. Blocks that tick at the present instant compute from the inputs set so far: outputs
-    read now show it, and it becomes final when time goes on. A state whose `initial` is
-    ``"exact"`` starts where the importer sets it; the others follow from parameters and inputs
-    when initialization ends.
+    Time grid of all kinds of export: step k ends at ``start + k step``, for any communication
+    points. Inputs are held during a step. Sample instants count from the start of the run. Blocks
+    that tick at the current instant are computed from the inputs set so far. Outputs read now show
+    the result, which becomes final when time advances. The importer may set a state whose `initial`
+    is ``"exact"``; other states follow from parameters and inputs at the end of initialization.
     """
 
     name: str
@@ -102,27 +100,27 @@ class ExportInterface:
         *,
         step: float = 1e-3,
         stop_time: float = 10.0,
-        tolerance: float = TOLERANCE,
+        tolerance: float = DEFAULT_TOLERANCE,
         parameters: Mapping[str, Any] | None = None,
         start: Mapping[str, Any] | None = None,
     ) -> ExportInterface:
-        """Return the interface of a block, or of what a diagram exposes.
+        """Return the interface of a block or diagram.
 
         Parameters
         ----------
         item : Block
-            A block, all of whose ports become variables, or a diagram, whose exposed ports do.
+            A block, whose ports become variables, or a diagram, whose exposed ports become variables.
         step : float
-            Step of the internal solver [s]; sample times are multiples of it.
+            Step size of the internal solver [s]; sample times must be multiples of it.
         stop_time, tolerance : float
-            End [s] and relative tolerance [-] of the default experiment.
+            Stop time [s] and relative tolerance [-] of the default experiment.
         parameters, start : mapping, optional
             Values of parameters by name, and start values of inputs by name [units as declared].
 
         Raises
         ------
         ExportError
-            If there is nothing to export, a name is unknown, a start value is missing, or a block
+            If there is no output, a name is unknown or a start value is missing. Also if a block
             initializes itself by code that cannot be traced.
         DiagramError
             If the diagram cannot be built.
@@ -171,12 +169,12 @@ class ExportInterface:
 
 
 def _check(item: Block, **times: float) -> None:
-    """Refuse what cannot become an FMU.
+    """Raise an error for an item or times that cannot be exported.
 
     Raises
     ------
     ExportError
-        Naming what is wrong and what to do.
+        If the item is not a block with outputs, or a time is not positive.
     """
     given: object = item
     if not isinstance(given, Block):
@@ -190,12 +188,12 @@ def _check(item: Block, **times: float) -> None:
 
 
 def _check_initialization(item: Block, plan: Plan) -> None:
-    """Refuse Python blocks that set initial states: nothing is known of how these follow.
+    """Raise an error for Python blocks that set initial states, because these cannot be traced.
 
     Raises
     ------
     ExportError
-        Naming the block.
+        If there is such a block.
     """
     for block in plan.python_blocks:
         loads = block.hides and (block.continuous or block.steps_itself)  # as imported FMUs do
@@ -210,7 +208,7 @@ def _check_initialization(item: Block, plan: Plan) -> None:
 
 
 def _parameter_values(item: Block, plan: Plan, chosen: Mapping[str, Any]) -> Vector:
-    """Return all parameters; those of a single block may go without its name.
+    """Return all parameters; those of a single block may be given without the block's name.
 
     Raises
     ------
@@ -232,12 +230,12 @@ def _parameter_values(item: Block, plan: Plan, chosen: Mapping[str, Any]) -> Vec
 def _check_start(
     plan: Plan, programs: dict[str, Program], shown: Variables, x: Vector, d: Vector, p: Vector
 ) -> None:
-    """Refuse an interface whose variables have no finite value at the start.
+    """Raise an error if a derivative or output is not finite at the start.
 
     Raises
     ------
     ExportError
-        Naming the first such variable.
+        If there is such a variable; the message names the first one.
     """
     t, d = np.zeros(1), d.copy()
     x, d[: plan.memory.span.stop] = np.split(programs["initialization"].evaluate([t, x, d, p]), [plan.x.size])
@@ -248,11 +246,11 @@ def _check_start(
             if not np.isfinite(values[begin : begin + v.size]).all():
                 raise ExportError(
                     f"'{v.name}' has no start value: with the inputs and parameters at their start "
-                    "values it is not finite; give others with start={...} or parameters={...}"
+                    "values it is not finite; set other values with start={...} or parameters={...}"
                 )
 
 
 def _identifier(name: str) -> str:
-    """Return a name as a C identifier."""
+    """Convert a name to a C identifier."""
     plain = re.sub(r"\W", "_", name, flags=re.ASCII)
     return plain if re.match(r"[A-Za-z_]", plain) else f"model_{plain}"

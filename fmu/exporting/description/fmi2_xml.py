@@ -1,4 +1,4 @@
-"""What FMI 2.0 alone says in a model description: one scalar variable per element."""
+"""XML specific to FMI 2.0: one scalar variable per element."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ def add_variables(parent: Element, interface: ExportInterface) -> None:
     parent : Element
         The element ``ModelVariables``.
     interface : ExportInterface
-        What is exported.
+        The exported interface.
     """
     for v in interface.variables:
         for i, name in enumerate(v.scalars()):
@@ -28,19 +28,19 @@ def add_variables(parent: Element, interface: ExportInterface) -> None:
             if v.start is not None:
                 number["start"] = repr(float(v.start[i]))
             if v.state is not None:
-                number["derivative"] = str(v.state + i)  # an index, which is also the reference
+                number["derivative"] = str(v.state + i)  # the index of the state, equal to its reference
             SubElement(SubElement(parent, "ScalarVariable", about), "Real", number)
 
 
 def add_structure(parent: Element, interface: ExportInterface) -> None:
-    """Add which scalars depend on which.
+    """Add the dependencies between scalars.
 
     Parameters
     ----------
     parent : Element
         The element ``ModelStructure``.
     interface : ExportInterface
-        What is exported.
+        The exported interface.
     """
     for name, rows in zip(("Outputs", "Derivatives", "InitialUnknowns"), unknowns(interface), strict=True):
         scalars: dict[int, Pattern] = {}

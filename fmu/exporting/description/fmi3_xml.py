@@ -1,4 +1,4 @@
-"""What FMI 3.0 alone says in a model description: one array variable per port, parameter and state."""
+"""XML specific to FMI 3.0: one array variable per port, parameter and state."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ def add_variables(parent: Element, interface: ExportInterface) -> None:
     parent : Element
         The element ``ModelVariables``.
     interface : ExportInterface
-        What is exported.
+        The exported interface.
     """
     for v in interface.variables:
         if not v.size:
@@ -35,14 +35,14 @@ def add_variables(parent: Element, interface: ExportInterface) -> None:
 
 
 def add_structure(parent: Element, interface: ExportInterface) -> None:
-    """Add which variables depend on which: one does if any of its elements does.
+    """Add the dependencies between variables: a variable has those of all its elements.
 
     Parameters
     ----------
     parent : Element
         The element ``ModelStructure``.
     interface : ExportInterface
-        What is exported.
+        The exported interface.
     """
     shown = interface.variables
     known = (shown.time, *shown.inputs, *shown.parameters, *shown.states)
@@ -64,7 +64,7 @@ def build_description(interface: ExportInterface, sources: Sequence[str]) -> str
     Parameters
     ----------
     interface : ExportInterface
-        What was exported.
+        The exported interface.
     sources : sequence of str
         Source files to compile.
     """

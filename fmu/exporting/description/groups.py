@@ -1,4 +1,4 @@
-"""The variables of a block or diagram, group by group, in the order of their value references."""
+"""Groups of FMU variables of a block or diagram, in the order of their value references."""
 
 from __future__ import annotations
 
@@ -28,21 +28,21 @@ Starts = dict[str, Vector]
 def variables(
     item: Block, plan: Plan, p: Vector, x: Vector, d: Vector, starts: Starts, tunable: Pattern
 ) -> Variables:
-    """Return all variables of what is exported.
+    """Return all variables of an exported item.
 
     Parameters
     ----------
     item : Block
-        What is exported.
+        The exported block or diagram.
     plan : Plan
         Its plan.
     p, x, d : Vector
-        Values of the parameters, and before initialization of the states and of what changes at
-        instants [as declared].
+        Values of the parameters, and values of the states and discrete values before initialization
+        [as declared].
     starts : dict of str to array
         Start values of all inputs [units of the ports].
     tunable : Pattern
-        For each element of `p`, whether it matters once time goes on.
+        Whether each element of `p` has an effect after initialization.
     """
     taken = {*item.ports, *getattr(item, "blocks", ())}
     name = "time" if "time" not in taken else "independent_time"
@@ -64,25 +64,25 @@ def variables(
 
 
 def name_of(item: Block, entry: Entry) -> str:
-    """Return the name of a parameter or state; within a single block its own name is enough.
+    """Return the FMU's name of a parameter or state; for a single block it has no path.
 
     Parameters
     ----------
     item : Block
-        What is exported.
+        The exported block or diagram.
     entry : Entry
-        The place in the plan.
+        Entry of the parameter or state in the plan.
     """
     return f"{entry.path}.{entry.name}" if isinstance(item, Diagram) else entry.name
 
 
 def input_starts(item: Block, plan: Plan, chosen: Mapping[str, Any]) -> Starts:
-    """Return where the inputs start: as chosen, at their declared default, or at zero.
+    """Return the start values of the inputs: as chosen, their declared default, or zero.
 
     Parameters
     ----------
     item : Block
-        What is exported.
+        The exported block or diagram.
     plan : Plan
         Its plan.
     chosen : mapping
@@ -111,7 +111,7 @@ def input_starts(item: Block, plan: Plan, chosen: Mapping[str, Any]) -> Starts:
 
 
 def _numbered(group: Iterable[Variable], first: int) -> Group:
-    """Give each variable its value reference."""
+    """Return the variables with their value references."""
     numbered: list[Variable] = []
     for variable in group:
         numbered.append(replace(variable, reference=first))

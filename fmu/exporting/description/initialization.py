@@ -1,4 +1,4 @@
-"""Initial states as expressions, so that an FMU can compute them without Python."""
+"""Symbolic initial states, which an FMU computes without Python."""
 
 from __future__ import annotations
 
@@ -26,10 +26,10 @@ States = dict[tuple[str, str], Array]
 
 
 def initialization() -> Quantity:
-    """Return the quantity (x, modes, memory) at the start, from the same before initialization.
+    """Return the quantity that maps (x, modes, memory) before initialization to initial values.
 
-    States whose initial value is a plain number stay what they are, so that an importer can
-    set them; the others follow from parameters and inputs, as in `Plan.initial`.
+    States whose initial value is a number are not changed, so that an importer can set them. Other
+    states follow from parameters and inputs, as in `Plan.initial`.
     """
 
     def collect(plan: Plan, evaluation: Evaluation) -> list[Array]:
@@ -52,24 +52,24 @@ def setting_blocks(plan: Plan) -> list[Block]:
 
 
 def _rounds(plan: Plan, evaluation: Evaluation) -> int:
-    """Return how often blocks must set their states until each has seen the final ones of others.
+    """Return the number of rounds after which all blocks have set their final initial states.
 
     Raises
     ------
     ExportError
-        If that is never so, because a state follows from itself.
+        If initial states depend on each other in a cycle.
     """
     if not setting_blocks(plan):
         return 0
     leaves = evaluation.leaves
     before = {(path, n): value for path, signals in leaves.states.items() for n, value in signals.items()}
-    with tracing() as trace:  # by itself: these expressions only tell what depends on what
+    with tracing() as trace:  # separate: these expressions only give the dependencies
         after = _set_by_blocks(plan, evaluation, before)
     others = [value for key, value in before.items() if key not in after]
     others += [v for group in (leaves.held, leaves.parameters) for s in group.values() for v in s.values()]
     arguments = [_flat(before[key] for key in after), _flat([leaves.t, *others])]
     depends = sparsity(lower("initial_states", arguments, _flat(after.values()), trace))[0]
-    # Element by element: two blocks may well start from each other's signals, just not in a circle.
+    # By element: two blocks may use each other's signals if no element depends on itself.
     order = TopologicalSorter({i: np.flatnonzero(row).tolist() for i, row in enumerate(depends)})
     try:
         order.prepare()
@@ -78,8 +78,8 @@ def _rounds(plan: Plan, evaluation: Evaluation) -> int:
         circle = dict.fromkeys(owners[i] for i in error.args[1])
         names = ", ".join(f"'{path}' ({type(plan.system.blocks[path]).__name__})" for path in circle)
         raise ExportError(
-            f"cannot export '{plan.name}': the initial states of {names} depend on themselves in a circle, "
-            "so they do not settle; let one of them start at a value or parameter of its own"
+            f"cannot export '{plan.name}': the initial states of {names} depend on themselves in a cycle; "
+            "let one of them start at a value or parameter of its own"
         ) from None
     rounds = 0
     while order.is_active():
@@ -89,7 +89,7 @@ def _rounds(plan: Plan, evaluation: Evaluation) -> int:
 
 
 def _set_by_blocks(plan: Plan, evaluation: Evaluation, values: Mapping[tuple[str, str], Array]) -> States:
-    """Return what blocks set their states to at the start, when the states so far are `values`."""
+    """Return the initial states that blocks set, given the states `values` so far."""
     leaves, system = evaluation.leaves, plan.system
     outside = {block.path for block in system.external.values()}
     states = {path: Signals(s.owner, {n: values[path, n] for n in s}) for path, s in leaves.states.items()}
@@ -110,7 +110,7 @@ def _set_by_blocks(plan: Plan, evaluation: Evaluation, values: Mapping[tuple[str
 
 
 def _start(plan: Plan, path: str, name: str, leaves: Leaves) -> Array:
-    """Return the initial value of a state: its leaf, or the parameter that holds it."""
+    """Return the initial value of a state: its leaf, or the parameter that declares it."""
     block = plan.system.blocks[path]
     declared = block._declared[name].initial
     if type(block).initial is not Block.initial or not isinstance(declared, str):

@@ -1,4 +1,4 @@
-"""The text of ``modelDescription.xml``: what both FMI versions say, around what each says alone."""
+"""Text of ``modelDescription.xml``: the part common to both FMI versions."""
 
 from __future__ import annotations
 
@@ -9,29 +9,29 @@ from xml.etree.ElementTree import Element, SubElement
 
 from trussflow.fmu.exporting.description import fmi2_xml, fmi3_xml
 from trussflow.fmu.exporting.description.export_interface import ExportInterface
-from trussflow.fmu.exporting.description.variables import STRUCTURED
+from trussflow.fmu.exporting.description.variables import STRUCTURED_NAME
 from trussflow.fmu.exporting.description.xml_text import base_unit, filled, generation_tool, text
 from trussflow.fmu.fmi_units import fmi_unit
 
-CATEGORY = "logStatus"
-"""The one category of log messages: why a call was refused or a step failed."""
+LOG_CATEGORY = "logStatus"
+"""Category of all log messages: reasons for refused calls and failed steps."""
 
-VERSIONS = {"2.0": fmi2_xml, "3.0": fmi3_xml}
-"""The modules that know how each version of FMI lists variables."""
+VERSION_MODULES = {"2.0": fmi2_xml, "3.0": fmi3_xml}
+"""Modules with the XML specific to each version of FMI."""
 
 
 @dataclass(frozen=True, slots=True)
 class Use:
-    """One way to use an FMU that it offers.
+    """One kind of use that an FMU offers.
 
     Attributes
     ----------
     element : str
         ``"ModelExchange"`` or ``"CoSimulation"``.
     capabilities : mapping
-        Its capability flags, as the version of FMI calls them.
+        Its capability flags, by the names of the FMI version.
     sources : sequence of str
-        Source files to compile, which FMI 2.0 lists here.
+        Source files to compile, for FMI 2.0.
     """
 
     element: str
@@ -40,12 +40,12 @@ class Use:
 
 
 def token(interface: ExportInterface, version: str) -> str:
-    """Return what ties a binary to its model description: FMI 2.0 calls it GUID, and writes it as one.
+    """Return the instantiation token, which FMI 2.0 calls and formats as a GUID.
 
     Parameters
     ----------
     interface : ExportInterface
-        What is exported.
+        The exported interface.
     version : str
         ``"2.0"`` or ``"3.0"``.
     """
@@ -58,15 +58,15 @@ def model_description(interface: ExportInterface, version: str, uses: Sequence[U
     Parameters
     ----------
     interface : ExportInterface
-        What to describe.
+        The exported interface.
     version : str
         ``"2.0"`` or ``"3.0"``.
     uses : sequence of Use
-        What the FMU offers, model exchange first.
+        Kinds of use, model exchange first.
     """
     scalar = version == "2.0"
     names = [name for v in interface.variables for name in (v.scalars() if scalar else [v.name])]
-    structured = all(STRUCTURED.fullmatch(name) for name in names)
+    structured = all(STRUCTURED_NAME.fullmatch(name) for name in names)
     about = {
         "fmiVersion": version,
         "modelName": interface.name,
@@ -86,7 +86,7 @@ def model_description(interface: ExportInterface, version: str, uses: Sequence[U
                 SubElement(files, "File", name=name)
     _add_units(root, interface)
     categories = SubElement(root, "LogCategories")
-    SubElement(categories, "Category", name=CATEGORY, description="why a call is refused or a step fails")
+    SubElement(categories, "Category", name=LOG_CATEGORY, description="why a call is refused or a step fails")
     experiment = {
         "startTime": "0.0",
         "stopTime": repr(interface.stop_time),
@@ -94,13 +94,13 @@ def model_description(interface: ExportInterface, version: str, uses: Sequence[U
         "stepSize": repr(interface.step),
     }
     SubElement(root, "DefaultExperiment", experiment)
-    VERSIONS[version].add_variables(SubElement(root, "ModelVariables"), interface)
-    VERSIONS[version].add_structure(SubElement(root, "ModelStructure"), interface)
+    VERSION_MODULES[version].add_variables(SubElement(root, "ModelVariables"), interface)
+    VERSION_MODULES[version].add_structure(SubElement(root, "ModelStructure"), interface)
     return text(root)
 
 
 def _add_units(root: Element, interface: ExportInterface) -> None:
-    """Add the definitions of all units that occur."""
+    """Add the definitions of all units of the variables."""
     definitions = SubElement(root, "UnitDefinitions")
     for name in sorted({unit for v in interface.variables for unit in v.units if unit is not None}):
         unit = fmi_unit(name)

@@ -1,4 +1,4 @@
-"""The variables of an FMU: one per port, parameter and state."""
+"""Variables of an exported FMU: one per port, parameter and state."""
 
 from __future__ import annotations
 
@@ -11,33 +11,33 @@ from typing import Any
 
 from trussflow.blocks.framework.types import Vector
 
-STRUCTURED = re.compile(
+STRUCTURED_NAME = re.compile(
     r"(der\()?[A-Za-z_]\w*(\[\d+(,\d+)?\])?(\.[A-Za-z_]\w*(\[\d+(,\d+)?\])?)*(\))?", re.ASCII
 )
-"""Names that FMI's naming convention "structured" allows, as far as they occur here."""
+"""Pattern of names allowed by FMI's naming convention "structured", as far as the export uses it."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Variable:
-    """An array of real numbers with a name.
+    """A named array of real numbers.
 
     Attributes
     ----------
     name : str
         Name of the port, ``block.parameter`` or ``block.state``.
     shape : tuple of int
-        Its shape; ``()`` for a scalar.
+        Shape of the array; ``()`` for a scalar.
     reference : int
         Value reference of the first element, and of the whole array in FMI 3; elements follow
         in row-major order.
     causality, variability, initial : str
-        As FMI defines them; `initial` is empty where FMI has none.
+        Attributes as defined by FMI; `initial` is empty where FMI defines none.
     start : Vector or None
-        Value before initialization, flat [units]; None where it is calculated.
+        Flat value before initialization [units]; None for a calculated variable.
     units : tuple of (str or None)
-        Unit of each element; None where it is not stated.
+        Unit of each element; None if it is not stated.
     meaning : str
-        One line for people.
+        Description, one line.
     state : int or None
         For a derivative, the value reference of its state.
     """
@@ -65,7 +65,7 @@ class Variable:
 
     @property
     def unit(self) -> str | None:
-        """The unit that all elements have, if there is one."""
+        """Common unit of all elements, or None."""
         return self.units[0] if self.units and len(set(self.units)) == 1 else None
 
     def scalars(self) -> list[str]:
@@ -73,7 +73,7 @@ class Variable:
         return element_names(self.name, self.shape)
 
     def elements(self) -> Group:
-        """Return the elements as variables of their own."""
+        """Return the elements as separate variables."""
         return tuple(
             replace(
                 self,
@@ -88,7 +88,7 @@ class Variable:
         )
 
     def description(self) -> str:
-        """Return the meaning, with the units where an array mixes them."""
+        """Return the meaning, with the units of the elements if they differ."""
         if not self.units or self.unit is not None or not any(self.units):
             return self.meaning
         changes = [0, *(i for i in range(1, self.size) if self.units[i] != self.units[i - 1])]
@@ -103,18 +103,18 @@ Group = tuple[Variable, ...]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Variables:
-    """All variables of an FMU in the order of their value references, which iteration follows.
+    """All variables of an FMU; iteration yields them in the order of their value references.
 
     Attributes
     ----------
     time : Variable
         The independent variable.
     inputs, parameters, states, derivatives, outputs : tuple of Variable
-        The others.
+        Variables of these groups.
     modes, indicators : tuple of Variable
-        What changes at events only, and the indicators of events that are not known in advance.
+        States that change at events only, and the indicators of state events.
     memory : tuple of Variable
-        The states that change at instants only, which FMUs keep to themselves, counted as in d.
+        States that change at sample instants only, numbered as in d; FMUs do not publish them.
     """
 
     time: Variable
@@ -128,13 +128,13 @@ class Variables:
     memory: Group
 
     def __iter__(self) -> Iterator[Variable]:
-        """Yield all variables, but for the memory."""
+        """Yield all variables except the memory."""
         yield self.time
         yield from self.inputs + self.parameters + self.states + self.derivatives + self.outputs
         yield from self.modes + self.indicators
 
     def scalarized(self) -> Variables:
-        """Return them with a variable for each element."""
+        """Return the variables with each array split into its elements."""
         groups = {field.name: getattr(self, field.name) for field in fields(self) if field.name != "time"}
         elements: dict[str, Any] = {
             name: tuple(e for v in group for e in v.elements()) for name, group in groups.items()
@@ -142,23 +142,25 @@ class Variables:
         return replace(self, **elements)
 
     def settable_states(self) -> list[bool]:
-        """Return for each element of the states whether an importer may choose where it starts."""
+        """Return whether an importer may set the start value of each element of the states."""
         return [v.initial == "exact" for v in self.states for _ in v.references]
 
     def tunable_parameters(self) -> list[bool]:
-        """Return for each element of the parameters whether it may change while time goes on."""
+        """Return whether each element of the parameters may change after initialization."""
         return [v.variability == "tunable" for v in self.parameters for _ in v.references]
 
 
 def element_names(name: str, shape: tuple[int, ...]) -> list[str]:
-    """Return the names of the elements of an array, row by row: ``u[1,2]``; of a scalar, its own.
+    """Return the names of the elements of an array in row-major order, such as ``u[1,2]``.
+
+    A scalar has one element with its own name.
 
     Parameters
     ----------
     name : str
-        Name of the array; that of a derivative, ``der(x)``, gets the indices inside.
+        Name of the array; for a derivative ``der(x)``, the indices are inside: ``der(x[1])``.
     shape : tuple of int
-        Its shape.
+        Shape of the array.
     """
     if not shape:
         return [name]

@@ -1,4 +1,4 @@
-"""What the XML of both FMI versions, and of SSP, has in common."""
+"""XML common to both FMI versions and SSP."""
 
 from __future__ import annotations
 
@@ -15,21 +15,21 @@ from trussflow.fmu.exporting.description.variables import Group, Variable
 from trussflow.fmu.fmi_units import FmiUnit, fmi_unit
 
 Rows = list[tuple[Variable, Pattern]]
-"""Variables with what each of their elements depends on."""
+"""Variables with the dependencies of each element."""
 
 
 def generation_tool() -> str:
-    """Return name and version of this program."""
+    """Return the name and version of this program."""
     return f"trussflow {provenance()['trussflow_version']}"
 
 
 def base_unit(unit: FmiUnit) -> dict[str, str]:
-    """Return the attributes that say what a unit is in SI base units.
+    """Return the attributes that define a unit in SI base units.
 
     Parameters
     ----------
     unit : FmiUnit
-        The unit; one of which only the name is known has none.
+        The unit; without exponents it has no attributes.
     """
     found = {part: str(power) for part, power in (unit.exponents or {}).items() if power}
     if unit.factor != 1:
@@ -40,18 +40,18 @@ def base_unit(unit: FmiUnit) -> dict[str, str]:
 
 
 def variable_attributes(v: Variable, name: str, reference: int, meaning: str) -> dict[str, str]:
-    """Return what both versions say of a variable, or of an element of it, in the same words.
+    """Return the attributes of a variable or element that are equal in both versions.
 
     Parameters
     ----------
     v : Variable
         The variable.
     name : str
-        Its name, or the element's.
+        Name of the variable or element.
     reference : int
         The value reference [-].
     meaning : str
-        One line for people.
+        Description, one line.
     """
     about = {
         "name": name,
@@ -65,7 +65,7 @@ def variable_attributes(v: Variable, name: str, reference: int, meaning: str) ->
 
 
 def unit_attributes(unit: str | None) -> dict[str, str]:
-    """Return the attributes of a variable that name its unit and how to show it.
+    """Return the attributes for the unit and display unit of a variable.
 
     Parameters
     ----------
@@ -90,14 +90,14 @@ def filled(attributes: Mapping[str, str]) -> dict[str, str]:
 
 
 def unknowns(interface: ExportInterface) -> tuple[Rows, Rows, Rows]:
-    """Return outputs and derivatives once time goes on, then what is calculated at the start.
+    """Return the unknowns: outputs, derivatives, and initial unknowns.
 
-    Only there do parameters count as dependencies.
+    Parameters count as dependencies of initial unknowns only.
 
     Parameters
     ----------
     interface : ExportInterface
-        What is described.
+        The exported interface.
     """
     shown, needs = interface.variables, interface.dependencies
     elsewhere = np.ones(needs.outputs.shape[1], dtype=bool)
@@ -122,7 +122,7 @@ def _rows(group: Group, pattern: Pattern) -> Iterator[tuple[Variable, Pattern]]:
 
 
 def text(root: Element) -> str:
-    """Return a tree as text.
+    """Return an XML tree as text.
 
     Parameters
     ----------

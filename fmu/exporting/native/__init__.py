@@ -1,1 +1,1 @@
-"""Native FMUs: C from the graph of a plan, and the wrapper that follows the standard."""
+"""Export of native FMUs: C code of a plan, and the C functions of the FMI standard."""

@@ -1,4 +1,4 @@
-"""Compiling the C source of an FMU to shared libraries, for this platform and others."""
+"""Compilation of the C source of an FMU to shared libraries for one or more platforms."""
 
 from __future__ import annotations
 
@@ -21,25 +21,25 @@ from trussflow.blocks.tracing.compiler import compiled, find_compiler, identity
 from trussflow.fmu.errors import ExportError
 from trussflow.fmu.exporting.native.source import Source
 
-FLAGS = (
+COMPILER_FLAGS = (
     *("-O2", "-fPIC", "-fvisibility=hidden", "-ffp-contract=off"),
     *("-fno-math-errno", "-fno-builtin-atan", "-w"),
 )
-"""As for simulations, whose numbers these are to the bit, but without ``-march=native``: an FMU runs on other
-processors too."""
+"""Compiler flags of the simulation, for bit-equal results, without ``-march=native``, because an FMU
+also runs on other processors."""
 
-FAST = ("-mavx2", "-mfma")
-"""For the second variant of the equations on x86-64; which one runs is decided at run time."""
+FAST_FLAGS = ("-mavx2", "-mfma")
+"""Flags for the fast variant of the equations on x86-64, which is selected at run time."""
 
 
 @dataclass(frozen=True, slots=True)
 class Platform:
-    """What an FMU can be compiled for.
+    """A target platform of an FMU.
 
     Attributes
     ----------
     system, processor : str
-        As in FMI 3: ``"linux"``, ``"windows"`` or ``"darwin"``; ``"x86_64"`` or ``"aarch64"``.
+        Names of FMI 3: ``"linux"``, ``"windows"`` or ``"darwin"``; ``"x86_64"`` or ``"aarch64"``.
     """
 
     system: str
@@ -47,25 +47,25 @@ class Platform:
 
     @property
     def name(self) -> str:
-        """The platform's name in FMI 3, such as ``"x86_64-linux"``."""
+        """Name of the platform in FMI 3, such as ``"x86_64-linux"``."""
         return f"{self.processor}-{self.system}"
 
     @property
     def suffix(self) -> str:
-        """Ending of a shared library."""
+        """Suffix of a shared library."""
         return {"linux": ".so", "windows": ".dll", "darwin": ".dylib"}[self.system]
 
     @property
     def target(self) -> str:
-        """The platform's name for the ziglang compiler."""
+        """Name of the platform for the ziglang compiler."""
         ends = {"linux": "linux-gnu", "windows": "windows-gnu", "darwin": "macos"}
         return f"{self.processor}-{ends[self.system]}"
 
     def folder(self, version: str, among: Sequence[Platform]) -> str:
         """Return the folder of the binary within ``binaries/``.
 
-        FMI 2 has no names for ARM processors; importers there look into the folder of the
-        system, so that is used unless the binary for x86-64 needs it.
+        FMI 2 has no names for ARM processors; importers on ARM use the folder of the system. That
+        folder is used unless the FMU also has a binary for x86-64.
 
         Parameters
         ----------
@@ -81,7 +81,7 @@ class Platform:
         return self.name if taken else short[self.system]
 
 
-PLATFORMS = (
+KNOWN_PLATFORMS = (
     Platform("linux", "x86_64"),
     Platform("linux", "aarch64"),
     Platform("windows", "x86_64"),
@@ -98,7 +98,7 @@ def here() -> Platform:
 
 
 def chosen(names: str | Sequence[str] | None) -> tuple[Platform, ...]:
-    """Return platforms by their names in FMI 3; None means this one, ``"all"`` all of them.
+    """Return platforms by their names in FMI 3; None is this platform, ``"all"`` all platforms.
 
     Parameters
     ----------
@@ -114,11 +114,11 @@ def chosen(names: str | Sequence[str] | None) -> tuple[Platform, ...]:
         return (here(),)
     given: Any = names
     wanted = [*given] if isinstance(given, list | tuple | set) else [given]
-    known = {p.name: p for p in (*PLATFORMS, here())}
+    known = {p.name: p for p in (*KNOWN_PLATFORMS, here())}
     for name in wanted:
         one_of("platform", name, [*known, "all"], ExportError)
     if "all" in wanted:
-        return PLATFORMS
+        return KNOWN_PLATFORMS
     return tuple(dict.fromkeys(known[name] for name in wanted))
 
 
@@ -130,23 +130,23 @@ def compile_binary(source: Source, target: Platform) -> bytes:
     source : Source
         Its C files.
     target : Platform
-        What to compile for.
+        The target platform.
 
     Raises
     ------
     ExportError
-        If no compiler for that platform is there.
+        If there is no compiler for that platform.
     CompilationError
-        If it fails.
+        If the compilation fails.
     """
     command = _compiler(target)
     model, wrapper = ("-DTF_VARIANT=_ordinary",), ("-DTF_SEPARATE", "-I", headers())
     jobs = [(source.model, model, "model.c"), (source.wrapper, wrapper, "all.c")]
     if target.processor == "x86_64":
         jobs = [
-            # Without fast vector instructions, optimizing for them does more harm than good.
+            # -O1: without fast vector instructions, the vectorization of -O2 makes the code slower.
             (source.model, ("-O1", *model), "model.c"),
-            (source.model, (*FAST, "-DTF_VARIANT=_fast"), "model.c"),
+            (source.model, (*FAST_FLAGS, "-DTF_VARIANT=_fast"), "model.c"),
             (source.wrapper, (*wrapper, "-DTF_FAST"), "all.c"),
         ]
     with ThreadPoolExecutor(max_workers=os.cpu_count()) as pool:
@@ -159,10 +159,10 @@ def compile_binary(source: Source, target: Platform) -> bytes:
 
 
 def headers() -> str:
-    """Return the folder of the standard's C headers, which the fmpy package brings along."""
+    """Return the folder of the FMI headers in the fmpy package."""
     spec = find_spec("fmpy")
     if spec is None or spec.origin is None:
-        raise ExportError("cannot compile: the FMI headers come with the package fmpy; install it")
+        raise ExportError("cannot compile: the FMI headers are part of the package fmpy; install it")
     return str(Path(spec.origin).parent / "c-code")
 
 
@@ -172,13 +172,13 @@ def _compiler(target: Platform) -> tuple[str, ...]:
     Raises
     ------
     ExportError
-        If there is none.
+        If no compiler is found.
     """
     zig = (sys.executable, "-m", "ziglang", "cc", "-target", target.target)
     if target != here():
         if find_spec("ziglang") is None:
             raise ExportError(
-                f"cannot compile for {target.name} on {here().name}: 'pip install ziglang' brings "
+                f"cannot compile for {target.name} on {here().name}: 'pip install ziglang' installs "
                 "a compiler for all platforms"
             )
         return zig
@@ -192,13 +192,15 @@ def _compiler(target: Platform) -> tuple[str, ...]:
 
 
 def _object(command: tuple[str, ...], text: str, flags: tuple[str, ...], name: str) -> Path:
-    """Compile one file, or find it in the cache."""
-    key = "\0".join((*identity(command), *FLAGS, *flags, text))
+    """Return the object file of a C file, compiled or from the cache."""
+    key = "\0".join((*identity(command), *COMPILER_FLAGS, *flags, text))
 
     def build() -> bytes:
         with tempfile.TemporaryDirectory(dir=process_folder()) as folder:
             file = Path(folder) / name
             file.write_text(text, encoding="utf-8")
-            return compiled([*command, *FLAGS, *flags, "-c", str(file)], file.with_suffix(".o")).read_bytes()
+            return compiled(
+                [*command, *COMPILER_FLAGS, *flags, "-c", str(file)], file.with_suffix(".o")
+            ).read_bytes()
 
     return cached(key, ".o", build)

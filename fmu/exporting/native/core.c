@@ -1,10 +1,10 @@
-/* What both versions of FMI do: create, read, write, step, save. */
+/* Functions common to both versions of FMI: create, read, write, step, save. */
 
 static const tf_program tf_ordinary[] = {TF_PROGRAMS(TF_ORDINARY)};
 #ifdef TF_FAST
 static const tf_program tf_fast[] = {TF_PROGRAMS(TF_QUICK)};
 #include <cpuid.h>
-/* Whether processor and operating system have the vector instructions of the fast variant. */
+/* Return whether processor and operating system support the vector instructions of the fast variant. */
 static int tf_has_fast(void) {
   unsigned a, b, c, d, low, high;
   if (!__get_cpuid(1, &a, &b, &c, &d) || !(c & 1u << 12) || !(c & 1u << 27)) return 0;
@@ -125,7 +125,7 @@ static tf_status tf_unknown(tf_instance* c, const char* function, unsigned refer
 
 /* -- writing ------------------------------------------------------------------------------- */
 
-/* Why a variable cannot be set now; NULL if it can. */
+/* Return the reason why a variable cannot be set now, or NULL if it can. */
 static const char* tf_obstacle(const tf_instance* c, unsigned r) {
   int early = c->s.phase & (TF_INSTANTIATED | TF_INITIALIZATION);
   if (r >= TF_VR_U && r < TF_VR_P) return NULL;
@@ -141,7 +141,7 @@ static const char* tf_obstacle(const tf_instance* c, unsigned r) {
   return "a tunable parameter can be set between steps or in event mode only";
 }
 
-/* Whether variables may be set now, and to these values. */
+/* Check whether variables may be set now, and to these values. */
 static tf_status tf_may_write(tf_instance* c, unsigned first, unsigned n, const double* values) {
   for (unsigned i = 0; i < n; ++i) {
     const char* why = tf_obstacle(c, first + i);
@@ -215,13 +215,13 @@ static tf_status tf_indicators(tf_instance* c, double* indicators, size_t n) {
   return TF_OK;
 }
 
-/* Whether something is sampled here or a signal has a corner. No state jumps then, but derivatives may,
-   and some importers begin integration anew only where they are told that a state did. */
+/* Return whether a block is sampled now or a signal is not smooth. No state jumps then, but derivatives
+   may, and some importers restart the integration only if a jump of the states is reported. */
 static int tf_jumped(tf_instance* c) {
   return TF_X && (tf_pending(c) || c->s.time >= c->next_event - tf_same(c->s.time));
 }
 
-/* Handle the events of this time: those located or due, then those that what is sampled now causes. */
+/* Handle the events of this time: first located and time events, then events caused by sampled blocks. */
 static tf_status tf_handle(tf_instance* c, int* jumped) {
   *jumped = tf_jumped(c);
 #if TF_EVENTS
@@ -234,7 +234,7 @@ static tf_status tf_handle(tf_instance* c, int* jumped) {
     if (sampled && !tf_pending(c)) break;
     if (!tf_indicate(&m, &c->stepper, t, c->s.x, d, c->s.p)) return tf_event_fault(c, TF_BAD_INDICATOR, t);
     int happens = tf_mark(&m, &c->stepper, t, d);
-    if (sampled && !happens) break; /* inputs may change it yet */
+    if (sampled && !happens) break; /* inputs may still change the sampled values */
     if (sampled && !tf_commit(c)) return tf_event_fault(c, TF_BAD_D, t);
     int fault = tf_settle(&m, &c->stepper, t, h, !sampled, c->s.x, c->s.d, c->s.p);
     if (fault != TF_FINE) return tf_event_fault(c, fault, t);
@@ -250,7 +250,7 @@ static tf_status tf_enter_continuous(tf_instance* c) {
     return tf_refuse(c, TF_ERROR, "a sampled value is not finite at time %.9g", c->s.time);
   tf_plan_event(c);
   tf_touch(c);
-  tf_keep_loops(c); /* as good as they can be solved: derivatives are not finite where they cannot */
+  tf_keep_loops(c); /* no check: derivatives are not finite if a loop has no solution */
   return tf_enter(c, TF_CONTINUOUS);
 }
 
@@ -315,7 +315,7 @@ static tf_status tf_pack(tf_instance* c, const void* saved, unsigned char* bytes
 static tf_status tf_unpack(tf_instance* c, const unsigned char* bytes, size_t size, void** saved) {
   if (size != TF_SERIALIZED || memcmp(bytes, TF_TOKEN, sizeof TF_TOKEN))
     return tf_refuse(c, TF_ERROR, "these bytes are no saved state of this FMU");
-  tf_status status = tf_save(c, saved); /* for the room */
+  tf_status status = tf_save(c, saved); /* allocates *saved */
   if (status == TF_OK) memcpy(*saved, bytes + sizeof TF_TOKEN, sizeof(tf_state));
   return status;
 }

@@ -1,9 +1,9 @@
-/* What an instance is, and the programs it calls. The generated part of the source stands before
-   this file: sizes (TF_U inputs, TF_P parameters, TF_X continuous states, TF_M discrete ones, TF_D
-   all that changes at instants, TF_Y outputs, of which TF_Y_LIGHT are cheap, TF_INDICATORS of state
+/* Instance of an FMU and the programs that it calls. The generated part of the source precedes this
+   file: sizes (TF_U inputs, TF_P parameters, TF_X continuous states, TF_M discrete ones, TF_D
+   discrete values and inputs, TF_Y outputs, of which TF_Y_LIGHT are cheap, TF_INDICATORS of state
    events), tables, and the list of programs TF_PROGRAMS; so do fixed_step.h and events.h. Value references
    count time, inputs, parameters, states, derivatives, outputs, modes and indicators, in that order, from 1:
-   OMSimulator takes the dependencies of FMI 3 for places of variables. */
+   OMSimulator interprets the dependencies of FMI 3 as indices of variables. */
 
 #include <math.h>
 #include <stdarg.h>
@@ -14,7 +14,7 @@
 #define TF_NUMBER(name) TF_##name,
 enum { TF_PROGRAMS(TF_NUMBER) TF_PROGRAM_COUNT };
 
-/* Value references at which the groups begin. */
+/* First value reference of each group. */
 enum {
   TF_VR_TIME = 1,
   TF_VR_U,
@@ -27,7 +27,7 @@ enum {
   TF_VR_END = TF_VR_G + TF_INDICATORS
 };
 
-/* Where an instance is in the state machine of the standard; one bit each. */
+/* States of the FMI state machine, one bit each. */
 enum {
   TF_INSTANTIATED = 1,
   TF_INITIALIZATION = 2,
@@ -41,15 +41,15 @@ enum {
 #define TF_READABLE (TF_INITIALIZATION | TF_INITIALIZED | TF_FAILED | TF_TERMINATED)
 #define TF_ANY 127
 
-/* Numbered as both versions of FMI number their status. */
+/* Status values, numbered as in both versions of FMI. */
 typedef enum { TF_OK, TF_WARNING, TF_DISCARD, TF_ERROR } tf_status;
 
-/* All that has to be saved to go on later exactly as from here. */
+/* Complete saved state of an instance. */
 typedef struct {
   int phase, model_exchange;
   int has_stop;
   int partial; /* the time is past the last grid point */
-  int sampled; /* what ticks at the last grid point has been made final */
+  int sampled; /* the ticks of the last grid point are final */
   long long tick; /* last grid point reached */
   double time, start, stop, last_good;
   double x[TF_X + 1], d[TF_D + 1], p[TF_P + 1];
@@ -60,19 +60,19 @@ typedef struct {
   const tf_program* programs;
   int logging, may_return_early;
   char* name;
-  void *environment, *logger; /* of the importer, with the types of the FMI version */
-  /* what follows can be computed again: nothing of it is saved */
+  void *environment, *logger; /* the importer's, with the types of the FMI version */
+  /* the members below can be recomputed and are not saved */
   int light_known, heavy_known, rates_known, instant_known, linear_known;
-  double next_event, handled; /* the latter: when events were last handled in model exchange */
+  double next_event, handled; /* handled: last time of event handling in model exchange */
   double dx[TF_X + 1], y[TF_Y + 1], d_instant[TF_D + 1], scratch[TF_X + TF_D + 1];
   tf_stepper stepper;
-  double* linear; /* work space of derivatives; made when it is first asked for */
+  double* linear; /* work space of derivatives, allocated on first use */
 } tf_instance;
 
 static void tf_emit(tf_instance* c, tf_status status, const char* text);
 
-/* Say why a call is refused, and return the status. Errors are always said; what a solver may well
-   run into, such as a value that is not finite, only if the importer wants to know. */
+/* Log why a call is refused, and return the status. Errors are always logged. Faults that a solver may
+   cause, such as a value that is not finite, are logged only if logging is on. */
 static tf_status tf_refuse(tf_instance* c, tf_status status, const char* format, ...) {
   char text[600];
   if (status != TF_ERROR && !c->logging) return status;
@@ -102,7 +102,7 @@ static int tf_allowed(tf_instance* c, const char* function, int phases) {
   return 0;
 }
 
-/* The name of the variable to which a value reference belongs; *element counts from 1. */
+/* Return the name of the variable of a value reference; *element counts from 1. */
 static const char* tf_name_of(unsigned reference, unsigned* element) {
   int i = TF_VARIABLES - 1;
   while (i > 0 && tf_variables[i].first > reference) --i;

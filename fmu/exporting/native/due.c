@@ -1,11 +1,11 @@
-/* What ticks when. The numbers of the programs and the tables of the clocks stand before. */
+/* Sampling schedule. The numbers of the programs and the tables of the clocks precede this file. */
 
-/* Which program samples when a set of clocks ticks; clock i is bit i of the code. Many clocks share the
-   first program, with all bits set: it knows itself what ticks. */
+/* Sample program of each set of clocks; clock i is bit i of the code. Many clocks share the first
+   program, with all bits set, which computes the ticking clocks itself. */
 static const struct { unsigned long long code; int program; } tf_sets[] = {TF_SET_TABLE};
 
-/* The program that samples what ticks at a grid point; 0 if nothing does. This and tf_next_due are
-   the calendar of `Schedule` in blocks/simulation/schedule.py, for where there is no Python. */
+/* Return the sample program of a grid point, or 0 if no clock ticks. This and tf_next_due are the
+   counterpart of `Schedule` in blocks/simulation/schedule.py. */
 static int tf_due(long long k) {
   unsigned long long code = 0;
   for (int i = 0; i < TF_CLOCKS; ++i)

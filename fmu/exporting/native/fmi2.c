@@ -1,4 +1,4 @@
-/* The functions that only FMI 2.0 has, or that it has with other arguments. */
+/* Functions that exist in FMI 2.0 only, or whose arguments differ from FMI 3.0. */
 
 const char* fmi2GetTypesPlatform(void) { return fmi2TypesPlatform; }
 
@@ -21,7 +21,7 @@ FUNCTION(EnterInitializationMode, (fmi2Component instance), TF_INSTANTIATED,
 
 /* -- variables ------------------------------------------------------------------------------ */
 
-/* How many value references from the first on follow each other. */
+/* Return the number of leading value references that are consecutive. */
 static unsigned tf_run(const fmi2ValueReference* references, size_t n) {
   unsigned run = 1;
   while (run < n && references[run] == references[0] + run) ++run;

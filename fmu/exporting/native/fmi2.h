@@ -1,12 +1,12 @@
-/* What functions.c needs to know of FMI 2.0. */
+/* Definitions of FMI 2.0 for functions.c. */
 
-#undef FMI2_FUNCTION_PREFIX /* a shared library has the plain names, whoever builds it */
+#undef FMI2_FUNCTION_PREFIX /* functions of a shared library have no prefix of the model */
 #include "fmi2Functions.h"
 
 #define FMI(name) fmi2##name
 #define FMI_TOKEN "GUID"
 
-/* What FMI 3.0 calls by another name. */
+/* Names of FMI 3.0 for functions of FMI 2.0. */
 #define fmi2Instance fmi2Component
 #define fmi2Float64 fmi2Real
 #define fmi2FMUState fmi2FMUstate

@@ -1,5 +1,5 @@
-/* The functions that only FMI 3.0 has, or that it has with other arguments. A variable is an array:
-   its value reference is that of its first element, and tf_size holds how many elements follow. */
+/* Functions that exist in FMI 3.0 only, or whose arguments differ from FMI 2.0. A variable is an array:
+   its value reference is that of its first element, and tf_size is its number of elements. */
 
 fmi3Instance fmi3InstantiateModelExchange(fmi3String name, fmi3String token, fmi3String resources,
                                           fmi3Boolean visible, fmi3Boolean logging,
@@ -33,7 +33,7 @@ FUNCTION(EnterInitializationMode,
 
 /* -- variables ------------------------------------------------------------------------------ */
 
-/* Check that references are known and that their elements are as many as the values. */
+/* Check that references are known and that their number of elements equals that of the values. */
 static tf_status tf_check_sizes(tf_instance* c, const char* function,
                                 const fmi3ValueReference references[], size_t n, size_t values) {
   size_t total = 0;
@@ -79,7 +79,7 @@ FUNCTION(SetFloat64,
 
 /* -- derivatives ---------------------------------------------------------------------------- */
 
-/* Write the value references of all elements of arrays one after the other. */
+/* Write the concatenated value references of all elements of arrays. */
 static unsigned* tf_spread(unsigned* to, const fmi3ValueReference references[], size_t n) {
   for (size_t i = 0; i < n; ++i)
     for (unsigned k = 0; k < tf_size[references[i]]; ++k) *to++ = references[i] + k;
@@ -116,7 +116,7 @@ DERIVATIVE(GetAdjointDerivative, 1)
 
 /* -- model exchange ------------------------------------------------------------------------- */
 
-/* Outputs are computed when they are read. */
+/* Nothing to do: outputs are computed when they are read. */
 FUNCTION(EvaluateDiscreteStates, (fmi3Instance instance), TF_INITIALIZATION | TF_EVENT, TF_OK)
 
 static tf_status tf_update(tf_instance* c, fmi3Boolean* states_changed, fmi3Boolean* has_next,
@@ -146,7 +146,7 @@ FUNCTION(GetNumberOfContinuousStates, (fmi3Instance instance, size_t* n), TF_ANY
 
 static tf_status tf_do_step(tf_instance* c, double time, double step, fmi3Boolean* early,
                             fmi3Float64* last_good) {
-  /* A discarded call leaves an instance as it was before: FMI 3.0, section 2.2.3. */
+  /* A discarded call must not change the instance: FMI 3.0, section 2.2.3. */
   tf_status status = tf_step(c, time, step, 1);
   *last_good = c->s.last_good;
   *early = status == TF_OK && c->s.last_good < time + step - tf_same(time + step);

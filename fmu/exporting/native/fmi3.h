@@ -1,4 +1,4 @@
-/* What functions.c needs to know of FMI 3.0. */
+/* Definitions of FMI 3.0 for functions.c. */
 
 #include "fmi3Functions.h"
 

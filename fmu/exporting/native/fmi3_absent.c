@@ -1,4 +1,4 @@
-/* The functions of FMI 3.0 for what these FMUs do not have: other types than Float64, clocks,
+/* Functions of FMI 3.0 for features that these FMUs do not have: other types than Float64, clocks,
    structural parameters, event mode in co-simulation, scheduled execution. */
 
 #define NONE_OF(type)                                                                           \

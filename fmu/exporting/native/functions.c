@@ -1,13 +1,13 @@
-/* The functions that FMI 2.0 and 3.0 have in common, and how all are written: FMI(name) is a name
-   with the prefix of the version; where the versions differ, names here are those of FMI 3.0. */
+/* Functions common to FMI 2.0 and 3.0, and macros for all functions. FMI(name) is a name with the
+   prefix of the version; if the versions differ, names are those of FMI 3.0. */
 
-#pragma GCC diagnostic ignored "-Wunused-parameter" /* the standard hands over more than is needed */
+#pragma GCC diagnostic ignored "-Wunused-parameter" /* some arguments of FMI are not needed */
 
 #define TF_TEXT_OF(name) #name
 #define TF_TEXT(name) TF_TEXT_OF(name)
 
-/* A function of the standard: its name, its arguments, the phases in which it may be called, and
-   the status of what it does then with the instance c. */
+/* An FMI function: its name, its arguments, the phases in which it may be called, and the expression
+   of its status, with the instance c. */
 #define FUNCTION(name, arguments, phases, does)                                                 \
   FMI(Status) FMI(name) arguments {                                                             \
     tf_instance* c = instance;                                                                  \
@@ -15,11 +15,11 @@
     return (FMI(Status))(does);                                                                 \
   }
 
-/* A function that these FMUs do not have anything for. */
+/* A function for a feature that these FMUs do not have. */
 #define REFUSED(name, arguments, status, why)                                                   \
   FUNCTION(name, arguments, TF_ANY, tf_refuse(c, status, why))
 
-/* All variables are real numbers: a function for others knows no reference. */
+/* A function for variables of another type: all variables are real, so every reference is unknown. */
 #define NO_VARIABLES(name, ...)                                                                 \
   FUNCTION(name,                                                                                \
            (FMI(Instance) instance, const FMI(ValueReference) references[], size_t n,           \

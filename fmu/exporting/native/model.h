@@ -1,6 +1,6 @@
-/* What stands before the equations: the macro TF_VARIANT tells apart the builds of them for different
-   processors, and none of their functions is seen outside of the library. After every #include: what
-   those declare has to stay visible. */
+/* Definitions before the equations. The macro TF_VARIANT distinguishes the builds for different
+   processors. The functions are hidden outside the library. This text must come after every #include,
+   because included declarations must stay visible. */
 
 #ifndef TF_VARIANT
 #define TF_VARIANT _ordinary

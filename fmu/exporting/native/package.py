@@ -1,4 +1,4 @@
-"""The files of a native FMU."""
+"""Files of a native FMU."""
 
 from __future__ import annotations
 
@@ -8,9 +8,9 @@ from trussflow.fmu.exporting.description import fmi3_xml
 from trussflow.fmu.exporting.description.export_interface import ExportInterface
 from trussflow.fmu.exporting.description.model_description import Use, model_description, token
 from trussflow.fmu.exporting.native.binaries import chosen, compile_binary
-from trussflow.fmu.exporting.native.source import SOURCES, source
+from trussflow.fmu.exporting.native.source import COMPILED_FILES, source
 
-CAPABILITIES = {
+CAPABILITY_FLAGS = {
     "2.0": {
         "canBeInstantiatedOnlyOncePerProcess": "false",
         "canNotUseMemoryManagementFunctions": "true",
@@ -25,10 +25,10 @@ CAPABILITIES = {
         "providesAdjointDerivatives": "true",
     },
 }
-NO_STEPS = {"2.0": {"completedIntegratorStepNotNeeded": "true"}, "3.0": {}}
-TOLD_STEPS = {"2.0": {}, "3.0": {"needsCompletedIntegratorStep": "true"}}
-EARLY = {"2.0": {}, "3.0": {"mightReturnEarlyFromDoStep": "true"}}
-STEPS = {"canHandleVariableCommunicationStepSize": "true"}
+NO_STEP_FLAGS = {"2.0": {"completedIntegratorStepNotNeeded": "true"}, "3.0": {}}
+COMPLETED_STEP_FLAGS = {"2.0": {}, "3.0": {"needsCompletedIntegratorStep": "true"}}
+EARLY_RETURN_FLAGS = {"2.0": {}, "3.0": {"mightReturnEarlyFromDoStep": "true"}}
+VARIABLE_STEP_FLAGS = {"canHandleVariableCommunicationStepSize": "true"}
 
 
 def native_files(
@@ -39,23 +39,29 @@ def native_files(
     Parameters
     ----------
     interface : ExportInterface
-        What to export.
+        The exported interface.
     version : str
         ``"2.0"`` or ``"3.0"``.
     platforms : str, sequence of str or None
-        Names of platforms in FMI 3; None means this one; none at all gives sources only.
+        Names of platforms in FMI 3; None is this platform; an empty sequence exports sources only.
 
     Raises
     ------
     ExportError
-        If there are Python blocks, or no compiler.
+        If there are Python blocks, or there is no compiler.
     """
     targets = chosen(platforms)
-    common, listed = CAPABILITIES[version], SOURCES if version == "2.0" else ()
-    told = TOLD_STEPS if interface.plan.guesses.size else NO_STEPS  # where loops start again
+    common, listed = CAPABILITY_FLAGS[version], COMPILED_FILES if version == "2.0" else ()
+    told = (
+        COMPLETED_STEP_FLAGS if interface.plan.guesses.size else NO_STEP_FLAGS
+    )  # start values of algebraic loops
     uses = [
         Use("ModelExchange", common | told[version], listed),
-        Use("CoSimulation", common | STEPS | (EARLY[version] if interface.plan.has_events else {}), listed),
+        Use(
+            "CoSimulation",
+            common | VARIABLE_STEP_FLAGS | (EARLY_RETURN_FLAGS[version] if interface.plan.has_events else {}),
+            listed,
+        ),
     ]
     description = model_description(interface, version, uses)
     code = source(interface, version, token(interface, version))
@@ -65,7 +71,7 @@ def native_files(
         "sources/model.c": code.model,
     }
     if version == "3.0":
-        texts["sources/buildDescription.xml"] = fmi3_xml.build_description(interface, SOURCES)
+        texts["sources/buildDescription.xml"] = fmi3_xml.build_description(interface, COMPILED_FILES)
     files = {path: text.encode() for path, text in texts.items()}
     for target in targets:
         folder = target.folder(version, targets)

@@ -1,5 +1,5 @@
-/* The programs of the plan, which model.c holds: declared, and listed once for each variant that a
-   processor may need. TF_PROGRAMS lists their names, the model's macro TF_VARIANT ends them. */
+/* Declarations of the programs of the plan, which model.c defines, and a list for each processor variant.
+   TF_PROGRAMS lists their names; the macro TF_VARIANT is their suffix. */
 
 #define TF_ARGUMENTS (const double*, const double*, const double*, const double*, double*)
 #define TF_DECLARE(name) void tf_run_##name##_ordinary TF_ARGUMENTS;

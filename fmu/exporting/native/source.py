@@ -1,4 +1,4 @@
-"""The C source of a native FMU: tables and programs of the plan, and our wrapper around them."""
+"""C source of a native FMU: tables and programs of the plan, and the functions of FMI."""
 
 from __future__ import annotations
 
@@ -21,20 +21,20 @@ from trussflow.fmu.errors import ExportError
 from trussflow.fmu.exporting.description.export_interface import ExportInterface
 from trussflow.fmu.exporting.native.tape import operation_names, table, tape
 
-EVERY = 2**64 - 1
-"""The code of all clocks."""
+ALL_CLOCKS = 2**64 - 1
+"""Bit set of all clocks."""
 
-LIGHT = 200
-"""Operations up to which outputs are read for (almost) nothing."""
+MAX_CHEAP_OPERATIONS = 200
+"""Maximum number of operations of an output that is computed with the cheap outputs [-]."""
 
-FUNCTIONS = {
+FUNCTION_FILES = {
     "2.0": ("fmi2.h", "functions.c", "fmi2.c"),
     "3.0": ("fmi3.h", "functions.c", "fmi3.c", "fmi3_absent.c"),
 }
-"""The files with the functions of each version of the standard."""
+"""Files with the functions of each version of FMI."""
 
-SOURCES = ("all.c",)
-"""The files to compile; the others are included."""
+COMPILED_FILES = ("all.c",)
+"""Files to compile; they include the other files."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,8 +44,8 @@ class Source:
     Attributes
     ----------
     wrapper : str
-        ``all.c``: tables and the functions of the standard; includes ``model.c`` unless
-        TF_SEPARATE is defined.
+        ``all.c``: tables and the functions of FMI; it includes ``model.c`` unless TF_SEPARATE is
+        defined.
     model : str
         ``model.c``: the equations.
     """
@@ -60,11 +60,11 @@ def source(interface: ExportInterface, version: str, token: str) -> Source:
     Parameters
     ----------
     interface : ExportInterface
-        What to export.
+        The exported interface.
     version : str
         ``"2.0"`` or ``"3.0"``.
     token : str
-        The GUID or instantiation token, as in the model description.
+        GUID or instantiation token of the model description.
 
     Raises
     ------
@@ -73,7 +73,7 @@ def source(interface: ExportInterface, version: str, token: str) -> Source:
     """
     refuse_python_blocks(interface, "natively")
     plan, programs = interface.plan, interface.programs
-    # Cheap outputs are a program of their own: reading them must not compute the expensive ones.
+    # Cheap outputs have a separate program, because reading them must not compute expensive ones.
     shown = interface.variables.outputs
     rows = [np.arange(v.size) + v.reference - shown[0].reference for v in shown]
     ranked = sorted(
@@ -102,46 +102,46 @@ def source(interface: ExportInterface, version: str, token: str) -> Source:
         *("#define TF_ADJOINT" for _ in range(version == "3.0")),
         fixed_step(),
         events(),
-        *map(file_text, ("core.h", "due.c", "time.c", "core.c", "tape.c", *FUNCTIONS[version])),
+        *map(file_text, ("core.h", "due.c", "time.c", "core.c", "tape.c", *FUNCTION_FILES[version])),
     ]
     return Source("\n".join(parts), _model(compiled))
 
 
 def refuse_python_blocks(interface: ExportInterface, how: str) -> None:
-    """Refuse an `interface` with Python blocks; `how` says in which way they were to be exported.
+    """Raise an error if an `interface` has Python blocks; `how` names the kind of export.
 
     Raises
     ------
     ExportError
-        If there are any.
+        If there are Python blocks.
     """
     if blocks := interface.plan.python_blocks:
         refused = ", ".join(f"'{b.path}' ({type(b).__name__})" for b in blocks)
         raise ExportError(
-            f"cannot export '{interface.name}' {how}: {refused} runs Python code, which has no "
-            "C; export with kind='python', or leave that block out"
+            f"cannot export '{interface.name}' {how}: {refused} runs Python code, which cannot be "
+            "translated to C; export with kind='python', or leave that block out"
         )
 
 
 def _part(program: Program, name: str, rows: NDArray[np.int64]) -> Program:
-    """Return the program that computes some rows of the result of another."""
+    """Return the program that computes some rows of the result of a program."""
     result = ca.vertcat(ca.SX(0, 1), *(program.result[int(i)] for i in rows))
     return lower(name, program.inputs, result, Trace(list(program.calls)))
 
 
 def _one_after_the_other(first: Program, second: Program) -> Program:
-    """Return the program that computes what two programs of the same trace do."""
+    """Return the program with the concatenated results of two programs of the same trace."""
     calls = list(dict.fromkeys([*first.calls, *second.calls]))
     return lower("everything", first.inputs, ca.vertcat(first.result, second.result), Trace(calls))
 
 
 def _is_heavy(program: Program) -> bool:
-    """Tell whether a program takes more than a few operations."""
-    return bool(program.calls) or ca.n_nodes(program.result) > LIGHT + 4 * program.size
+    """Return whether a program has kernel calls or more than `MAX_CHEAP_OPERATIONS` operations."""
+    return bool(program.calls) or ca.n_nodes(program.result) > MAX_CHEAP_OPERATIONS + 4 * program.size
 
 
 def _model(programs: Sequence[Program]) -> str:
-    """Return the equations."""
+    """Return the C code of the equations."""
     renamed = [f"#define tf_run_{p.name} TF_JOIN(tf_run_{p.name}, TF_VARIANT)" for p in programs]
     quiet = '#ifdef __GNUC__\n#pragma GCC diagnostic ignored "-Wpsabi"\n#endif'
     tail = "#if defined(__GNUC__) && !defined(_WIN32)\n#pragma GCC visibility pop\n#endif\n"
@@ -150,7 +150,7 @@ def _model(programs: Sequence[Program]) -> str:
 
 
 def sizes(interface: ExportInterface) -> str:
-    """Return the C definitions of all sizes, and of the step."""
+    """Return the C definitions of all sizes and of the step."""
     plan, step = interface.plan, exact(interface.step)
     defined = {
         "TF_U": plan.u.size,
@@ -169,7 +169,7 @@ def sizes(interface: ExportInterface) -> str:
 
 
 def _tables(interface: ExportInterface, order: NDArray[np.int64], token: str) -> str:
-    """Return start values, names, clocks and times of events."""
+    """Return the C tables of start values, names, clocks and event times."""
     plan = interface.plan
     variables = [v for v in interface.variables if v.size]
     sizes = np.zeros(variables[-1].references.stop, dtype=int)
@@ -200,18 +200,18 @@ def _tables(interface: ExportInterface, order: NDArray[np.int64], token: str) ->
 
 
 def start_values(interface: ExportInterface) -> list[str]:
-    """Return the C tables of what states, what changes at instants and parameters start with."""
+    """Return the C tables of the start values of states, discrete values and parameters."""
     starts = {"x": interface.x, "d": interface.d, "p": interface.p}
     return [table("double", f"tf_{name}_start", values.tolist()) for name, values in starts.items()]
 
 
 def calendar(interface: ExportInterface) -> list[str]:
-    """Return the C tables that ``due.c`` needs: the clocks, and what ticks together."""
+    """Return the C tables of ``due.c``: the clocks, and the sets of clocks that tick together."""
     clocks, step = interface.plan.system.clocks, exact(interface.step)
     periods = [f"{{{ticks(c.period, step, 'period')}, {ticks(c.offset, step, 'offset')}}}" for c in clocks]
     bits = {clock: 1 << i for i, clock in enumerate(clocks)}
     codes = [
-        f"{{{EVERY if isinstance(s, SomeOf) else sum(bits[c] for c in s)}ull, TF_sample_{number}}}"
+        f"{{{ALL_CLOCKS if isinstance(s, SomeOf) else sum(bits[c] for c in s)}ull, TF_sample_{number}}}"
         for number, s in enumerate(interface.schedule.sets)
         if s
     ]
@@ -219,11 +219,11 @@ def calendar(interface: ExportInterface) -> list[str]:
         f"#define TF_CLOCKS {len(clocks)}",
         table("struct { long long period, offset; }", "tf_clocks", periods or ["{1, 0}"]),
         f"#define TF_SETS {len(codes)}",
-        # the numbers of the programs are defined after the tables
+        # a macro, because the numbers of the programs are defined after the tables
         "#define TF_SET_TABLE " + (", ".join(codes) or "{0, 0}"),
     ]
 
 
 def file_text(name: str) -> str:
-    """Return a file of this folder."""
+    """Return the text of a file of this folder."""
     return files("trussflow.fmu.exporting.native").joinpath(name).read_text(encoding="utf-8")

@@ -1,16 +1,16 @@
-/* Directional and adjoint derivatives. The tape holds the operations behind derivatives and
-   outputs, one after the other. For one point it is run once, which gives the partial derivatives
-   of every operation; each direction then costs one pass of products and sums. */
+/* Directional and adjoint derivatives by algorithmic differentiation. The tape is the sequence of
+   operations of derivatives and outputs. One run per point gives the partial derivatives of every
+   operation; each direction then needs one pass of products and sums. */
 
 typedef struct {
   unsigned length;
   const unsigned char* operation;
-  const unsigned *a, *b; /* operands; for an input or a constant, a is its place */
+  const unsigned *a, *b; /* operands; for an input or a constant, a is its index */
   const double* constants;
-  const unsigned* rows; /* where the results are */
+  const unsigned* rows; /* operations that compute the results */
 } tf_tape;
 
-/* Run a tape at z: values v and the partial derivatives pa, pb of each operation. */
+/* Run a tape at z: compute the value v and the partial derivatives pa, pb of each operation. */
 static void tf_linearize(const tf_tape* tape, unsigned length, const double* z, double* v,
                          double* pa, double* pb) {
   for (unsigned i = 0; i < length; ++i) {
@@ -77,7 +77,7 @@ static void tf_linearize(const tf_tape* tape, unsigned length, const double* z, 
   }
 }
 
-/* A slope may be infinite in a branch that is not taken: a term counts only if none of both is 0. */
+/* A partial derivative may be infinite in an inactive branch, so a zero factor gives 0, not NaN. */
 static double tf_term(double partial, double seed) {
   return partial == 0 || seed == 0 ? 0 : partial * seed;
 }
@@ -92,7 +92,7 @@ static void tf_along(const tf_tape* tape, unsigned length, const double* seed, c
                      : tf_term(pa[i], w[tape->a[i]]) + tf_term(pb[i], w[tape->b[i]]);
 }
 
-/* The transpose: w holds the seeds of the results, `seed` collects those of the inputs. */
+/* Reverse pass: w has the seeds of the results, `seed` receives those of the inputs. */
 static void tf_back(const tf_tape* tape, unsigned length, double* seed, const double* pa,
                     const double* pb, double* w) {
   for (unsigned i = length; i-- > 0;) {
@@ -106,7 +106,7 @@ static void tf_back(const tf_tape* tape, unsigned length, double* seed, const do
   }
 }
 
-/* Inputs of the tapes: time, states, all that changes at instants, parameters. */
+/* Inputs of the tapes: time, states, discrete values and inputs, parameters. */
 enum { TF_Z_X = 1, TF_Z_D = 1 + TF_X, TF_Z_U = TF_Z_D + TF_D - TF_U, TF_Z_P = TF_Z_D + TF_D,
        TF_Z = TF_Z_P + TF_P };
 
@@ -115,7 +115,7 @@ static const tf_tape tf_running = {TF_TAPE, tf_tape_operation, tf_tape_a, tf_tap
 static const tf_tape tf_starting = {TF_TAPE0, tf_tape0_operation, tf_tape0_a, tf_tape0_b,
                                     tf_tape0_constants, tf_tape0_rows};
 
-/* The work space: for each tape values, two partial derivatives and a direction, then seeds. */
+/* Work space: for each tape values, two partial derivatives and a direction, then seeds. */
 #define TF_LINEAR (4 * ((size_t)TF_TAPE + TF_TAPE0) + 2 * (size_t)TF_Z + TF_X + TF_M + 1)
 
 static unsigned tf_place(unsigned reference) {
@@ -124,7 +124,7 @@ static unsigned tf_place(unsigned reference) {
   return reference == TF_VR_TIME ? 0 : TF_Z_U + reference - TF_VR_U;
 }
 
-/* Make the tapes ready at the present point. */
+/* Run the tapes at the current point. */
 static tf_status tf_prepare(tf_instance* c, int outputs) {
   const tf_model m = TF_MODEL_OF(TF_OWN, tf_kinds, TF_SIDES);
   unsigned length = outputs ? TF_TAPE : TF_TAPE_RATES;
@@ -143,13 +143,13 @@ static tf_status tf_prepare(tf_instance* c, int outputs) {
     memcpy(z + TF_Z_X, c->s.x, TF_X * sizeof(double));
   }
   memcpy(z + TF_Z_D, tf_d(c), TF_D * sizeof(double));
-  tf_keep(&m, z[0], c->s.x, z + TF_Z_D, c->s.p); /* the tape is right where loops start at their solution */
+  tf_keep(&m, z[0], c->s.x, z + TF_Z_D, c->s.p); /* the tape needs the solution of the loops as start values */
   tf_linearize(&tf_running, length, z, v, v + TF_TAPE, v + 2 * (size_t)TF_TAPE);
   c->linear_known = 1 + outputs;
   return TF_OK;
 }
 
-/* Check what is asked for; *outputs tells whether any output is among the unknowns. */
+/* Check unknowns and knowns; set *outputs to whether any unknown is an output. */
 static tf_status tf_check_sides(tf_instance* c, const unsigned* unknown, size_t nu,
                                 const unsigned* known, size_t nk, int* outputs) {
   int initial = c->s.phase == TF_INITIALIZATION;
@@ -174,7 +174,7 @@ static tf_status tf_sloped(tf_instance* c, const double* result, size_t n) {
   return tf_refuse(c, TF_DISCARD, "a partial derivative is not finite at %.9g", c->s.time);
 }
 
-/* The place, in the results of the running tape, of an unknown. */
+/* Return the index of an unknown in the results of the tf_running tape. */
 static unsigned tf_row(unsigned reference) { return tf_tape_rows[reference - TF_VR_DX]; }
 
 static tf_status tf_directional(tf_instance* c, const unsigned* unknown, size_t nu,

@@ -1,7 +1,7 @@
-"""The tape: all operations behind a vector as tables, from which C computes derivatives.
+"""Tape for algorithmic differentiation in C: all operations of a program as tables.
 
-A compiled derivative of a large system is several times the size of the system itself; the
-tables take no time to compile.
+The compiled derivative of a large system is several times larger than the system itself; tables
+add almost no compile time.
 """
 
 from __future__ import annotations
@@ -15,18 +15,19 @@ from trussflow.blocks.tracing.operations import FORMULAS
 from trussflow.blocks.tracing.program import Program
 from trussflow.fmu.errors import ExportError
 
-PREFIX = "OP_"
-OPERATIONS = {
-    int(getattr(ca, name)): name.removeprefix(PREFIX)
+OPERATION_PREFIX = "OP_"
+OPERATION_NAMES = {
+    int(getattr(ca, name)): name.removeprefix(OPERATION_PREFIX)
     for name in dir(ca)
-    if name.startswith(PREFIX) and (getattr(ca, name) in FORMULAS or name in ("OP_INPUT", "OP_CONST"))
+    if name.startswith(OPERATION_PREFIX)
+    and (getattr(ca, name) in FORMULAS or name in ("OP_INPUT", "OP_CONST"))
 }
-"""Names, in C, of the operations that occur."""
+"""Names in C of the operations, by CasADi's number."""
 
 
 def operation_names() -> str:
     """Return the C enumeration of all operations."""
-    return f"enum {{ {', '.join(f'TF_OP_{name}' for name in OPERATIONS.values())} }};"
+    return f"enum {{ {', '.join(f'TF_OP_{name}' for name in OPERATION_NAMES.values())} }};"
 
 
 def tape(program: Program, name: str, rates: int) -> str:
@@ -35,17 +36,16 @@ def tape(program: Program, name: str, rates: int) -> str:
     Parameters
     ----------
     program : Program
-        What they compute.
+        The program.
     name : str
-        Beginning of the tables' names.
+        Prefix of the tables' names.
     rates : int
-        How many of the first results are the derivatives; the part of the tape that they need
-        comes first.
+        Number of leading results that are state derivatives; their part of the tape comes first.
 
     Raises
     ------
     ExportError
-        If the program calls a function that has no expression.
+        If the program calls a function without a symbolic expression.
     """
     without = [
         call.kernel
@@ -59,13 +59,13 @@ def tape(program: Program, name: str, rates: int) -> str:
         )
     function = program.expanded
     starts = [sum(i.numel() for i in program.inputs[:k]) for k in range(len(program.inputs))]
-    numbers = {operation: i for i, operation in enumerate(OPERATIONS)}
+    numbers = {operation: i for i, operation in enumerate(OPERATION_NAMES)}
     operations: list[int] = []
     first: list[int] = []
     second: list[int] = []
     constants: list[float] = []
     rows = [0] * program.size
-    place: list[int] = []  # of each instruction on the tape
+    place: list[int] = []  # position of each instruction on the tape
     for instruction in instructions_of(function):
         if instruction.operation == ca.OP_OUTPUT:
             rows[instruction.place[1]] = place[instruction.operands[0]]
@@ -100,7 +100,7 @@ def tape(program: Program, name: str, rates: int) -> str:
 
 
 def table(kind: str, name: str, values: Iterable[float | str]) -> str:
-    """Return a C table; an empty one gets an element that nothing reads.
+    """Return a C table; an empty table gets one unused element, as C requires.
 
     Parameters
     ----------

@@ -1,16 +1,16 @@
-/* Time as whole steps from the start, what ticks when, and what happens at an instant. */
+/* Time grid in whole steps from the start, ticks, and events at an instant. */
 
 static double tf_grid(const tf_instance* c, long long k) {
   double t = (double)k * TF_STEP_NUMERATOR / TF_STEP_DENOMINATOR;
   return c->s.start == 0.0 ? t : c->s.start + t;
 }
 
-/* Times this close are the same: importers add up steps, which rounds. */
+/* Tolerance of equal times, because importers sum steps with round-off errors. */
 static double tf_same(double t) {
   return 1e-6 * TF_STEP_NUMERATOR / TF_STEP_DENOMINATOR + 1e-11 * fabs(t);
 }
 
-/* The first grid point after k at which something ticks; -1 if nothing ever does: see tf_due. */
+/* Return the first grid point after k with a tick, or -1 if there is none: see tf_due. */
 static long long tf_next_due(long long k) {
   long long found = -1;
   for (int i = 0; i < TF_CLOCKS; ++i) {
@@ -21,15 +21,15 @@ static long long tf_next_due(long long k) {
   return found;
 }
 
-/* Whether something ticks now that has not been made final. */
+/* Return the sample program of a tick that is not final yet, or 0. */
 static int tf_pending(const tf_instance* c) {
   if (TF_CLOCKS == 0 || c->s.partial || c->s.sampled) return 0;
   if (!(c->s.phase & (TF_EVENT | TF_STEPPING | TF_INITIALIZATION))) return 0;
   return tf_due(c->s.tick);
 }
 
-/* The time at which the equations are evaluated. A signal that jumps at the next event has not
-   jumped yet while a solver is still on its way there. */
+/* Return the evaluation time of the equations. It stays before the next event until event mode, so
+   that a solver does not evaluate a jump of a signal too early. */
 static double tf_now(const tf_instance* c) {
   if (c->s.phase & (TF_STEPPING | TF_FAILED) && !c->s.partial) return tf_grid(c, c->s.tick);
   if (c->s.phase == TF_CONTINUOUS && c->s.time >= c->next_event)
@@ -37,12 +37,12 @@ static double tf_now(const tf_instance* c) {
   return c->s.time;
 }
 
-/* Forget what was computed from values that have changed. */
+/* Invalidate all results computed from changed values. */
 static void tf_touch(tf_instance* c) {
   c->light_known = c->heavy_known = c->rates_known = c->instant_known = c->linear_known = 0;
 }
 
-/* The value of d that holds now: with what ticks now, if that is not final yet. */
+/* Return the current d, including the result of a tick that is not final yet. */
 static const double* tf_d(tf_instance* c) {
   int due = tf_pending(c);
   if (!due) return c->s.d;
@@ -54,7 +54,7 @@ static const double* tf_d(tf_instance* c) {
   return c->d_instant;
 }
 
-/* Make final what ticks now; false if it is not finite. */
+/* Make the current tick final; return 0 if a value is not finite. */
 static int tf_commit(tf_instance* c) {
   if (tf_pending(c)) {
     const double* d = tf_d(c);
@@ -76,9 +76,9 @@ static void tf_initialize(tf_instance* c) {
 
 #define TF_OWN(name) c->programs[TF_##name]
 
-/* The indicators of state events, at the time of evaluation. One that is as good as zero after an event shows
-   the side to which it belongs, for importers to see when it leaves that; and goes on so while it stays at zero,
-   as what has come to rest does: that is no event. */
+/* Compute the indicators of state events at the evaluation time. An indicator that is almost zero after an
+   event gets the sign of its side, so that importers detect when it leaves that side. It keeps this sign while
+   it stays at zero, as for a body at rest, which is not an event. */
 static void tf_state_indicators(tf_instance* c, double* indicators) {
 #if TF_EVENTS
   double t = tf_now(c);
@@ -94,7 +94,7 @@ static void tf_state_indicators(tf_instance* c, double* indicators) {
 #endif
 }
 
-/* Say why a step or an event failed. */
+/* Log why a step or an event failed. */
 static tf_status tf_event_fault(tf_instance* c, int fault, double t) {
   static const char* const why[] = {
       "", "a state stopped being finite", "a sampled value or a mode stopped being finite",
@@ -110,7 +110,7 @@ static int tf_keep_loops(tf_instance* c) {
   return tf_keep(&m, tf_now(c), c->s.x, c->s.d, c->s.p);
 }
 
-/* Find the next event of model exchange: a tick, a time at which a signal is not smooth, or a time event. */
+/* Compute the next time event of model exchange: a tick, a non-smooth point of a signal, or a time event. */
 static void tf_plan_event(tf_instance* c) {
   long long k = tf_next_due(c->s.tick);
   c->next_event = k < 0 ? INFINITY : tf_grid(c, k);
@@ -124,7 +124,7 @@ static void tf_plan_event(tf_instance* c) {
 #endif
 }
 
-/* Enter event mode: does anything tick now? An importer may be a rounding error before or after the event. */
+/* Enter event mode and detect a tick; the importer's time may differ from the event by round-off. */
 static tf_status tf_enter_event(tf_instance* c) {
   long long k = tf_next_due(c->s.tick);
   if (c->s.phase == TF_EVENT) return TF_OK;
@@ -138,7 +138,7 @@ static tf_status tf_enter_event(tf_instance* c) {
   return TF_OK;
 }
 
-/* Integrate to a time; the state stays at the last good step if something is not finite. */
+/* Integrate to a time; if a value is not finite, the state stays at the last good step. */
 static tf_status tf_advance(tf_instance* c, double target) {
   double same = tf_same(target);
   const double h_grid = TF_STEP_NUMERATOR / TF_STEP_DENOMINATOR;
@@ -147,7 +147,7 @@ static tf_status tf_advance(tf_instance* c, double target) {
     double t = c->s.partial ? c->s.time : tf_grid(c, c->s.tick);
     double next = tf_grid(c, c->s.tick + 1);
     int whole = next <= target + same;
-    /* From an event a rounding error before a grid point, the step must go on to that point. */
+    /* After an event just before a grid point (round-off), the step must continue to that point. */
     if (target - t <= same && !(c->s.partial && whole)) break;
     if (!c->s.partial && !tf_commit(c))
       return tf_refuse(c, TF_DISCARD, "a sampled value stopped being finite at time %.9g", t);

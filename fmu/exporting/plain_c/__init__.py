@@ -1,1 +1,1 @@
-"""Plain C: a block or diagram as a header and a source, for a flight loop or a microcontroller."""
+"""Export as plain C: a header and a source for a flight computer or a microcontroller."""

@@ -1,4 +1,4 @@
-/* Initialization, what ticks now, and the step. The generated part of the source stands before this
+/* Initialization, ticks and the step. The generated part of the source precedes this
    file: sizes, tables, the equations, and TF_MODEL and TF_NAME(name), the type and its functions. */
 
 static double tf_time(const TF_MODEL* m) { return (double)m->tick * TF_STEP_NUMERATOR / TF_STEP_DENOMINATOR; }
@@ -12,8 +12,8 @@ static void tf_initialize(TF_MODEL* m) {
   memcpy(m->d, start + TF_X, TF_M * sizeof(double));
 }
 
-/* The value of d that holds now: with what ticks now, as it follows from the inputs set so far. It
-   becomes final with the step. */
+/* Return the current d, including the current tick, computed from the inputs set so far. It becomes
+   final with the step. */
 static double* tf_now(TF_MODEL* m) {
   if (!m->known) {
     const double t = tf_time(m);
@@ -55,7 +55,7 @@ int TF_NAME(step)(TF_MODEL* m) {
   double *d = tf_now(m), *x = m->start;
   if (!tf_sound(d)) return 1;
   memcpy(x, m->x, TF_X * sizeof(double));
-  m->known = 0; /* the step changes d, also where it fails */
+  m->known = 0; /* the step changes d even if it fails */
   if (tf_between(&model, &stepper, 1, &t, end, h, 1, 0, x, d, m->p) != TF_FINE) return 1;
   memcpy(m->x, x, TF_X * sizeof(double));
   memcpy(m->d, d, TF_D * sizeof(double));

@@ -1,5 +1,5 @@
-"""Export as an FMU that runs this package in the Python of the target, by pythonfmu's binary.
+"""Export as an FMU that runs this package in the Python of the target, with pythonfmu's binary.
 
-`export` packs, `pickling` and `bundle` say what into; `slave`, `instance`, `content` and
-`unpickling` are what runs inside the FMU, under a package name of its own.
+`python_files`, `pickling`, `bundle` and `trial` run at export. `slave`, `instance`, `content` and
+`unpickling` run inside the FMU, under a private package name.
 """

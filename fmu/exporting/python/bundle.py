@@ -1,4 +1,4 @@
-"""The files of an FMU: this package under a private name, and what its loader needs."""
+"""Resource files of an FMU: this package under a private name, and its loader."""
 
 from __future__ import annotations
 
@@ -13,18 +13,18 @@ from pathlib import Path
 from trussflow.fmu.exporting.python import content, instance, slave, unpickling
 from trussflow.fmu.exporting.python.closure import closure, loaded_libraries
 from trussflow.fmu.exporting.python.pickling import Pickled
-from trussflow.fmu.exporting.python.unpickling import PACKAGE
+from trussflow.fmu.exporting.python.unpickling import PUBLIC_PACKAGE
 
-RUNTIME = (content, instance, slave, unpickling)
-"""The modules of this folder that run inside the FMU."""
+RUNTIME_MODULES = (content, instance, slave, unpickling)
+"""Modules of this folder that run inside the FMU."""
 
-DATA = (".c", ".h", ".css", ".toml", ".json")
-"""Suffixes of files that modules read."""
+DATA_SUFFIXES = (".c", ".h", ".css", ".toml", ".json")
+"""Suffixes of data files that modules read."""
 
-OTHERS = ("pythonfmu", "cloudpickle")
-"""Other people's packages of which an FMU holds parts."""
+COPIED_PACKAGES = ("pythonfmu", "cloudpickle")
+"""Third-party packages whose modules are copied into the FMU."""
 
-SLAVE = '''"""Made by trussflow: what pythonfmu's binary loads, and runs anew for each instance."""
+SLAVE_TEMPLATE = '''"""Made by trussflow: what pythonfmu's binary loads, and runs anew for each instance."""
 
 from {private}.fmu.exporting.python.slave import slave
 
@@ -43,20 +43,22 @@ def bundle(name: str, pickle: Pickled, carried: Files) -> Files:
     name : str
         C identifier of the model.
     pickle : Pickled
-        What the pickled block refers to.
+        The pickled block and its requirements.
     carried : dict of str to bytes
-        Pickle and facts.
+        Pickle and facts, by file name.
     """
     files = _sources(pickle.modules)
     requirements = pickle.requirements(_libraries(files))
-    for other in OTHERS:
+    for other in COPIED_PACKAGES:
         files |= _copied(other)
     files["pythonfmu/__init__.py"] = b""  # the original imports its builder
-    files |= {f"{content.FOLDER}/{path}": data for path, data in carried.items()}
-    private = f"{PACKAGE}_{_digest(files)}"
+    files |= {f"{content.CONTENT_FOLDER}/{path}": data for path, data in carried.items()}
+    private = f"{PUBLIC_PACKAGE}_{_digest(files)}"
     renamed = {path: _renamed(path, data, private) for path, data in files.items()}
     loaded = f"slave_{name}_{private[-8:]}"
-    loader = SLAVE.format(private=private, name=f"Slave_{private[-8:]}", needs=", ".join(requirements))
+    loader = SLAVE_TEMPLATE.format(
+        private=private, name=f"Slave_{private[-8:]}", needs=", ".join(requirements)
+    )
     return {f"{private}/{path}": data for path, data in renamed.items()} | {
         f"{loaded}.py": loader.encode(),
         "slavemodule.txt": loaded.encode(),
@@ -65,9 +67,9 @@ def bundle(name: str, pickle: Pickled, carried: Files) -> Files:
 
 
 def licences() -> Files:
-    """Return the licences of what others wrote, as far as they are installed with it."""
+    """Return the licences of the third-party packages, if they are installed."""
     found: Files = {}
-    for name in OTHERS:
+    for name in COPIED_PACKAGES:
         try:
             files = distribution(name).files or []
         except PackageNotFoundError:
@@ -79,15 +81,15 @@ def licences() -> Files:
 
 
 def _sources(modules: Iterable[str]) -> Files:
-    """Return the files of modules of ours, of what they import, and the data beside them."""
+    """Return the files of modules of this package, of their imports, and their data files."""
     files: Files = {}
-    for module, path in closure([*(m.__name__ for m in RUNTIME), *modules]).items():
+    for module, path in closure([*(m.__name__ for m in RUNTIME_MODULES), *modules]).items():
         place = module.partition(".")[2].replace(".", "/")
         inside = f"{place}/__init__.py" if path.name == "__init__.py" else f"{place}.py"
         files[inside] = path.read_bytes()
         folder = inside.rpartition("/")[0]
         for data in path.parent.rglob("*"):
-            if data.suffix in DATA:
+            if data.suffix in DATA_SUFFIXES:
                 files[f"{folder}/{data.relative_to(path.parent).as_posix()}"] = data.read_bytes()
     above = {folder for inside in files for folder in Path(inside).parents}
     for parent in sorted(above):
@@ -96,12 +98,12 @@ def _sources(modules: Iterable[str]) -> Files:
 
 
 def _libraries(files: Files) -> set[str]:
-    """Return the top-level names that our modules import when they are loaded, and SciPy."""
-    found = {"scipy"}  # which is imported when it is first used
+    """Return the libraries that the modules import when they are loaded, and SciPy."""
+    found = {"scipy"}  # imported on first use, so the loop does not find it
     for path, data in files.items():
         if path.endswith(".py"):
             found |= loaded_libraries(data)
-    return found - sys.stdlib_module_names - {PACKAGE, *OTHERS}
+    return found - sys.stdlib_module_names - {PUBLIC_PACKAGE, *COPIED_PACKAGES}
 
 
 def _copied(package: str) -> Files:
@@ -111,7 +113,7 @@ def _copied(package: str) -> Files:
 
 
 def _digest(files: Files) -> str:
-    """Return a name for contents: others have another."""
+    """Return a hash of the contents."""
     digest = hashlib.sha256()
     for path, data in sorted(files.items()):
         digest.update(f"{path}\0{len(data)}\0".encode() + data)
@@ -119,8 +121,10 @@ def _digest(files: Files) -> str:
 
 
 def _renamed(path: str, data: bytes, private: str) -> bytes:
-    """Let our own modules import each other, and what is copied beside them, by the private name."""
-    if not path.endswith(".py") or path.startswith(tuple(f"{name}/" for name in OTHERS)):
+    """Change the imports of this package and of the copied ones to the private name."""
+    if not path.endswith(".py") or path.startswith(tuple(f"{name}/" for name in COPIED_PACKAGES)):
         return data
-    data = re.sub(rf"^from (?={'|'.join(OTHERS)})".encode(), f"from {private}.".encode(), data, flags=re.M)
-    return re.sub(rf"\b{PACKAGE}(?=\.)".encode(), private.encode(), data)
+    data = re.sub(
+        rf"^from (?={'|'.join(COPIED_PACKAGES)})".encode(), f"from {private}.".encode(), data, flags=re.M
+    )
+    return re.sub(rf"\b{PUBLIC_PACKAGE}(?=\.)".encode(), private.encode(), data)

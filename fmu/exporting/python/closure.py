@@ -1,4 +1,4 @@
-"""Which modules of this package others need: what they import, followed to the end."""
+"""Transitive closure of the imports between modules of this package."""
 
 from __future__ import annotations
 
@@ -7,14 +7,14 @@ import importlib.util
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 
-from trussflow.fmu.exporting.python.unpickling import PACKAGE
+from trussflow.fmu.exporting.python.unpickling import PUBLIC_PACKAGE
 
 
 def closure(modules: Iterable[str]) -> dict[str, Path]:
-    """Return the files of modules and of all that they import of this package, by module.
+    """Return the files of modules and of their imports from this package, by module name.
 
-    Packages above them are not included: that a module is in a package does not mean that it
-    needs what the package's own file imports.
+    Parent packages are not included, because a module does not need the imports of its package's
+    ``__init__.py``.
 
     Parameters
     ----------
@@ -33,12 +33,12 @@ def closure(modules: Iterable[str]) -> dict[str, Path]:
 
 
 def loaded_libraries(source: bytes) -> set[str]:
-    """Return the top-level names that a file imports when it is loaded, not only when it runs.
+    """Return the top-level names of the module-level imports of a file.
 
     Parameters
     ----------
     source : bytes
-        The file.
+        Content of the file.
     """
     found = set()
     for node in ast.parse(source).body:
@@ -50,18 +50,18 @@ def loaded_libraries(source: bytes) -> set[str]:
 
 
 def _file(module: str) -> Path | None:
-    """Return the file of a module of ours; None for what is no module, or not ours."""
-    if module.partition(".")[0] != PACKAGE or module == PACKAGE:
+    """Return the file of a module of this package, or None for any other name."""
+    if module.partition(".")[0] != PUBLIC_PACKAGE or module == PUBLIC_PACKAGE:
         return None
     try:
         spec = importlib.util.find_spec(module)
-    except ModuleNotFoundError:  # the parent is a module: this is something in it
+    except ModuleNotFoundError:  # the parent is a module and the name one of its members
         return None
     return None if spec is None or spec.origin is None else Path(spec.origin)
 
 
 def _imported(tree: ast.AST) -> Iterator[str]:
-    """Yield the modules that a file imports anywhere, but for the sake of types only."""
+    """Yield the modules that a file imports anywhere, except for type checking."""
     waiting = [tree]
     while waiting:
         node = waiting.pop()

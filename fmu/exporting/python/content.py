@@ -1,4 +1,4 @@
-"""What an FMU carries: the pickled block, and the facts of its interface."""
+"""Content of an FMU: the pickled block and the facts of its interface."""
 
 from __future__ import annotations
 
@@ -19,11 +19,11 @@ from trussflow.blocks.tracing.compile_cache import CompilationError
 from trussflow.blocks.tracing.compiler import find_compiler
 from trussflow.fmu.exporting.python.unpickling import Unpickler
 
-FOLDER, PICKLE, FACTS = "content", "item.pickle", "facts.json"
-"""Where it is, within the private package."""
+CONTENT_FOLDER, PICKLE_FILE, FACTS_FILE = "content", "item.pickle", "facts.json"
+"""Folder and files of the content, within the private package."""
 
-PRIVATE = __name__.partition(".fmu.")[0]
-"""Name of the package this module is part of: a private one within an FMU."""
+PRIVATE_PACKAGE = __name__.partition(".fmu.")[0]
+"""Name of the package of this module, which is a private one within an FMU."""
 
 
 class Content:
@@ -34,19 +34,19 @@ class Content:
     pickled : bytes
         The block.
     facts : dict
-        What `export` wrote down: solver, step, start values and names of all variables.
+        Settings from the export: solver, step, start values and names of all variables.
     compiled : bool
-        Whether to use a C compiler where there is one.
+        Whether to use a C compiler if there is one.
 
     Attributes
     ----------
     notes : list of str
-        What users should know about how it runs here.
+        Messages for the user about the execution on this machine.
 
     Raises
     ------
     RuntimeError
-        If the pickle holds code for another version of Python.
+        If the pickle contains code for another version of Python.
     """
 
     def __init__(self, pickled: bytes, facts: dict[str, Any], *, compiled: bool = True) -> None:
@@ -55,10 +55,10 @@ class Content:
         here = f"{sys.version_info.major}.{sys.version_info.minor}"
         if facts["python"] not in (None, here):
             raise RuntimeError(
-                f"this FMU holds code of its author's, compiled for Python {facts['python']}; "
+                f"this FMU contains its author's code, compiled for Python {facts['python']}; "
                 f"this is Python {here}"
             )
-        self._shared = self._prepared(Unpickler(pickled, PRIVATE).load(), compiled)
+        self._shared = self._prepared(Unpickler(pickled, PRIVATE_PACKAGE).load(), compiled)
 
     @property
     def names(self) -> list[str]:
@@ -66,11 +66,11 @@ class Content:
         return list(self.facts["names"])
 
     def vector(self, name: str) -> Any:
-        """Return one of the vectors among the facts."""
+        """Return a vector of the facts."""
         return np.array(self.facts[name], dtype=float)
 
     def session(self) -> Session:
-        """Return a session of its own for one instance; all share one plan."""
+        """Return a new session for one instance; all sessions share one plan."""
         return self._shared.twin()
 
     def _prepared(self, item: Block, compiled: bool) -> Session:
@@ -86,26 +86,26 @@ class Content:
 
 
 def load(*, compiled: bool = True) -> Content:
-    """Load the content beside this package.
+    """Load the content of this package, and all its modules.
 
-    Importers delete what they unpacked, and may unpack the same FMU again while this process
-    keeps the modules of the first time: nothing may be left to be read later.
+    Importers delete the unpacked files, and may unpack the same FMU again while this process keeps
+    the modules that it has loaded. Therefore no file may be read later.
 
     Parameters
     ----------
     compiled : bool
-        Whether to use a C compiler where there is one.
+        Whether to use a C compiler if there is one.
     """
-    package = importlib.import_module(PRIVATE)
+    package = importlib.import_module(PRIVATE_PACKAGE)
     folder = Path(str(package.__file__)).parent
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
-        blocks = importlib.import_module(f"{PRIVATE}.blocks")
+        blocks = importlib.import_module(f"{PRIVATE_PACKAGE}.blocks")
         for module in pkgutil.walk_packages(blocks.__path__, f"{blocks.__name__}."):
             importlib.import_module(module.name)
-    facts = json.loads((folder / FOLDER / FACTS).read_text(encoding="utf-8"))
-    return Content((folder / FOLDER / PICKLE).read_bytes(), facts, compiled=compiled)
+    facts = json.loads((folder / CONTENT_FOLDER / FACTS_FILE).read_text(encoding="utf-8"))
+    return Content((folder / CONTENT_FOLDER / PICKLE_FILE).read_bytes(), facts, compiled=compiled)
 
 
 content = cache(load)
-"""Returns the content beside this package, loaded once per process with everything it will need."""
+"""Cached `load`: the content is loaded once per process."""

@@ -1,4 +1,4 @@
-"""One instance of an FMU: its variables by value reference, its steps, its states."""
+"""Instance of a Python FMU: variables by value reference, steps, saved states."""
 
 from __future__ import annotations
 
@@ -22,25 +22,25 @@ from trussflow.fmu.exporting.python.content import Content
 
 
 class RefusedError(Exception):
-    """The importer asked for what the standard or the interface does not allow."""
+    """A call by the importer violates the FMI standard or the interface."""
 
 
 @dataclass(frozen=True, slots=True)
 class State:
-    """Everything an instance needs to go on.
+    """Saved state of an instance.
 
     Attributes
     ----------
     start : float
         Start time [s].
     values : Vector
-        All variables, as the importer set them or as they were last [units as declared].
+        Latest values of all variables, set or computed [units as declared].
     touched : tuple of int
-        The elements of the initial state that the importer set.
+        Indices of the elements of the initial state that the importer set.
     fault : str
-        Why a value that was set cannot be used, if so.
+        Reason why the next step is refused; empty if it is not.
     snapshot : Snapshot or None
-        The running session; None before the initialization has ended.
+        Snapshot of the session; None before the end of initialization.
     """
 
     start: float
@@ -51,9 +51,9 @@ class State:
 
 
 class Instance:
-    """A model instance, as co-simulation sees it. Methods may raise: the slave catches it all.
+    """A co-simulation instance. Its methods may raise any error, which the slave catches.
 
-    Value references count from 1 time, inputs, parameters, states, derivatives, outputs.
+    Value references count from 1: time, inputs, parameters, states, derivatives, outputs.
 
     Parameters
     ----------
@@ -71,7 +71,7 @@ class Instance:
         first = len(content.names) - events
         self._outputs, self._events = slice(ends[-1], first), slice(first, None)
         self._values = np.zeros(len(content.names))
-        # What may be set before time goes on, and from then on.
+        # Masks of the variables that may be set before and after the end of initialization.
         self._early, self._late = (np.zeros(len(self._values), dtype=bool) for _ in "ab")
         self._early[self._u] = self._late[self._u] = self._early[self._p] = True
         self._early[self._x] = content.vector("exact") > 0
@@ -85,7 +85,7 @@ class Instance:
 
     @property
     def restores(self) -> bool:
-        """Whether what the blocks keep can be saved."""
+        """Whether the states of all blocks can be saved."""
         return self._session.restores
 
     # -- variables ----------------------------------------------------------------------------
@@ -98,17 +98,17 @@ class Instance:
         return values
 
     def set(self, references: Sequence[int], values: Sequence[float]) -> None:
-        """Set `values` [as declared] by value `references`; they are checked when first used.
+        """Set `values` [as declared] by value `references`; they are checked at their first use.
 
         Raises
         ------
         RefusedError
-            If a variable cannot be set, now or at all; then none is, and the next step fails.
+            If a variable cannot be set now. Then no value is set, and the next step fails.
         """
         indices = self._indices(references)
         bad = indices[~(self._late if self._running else self._early)[indices]]
         if bad.size:
-            when = "once time goes on" if self._early[bad[0]] else "at any time"
+            when = "after initialization" if self._early[bad[0]] else "at any time"
             self._fault = f"'{self._content.names[bad[0]]}' cannot be set {when}"
             raise RefusedError(f"{self._fault}; the next step is refused")
         self._values[indices] = values
@@ -126,7 +126,7 @@ class Instance:
         return indices
 
     def _refresh(self) -> None:
-        """Bring all values up to date."""
+        """Update all values."""
         if not self._stale or self._ended:
             return
         if not self._running:
@@ -139,7 +139,7 @@ class Instance:
         self._stale = False
 
     def _begin(self) -> None:
-        """Start the session from what is set so far."""
+        """Start the session from the values set so far."""
         plan, values = self._session.prepared.plan, self._values
         chosen = np.zeros(len(values))
         chosen[[*self._touched]] = 1.0
@@ -158,7 +158,7 @@ class Instance:
         return inputs
 
     def _apply(self) -> None:
-        """Hand what was set since to the session."""
+        """Pass changed inputs and parameters to the session."""
         if self._inputs_set:
             self._session.set(self._inputs())
         if self._parameters_set:
@@ -168,11 +168,11 @@ class Instance:
     # -- running ------------------------------------------------------------------------------
 
     def set_up(self, start: float) -> None:
-        """Take the start time [s]."""
+        """Set the start time [s]."""
         self._start, self._stale = float(start), True
 
     def initialize(self) -> None:
-        """End the initialization: from now on time goes on."""
+        """End the initialization."""
         try:
             self._refresh()
         except BaseException as error:
@@ -186,13 +186,13 @@ class Instance:
         Parameters
         ----------
         time, length : float
-            Present time and length of the step [s].
+            Current time and size of the step [s].
 
         Raises
         ------
         RefusedError
-            If there was no initialization, the time is not the present one, a value set before
-            cannot be used, or a step failed before.
+            If the instance is not initialized, `time` is not the current time, a value set before
+            is invalid, or an earlier step failed.
         TrussflowError
             If the step fails.
         """
@@ -208,16 +208,16 @@ class Instance:
         if not self._running or self._ended:
             raise RefusedError("a step is possible only between initialization and termination")
         if not (np.isfinite(time) and np.isfinite(length) and length >= 0):
-            raise RefusedError(f"a step of {length!r} s from t = {time!r} s makes no sense")
+            raise RefusedError(f"a step of {length!r} s from t = {time!r} s is not possible")
         present, tick = self._session.time, float(self._session.prepared.tick)
         if abs(present - time) > float(SNAP) * tick + 1e-12 * abs(present):
-            raise RefusedError(f"the step is to begin at t = {time:g} s, but it is t = {present:g} s")
+            raise RefusedError(f"the step starts at t = {time:g} s, but the current time is {present:g} s")
         self._apply()
         self._stale = True
         self._session.advance(time + length)
 
     def terminate(self) -> None:
-        """End: values can still be read."""
+        """Terminate the run; values can still be read."""
         if not self._ended:
             with contextlib.suppress(TrussflowError):
                 self._refresh()
@@ -225,7 +225,7 @@ class Instance:
             self._session.stop()
 
     def close(self) -> None:
-        """Release everything, also where the importer forgot to terminate."""
+        """Release all resources, even if the importer has not called `terminate`."""
         self._ended = True
         with contextlib.suppress(TrussflowError):
             self._session.stop()
@@ -233,12 +233,12 @@ class Instance:
     # -- states -------------------------------------------------------------------------------
 
     def save(self) -> State:
-        """Return the present state.
+        """Return the current state.
 
         Raises
         ------
         SimulationError
-            If the last step failed, or a block cannot hand over what it keeps.
+            If the last step failed, or a block cannot save its state.
         """
         if self._running:
             self._apply()
@@ -247,19 +247,19 @@ class Instance:
         return State(self._start, self._values.copy(), touched, self._fault, snapshot)
 
     def restore(self, state: object) -> None:
-        """Go back to a state, of this instance or another one of the same FMU.
+        """Restore a state of this or another instance of the same FMU.
 
         Raises
         ------
         RefusedError
-            If it is no such state; the next step is then refused.
+            If `state` is not such a state; the next step is refused then.
         """
         if not isinstance(state, State):
             reason = state if isinstance(state, str) else "it was not saved"
             self._fault = f"a state could not be restored: {reason}"
             raise RefusedError(self._fault)
         if len(state.values) != len(self._values):
-            self._fault = "a state could not be restored: it is of another FMU"
+            self._fault = "a state could not be restored: it belongs to another FMU"
             raise RefusedError(self._fault)
         if state.snapshot is not None:
             if not self._session.started:
@@ -277,14 +277,14 @@ def to_bytes(state: State, token: str) -> bytes:
     Parameters
     ----------
     state : State
-        What `Instance.save` returned.
+        Result of `Instance.save`.
     token : str
-        What tells this FMU from others.
+        Instantiation token of the FMU.
 
     Raises
     ------
     TypeError
-        If a Python block hands over what cannot be written.
+        If the state of a Python block cannot be serialized.
     """
     return encode({field.name: getattr(state, field.name) for field in fields(state)}, {"FMU": token})
 
@@ -295,14 +295,14 @@ def from_bytes(data: bytes, token: str) -> State:
     Parameters
     ----------
     data : bytes
-        What `to_bytes` returned.
+        Result of `to_bytes`.
     token : str
-        As for `to_bytes`.
+        Instantiation token of the FMU.
 
     Raises
     ------
     ValueError
-        If the bytes are damaged, or of another FMU.
+        If the bytes are damaged or belong to another FMU.
     """
     try:
         return State(**decode(data, {"FMU": token}))

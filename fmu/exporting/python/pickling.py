@@ -1,4 +1,4 @@
-"""Pickling a block for an FMU: the code of its author goes with it, libraries stay outside."""
+"""Pickling of a block for an FMU: with its author's code, but without libraries."""
 
 from __future__ import annotations
 
@@ -20,23 +20,23 @@ import cloudpickle
 from trussflow.blocks.framework.block import Block
 from trussflow.blocks.framework.diagram import leaves
 from trussflow.fmu.errors import ExportError
-from trussflow.fmu.exporting.python.unpickling import BESIDE, PACKAGE
+from trussflow.fmu.exporting.python.unpickling import BUNDLED_PACKAGES, PUBLIC_PACKAGE
 
 
 @dataclass(slots=True)
 class Pickled:
-    """A pickled block, and what reading it takes.
+    """A pickled block and its requirements.
 
     Attributes
     ----------
     data : bytes
         The pickle.
     modules : set of str
-        Modules of ours that it refers to.
+        Modules of this package that the pickle refers to.
     libraries : set of str
-        Top-level names of other libraries that it refers to.
+        Top-level names of other libraries that the pickle refers to.
     has_code : bool
-        Whether it holds compiled code, which only this version of Python can run.
+        Whether the pickle contains compiled code, which only this version of Python can run.
     """
 
     data: bytes = b""
@@ -45,27 +45,27 @@ class Pickled:
     has_code: bool = False
 
     def requirements(self, always: set[str]) -> list[str]:
-        """Return what the target must have installed, with the versions that are here.
+        """Return the distributions that the target needs, with the versions installed here.
 
         Parameters
         ----------
         always : set of str
-            Top-level names that are needed in any case.
+            Top-level names of libraries that every FMU needs.
         """
         known = _distributions()
-        needed = {*self.libraries, *always} - {*BESIDE}
+        needed = {*self.libraries, *always} - {*BUNDLED_PACKAGES}
         names = {d for name in needed for d in known.get(name, [name])[:1]}
         return sorted(f"{name}>={_release(version(name))}" for name in names)
 
 
 @functools.cache
 def _distributions() -> Mapping[str, list[str]]:
-    """Return the distributions of each top-level package; cached, as this reads all installed files."""
+    """Return the distributions of each top-level package; cached, because it reads all their files."""
     return packages_distributions()
 
 
 def pickled(item: Block) -> Pickled:
-    """Pickle a block with all code that is neither installed nor ours.
+    """Pickle a block with all code that is neither installed nor part of this package.
 
     Parameters
     ----------
@@ -75,17 +75,17 @@ def pickled(item: Block) -> Pickled:
     Raises
     ------
     ExportError
-        If something in it cannot be pickled, or code imports its author's modules only when it
-        runs.
+        If an attribute cannot be pickled, or a function of the author imports the author's modules
+        inside its body.
     """
     try:
         return _pickled(item)
     except ExportError:
         raise
-    except Exception as error:  # pickling runs code of any kind
+    except Exception as error:  # pickling may run arbitrary code
         raise ExportError(
-            f"cannot export '{item.name}': {_culprit(item)} cannot be taken along: "
-            f"{type(error).__name__}: {error}. Make what cannot be pickled (files, locks, "
+            f"cannot export '{item.name}': {_culprit(item)} cannot be pickled: "
+            f"{type(error).__name__}: {error}. Create objects that cannot be pickled (files, locks, "
             "connections) in open() of a Python block"
         ) from error
 
@@ -103,7 +103,7 @@ def _pickled(item: object) -> Pickled:
 
 
 class _Pickler(cloudpickle.Pickler):  # type: ignore[misc]
-    """Takes along, by value, what the target cannot import."""
+    """Pickler that stores by value the code that the target cannot import."""
 
     def __init__(self, file: io.BytesIO, found: Pickled) -> None:
         super().__init__(file)
@@ -119,11 +119,11 @@ class _Pickler(cloudpickle.Pickler):  # type: ignore[misc]
         return super().reducer_override(obj)
 
     def _admit(self, obj: Any) -> None:
-        """Decide how a class, function or module gets to the target."""
+        """Record the module of a class, function or module, or register it for pickling by value."""
         name = obj.__name__ if isinstance(obj, ModuleType) else obj.__module__
         module = sys.modules.get(name or "")
         if module is None or name == "__main__":
-            return  # cloudpickle takes along what no module of that name has
+            return  # cloudpickle pickles such objects by value
         home = _home(name)
         if home == "ours":
             self._found.modules.add(name)
@@ -135,9 +135,9 @@ class _Pickler(cloudpickle.Pickler):  # type: ignore[misc]
 
 
 def _home(name: str) -> str:
-    """Say whose a module is: ours, standard, installed, or the user's own."""
+    """Return the origin of a module: ``"ours"``, ``"standard"``, ``"installed"`` or ``"user"``."""
     top = name.partition(".")[0]
-    if top == PACKAGE:
+    if top == PUBLIC_PACKAGE:
         return "ours"
     if top in sys.stdlib_module_names or top in sys.builtin_module_names:
         return "standard"
@@ -153,12 +153,12 @@ def _home(name: str) -> str:
 
 
 def _check_imports(code: CodeType) -> None:
-    """Refuse code that imports what the target will not have under that name.
+    """Raise an error for code that imports a module which the target does not have.
 
     Raises
     ------
     ExportError
-        Naming function and module.
+        If there is such an import; the message names the function and the module.
     """
     for instruction in dis.get_instructions(code):
         name = str(instruction.argval)
@@ -166,21 +166,21 @@ def _check_imports(code: CodeType) -> None:
         if home == "ours" or (home == "user" and name in sys.modules):
             raise ExportError(
                 f"cannot export: '{code.co_name}' ({Path(code.co_filename).name}:"
-                f"{code.co_firstlineno}) imports '{name}' only when it runs, and the target will "
-                "not have that; import it at the top of the file"
+                f"{code.co_firstlineno}) imports '{name}' inside a function, and the target does "
+                "not have that module; import it at the top of the file"
             )
 
 
 def _culprit(item: Block) -> str:
-    """Name the attribute that cannot be pickled, as well as can be found."""
+    """Return a description of the attribute that cannot be pickled, if it is found."""
     for block in leaves(item):
         for name, value in vars(block).items():
             if name not in ("parent", "ports", "inferred_shape"):
                 try:
                     _pickled(value)
-                except Exception:  # noqa: BLE001 - this is what is looked for
+                except Exception:  # noqa: BLE001 - pickling may raise any error
                     return f"attribute '{name}' of block '{block.path}' ({type(block).__name__})"
-    return "something in it"
+    return "an object in it"
 
 
 def _release(text: str) -> str:

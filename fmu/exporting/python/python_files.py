@@ -1,4 +1,4 @@
-"""The files of an FMU that runs this package, and the block, in the Python of the target."""
+"""Files of an FMU that runs this package and the block in the Python of the target."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from trussflow.fmu.errors import ExportError
 from trussflow.fmu.exporting.description.export_interface import ExportInterface
 from trussflow.fmu.exporting.description.model_description import Use, model_description
 from trussflow.fmu.exporting.python.bundle import Files, bundle, licences
-from trussflow.fmu.exporting.python.content import FACTS, PICKLE
+from trussflow.fmu.exporting.python.content import FACTS_FILE, PICKLE_FILE
 from trussflow.fmu.exporting.python.pickling import pickled
 from trussflow.fmu.exporting.python.trial import tried
 
@@ -24,40 +24,39 @@ def python_files(item: Block, interface: ExportInterface, version: str = "2.0", 
     """Return the files of an FMI 2.0 co-simulation FMU that needs Python on the target.
 
     The target needs the libraries that ``resources/requirements.txt`` lists, and the same version
-    of Python if code of the user's is in the block. A C compiler makes it fast, but it does
-    without. This package itself is in the FMU, under a name of its own, so that it neither needs
-    nor disturbs an installed one. Each instance has Python blocks of its own; a saved state holds
-    what they hand over (see `Running`).
+    of Python if the block contains code of the user. A C compiler is optional and makes it faster.
+    The FMU contains this package under a private name, so that it is independent of an installed
+    version. Each instance has separate Python blocks; a saved state includes their states (see
+    `Running`).
 
     Parameters
     ----------
     item : Block
-        What to export; a copy of it, as it is now, goes into the FMU.
+        The block or diagram, which is copied into the FMU.
     interface : ExportInterface
-        Its description.
+        Its interface.
     version : str
-        Version of FMI; there is only ``"2.0"``.
+        Version of FMI; only ``"2.0"`` is supported.
     solver : str
-        As for `Session`; the step is that of the interface.
+        Solver, as for `Session`; its step size is that of the interface.
 
     Raises
     ------
     ExportError
-        If something in the block cannot be taken along, or the copy does not run.
+        If an attribute of the block cannot be pickled, or the copy does not run.
     """
     if version != "2.0":
         raise ExportError(f"an FMU of kind 'python' has version 2.0 of FMI, not {version!r}")
     pickle = pickled(item)
     facts = json.dumps(_facts(interface, pickle.has_code, solver), indent=1)
-    resources = bundle(interface.identifier, pickle, {PICKLE: pickle.data, FACTS: facts.encode()})
+    resources = bundle(interface.identifier, pickle, {PICKLE_FILE: pickle.data, FACTS_FILE: facts.encode()})
     try:
         saves, serializes = tried(resources)
     except TrussflowError:
         raise
-    except Exception as error:  # code of the user's, loaded for the first time
+    except Exception as error:  # loading the copy runs code of the user
         raise ExportError(
-            f"cannot export '{item.name}': the copy that would go into the FMU does not run: "
-            f"{type(error).__name__}: {error}"
+            f"cannot export '{item.name}': the copy for the FMU does not run: {type(error).__name__}: {error}"
         ) from error
     files = {f"resources/{name}": data for name, data in resources.items()}
     files |= {f"documentation/licenses/{name}": data for name, data in licences().items()}
@@ -76,7 +75,7 @@ def python_files(item: Block, interface: ExportInterface, version: str = "2.0", 
 
 
 def _facts(interface: ExportInterface, has_code: bool, solver: str) -> dict[str, Any]:
-    """Return what the FMU must know to run."""
+    """Return the settings and start values that the FMU needs to run."""
     shown = interface.variables
     python = f"{sys.version_info.major}.{sys.version_info.minor}" if has_code else None
     return {
@@ -95,7 +94,7 @@ def _facts(interface: ExportInterface, has_code: bool, solver: str) -> dict[str,
 
 
 def _binaries(identifier: str) -> Files:
-    """Return the wrappers of all platforms that pythonfmu has."""
+    """Return pythonfmu's wrapper binaries for all its platforms."""
     folder = Path(str(pythonfmu.__file__)).parent / "resources" / "binaries"
     return {
         f"binaries/{path.parent.name}/{identifier}{path.suffix}": path.read_bytes()

@@ -1,10 +1,10 @@
-"""What the wrapper of pythonfmu calls: nothing may be raised into it.
+"""Class that pythonfmu's wrapper instantiates and calls; it never raises an exception.
 
 The wrapper cannot return fmi2Error. A step that fails returns fmi2Discard; the cause is logged.
-Calls that cannot fail by the wrapper's rules (setting a value, say) log the cause, and the next
-step is discarded. An exception raised into the wrapper would corrupt memory.
+The wrapper's other calls, such as setting a value, cannot report a failure. They log the cause,
+and the next step is discarded. An exception raised into the wrapper would corrupt memory.
 
-This module loads without NumPy and CasADi, so that their absence can be logged too.
+This module loads without NumPy and CasADi, so that it can log their absence.
 """
 
 from __future__ import annotations
@@ -19,49 +19,49 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from pythonfmu.fmi2slave import Fmi2Slave  # of the copy beside this package, when in an FMU
+from pythonfmu.fmi2slave import Fmi2Slave  # in an FMU, from the copy within the private package
 
-CATEGORY = "logStatus"
-"""The one category of log messages that the model description names."""
+LOG_CATEGORY = "logStatus"
+"""Category of all log messages, as in the model description."""
 
-WARNING, ERROR = 1, 3
+STATUS_WARNING, STATUS_ERROR = 1, 3
 """Values of fmi2Status."""
 
-LOGGER = logging.getLogger("trussflow_fmu")
-"""Errors go to Python's own log too, which by default is the standard error output."""
+ERROR_LOGGER = logging.getLogger("trussflow_fmu")
+"""Python logger that also receives the errors; its default output is the standard error stream."""
 
 
 class Message:
-    """A log message, as the wrapper reads it.
+    """A log message in the form that the wrapper reads.
 
     Parameters
     ----------
     status : int
         A value of fmi2Status [-].
     text : str
-        What to tell.
+        Text of the message.
     """
 
     debug = False
 
     def __init__(self, status: int, text: str) -> None:
-        self.status, self.category, self.text = status, CATEGORY, text
-        self.msg = text.replace("%", "%%")  # importers take it for a format
+        self.status, self.category, self.text = status, LOG_CATEGORY, text
+        self.msg = text.replace("%", "%%")  # importers treat the text as a printf format
 
 
 def slave(namespace: dict[str, Any], needs: str) -> type:
-    """Return the class that the wrapper is to instantiate.
+    """Return the class that the wrapper must instantiate.
 
-    The wrapper runs the slave module again for each instance, keeps the classes it finds, and
-    gives up a reference to the module's namespace that it never took. So there is one class for
-    all instances, and each call adds the reference that will be missing.
+    The wrapper runs the slave module again for each instance and keeps its classes. It also
+    releases a reference to the module's namespace that it does not own. Therefore one class serves
+    all instances, and each call adds the missing reference.
 
     Parameters
     ----------
     namespace : dict
         ``globals()`` of the slave module.
     needs : str
-        What the target must have installed, for the message if it has not.
+        Required libraries of the target, for error messages.
     """
     ctypes.pythonapi.Py_IncRef(ctypes.py_object(namespace))
     Slave.needs = needs
@@ -69,10 +69,10 @@ def slave(namespace: dict[str, Any], needs: str) -> type:
 
 
 class Slave(Fmi2Slave):  # type: ignore[misc]
-    """The class that the wrapper instantiates with its own `kwargs`, once for each instance."""
+    """Class that the wrapper instantiates with its own `kwargs`, once for each instance."""
 
     needs = ""
-    """What the target must have installed, for the message if it has not."""
+    """Required libraries of the target, for error messages."""
 
     def __init__(self, **kwargs: Any) -> None:
         super().__init__(**kwargs)
@@ -81,7 +81,7 @@ class Slave(Fmi2Slave):  # type: ignore[misc]
         self._guarded("instantiate", self._load)
 
     def _load(self) -> None:
-        # The wrapper puts the folder on the path at each instantiation, for all to see.
+        # The wrapper adds the folder to sys.path, which other modules of this process share.
         with contextlib.suppress(KeyError, TypeError):
             resources = Path(self.resources)
             sys.path[:] = [p for p in sys.path if not p or Path(p) != resources]
@@ -92,32 +92,32 @@ class Slave(Fmi2Slave):  # type: ignore[misc]
             raise RuntimeError(f"{error}; this FMU needs {self.needs}") from error
         carried = content()
         for note in carried.notes:
-            self._tell(WARNING, note)
+            self._tell(STATUS_WARNING, note)
         self._model = Instance(carried)
 
     def _tell(self, status: int, text: str) -> None:
         message = Message(status, f"{self.instance_name}: {text}")
         self.log_queue.append(message)
-        if status == ERROR:  # the wrapper drops all messages unless logging is on
-            LOGGER.error("%s", message.text)
+        if status == STATUS_ERROR:  # the wrapper drops all messages unless logging is on
+            ERROR_LOGGER.error("%s", message.text)
 
     def _guarded(self, what: str, function: Callable[[], Any]) -> Any:
-        """Call a function; log what goes wrong, and return None then."""
+        """Call a function; if it fails, log the error and return None."""
         try:
             if self._broken:
                 raise RuntimeError(self._broken)
             return function()
-        except BaseException as error:  # noqa: BLE001 - the wrapper must never see one
+        except BaseException as error:  # noqa: BLE001 - no exception may reach the wrapper
             if self._model is None and not self._broken:
                 self._broken = f"the model could not be loaded: {error}"
-            self._tell(ERROR, f"{what} failed: {_explained(error)}")
+            self._tell(STATUS_ERROR, f"{what} failed: {_explained(error)}")
             return None
 
     def _calling(self, what: str, method: str, *arguments: Any) -> Any:
         return self._guarded(what, lambda: getattr(self._model, method)(*arguments))
 
     def setup_experiment(self, start_time: float, *_others: Any) -> None:
-        """Take the start time [s]; the internal solver needs neither end nor tolerance."""
+        """Set the start time [s]; the internal solver needs neither stop time nor tolerance."""
         self._calling("setting up the experiment", "set_up", start_time)
 
     def exit_initialization_mode(self) -> None:
@@ -125,7 +125,7 @@ class Slave(Fmi2Slave):  # type: ignore[misc]
         self._calling("initialization", "initialize")
 
     def do_step(self, current_time: float, step_size: float) -> bool:
-        """Advance from `current_time` [s] by `step_size` [s]; False stands for fmi2Discard."""
+        """Advance from `current_time` [s] by `step_size` [s]; the wrapper maps False to fmi2Discard."""
 
         def step() -> bool:
             self._model.step(current_time, step_size)
@@ -135,11 +135,11 @@ class Slave(Fmi2Slave):  # type: ignore[misc]
         return self._guarded(what, step) is not None
 
     def terminate(self) -> None:
-        """End."""
+        """Terminate the run."""
         self._calling("termination", "terminate")
 
     def get_real(self, vrs: list[int]) -> list[float]:
-        """Return values, NaN if there are none."""
+        """Return values, or NaN if reading fails."""
         values = self._calling("reading values", "get", vrs)
         return [math.nan] * len(vrs) if values is None else list(values)
 
@@ -148,14 +148,16 @@ class Slave(Fmi2Slave):  # type: ignore[misc]
         self._calling("setting values", "set", vrs, values)
 
     def _refuse(self, vrs: list[int], *_values: object) -> list[Any]:
-        """Refuse: every variable is real."""
-        self._tell(ERROR, f"every variable is Real; value references {vrs} were used otherwise")
+        """Log an error, because all variables are of type Real."""
+        self._tell(
+            STATUS_ERROR, f"all variables are of type Real; value references {vrs} were used otherwise"
+        )
         return [False] * len(vrs)
 
     get_integer = get_boolean = set_integer = set_boolean = set_string = _refuse
 
     def get_string(self, vrs: list[int]) -> list[str]:
-        """Refuse: every variable is real."""
+        """Log an error, because all variables are of type Real."""
         return [""] * len(self._refuse(vrs))
 
     def _get_fmu_state(self) -> Any:
@@ -170,7 +172,7 @@ class Slave(Fmi2Slave):  # type: ignore[misc]
             from trussflow.fmu.exporting.python import content, instance
 
             return instance.to_bytes(state, content.content().facts["token"])
-        except BaseException:  # noqa: BLE001 - there is no instance to log to
+        except BaseException:  # noqa: BLE001 - a static method has no instance to log with
             return b""
 
     @staticmethod
@@ -179,7 +181,7 @@ class Slave(Fmi2Slave):  # type: ignore[misc]
             from trussflow.fmu.exporting.python import content, instance
 
             return instance.from_bytes(data, content.content().facts["token"])
-        except BaseException as error:  # noqa: BLE001 - told when it is restored
+        except BaseException as error:  # noqa: BLE001 - logged when the state is restored
             return str(error)
 
     def __del__(self) -> None:
@@ -189,7 +191,7 @@ class Slave(Fmi2Slave):  # type: ignore[misc]
 
 
 def _explained(error: BaseException) -> str:
-    """Return the message of an error, with the traceback where it comes from users' code."""
+    """Return the message of an error, with the traceback if the user's code raised it."""
     own = type(error).__module__.startswith(__name__.partition(".fmu.")[0] + ".")
     if own and error.__cause__ is None:
         return str(error)

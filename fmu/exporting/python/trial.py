@@ -1,4 +1,4 @@
-"""Trying what goes into an FMU before it is written: it must load and compute."""
+"""Trial run of the content of an FMU before it is written."""
 
 from __future__ import annotations
 
@@ -16,9 +16,9 @@ from trussflow.fmu.exporting.python.bundle import Files
 
 
 def tried(resources: Files) -> tuple[bool, bool]:
-    """Load the private package from a temporary folder, initialize a model, save its state.
+    """Load the private package from a temporary folder, initialize the model and save its state.
 
-    Returns whether its state can be saved, and written as bytes.
+    Return whether its state can be saved, and whether it can be serialized.
 
     Parameters
     ----------
@@ -36,7 +36,7 @@ def tried(resources: Files) -> tuple[bool, bool]:
             path = Path(folder) / name
             path.parent.mkdir(parents=True, exist_ok=True)
             path.write_bytes(data)
-        running = _taken_out(private)  # of an FMU with the same files that was imported here
+        running = _taken_out(private)  # modules of an equal FMU that runs in this process
         sys.path.insert(0, folder)
         importlib.invalidate_caches()
         try:
@@ -48,7 +48,7 @@ def tried(resources: Files) -> tuple[bool, bool]:
 
 
 def _taken_out(package: str) -> dict[str, ModuleType]:
-    """Take a package and all in it out of the loaded modules; return them."""
+    """Remove a package and its modules from the loaded modules; return them."""
     names = [name for name in sys.modules if f"{name}.".startswith(f"{package}.")]
     return {name: sys.modules.pop(name) for name in names}
 

@@ -43,13 +43,8 @@ def python_diagram():
         (Integrator, "x.fmu", {"version": "1.0"}, "unknown FMI version '1.0'; choose from: 2.0, 3.0"),
         (Integrator, "x.fmu", {"platforms": ["amiga"]}, "platform 'amiga'; choose from: x86_64-linux"),
         (Integrator, "x.fmu", {"platforms": "amiga"}, "platform 'amiga'; choose from: x86_64-linux"),
-        (
-            Integrator,
-            "x.fmu",
-            {"platforms": "all", "kind": "python"},
-            "has the binaries that pythonfmu brings",
-        ),
-        (Integrator, "x.fmu", {"solver": "euler"}, "a native FMU has the solver rk4 inside, not 'euler'"),
+        (Integrator, "x.fmu", {"platforms": "all", "kind": "python"}, "contains the binaries of pythonfmu"),
+        (Integrator, "x.fmu", {"solver": "euler"}, "a native FMU contains the solver rk4, not 'euler'"),
         (Integrator, "x.fmu", {"parameters": {"gain": 1}}, "no parameter 'gain'"),
         (python_diagram, "x.fmu", {}, r"'double' \(PythonFunction\) runs Python code"),
         (
@@ -131,7 +126,7 @@ def test_no_compiler(tmp_path, monkeypatch):
 
 def test_a_compiler_that_fails(tmp_path, monkeypatch):
     """Nothing is left behind, and the compiler's output is in the message."""
-    monkeypatch.setattr(binaries, "FLAGS", ("-fno-such-flag",))
+    monkeypatch.setattr(binaries, "COMPILER_FLAGS", ("-fno-such-flag",))
     compiler.identity.cache_clear()
     with pytest.raises(ExportError, match="no-such-flag"):
         export(Integrator(), tmp_path / "x.fmu")

@@ -226,11 +226,11 @@ def equal_names():
 @pytest.mark.parametrize(
     ("make", "name", "settings", "message"),
     [
-        (lambda: Gain(1.0), "made.cpp", {}, "name it like a C function: controller.c"),
-        (lambda: Gain(1.0), "2made.c", {}, "name it like a C function"),
+        (lambda: Gain(1.0), "made.cpp", {}, "the name must be a C identifier, such as controller.c"),
+        (lambda: Gain(1.0), "2made.c", {}, "the name must be a C identifier"),
         (lambda: Gain(1.0), "made.c", {"platforms": "all"}, "leave out version and platforms"),
         (lambda: Gain(1.0), "made.c", {"version": "3.0"}, "leave out version and platforms"),
-        (lambda: Gain(1.0), "made.c", {"solver": "BDF"}, "plain C has the solver rk4 inside"),
+        (lambda: Gain(1.0), "made.c", {"solver": "BDF"}, "plain C contains the solver rk4"),
         (lambda: Gain(1.0), "no/made.c", {}, "there is no folder"),
         (
             lambda: PythonFunction(abs, 0.1, **ports(u=(), y=())),

@@ -78,7 +78,7 @@ def encrypted(make_fmu, _folder):
         (truncated, "no zip archive, or a damaged one"),
         (
             lambda make_fmu, _: make_fmu("ball", more={"modelDescription.xml": None}),
-            r"there is no modelDescription\.xml at its top",
+            r"it has no modelDescription\.xml at its top level",
         ),
         (linked, r"link or a special file \('resources/link'\)"),
         (encrypted, "an entry is encrypted"),
@@ -117,7 +117,9 @@ def test_a_damaged_file_inside(make_fmu):
 )
 def test_names_that_lead_outside(make_fmu, tmp_path, name):
     path = make_fmu("ball", more={name: b"evil"})
-    with pytest.raises(FmuArchiveError, match=r"refused to unpack .*(outside|no part of a path)") as error:
+    with pytest.raises(
+        FmuArchiveError, match=r"refused to unpack .*(outside|not allowed in a path)"
+    ) as error:
         Fmu(path)
     assert len(str(error.value).removeprefix(f"refused to unpack '{path}'")) < 400  # long names are cut
     assert not list(tmp_path.rglob("evil*"))
@@ -181,7 +183,7 @@ READER = """<?xml version="1.0"?><!DOCTYPE x [<!ENTITY a SYSTEM "file:///etc/pas
         (BOMB.encode("utf-16"), "declares a document type or entities"),
         (READER, "declares a document type or entities"),
         ("<a>" * 200 + "</a>" * 200, "nested more than 100 deep"),
-        ("<a/>", "no model description of FMI"),
+        ("<a/>", "it is not an FMI model description"),
         ('<fmiModelDescription fmiVersion="1.0"/>', r"FMI 1\.0; FMI 2\.0 and 3\.0 can be imported"),
         ('<fmiModelDescription fmiVersion="2.0"/>', "has no ModelVariables"),
         (
@@ -197,7 +199,7 @@ def test_broken_and_hostile_xml(make_fmu, text, message):
 
 
 SIZE = '<Dimension valueReference="20"/>'
-NO_SIZE = "the size of array 'in' is not known"
+NO_SIZE = "the size of array 'in' is unknown"
 UNREADABLE = "cannot read the model description"
 
 
@@ -236,7 +238,7 @@ def test_derivatives_that_nobody_needs_may_be_wrong(make_fmu, version):
 def test_units_that_do_not_fit(make_fmu, version):
     """An FMU whose metre is a foot: the name means something else there than here."""
     path = make_fmu("ball", version, replace={'<BaseUnit m="1"/>': '<BaseUnit m="1" factor="0.3"/>'})
-    with pytest.raises(FmuUnitError, match=r"'m' means 0\.3 m there, and something else here"):
+    with pytest.raises(FmuUnitError, match=r"defines its unit 'm' as 0\.3 m, which differs from"):
         Fmu(path, kind="me")
     with pytest.raises(FmuUnitError, match=r"'ft' does not fit 'm' of FMU 'ball'.*0\.3 m"):
         Fmu(path, kind="me", units={"m": "ft"})
@@ -276,7 +278,7 @@ def test_a_wrong_token(make_fmu, version):
 def test_a_file_that_was_written_anew(make_fmu):
     block = Fmu(make_fmu("ball"), kind="me")
     make_fmu("ball", replace={'start="9.81"': 'start="1.6"'})
-    with pytest.raises(FmuError, match=r"'ball2\.fmu' was written anew since it was read"):
+    with pytest.raises(FmuError, match=r"'ball2\.fmu' was changed since it was read"):
         run(block)
 
 

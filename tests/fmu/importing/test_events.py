@@ -190,7 +190,7 @@ def test_states_that_are_no_bytes_serve_their_own_run(make_fmu, version, kind):
             heights.add(float(session.outputs["h"]))
         assert len(heights) == 1
         session.start()
-        with pytest.raises(FmuError, match="only the run that saved it can go back to it"):
+        with pytest.raises(FmuError, match="only the run that saved the state can restore it"):
             session.restore(snapshot)
 
 
@@ -245,9 +245,9 @@ def test_a_run_may_stop_where_an_event_ends_it(make_fmu, version):
         ("ball", 2, "me", "", 11, r"asks to end the run at (its start, )?t = 0 s"),
         ("ball", 3, "me", "", 11, r"asks to end the run at (its start, )?t = 0 s"),
         ("ball", 3, "cs", 'hasEventMode="true"', 11, r"asks to end the run at (its start, )?t = 0 s"),
-        ("ball", 2, "me", "", 8, "did not settle after 100 updates"),
-        ("ball", 3, "me", "", 8, "did not settle after 100 updates"),
-        ("ball", 3, "cs", 'hasEventMode="true"', 8, "did not settle after 100 updates"),
+        ("ball", 2, "me", "", 8, "did not converge within 100 updates"),
+        ("ball", 3, "me", "", 8, "did not converge within 100 updates"),
+        ("ball", 3, "cs", 'hasEventMode="true"', 8, "did not converge within 100 updates"),
         (
             "stair",
             3,

@@ -12,7 +12,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from trussflow.fmu.runtime.frames import MAX_BYTES, TOKEN, FrameError, decode, encode, receive, send
+from trussflow.fmu.runtime.frames import MAX_BYTES, TOKEN_BYTES, FrameError, decode, encode, receive, send
 
 plain = st.none() | st.booleans() | st.integers() | st.floats() | st.text(max_size=20)
 arrays = st.lists(st.floats(), max_size=5).map(np.array)
@@ -88,10 +88,10 @@ def test_a_frame_that_is_longer_than_what_comes_is_waited_for_in_vain(ends):
 
 def test_sending_ends_in_time_too(ends):
     with pytest.raises(TimeoutError):
-        send(ends[0], bytes(TOKEN), os.urandom(10_000_000), 0.2)
+        send(ends[0], bytes(TOKEN_BYTES), os.urandom(10_000_000), 0.2)
 
 
 def test_a_closed_end(ends):
     ends[1].close()
     with pytest.raises(EOFError):
-        receive(ends[0], bytes(TOKEN), 5.0)
+        receive(ends[0], bytes(TOKEN_BYTES), 5.0)

@@ -86,10 +86,15 @@ def run(path, kind, limit=CALL_LIMIT):
     ("function", "misdeed", "error", "message"),
     [
         ("load", "hang", FmuTimeoutError, "'open' within 1 s"),
-        ("fmi2DoStep", "huge", FmuCrashError, "a descriptor that is not its own"),
+        ("fmi2DoStep", "huge", FmuCrashError, "into the descriptor reserved for answers"),
         ("fmi2DoStep", "allocate", FmuCrashError, "'do_step' with signal SIGABRT"),
         ("fmi2DoStep", "realtime", FmuCrashError, r"'do_step' with signal \d\d;"),
-        ("fmi2DoStep", "close_hang", FmuCrashError, "closed, in 'do_step', the descriptor that answers"),
+        (
+            "fmi2DoStep",
+            "close_hang",
+            FmuCrashError,
+            "closed the descriptor reserved for answers in 'do_step'",
+        ),
         ("fmi2SetFMUstate", "segv", FmuCrashError, "'restore_state' with signal SIGSEGV"),
     ],
 )

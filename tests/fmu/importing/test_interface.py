@@ -98,9 +98,11 @@ def test_degrees_celsius_keep_their_zero():
 
 
 def test_unknown_units_can_be_named():
-    with pytest.raises(FmuUnitError, match="the unit 'smoot', which is unknown here and not defin"):
+    with pytest.raises(
+        FmuUnitError, match="the unit 'smoot', which is unknown and which the FMU does not define"
+    ):
         table("smoot").unit("smoot")
-    with pytest.raises(FmuUnitError, match=r"its unit 'smoot' means 1\.7 m there; say which"):
+    with pytest.raises(FmuUnitError, match=r"defines its unit 'smoot' as 1\.7 m; name"):
         table("smoot", {"m": 1}, 1.7).unit("smoot")
     assert table("smoot", given={"smoot": "m"}).unit("smoot") == "m"
     with pytest.raises(FmuUnitError, match="has no unit 'furlong'; its units are: smoot"):
@@ -170,18 +172,14 @@ WITH_BLOB = ("types", 3, {"</ModelVariables>": BLOB})
             {"parameters": {"g": 1.0}, "start": {"g": 1.0}},
             "'g' is given both as a parameter and as a start value",
         ),
-        (TYPES, {"start": {"n": -1}}, r"'n' decides sizes of arrays; .* not -1"),
+        (TYPES, {"start": {"n": -1}}, r"'n' sets array sizes; .* not -1"),
         (TYPES, {"start": {"in": [1.0, 2.0, 3.0]}}, "input 'in' can be given one value for all its elements"),
         (WITH_BLOB, {"start": {"blob": 1}}, "'blob' is of type Binary, which cannot be set from here"),
-        (BALL, {"kind": "cs", "step": None}, "does not say which step suits it; give step"),
+        (BALL, {"kind": "cs", "step": None}, "suggests no step size; give step"),
         (BALL, {"step": 0.0}, r"every 0\.0 s(.|\n)*must be positive and finite"),
-        (BALL, {"kind": "me"}, "the diagram's solver has the step; leave out step"),
-        (
-            BALL,
-            {"kind": "me", "step": None, "delayed": True},
-            "nothing is held from instant to instant; leave out delay",
-        ),
-        (BALL, {"memory_limit": 1e9}, "memory_limit holds in a process of its own; give time_limit too"),
+        (BALL, {"kind": "me"}, "the diagram's solver sets the step; leave out step"),
+        (BALL, {"kind": "me", "step": None, "delayed": True}, "inputs are not held; leave out delay"),
+        (BALL, {"memory_limit": 1e9}, "memory_limit needs a child process; give time_limit too"),
         *(
             (BALL, {option: value}, f"Fmu: {option} = .* must be a positive and finite")
             for option in ("tolerance", "time_limit", "memory_limit")

@@ -83,7 +83,7 @@ def test_an_fmu_that_cannot_save_says_so(loaded, version):
     slave = loaded(version=version, replace=cannot)
     with pytest.raises(FmuError, match="cannot save its state"):
         slave.save_state()
-    with pytest.raises(FmuError, match="cannot turn its state into bytes"):
+    with pytest.raises(FmuError, match="cannot serialize its state to bytes"):
         slave.serialize_state(0)
 
 
@@ -178,13 +178,13 @@ def test_after_a_fatal_error_there_is_no_other_instance(loaded):
     slave = loaded()
     with pytest.raises(FmuCallError, match="returned status 'fatal'"):
         slave._library.fail("DoStep", 4)
-    with pytest.raises(FmuError, match="failed fatally before; close it and load it anew"):
+    with pytest.raises(FmuError, match="failed fatally before; close it and load it again"):
         slave.setup()
 
 
 @pytest.mark.parametrize("name", ["nothing", "text"])
 def test_names_that_cannot_be_read(loaded, name):
-    with pytest.raises(FmuError, match=f"has no number '{name}'"):
+    with pytest.raises(FmuError, match=f"has no numeric variable '{name}'"):
         loaded().read((name,))
 
 
@@ -216,12 +216,12 @@ def test_an_instance_in_a_child_process_does_the_same(make_fmu, version):
                     model.completed_step(),
                 ]
             )
-            with pytest.raises(FmuError, match="has no number 'z9'"):
+            with pytest.raises(FmuError, match="has no numeric variable 'z9'"):
                 model.read(("z9",))
     for ours, theirs in zip(*found, strict=True):
         np.testing.assert_array_equal(ours, theirs)
     assert found[0][1] == [-0.25 + 1 + 2]
-    with pytest.raises(FmuError, match="has ended; set it up anew"):
+    with pytest.raises(FmuError, match="has ended; set it up again"):
         model.setup()
 
 

@@ -69,7 +69,9 @@ def test_a_run_is_resumed_bit_for_bit(make_fmu, kind, tmp_path, monkeypatch):
 def test_fmus_that_cannot_be_written_down_say_why(make_fmu, kind, tmp_path):
     """In one process they go back all the same, if they can do that."""
     held = make_fmu("ball", 2, replace={'canSerializeFMUstate="true"': ""})
-    message = r"block 'ball' keeps a state of FMU 'ball', which cannot turn it into bytes \(no canSerialize"
+    message = (
+        r"block 'ball' keeps a state of FMU 'ball', which cannot serialize it to bytes \(no canSerialize"
+    )
     with Session(bouncing(held, kind), step=TIME_STEP) as session:
         session.advance(0.3)
         with pytest.raises(SimulationError, match=rf"cannot save to '.*a\.state': {message}"):

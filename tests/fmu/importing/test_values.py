@@ -15,7 +15,7 @@ from trussflow.fmu import Fmu, FmuError
 from trussflow.fmu.runtime.description import FmuVariable
 from trussflow.fmu.runtime.library import Library
 from trussflow.fmu.runtime.library3 import Library3
-from trussflow.fmu.runtime.signatures import INTEGERS
+from trussflow.fmu.runtime.signatures import INTEGER_TYPES
 from trussflow.fmu.runtime.variable_buffers import VariableBuffers
 
 versions = pytest.mark.parametrize("version", [2, 3])
@@ -46,7 +46,7 @@ def test_a_resized_array_has_the_values_of_the_block(make_fmu, chosen, gains):
     np.testing.assert_array_equal(simulate(diagram, 0.1, step=0.1)["fmu.out"].values[-1], expected)
 
 
-@pytest.mark.parametrize("kind", [*INTEGERS, "Float32", "Boolean"])
+@pytest.mark.parametrize("kind", [*INTEGER_TYPES, "Float32", "Boolean"])
 @example(2.0**63)
 @example(2.0**64)
 @example(1e300)

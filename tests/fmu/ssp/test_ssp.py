@@ -204,7 +204,7 @@ def with_plant(fmus):
             lambda fmus: Fmu(fmus / "mass.fmu"),
             "a.ssp",
             TIME_STEP,
-            "to SSP: it is no diagram; put it into one",
+            "to SSP: it is not a diagram; add it to a diagram",
         ),
         (lambda _: Diagram("empty"), "a.ssp", TIME_STEP, r"'empty' to SSP.*it has no block"),
         (loop, "a.ssp", -1.0, r"step = -1\.0 must be a positive"),
@@ -244,12 +244,15 @@ def rewritten(file, target, changes):
     ("changes", "message"),
     [
         ({"resources/mass.fmu": "../mass.fmu"}, r"'\.\./mass\.fmu' is not inside"),
-        ({"resources/mass.fmu": "n" * 300}, "there is no 'nnn"),
-        ({"resources/mass.fmu": "resources/no.fmu"}, r"no 'resources/no\.fmu'"),
+        ({"resources/mass.fmu": "n" * 300}, "it contains no file 'nnn"),
+        ({"resources/mass.fmu": "resources/no.fmu"}, r"no file 'resources/no\.fmu'"),
         ({'type="application/x-fmu-sharedlibrary"': 'type="text/plain"'}, "of type 'text/plain'"),
-        ({'startConnector="position"': 'startConnector="speed"'}, "no connector 'speed' of 'mass'"),
-        ({'name="law"': 'name="mass"'}, "two elements have one name"),
-        ({'value="7.0"': 'value="seven"'}, "parameter 'stiffness' 'seven' is no number"),
+        (
+            {'startConnector="position"': 'startConnector="speed"'},
+            "connector 'speed' of 'mass', which does not exist",
+        ),
+        ({'name="law"': 'name="mass"'}, "two elements have the same name"),
+        ({'value="7.0"': 'value="seven"'}, "parameter 'stiffness' 'seven' is not a number"),
         (
             {
                 'endConnector="position" />': 'endConnector="position"><ssc:LinearTransformation '
@@ -259,7 +262,7 @@ def rewritten(file, target, changes):
         ),
         (
             {"<ssd:SystemStructureD": "<ssd:D", "</ssd:SystemStructureD": "</ssd:D"},
-            "no system structure of SSP 1",
+            "not a system structure of SSP 1",
         ),
     ],
 )
@@ -269,7 +272,7 @@ def test_imports_that_are_refused(changes, message, file, tmp_path):
 
 
 def test_hostile_archives_are_refused(file, tmp_path):
-    with pytest.raises(SspError, match="is there already, and not empty"):
+    with pytest.raises(SspError, match="it exists already and is not an empty folder"):
         import_ssp(file, tmp_path)
     with zipfile.ZipFile(file, "a") as archive:
         archive.writestr("../outside.txt", "boo")

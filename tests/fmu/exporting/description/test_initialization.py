@@ -59,7 +59,7 @@ def circle(*blocks):
 @pytest.mark.parametrize(
     ("number", "text"),
     [
-        (1, r"the initial states of 'a' \(After\) depend on themselves in a circle"),
+        (1, r"the initial states of 'a' \(After\) depend on themselves in a cycle"),
         (2, r"the initial states of '[ab]' \(After\), '[ab]' \(After\) depend on themselves"),
     ],
 )

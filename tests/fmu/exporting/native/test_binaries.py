@@ -16,7 +16,7 @@ from fmpy.validation import validate_fmu
 
 from trussflow.blocks.tracing.compiler import find_compiler
 from trussflow.fmu.exporting.export import export
-from trussflow.fmu.exporting.native.binaries import PLATFORMS, Platform, here
+from trussflow.fmu.exporting.native.binaries import KNOWN_PLATFORMS, Platform, here
 
 HEADERS = Path(fmpy.__file__).parent / "c-code"
 HOST = Path(__file__).parents[2] / "host.c"
@@ -123,12 +123,12 @@ def test_one_machine_compiles_for_all_platforms(systems, tmp_path):
         ("darwin", "aarch64"): (4, b"\x0c\x00\x00\x01"),
     }
     with zipfile.ZipFile(path) as archive:
-        for platform in PLATFORMS:
+        for platform in KNOWN_PLATFORMS:
             binary = archive.read(f"binaries/{platform.name}/Oscillator{platform.suffix}")
             assert binary.startswith(magic[platform.system])
             place, expected = machine.get((platform.system, platform.processor), (0, b""))
             assert binary[place : place + len(expected)] == expected
-    if here() in PLATFORMS:
+    if here() in KNOWN_PLATFORMS:
         assert simulate_fmu(str(path), stop_time=0.1)["time"][-1] == pytest.approx(0.1)
 
 

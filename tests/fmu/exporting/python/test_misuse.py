@@ -34,7 +34,7 @@ def refused(one, time, length, message):
     [
         ({"goal[2]": np.nan}, "the step of 0.01 s from t = 0 s failed: input 'goal' is not finite"),
         ({"plant.stiffness": -1.0}, "'stiffness' of block 'plant' is -1.0; it must be above 0 [N*m]"),
-        ({"plant.v[1]": 1.0}, "'plant.v[1]' cannot be set once time goes on"),
+        ({"plant.v[1]": 1.0}, "'plant.v[1]' cannot be set after initialization"),
         ({"angle[1]": 1.0}, "'angle[1]' cannot be set at any time"),
     ],
 )
@@ -60,7 +60,7 @@ def test_fixed_parameter_cannot_be_set_later(one):
             one,
             2 * COMMUNICATION_STEP,
             COMMUNICATION_STEP,
-            "'plant.release[1]' cannot be set once time goes on",
+            "'plant.release[1]' cannot be set after initialization",
         )
 
 
@@ -74,15 +74,15 @@ def test_unknown_value_reference_and_wrong_type(one):
     assert np.isnan(one.getReal([1_000_000])[0])
     assert "there is no variable with value reference 1000000" in one.errors
     one.getInteger([1])
-    assert "every variable is Real; value references [1] were used otherwise" in one.errors
+    assert "all variables are of type Real; value references [1] were used otherwise" in one.errors
 
 
 @pytest.mark.parametrize(
     ("time", "length", "message"),
     [
-        (0.5, 0.01, "the step is to begin at t = 0.5 s, but it is t = 0 s"),
-        (0.0, -0.01, "a step of -0.01 s from t = 0.0 s makes no sense"),
-        (0.0, np.nan, "a step of nan s from t = 0.0 s makes no sense"),
+        (0.5, 0.01, "the step starts at t = 0.5 s, but the current time is 0 s"),
+        (0.0, -0.01, "a step of -0.01 s from t = 0.0 s is not possible"),
+        (0.0, np.nan, "a step of nan s from t = 0.0 s is not possible"),
     ],
 )
 def test_steps_that_make_no_sense(one, time, length, message):
