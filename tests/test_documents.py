@@ -49,7 +49,7 @@ def test_links_to_examples_lead_to_pages_of_the_site():
     for target, page in {
         "../examples/peers/01_flame.py": "/gallery/peers/01_flame.rst",
         "../examples": "/gallery/index.rst",
-        "../examples/control/pid.py": "/gallery/control/pid.rst",
+        "../examples/loops/pid.py": "/gallery/loops/pid.rst",
         "sweeps.md": "sweeps.md",
     }.items():
         assert linked(f"[it]({target})", DOCS) == f"[it]({page})"
