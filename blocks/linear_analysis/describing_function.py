@@ -17,11 +17,11 @@ import numpy as np
 
 from trussflow.blocks.framework.types import Vector
 
-SAMPLES = 96
+SAMPLES_PER_PERIOD = 96
 """Points on one period. For |x|^0.9 the gain is then right to 2e-4, the error falling with the
 power 1.9 of the number."""
 
-PHASES = 2 * np.pi * (np.arange(SAMPLES) + 0.5) / SAMPLES
+PHASES = 2 * np.pi * (np.arange(SAMPLES_PER_PERIOD) + 0.5) / SAMPLES_PER_PERIOD
 """Midpoints: none is where a sine or cosine is zero."""
 
 
@@ -51,5 +51,5 @@ def columns(
             moved = point.copy()
             moved[number] += amplitude * sine
             total = total + sine * function(moved)
-        found[number] = np.asarray(2 * total / (SAMPLES * amplitude))
+        found[number] = np.asarray(2 * total / (SAMPLES_PER_PERIOD * amplitude))
     return found

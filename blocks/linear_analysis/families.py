@@ -52,7 +52,7 @@ def linearize_over(
         Increasing times at which to linearize along a run from `at`, one run for each point of the grid
         [s]; by default at the start alone.
     at : OperatingPoint, optional
-        Where to linearize, or where runs begin; by default the initial states.
+        Operating point, or start of the runs; by default the initial states.
     step, solver, backend, rtol, atol
         Of the `Solver` of runs [s, -, -, -, unit of the state].
 

@@ -71,7 +71,7 @@ class LocalJacobians:
     Attributes
     ----------
     derivatives : dict of str to str
-        How the derivatives of Python blocks were found, by path.
+        Method of differentiation of each Python block, keyed by path.
     """
 
     def __init__(self, jacobians: Jacobians, t: float, p: Vector) -> None:
@@ -101,7 +101,7 @@ class LocalJacobians:
         Parameters
         ----------
         name : str
-            Which quantity.
+            Quantity to differentiate.
         x, d : Vector
             The point [units as declared].
         """

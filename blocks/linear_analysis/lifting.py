@@ -24,7 +24,7 @@ MOST_INSTANTS = 100_000
 """Instants within a common period; each costs a product of matrices."""
 
 Jump = tuple[Vector, Vector]
-"""What an instant does: z after = first @ z before + second @ w, z = (x, memory, held)."""
+"""Update at an instant: z after = first @ z before + second @ w, z = (x, memory, held)."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -81,7 +81,7 @@ def held_flow(A: Vector, B: Vector, time: float) -> tuple[Vector, Vector]:
     A, B : Vector
         System and input matrix [1/s, any].
     time : float
-        How long [s].
+        Duration [s].
     """
     from scipy.linalg import expm
 
@@ -111,7 +111,7 @@ def lifted(
     Parameters
     ----------
     instants : Pattern
-        When which clocks tick.
+        Schedule of the clocks.
     rates : tuple of Vector
         F (n_z, n_z), with zero rows for s, and E (n_z, n_w) [as declared].
     jump : callable

@@ -1,4 +1,4 @@
-"""What happens at one instant, linearized: sampled blocks, traced ones and Python ones."""
+"""Linearized update of sampled blocks, traced or Python, at one instant."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What linearization returns: a python-control system that knows where it comes from."""
+"""Linear model of python-control with its operating point and the names of its signals."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ class LinearModel(control.StateSpace):  # type: ignore[misc] # python-control sh
     *matrices : array
         A, B, C, D, and the sample time where it is discrete.
     operating_point : OperatingPoint
-        Where it was linearized.
+        Operating point of the linearization.
     derivatives : dict
         For each Python block, by path, how its derivatives were found; everything else is
         exact. Empty if all is.

@@ -65,13 +65,13 @@ def linearize(
     item : Block
         A diagram, or a single block.
     inputs, outputs : Port, str or sequence of these, optional
-        What is put in and read out: ports of any block within, whole or sliced, as ports or
+        Input and output ports of any inner block, whole or sliced, as ports or
         as ``"block.port[0:3]"``. At a port that is driven, the input adds to the signal: at an
         input of a block for that block alone, at an output for all that read it, while the
         output itself is read without it. By default the ports that the diagram exposes, or
         those of the block.
     at : OperatingPoint, optional
-        Where; by default the initial states, inputs at their start values.
+        Operating point; by default the initial states with inputs at their start values.
     cut : Port, str or sequence of these
         Wires to cut. A cut signal among `inputs` is driven from there alone; any other is
         frozen at its value. An input of a block that is cut, among `outputs`, is what arrives.
@@ -126,7 +126,7 @@ class Linearizer:
     item : Block
         A diagram, or a single block.
     inputs, outputs : Port, str or sequence of these, optional
-        What is put in and read out.
+        Input and output ports.
     cut : Port, str or sequence of these
         Wires to cut.
     override : mapping, optional
@@ -189,7 +189,7 @@ class Linearizer:
         Parameters
         ----------
         at : OperatingPoint, optional
-            Where.
+            Operating point.
         amplitude : mapping, optional
             Amplitudes of describing functions [unit of the state or signal].
         """
@@ -210,7 +210,7 @@ class Linearizer:
         Parameters
         ----------
         at : OperatingPoint, optional
-            Where.
+            Operating point.
         wires : sequence of Named
             Wires that are closed by describing functions.
         """

@@ -56,12 +56,12 @@ def loop_transfer(
     diagram : Diagram
         The closed loop.
     port : Port or str
-        Where to break it: an input of a block (that wire alone), or an output (every wire from
+        Wire to open: an input of a block (that wire alone), or an output (every wire from
         it); whole or sliced. Loops through elements that are not in the slice stay closed.
     openings : Port, str or sequence of these
         Other wires that are cut: the loops through them are open as well.
     at : OperatingPoint, optional
-        Where to linearize; by default the initial states.
+        Operating point; by default the initial states.
     amplitude, override
         As for `linearize`.
 
@@ -129,13 +129,13 @@ def sensitivity(
     diagram : Diagram
         The closed loop.
     port : Port or str
-        Where, as for `loop_transfer`.
+        Wire of the loop, as for `loop_transfer`.
     complementary : bool
         Whether to return T in the place of S.
     openings : Port, str or sequence of these
         Wires to cut: the loops through them are open.
     at : OperatingPoint, optional
-        Where to linearize; by default the initial states.
+        Operating point; by default the initial states.
     override : mapping, optional
         As for `linearize`.
 
@@ -171,7 +171,7 @@ class LoopMargins:
     gain, phase : float
         Gain and phase margins that it guarantees in all channels at once [dB, deg].
     frequency : float
-        Where it is least [rad/s].
+        Frequency of the smallest disk margin [rad/s].
     """
 
     channels: dict[str, Margins]
@@ -197,7 +197,7 @@ def loop_margins(
     diagram : Diagram
         The closed loop; sampled blocks may be in it.
     port : Port or str
-        Where it is broken, as for `loop_transfer`; each element is a channel.
+        Wire to open, as for `loop_transfer`; each element is a channel.
     openings, at
         As for `loop_transfer`.
     omega : array_like, optional

@@ -34,18 +34,18 @@ REFINED_SHARE = 1.1
 FREQUENCY_TOLERANCE = 1e-10
 """Relative tolerance of the frequency at which a disk margin is least [-]."""
 
-NOTHING = 1e-9
-"""Loop gain below which nothing comes back [-]."""
+ZERO_GAIN = 1e-9
+"""Loop gain below which the loop counts as open [-]."""
 
-UNSEEN = 1e-9
-"""Share of a pole in what the loop passes, relative to the largest, that is round-off [-]."""
+RESIDUE_TOLERANCE = 1e-9
+"""Residue of a pole, relative to the largest, that counts as round-off [-]."""
 
 ROUND_OFF = 1e-12
 """Growth rate of a pole, relative to the fastest pole, that is round-off [-]."""
 
-CLOSE = 1e-6
-"""How close to frequency 0 it is looked, where there may be an integral of a cost, relative to the slowest
-pole [-]; the real part of what is found there is off by the square of it."""
+LOW_FREQUENCY_RATIO = 1e-6
+"""Frequency that represents zero, relative to the slowest pole [-], because integrators have no response at
+zero; the error of the real part is its square."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -55,7 +55,7 @@ class Margins:
     Attributes
     ----------
     channel : str
-        Which.
+        Name of the channel.
     crossover : float
         Highest frequency of gain one [rad/s]; nan if there is none.
     gain_down, gain_up : float
@@ -84,7 +84,7 @@ def frequencies_about(poles: Complex, low: float = 1e-2, high: float = 1e4, poin
     Parameters
     ----------
     poles : array
-        Of the loop, open and closed; of a sampled one their logarithms by its period [1/s].
+        Poles of the open and the closed loop; for a sampled loop log(pole) / period [1/s].
     low, high : float
         Ends [rad/s].
     points : int
@@ -181,7 +181,7 @@ def stable_poles(model: control.StateSpace, loop: str) -> Complex:
     part = np.linalg.norm(C @ shapes, axis=0) * np.linalg.norm(np.linalg.pinv(shapes) @ B, axis=1)
     sizes = np.abs(poles)
     grows = sizes - 1.0 if model.isdtime(strict=True) else poles.real
-    seen = part > UNSEEN * part.max(initial=0.0)
+    seen = part > RESIDUE_TOLERANCE * part.max(initial=0.0)
     unstable = poles[seen & (grows > ROUND_OFF * sizes.max(initial=0.0))]
     if unstable.size:
         raise LinearAnalysisError(
@@ -201,14 +201,14 @@ def real_sensitivities(model: control.StateSpace, slowest: float) -> Vector:
     model : control.StateSpace
         Loop gain, continuous (at the frequencies 0 and infinity) or sampled (0 and half the sampling rate).
     slowest : float
-        What counts as slow: size of the slowest pole, or the least frequency of interest [rad/s].
+        Modulus of the slowest pole, or the lowest frequency of interest [rad/s].
     """
     A, B, C, D = sensitivity_matrices(model)
 
     def at(z: complex) -> Complex:
         return np.diagonal(D + C @ np.linalg.solve(z * np.eye(len(A)) - A, B))
 
-    (first,) = on_the_border(model, np.array([CLOSE * slowest]))
+    (first,) = on_the_border(model, np.array([LOW_FREQUENCY_RATIO * slowest]))
     return np.real([at(first), at(-1.0) if model.isdtime(strict=True) else np.diagonal(D)])
 
 
@@ -230,13 +230,13 @@ def channel_margins(gain: Complex, omega: Vector, channel: str, ends: npt.ArrayL
 
     finite = np.isfinite(gain)
     gain, omega = gain[finite], omega[finite]
-    if np.abs(gain).max(initial=0.0) < NOTHING:  # nothing comes back
+    if np.abs(gain).max(initial=0.0) < ZERO_GAIN:  # nothing comes back
         return Margins(channel=channel)
     data = control.FrequencyResponseData(gain, omega, smooth=True)
     gm, pm, _, _, crossings, _ = control.stability_margins(data, returnall=True)
     gm, pm, crossings = (np.asarray(v, dtype=float) for v in (gm, pm, crossings))
     S = np.asarray(ends)
-    S = S[(S < -NOTHING) | (S > 1.0 + NOTHING)]
+    S = S[(S < -ZERO_GAIN) | (S > 1.0 + ZERO_GAIN)]
     gm = np.concatenate([gm, S / (S - 1.0)])
     # A delay only takes phase away: a negative margin is reached after the rest of a turn.
     lags = np.radians(np.mod(pm, 360.0)) / crossings
@@ -334,7 +334,7 @@ def channel_disks(model: control.StateSpace, omega: Vector) -> tuple[Vector, Vec
     model : control.StateSpace
         Loop gain of all channels for negative feedback, without direct feedthrough; stable when closed.
     omega : array, shape (k,)
-        Where to look [rad/s].
+        Frequencies [rad/s].
 
     Raises
     ------

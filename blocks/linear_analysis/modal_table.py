@@ -100,7 +100,7 @@ def modal_table(
     inputs : Port, str or sequence of these, optional
         Ports whose influence is shown, as for `linearize`.
     at : OperatingPoint, optional
-        Where to linearize; by default the initial states.
+        Operating point; by default the initial states.
 
     Returns
     -------

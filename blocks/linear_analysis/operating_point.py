@@ -51,8 +51,8 @@ class OperatingPoint(Described):
     residual : float
         Largest violation of an equation of `trim` [SI units of the equation].
     report : TrimReport or None
-        What `trim` says of it: what was free, fixed and at bounds, with rates and residuals. None of any
-        other point, also of one that is made of this by ``dataclasses.replace``.
+        Report of `trim`: free and fixed elements, elements at bounds, rates and residuals. None for any
+        other point, also for one made by ``dataclasses.replace``.
 
     Raises
     ------
@@ -117,7 +117,7 @@ class OperatingPoint(Described):
         p : Vector, optional
             Its parameters, if they were made already [units as declared].
         opened : mapping, optional
-            What states the equations of Python blocks, by path.
+            Equation objects of the Python blocks, keyed by path.
 
         Raises
         ------
@@ -139,7 +139,7 @@ class OperatingPoint(Described):
         plan : Plan
             The plan.
         d : Vector
-            What only changes at instants, as the plan orders it [units as declared].
+            Discrete values in the order of the plan [units as declared].
 
         Raises
         ------
@@ -182,7 +182,7 @@ class Surroundings:
         Parameters
         ----------
         at : OperatingPoint, optional
-            What is given; what it leaves out is as at the start.
+            Operating point; missing values are the initial ones.
         ports : sequence of Port
             Inputs or outputs of leaf blocks, whole or sliced.
         outputs : mapping

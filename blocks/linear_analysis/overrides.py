@@ -1,4 +1,4 @@
-r"""Blocks and groups that linear models are told of: given systems stand in their place.
+r"""Blocks and groups that linear models replace.
 
 For the deviations from the operating point (u_0, y_0) a block, or a nested diagram, becomes
 
@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     import control
 
 Override = Mapping[Any, Any]
-"""What stands for blocks and groups, by path or by the block itself: a ``control.StateSpace``, a
+"""Replacements of blocks and groups, keyed by path or block: a ``control.StateSpace``, a
 ``control.TransferFunction`` or a matrix of gains [units of its outputs per units of its inputs]."""
 
 POINT = "operating point"
@@ -39,7 +39,7 @@ POINT = "operating point"
 
 
 class Gains(Block):
-    """What stands for a block: its D.
+    """Replacement of a block without states: its D.
 
     Parameters
     ----------
@@ -65,7 +65,7 @@ class Gains(Block):
 
     @property
     def path(self) -> str:
-        """That of the block."""
+        """Unit of the block."""
         return self.name
 
     def _deviation(self, u: Signals) -> Array:
@@ -92,7 +92,7 @@ class Gains(Block):
 
 
 class ContinuousSystem(Gains):
-    """The same with states that flow."""
+    """Replacement with continuous states."""
 
     z = State("order")
 
@@ -102,7 +102,7 @@ class ContinuousSystem(Gains):
 
 
 class SampledSystem(Gains):
-    """The same with states that jump."""
+    """Replacement with discrete states."""
 
     z = State("order")
 
@@ -164,7 +164,7 @@ def overridden(system: System, override: Override | None) -> Overridden:
     system : System
         The system; it stays as it is.
     override : mapping, optional
-        What the user gave.
+        Value from the user.
 
     Raises
     ------

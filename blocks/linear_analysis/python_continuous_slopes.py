@@ -19,7 +19,7 @@ class ClosedOutputs:
     Attributes
     ----------
     places : array of int
-        Where the outputs are in (x, d).
+        Indices of the outputs in (x, d).
     by_all : Vector, shape (number of outputs, size of x and d)
         Their derivatives [as declared]; zero by themselves.
     """

@@ -30,7 +30,7 @@ REFUSE_ABOVE = 1e-4
 """Estimated error, relative to the largest derivative of the same value, that is no longer a
 derivative worth the name [-]."""
 
-SMALL = 1e-4
+MIN_RELATIVE_CHANGE = 1e-4
 """Derivatives that change a value by less than this part of it, over a change of one, are not
 told from zero: differences have round-off [-]."""
 
@@ -51,7 +51,7 @@ def hiding(system: System) -> list[Block]:
 
 
 def refuse_hidden(system: System) -> None:
-    """Refuse blocks whose response to their inputs cannot be told.
+    """Raise `LinearAnalysisError` for blocks whose response to their inputs is unknown.
 
     Raises
     ------
@@ -73,11 +73,11 @@ def differences(block: Block, function: Callable[[Vector], Vector], point: Vecto
     Parameters
     ----------
     block : Block
-        Whose function it is, for messages.
+        Block of the function, for messages.
     function : callable
         Maps a vector to a vector.
     point : Vector
-        Where [any].
+        Point of the differentiation [any].
 
     Returns
     -------
@@ -106,7 +106,7 @@ def differences(block: Block, function: Callable[[Vector], Vector], point: Vecto
         found = jacobian(
             each, point, initial_step=steps, tolerances={"rtol": RELATIVE_TOLERANCE, "atol": 1e-14}
         )
-    scale = np.maximum(np.abs(found.df).max(axis=1), SMALL * np.abs(base) + 1e-300)
+    scale = np.maximum(np.abs(found.df).max(axis=1), MIN_RELATIVE_CHANGE * np.abs(base) + 1e-300)
     error = float(np.nan_to_num(found.error / scale[:, None], nan=np.inf).max())
     if not np.isfinite(found.df).all() or error > REFUSE_ABOVE:
         raise LinearAnalysisError(

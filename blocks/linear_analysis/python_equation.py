@@ -20,7 +20,7 @@ class Equation:
     call : BlockCall
         The block.
     equations : Equations
-        What states its equations.
+        Equation object of the block.
     kind : str
         "output", "update" or "derivative".
     t : float
@@ -31,7 +31,7 @@ class Equation:
     Attributes
     ----------
     inputs : array of int
-        Which of the block's inputs are needed.
+        Indices of the inputs that the equation needs.
     """
 
     def __init__(

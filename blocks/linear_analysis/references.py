@@ -1,4 +1,4 @@
-"""What users name: ports and slices of them, states, and the labels these have in models."""
+"""References to ports, slices and states, and their labels in models."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ class Named:
 
     @property
     def key(self) -> tuple[tuple[str, ...], tuple[int, ...]]:
-        """What tells it from other signals: the ports of leaf blocks, and the elements."""
+        """Identity of the signal: ports of leaf blocks, and elements."""
         return self._leaves, tuple(int(e) for e in self.port.elements().ravel())
 
     @property
@@ -81,7 +81,7 @@ def named(system: System, reference: Reference) -> Named:
     system : System
         The flat diagram.
     reference : str or Port
-        What the user gave.
+        Value from the user.
 
     Raises
     ------
@@ -113,7 +113,7 @@ def all_named(system: System, given: References, default: Sequence[Reference]) -
     system : System
         The flat diagram.
     given, default : sequence of str or Port
-        What the user gave, and what stands for None.
+        References from the user, and the ports that replace None.
     """
     return [named(system, reference) for reference in listed(default if given is None else given)]
 
@@ -136,7 +136,7 @@ def distinct_labels(cannot: str, what: str, found: Sequence[Named]) -> list[str]
     Parameters
     ----------
     cannot, what : str
-        What cannot be done without, and what they are, for messages.
+        Purpose and kind of the references, for messages.
     found : sequence of Named
         The ports.
 
@@ -217,9 +217,9 @@ def state_places(plan: Plan, layouts: list[Layout], reference: str) -> Indices:
     plan : Plan
         The plan.
     layouts : list of Layout
-        Those of its layouts that may have the state.
+        Layouts that may contain the state.
     reference : str
-        What the user gave.
+        Value from the user.
 
     Raises
     ------
@@ -242,7 +242,7 @@ def label_places(labels: Sequence[str], reference: str) -> Indices:
     labels : sequence of str
         The labels, as linear models have them.
     reference : str
-        What the user gave; the path may be left out where that leaves one.
+        Reference from the user; the path may be omitted if the name is unique.
 
     Raises
     ------
@@ -280,7 +280,7 @@ def selected(shape: tuple[int, ...], index: Any, reference: str, kind: str) -> I
     index : Any
         As `split_index` returns it.
     reference, kind : str
-        What the user gave, and what that stands for, for the message.
+        Reference from the user, and its kind, for the message.
 
     Raises
     ------

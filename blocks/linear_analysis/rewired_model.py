@@ -34,14 +34,14 @@ class RewiredModel:
     system : System
         The flat diagram.
     inputs, outputs : sequence of Named
-        What is put in and read out.
+        Input and output ports.
     cuts : sequence of Named
-        Those inputs, or further wires, that replace what drives them.
+        Inputs, or further wires, whose drivers are replaced.
     wires : sequence of Named
         Inputs of blocks that are cut and closed again by hand: a describing function takes
         the place of the derivative there.
     override : mapping, optional
-        What stands for blocks and groups, as for `linearize`.
+        Replacements of blocks and groups, as for `linearize`.
 
     Attributes
     ----------
@@ -50,9 +50,9 @@ class RewiredModel:
     taps : list of Port
         The ports of the outputs, after opening.
     instants : Pattern or None
-        When sampled blocks tick; None without any.
+        Schedule of the sampled blocks; None without any.
     input_columns, wire_columns : array of int
-        Where inputs and wires are in (x, d).
+        Indices of inputs and wires in (x, d).
     """
 
     def __init__(
@@ -125,12 +125,12 @@ class RewiredModel:
         return np.concatenate(parts)
 
     def refuse_harmonics(self, purpose: str) -> None:
-        """Refuse blocks that harmonics cannot be told of, as they are no functions of the present.
+        """Raise `LinearAnalysisError` for blocks that have no describing function, because they have memory.
 
         Parameters
         ----------
         purpose : str
-            What they stand in the way of, for the message.
+            Purpose, for the message.
 
         Raises
         ------
@@ -177,7 +177,7 @@ class RewiredModel:
         Parameters
         ----------
         local : LocalJacobians
-            What `at` returned.
+            Result of `at`.
         x, d : Vector
             The point [units as declared].
         amplitudes : dict of int to float

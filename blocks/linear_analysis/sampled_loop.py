@@ -31,8 +31,8 @@ from trussflow.blocks.simulation.session import Session
 if TYPE_CHECKING:
     import control
 
-STEP = 1e-5
-"""Of central differences, of each state or of one, whichever is larger [-]."""
+DIFFERENCE_STEP = 1e-5
+"""Step of central differences, relative to the larger of each state and one [-]."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -62,7 +62,7 @@ class SampledLoop:
         Parameters
         ----------
         session : Session
-            Of a closed loop, started; sampled blocks compute at one rate, and have yet to at this time.
+            Started session of a closed loop with one sample rate, before the samples of its time.
         command : str
             The held output that drives the plant, ``"block.port"``.
         states : sequence of str
@@ -121,7 +121,7 @@ class SampledLoop:
         actuators, sensors : float or array
             Gains, of all or of each [-]; the controller does not know of them.
         delay : float
-            Of the command, not negative; the controller does not know of it either [s].
+            Delay of the command, not negative; unknown to the controller [s].
         """
         p, k = self.plant, self.controller
         late, part = divmod(round(delay / k.dt, 12), 1.0)
@@ -186,7 +186,7 @@ def _differences(
     """Return the derivatives of a function by some elements of a vector."""
     found = []
     for column in columns:
-        step = STEP * max(1.0, abs(point[column]))
+        step = DIFFERENCE_STEP * max(1.0, abs(point[column]))
         ends = []
         for sign in (1.0, -1.0):
             moved = point.copy()

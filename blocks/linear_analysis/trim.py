@@ -48,7 +48,7 @@ class Free:
     Attributes
     ----------
     start : array_like, optional
-        Where to start looking; by default the value of the starting point [unit of the variable].
+        Initial guess; by default the value of the starting point [unit of the variable].
     lower, upper : array_like
         Bounds [unit of the variable].
     """

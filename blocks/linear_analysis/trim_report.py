@@ -1,4 +1,4 @@
-"""What `trim` found, told as an engineer reads it: element by element, with units and what was asked."""
+"""Result of `trim`: element by element, with units and conditions."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from trussflow.blocks.linear_analysis.references import Named
 from trussflow.blocks.tracing.plan import Plan
 
 Bounds = tuple[Any, Any]
-"""Of each variable, something of its lower and of its upper bound."""
+"""Quantity of the lower and the upper bound of each variable."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -29,7 +29,7 @@ class TrimLine:
     kind : str
         ``"state"``, ``"mode"``, ``"discrete state"``, ``"held output"``, ``"input"`` or ``"output"``.
     name : str
-        What references call it, such as ``"plant.x[0]"``.
+        Name for references, such as ``"plant.x[0]"``.
     value : float
         Its value [unit].
     unit : str
@@ -42,8 +42,8 @@ class TrimLine:
     rate : float
         Its rate of change if it is a continuous state [unit/s], else not a number.
     residual : float
-        By how much its own condition is violated: the rate, the change at an instant or the value of an
-        output, less what was wanted [unit of that]; not a number if it has none.
+        Residual of the condition of the element: rate, change at an instant or output, minus the required
+        value [unit of the condition]; NaN without a condition.
     """
 
     kind: str
@@ -57,7 +57,7 @@ class TrimLine:
     residual: float = math.nan
 
     def _text(self, tolerance: float) -> str:
-        """Return what is said of it, in one line."""
+        """Return the summary in one line."""
         unit = f" {self.unit}" if self.unit else ""
         parts = [f"{self.value:.6g}{unit}"]
         if self.role:
@@ -74,12 +74,12 @@ class TrimLine:
 
 @dataclass(frozen=True, slots=True, repr=False)
 class TrimReport(Described):
-    """What `trim` found: it prints as a table; ``pandas.DataFrame(report.lines)`` is one, too.
+    """Result of `trim`; it prints as a table, as does ``pandas.DataFrame(report.lines)``.
 
     Attributes
     ----------
     name : str
-        What was trimmed.
+        Name of the trimmed diagram.
     time : float
         At which time [s].
     tolerance : float
@@ -123,7 +123,7 @@ class Variables:
         Values [as declared], rates of the continuous states, and by how much the condition of each is
         violated, not a number if it has none [as declared].
     free : array of bool
-        Which may be chosen.
+        Whether each element is free.
     bounds, at_bounds : tuple
         Their bounds [as declared], and which are there.
     """
@@ -138,7 +138,7 @@ class Variables:
     residuals: Vector
 
     def lines(self) -> Iterator[TrimLine]:
-        """Return what is said of each."""
+        """Return the line of each element."""
         kinds = ("state", "mode", "discrete state", "held output", "input")
         for kind, layout in zip(kinds, (*self.plan.stored, self.plan.held, self.plan.u), strict=True):
             for e in layout:
@@ -171,7 +171,7 @@ class Variables:
 def output_lines(
     outputs: Iterable[Named], values: Mapping[str, Array], off: Mapping[str, float]
 ) -> Iterator[TrimLine]:
-    """Return what is said of each element of the `outputs`, which have these `values` [as declared].
+    """Return the line of each element of the `outputs` with these `values` [as declared].
 
     Those that are wanted are `off` by so much, by label [as declared].
     """

@@ -1,4 +1,4 @@
-r"""How much delay and how long a control period a loop stands."""
+r"""Delay margin and largest sample time of a loop."""
 
 from __future__ import annotations
 
@@ -18,8 +18,8 @@ from trussflow.blocks.linear_analysis.margins import stable_poles
 if TYPE_CHECKING:
     import control
 
-GRID = 4000
-"""Frequencies at which the eigenvalues of the loop gain are looked at."""
+GRID_POINTS = 4000
+"""Number of frequencies at which the eigenvalues of the loop gain are computed [-]."""
 
 
 def delay_margin(
@@ -115,7 +115,7 @@ def _grid(poles: NDArray[np.complex128]) -> Vector:
     peaks = np.unique(np.abs(poles.imag[np.abs(poles.imag) > low]))
     around = np.geomspace(1e-9, 1e-2, 22)
     around = 1 + np.concatenate([-around, around])
-    return np.unique([*np.geomspace(low, high, GRID), *np.outer(peaks, around).ravel()])
+    return np.unique([*np.geomspace(low, high, GRID_POINTS), *np.outer(peaks, around).ravel()])
 
 
 def largest_sample_time(
@@ -142,7 +142,7 @@ def largest_sample_time(
     delay : float
         Computing time, from 0 to 1 periods [-].
     shortest, longest : float
-        Where to search [s].
+        Range of the search [s].
     points : int
         Periods looked at on the way up, evenly in logarithm [-].
 

@@ -27,7 +27,7 @@ from trussflow.blocks.framework.validation import (
     shown,
 )
 from trussflow.blocks.linear_analysis.frequency.excitation import (
-    BEYOND,
+    SWEEP_MARGIN,
     Excitation,
     Multisine,
     Sweep,
@@ -85,12 +85,12 @@ def estimated_response(
     item : Block
         A diagram, or a single block; sampled and Python blocks may be in it.
     inputs, outputs : Port, str or sequence of these, optional
-        Where the excitation is added, and what is read, as for `linearize`.
+        Ports that receive the excitation, and measured ports, as for `linearize`.
     omega : array_like
         Frequencies [rad/s]. They are moved to the nearest multiples of 2π/T, and each counts once.
     amplitude : array_like
-        Of each element of the inputs, or one number for all: a sine of it has as much power as the
-        excitation [unit of the input].
+        Amplitude of a sine with the power of the excitation, for each element of the inputs or one for all
+        [unit of the input].
     step : float
         Step of the solver, and between samples [s].
     signal : str
@@ -98,10 +98,9 @@ def estimated_response(
         orthogonal to each other; or ``"chirp"``: one input after the other is swept through the
         frequencies in every period, which excites all those between them, too.
     at : OperatingPoint, optional
-        Where to start; by default the initial states. Its time is not looked at: every run begins at 0.
+        Initial operating point; by default the initial states. Its time is ignored; each run begins at 0.
     realizations : int
-        How often all is repeated: with other random phases, or with sweeps that begin elsewhere and with
-        the opposite sign [-].
+        Number of repetitions with other random phases, or with sweeps of other start and opposite sign [-].
     cycles : int
         Periods of the slowest frequency within T, at least [-].
     sample_time : float, optional
@@ -114,7 +113,7 @@ def estimated_response(
     solver : str
         As for `Simulator`.
     seed : int
-        Of the random phases [-].
+        Seed of the random phases [-].
 
     Returns
     -------
@@ -176,7 +175,7 @@ def estimated_response(
         sources.append(
             Multisine(one.port, moved)
             if signal == "multisine"
-            else Sweep(one.port, moved[0] / BEYOND, moved[-1] * BEYOND, float(period))
+            else Sweep(one.port, moved[0] / SWEEP_MARGIN, moved[-1] * SWEEP_MARGIN, float(period))
         )
         sources[-1].named(f"excitation {number + 1}")
         if sample_time is not None:

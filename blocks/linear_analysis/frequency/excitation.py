@@ -23,9 +23,8 @@ from trussflow.blocks.framework.types import Array, Vector
 from trussflow.blocks.library.sources import Constant
 from trussflow.blocks.linear_analysis.operating_point import OperatingPoint
 
-BEYOND = 1.2
-"""How far beyond the lowest and the highest frequency a sweep reaches, as a factor: at its ends it
-excites half as much [-]."""
+SWEEP_MARGIN = 1.2
+"""Factor by which a sweep exceeds the frequency range, because it excites half as much at its ends [-]."""
 
 
 class Excitation(Block):
@@ -34,7 +33,7 @@ class Excitation(Block):
     Parameters
     ----------
     port : Port
-        Where it is added: shape and unit are taken over.
+        Port that receives it; its shape and unit are used.
     """
 
     y = Output("extent", unit=Attribute("own_unit"))
@@ -60,7 +59,7 @@ class Multisine(Excitation):
     Parameters
     ----------
     port : Port
-        Where it is added.
+        Port that receives it.
     omega : Vector
         Frequencies [rad/s].
     """
@@ -91,7 +90,7 @@ class Sweep(Excitation):
     Parameters
     ----------
     port : Port
-        Where it is added.
+        Port that receives it.
     lowest, highest : float
         ω_0 and ω_1 [rad/s].
     period : float
@@ -123,9 +122,9 @@ def excited(system: System, point: OperatingPoint, sources: Mapping[Port, Block]
     system : System
         The system; it stays as it is.
     point : OperatingPoint
-        Where the inputs from outside stay.
+        Values of the external inputs.
     sources : mapping of Port to Block
-        What is added, by where.
+        Excitations, keyed by port.
 
     Raises
     ------

@@ -46,13 +46,13 @@ if TYPE_CHECKING:
 
 Complex = NDArray[np.complex128]
 
-TOLERANCE = 1e-9
-"""Of the balance, relative to the largest amplitude [-]: states that move a thousand times less are
-still right to 1e-6, and leaving out harmonics costs more. One scale for all, because small states
-that depend on powers below one would otherwise hold up the solver."""
+BALANCE_TOLERANCE = 1e-9
+"""Tolerance of the balance, relative to the largest amplitude [-]. States with a thousandth of this amplitude
+are right to 1e-6; omitted harmonics cost more. All states have one scale, because small states under
+powers below one would slow down the solver."""
 
-SMALLEST = 1e-9
-"""Amplitude, relative to the largest, at which a state that stays still is looked at."""
+MIN_AMPLITUDE_RATIO = 1e-9
+"""Amplitude, relative to the largest, that replaces the zero amplitude of a state at rest."""
 
 
 @interruptible()
@@ -225,7 +225,7 @@ class Balance:
         omega : float
             Frequency [rad/s].
         number : int
-            Which input is excited [-].
+            Number of the excited input [-].
         amplitude : float
             Its amplitude [unit of the input].
 
@@ -248,7 +248,7 @@ class Balance:
             A, B = self._quasi_linear(sizes, column, amplitude)
             resolvent = self._resolvent(omega, A)
             X = resolvent @ B * amplitude
-            sizes = np.maximum(np.abs(X), SMALLEST * np.abs(X).max(initial=amplitude))
+            sizes = np.maximum(np.abs(X), MIN_AMPLITUDE_RATIO * np.abs(X).max(initial=amplitude))
         scale = np.abs(X).max(initial=0.0) or amplitude
 
         def residual(parts: Vector) -> Any:
@@ -258,10 +258,10 @@ class Balance:
             return np.concatenate([step.real, step.imag]) / scale
 
         start = np.concatenate([X.real, X.imag]) / scale
-        if np.abs(residual(start)).max() <= TOLERANCE:
+        if np.abs(residual(start)).max() <= BALANCE_TOLERANCE:
             return np.asarray(X)  # linear, or near enough
         try:
-            found = newton_krylov(residual, start, f_tol=TOLERANCE, maxiter=100)
+            found = newton_krylov(residual, start, f_tol=BALANCE_TOLERANCE, maxiter=100)
         except (NoConvergence, ValueError):  # the latter where no step leads anywhere
             raise LinearAnalysisError(
                 f"no harmonic balance found at {omega:g} rad/s with an amplitude of "

@@ -56,9 +56,9 @@ def measured_response(
     item : Block
         A diagram, or a single block; sampled and Python blocks may be in it.
     input : Port or str
-        Where the sine is added; one element.
+        Port that receives the sine; one element.
     outputs : Port, str or sequence of these, optional
-        What is measured; by default the ports that the diagram exposes, or those of the block.
+        Measured ports; by default the exposed ports of the diagram, or those of the block.
     omega : array_like
         Frequencies [rad/s].
     amplitude : float
@@ -67,8 +67,8 @@ def measured_response(
         Step of the solver, and between samples [s]. Signals that jump at instants are sampled
         after the jump, and so seem half a step early.
     at : OperatingPoint, optional
-        Where to start; by default the initial states. Its time is not looked at: every
-        simulation begins at 0.
+        Initial operating point; by default the initial states. Its time is ignored; each simulation begins
+        at 0.
     initial : sequence of dict, optional
         For each frequency, initial states that differ from those of the point, such as those
         of the oscillation that a linear model predicts: it shortens the wait.

@@ -1,4 +1,4 @@
-"""What an estimation returns: a frequency response of python-control that knows how sure it is."""
+"""Estimated frequency response for python-control, with its standard deviation."""
 
 from __future__ import annotations
 
@@ -26,8 +26,8 @@ class ResponseEstimate(control.FrequencyResponseData):  # type: ignore[misc] # i
     Attributes
     ----------
     standard_error : array, shape (p, m, frequencies)
-        Of the complex estimate: the root mean square distance to expect between it and the mean of
-        infinitely many realizations; not a number with one of them [unit of output per unit of input].
+        Standard deviation of the complex estimate from the mean of infinitely many realizations; NaN for one
+        realization [unit of output per unit of input].
     """
 
     def __init__(self, estimates: NDArray[np.complex128], omega: NDArray[np.float64], **names: Any) -> None:

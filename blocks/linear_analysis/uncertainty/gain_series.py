@@ -21,18 +21,18 @@ import numpy as np
 
 from trussflow.blocks.framework.types import Array, Vector
 
-ORDER = 4
-"""Powers up to which the series is taken as it is [-]."""
+SERIES_ORDER = 4
+"""Order up to which the series is exact; a bound covers the rest [-]."""
 
-CORNERS = 6
-"""Parameters up to which all corners of a box are looked at [-]."""
+MAX_CORNER_PARAMETERS = 6
+"""Number of parameters up to which all corners of a box are evaluated [-]."""
 
-DIVERGING = 0.999
-"""Spectral radius from which the rest of the series is not bounded: its sum has no digits left [-]."""
+MAX_SPECTRAL_RADIUS = 0.999
+"""Spectral radius above which the bound of the remainder has no valid digits [-]."""
 
 
 class GainSeries:
-    """What the inputs do to the outputs in a box of parameters.
+    """Series of the gain from inputs to outputs over a box of parameters.
 
     Parameters
     ----------
@@ -48,7 +48,7 @@ class GainSeries:
         self.into = np.array([np.linalg.norm(box[i, self.inner :], 2) for i in blocks])
         powers = {(0,) * len(blocks): box[self.inner :]}
         series = dict(powers)
-        for _ in range(ORDER):
+        for _ in range(SERIES_ORDER):
             powers = self._multiplied(powers)
             series.update(powers)
         self.powers = np.array(list(series))
@@ -72,9 +72,9 @@ class GainSeries:
 
     @cached_property
     def bound(self) -> float:
-        """What the gain stays below in the box, infinite where that is not known [outputs / inputs]."""
+        """Upper bound on the gain in the box, infinite if unknown [outputs / inputs]."""
         tilts = self.terms[np.sum(self.powers, axis=1) == 1]
-        if len(tilts) <= CORNERS:
+        if len(tilts) <= MAX_CORNER_PARAMETERS:
             flat = self.middle + np.einsum("ci,iab->cab", corners(len(tilts)), tilts)
             nearly = float(np.max(np.linalg.norm(flat, 2, axis=(1, 2))))
         else:
@@ -84,7 +84,7 @@ class GainSeries:
     def _beyond(self, share: Vector) -> float:
         """Return what is bounded by norms, where each parameter has a share of its range only."""
         loop = self.loop * share
-        if _radius(loop) >= DIVERGING:
+        if _radius(loop) >= MAX_SPECTRAL_RADIUS:
             return np.inf
         rest = np.linalg.solve(np.eye(len(loop)) - loop, self.into)
         within = np.prod(share**self.powers, axis=1) @ self.sizes

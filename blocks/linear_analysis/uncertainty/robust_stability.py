@@ -33,8 +33,8 @@ from trussflow.blocks.linear_analysis.uncertainty.uncertain_model import Uncerta
 EPSILON = 10.0 * float(np.finfo(float).eps)
 """Relative error of each of the n sums that make an element of R [-]."""
 
-FASTEST = 300.0
-"""Logarithm of the most by which a sampled model is sped up: nothing but zero is stable then [-]."""
+MAX_LOG_SPEEDUP = 300.0
+"""Largest logarithm of the speed-up of a sampled model; beyond, only zero is stable [-]."""
 
 Polynomial = dict[tuple[int, ...], Array]
 """Coefficients by powers of the parameters."""
@@ -52,7 +52,7 @@ class RobustStability(NamedTuple):
     open : float
         Share of the parameters' box about which nothing was found [-].
     boxes : int
-        How many boxes it took [-].
+        Number of boxes [-].
     """
 
     proved: bool
@@ -69,9 +69,9 @@ def robust_stability(model: UncertainModel, *, decay: float = 0.0, boxes: int = 
     model : UncertainModel
         From `uncertain`.
     decay : float
-        How fast every motion is to decay at least, as exp(-decay t); below 0 how fast it may grow [1/s].
+        Required decay rate of every motion, exp(-decay t); a negative value allows growth [1/s].
     boxes : int
-        How many boxes of parameters to look at; where they do not do, some of them stay open [-].
+        Largest number of boxes of parameters; if it does not suffice, some boxes stay undecided [-].
 
     Returns
     -------
@@ -99,7 +99,7 @@ def robust_stability(model: UncertainModel, *, decay: float = 0.0, boxes: int = 
         matrix = model.fractions.at(delta)[:n, :n] * scale / scale[:, None]
         if not sampled:
             return matrix + decay * np.eye(n)
-        return np.asarray(matrix * np.exp(min(decay * nominal.dt, FASTEST)))
+        return np.asarray(matrix * np.exp(min(decay * nominal.dt, MAX_LOG_SPEEDUP)))
 
     whole, axes, looked = _polynomial(at, count), np.eye(count), 0
     left = [(-1.0, 0, np.zeros(count), np.ones(count))]

@@ -28,11 +28,11 @@ from trussflow.blocks.linear_analysis.references import References
 if TYPE_CHECKING:
     from trussflow.blocks.linear_analysis.linear_model import LinearModel
 
-NEGLIGIBLE = 1e-9
-"""What changes by less than this share of the largest change is round-off [-]."""
+ROUND_OFF_TOLERANCE = 1e-9
+"""Relative tolerance below which a change counts as round-off [-]."""
 
-TRIED = 8
-"""Random members that the fractional model is compared with [-]."""
+COMPARED_MEMBERS = 8
+"""Number of random members to which the fractional model is compared [-]."""
 
 Ranges = Mapping[str, tuple[Array, Array]]
 
@@ -48,7 +48,7 @@ class Fractions:
     left, inner, right : Vector
         U, Q and P [any].
     sizes : tuple of int
-        How often each δ stands in Δ [-].
+        Multiplicity of each δ in Δ [-].
     """
 
     nominal: Vector
@@ -74,7 +74,7 @@ def fractions_of(family: Callable[[Vector], Vector], count: int, balance: tuple[
     count : int
         k [-].
     balance : tuple of Vector
-        What rows and columns are divided by before ranks are told [any].
+        Scales of rows and columns before ranks are determined [any].
     """
     rows, columns = balance
     axes = np.eye(count)
@@ -115,7 +115,7 @@ def fractions_of(family: Callable[[Vector], Vector], count: int, balance: tuple[
 def _rows_of(matrices: Sequence[Vector], size: float) -> Vector:
     """Return orthonormal rows that span those of all matrices, but for what is round-off beside `size`."""
     _, values, rows = np.linalg.svd(np.vstack(matrices), full_matrices=False)
-    found: Vector = rows[values > NEGLIGIBLE * size]
+    found: Vector = rows[values > ROUND_OFF_TOLERANCE * size]
     return found
 
 
@@ -190,7 +190,7 @@ class UncertainModel:
         """
         f, found = self.fractions, 0.0
         rows, columns = _balance(self.nominal)
-        for delta in np.random.default_rng(0).uniform(-1.0, 1.0, (TRIED, len(f.sizes))):
+        for delta in np.random.default_rng(0).uniform(-1.0, 1.0, (COMPARED_MEMBERS, len(f.sizes))):
             exact = _stacked(self.family(delta))
             missed, changed = (
                 float(np.linalg.norm((exact - one) / rows[:, None] / columns))
@@ -229,7 +229,7 @@ def uncertain(
         Takes the names in `parameters` as keywords, and returns parameters of the diagram, where one
         uncertain number changes several of them. All ranges then are least and greatest value.
     at : OperatingPoint, optional
-        Where; it stays there whatever the parameters are.
+        Operating point, the same for all parameters.
     cut : Port, str or sequence of these
         As of `linearize`.
 

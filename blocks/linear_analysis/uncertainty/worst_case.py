@@ -27,20 +27,24 @@ from trussflow.blocks.framework.errors import LinearAnalysisError
 from trussflow.blocks.framework.types import Array, Vector
 from trussflow.blocks.framework.validation import finite_array, positive
 from trussflow.blocks.linear_analysis.margins import response
-from trussflow.blocks.linear_analysis.uncertainty.gain_series import CORNERS, GainSeries, corners
+from trussflow.blocks.linear_analysis.uncertainty.gain_series import (
+    MAX_CORNER_PARAMETERS,
+    GainSeries,
+    corners,
+)
 from trussflow.blocks.linear_analysis.uncertainty.uncertain_model import UncertainModel
 
 if TYPE_CHECKING:
     from trussflow.blocks.linear_analysis.linear_model import LinearModel
 
-GROWING = 1e-6
-"""Growth of poles that are on the edge of stability but for round-off, as a share of the fastest [-]."""
+EDGE_TOLERANCE = 1e-6
+"""Growth rate, relative to the fastest pole, that counts as the edge of stability [-]."""
 
-CLIMBING = 50
-"""Gains that are looked at to climb from a member, for each parameter [-]."""
+ASCENT_EVALUATIONS = 50
+"""Gain evaluations per parameter of the local ascent from a member [-]."""
 
-REAL = 12
-"""Repeated parameters up to which the bound for real ones is tried; it takes long for more [-]."""
+MAX_REAL_REPETITIONS = 12
+"""Number of repeated parameters up to which the bound for real parameters is computed [-]."""
 
 
 class WorstGain(NamedTuple):
@@ -51,15 +55,14 @@ class WorstGain(NamedTuple):
     omega : Vector, shape (k,)
         [rad/s].
     reached : Vector, shape (k,)
-        Of a member of the fractional model that was found: largest singular value from all inputs to all
-        outputs [their units].
+        Largest singular value, from all inputs to all outputs, of the worst member found [their units].
     bound : Vector, shape (k,)
-        What no member of the fractional model exceeds, likewise; infinite where one may have a pole at this
-        frequency [their units].
+        Upper bound on this value over all members of the fractional model; infinite if a member may have a
+        pole at this frequency [their units].
     parameters : tuple of dict
-        Of the members that were found [as declared].
+        Parameters of the worst members [as declared].
     boxes : Vector, shape (k,)
-        How many boxes it took [-].
+        Number of boxes [-].
     """
 
     omega: Vector
@@ -104,7 +107,7 @@ class _Gain:
         """Return a member near `delta` of a gain that is not less."""
         from scipy.optimize import minimize
 
-        settings: Any = {"method": "Nelder-Mead", "options": {"maxfev": CLIMBING * len(delta)}}
+        settings: Any = {"method": "Nelder-Mead", "options": {"maxfev": ASCENT_EVALUATIONS * len(delta)}}
 
         def lost(delta: Vector) -> float:
             return -min(self.at(delta), sys.float_info.max)
@@ -115,7 +118,7 @@ class _Gain:
     def stays_below(self, gain: float, centre: Vector, half: Vector) -> bool:
         """Tell whether the gain of all members in a box is proved to be below `gain`."""
         k = self.inner
-        if k > REAL:
+        if k > MAX_REAL_REPETITIONS:
             return False
         box = self.within(centre, half)
         closed = np.vstack([box[:k], box[k:] / gain])
@@ -128,9 +131,9 @@ def mu_bound(matrix: Array, real: int, block: int) -> float:
     Parameters
     ----------
     matrix : array, shape (n, n)
-        What the uncertainty closes [1].
+        Transfer matrix that the uncertainty closes [1].
     real : int
-        How many real scalars there are [-].
+        Number of real scalars [-].
     block : int
         Size of the complex block; 0 for none [-].
     """
@@ -154,12 +157,11 @@ def worst_gain(
     model : UncertainModel
         From `uncertain`.
     omega : array_like, shape (k,)
-        Frequencies; between them nothing is said [rad/s].
+        Frequencies; the bound does not hold between them [rad/s].
     tolerance : float
-        How far apart the two may be, as a share [-].
+        Relative gap allowed between both bounds [-].
     boxes : int
-        How many boxes of parameters to look at for each frequency; where they do not do, the bound is
-        farther off [-].
+        Largest number of boxes of parameters for each frequency; fewer boxes give a looser bound [-].
 
     Returns
     -------
@@ -202,14 +204,14 @@ def worst_gain(
 
 def _members(count: int) -> list[Vector]:
     """Return where parameters are looked at first: in the middle, and at all corners if there are few."""
-    return [np.zeros(count), *(corners(count) if count <= CORNERS else ())]
+    return [np.zeros(count), *(corners(count) if count <= MAX_CORNER_PARAMETERS else ())]
 
 
 def _grows(model: LinearModel) -> bool:
     """Tell whether a linear model is unstable."""
     poles = model.poles()
     growth = np.log(np.maximum(np.abs(poles), sys.float_info.min)) if model.dt else poles.real
-    return bool(np.max(growth, initial=0.0) > GROWING * max(np.max(np.abs(poles), initial=0.0), 1.0))
+    return bool(np.max(growth, initial=0.0) > EDGE_TOLERANCE * max(np.max(np.abs(poles), initial=0.0), 1.0))
 
 
 def _worst(gain: _Gain, count: int, tolerance: float, most: int) -> tuple[float, float, Vector, int]:
