@@ -21,8 +21,6 @@ ONE_WORD = re.compile(r"[A-Z]{2,}$")
 
 # Breaches of the rules left in each package. Lower a number when you mend one; never raise it.
 EXCEPTIONS = {
-    "blocks/library": 5,
-    "blocks/simulation": 72,
     "examples": 2,
     "examples/analysis": 1,
     "models/flight": 107,

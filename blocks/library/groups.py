@@ -25,8 +25,8 @@ from trussflow.blocks.framework.validation import one_of, shown
 Maker = Callable[[type[Block]], type[Block]]
 """Makes a class that heeds what a group does of the class of a block."""
 
-LEVEL = 0.5
-"""Above it a signal enables, and at it is the edge of a trigger [-]: comparisons and logic give 0 and 1."""
+ENABLE_THRESHOLD = 0.5
+"""Threshold of enable signals and trigger edges [-]; comparisons and logic give 0 and 1."""
 
 
 def enabled(group: Diagram, *, states: str = "held", outputs: str = "held") -> Diagram:
@@ -130,7 +130,7 @@ def triggered(group: Diagram, *, edge: str = "rising") -> Diagram:
 
 
 class Gate(Block):
-    """What all that heeds a group's input has in common: whether the group runs, and when that changes."""
+    """Base of blocks that follow the enable signal of a group."""
 
     group_enable = Input(meaning="the group runs while it is above 0.5")
     group_runs = Mode(meaning="whether the group runs")
@@ -138,11 +138,11 @@ class Gate(Block):
 
     def initial_state(self, u: Signals, p: Signals) -> Values:
         """Run from the start on, if the input says so."""
-        return {"group_runs": np.where(u.group_enable > LEVEL, 1.0, 0.0)}
+        return {"group_runs": np.where(u.group_enable > ENABLE_THRESHOLD, 1.0, 0.0)}
 
     def indicators(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
         """Return how far the input is above the level."""
-        return dict.fromkeys(("group_starts", "group_stops"), u.group_enable - LEVEL)
+        return dict.fromkeys(("group_starts", "group_stops"), u.group_enable - ENABLE_THRESHOLD)
 
     def on_event(self, t: Array, x: Signals, u: Signals, p: Signals, fired: Signals) -> Values:
         """Start, or stop."""
@@ -151,7 +151,7 @@ class Gate(Block):
 
 
 class GroupOutput(Gate):
-    """What an enabled group exposes: it passes while the group runs.
+    """Output of an enabled group, which passes while the group runs.
 
     Parameters
     ----------
@@ -169,7 +169,7 @@ class GroupOutput(Gate):
 
     def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
         """Return the signal, or what was kept of it."""
-        return {"y": np.where(x.group_runs > LEVEL, u.u, x.kept)}
+        return {"y": np.where(x.group_runs > ENABLE_THRESHOLD, u.u, x.kept)}
 
     def on_event(self, t: Array, x: Signals, u: Signals, p: Signals, fired: Signals) -> Values:
         """Keep the signal where the group stops."""
@@ -178,7 +178,7 @@ class GroupOutput(Gate):
 
 
 class Trigger(Block):
-    """What all that heeds a trigger has in common: where its edges are."""
+    """Base of blocks that act at the edges of a trigger."""
 
     group_trigger = Input(meaning="the group computes where it passes 0.5")
     group_rises, group_falls = Event("rising"), Event("falling")
@@ -187,7 +187,7 @@ class Trigger(Block):
 
     def indicators(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
         """Return how far the input is above the level."""
-        return dict.fromkeys(("group_rises", "group_falls"), u.group_trigger - LEVEL)
+        return dict.fromkeys(("group_rises", "group_falls"), u.group_trigger - ENABLE_THRESHOLD)
 
     def heeded(self, fired: Signals) -> Array:
         """Return whether what happens is an edge of the kind meant."""
@@ -196,7 +196,7 @@ class Trigger(Block):
 
 
 class GroupLatch(Trigger):
-    """What a triggered group exposes: the signal at the last edge.
+    """Output of a triggered group: the signal at the last edge.
 
     Parameters
     ----------
@@ -325,7 +325,7 @@ def _enabled(base: type[Block]) -> type[Block]:
 
     def derivative(self: Any, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
         rates = base.derivative(self, t, x, u, p)
-        return {n: np.where(x.group_runs > LEVEL, rate, 0.0) for n, rate in rates.items()}
+        return {n: np.where(x.group_runs > ENABLE_THRESHOLD, rate, 0.0) for n, rate in rates.items()}
 
     def initial_state(self: Any, u: Signals, p: Signals) -> Values:
         return base.initial_state(self, u, p) | Gate.initial_state(self, u, p)
@@ -333,7 +333,7 @@ def _enabled(base: type[Block]) -> type[Block]:
     def indicators(self: Any, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
         own = base.indicators(self, t, x, u, p)
         still = {n: x[sides[n]] if n in sides else np.inf for n in events}
-        runs = {n: np.where(x.group_runs > LEVEL, own[n], still[n]) for n in events}
+        runs = {n: np.where(x.group_runs > ENABLE_THRESHOLD, own[n], still[n]) for n in events}
         return runs | Gate.indicators(self, t, x, u, p)
 
     def on_event(self: Any, t: Array, x: Signals, u: Signals, p: Signals, fired: Signals) -> Values:
@@ -365,7 +365,7 @@ def _sampled(base: type[Block]) -> type[Block]:
     def start(self: Any, x: Signals, u: Signals, p: Signals) -> Signals:
         if not self.group_resets:
             return x
-        anew = np.logical_and(u.group_enable > LEVEL, x.group_ran < LEVEL)
+        anew = np.logical_and(u.group_enable > ENABLE_THRESHOLD, x.group_ran < ENABLE_THRESHOLD)
         first = _initial(base, self, u, p)
         return Signals(x.owner, {n: np.where(anew, first[n], v) if n in first else v for n, v in x.items()})
 
@@ -373,7 +373,7 @@ def _sampled(base: type[Block]) -> type[Block]:
         return base.output(self, t, start(self, x, u, p), u, p)
 
     def update(self: Any, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
-        runs = u.group_enable > LEVEL
+        runs = u.group_enable > ENABLE_THRESHOLD
         following = base.update(self, t, start(self, x, u, p), u, p)
         values = {n: np.where(runs, value, x[n]) for n, value in following.items()}
         return values | {"group_ran": np.where(runs, 1.0, 0.0)}

@@ -24,14 +24,14 @@ from trussflow.blocks.tracing import block_check
 from trussflow.blocks.tracing.calling import checked, running_errors
 from trussflow.blocks.tracing.compile_cache import CompilationError
 
-POINTS = 12
-"""Random points at which a block is looked at."""
+RANDOM_POINTS = 12
+"""Number of random points at which a block is checked [-]."""
 
 ROUND_OFF = 1e-9
 """Between two orders of the same operations."""
 
 Values = dict[tuple[str, str], Array]
-"""What equations return, by their kind and the name of a port or state."""
+"""Values of the equations, keyed by kind and name of a port or state."""
 
 
 class FaultError(Exception):
@@ -43,7 +43,7 @@ class NotApplicableError(Exception):
 
 
 class Bench:
-    """What the checks have in common; each returns a remark, or raises.
+    """Base of the checks; each check returns a remark or raises an error.
 
     Parameters
     ----------
@@ -71,7 +71,7 @@ class Bench:
                 there = ", ".join(name for name in sizes if name)
                 raise NameLookupError(f"{self.p.owner} has no state or input '{name}'; there are: {there}")
         about = {name: finite_array(f"'{name}'", value, sizes[name]) for name, value in self.around.items()}
-        for point in block_check.points(tuple(sizes.values()), POINTS)[:POINTS]:
+        for point in block_check.points(tuple(sizes.values()), RANDOM_POINTS)[:RANDOM_POINTS]:
             pairs = zip(sizes, point, strict=True)
             self.points.append([about[n] + 0.1 * v if n in about else v for n, v in pairs])
         modes = block.declared(Mode)
@@ -131,7 +131,9 @@ class Bench:
         if not good:
             raise refused[0]
         self.points = [point for point, _ in good]
-        remarks = [f"{len(refused)} of {POINTS} random points are refused: {refused[0]}"] if refused else []
+        remarks = (
+            [f"{len(refused)} of {RANDOM_POINTS} random points are refused: {refused[0]}"] if refused else []
+        )
         for kind, name in dict.fromkeys(key for _, each in good for key in each):
             values = [each[kind, name] for _, each in good if (kind, name) in each]
             may = kind == "indicators" or name in self.block.declared(Mode)
@@ -185,7 +187,7 @@ class Bench:
             raise NotApplicableError(f"no C compiler works here: {error}") from None
         plan, chance = prepared.plan, np.random.default_rng(0)
         plain, p = NumPyExecutor(plan, prepared.quantities), plan.parameters(None)
-        for quantity in [*prepared.quantities] * POINTS:
+        for quantity in [*prepared.quantities] * RANDOM_POINTS:
             t, x, d = chance.random(), chance.normal(size=plan.x.size), chance.normal(size=plan.d_size)
             d[plan.fired.span] = d[plan.fired.span] > 0.0
             with np.errstate(all="ignore"):

@@ -38,14 +38,14 @@ class BlockCall:
     path : str
         Its path.
     states, outputs, parameters : slice
-        Where its states are in x (of a continuous block) or d (of a sampled one), its outputs in
+        Indices of its states in x (continuous block) or d (sampled block), of its outputs in
         d, and its parameters in p.
     size : int
         Number of its states [-].
     modes, events, fired : slice
-        Where its modes and which of its events happen are in d, and its indicators among all.
+        Indices of its modes and event flags in d, and of its indicators among all.
     needed : array of bool
-        Which of its inputs any of its outputs depends on within an instant.
+        Inputs with direct feedthrough to any output.
     direct : bool
         Whether there are any.
     """
@@ -105,7 +105,7 @@ class BlockCall:
         s, u, p : Vector
             The block's own states and modes, inputs and parameters [units as declared].
         *more : Signals
-            What else the equation takes.
+            Further arguments of the equation.
         """
         with running_errors(self.block, kind, t):
             return getattr(equations, kind)(np.float64(t), *self.signals(s, u, p), *more)

@@ -1,4 +1,4 @@
-"""A report on a block of the user's own: what is checked, and how it is told."""
+"""Report on a block: the checks and their results."""
 
 from __future__ import annotations
 

@@ -16,17 +16,17 @@ from trussflow.blocks.tracing.calling import running_errors
 from trussflow.blocks.tracing.program import lower
 from trussflow.blocks.tracing.tracing import to_expression
 
-STEP = 1e-6
-"""Of differences, relative to numbers above one."""
+DIFFERENCE_STEP = 1e-6
+"""Step of differences, relative to numbers above one [-]."""
 
-SLOPES = 1e-4
-"""What differences leave of a derivative's accuracy, with room for curvature, relative to the largest.
+SLOPE_TOLERANCE = 1e-4
+"""Tolerance of derivatives against differences, relative to the largest derivative [-].
 
 That is of each output or state by itself: a large one must not hide the others.
 """
 
 Places = list[tuple[int, int]]
-"""What is differentiated by: the number of an array of a point, and of an element in it."""
+"""Variable of the derivative: number of an array of a point, and of an element in it."""
 
 
 def derivatives(bench: Bench) -> str:
@@ -49,7 +49,7 @@ def derivatives(bench: Bench) -> str:
         values = bench.values(bench.opened(), kinds, point)
         ends = np.cumsum([v.size for v in values.values()], dtype=int)[:-1]
         for (i, k), slopes in zip(places, exact(point).T, strict=True):
-            step = STEP * max(1.0, abs(point[i].flat[k]))
+            step = DIFFERENCE_STEP * max(1.0, abs(point[i].flat[k]))
             try:
                 a, b, c, d = (_moved(bench, kinds, point, i, k, n * step) for n in (-10.0, -1.0, 1.0, 10.0))
             except SimulationError:  # at the edge of what it takes
@@ -57,7 +57,9 @@ def derivatives(bench: Bench) -> str:
             with np.errstate(all="ignore"):
                 found, wide = (c - b) / (2.0 * step), (d - a) / (20.0 * step)
                 parts = zip(*(np.split(v, ends) for v in (found, wide, slopes)), strict=True)
-                wrong = np.concatenate([near(w, f, SLOPES) & ~near(s, f, SLOPES) for f, w, s in parts])
+                wrong = np.concatenate(
+                    [near(w, f, SLOPE_TOLERANCE) & ~near(s, f, SLOPE_TOLERANCE) for f, w, s in parts]
+                )
                 wrong &= np.isfinite(slopes + found)
             if wrong.any():
                 worst = int(np.argmax(wrong))

@@ -29,7 +29,7 @@ class Channel:
     port : Port
         The port of a leaf block, whole or sliced.
     columns : slice
-        Where the whole port sits in a logged row.
+        Place of the whole port in a logged row.
     dims : tuple of str
         Names of the axes behind time.
     """

@@ -7,22 +7,22 @@ import numpy as np
 from trussflow.blocks.framework.call_site import warn
 from trussflow.blocks.simulation.run import Run
 
-HUGE = 1e12
-"""Size of a state from which on it is looked whether steps made it so [as declared]."""
+MIN_CHECKED_SIZE = 1e12
+"""Modulus of a state above which the step size is checked as its cause [as declared]."""
 
-FOLLOWED = 2.0
-"""Most that the largest state may change within a step, by its rate, relative to its size [-]: at the limit
+MAX_RELATIVE_CHANGE = 2.0
+"""Largest change of the largest state within a step, by its rate, relative to its size [-]: at the limit
 of stability of RK4 it is 2.8, of Euler's method 2. What grows by itself and is followed changes far less."""
 
 
 def warn_of_coarse_steps(run: Run) -> None:
     """Warn if the largest state at the end of a `run` is huge, and would change by more than itself."""
     step, sizes = run.prepared.step, np.abs(run.x)
-    if step is None or not sizes.size or (size := float(sizes.max())) < HUGE:
+    if step is None or not sizes.size or (size := float(sizes.max())) < MIN_CHECKED_SIZE:
         return
     worst = int(sizes.argmax())
     rate = run.executor.call("derivative", run.time, run.x, run.d, run.p)[worst]
-    if abs(rate) * float(step) > FOLLOWED * size:
+    if abs(rate) * float(step) > MAX_RELATIVE_CHANGE * size:
         entry = run.prepared.plan.x.at(worst)
         warn(
             f"{entry.describe(worst - entry.start)} ends at {run.x[worst]:.3g}, and would change by more "

@@ -37,7 +37,7 @@ class EnergyMeter(Block):
     sizes : sequence of int
         Elements of each pair of ports e and f [-].
     signs : sequence of float
-        Of each pair [-].
+        Sign of each pair [-].
     losses : int
         Elements of the dissipated power D [-].
     """
@@ -124,7 +124,7 @@ def energy_audit(
     Parameters
     ----------
     diagram : Diagram
-        What to run; it stays as it is.
+        Diagram to simulate; it does not change.
     duration : float
         Time to simulate [s].
     accounts : mapping, optional

@@ -25,13 +25,13 @@ MOST_EVENTS = 200
 """Events as good as at one time after which they are taken to go on for ever."""
 
 CLOSE = 1000 * PLACE
-"""How close events are as good as at one time, relative to it and to the step: no step tells them apart."""
+"""Tolerance below which events count as simultaneous, relative to the time and to the step [-]."""
 
-TURNED = 0.25
-"""Size of the side of what turned back at its event."""
+TURNED_SIDE = 0.25
+"""Modulus of the side of an indicator that turned back at its event [-]."""
 
-AHEAD = 1e-6
-"""How far it is looked where an indicator goes from an event, in steps."""
+DIRECTION_STEP = 1e-6
+"""Distance from an event at which the direction of an indicator is evaluated, in steps [-]."""
 
 
 class EventWatch:
@@ -46,7 +46,7 @@ class EventWatch:
     plan : Plan
         The plan.
     d, p : Vector
-        What changes at instants, here too, and parameters [as declared].
+        Discrete values, which are changed here, and parameters [as declared].
     """
 
     def __init__(self, executor: Executor, plan: Plan, d: Vector, p: Vector) -> None:
@@ -109,7 +109,7 @@ class EventWatch:
         """Mark in d which events happen with the indicators as they are; tell whether any does."""
         g, sides = self._g, self._sides
         # What turned back at an event is beyond zero by round-off, and was handled at this very time.
-        self._quiet = (np.abs(sides) == TURNED) & (t == self._last)
+        self._quiet = (np.abs(sides) == TURNED_SIDE) & (t == self._last)
         falls = self._may_fall & (sides > 0.0) & ((g < 0.0) | ((g == 0.0) & (sides == 1.0)))
         rises = self._may_rise & (sides < 0.0) & ((g > 0.0) | ((g == 0.0) & (sides == -1.0)))
         self._fired[:] = ((falls | rises) & ~self._quiet) | (
@@ -139,7 +139,7 @@ class EventWatch:
             close = t - last <= CLOSE * (abs(t) + (step or 0.0))
             self._last, self._number = t, self._number + 1 if close else 1
             # An arc that is too short to be located ends where it began, still on its way up.
-            short = t - last <= 2 * LOCATED_TO * abs(t) and (fired * np.abs(sides) == TURNED).any()
+            short = t - last <= 2 * LOCATED_TO * abs(t) and (fired * np.abs(sides) == TURNED_SIDE).any()
             if self._number > MOST_EVENTS or short:
                 endless(t)
             times = self._g[self._timed & (fired > 0.0)]
@@ -154,11 +154,11 @@ class EventWatch:
             self._indicate(t, x)
             g, old, own = self._g, np.where(sides > 0.0, 1.0, -1.0), fired > 0.0
             if step is not None:  # where do they go from here?
-                soon = x + AHEAD * step * executor.call("derivative", t, x, d, p)
-                ahead = executor.call("indicators", t + AHEAD * step, soon, d, p)
+                soon = x + DIRECTION_STEP * step * executor.call("derivative", t, x, d, p)
+                ahead = executor.call("indicators", t + DIRECTION_STEP * step, soon, d, p)
                 near = own & self._directed & (g * old <= 0.0)
                 on = np.where(ahead == g, g * old < 0.0, ahead * old < g * old)
-                sides[near] = np.where(on, -0.5 * old, TURNED * old)[near]
+                sides[near] = np.where(on, -0.5 * old, TURNED_SIDE * old)[near]
                 own &= ~near
             sides[own] = np.where(g * old > 0.0, old, np.where(g == 0.0, -0.5 * old, -old))[own]
             step = None

@@ -31,7 +31,7 @@ from trussflow.blocks.tracing.quantities import Quantity
 
 
 class Progress(NamedTuple):
-    """How far `Executor.advance` came.
+    """Result of `Executor.advance`.
 
     Attributes
     ----------
@@ -42,7 +42,7 @@ class Progress(NamedTuple):
     bad : Vector or None
         The vector that is not finite [as declared].
     error : BaseException or None
-        What was raised instead.
+        Exception raised instead.
     """
 
     steps: int
@@ -63,7 +63,7 @@ class Span(NamedTuple):
     first : int
         Tick at which the span starts [-].
     begin, end : int
-        Where its steps stand in the arrays, which may be longer [-].
+        Places of its steps in the arrays, which may be longer [-].
     due : array of uint16
         For each step, 0 or the number of the sample function to call before it.
     logged : array of uint8
@@ -80,7 +80,7 @@ class Span(NamedTuple):
 
 
 class Executor:
-    """What a run needs of a plan. This base steps in Python; ``driver.c`` does the same in C.
+    """Evaluation of a plan in a run. This base class steps in Python; ``driver.c`` does the same in C.
 
     Everywhere `name` is that of a quantity, `number` that of a set of clocks that tick together,
     `t` the time [s], and `x`, `d`, `p` are the continuous states, what changes at instants and the
@@ -269,7 +269,7 @@ class InPlace:
     Parameters
     ----------
     function : casadi.Function
-        Of dense arguments, with one dense result.
+        Function of dense arguments with one dense result.
     """
 
     def __init__(self, function: ca.Function) -> None:

@@ -38,12 +38,12 @@ class Lanes:
     Parameters
     ----------
     simulator : Simulator
-        What the runs are of; `goes_in_lanes` says whether it can be.
+        Prepared diagram of the runs, accepted by `goes_in_lanes`.
 
     Attributes
     ----------
     count : int
-        How many there are [-].
+        Number of runs [-].
 
     Raises
     ------

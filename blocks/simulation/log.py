@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
 
 NOT_FINITE = "stop", "warn", "ignore"
-"""What a run may do about logged signals that are not finite."""
+"""Reactions to logged signals that are not finite."""
 
 BUFFER_ROWS = 1024
 """Rows for which room is made at once, where they are not wide."""
@@ -35,7 +35,7 @@ BUFFER_NUMBERS = 500_000
 """Numbers for which room is made at once, at most; 4 MB."""
 
 Messages = Mapping[str, Sequence[str]]
-"""What there is to tell of a run, by block or member."""
+"""Messages of a run, keyed by block or subsystem."""
 
 
 STATUS: dict[type[BaseException], str] = {
@@ -44,7 +44,7 @@ STATUS: dict[type[BaseException], str] = {
     RunEndedError: "ended",
     TimeLimitError: "timeout",
 }
-"""What a result says of a run that something ended; "failed" for all other errors."""
+"""Status of a run by the exception that ended it; "failed" for all other errors."""
 
 
 class Log:
@@ -55,9 +55,9 @@ class Log:
     channels : sequence of Channel
         Channels of a row.
     attributes : mapping
-        What the result says of the run.
+        Status of the run in the result.
     not_finite : str
-        What to do about the first row with a number that is not finite: ``"stop"``, ``"warn"`` when
+        Reaction to the first row with a number that is not finite: ``"stop"``, ``"warn"`` when
         the run is complete, or ``"ignore"``.
 
     Attributes
@@ -67,7 +67,7 @@ class Log:
     last : float
         Time of the last row [s].
     resumed : Any
-        What `checkpoint` was given by the run that goes on here, if it was stopped and left that.
+        Argument of `checkpoint` in the stopped run that is resumed here, if there is one.
     finished : bool
         Whether the result is there already, of this run or of the same run before.
     """
@@ -105,7 +105,7 @@ class Log:
         times : Vector or float
             Their times [s].
         number : int
-            How many there are [-].
+            Number of rows [-].
         """
         stop = self._used + number
         self._buffer[0][self._used : stop] = times
@@ -196,7 +196,7 @@ class Log:
         t : float
             Time up to which it came [s].
         messages : mapping of str to sequence of str
-            What there is to tell of the run, by block or member.
+            Messages of the run, keyed by block or subsystem.
         **attributes
             As for `finish`; the status is added.
 

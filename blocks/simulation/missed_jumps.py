@@ -29,7 +29,7 @@ def warn_of_missed_jumps(plan: Plan, step: Fraction, span: tuple[Fraction, Fract
     step : Fraction
         Length of a step [s].
     span : tuple of Fraction
-        Where the run begins and ends [s].
+        Initial and final time of the run [s].
     p : Vector
         Parameters [as declared].
     """

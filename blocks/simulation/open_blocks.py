@@ -19,7 +19,7 @@ from trussflow.blocks.framework.types import Array, Vector
 from trussflow.blocks.tracing.calling import running_errors
 
 _opened: WeakSet[Running] = WeakSet()
-"""What was opened already, as far as it is still there."""
+"""Objects that are already open."""
 
 
 def open_block(block: Block, p: Signals) -> Equations:
@@ -89,7 +89,7 @@ class OpenBlocks:
 
     @property
     def messages(self) -> dict[str, list[str]]:
-        """What there is to tell of this run, by path."""
+        """Messages of this run, keyed by path."""
         return {path: list(running.messages) for path, running in self.kept().items() if running.messages}
 
     @property
@@ -166,7 +166,7 @@ class SampledStepping(Running):
     Parameters
     ----------
     inner : SelfStepping
-        What steps itself.
+        Self-stepping object.
     block : Block
         Its block.
     """
@@ -188,7 +188,7 @@ class SampledStepping(Running):
 
     @property
     def messages(self) -> tuple[str, ...]:
-        """What there is to tell of this run."""
+        """Messages of this run."""
         return self._inner.messages
 
     def tuned(self) -> None:

@@ -67,7 +67,7 @@ class Assembly:
     plan : Plan
         The plan.
     quantities : sequence of Quantity
-        What is to be computed, besides what sampled and Python blocks need.
+        Quantities to compute besides those that sampled and Python blocks need.
     backend : str
         As for `Solver`.
     step : Fraction, optional
@@ -76,7 +76,7 @@ class Assembly:
     Attributes
     ----------
     schedule, has_clocks : Schedule, bool
-        When which sampled blocks compute, and whether there are any.
+        Schedule of the sampled blocks, and whether there are any.
     sampled, continuous : SampledPythonBlocks, ContinuousPythonBlocks
         The Python blocks.
     tick, tick_seconds : Fraction, float
@@ -117,7 +117,7 @@ class Assembly:
 
     @functools.cached_property
     def traced(self) -> Executor:
-        """What evaluates all that is traced; each run has a fresh one."""
+        """Executor of the traced equations, new for each run."""
         if self.backend == "numpy":
             return NumPyExecutor(self.plan, self.quantities)
         if self.backend != "interpreted":
@@ -151,9 +151,9 @@ class Prepared(Assembly):
     Parameters
     ----------
     diagram : Diagram or System
-        What is to run.
+        Diagram to simulate.
     solver : Solver
-        How it is integrated and evaluated.
+        Solver of the run.
     chosen : mapping, sequence or None
         The ports that results hold; None: every output.
 
@@ -208,7 +208,7 @@ class Prepared(Assembly):
 
     @property
     def identity(self) -> dict[str, str | float]:
-        """What a state that goes on to the last bit must be of."""
+        """Identity that a saved state must have so that a run continues bit by bit."""
         solver = self.solver
         return {
             "trussflow_version": own_version(),

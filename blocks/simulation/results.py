@@ -73,7 +73,7 @@ def dataset(
 
 
 WRITE_ERRORS = OSError, RuntimeError, UnicodeError
-"""What the netCDF library raises: a full disk is a RuntimeError "HDF error", without a number."""
+"""Exceptions of the netCDF library; a full disk raises a RuntimeError "HDF error" without a number."""
 
 
 def cannot_write(path: str | Path, error: BaseException, more: str = "") -> SimulationError:

@@ -36,8 +36,8 @@ from trussflow.blocks.tracing.quantities import derivative
 CHUNK_NUMBERS = 500_000
 """Logged numbers between two looks at the keyboard at most; 4 MB."""
 
-WINDOW = 1024
-"""Ticks for which it is looked up at once what is due."""
+WINDOW_TICKS = 1024
+"""Number of ticks whose due blocks are determined at once [-]."""
 
 SHORT_STEP = 1e-6
 """Steps of an adaptive solver below this share of the run are short [-]."""
@@ -73,7 +73,7 @@ class Run:
     Attributes
     ----------
     prepared : Prepared
-        What it has in common with other runs.
+        Data shared with other runs.
     executor : Executor
         Executor of this run.
     x, d, p : Vector
@@ -85,7 +85,7 @@ class Run:
     origin : Fraction
         Time at which it began, from which instants are counted [s].
     first : int
-        The same in ticks from time 0, which fixed steps are counted from [-].
+        Initial time in ticks from time 0, from which fixed steps are counted [-].
     k : int
         Ticks since then [-].
     beyond : Fraction
@@ -233,7 +233,7 @@ class Run:
         while self.k < last:
             k = self.k
             if k == stop:
-                base, stop = k, min(last, k + max(WINDOW, chunk))
+                base, stop = k, min(last, k + max(WINDOW_TICKS, chunk))
                 due = prepared.schedule.due(base, stop - base)
                 logged = np.zeros(stop - base, dtype=np.uint8)
                 if every:

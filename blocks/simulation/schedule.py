@@ -1,4 +1,4 @@
-"""Which blocks tick when, in integer ticks."""
+"""Schedule of the blocks in integer ticks."""
 
 from __future__ import annotations
 
@@ -16,8 +16,8 @@ from trussflow.blocks.tracing.loops import Active, SomeOf
 MOST_SETS = 1000
 """Sets of clocks that tick together; each needs code of its own."""
 
-LONGEST = 10**18
-"""Ticks between two instants of a clock; they are counted in 64 bits."""
+MAX_PERIOD_TICKS = 10**18
+"""Largest number of ticks between two instants of a clock, which are counted in 64 bits [-]."""
 
 SCAN_LIMIT = 1_000_000
 """Ticks looked through for sets of clocks that tick together; 8 MB of integers."""
@@ -55,9 +55,9 @@ class Schedule:
             (ticks(c.period, tick, "the sample time"), ticks(c.offset, tick, "the sample offset"))
             for c in clocks
         ]
-        if any(max(clock) > LONGEST for clock in self._clocks):
+        if any(max(clock) > MAX_PERIOD_TICKS for clock in self._clocks):
             raise SimulationError(
-                f"a sample time of more than {LONGEST:.0e} ticks of {float(tick):g} s is too long"
+                f"a sample time of more than {MAX_PERIOD_TICKS:.0e} ticks of {float(tick):g} s is too long"
             )
         self._shared = shared
         if shared:

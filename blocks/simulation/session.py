@@ -55,9 +55,9 @@ class Session(Described):
     Attributes
     ----------
     prepared : Prepared
-        What it has in common with its twins: the plan, its layouts, the channels.
+        Data shared with its twins: the plan, its layouts, the channels.
     fault : str
-        What went wrong when the session was advanced, if anything.
+        Exception of the last advance, if there was one.
 
     Raises
     ------
@@ -126,7 +126,7 @@ class Session(Described):
 
     @property
     def messages(self) -> dict[str, list[str]]:
-        """What Python blocks have to tell of this run, such as what an FMU logged, by path."""
+        """Messages of Python blocks in this run, such as the log of an FMU, keyed by path."""
         return self._running().executor.blocks.messages
 
     # -- running ----------------------------------------------------------------------------
@@ -371,7 +371,7 @@ class Session(Described):
         Parameters
         ----------
         snapshot : Snapshot or path
-            What `save` returned, or the file that it wrote.
+            Result of `save`, or the file that it wrote.
 
         Raises
         ------

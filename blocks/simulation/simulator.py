@@ -57,7 +57,7 @@ class Simulator(Described):
     diagram : Diagram or System
         Block or diagram to simulate; external inputs keep their start values.
     log : mapping, sequence or None
-        What to log: ports, as ports or ``"block.port"``, and states, ``"block.state"``, optionally by
+        Signals to log: ports, as ports or ``"block.port"``, and states, ``"block.state"``, optionally by
         the name wanted in the result; None logs every output.
     log_step : float, optional
         Time between logged instants [s]; by default every step, or a thousandth of the run.
@@ -67,7 +67,7 @@ class Simulator(Described):
     Attributes
     ----------
     prepared : Prepared
-        What its runs have in common.
+        Data shared by its runs.
 
     Raises
     ------
@@ -142,7 +142,7 @@ class Simulator(Described):
             full disk or a time limit. The result is that of a run without a stop, bit for bit. A file of the
             same run that is complete is returned as it is; if there is neither, the run begins anew.
         not_finite : str
-            What to do if a logged output stops being finite while the states do not: ``"warn"`` of the
+            Reaction if a logged output becomes non-finite while the states do not: ``"warn"`` of the
             first one when the run is complete, ``"stop"``, or ``"ignore"``. Logged rows are looked at
             some 1000 at a time: a run goes on that long, and the rows after the fault are dropped.
         time_limit : float, optional
@@ -262,7 +262,7 @@ class Begun:
     every : Fraction or None
         After which time there is a checkpoint [s].
     of : mapping
-        What its checkpoints must be of.
+        Identity that its checkpoints must have.
     seconds : float
         Wall time that was spent on it before [s].
     """

@@ -17,13 +17,13 @@ class Snapshot:
     Attributes
     ----------
     layout : str
-        What distinguishes diagrams that cannot exchange snapshots.
+        Identity of the diagram; snapshots of another identity are refused.
     now, origin : Fraction
         Time, and time at which the run began [s].
     x, d, p : Vector
         Continuous states, what changes at instants, parameters [units as declared].
     hidden : dict
-        What Python blocks keep besides, by path.
+        Further data of Python blocks, keyed by path.
     sampled : bool
         Whether what is sampled at this time has computed already.
     """

@@ -89,7 +89,7 @@ class Solver:
         settings : mapping of str to object
             The keywords.
         *others : str
-            What the caller takes besides, for the message.
+            Further settings of the caller, for the message.
 
         Raises
         ------
@@ -106,7 +106,7 @@ def spelled_out(settings: Any) -> Callable[[F], F]:
     Parameters
     ----------
     settings : TypedDict
-        What they are.
+        Name of the values, for messages.
     """
     defaults = {field.name: field.default for field in fields(Solver)}
 

@@ -21,8 +21,8 @@ from trussflow.blocks.framework.files import reading, replaced
 from trussflow.blocks.framework.validation import as_path, shown
 from trussflow.blocks.simulation.snapshot import Snapshot
 
-VERSION = 3
-"""Changes whenever what `encode` writes does."""
+FORMAT_VERSION = 3
+"""Version of the format of `encode`."""
 
 
 def encode(state: Any, of: Mapping[str, Any]) -> bytes:
@@ -33,7 +33,7 @@ def encode(state: Any, of: Mapping[str, Any]) -> bytes:
     state : object
         Numbers, fractions, strings, bytes, arrays of numbers, snapshots; lists, tuples and dicts of such.
     of : mapping of str to str, number or list
-        What it is the state of: others are refused.
+        Identity of the saved object; others are refused.
 
     Raises
     ------
@@ -41,7 +41,7 @@ def encode(state: Any, of: Mapping[str, Any]) -> bytes:
         If there is anything else in it.
     """
     body = json.dumps(_plain(state)).encode("ascii")
-    head = {"trussflow state": VERSION, "sha256": sha256(body).hexdigest(), "of": of}
+    head = {"trussflow state": FORMAT_VERSION, "sha256": sha256(body).hexdigest(), "of": of}
     return json.dumps(head).encode("ascii") + b"\n" + body
 
 
@@ -66,9 +66,9 @@ def decode(data: bytes, of: Mapping[str, Any]) -> Any:
         version, digest, there = content["trussflow state"], content["sha256"], {**content["of"]}
     except (ValueError, KeyError, TypeError, RecursionError):
         raise ValueError(f"it is no saved state, or a part of one ({len(data)} bytes)") from None
-    if version != VERSION:
+    if version != FORMAT_VERSION:
         raise ValueError(
-            f"it was written in format {shown(version)}; this version of trussflow reads {VERSION}"
+            f"it was written in format {shown(version)}; this version of trussflow reads {FORMAT_VERSION}"
         )
     here = json.loads(json.dumps(of))  # as it was written
     if other := [name for name in {**here, **there} if there.get(name) != here.get(name)]:

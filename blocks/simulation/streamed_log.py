@@ -39,7 +39,7 @@ CHUNK_ROWS = 1024
 """Rows that the file keeps together; netCDF's own choice, one row, is slow."""
 
 DONE = "complete", "ended"
-"""What a result says of a run from which nothing goes on."""
+"""Status of a run that cannot be resumed."""
 
 
 class StreamedLog(Log):
@@ -53,7 +53,7 @@ class StreamedLog(Log):
         The netCDF file wanted. Until it is complete, its pieces are in the folder ``path.partial``;
         those that an earlier run left there are deleted.
     resumes : mapping, optional
-        What a checkpoint there must be of, if the run is to go on from it: rows logged before are kept.
+        Identity of a checkpoint from which the run resumes: rows logged before are kept.
         Without one, a complete file of an equal ``run_hash`` is the result.
 
     Raises
@@ -244,7 +244,7 @@ def recover(path: str | Path) -> xr.Dataset:
     Parameters
     ----------
     path : path
-        What was given to the run as ``stream_to``.
+        Argument ``stream_to`` of the run.
 
     Returns
     -------
