@@ -9,6 +9,7 @@ from pathlib import Path
 from trussflow.blocks.framework.command_line import Outcome, block_of, ended, parser_of
 from trussflow.blocks.framework.diagram import Diagram
 from trussflow.blocks.framework.errors import DiagramError, LinearAnalysisError
+from trussflow.run import picture
 
 
 def parser(prog: str) -> argparse.ArgumentParser:
@@ -32,7 +33,7 @@ def analyse(options: argparse.Namespace) -> Outcome:
     from trussflow.blocks import loop_transfer, modal_bode, modal_table  # slow to import
     from trussflow.blocks.linear_analysis.loop_transfer import margins_of
 
-    diagram, margins = block_of(options.item), None
+    plotted, diagram, margins, unstable = picture(options.plot), block_of(options.item), None, None
     if not isinstance(diagram, Diagram):
         raise DiagramError(f"cannot analyse '{options.item}': it is a single block, not a diagram")
     loop, table = loop_transfer(diagram, options.at), modal_table(diagram, options.at)
@@ -44,12 +45,13 @@ def analyse(options: argparse.Namespace) -> Outcome:
             for name, m in margins["channels"].items()
         ]
     except LinearAnalysisError as error:  # the closed loop is unstable
-        lines = [str(error)]
-    if options.plot is not None:
-        modal_bode(diagram, options.at).savefig(options.plot)
-        lines.append(f"written to {options.plot}")
+        unstable = str(error)
+        lines = [unstable]
+    if plotted is not None:
+        modal_bode(diagram, options.at).savefig(plotted)
+        lines.append(f"written to {plotted}")
     modes = [{"frequency": m.frequency, "damping_ratio": m.damping_ratio} for m in table.modes]
-    facts = {"modes": modes, "margins": margins, "file": options.plot}
+    facts = {"modes": modes, "margins": margins, "unstable": unstable, "file": plotted}
     return Outcome(facts, "\n".join([str(table), *lines]))
 
 

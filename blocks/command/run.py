@@ -59,13 +59,16 @@ def parser(prog: str) -> argparse.ArgumentParser:
     return found
 
 
+def picture(path: Path | None) -> Path | None:
+    """Return the `path` of a picture to write; raise `DiagramError` unless it can be written."""
+    if path and not (path.suffix.lower() in PICTURES and path.parent.is_dir()):
+        raise DiagramError(f"cannot draw to '{path}': use {', '.join(PICTURES)} in an existing folder")
+    return path
+
+
 def run(options: argparse.Namespace) -> Outcome:
     """Simulate what the `options` ask for."""
-    plotted: Path | None = options.plot
-    if plotted and not (plotted.suffix.lower() in PICTURES and plotted.parent.is_dir()):
-        raise DiagramError(
-            f"cannot draw to '{plotted}': name it {', '.join(PICTURES)}, in a folder that is there"
-        )
+    picture(options.plot)
     step = 1e-3 if options.step is None and options.solver in FIXED_STEP else options.step
     item = options.item
     block = Fmu(item, step=step or 1e-3) if item.lower().endswith(".fmu") else block_of(item)

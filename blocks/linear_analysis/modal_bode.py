@@ -12,7 +12,7 @@ from trussflow.blocks.framework.diagram import Diagram
 from trussflow.blocks.framework.errors import LinearAnalysisError
 from trussflow.blocks.framework.system import flatten
 from trussflow.blocks.framework.types import Vector
-from trussflow.blocks.linear_analysis.linearize import Amplitudes
+from trussflow.blocks.linear_analysis.linearize import Amplitudes, linearize
 from trussflow.blocks.linear_analysis.loop_transfer import loop_transfer, margins_of
 from trussflow.blocks.linear_analysis.margins import (
     Complex,
@@ -20,7 +20,7 @@ from trussflow.blocks.linear_analysis.margins import (
     frequencies_about,
     sensitivities,
 )
-from trussflow.blocks.linear_analysis.modal_table import modal_table
+from trussflow.blocks.linear_analysis.modal_table import OscillatingMode, modal_table, oscillating_modes
 from trussflow.blocks.linear_analysis.operating_point import OperatingPoint
 from trussflow.blocks.linear_analysis.references import Reference, named
 
@@ -40,9 +40,9 @@ def modal_bode(
 
     .. math:: L_k = 1 / [(I + L)^{-1}]_{kk} - 1
 
-    The legend names for each element the mode of the plant that it drives most, with frequency and damping
-    ratio, and the gain and phase margins. If the closed loop is unstable, there are no margins, and the
-    title lists the unstable poles.
+    The legend names for each element the mode of the plant, at its initial state, that it drives most, with
+    frequency and damping ratio, and the gain and phase margins. If the closed loop is unstable, there are
+    no margins, and the title lists the unstable poles.
 
     Parameters
     ----------
@@ -69,7 +69,9 @@ def modal_bode(
 
     loop = loop_transfer(diagram, port, at=at, amplitude=amplitude)
     opened = named(flatten(diagram, external=True), port).port
-    modes = modal_table(opened.block, [opened.name]).modes
+    plant = linearize(opened.block, [opened], [opened])
+    modes = sorted(oscillating_modes(plant.A), key=lambda mode: abs(mode[0]))
+    effects = np.array([np.abs(left @ plant.B) for _, left, _ in modes])
     poles = np.array([mode.pole for mode in modal_table(loop).modes])
     grid = np.asarray(omega) if omega is not None else _grid(poles)
     gains = channel_responses(sensitivities(loop, grid))
@@ -81,10 +83,10 @@ def modal_bode(
     figure = Figure(figsize=(9.0, 7.0), layout="constrained")
     upper, lower = figure.subplots(2, 1, sharex=True)
     for k, label in enumerate(loop.input_labels):
-        text = f"{opened.name}[{k}]"
+        text = label
         if modes:
-            number = int(np.argmax([list(mode.shares.values())[k] for mode in modes]))
-            mode = modes[number]
+            number = int(np.argmax(effects[:, k]))
+            mode = OscillatingMode(modes[number][0], {})
             text += f": mode {number + 1}, {mode.frequency:.3g} Hz, ζ = {mode.damping_ratio:z.2%}"
         if label in margins:
             text += f"; margins {20.0 * np.log10(margins[label].gain_up):.1f} dB, {margins[label].phase:.0f}°"

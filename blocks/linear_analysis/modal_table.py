@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from trussflow.blocks.framework.block import Block
 from trussflow.blocks.framework.described import Described, Description
+from trussflow.blocks.framework.errors import LinearAnalysisError
 from trussflow.blocks.framework.types import Vector
 from trussflow.blocks.linear_analysis.linearize import linearize
 from trussflow.blocks.linear_analysis.operating_point import OperatingPoint
@@ -110,7 +111,7 @@ def modal_table(
     Raises
     ------
     LinearAnalysisError
-        If there are no inputs.
+        If there are no inputs, or a linear model is given with inputs or an operating point.
 
     Examples
     --------
@@ -120,6 +121,10 @@ def modal_table(
       mode 1      0.3183 Hz, damping  1.000%, driven by u 100%
     """
     model = item
+    if not isinstance(item, Block) and (inputs is not None or at is not None):
+        raise LinearAnalysisError(
+            "a linear model has its inputs and operating point; leave out inputs and at"
+        )
     if isinstance(item, Block):
         ports = item.inputs() if inputs is None else inputs
         model = linearize(item, ports, ports, at=at)

@@ -45,7 +45,7 @@ def integrate(
     x: Vector,
     tolerances: tuple[float, float],
     watch: EventWatch | None = None,
-    accepted: Function | None = None,
+    accepted: Callable[[float, Vector, float], Any] | None = None,
 ) -> Iterator[tuple[float, Vector]]:
     """Integrate over a span; the solver starts afresh, after each event too.
 
@@ -66,7 +66,7 @@ def integrate(
     watch : EventWatch, optional
         Finds and handles events.
     accepted : callable, optional
-        Called with time and state after each step.
+        Called with time, state and length of the step after each step.
 
     Yields
     ------
@@ -84,7 +84,7 @@ def integrate(
             if watch is not None:
                 watch.executor.between("euler", (now, t, t - now), x, watch.d, watch.p)
             if accepted is not None:
-                accepted(t, x)
+                accepted(t, x, np.inf)
             now = t
             yield now, x
         return
@@ -109,7 +109,7 @@ def integrate(
             if event is not None and watch is not None:
                 x = watch.handle(now, x, step)
             if accepted is not None:
-                accepted(now, x)
+                accepted(now, x, step)
             if event is not None:
                 break
         while wanted is not None and wanted <= now:  # at an event: what is after it

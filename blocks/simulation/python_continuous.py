@@ -114,19 +114,22 @@ class ContinuousInRun:
         for _ in range(MAX_ROUNDS):
             left = residual(outputs)
             size = float(np.abs(left).max(initial=0.0))
-            if (
-                size >= before / 2 and size <= LOOP_TOLERANCE * np.abs(outputs).max()
+            if size >= before / 2 and size <= LOOP_TOLERANCE * max(
+                1.0, np.abs(outputs).max()
             ):  # as good as round-off allows
                 return
             before, steps = size, DIFFERENCE_STEP * np.maximum(1.0, np.abs(outputs))
             slopes = [(residual(outputs + step) - left) / step.max() for step in np.diag(steps)]
             if not np.isfinite([*slopes, left]).all():
                 break
-            outputs = outputs - np.linalg.lstsq(np.transpose(slopes), left)[0]
+            change, _, rank, _ = np.linalg.lstsq(np.transpose(slopes), left)
+            if rank < outputs.size:  # no solution, or no single one
+                break
+            outputs = outputs - change
         names = ", ".join(f"'{call.path}'" for call, _ in self.blocks.ordered)
         raise DivergenceError(
             f"cannot solve the algebraic loop through Python blocks at t = {t:g} s, among {names}: Newton's "
-            "method does not converge; break it with a state, a UnitDelay, or other wiring"
+            "method finds no single solution; break it with a state, a UnitDelay, or other wiring"
         )
 
     def rates(self, t: float, x: Vector, d: Vector, p: Vector, into: Vector) -> None:

@@ -46,6 +46,9 @@ SHORT_STEPS, TESTED_STEPS, MIN_JUMPS = 1000, 100, 20
 """Short steps in succession after which others are tested for jumps of a derivative, and how many of these
 may jump [-]: one that crosses a jump again and again gets nowhere."""
 
+JUMP_TOLERANCE = 1e-9
+"""Relative change of a derivative that is round-off, not a jump [-]."""
+
 JUMP_HALVINGS = 10
 """Halvings of a step in which a change that is no jump would become small [-]."""
 
@@ -391,11 +394,11 @@ class Run:
                 self.failed = min(t, last), x.copy()
             return rate
 
-        def accepted(t: float, x: Vector) -> None:
+        def accepted(t: float, x: Vector, step: float) -> None:
             nonlocal short, jumps
             self.executor.keep_loops(min(t, last), x, d, p)
-            short = short + 1 if 0.0 < t - self.time < SHORT_STEP * length else 0
-            if short > SHORT_STEPS:
+            short = short + 1 if step < SHORT_STEP * length else 0
+            if short > SHORT_STEPS and t > self.time:
                 jumps += (jump := self._jump(t, x)) != ""
                 if jumps == MIN_JUMPS:
                     raise self._crawling(t, jump)
@@ -435,7 +438,7 @@ class Run:
                 high, after = middle, between
             else:
                 low, before = middle, between
-        if abs(after[i] - before[i]) <= change[i] / 2:
+        if abs(after[i] - before[i]) <= max(change[i] / 2, JUMP_TOLERANCE * abs(after[i])):
             return ""
         entry = self.prepared.plan.x.at(i)
         return f"{entry.describe(i - entry.start)} jumps between {before[i]:.3g} and {after[i]:.3g}"

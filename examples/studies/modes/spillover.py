@@ -1,8 +1,8 @@
 """Map of control spillover: rightmost pole over damping of the modes and bandwidth of the observer.
 
 The model of the controller has six modes, as in the paper; the plant has more. The law is linear. The state
-matrix is affine in damping ratio and bandwidth, so four linearizations suffice: the estimate cancels
-in the rate of the observer, since the nominal acceleration contains it.
+matrix is affine in the damping ratio and in the bandwidth, so four linearizations suffice: the estimate
+cancels in the rate of the observer, since the nominal acceleration contains it.
 """
 
 from __future__ import annotations

@@ -242,8 +242,8 @@ def code_of(words):
         ("run gone.py:x 1", "cannot import 'gone.py'"),
         ("run broken.py:x 1", "invalid syntax (broken.py, line 1)"),
         ("run loop.py:lop 1", "'loop.py:lop': there is no 'lop'; did you mean 'loop'?"),
-        ("run loop.py:loop 1 --plot loop.txt", "name it .png, .svg, .pdf, in a folder that is there"),
-        ("run loop.py:loop 1 --plot gone/loop.png", "name it .png, .svg, .pdf, in a folder that is there"),
+        ("run loop.py:loop 1 --plot loop.txt", "use .png, .svg, .pdf in an existing folder"),
+        ("run loop.py:loop 1 --plot gone/loop.png", "use .png, .svg, .pdf in an existing folder"),
         (
             "run loop.py:loop 1 --log pendulum.angel",
             "has no port 'angel'; inputs: torque; outputs: angle, rate",

@@ -185,7 +185,7 @@ def test_cuts_must_name_an_input_or_output_of_the_model(between):
     [
         ({"states": {"arm.p": 0.0}}, NameLookupError, r"no state 'arm.p'; .* arm.q, arm.v"),
         ({"states": {"arm.q": [1, 2, 3]}}, ParameterError, r"'arm.q' has shape \(3,\)"),
-        ({"inputs": {"f": 0.0}}, NameLookupError, r"no input 'f'; the inputs .* are: force"),
+        ({"inputs": {"f": 0.0}}, NameLookupError, r"no input 'f'; the external inputs are: force"),
         ({"held": {"arm.u": 0.0}}, NameLookupError, r"no held output 'arm.u'; .* are: none"),
         ({"parameters": {"arm.l": 0.0}}, NameLookupError, r"no parameter 'arm.l'; .* arm.length"),
         ({"parameters": {"arm.length": 0.0}}, ParameterError, r"'length'"),

@@ -18,6 +18,7 @@ from trussflow.blocks import (
     Ramp,
     SimulationError,
     SimulationInterrupted,
+    Sine,
     State,
     TimeFunction,
     TimeLimitError,
@@ -146,6 +147,13 @@ def test_a_run_can_be_ended_after_each_step(error, monkeypatch):
     with pytest.raises((TimeLimitError, SimulationInterrupted)) as ended:
         simulate(diagram_of(VanDerPol()), 100.0, solver="BDF", log_step=100.0)
     assert ended.value.result.sizes["time"] == 1
+
+
+def test_rows_are_no_short_steps(monkeypatch):
+    """Without states the solver goes from row to row, and no derivative can jump."""
+    monkeypatch.setattr(run_module, "SHORT_STEP", 1e-2)
+    result = simulate(diagram_of(Sine(1.0, 1.0)), 1.0, solver="RK45", log_step=5e-4)
+    assert result.sizes["time"] == 2001
 
 
 @pytest.mark.parametrize("solver", METHODS)

@@ -34,7 +34,7 @@ from trussflow.blocks.tracing import compiler
 from trussflow.blocks.tracing.tracing import repeated
 
 STEP = 0.01
-ALWAYS = "trussflow.blocks.sweeps.sweep.WORTH", 0.0
+ALWAYS = "trussflow.blocks.sweeps.sweep.MIN_BATCHED_STEPS", 0.0
 """Setting with which any sweep goes in lanes."""
 
 

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose, assert_array_equal
-from systems import Ball
+from systems import Ball, ports
 
 from trussflow.blocks import (
     AlgebraicLoopError,
@@ -252,13 +252,36 @@ def test_loops_without_a_solution(diagram, message, backend):
         values(diagram, "law.y", backend=backend)
 
 
+def python(block, *arguments, **settings):
+    """Return a block that is not traced."""
+    return type(f"Python{block.__name__}", (block,), {"traced": False})(*arguments, **settings)
+
+
+def test_loops_through_python_blocks_settle_at_zero():
+    """The residual of y = 100 (1 - (x + y / 10)) at x = 1 is round-off of 1, not of y = 0."""
+    law = python(Function, lambda x, y: 100.0 * (1.0 - (x + 0.1 * y)), **ports(x=(), y=(), z=()))
+    diagram = Diagram("settling", loops="solve")
+    diagram.add(law=law, x=Constant(1.0))
+    diagram.x >> law.x
+    law.z >> law.y
+    assert_allclose(values(diagram, "law.z"), 0.0, rtol=0, atol=ROUND_OFF)
+
+
+def test_loops_through_python_blocks_without_a_single_solution():
+    diagram = Diagram("identity", loops="solve")
+    law = diagram.add(law=python(Gain, 1.0))
+    law.y >> law.u
+    with pytest.raises(DivergenceError, match="Newton's method finds no single solution"):
+        values(diagram, "law.y")
+
+
 @pytest.mark.parametrize("gain", [0.5, -3.0, 1.0])
 def test_loops_through_continuous_python_blocks(gain):
     """As y = gain (1 + y), if the diagram says so; for a gain of one there is no solution."""
-    diagram = ring(type("PythonGain", (Gain,), {"traced": False})(gain))
+    diagram = ring(python(Gain, gain))
     if gain == 1.0:
         with pytest.raises(
-            DivergenceError, match=r"at t = 0 s, among 'law': Newton's method does not converge"
+            DivergenceError, match=r"at t = 0 s, among 'law': Newton's method finds no single solution"
         ):
             values(diagram, "law.y")
     else:
