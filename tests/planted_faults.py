@@ -148,7 +148,7 @@ FAULTS = (
     Fault("blocks/linear_analysis/describing_function.py",
           "tests/blocks/linear_analysis/test_describing_function.py",
           "gain of the first harmonic",
-          "(SAMPLES * amplitude)", "SAMPLES"),
+          "(SAMPLES_PER_PERIOD * amplitude)", "SAMPLES_PER_PERIOD"),
     Fault("blocks/linear_analysis/trim.py", "tests/blocks/linear_analysis/test_trim.py",
           "wanted rates have the opposite sign",
           "model[:size] - wanted)", "model[:size] + wanted)"),
