@@ -27,10 +27,11 @@ loop.draw("modal_wire.svg")
 poles = linearize(loop, ["truss.modal_force"], ["truss.modal_demand"]).poles()
 print("fastest growth", poles.real.max(), "1/s")
 modal_bode(loop, "truss.modal_force").savefig("bode.png")
+plt.show()
 
 # %%
 # With 10 % of modal damping it is stable, and each mode has margins.
 
 damped = transport_diagram(law, SpaceTruss.consistent(damping=0.1), allocation="published")
-figure = modal_bode(damped, "truss.modal_force")
+modal_bode(damped, "truss.modal_force")
 plt.show()

@@ -65,7 +65,7 @@ def modal_bode(
     LinearAnalysisError
         If no loop passes through the port.
     """
-    from matplotlib.figure import Figure
+    import matplotlib.pyplot as plt  # takes a while to import
 
     loop = loop_transfer(diagram, port, at=at, amplitude=amplitude)
     opened = named(flatten(diagram, external=True), port).port
@@ -80,8 +80,7 @@ def modal_bode(
         margins = margins_of(loop).channels
     except LinearAnalysisError as error:
         title = fill(str(error), 90)
-    figure = Figure(figsize=(9.0, 7.0), layout="constrained")
-    upper, lower = figure.subplots(2, 1, sharex=True)
+    figure, (upper, lower) = plt.subplots(2, 1, sharex=True, figsize=(9.0, 7.0), layout="constrained")
     for k, label in enumerate(loop.input_labels):
         text = label
         if modes:
