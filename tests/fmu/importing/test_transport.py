@@ -99,7 +99,7 @@ def check(diagram, step, whole, order, duration=RUN_DURATION, **settings):
     ],
 )
 def test_the_plant_as_a_native_fmu(coupling, extrapolation, step, order, duration, plant, whole):
-    diagram = loop(Fmu(plant), controller())
+    diagram = loop(Fmu(plant, declared_starts=True), controller())
     settings = {"coupling": coupling, "extrapolation": extrapolation, "solver_step": INNER_STEP}
     check(diagram, step, whole, order, duration, **settings)
 
@@ -108,5 +108,5 @@ def test_the_plant_as_a_native_fmu(coupling, extrapolation, step, order, duratio
     ("coupling", "extrapolation", "step", "order"), [("jacobi", 0, 1e-3, 1), ("gauss-seidel", 1, 5e-4, 2)]
 )
 def test_the_controller_as_a_pythonfmu_fmu(coupling, extrapolation, step, order, plant, command, whole):
-    diagram = loop(Fmu(plant), Fmu(command))
+    diagram = loop(Fmu(plant, declared_starts=True), Fmu(command))
     check(diagram, step, whole, order, coupling=coupling, extrapolation=extrapolation)
