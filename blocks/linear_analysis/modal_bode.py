@@ -14,18 +14,15 @@ from trussflow.blocks.framework.system import flatten
 from trussflow.blocks.framework.types import Vector
 from trussflow.blocks.linear_analysis.linearize import Amplitudes, linearize
 from trussflow.blocks.linear_analysis.loop_transfer import loop_transfer, margins_of
-from trussflow.blocks.linear_analysis.margins import (
-    Complex,
-    channel_responses,
-    frequencies_about,
-    sensitivities,
-)
+from trussflow.blocks.linear_analysis.margins import channel_responses, frequencies_about, sensitivities
 from trussflow.blocks.linear_analysis.modal_table import OscillatingMode, modal_table, oscillating_modes
 from trussflow.blocks.linear_analysis.operating_point import OperatingPoint
 from trussflow.blocks.linear_analysis.references import Reference, named
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
+
+    from trussflow.blocks.linear_analysis.linear_model import LinearModel
 
 
 def modal_bode(
@@ -72,8 +69,7 @@ def modal_bode(
     plant = linearize(opened.block, [opened], [opened])
     modes = sorted(oscillating_modes(plant.A), key=lambda mode: abs(mode[0]))
     effects = np.array([np.abs(left @ plant.B) for _, left, _ in modes])
-    poles = np.array([mode.pole for mode in modal_table(loop).modes])
-    grid = np.asarray(omega) if omega is not None else _grid(poles)
+    grid = _grid(loop) if omega is None else np.asarray(omega)
     gains = channel_responses(sensitivities(loop, grid))
     title, margins = f"{diagram.name}: loops at {opened.full_path}", {}
     try:
@@ -98,7 +94,8 @@ def modal_bode(
     return figure
 
 
-def _grid(poles: Complex) -> Vector:
-    """Return frequencies from a tenth of the slowest to ten times the fastest pole [rad/s]."""
+def _grid(loop: LinearModel) -> Vector:
+    """Return frequencies from a tenth of the slowest to ten times the fastest oscillating pole [rad/s]."""
+    poles = np.array([mode.pole for mode in modal_table(loop).modes])
     sizes = np.abs(poles) if poles.size else np.ones(1)
     return frequencies_about(poles, 0.1 * sizes.min(), 10.0 * sizes.max())

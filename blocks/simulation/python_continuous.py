@@ -114,9 +114,8 @@ class ContinuousInRun:
         for _ in range(MAX_ROUNDS):
             left = residual(outputs)
             size = float(np.abs(left).max(initial=0.0))
-            if size >= before / 2 and size <= LOOP_TOLERANCE * max(
-                1.0, np.abs(outputs).max()
-            ):  # as good as round-off allows
+            allowed = LOOP_TOLERANCE * max(1.0, np.abs(outputs).max())
+            if before / 2 <= size <= allowed:  # as good as round-off allows
                 return
             before, steps = size, DIFFERENCE_STEP * np.maximum(1.0, np.abs(outputs))
             slopes = [(residual(outputs + step) - left) / step.max() for step in np.diag(steps)]
