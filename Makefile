@@ -38,14 +38,17 @@ help:
 transport: $(VENV)/runtime.stamp
 	$(BIN)/python -m trussflow.models.transport --case 1 --output results/case1
 
+# The studies are packages of examples/studies.
+STUDY := PYTHONPATH=examples/studies $(BIN)/python -m
+
 reproduce: $(VENV)/runtime.stamp
-	$(BIN)/python -m trussflow.models.reproduction --output docs/reproduction
+	$(STUDY) reproduction --output docs/reproduction
 
 flight: $(VENV)/runtime.stamp
-	$(BIN)/python -m trussflow.models.flight --output docs/flight
+	$(STUDY) flight --output docs/flight
 
 sweep: $(VENV)/runtime.stamp
-	$(BIN)/python -m trussflow.models.flight --samples 1000 --output docs/sweep
+	$(STUDY) flight --samples 1000 --output docs/sweep
 
 modes: $(VENV)/runtime.stamp
 	$(BIN)/python examples/studies/modes/modes.py
@@ -75,7 +78,7 @@ check: $(VENV)/dev.stamp
 
 types:
 	$(BIN)/mypy -p trussflow
-	$(BIN)/mypy --allow-untyped-defs --allow-untyped-calls $(wildcard examples/*.py examples/*/*.py examples/studies/*/*.py)
+	MYPYPATH=examples/studies $(BIN)/mypy --allow-untyped-defs --allow-untyped-calls $(wildcard examples/*.py examples/*/*.py examples/studies/*/*.py)
 
 rules:
 	$(BIN)/python -m pytest -q $(RULES)

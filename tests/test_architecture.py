@@ -17,7 +17,6 @@ FRAMEWORK, TRACING, SIMULATION, LIBRARY, COSIMULATION, LINEAR, CONTROL, DRAWING,
 BLOCKS = (FRAMEWORK, TRACING, SIMULATION, LIBRARY, COSIMULATION, LINEAR, f"{LINEAR}.frequency", CONTROL)
 FMU, MODELS = "trussflow.fmu", "trussflow.models"
 PHYSICS = tuple(f"{MODELS}.{name}" for name in ("geometry", "truss", "robots", "dynamics", "plant"))
-STUDY = (*BLOCKS, *PHYSICS, f"{MODELS}.reporting", f"{MODELS}.transport")
 EXPORTING = (FRAMEWORK, TRACING, SIMULATION, f"{FMU}.exporting.description")
 PACKAGES = {
     "trussflow": (
@@ -66,11 +65,6 @@ PACKAGES = {
         *BLOCKS,
         *PHYSICS,
         *(f"{MODELS}.{name}" for name in ("feasibility", "hardware", "mean_axes", "reporting", "viewer")),
-    ),
-    f"{MODELS}.reproduction": STUDY,
-    f"{MODELS}.flight": (
-        *(*STUDY, SWEEPS),
-        *(f"{MODELS}.{name}" for name in ("hardware", "mean_axes", "feasibility")),
     ),
 }
 

@@ -19,12 +19,12 @@ import matplotlib.image
 import numpy as np
 import pytest
 import xarray as xr
+from study_tools.cache import Work, perform
 
 from trussflow.blocks import Diagram, Integrator, Ramp, Simulator, StateSpace
 from trussflow.blocks.framework.files import LOCK_SUFFIX, locked
 from trussflow.blocks.tracing import compile_cache
 from trussflow.fmu import Fmu, export
-from trussflow.models.reporting.cache import Work, perform
 from trussflow.models.transport.__main__ import main
 
 pytestmark = [pytest.mark.campaign, pytest.mark.skipif(os.name != "posix", reason="kill -9")]

@@ -23,13 +23,13 @@ ONE_WORD = re.compile(r"[A-Z]{2,}$")
 EXCEPTIONS = {
     "examples": 2,
     "examples/analysis": 1,
-    "models/flight": 107,
-    "models/reporting": 29,
-    "models/reproduction": 61,
+    "examples/studies": 183,
+    "models/reporting": 14,
     "tests": 4,
     "tests/benchmarks": 24,
     "tests/blocks": 58,
-    "tests/models": 73,
+    "tests/models": 69,
+    "tests/studies": 4,
 }
 
 

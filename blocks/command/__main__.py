@@ -40,10 +40,6 @@ COMMANDS = {
     "fly": Command("fly a mission: figures, page, result", "trussflow.models.transport.__main__"),
     "view": Command("show a result in motion, as one page", "trussflow.models.viewer.__main__"),
     "analyse": Command("modes, margins and Bode plot of any loop", "trussflow.analyse"),
-    "flight": Command(
-        "fly many trusses and losses, and find where laws end", "trussflow.models.flight.__main__"
-    ),
-    "reproduce": Command("reproduce and judge the whole paper", "trussflow.models.reproduction.__main__"),
 }
 """Subcommands by name; a module is imported only when its command is called."""
 

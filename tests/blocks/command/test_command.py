@@ -93,7 +93,7 @@ def test_completion_knows_commands_and_their_options(tmp_path, capsys):
         main(["--print-completion", "bash"])
     script.write_text(capsys.readouterr().out, encoding="utf-8")
     asked = "COMP_WORDS=(trussflow {}) COMP_CWORD={}; _shtab_trussflow; echo ${{COMPREPLY[@]}}"
-    for words, number, found in (("f", 1, "fmu fly flight"), ("fly --pl", 2, "--plant")):
+    for words, number, found in (("f", 1, "fmu fly"), ("fly --pl", 2, "--plant")):
         bash = ["bash", "-c", f". {script}; {asked.format(words, number)}"]
         done = subprocess.run(bash, capture_output=True, text=True, check=True)
         assert done.stdout.split() == found.split()
@@ -189,8 +189,6 @@ ROOT = Path(__file__).parents[3]
         ("fmu export {1} {0}/loop.fmu --json", ("file", "{0}/loop.fmu")),
         ("fmu --json export {1} {0}/loop.fmu", ("file", "{0}/loop.fmu")),
         ("fly --explain --json", ("0.place", "transport.toml")),
-        ("reproduce --check --output {2}/reproduction --json", ("message", None)),
-        ("flight --check --output {2}/flight --json", ("message", None)),
     ],
 )
 def test_every_command_tells_its_facts_as_json_and_nothing_else(words, fact, tmp_path, loop, capsys):

@@ -13,13 +13,13 @@ from typing import Any
 import numpy as np
 import pytest
 import xarray as xr
+from study_tools import cache
+from study_tools.cache import Work, inputs_of, perform
+from study_tools.parallel import Failed, perform_all
 
 import trussflow.models
 from trussflow.blocks import Constant, Diagram, Integrator, Simulator
 from trussflow.models import ModelError
-from trussflow.models.reporting import cache
-from trussflow.models.reporting.cache import Work, inputs_of, perform
-from trussflow.models.reporting.parallel import Failed, perform_all
 
 
 @dataclass(frozen=True)
@@ -167,7 +167,7 @@ def test_interrupt_stops_all_processes(tmp_path):
         "import sys\nfrom pathlib import Path\n"
         f"sys.path.insert(0, {str(Path(__file__).parent)!r})\n"
         "from test_cache_and_processes import Doubling\n"
-        "from trussflow.models.reporting.parallel import perform_all\n"
+        "from study_tools.parallel import perform_all\n"
         "if __name__ == '__main__':\n"
         "    jobs = [Doubling('good'), Doubling('slow', 2.0, fault='slow')]\n"
         "    perform_all(jobs, Path(sys.argv[1]), workers=1, progress=False)\n"

@@ -1,9 +1,9 @@
 """Numbers as people write them, each taken down once."""
 
 import pytest
+from study_tools.ledger import Ledger, pretty
 
 from trussflow.models import ModelError
-from trussflow.models.reporting.ledger import Ledger, pretty
 
 
 @pytest.mark.parametrize(

@@ -1,0 +1,1 @@
+"""Cached jobs, checked numbers and evidence files of the studies."""
