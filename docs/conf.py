@@ -69,8 +69,6 @@ def scrape(block, variables, settings):
     return "\n".join(shown)
 
 
-tqdm.display = lambda *_, **__: None  # no progress bars on pages
-
 sphinx_gallery_conf = {
     "examples_dirs": str(EXAMPLES),
     "gallery_dirs": "gallery",
@@ -303,6 +301,7 @@ def write_sources(app) -> None:
 
 def setup(app) -> None:
     """Register the extensions above."""
+    tqdm.display = lambda *_, **__: None  # no progress bars on pages
     app.add_html_math_renderer(
         "mathml", inline_renderers=(inline_formula, None), block_renderers=(formula, None)
     )
