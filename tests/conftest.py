@@ -30,7 +30,7 @@ settings.register_profile(
 )
 settings.load_profile("dev")
 
-LONGEST_FIRST = ("test_", "models", "fmu", "blocks/sweeps", "blocks/simulation", "")
+LONGEST_FIRST = ("test_", "studies", "models", "fmu", "blocks/sweeps", "blocks/simulation", "")
 """Files and folders in the order in which the workers take them; short files at the end keep all busy."""
 
 
