@@ -320,7 +320,7 @@ FAULTS = (
     Fault("models/plant/space_truss.py", "tests/models/plant/test_energy_audit.py",
           "power of the modal damping",
           "(2 * p.damping_ratio * omega * x.v[rigid:])", "(p.damping_ratio * omega * x.v[rigid:])"),
-    Fault("blocks/linear_analysis/modal_table.py", "tests/models/test_modes_study.py",
+    Fault("blocks/linear_analysis/modal_table.py", "tests/studies/test_modes.py",
           "left eigenvectors are not conjugated",
           "lefts.T.conj(), rights.T", "lefts.T, rights.T"),
     Fault("models/truss/natural_frequencies.py", "tests/models/truss/test_natural_frequencies.py",
