@@ -13,12 +13,12 @@ from trussflow.blocks import Constant, Diagram, simulate
 from trussflow.fmu import Fmu, export
 from trussflow.models import SpaceTruss
 
-STEP = 1e-3  # s
-DURATION = 0.2  # s
+TIME_STEP = 1e-3  # s
+STOP_TIME = 0.2  # s
 
 # 1. Export: C sources and a binary that needs no Python, for co-simulation and model exchange.
 path = "space_truss.fmu"
-export(SpaceTruss.consistent(), path, version="3.0", step=STEP)
+export(SpaceTruss.consistent(), path, version="3.0", step=TIME_STEP)
 print("problems found by the validator:", validate_fmu(path) or "none")
 
 # 2. In another tool: the force of Robot 4 along z, one of 52 actuators.
@@ -27,9 +27,9 @@ push[20] = 2.0  # N
 run = simulate_fmu(
     path,
     fmi_type="CoSimulation",
-    stop_time=DURATION,
-    output_interval=STEP,
-    step_size=STEP,
+    stop_time=STOP_TIME,
+    output_interval=TIME_STEP,
+    step_size=TIME_STEP,
     start_values={"actuation": " ".join(map(str, push))},
     output=["task_position", "energy"],
 )
@@ -43,7 +43,7 @@ def moved(plant):
     force, truss = diagram.add(force=Constant(push, unit=SpaceTruss.consistent().actuator_units), truss=plant)
     force >> truss.actuation
     diagram.draw("truss_as_block.svg")
-    result = simulate(diagram, DURATION, step=STEP, log=["truss.task_position"])
+    result = simulate(diagram, STOP_TIME, step=TIME_STEP, log=["truss.task_position"])
     return float(result["truss.task_position"][-1, 2])
 
 

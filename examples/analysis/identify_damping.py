@@ -19,7 +19,7 @@ import numpy as np
 from trussflow.blocks import Diagram, simulate, tune
 from trussflow.models import TunableTruss
 
-NOISE = 1e-5  # of the measured displacements [m]
+NOISE_DEVIATION = 1e-5  # of the measured displacements [m]
 truss = TunableTruss.consistent(modes=3)
 model = Diagram("ringing truss")
 model.add(truss=truss)
@@ -41,7 +41,7 @@ run = simulate(
     log_step=0.02,
 )
 test = run["truss.grasp_displacement"]
-measured = test.values + np.random.default_rng(1).normal(0.0, NOISE, test.shape)
+measured = test.values + np.random.default_rng(1).normal(0.0, NOISE_DEVIATION, test.shape)
 
 # %%
 # Fit
@@ -51,7 +51,7 @@ measured = test.values + np.random.default_rng(1).normal(0.0, NOISE, test.shape)
 
 def misfit(run):
     """Return the mean square of the misfit, in units of the noise."""
-    return np.mean((run["truss.grasp_displacement"] - measured) ** 2) / NOISE**2
+    return np.mean((run["truss.grasp_displacement"] - measured) ** 2) / NOISE_DEVIATION**2
 
 
 found = tune(
