@@ -165,7 +165,7 @@ def test_interrupt_stops_all_processes(tmp_path):
     script = tmp_path / "script.py"
     script.write_text(
         "import sys\nfrom pathlib import Path\n"
-        f"sys.path.insert(0, {str(Path(__file__).parent)!r})\n"
+        f"sys.path[:0] = {[str(Path(__file__).parent), *(p for p in sys.path if 'studies' in p)]!r}\n"
         "from test_cache_and_processes import Doubling\n"
         "from study_tools.parallel import perform_all\n"
         "if __name__ == '__main__':\n"
