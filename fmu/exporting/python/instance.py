@@ -18,7 +18,7 @@ from trussflow.blocks.framework.types import Vector
 from trussflow.blocks.simulation.session import Session
 from trussflow.blocks.simulation.snapshot import Snapshot
 from trussflow.blocks.simulation.state_bytes import decode, encode
-from trussflow.fmu.exporting.python.content import Content
+from trussflow.fmu.exporting.python.payload import Payload
 
 
 class RefusedError(Exception):
@@ -57,27 +57,27 @@ class Instance:
 
     Parameters
     ----------
-    content : Content
+    payload : Payload
         The block and the facts of its interface.
     """
 
-    def __init__(self, content: Content) -> None:
-        self._content = content
-        self._session: Session = content.session()
+    def __init__(self, payload: Payload) -> None:
+        self._payload = payload
+        self._session: Session = payload.session()
         plan = self._session.prepared.plan
         ends = np.cumsum([0, 1, plan.u.size, plan.p.size, plan.x.size, plan.x.size]).tolist()
         self._u, self._p, self._x, self._rates = (slice(a, b) for a, b in pairwise(ends[1:]))
         events = plan.modes.size + int(np.count_nonzero(plan.kinds != TIMED))
-        first = len(content.names) - events
+        first = len(payload.names) - events
         self._outputs, self._events = slice(ends[-1], first), slice(first, None)
-        self._values = np.zeros(len(content.names))
+        self._values = np.zeros(len(payload.names))
         # Masks of the variables that may be set before and after the end of initialization.
         self._early, self._late = (np.zeros(len(self._values), dtype=bool) for _ in "ab")
         self._early[self._u] = self._late[self._u] = self._early[self._p] = True
-        self._early[self._x] = content.vector("exact") > 0
-        self._late[self._p] = content.vector("tunable") > 0
+        self._early[self._x] = payload.vector("exact") > 0
+        self._late[self._p] = payload.vector("tunable") > 0
         for name, part in (("u", self._u), ("p", self._p), ("x", self._x)):
-            self._values[part] = content.vector(name)
+            self._values[part] = payload.vector(name)
         self._touched: set[int] = set()
         self._start, self._fault = 0.0, ""
         self._running = self._ended = False
@@ -109,7 +109,7 @@ class Instance:
         bad = indices[~(self._late if self._running else self._early)[indices]]
         if bad.size:
             when = "after initialization" if self._early[bad[0]] else "at any time"
-            self._fault = f"'{self._content.names[bad[0]]}' cannot be set {when}"
+            self._fault = f"'{self._payload.names[bad[0]]}' cannot be set {when}"
             raise RefusedError(f"{self._fault}; the next step is refused")
         self._values[indices] = values
         self._touched |= {int(i) for i in indices if self._x.start <= i < self._x.stop}
