@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 import os
-import pickle
 import shutil
 import signal
 import socket
+import struct
 import subprocess
 import sys
 import tempfile
 import weakref
 from contextlib import ExitStack
+from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Any
 
@@ -22,7 +23,7 @@ from trussflow.fmu import errors
 from trussflow.fmu.errors import FmuCallError, FmuCrashError, FmuError, FmuTimeoutError
 from trussflow.fmu.runtime.archive import unpack
 from trussflow.fmu.runtime.file import FmuFile
-from trussflow.fmu.runtime.frames import TOKEN_BYTES, FrameError, decode, receive, send
+from trussflow.fmu.runtime.ipc import MAX_BYTES, AnswerError, decode
 from trussflow.fmu.runtime.library import Step
 from trussflow.fmu.runtime.loaded import KnownFmu
 from trussflow.fmu.runtime.loaded_co_simulation import LoadedCoSimulation
@@ -32,7 +33,7 @@ STARTUP_TIMEOUT = 60.0
 """Maximum time [s] for the imports of a child process, before the FMU is loaded."""
 
 EXIT_TIMEOUT = 1.0
-"""Maximum time [s] for a child process to end after it has closed its socket."""
+"""Maximum time [s] for a child process to end after its answer is missing."""
 
 MAX_SHOWN_BYTES = 2000
 """Maximum size [B] of the child's output in an error message."""
@@ -95,7 +96,10 @@ class RemoteInstance(KnownFmu):
             stack.callback(shutil.rmtree, folder, ignore_errors=True)
             self._output = stack.enter_context((folder / "output").open("w+b"))
             ours, theirs = socket.socketpair()
-            self._socket = stack.enter_context(ours)
+            for option in (socket.SO_RCVTIMEO, socket.SO_SNDTIMEO):
+                # A message that stops in the middle must not block; polling limits the time to its start.
+                ours.setsockopt(socket.SOL_SOCKET, option, _timeval(self._limit))
+            self._connection = stack.enter_context(Connection(ours.detach()))
             with theirs:
                 environment = {"PYTHONPATH": os.pathsep.join(filter(None, sys.path)), "TMPDIR": str(folder)}
                 self._process = subprocess.Popen(
@@ -111,7 +115,7 @@ class RemoteInstance(KnownFmu):
             stack.callback(end, self._process, mark=str(folder))
             self._finalizer = weakref.finalize(self, stack.pop_all().close)
         try:
-            self._answer("start", bytes(TOKEN_BYTES), STARTUP_TIMEOUT)
+            self._answer("start", STARTUP_TIMEOUT)
             unpacked = unpack(self.file.path, self.file.max_bytes, folder)
             memory = None if memory_limit is None else int(memory_limit)
             self._call("open", (kind, self.file, memory, {"folder": unpacked, **arguments}))
@@ -126,8 +130,7 @@ class RemoteInstance(KnownFmu):
         if self._waiting:  # by another thread, or by the finalizer of a saved state
             raise FmuError(f"FMU '{self._name}' is called before its last call has returned")
         doing = arguments[0] if what == "call" else what
-        token, request = os.urandom(TOKEN_BYTES), pickle.dumps((what, arguments))
-        done, value = self._answer(doing, token, self._limit, request)
+        done, value = self._answer(doing, self._limit, (what, arguments))
         if done:
             return Step(*value) if doing == "do_step" else value
         name, text, status = value
@@ -136,40 +139,37 @@ class RemoteInstance(KnownFmu):
             error.status = status
         raise error
 
-    def _answer(self, doing: str, token: bytes, seconds: float, request: bytes | None = None) -> Any:
-        """Return the answer with the given token; end the child process on any failure."""
+    def _answer(self, doing: str, seconds: float, request: Any = None) -> Any:
+        """Send a request, if any, and return the answer; end the child process on any failure."""
         self._waiting = True
         try:
             if request is not None:
-                send(self._socket, token, request, seconds)
-            return decode(receive(self._socket, token, seconds)[1])
-        except FrameError:
-            text = (
-                f"FMU '{self._name}' has written in '{doing}' into the descriptor reserved for answers; "
-                "its process was ended"
-            )
-            raise self._ended(FmuCrashError, text) from None
-        except (EOFError, OSError) as error:
-            # A process forked by the FMU may keep the descriptor open: no end of file arrives then.
-            if isinstance(error, TimeoutError) and self._process.poll() is None:
-                text = f"FMU '{self._name}' did not return from '{doing}' within {seconds:g} s"
-                raise self._ended(FmuTimeoutError, f"{text}; its process was ended") from None
-            text = f"the process of FMU '{self._name}' {self._how(doing)}"
-            raise self._ended(FmuCrashError, text) from None
+                self._connection.send(request)
+            if not self._connection.poll(seconds):
+                raise TimeoutError
+            return decode(self._connection.recv_bytes(MAX_BYTES))
+        except (AnswerError, EOFError, OSError) as error:
+            raise self._ended(*self._explained(error, doing, seconds)) from None
         except BaseException:
             self.close()
             raise
         finally:
             self._waiting = False
 
-    def _how(self, doing: str) -> str:
-        """Return a description of how the child process ended."""
+    def _explained(self, error: Exception, doing: str, seconds: float) -> tuple[type[FmuCallError], str]:
+        """Return the class and the text of the error for a call without an answer."""
+        # A process forked by the FMU may keep the descriptor open: no end of file arrives then.
+        if isinstance(error, TimeoutError | BlockingIOError) and self._process.poll() is None:
+            text = f"FMU '{self._name}' did not return from '{doing}' within {seconds:g} s"
+            return FmuTimeoutError, f"{text}; its process was ended"
         try:
             code = self._process.wait(EXIT_TIMEOUT)
         except subprocess.TimeoutExpired:
-            return f"closed the descriptor reserved for answers in '{doing}', and was ended"
-        how = f"exit code {code}" if code >= 0 else SIGNAL_NAMES.get(code, f"signal {-code}")
-        return f"ended by itself in '{doing}' with {how}"
+            how = f"wrote into the descriptor reserved for answers in '{doing}', or closed it, and was ended"
+        else:
+            how = f"exit code {code}" if code >= 0 else SIGNAL_NAMES.get(code, f"signal {-code}")
+            how = f"ended by itself in '{doing}' with {how}"
+        return FmuCrashError, f"the process of FMU '{self._name}' {how}"
 
     def _ended(self, kind: type[FmuCallError], message: str) -> FmuError:
         """End the child; return an error with the end of its output, which includes the FMU's log."""
@@ -191,6 +191,13 @@ class RemoteInstance(KnownFmu):
     def close(self) -> None:
         """End the process and delete the unpacked files."""
         self._finalizer()
+
+
+def _timeval(seconds: float) -> bytes:
+    """Return a time in the form of C's `timeval`."""
+    whole = int(seconds)
+    microseconds = int((seconds - whole) * 1e6)
+    return struct.pack("@ll", whole, max(microseconds, 1))  # zero would mean no limit
 
 
 def open_instance(
