@@ -18,8 +18,8 @@ import fmpy.fmi3
 import fmpy.logging  # noqa: F401 - imported here, so that its time does not count as the FMU's
 
 from trussflow.blocks.framework.processes import end_marked
+from trussflow.blocks.simulation.state_bytes import encode
 from trussflow.fmu.errors import FmuError
-from trussflow.fmu.runtime.ipc import encode
 from trussflow.fmu.runtime.messages import Messages
 
 PARENT_CHECK_INTERVAL = 0.5
@@ -33,7 +33,7 @@ def main() -> None:
     Messages.echo = sys.stderr
     server, instance = os.getpid(), None
     connection = Connection(int(sys.argv[1]))
-    connection.send_bytes(encode((True, None)))  # reports that the imports are done
+    connection.send_bytes(encode((True, None), {}))  # reports that the imports are done
     while True:
         try:
             what, arguments = connection.recv()
@@ -54,11 +54,11 @@ def main() -> None:
             reply: Any = True, value
         except FmuError as error:
             reply = False, (type(error).__name__, str(error), getattr(error, "status", 0))
-        except Exception as error:  # noqa: BLE001 - the parent process must be told of every error
+        except Exception as error:  # noqa: BLE001 - the parent process needs every error
             reply = False, ("FmuError", f"{type(error).__name__}: {error}", 0)
         if os.getpid() != server:  # a copy forked by the FMU must not answer
             os._exit(0)
-        connection.send_bytes(encode(reply))
+        connection.send_bytes(encode(reply, {}))
     if instance is not None:
         instance.close()
 

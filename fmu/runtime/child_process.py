@@ -19,11 +19,11 @@ from typing import Any
 from trussflow.blocks.framework.errors import Explained
 from trussflow.blocks.framework.processes import end
 from trussflow.blocks.framework.temporary import process_folder
+from trussflow.blocks.simulation.state_bytes import decode
 from trussflow.fmu import errors
 from trussflow.fmu.errors import FmuCallError, FmuCrashError, FmuError, FmuTimeoutError
 from trussflow.fmu.runtime.archive import unpack
 from trussflow.fmu.runtime.file import FmuFile
-from trussflow.fmu.runtime.ipc import MAX_BYTES, AnswerError, decode
 from trussflow.fmu.runtime.library import Step
 from trussflow.fmu.runtime.loaded import KnownFmu
 from trussflow.fmu.runtime.loaded_co_simulation import LoadedCoSimulation
@@ -34,6 +34,9 @@ STARTUP_TIMEOUT = 60.0
 
 EXIT_TIMEOUT = 1.0
 """Maximum time [s] for a child process to end after its answer is missing."""
+
+MAX_ANSWER_BYTES = 1_000_000_000
+"""Maximum size of an answer [B]; the largest answers are saved states."""
 
 MAX_SHOWN_BYTES = 2000
 """Maximum size [B] of the child's output in an error message."""
@@ -147,8 +150,9 @@ class RemoteInstance(KnownFmu):
                 self._connection.send(request)
             if not self._connection.poll(seconds):
                 raise TimeoutError
-            return decode(self._connection.recv_bytes(MAX_BYTES))
-        except (AnswerError, EOFError, OSError) as error:
+            # The process of an FMU is not trusted: its answers are decoded, not unpickled.
+            return decode(self._connection.recv_bytes(MAX_ANSWER_BYTES), {})
+        except (ValueError, EOFError, OSError) as error:
             raise self._ended(*self._explained(error, doing, seconds)) from None
         except BaseException:
             self.close()
