@@ -10,8 +10,8 @@ from typing import Any, ClassVar
 from trussflow.blocks.framework.block import Block
 from trussflow.blocks.framework.declarations import Event, Signals, State
 from trussflow.blocks.framework.described import Description
-from trussflow.blocks.framework.validation import by_name, yes_or_no
-from trussflow.fmu.errors import FmuError, check_positive
+from trussflow.blocks.framework.validation import by_name, positive, yes_or_no
+from trussflow.fmu.errors import FmuError
 from trussflow.fmu.importing.co_simulation_run import CoSimulationRun
 from trussflow.fmu.importing.fmu_run import FmuRun
 from trussflow.fmu.importing.import_interface import ImportInterface
@@ -24,8 +24,8 @@ from trussflow.fmu.importing.model_exchange_run import (
 )
 from trussflow.fmu.runtime.archive import MAX_BYTES
 from trussflow.fmu.runtime.description import FmuDescription, Kind
+from trussflow.fmu.runtime.discrete_inputs import is_continuous
 from trussflow.fmu.runtime.file import FmuFile
-from trussflow.fmu.runtime.split_inputs import is_smooth
 
 MAX_LIMITS = {"time_limit": 1e6, "memory_limit": 1e15}
 """Maximum limits that operating systems support [s, B]."""
@@ -134,7 +134,8 @@ class Fmu(Block):
         self.file = FmuFile.read(path, max_bytes)
         self.kind = self.file.kind(kind)
         limits = {"time_limit": time_limit, "memory_limit": memory_limit}
-        check_positive(FmuError, "Fmu", tolerance=tolerance, **limits)
+        numbers = {"tolerance": tolerance, **limits}
+        positive(FmuError, **{f"Fmu: {name}": value for name, value in numbers.items() if value is not None})
         if memory_limit is not None and time_limit is None:
             raise FmuError("Fmu: memory_limit needs a child process; give time_limit too")
         for name, most in MAX_LIMITS.items():
@@ -231,5 +232,7 @@ class Fmu(Block):
         """Unpack and load the FMU for one run, with parameters `p` [units as the FMU states]."""
         if self.kind == "cs":
             return CoSimulationRun(self, p)
-        offers = self.description.kinds["me"].derivatives and all(map(is_smooth, self.interface.inputs.order))
+        offers = self.description.kinds["me"].derivatives and all(
+            map(is_continuous, self.interface.inputs.order)
+        )
         return (DifferentiableRun if offers else ModelExchangeRun)(self, p)

@@ -101,7 +101,7 @@ class ModelExchangeRun(FmuRun):
                 self._pending
                 or self._fmu.event_inputs_changed(inputs)
                 or (last is not None and not np.array_equal(last[1], inputs))
-                or self._is_retuned
+                or bool(self._changes())
             )
         next_time = -math.inf if self._pending else float(self._fmu.next_time)
         return {STATE_EVENT: np.array(self._fmu.indicators()), TIME_EVENT: next_time}

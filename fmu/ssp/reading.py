@@ -18,8 +18,8 @@ from trussflow.blocks.framework.validation import as_path, one_of, shown
 from trussflow.fmu.errors import FmuArchiveError, SspError
 from trussflow.fmu.importing.block import Fmu
 from trussflow.fmu.runtime.archive import MAX_BYTES, remove, unpack
+from trussflow.fmu.runtime.array_ports import legal_names
 from trussflow.fmu.runtime.file import FmuFile
-from trussflow.fmu.runtime.gathering import legal_names
 from trussflow.fmu.runtime.safe_xml import check_xml
 from trussflow.fmu.ssp.names import (
     FMU_TYPE,
@@ -341,14 +341,18 @@ class _Reader:
                     f"cannot import '{self.where}': the mapping of parameter '{name}' to '{target}' is "
                     "not linear; write the value under the FMU's own name"
                 )
-            if name in values:
-                found[target] = values[name]
-                if linear is not None:
-                    factor, offset = (
-                        self._number(linear.get(what, default), what)
-                        for what, default in (("factor", "1"), ("offset", "0"))
+            if name not in values:
+                continue
+            value = values[name]
+            if linear is not None:
+                if isinstance(value, str):
+                    raise SspError(
+                        f"cannot import '{self.where}': the mapping of parameter '{name}' to '{target}' "
+                        f"converts a number, but the value is the text '{value}'; remove the conversion"
                     )
-                    found[target] = factor * values[name] + offset
+                factor = self._number(linear.get("factor", "1"), "factor")
+                value = factor * value + self._number(linear.get("offset", "0"), "offset")
+            found[target] = value
         return found
 
     def _value(self, parameter: Element, name: str) -> Any:

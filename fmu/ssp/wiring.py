@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 from trussflow.blocks.framework.diagram import Diagram
 from trussflow.blocks.framework.port import Port
 from trussflow.fmu.errors import SspError
+from trussflow.fmu.runtime.array_ports import gather, legal_names
 from trussflow.fmu.runtime.description import FmuVariable
-from trussflow.fmu.runtime.gathering import gather, legal_names
 from trussflow.fmu.ssp.names import XML_NAMESPACES
 
 

@@ -266,14 +266,14 @@ def _grounded(diagram: Diagram, block: Block) -> dict[str, float]:
 
 def _options(block: Block) -> dict[str, Any]:
     """Return the options of an `Fmu` that SSP cannot express."""
-    told = {
+    options = {
         "step": block.sample_time,
         "tolerance": block.tolerance,
         "delayed": block.delayed,
         "units": block.units,
         **block.options,
     }
-    return {name: value for name, value in told.items() if value}
+    return {name: value for name, value in options.items() if value}
 
 
 def _note_master(system: Element, step: float) -> None:

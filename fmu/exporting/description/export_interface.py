@@ -198,7 +198,7 @@ def _check_initialization(item: Block, plan: Plan) -> None:
     for block in plan.python_blocks:
         loads = block.hides and (block.continuous or block.steps_itself)  # as imported FMUs do
         if loads or block.states_own("initial_state"):
-            remedy = "leave that block out. For diagrams of FMUs there is export_ssp"
+            remedy = "leave that block out. For diagrams of FMUs there is trussflow.fmu.ssp.export_ssp"
             if isinstance(block, DelayLine):
                 remedy = "replace it by sampled_delay(sample_time, delay), which can be exported"
             raise ExportError(

@@ -19,7 +19,7 @@ from trussflow.blocks.tracing.plan import Plan
 from trussflow.fmu.errors import ExportError
 from trussflow.fmu.exporting.description.dependencies import Pattern
 from trussflow.fmu.exporting.description.initialization import setting_blocks
-from trussflow.fmu.exporting.description.variables import Group, Variable, Variables
+from trussflow.fmu.exporting.description.variables import Variable, VariableGroup, Variables
 
 Starts = dict[str, Vector]
 """Start values of inputs by name, in the shape of the port."""
@@ -110,7 +110,7 @@ def input_starts(item: Block, plan: Plan, chosen: Mapping[str, Any]) -> Starts:
     return starts
 
 
-def _numbered(group: Iterable[Variable], first: int) -> Group:
+def _numbered(group: Iterable[Variable], first: int) -> VariableGroup:
     """Return the variables with their value references."""
     numbered: list[Variable] = []
     for variable in group:

@@ -11,7 +11,7 @@ import numpy as np
 from trussflow.blocks.simulation.results import provenance
 from trussflow.fmu.exporting.description.dependencies import Pattern
 from trussflow.fmu.exporting.description.export_interface import ExportInterface
-from trussflow.fmu.exporting.description.variables import Group, Variable
+from trussflow.fmu.exporting.description.variables import Variable, VariableGroup
 from trussflow.fmu.fmi_units import FmiUnit, fmi_unit
 
 Rows = list[tuple[Variable, Pattern]]
@@ -114,7 +114,7 @@ def unknowns(interface: ExportInterface) -> tuple[Rows, Rows, Rows]:
     )
 
 
-def _rows(group: Group, pattern: Pattern) -> Iterator[tuple[Variable, Pattern]]:
+def _rows(group: VariableGroup, pattern: Pattern) -> Iterator[tuple[Variable, Pattern]]:
     for v in group:
         if v.size:
             begin = v.reference - group[0].reference

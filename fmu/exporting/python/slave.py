@@ -21,6 +21,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any, ClassVar
 
+from pythonfmu.enums import Fmi2Status
 from pythonfmu.fmi2slave import Fmi2Slave
 
 from trussflow.fmu.exporting.python.instance import Instance, from_bytes, to_bytes
@@ -29,29 +30,8 @@ from trussflow.fmu.exporting.python.payload import FACTS_FILE, PICKLE_FILE, Payl
 LOG_CATEGORY = "logStatus"
 """Category of all log messages, as in the model description."""
 
-STATUS_WARNING, STATUS_ERROR = 1, 3
-"""Values of fmi2Status."""
-
 ERROR_LOGGER = logging.getLogger("trussflow_fmu")
 """Python logger that also receives the errors; its default output is the standard error stream."""
-
-
-class Message:
-    """A log message in the form that the wrapper reads.
-
-    Parameters
-    ----------
-    status : int
-        A value of fmi2Status [-].
-    text : str
-        Text of the message.
-    """
-
-    debug = False
-
-    def __init__(self, status: int, text: str) -> None:
-        self.status, self.category, self.text = status, LOG_CATEGORY, text
-        self.msg = text.replace("%", "%%")  # importers treat the text as a printf format
 
 
 def slave(namespace: dict[str, Any]) -> type:
@@ -88,21 +68,21 @@ class Slave(Fmi2Slave):  # type: ignore[misc]
         resources = Path(self.resources)
         sys.path[:] = [path for path in sys.path if not path or Path(path) != resources]
         for note in self.payload.notes:
-            self._tell(STATUS_WARNING, note)
+            self._report(Fmi2Status.warning, note)
         self._model = Instance(self.payload)
 
-    def _tell(self, status: int, text: str) -> None:
-        message = Message(status, f"{self.instance_name}: {text}")
-        self.log_queue.append(message)
-        if status == STATUS_ERROR:  # the wrapper drops all messages unless logging is on
-            ERROR_LOGGER.error("%s", message.text)
+    def _report(self, status: Fmi2Status, text: str) -> None:
+        text = f"{self.instance_name}: {text}"
+        self.log(text.replace("%", "%%"), status, LOG_CATEGORY)  # importers treat it as a printf format
+        if status == Fmi2Status.error:  # the wrapper drops all messages unless logging is on
+            ERROR_LOGGER.error("%s", text)
 
     def _guarded(self, what: str, function: Callable[[], Any]) -> Any:
         """Call a function; if it fails, log the error and return None."""
         try:
             return function()
         except BaseException as error:  # noqa: BLE001 - no exception may reach the wrapper
-            self._tell(STATUS_ERROR, f"{what} failed: {_explained(error)}")
+            self._report(Fmi2Status.error, f"{what} failed: {_explained(error)}")
             return None
 
     def _calling(self, what: str, method: str, *arguments: Any) -> Any:
@@ -141,8 +121,8 @@ class Slave(Fmi2Slave):  # type: ignore[misc]
 
     def _refuse(self, vrs: list[int], *_values: object) -> list[Any]:
         """Log an error, because all variables are of type Real."""
-        self._tell(
-            STATUS_ERROR, f"all variables are of type Real; value references {vrs} were used otherwise"
+        self._report(
+            Fmi2Status.error, f"all variables are of type Real; value references {vrs} were used otherwise"
         )
         return [False] * len(vrs)
 
