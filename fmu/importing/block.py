@@ -144,7 +144,8 @@ class Fmu(Block):
         yes_or_no("Fmu", "declared_starts", declared_starts)
         yes_or_no("Fmu", "delayed", delayed)
         yes_or_no("Fmu", "logging", logging)
-        parameters, start = by_name("parameters", parameters), by_name("start values", start)
+        parameters = by_name("parameters", parameters)
+        start = by_name("start values", start)
         given = {**parameters, **start}
         if twice := parameters.keys() & start.keys():
             raise FmuError(f"'{min(twice)}' is given both as a parameter and as a start value")
@@ -152,7 +153,9 @@ class Fmu(Block):
             self._refuse("step", step is not None, "the diagram's solver sets the step")
             self._refuse("delayed", delayed, "inputs are not held")
         self.options = {**limits, "logging": logging}
-        self.units, self.delayed, self.tolerance = dict(by_name("units", units)), delayed, tolerance
+        self.units = dict(by_name("units", units))
+        self.delayed = delayed
+        self.tolerance = tolerance
         reserved = {*dir(Fmu), *Block.__annotations__, *Fmu.__annotations__, STATE_EVENT, TIME_EVENT}
         self.interface = ImportInterface(
             self.file.description,
@@ -192,7 +195,8 @@ class Fmu(Block):
         return suggested
 
     def _described(self) -> Description:
-        own, description = super()._described(), self.description
+        own = super()._described()
+        description = self.description
         fmu = {"fmu": f"{description.name}, FMI {description.version}, {self.kind}, {self.file.path}"}
         return replace(own, facts=fmu | own.facts)
 

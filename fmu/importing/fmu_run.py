@@ -37,9 +37,13 @@ class FmuRun(Running):
     stuck = "its FMU cannot save its state (no canGetAndSetFMUState in its model description)"
 
     def __init__(self, block: Fmu, p: Signals, kind: type[LoadedCoSimulation | LoadedModelExchange]) -> None:
-        self._interface, self._description = block.interface, block.description
-        self._p, self._tolerance, self._logs_all = p, block.tolerance, bool(block.options["logging"])
-        self._tuned, self._look = self._interface.tunable(p), False
+        self._interface = block.interface
+        self._description = block.description
+        self._p = p
+        self._tolerance = block.tolerance
+        self._logs_all = bool(block.options["logging"])
+        self._tuned = self._interface.tunable(p)
+        self._look = False
         self._starts = self._interface.changed(p)
         self._ended: float | None = None  # time at which the FMU requested the end of the run
         self._fmu: Any = open_instance(
@@ -88,7 +92,9 @@ class FmuRun(Running):
     def _went_back(self, saved: dict[str, Any]) -> None:
         """Restore the state of the FMU and the parameters that belong to it."""
         restore_state(self._fmu, saved["state"])
-        self._tuned, self._look, self._ended = saved["tuned"], True, saved["ended"]
+        self._tuned = saved["tuned"]
+        self._look = True
+        self._ended = saved["ended"]
 
     def _refuse_after_end(self, time: float) -> None:
         """Raise `FmuEndedError` if `time` is after the end of the run that the FMU requested."""

@@ -42,7 +42,8 @@ class VariableVector:
     """
 
     def __init__(self, order: Sequence[FmuVariable], groups: dict[str, VariableGroup]) -> None:
-        self.order, self.groups = order, groups
+        self.order = order
+        self.groups = groups
         self.size = sum(v.size for v in order)
         spans = {v.name: span for v, span in shares(order, range(self.size))}
         places = {name: [i for v in group.variables for i in spans[v.name]] for name, group in groups.items()}

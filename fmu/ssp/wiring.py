@@ -64,7 +64,8 @@ def wire(
     for connection in connections:
         ends: list[Place | None] = []
         for side in ("start", "end"):
-            element, name = connection.get(f"{side}Element"), connection.get(f"{side}Connector", "")
+            element = connection.get(f"{side}Element")
+            name = connection.get(f"{side}Connector", "")
             if not element:
                 ends.append(None)
                 continue
@@ -93,7 +94,8 @@ def wire(
 
 def _connect(diagram: Diagram, group: list[tuple[Place, Place]]) -> None:
     """Connect elements of one port to elements of another port with a single wire."""
-    source, target = group[0][0].port, group[0][1].port
+    source = group[0][0].port
+    target = group[0][1].port
     order = sorted(range(len(group)), key=lambda k: group[k][1].element)
     taken = np.array([group[k][0].element for k in order])
     given = np.array([group[k][1].element for k in order])

@@ -104,9 +104,11 @@ def _resources(blocks: list[Block]) -> dict[Path, str]:
         file = block.file.path
         if file in found:
             continue
-        name, number = file.name, 2
+        name = file.name
+        number = 2
         while f"resources/{name}" in found.values():
-            name, number = f"{file.stem}_{number}{file.suffix}", number + 1
+            name = f"{file.stem}_{number}{file.suffix}"
+            number = number + 1
         found[file] = f"resources/{name}"
     return found
 

@@ -71,7 +71,8 @@ def dependencies(plan: Plan, programs: Mapping[str, Program]) -> Dependencies:
     start = patterns.pop("initialization")
     events = [patterns.pop(name) for name in ("indicators", "on_event", "guesses") if name in patterns]
     # Columns are the concatenated arguments t, x, d, p: starts of d and p, and the known columns.
-    d, p = 1 + plan.x.size, 1 + plan.x.size + plan.d_size
+    d = 1 + plan.x.size
+    p = 1 + plan.x.size + plan.d_size
     known = np.r_[0, d + plan.u_start : p, p : p + plan.p.size, 1:d]
     unknown = _of_python_blocks(plan, *plan.layouts[1:-1])
 

@@ -237,7 +237,8 @@ def _check_start(
     ExportError
         If there is such a variable; the message names the first one.
     """
-    t, d = np.zeros(1), d.copy()
+    t = np.zeros(1)
+    d = d.copy()
     x, d[: plan.memory.span.stop] = np.split(programs["initialization"].evaluate([t, x, d, p]), [plan.x.size])
     for group, name in ((shown.derivatives, "derivative"), (shown.outputs, "outputs")):
         values = programs[name].evaluate([t, x, d, p])

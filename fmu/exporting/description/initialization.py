@@ -69,7 +69,8 @@ def _rounds(plan: Plan, evaluation: Evaluation) -> int:
     arguments = [_flat(before[key] for key in after), _flat([leaves.t, *others])]
     depends = sparsity(lower("initial_states", arguments, _flat(after.values()), trace))[0]
     # By element: two blocks may use each other's signals if no element depends on itself.
-    chains, in_cycle = depends, np.zeros(len(depends), dtype=bool)  # chains of `rounds` dependencies
+    chains = depends  # chains of `rounds` dependencies
+    in_cycle = np.zeros(len(depends), dtype=bool)
     for rounds in range(1, 2 + len(depends)):
         if not chains.any():
             return rounds
@@ -86,7 +87,8 @@ def _rounds(plan: Plan, evaluation: Evaluation) -> int:
 
 def _set_by_blocks(plan: Plan, evaluation: Evaluation, values: Mapping[tuple[str, str], Array]) -> States:
     """Return the initial states that blocks set, given the states `values` so far."""
-    leaves, system = evaluation.leaves, plan.system
+    leaves = evaluation.leaves
+    system = plan.system
     outside = {block.path for block in system.external.values()}
     states = {path: Signals(s.owner, {n: values[path, n] for n in s}) for path, s in leaves.states.items()}
     held = {

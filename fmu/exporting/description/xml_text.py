@@ -99,7 +99,8 @@ def unknowns(interface: ExportInterface) -> tuple[Rows, Rows, Rows]:
     interface : ExportInterface
         The exported interface.
     """
-    shown, needs = interface.variables, interface.dependencies
+    shown = interface.variables
+    needs = interface.dependencies
     elsewhere = np.ones(needs.outputs.shape[1], dtype=bool)
     elsewhere[[r - 1 for v in shown.parameters for r in v.references]] = False
     states = [(v, rows) for v, rows in _rows(shown.states, needs.initial_states) if v.initial == "calculated"]

@@ -51,7 +51,8 @@ def native_files(
         If there are Python blocks, or there is no compiler.
     """
     targets = chosen(platforms)
-    common, listed = CAPABILITY_FLAGS[version], COMPILED_FILES if version == "2.0" else ()
+    common = CAPABILITY_FLAGS[version]
+    listed = COMPILED_FILES if version == "2.0" else ()
     # Algebraic loops need the completed step: their solution there starts the next iteration.
     step_flags = COMPLETED_STEP_FLAGS if interface.plan.guesses.size else NO_STEP_FLAGS
     uses = [

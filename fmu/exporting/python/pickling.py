@@ -89,7 +89,8 @@ def pickled(item: Block) -> Pickled:
 
 
 def _pickled(item: object) -> Pickled:
-    found, buffer = Pickled(), io.BytesIO()
+    found = Pickled()
+    buffer = io.BytesIO()
     pickler = _Pickler(buffer, found)
     try:
         pickler.dump(item)
