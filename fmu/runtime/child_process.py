@@ -99,10 +99,8 @@ class RemoteInstance(KnownFmu):
             stack.callback(shutil.rmtree, folder, ignore_errors=True)
             self._output = stack.enter_context((folder / "output").open("w+b"))
             ours, theirs = socket.socketpair()
-            for option in (socket.SO_RCVTIMEO, socket.SO_SNDTIMEO):
-                # A message that stops in the middle must not block; polling limits the time to its start.
-                ours.setsockopt(socket.SOL_SOCKET, option, _timeval(self._limit))
-            self._connection = stack.enter_context(Connection(ours.detach()))
+            self._socket = stack.enter_context(ours)
+            self._connection = stack.enter_context(Connection(os.dup(ours.fileno())))
             with theirs:
                 environment = {"PYTHONPATH": os.pathsep.join(filter(None, sys.path)), "TMPDIR": str(folder)}
                 self._process = subprocess.Popen(
@@ -118,13 +116,22 @@ class RemoteInstance(KnownFmu):
             stack.callback(end, self._process, mark=str(folder))
             self._finalizer = weakref.finalize(self, stack.pop_all().close)
         try:
+            self._set_timeout(STARTUP_TIMEOUT)
             self._answer("start", STARTUP_TIMEOUT)
+            self._set_timeout(self._limit)
             unpacked = unpack(self.file.path, self.file.max_bytes, folder)
             memory = None if memory_limit is None else int(memory_limit)
             self._call("open", (kind, self.file, memory, {"folder": unpacked, **arguments}))
         except BaseException:
             self.close()
             raise
+
+    def _set_timeout(self, seconds: float) -> None:
+        """Limit the time of each read and write, also in the middle of a message."""
+        whole = int(seconds)
+        microseconds = max(int((seconds - whole) * 1e6), 1)  # zero would mean no limit
+        for option in (socket.SO_RCVTIMEO, socket.SO_SNDTIMEO):
+            self._socket.setsockopt(socket.SOL_SOCKET, option, struct.pack("@ll", whole, microseconds))
 
     def _call(self, what: str, arguments: Any) -> Any:
         """Send a request to the child and return its answer."""
@@ -148,8 +155,6 @@ class RemoteInstance(KnownFmu):
         try:
             if request is not None:
                 self._connection.send(request)
-            if not self._connection.poll(seconds):
-                raise TimeoutError
             # The process of an FMU is not trusted: its answers are decoded, not unpickled.
             return decode(self._connection.recv_bytes(MAX_ANSWER_BYTES), {})
         except (ValueError, EOFError, OSError) as error:
@@ -163,7 +168,7 @@ class RemoteInstance(KnownFmu):
     def _explained(self, error: Exception, doing: str, seconds: float) -> tuple[type[FmuCallError], str]:
         """Return the class and the text of the error for a call without an answer."""
         # A process forked by the FMU may keep the descriptor open: no end of file arrives then.
-        if isinstance(error, TimeoutError | BlockingIOError) and self._process.poll() is None:
+        if isinstance(error, BlockingIOError) and self._process.poll() is None:
             text = f"FMU '{self._name}' did not return from '{doing}' within {seconds:g} s"
             return FmuTimeoutError, f"{text}; its process was ended"
         try:
@@ -195,13 +200,6 @@ class RemoteInstance(KnownFmu):
     def close(self) -> None:
         """End the process and delete the unpacked files."""
         self._finalizer()
-
-
-def _timeval(seconds: float) -> bytes:
-    """Return a time in the form of C's `timeval`."""
-    whole = int(seconds)
-    microseconds = int((seconds - whole) * 1e6)
-    return struct.pack("@ll", whole, max(microseconds, 1))  # zero would mean no limit
 
 
 def open_instance(
