@@ -31,7 +31,8 @@ def main() -> None:
     threading.Thread(target=_end_with, args=(os.getppid(),), daemon=True).start()
     faulthandler.enable(all_threads=False)
     Messages.echo = sys.stderr
-    server, instance = os.getpid(), None
+    server = os.getpid()
+    instance = None
     connection = Connection(int(sys.argv[1]))
     connection.send_bytes(encode((True, None), {}))  # reports that the imports are done
     while True:

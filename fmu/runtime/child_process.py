@@ -90,7 +90,8 @@ class RemoteInstance(KnownFmu):
             raise FmuError("child processes for FMUs need a POSIX system; leave out time_limit")
         # The description is read here: the child process is not trusted to report it.
         super().__init__(kind.kind, file, arguments.get("start") or {})
-        self._limit, self._name = float(time_limit), self.file.path.name
+        self._limit = float(time_limit)
+        self._name = self.file.path.name
         self._waiting = False
         self._fault = FmuError(f"the process of FMU '{self._name}' has ended; set it up again")
         cannot = Explained(lambda error: FmuError(f"cannot start a process for FMU '{self._name}': {error}"))

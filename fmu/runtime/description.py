@@ -237,7 +237,8 @@ def _check_structure(root: ElementTree.Element, where: str) -> None:
     for variable in listed:
         size = 1
         for dimension in variable.findall("Dimension"):
-            start, source = dimension.get("start"), dimension.get("valueReference")
+            start = dimension.get("start")
+            source = dimension.get("valueReference")
             if start is None and source in by_reference:
                 start = by_reference[source].get("start")
             if start is None or not start.strip().isdecimal():

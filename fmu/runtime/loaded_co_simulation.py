@@ -88,7 +88,8 @@ class LoadedCoSimulation(LoadedFmu):
         if discrete is None:
             self._input.write()
             return
-        now, before = self._input.values, self._written
+        now = self._input.values
+        before = self._written
         if before is not None and np.array_equal(now[discrete.places], before[discrete.places]):
             discrete.write_continuous(now)
             return

@@ -44,7 +44,8 @@ class LoadedModelExchange(LoadedFmu):
 
     def _started(self, time: float) -> None:
         library = self._library
-        self._states, self._rates = np.zeros(self.size), np.zeros(self.size)
+        self._states = np.zeros(self.size)
+        self._rates = np.zeros(self.size)
         self._signs = np.zeros(self.description.event_indicators)
         self._set_states = library.vector_call("SetContinuousStates", self._states)
         self._get_states = library.vector_call("GetContinuousStates", self._states)
@@ -131,8 +132,10 @@ class LoadedModelExchange(LoadedFmu):
         """
         unknowns = self.outputs if what == "output" else self.description.derivatives
         knowns = (*self.description.states, *self.inputs)
-        rows, columns = continuous_elements(unknowns), continuous_elements(knowns)
-        seed, result = np.concatenate([dx, du])[columns], np.zeros(np.count_nonzero(rows))
+        rows = continuous_elements(unknowns)
+        columns = continuous_elements(knowns)
+        seed = np.concatenate([dx, du])[columns]
+        result = np.zeros(np.count_nonzero(rows))
         arguments: list[Any] = []
         for side in (unknowns, knowns):
             references = [v.reference for v in side if is_continuous(v)]
