@@ -12,5 +12,3 @@ from trussflow.fmu.errors import FmuUnitError as FmuUnitError
 from trussflow.fmu.errors import SspError as SspError
 from trussflow.fmu.exporting.export import export as export
 from trussflow.fmu.importing.block import Fmu as Fmu
-from trussflow.fmu.ssp.reading import import_ssp as import_ssp
-from trussflow.fmu.ssp.writing import export_ssp as export_ssp

@@ -1,8 +1,7 @@
 """Errors of FMU import and export; each message names the object, the fault and the remedy."""
 
-from trussflow.blocks.framework.errors import RunEndedError, SimulationError, TrussflowError
+from trussflow.blocks.framework.errors import RunEndedError, TrussflowError
 from trussflow.blocks.framework.running import StepDiscardedError
-from trussflow.blocks.framework.validation import positive_if_given
 
 
 class ExportError(TrussflowError, ValueError):
@@ -68,14 +67,3 @@ class FmuCrashError(FmuCallError):
 
 class SspError(FmuError):
     """A system structure (SSP) is invalid, or uses features that diagrams do not support."""
-
-
-def check_positive(kind: type[TrussflowError], where: str, **values: float | None) -> None:
-    """Raise an error of class `kind` if one of `values` [any] is not positive and finite.
-
-    The message begins with `where`. Values of None are ignored.
-    """
-    try:
-        positive_if_given(**values)
-    except SimulationError as error:
-        raise kind(f"{where}: {error}") from None

@@ -71,7 +71,8 @@ def fmi_unit(name: str) -> FmiUnit:
     display: tuple[tuple[str, float], ...] = ()
     if dict(quantity(1.0, unit).unit_items()).get("radian") == 1:
         display = ((name.replace("radian", "deg").replace("rad", "deg"), 180 / pi),)
-    factor, offset = float(one.magnitude - zero.magnitude), float(zero.magnitude)
+    factor = float(one.magnitude - zero.magnitude)
+    offset = float(zero.magnitude)
     whole = all(power.is_integer() and abs(power) < 2**31 for power in powers.values())  # xs:int
     if not (whole and set(powers) <= set(BASE_UNIT_NAMES.values()) and 0.0 < abs(factor) < inf):
         return FmiUnit(name, None, display=display)

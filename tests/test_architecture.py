@@ -36,7 +36,7 @@ PACKAGES = {
     DRAWING: (FRAMEWORK, TRACING),
     SWEEPS: (FRAMEWORK, TRACING, SIMULATION),
     FMU: (FRAMEWORK,),
-    f"{FMU}.runtime": (FRAMEWORK,),
+    f"{FMU}.runtime": (FRAMEWORK, SIMULATION),
     f"{FMU}.importing": (FRAMEWORK, f"{FMU}.runtime"),
     f"{FMU}.exporting.description": (FRAMEWORK, TRACING, SIMULATION, LIBRARY),
     f"{FMU}.exporting.native": EXPORTING,

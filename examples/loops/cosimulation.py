@@ -8,7 +8,8 @@ Two FMUs coupled at communication points: coupling schemes, error-controlled ste
 import numpy as np
 
 from trussflow.blocks import Diagram, StateSpace, cosimulate, simulate
-from trussflow.fmu import Fmu, export, export_ssp, import_ssp
+from trussflow.fmu import Fmu, export
+from trussflow.fmu.ssp import export_ssp, import_ssp
 
 
 def arm():

@@ -55,9 +55,9 @@ def export(
     gets control there.
 
     A Python FMU offers co-simulation. It may contain Python blocks, but no imported FMUs. It
-    contains a copy of the item with its author's code, and this package under another name. The
-    target needs Python with the libraries listed in ``resources/requirements.txt`` of the FMU; a C
-    compiler makes it faster.
+    contains a copy of the item with its author's code. The target needs Python with this version of
+    trussflow and the packages listed in ``resources/requirements.txt`` of the FMU; a C compiler
+    makes it faster.
 
     Plain C is a source and a header without FMI and without memory allocation, for a flight
     computer or a microcontroller. Its functions initialize, step, set each input and parameter,

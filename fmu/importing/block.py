@@ -10,8 +10,8 @@ from typing import Any, ClassVar
 from trussflow.blocks.framework.block import Block
 from trussflow.blocks.framework.declarations import Event, Signals, State
 from trussflow.blocks.framework.described import Description
-from trussflow.blocks.framework.validation import by_name, yes_or_no
-from trussflow.fmu.errors import FmuError, check_positive
+from trussflow.blocks.framework.validation import by_name, positive, yes_or_no
+from trussflow.fmu.errors import FmuError
 from trussflow.fmu.importing.co_simulation_run import CoSimulationRun
 from trussflow.fmu.importing.fmu_run import FmuRun
 from trussflow.fmu.importing.import_interface import ImportInterface
@@ -24,8 +24,8 @@ from trussflow.fmu.importing.model_exchange_run import (
 )
 from trussflow.fmu.runtime.archive import MAX_BYTES
 from trussflow.fmu.runtime.description import FmuDescription, Kind
+from trussflow.fmu.runtime.discrete_inputs import is_continuous
 from trussflow.fmu.runtime.file import FmuFile
-from trussflow.fmu.runtime.split_inputs import is_smooth
 
 MAX_LIMITS = {"time_limit": 1e6, "memory_limit": 1e15}
 """Maximum limits that operating systems support [s, B]."""
@@ -134,7 +134,8 @@ class Fmu(Block):
         self.file = FmuFile.read(path, max_bytes)
         self.kind = self.file.kind(kind)
         limits = {"time_limit": time_limit, "memory_limit": memory_limit}
-        check_positive(FmuError, "Fmu", tolerance=tolerance, **limits)
+        numbers = {"tolerance": tolerance, **limits}
+        positive(FmuError, **{f"Fmu: {name}": value for name, value in numbers.items() if value is not None})
         if memory_limit is not None and time_limit is None:
             raise FmuError("Fmu: memory_limit needs a child process; give time_limit too")
         for name, most in MAX_LIMITS.items():
@@ -143,7 +144,8 @@ class Fmu(Block):
         yes_or_no("Fmu", "declared_starts", declared_starts)
         yes_or_no("Fmu", "delayed", delayed)
         yes_or_no("Fmu", "logging", logging)
-        parameters, start = by_name("parameters", parameters), by_name("start values", start)
+        parameters = by_name("parameters", parameters)
+        start = by_name("start values", start)
         given = {**parameters, **start}
         if twice := parameters.keys() & start.keys():
             raise FmuError(f"'{min(twice)}' is given both as a parameter and as a start value")
@@ -151,7 +153,9 @@ class Fmu(Block):
             self._refuse("step", step is not None, "the diagram's solver sets the step")
             self._refuse("delayed", delayed, "inputs are not held")
         self.options = {**limits, "logging": logging}
-        self.units, self.delayed, self.tolerance = dict(by_name("units", units)), delayed, tolerance
+        self.units = dict(by_name("units", units))
+        self.delayed = delayed
+        self.tolerance = tolerance
         reserved = {*dir(Fmu), *Block.__annotations__, *Fmu.__annotations__, STATE_EVENT, TIME_EVENT}
         self.interface = ImportInterface(
             self.file.description,
@@ -191,7 +195,8 @@ class Fmu(Block):
         return suggested
 
     def _described(self) -> Description:
-        own, description = super()._described(), self.description
+        own = super()._described()
+        description = self.description
         fmu = {"fmu": f"{description.name}, FMI {description.version}, {self.kind}, {self.file.path}"}
         return replace(own, facts=fmu | own.facts)
 
@@ -231,5 +236,7 @@ class Fmu(Block):
         """Unpack and load the FMU for one run, with parameters `p` [units as the FMU states]."""
         if self.kind == "cs":
             return CoSimulationRun(self, p)
-        offers = self.description.kinds["me"].derivatives and all(map(is_smooth, self.interface.inputs.order))
+        offers = self.description.kinds["me"].derivatives and all(
+            map(is_continuous, self.interface.inputs.order)
+        )
         return (DifferentiableRun if offers else ModelExchangeRun)(self, p)

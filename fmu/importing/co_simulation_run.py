@@ -16,7 +16,6 @@ from trussflow.blocks.framework.running import SelfStepping
 from trussflow.blocks.framework.types import Vector
 from trussflow.fmu.errors import FmuCallError, FmuDiscardError, FmuEndedStepError, FmuError
 from trussflow.fmu.importing.fmu_run import FmuRun
-from trussflow.fmu.importing.import_interface import Side
 from trussflow.fmu.runtime.description import REAL_TYPES
 from trussflow.fmu.runtime.library import Step
 from trussflow.fmu.runtime.loaded_co_simulation import LoadedCoSimulation
@@ -53,7 +52,8 @@ class CoSimulationRun(FmuRun, SelfStepping):
     def __init__(self, block: Fmu, p: Signals) -> None:
         super().__init__(block, p, LoadedCoSimulation)
         interface = self._interface
-        self._inputs, self._outputs = _places(interface.inputs), _places(interface.outputs)
+        self._inputs = interface.inputs.places
+        self._outputs = interface.outputs.places
         self._u = interface.initial_inputs()
         self._slopes: Vector | None = None
         self._delayed = block.delayed
@@ -209,11 +209,3 @@ class CoSimulationRun(FmuRun, SelfStepping):
         self._begun, self._saved_once = None, True
         self._u[:], self._slopes = saved["u"], None  # derivatives are set before each step
         self._went_back(saved)
-
-
-def _places(side: Side) -> Any:
-    """Return the indices into the FMU's vector of the concatenated elements of the ports."""
-    numbered = side.split(np.arange(float(side.size)))
-    parts = [values.ravel() for values in numbered.values()]
-    places = np.concatenate([np.zeros(0), *parts]).astype(np.int64)
-    return slice(None) if np.array_equal(places, np.arange(side.size)) else places

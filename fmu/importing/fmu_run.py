@@ -15,6 +15,7 @@ from trussflow.fmu.runtime.loaded_co_simulation import LoadedCoSimulation
 from trussflow.fmu.runtime.loaded_model_exchange import LoadedModelExchange
 from trussflow.fmu.runtime.messages import status_name
 from trussflow.fmu.runtime.saved_states import restore_state
+from trussflow.fmu.runtime.start_values import Starts
 
 if TYPE_CHECKING:
     from trussflow.fmu.importing.block import Fmu
@@ -36,9 +37,13 @@ class FmuRun(Running):
     stuck = "its FMU cannot save its state (no canGetAndSetFMUState in its model description)"
 
     def __init__(self, block: Fmu, p: Signals, kind: type[LoadedCoSimulation | LoadedModelExchange]) -> None:
-        self._interface, self._description = block.interface, block.description
-        self._p, self._tolerance, self._logs_all = p, block.tolerance, bool(block.options["logging"])
-        self._tuned, self._look = self._interface.tunable(p), False
+        self._interface = block.interface
+        self._description = block.description
+        self._p = p
+        self._tolerance = block.tolerance
+        self._logs_all = bool(block.options["logging"])
+        self._tuned = self._interface.tunable(p)
+        self._look = False
         self._starts = self._interface.changed(p)
         self._ended: float | None = None  # time at which the FMU requested the end of the run
         self._fmu: Any = open_instance(
@@ -64,18 +69,17 @@ class FmuRun(Running):
         self._ended = None
         self._fmu.setup(time, tolerance=self._tolerance, inputs=inputs_given, start=self._starts)
 
-    def _retuned(self) -> dict[str, Any]:
+    def _retuned(self) -> Starts:
         """Return the tunable parameters that changed since the last call."""
-        if not self._is_retuned:
-            return {}
-        before, self._tuned = self._tuned, self._interface.tunable(self._p)
+        changes = self._changes()
+        self._tuned = self._tuned | changes
         self._look = False
-        return self._interface.retuned(self._p, before)
+        return changes
 
-    @property
-    def _is_retuned(self) -> bool:
-        """Whether tunable parameters changed; compared only after a call of `tuned`."""
-        return self._look and not np.array_equal(self._interface.tunable(self._p), self._tuned)
+    def _changes(self) -> Starts:
+        """Return the tunable parameters that changed; compared only after a call of `tuned`."""
+        now = self._interface.tunable(self._p) if self._look else {}
+        return {name: value for name, value in now.items() if not np.array_equal(value, self._tuned[name])}
 
     def tuned(self) -> None:
         """Note that parameters were changed."""
@@ -88,7 +92,9 @@ class FmuRun(Running):
     def _went_back(self, saved: dict[str, Any]) -> None:
         """Restore the state of the FMU and the parameters that belong to it."""
         restore_state(self._fmu, saved["state"])
-        self._tuned, self._look, self._ended = np.array(saved["tuned"]), True, saved["ended"]
+        self._tuned = saved["tuned"]
+        self._look = True
+        self._ended = saved["ended"]
 
     def _refuse_after_end(self, time: float) -> None:
         """Raise `FmuEndedError` if `time` is after the end of the run that the FMU requested."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
+from itertools import chain
 from typing import Any
 
 import numpy as np
@@ -13,13 +14,13 @@ from trussflow.blocks.framework.types import Array, Vector
 from trussflow.blocks.framework.units import Unit
 from trussflow.fmu.errors import FmuError
 from trussflow.fmu.importing.unit_table import UnitTable
+from trussflow.fmu.runtime.array_ports import VariableGroup, gather, legal_names
 from trussflow.fmu.runtime.description import FmuDescription, FmuVariable
-from trussflow.fmu.runtime.gathering import Group, gather, legal_names
 from trussflow.fmu.runtime.loaded import numbers
 from trussflow.fmu.runtime.start_values import Starts, declared_start, resized, resolve, shares
 
 
-class Side:
+class VariableVector:
     """Mapping between named groups of a block and one vector of the FMU.
 
     Used for the inputs, the outputs, the parameters and the states. The vector has the elements in
@@ -29,26 +30,25 @@ class Side:
     ----------
     order : sequence of FmuVariable
         The variables in the FMU's order.
-    groups : dict of str to Group
+    groups : dict of str to VariableGroup
         The FMU variables of each name of the block.
 
     Attributes
     ----------
     size : int
         Number of elements of the vector.
+    places : slice or array of int
+        Index of the concatenated elements of all names into the vector.
     """
 
-    def __init__(self, order: Sequence[FmuVariable], groups: dict[str, Group]) -> None:
-        self.order, self.groups = order, groups
+    def __init__(self, order: Sequence[FmuVariable], groups: dict[str, VariableGroup]) -> None:
+        self.order = order
+        self.groups = groups
         self.size = sum(v.size for v in order)
         spans = {v.name: span for v, span in shares(order, range(self.size))}
-        self._places: dict[str, Any] = {}
-        for name, group in groups.items():
-            places = [i for v in group.variables for i in spans[v.name]]
-            first, last = (places[0], places[-1] + 1) if places else (0, 0)
-            # A slice is preferred because indexing with it does not copy.
-            whole = places == list(range(first, last))
-            self._places[name] = slice(first, last) if whole else np.array(places)
+        places = {name: [i for v in group.variables for i in spans[v.name]] for name, group in groups.items()}
+        self._places = {name: _index(listed) for name, listed in places.items()}
+        self.places = _index(list(chain.from_iterable(places.values())))
 
     def split(self, flat: Vector) -> dict[str, Array]:
         """Return copies of the values in a vector, by name.
@@ -74,6 +74,13 @@ class Side:
         for name, places in self._places.items():
             flat[places] = values[name].ravel()
         return flat
+
+
+def _index(places: list[int]) -> Any:
+    """Return the index of elements of a vector: a slice if possible, because it does not copy."""
+    first = places[0] if places else 0
+    whole = slice(first, first + len(places))
+    return whole if places == list(range(whole.start, whole.stop)) else np.array(places)
 
 
 class ImportInterface:
@@ -113,17 +120,17 @@ class ImportInterface:
         self._declared_starts = declared_starts
         description = self.description = resized(description, given)
         taken = set(reserved)  # of equal names, the first one is not changed
-        parameters = self._side(numbers(description, "parameter"), taken)
-        self.inputs = self._side(numbers(description, "input"), taken)
-        self.outputs = self._side(numbers(description, "output"), taken)
+        parameters = self._vector(numbers(description, "parameter"), taken)
+        self.inputs = self._vector(numbers(description, "input"), taken)
+        self.outputs = self._vector(numbers(description, "output"), taken)
         named = parameters.groups | self.inputs.groups
         self.starts: Starts = resolve(description, given, {name: g.variables for name, g in named.items()})
         known = {n: g for n, g in parameters.groups.items() if all(map(self._is_known, g.variables))}
-        self.parameters = Side([v for group in known.values() for v in group.variables], known)
+        self.parameters = VariableVector([v for group in known.values() for v in group.variables], known)
         self._table = UnitTable(description, units)
-        self.states = Side((), {})
+        self.states = VariableVector((), {})
         if with_states:
-            self.states = Side(description.states, self._states(description, taken))
+            self.states = VariableVector(description.states, self._states(description, taken))
         self._tunable = [
             name
             for name, group in self.parameters.groups.items()
@@ -132,14 +139,14 @@ class ImportInterface:
         self.declarations = self._declarations()
 
     @staticmethod
-    def _side(variables: Sequence[FmuVariable], taken: set[str]) -> Side:
-        """Group variables and give each group a unique name."""
+    def _vector(variables: Sequence[FmuVariable], taken: set[str]) -> VariableVector:
+        """VariableGroup variables and give each group a unique name."""
         groups = gather(variables)
         names = legal_names([group.name for group in groups], taken)
         taken.update(names.values())
-        return Side(variables, {names[group.name]: group for group in groups})
+        return VariableVector(variables, {names[group.name]: group for group in groups})
 
-    def _states(self, description: FmuDescription, taken: set[str]) -> dict[str, Group]:
+    def _states(self, description: FmuDescription, taken: set[str]) -> dict[str, VariableGroup]:
         """Name the states; the name of a state that is also an output gets the suffix `_state`."""
         found = {}
         for group in gather(description.states):
@@ -184,17 +191,17 @@ class ImportInterface:
             declaration.name = name
         return declared
 
-    def _about(self, group: Group) -> dict[str, Any]:
+    def _about(self, group: VariableGroup) -> dict[str, Any]:
         return {"unit": self._unit(group), "meaning": group.variables[0].meaning}
 
-    def _unit(self, group: Group) -> Unit:
+    def _unit(self, group: VariableGroup) -> Unit:
         """Return the unit of a group, or the units of its elements if they differ."""
         units = [self._table.unit(v.unit) for v in group.variables for _ in range(v.size)]
         if len(set(units)) <= 1:
             return units[0] if units else None
         return tuple("" if unit is None else unit for unit in units)
 
-    def _default(self, group: Group) -> float | None:
+    def _default(self, group: VariableGroup) -> float | None:
         """Return the value of an unconnected input, or None if the input must be connected."""
         given = any(v.name in self.starts for v in group.variables)
         declared = self._declared_starts and all(v.start is not None for v in group.variables)
@@ -214,7 +221,7 @@ class ImportInterface:
 
     def fixed_starts(self) -> Starts:
         """Return the given values of variables other than parameters and inputs of the block."""
-        elsewhere = {v.name for side in (self.parameters, self.inputs) for v in side.order}
+        elsewhere = {v.name for vector in (self.parameters, self.inputs) for v in vector.order}
         return {name: value for name, value in self.starts.items() if name not in elsewhere}
 
     def changed(self, p: Signals) -> Starts:
@@ -233,29 +240,19 @@ class ImportInterface:
                     found[variable.name] = value
         return found
 
-    def tunable(self, p: Signals) -> Vector:
-        """Return the concatenated tunable parameters.
+    def tunable(self, p: Signals) -> Starts:
+        """Return the values of the tunable parameters.
 
         Parameters
         ----------
         p : Signals
             The parameters of the block [units as the FMU states].
         """
-        return np.concatenate([np.zeros(0), *(p[name].ravel() for name in self._tunable)])
-
-    def retuned(self, p: Signals, before: Vector) -> Starts:
-        """Return the tunable parameters that have changed.
-
-        Parameters
-        ----------
-        p : Signals
-            The parameters of the block [units as the FMU states].
-        before : Vector
-            Earlier result of `tunable` [units as the FMU states].
-        """
-        variables = [v for name in self._tunable for v in self.parameters.groups[name].variables]
-        pairs = zip(shares(variables, self.tunable(p)), shares(variables, before), strict=True)
-        return {v.name: now for (v, now), (_, was) in pairs if not np.array_equal(now, was)}
+        found: Starts = {}
+        for name in self._tunable:
+            variables = self.parameters.groups[name].variables
+            found |= {v.name: value for v, value in shares(variables, p[name].flatten())}
+        return found
 
     def feedthrough(self) -> dict[str, tuple[str, ...]]:
         """Return the inputs with direct feedthrough to each output, by the block's names."""
@@ -274,6 +271,6 @@ class ImportInterface:
 
     def variables(self) -> dict[str, tuple[str, ...]]:
         """Return the names of the FMU variables of each name of the block."""
-        sides = (self.inputs, self.outputs, self.parameters, self.states)
-        groups = {name: group for side in sides for name, group in side.groups.items()}
+        vectors = (self.inputs, self.outputs, self.parameters, self.states)
+        groups = {name: group for vector in vectors for name, group in vector.groups.items()}
         return {name: tuple(v.name for v in group.variables) for name, group in groups.items()}

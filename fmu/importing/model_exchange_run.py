@@ -55,7 +55,9 @@ class ModelExchangeRun(FmuRun):
 
     def _initialize(self, time: float, inputs: Vector) -> None:
         self._set_up(time, inputs)
-        self._begun, self._last, self._pending = time, None, False
+        self._begun = time
+        self._last = None
+        self._pending = False
 
     def _by_name(self, flat: Vector) -> Values:
         """Return states or their derivatives by name."""
@@ -64,7 +66,8 @@ class ModelExchangeRun(FmuRun):
 
     def _place(self, t: Array, x: Signals, u: Signals) -> Vector:
         """Set time, states and inputs of the FMU; return the inputs."""
-        time, inputs = float(t), self._interface.inputs.join(u)
+        time = float(t)
+        inputs = self._interface.inputs.join(u)
         if self._begun is not None and time != self._begun:
             self._initialize(time, inputs)  # the run starts at another time than zero
         self._begun = None
@@ -95,13 +98,14 @@ class ModelExchangeRun(FmuRun):
         Inputs that jumped since the last accepted point, and changed discrete inputs, cause an
         immediate event.
         """
-        inputs, last = self._place(t, x, u), self._last
+        inputs = self._place(t, x, u)
+        last = self._last
         if last is None or last[0] >= float(t):  # round-off may put the accepted time after t
             self._pending = (
                 self._pending
                 or self._fmu.event_inputs_changed(inputs)
                 or (last is not None and not np.array_equal(last[1], inputs))
-                or self._is_retuned
+                or bool(self._changes())
             )
         next_time = -math.inf if self._pending else float(self._fmu.next_time)
         return {STATE_EVENT: np.array(self._fmu.indicators()), TIME_EVENT: next_time}
@@ -120,7 +124,8 @@ class ModelExchangeRun(FmuRun):
         if self._last is None or self._last[0] != float(t):
             self._completed_step(float(t))
         states, ended = self._fmu.handle_event(inputs, self._retuned())
-        self._pending, self._last = False, (float(t), inputs)
+        self._pending = False
+        self._last = (float(t), inputs)
         self._ended = float(t) if ended else self._ended
         return {} if states is None else self._by_name(states)
 
@@ -146,7 +151,10 @@ class ModelExchangeRun(FmuRun):
         """Restore the result of `save`."""
         self._went_back(saved)
         self._fmu.set_restored(saved["next"], saved["inputs"])
-        self._begun, self._last, self._pending, self._in_run = None, None, False, True
+        self._begun = None
+        self._last = None
+        self._pending = False
+        self._in_run = True
 
 
 class DifferentiableRun(ModelExchangeRun):

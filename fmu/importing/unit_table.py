@@ -39,7 +39,8 @@ class UnitTable:
     """
 
     def __init__(self, description: FmuDescription, given: Mapping[str, str | None] | None = None) -> None:
-        self._name, self._definitions = description.name, description.units
+        self._name = description.name
+        self._definitions = description.units
         self._known: dict[str, str | None] = {"": None}
         used = {v.unit for v in description.variables.values()} | description.units.keys()
         for name, unit in (given or {}).items():

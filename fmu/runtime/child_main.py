@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import faulthandler
 import os
-import pickle
 import resource
 import signal
-import socket
 import sys
 import threading
 import time
+from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Any
 
@@ -19,8 +18,8 @@ import fmpy.fmi3
 import fmpy.logging  # noqa: F401 - imported here, so that its time does not count as the FMU's
 
 from trussflow.blocks.framework.processes import end_marked
+from trussflow.blocks.simulation.state_bytes import encode
 from trussflow.fmu.errors import FmuError
-from trussflow.fmu.runtime.frames import TOKEN_BYTES, encode, receive, send
 from trussflow.fmu.runtime.messages import Messages
 
 PARENT_CHECK_INTERVAL = 0.5
@@ -28,19 +27,19 @@ PARENT_CHECK_INTERVAL = 0.5
 
 
 def main() -> None:
-    """Serve one FMU until the other end of the socket closes."""
+    """Serve one FMU until the other end of the connection closes."""
     threading.Thread(target=_end_with, args=(os.getppid(),), daemon=True).start()
     faulthandler.enable(all_threads=False)
     Messages.echo = sys.stderr
-    server, instance = os.getpid(), None
-    end = socket.socket(fileno=int(sys.argv[1]))
-    send(end, bytes(TOKEN_BYTES), encode((True, None)))  # reports that the imports are done
+    server = os.getpid()
+    instance = None
+    connection = Connection(int(sys.argv[1]))
+    connection.send_bytes(encode((True, None), {}))  # reports that the imports are done
     while True:
         try:
-            token, request = receive(end)
+            what, arguments = connection.recv()
         except EOFError:
             break
-        what, arguments = pickle.loads(request)
         try:
             if what == "open":
                 kind, file, memory, options = arguments
@@ -56,11 +55,11 @@ def main() -> None:
             reply: Any = True, value
         except FmuError as error:
             reply = False, (type(error).__name__, str(error), getattr(error, "status", 0))
-        except Exception as error:  # noqa: BLE001 - the parent process must be told of every error
+        except Exception as error:  # noqa: BLE001 - the parent process needs every error
             reply = False, ("FmuError", f"{type(error).__name__}: {error}", 0)
         if os.getpid() != server:  # a copy forked by the FMU must not answer
             os._exit(0)
-        send(end, token, encode(reply))
+        connection.send_bytes(encode(reply, {}))
     if instance is not None:
         instance.close()
 

@@ -3,26 +3,27 @@
 from __future__ import annotations
 
 import os
-import pickle
 import shutil
 import signal
 import socket
+import struct
 import subprocess
 import sys
 import tempfile
 import weakref
 from contextlib import ExitStack
+from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Any
 
 from trussflow.blocks.framework.errors import Explained
 from trussflow.blocks.framework.processes import end
 from trussflow.blocks.framework.temporary import process_folder
+from trussflow.blocks.simulation.state_bytes import decode
 from trussflow.fmu import errors
 from trussflow.fmu.errors import FmuCallError, FmuCrashError, FmuError, FmuTimeoutError
 from trussflow.fmu.runtime.archive import unpack
 from trussflow.fmu.runtime.file import FmuFile
-from trussflow.fmu.runtime.frames import TOKEN_BYTES, FrameError, decode, receive, send
 from trussflow.fmu.runtime.library import Step
 from trussflow.fmu.runtime.loaded import KnownFmu
 from trussflow.fmu.runtime.loaded_co_simulation import LoadedCoSimulation
@@ -32,7 +33,10 @@ STARTUP_TIMEOUT = 60.0
 """Maximum time [s] for the imports of a child process, before the FMU is loaded."""
 
 EXIT_TIMEOUT = 1.0
-"""Maximum time [s] for a child process to end after it has closed its socket."""
+"""Maximum time [s] for a child process to end after its answer is missing."""
+
+MAX_ANSWER_BYTES = 1_000_000_000
+"""Maximum size of an answer [B]; the largest answers are saved states."""
 
 MAX_SHOWN_BYTES = 2000
 """Maximum size [B] of the child's output in an error message."""
@@ -86,7 +90,8 @@ class RemoteInstance(KnownFmu):
             raise FmuError("child processes for FMUs need a POSIX system; leave out time_limit")
         # The description is read here: the child process is not trusted to report it.
         super().__init__(kind.kind, file, arguments.get("start") or {})
-        self._limit, self._name = float(time_limit), self.file.path.name
+        self._limit = float(time_limit)
+        self._name = self.file.path.name
         self._waiting = False
         self._fault = FmuError(f"the process of FMU '{self._name}' has ended; set it up again")
         cannot = Explained(lambda error: FmuError(f"cannot start a process for FMU '{self._name}': {error}"))
@@ -96,6 +101,7 @@ class RemoteInstance(KnownFmu):
             self._output = stack.enter_context((folder / "output").open("w+b"))
             ours, theirs = socket.socketpair()
             self._socket = stack.enter_context(ours)
+            self._connection = stack.enter_context(Connection(os.dup(ours.fileno())))
             with theirs:
                 environment = {"PYTHONPATH": os.pathsep.join(filter(None, sys.path)), "TMPDIR": str(folder)}
                 self._process = subprocess.Popen(
@@ -111,13 +117,22 @@ class RemoteInstance(KnownFmu):
             stack.callback(end, self._process, mark=str(folder))
             self._finalizer = weakref.finalize(self, stack.pop_all().close)
         try:
-            self._answer("start", bytes(TOKEN_BYTES), STARTUP_TIMEOUT)
+            self._set_timeout(STARTUP_TIMEOUT)
+            self._answer("start", STARTUP_TIMEOUT)
+            self._set_timeout(self._limit)
             unpacked = unpack(self.file.path, self.file.max_bytes, folder)
             memory = None if memory_limit is None else int(memory_limit)
             self._call("open", (kind, self.file, memory, {"folder": unpacked, **arguments}))
         except BaseException:
             self.close()
             raise
+
+    def _set_timeout(self, seconds: float) -> None:
+        """Limit the time of each read and write, also in the middle of a message."""
+        whole = int(seconds)
+        microseconds = max(int((seconds - whole) * 1e6), 1)  # zero would mean no limit
+        for option in (socket.SO_RCVTIMEO, socket.SO_SNDTIMEO):
+            self._socket.setsockopt(socket.SOL_SOCKET, option, struct.pack("@ll", whole, microseconds))
 
     def _call(self, what: str, arguments: Any) -> Any:
         """Send a request to the child and return its answer."""
@@ -126,8 +141,7 @@ class RemoteInstance(KnownFmu):
         if self._waiting:  # by another thread, or by the finalizer of a saved state
             raise FmuError(f"FMU '{self._name}' is called before its last call has returned")
         doing = arguments[0] if what == "call" else what
-        token, request = os.urandom(TOKEN_BYTES), pickle.dumps((what, arguments))
-        done, value = self._answer(doing, token, self._limit, request)
+        done, value = self._answer(doing, self._limit, (what, arguments))
         if done:
             return Step(*value) if doing == "do_step" else value
         name, text, status = value
@@ -136,40 +150,36 @@ class RemoteInstance(KnownFmu):
             error.status = status
         raise error
 
-    def _answer(self, doing: str, token: bytes, seconds: float, request: bytes | None = None) -> Any:
-        """Return the answer with the given token; end the child process on any failure."""
+    def _answer(self, doing: str, seconds: float, request: Any = None) -> Any:
+        """Send a request, if any, and return the answer; end the child process on any failure."""
         self._waiting = True
         try:
             if request is not None:
-                send(self._socket, token, request, seconds)
-            return decode(receive(self._socket, token, seconds)[1])
-        except FrameError:
-            text = (
-                f"FMU '{self._name}' has written in '{doing}' into the descriptor reserved for answers; "
-                "its process was ended"
-            )
-            raise self._ended(FmuCrashError, text) from None
-        except (EOFError, OSError) as error:
-            # A process forked by the FMU may keep the descriptor open: no end of file arrives then.
-            if isinstance(error, TimeoutError) and self._process.poll() is None:
-                text = f"FMU '{self._name}' did not return from '{doing}' within {seconds:g} s"
-                raise self._ended(FmuTimeoutError, f"{text}; its process was ended") from None
-            text = f"the process of FMU '{self._name}' {self._how(doing)}"
-            raise self._ended(FmuCrashError, text) from None
+                self._connection.send(request)
+            # The process of an FMU is not trusted: its answers are decoded, not unpickled.
+            return decode(self._connection.recv_bytes(MAX_ANSWER_BYTES), {})
+        except (ValueError, EOFError, OSError) as error:
+            raise self._ended(*self._explained(error, doing, seconds)) from None
         except BaseException:
             self.close()
             raise
         finally:
             self._waiting = False
 
-    def _how(self, doing: str) -> str:
-        """Return a description of how the child process ended."""
+    def _explained(self, error: Exception, doing: str, seconds: float) -> tuple[type[FmuCallError], str]:
+        """Return the class and the text of the error for a call without an answer."""
+        # A process forked by the FMU may keep the descriptor open: no end of file arrives then.
+        if isinstance(error, BlockingIOError) and self._process.poll() is None:
+            text = f"FMU '{self._name}' did not return from '{doing}' within {seconds:g} s"
+            return FmuTimeoutError, f"{text}; its process was ended"
         try:
             code = self._process.wait(EXIT_TIMEOUT)
         except subprocess.TimeoutExpired:
-            return f"closed the descriptor reserved for answers in '{doing}', and was ended"
-        how = f"exit code {code}" if code >= 0 else SIGNAL_NAMES.get(code, f"signal {-code}")
-        return f"ended by itself in '{doing}' with {how}"
+            how = f"wrote into the descriptor reserved for answers in '{doing}', or closed it, and was ended"
+        else:
+            how = f"exit code {code}" if code >= 0 else SIGNAL_NAMES.get(code, f"signal {-code}")
+            how = f"ended by itself in '{doing}' with {how}"
+        return FmuCrashError, f"the process of FMU '{self._name}' {how}"
 
     def _ended(self, kind: type[FmuCallError], message: str) -> FmuError:
         """End the child; return an error with the end of its output, which includes the FMU's log."""

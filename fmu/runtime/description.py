@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-import tempfile
+import io
+import zipfile
 from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass
 from math import prod
-from pathlib import Path
 from typing import Any, Literal
 from xml.etree import ElementTree
 
-from trussflow.blocks.framework.temporary import process_folder, with_place
 from trussflow.fmu.errors import FmuDescriptionError
 from trussflow.fmu.fmi_units import FmiUnit
 from trussflow.fmu.runtime.archive import DESCRIPTION_FILE
@@ -201,16 +200,14 @@ def parse_description(text: bytes, where: str) -> FmuDescription:
     try:
         root = ElementTree.fromstring(text)
         _check_structure(root, where)
-        with tempfile.TemporaryDirectory(dir=process_folder()) as folder:
-            from fmpy.model_description import read_model_description  # imported here: it takes 0.3 s
+        from fmpy.model_description import read_model_description  # imported here: it takes 0.3 s
 
-            file = Path(folder) / DESCRIPTION_FILE
-            file.write_bytes(text)
-            return _converted(read_model_description(str(file), validate=False), root)
+        archive = io.BytesIO()  # fmpy reads files and archives only
+        with zipfile.ZipFile(archive, "w") as files:
+            files.writestr(DESCRIPTION_FILE, text)
+        return _converted(read_model_description(archive, validate=False), root)
     except FmuDescriptionError:
         raise
-    except OSError as error:
-        raise FmuDescriptionError(f"cannot read {where} {with_place(error)}") from error
     except Exception as error:  # fmpy raises errors of many types
         raise FmuDescriptionError(f"cannot read {where}: {type(error).__name__}: {error}") from error
 
@@ -240,7 +237,8 @@ def _check_structure(root: ElementTree.Element, where: str) -> None:
     for variable in listed:
         size = 1
         for dimension in variable.findall("Dimension"):
-            start, source = dimension.get("start"), dimension.get("valueReference")
+            start = dimension.get("start")
+            source = dimension.get("valueReference")
             if start is None and source in by_reference:
                 start = by_reference[source].get("start")
             if start is None or not start.strip().isdecimal():

@@ -122,7 +122,9 @@ class Library:
     """Name of the function that returns the state derivatives."""
 
     def __init__(self, folder: Path, description: FmuDescription, kind: Kind) -> None:
-        self.folder, self.description, self.kind = folder, description, kind
+        self.folder = folder
+        self.description = description
+        self.kind = kind
         self.capabilities = description.kinds[kind]
         self.log = Messages()
         self.component: Any = None
@@ -249,7 +251,8 @@ class Library:
 
     def completed_step(self) -> tuple[bool, bool]:
         """Call ``completedIntegratorStep``; return (enter event mode, terminate)."""
-        event, end = self.flag(), self.flag()
+        event = self.flag()
+        end = self.flag()
         self.call("CompletedIntegratorStep", True, ctypes.byref(event), ctypes.byref(end))
         return bool(event.value), bool(end.value)
 
@@ -316,7 +319,8 @@ class Library:
 
     def free(self) -> None:
         """Free the instance, if it exists and calls are still allowed."""
-        component, self.component = self.component, None
+        component = self.component
+        self.component = None
         if component:
             _alone.discard(self.description.token)
         if component and not self.dead:

@@ -54,7 +54,9 @@ class Library2(Library):
 
     def step_call(self, rollback: bool) -> Callable[[float, float], Step]:
         """Return the function that performs a co-simulation step, given its start and size [s]."""
-        do_step, component, prior = self.function("DoStep"), self.component, int(not rollback)
+        do_step = self.function("DoStep")
+        component = self.component
+        prior = int(not rollback)
 
         def step(t: float, h: float) -> Step:
             status = do_step(component, t, h, prior)
@@ -68,7 +70,8 @@ class Library2(Library):
 
     def _discarded(self, t: float, h: float) -> Step:
         """Query the time that a discarded step reached; its start if the FMU does not report it."""
-        reached, ended = ctypes.c_double(t), ctypes.c_int(0)
+        reached = ctypes.c_double(t)
+        ended = ctypes.c_int(0)
         with suppress(FmuBinaryError):
             status = self.function("GetRealStatus")(
                 self.component, KIND_LAST_SUCCESSFUL_TIME, ctypes.byref(reached)

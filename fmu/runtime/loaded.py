@@ -112,7 +112,8 @@ class LoadedFmu(KnownFmu):
     ) -> None:
         super().__init__(self.kind, file, start or {})
         self._starts = resolve(self.description, start or {})
-        self._name, self._logging = name or self.description.name, logging
+        self._name = name or self.description.name
+        self._logging = logging
         folder = folder or unpack(self.file.path, self.file.max_bytes)
         self._finalizer: Any = weakref.finalize(self, remove, folder)
         try:
@@ -357,7 +358,9 @@ class LoadedFmu(KnownFmu):
                 f"FMU '{self.description.name}' cannot serialize its state to bytes "
                 "(canSerializeFMUState is not set in its model description)"
             )
-        word, handle, size = self._library.state_word, ctypes.c_void_p(state), ctypes.c_size_t()
+        word = self._library.state_word
+        handle = ctypes.c_void_p(state)
+        size = ctypes.c_size_t()
         self._library.call(f"Serialized{word}Size", handle, ctypes.byref(size))
         buffer = ctypes.create_string_buffer(size.value)
         self._library.call(f"Serialize{word}", handle, buffer, size.value)

@@ -11,9 +11,9 @@ import numpy as np
 from trussflow.blocks.framework.types import Vector
 from trussflow.fmu.errors import FmuError
 from trussflow.fmu.runtime.description import REAL_TYPES, Kind
+from trussflow.fmu.runtime.discrete_inputs import DiscreteInputs
 from trussflow.fmu.runtime.library import Step
 from trussflow.fmu.runtime.loaded import LoadedFmu
-from trussflow.fmu.runtime.split_inputs import SplitInputs
 
 
 class LoadedCoSimulation(LoadedFmu):
@@ -46,13 +46,13 @@ class LoadedCoSimulation(LoadedFmu):
     def _started(self, time: float) -> None:
         library = self._library
         self._plain, self._keeping = (library.step_call(rollback) for rollback in (False, True))
-        self._split: SplitInputs | None = None
+        self._discrete_inputs: DiscreteInputs | None = None
         self._written: Vector | None = None
         self._written_by_state: dict[int, Vector | None] = {}
         self._ended = False
         if self._has_events:  # FMI 3: it is in event mode after initialization
-            split = SplitInputs(self._input, library)
-            self._split = split if split.jumping.size else None
+            discrete = DiscreteInputs(self._input, library)
+            self._discrete_inputs = discrete if discrete.places.size else None
             self._ended = self._leave_event_mode()
 
     def save_state(self) -> int:
@@ -84,13 +84,14 @@ class LoadedCoSimulation(LoadedFmu):
         """
         if values is not None:
             self._input.values[:] = values
-        split = self._split
-        if split is None:
+        discrete = self._discrete_inputs
+        if discrete is None:
             self._input.write()
             return
-        now, before = self._input.values, self._written
-        if before is not None and np.array_equal(now[split.jumping], before[split.jumping]):
-            split.write_smooth(now)
+        now = self._input.values
+        before = self._written
+        if before is not None and np.array_equal(now[discrete.places], before[discrete.places]):
+            discrete.write_continuous(now)
             return
         self._library.call("EnterEventMode")
         self._input.write()

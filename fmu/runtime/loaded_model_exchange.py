@@ -12,8 +12,8 @@ import numpy as np
 from trussflow.blocks.framework.types import Vector
 from trussflow.fmu.errors import FmuEndedError
 from trussflow.fmu.runtime.description import Kind
+from trussflow.fmu.runtime.discrete_inputs import DiscreteInputs, continuous_elements, is_continuous
 from trussflow.fmu.runtime.loaded import LoadedFmu
-from trussflow.fmu.runtime.split_inputs import SplitInputs, is_smooth, smooth_elements
 
 
 class LoadedModelExchange(LoadedFmu):
@@ -44,13 +44,14 @@ class LoadedModelExchange(LoadedFmu):
 
     def _started(self, time: float) -> None:
         library = self._library
-        self._states, self._rates = np.zeros(self.size), np.zeros(self.size)
+        self._states = np.zeros(self.size)
+        self._rates = np.zeros(self.size)
         self._signs = np.zeros(self.description.event_indicators)
         self._set_states = library.vector_call("SetContinuousStates", self._states)
         self._get_states = library.vector_call("GetContinuousStates", self._states)
         self._get_rates = library.vector_call(library.derivatives_name, self._rates)
         self._get_signs = library.vector_call("GetEventIndicators", self._signs)
-        self._split = SplitInputs(self._input, library)
+        self._discrete_inputs = DiscreteInputs(self._input, library)
         self.next_time = math.inf
         if self._resume()[1]:
             raise FmuEndedError(
@@ -82,7 +83,7 @@ class LoadedModelExchange(LoadedFmu):
         if x.size:
             self._states[:] = x
             self._set_states()
-        self._split.write_smooth(u)
+        self._discrete_inputs.write_continuous(u)
 
     def set_restored(self, next_time: float, inputs: Vector) -> None:
         """Set the values that belong to a restored state but are stored outside the FMU.
@@ -105,7 +106,7 @@ class LoadedModelExchange(LoadedFmu):
         u : Vector
             All inputs [units as the FMU states].
         """
-        places = self._split.jumping
+        places = self._discrete_inputs.places
         return bool(np.any(self._input.values[places] != u[places]))
 
     def derivatives(self) -> Vector:
@@ -131,11 +132,13 @@ class LoadedModelExchange(LoadedFmu):
         """
         unknowns = self.outputs if what == "output" else self.description.derivatives
         knowns = (*self.description.states, *self.inputs)
-        rows, columns = smooth_elements(unknowns), smooth_elements(knowns)
-        seed, result = np.concatenate([dx, du])[columns], np.zeros(np.count_nonzero(rows))
+        rows = continuous_elements(unknowns)
+        columns = continuous_elements(knowns)
+        seed = np.concatenate([dx, du])[columns]
+        result = np.zeros(np.count_nonzero(rows))
         arguments: list[Any] = []
         for side in (unknowns, knowns):
-            references = [v.reference for v in side if is_smooth(v)]
+            references = [v.reference for v in side if is_continuous(v)]
             arguments += [(ctypes.c_uint * len(references))(*references), len(references)]
         for vector in (seed, result):
             sizes = [vector.size] if self._library.version == 3 else []

@@ -19,7 +19,8 @@ class HeldState:
     """
 
     def __init__(self, fmu: Any) -> None:
-        self.fmu, self.instance = weakref.ref(fmu), fmu.generation
+        self.fmu = weakref.ref(fmu)
+        self.instance = fmu.generation
         self.handle: int = fmu.save_state()
         self._name: str = fmu.description.name
         weakref.finalize(self, _free, self.fmu, self.instance, self.handle)

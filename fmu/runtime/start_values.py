@@ -13,6 +13,7 @@ import numpy as np
 
 from trussflow.blocks.framework.types import Vector
 from trussflow.fmu.errors import FmuError
+from trussflow.fmu.runtime.array_ports import gather
 from trussflow.fmu.runtime.description import (
     MAX_ELEMENTS,
     NUMERIC_TYPES,
@@ -20,7 +21,6 @@ from trussflow.fmu.runtime.description import (
     FmuDescription,
     FmuVariable,
 )
-from trussflow.fmu.runtime.gathering import gather
 from trussflow.fmu.runtime.library import Library
 from trussflow.fmu.runtime.variable_buffers import VariableBuffers
 

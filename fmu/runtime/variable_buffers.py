@@ -48,7 +48,8 @@ class VariableBuffers:
         self.variables = tuple(variables)
         ends = np.cumsum([0, *(v.size for v in self.variables)])
         self.values: Vector = np.zeros(int(ends[-1]))
-        self._library, self._writes = library, writes
+        self._library = library
+        self._writes = writes
         members: dict[tuple[str, Any], list[FmuVariable]] = {}
         places: dict[tuple[str, Any], list[int]] = {}
         for variable, (start, end) in zip(self.variables, pairwise(ends), strict=True):
@@ -112,7 +113,8 @@ class VariableBuffers:
 
     def _convert(self, part: _Part) -> None:
         """Convert floats to the type of the FMU; raise an error for values outside its range."""
-        given, kind = self.values[part.places], part.buffer.dtype
+        given = self.values[part.places]
+        kind = part.buffer.dtype
         if kind.kind == "f":
             largest = float(np.finfo(kind).max)
             wrong = np.isfinite(given) & (np.abs(given) > largest)

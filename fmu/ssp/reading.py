@@ -18,8 +18,8 @@ from trussflow.blocks.framework.validation import as_path, one_of, shown
 from trussflow.fmu.errors import FmuArchiveError, SspError
 from trussflow.fmu.importing.block import Fmu
 from trussflow.fmu.runtime.archive import MAX_BYTES, remove, unpack
+from trussflow.fmu.runtime.array_ports import legal_names
 from trussflow.fmu.runtime.file import FmuFile
-from trussflow.fmu.runtime.gathering import legal_names
 from trussflow.fmu.runtime.safe_xml import check_xml
 from trussflow.fmu.ssp.names import (
     FMU_TYPE,
@@ -120,7 +120,10 @@ class _Reader:
     def __init__(
         self, where: str, folder: Path, step: float | None, open_inputs: str, max_bytes: float
     ) -> None:
-        self.where, self.folder, self.step, self.max_bytes = where, folder, step, max_bytes
+        self.where = where
+        self.folder = folder
+        self.step = step
+        self.max_bytes = max_bytes
         self.open_inputs = open_inputs
 
     def read(self) -> Diagram:
@@ -144,7 +147,8 @@ class _Reader:
         fault = f"cannot read '{self.where}': its '{OPTIONS_FILE}' is damaged"
         try:
             notes = json.loads(self._inside(OPTIONS_FILE).read_bytes())
-            name, fmus = str(notes["name"]), dict(notes["fmus"])
+            name = str(notes["name"])
+            fmus = dict(notes["fmus"])
             wrong = [
                 f"'{option}' of '{path}' is {value!r}"
                 for path, options in fmus.items()
@@ -276,7 +280,8 @@ class _Reader:
         name: str,
     ) -> dict[str, Place]:
         """Add one FMU; return the targets of its connectors."""
-        kind, source = component.get("type", FMU_TYPE), component.get("source", "")
+        kind = component.get("type", FMU_TYPE)
+        source = component.get("source", "")
         if kind != FMU_TYPE:
             raise SspError(
                 f"cannot import '{component.get('name')}' of '{self.where}': it is of type "
@@ -317,7 +322,8 @@ class _Reader:
         """Return the parameter values of an element, by name."""
         found: Values = {}
         for binding in element.findall("ssd:ParameterBindings/ssd:ParameterBinding", XML_NAMESPACES):
-            source, prefix = binding.get("source"), binding.get("prefix", "")
+            source = binding.get("source")
+            prefix = binding.get("prefix", "")
             roots = binding.findall("ssd:ParameterValues/ssv:ParameterSet", XML_NAMESPACES)
             if source is not None:
                 roots = [self._xml(source)]
@@ -332,23 +338,29 @@ class _Reader:
         """Return the values under the target names of a parameter mapping, if there is one."""
         if mapping is None:
             return values
-        source, found = mapping.get("source"), {}
+        source = mapping.get("source")
+        found = {}
         for entry in (mapping if source is None else self._xml(source)).iter(qualified("ssm:MappingEntry")):
-            name, target = entry.get("source", ""), entry.get("target", "")
+            name = entry.get("source", "")
+            target = entry.get("target", "")
             linear = entry.find("ssc:LinearTransformation", XML_NAMESPACES)
             if linear is None and len(entry):
                 raise SspError(
                     f"cannot import '{self.where}': the mapping of parameter '{name}' to '{target}' is "
                     "not linear; write the value under the FMU's own name"
                 )
-            if name in values:
-                found[target] = values[name]
-                if linear is not None:
-                    factor, offset = (
-                        self._number(linear.get(what, default), what)
-                        for what, default in (("factor", "1"), ("offset", "0"))
+            if name not in values:
+                continue
+            value = values[name]
+            if linear is not None:
+                if isinstance(value, str):
+                    raise SspError(
+                        f"cannot import '{self.where}': the mapping of parameter '{name}' to '{target}' "
+                        f"converts a number, but the value is the text '{value}'; remove the conversion"
                     )
-                    found[target] = factor * values[name] + offset
+                factor = self._number(linear.get("factor", "1"), "factor")
+                value = factor * value + self._number(linear.get("offset", "0"), "offset")
+            found[target] = value
         return found
 
     def _value(self, parameter: Element, name: str) -> Any:

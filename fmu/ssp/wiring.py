@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 from trussflow.blocks.framework.diagram import Diagram
 from trussflow.blocks.framework.port import Port
 from trussflow.fmu.errors import SspError
+from trussflow.fmu.runtime.array_ports import gather, legal_names
 from trussflow.fmu.runtime.description import FmuVariable
-from trussflow.fmu.runtime.gathering import gather, legal_names
 from trussflow.fmu.ssp.names import XML_NAMESPACES
 
 
@@ -64,7 +64,8 @@ def wire(
     for connection in connections:
         ends: list[Place | None] = []
         for side in ("start", "end"):
-            element, name = connection.get(f"{side}Element"), connection.get(f"{side}Connector", "")
+            element = connection.get(f"{side}Element")
+            name = connection.get(f"{side}Connector", "")
             if not element:
                 ends.append(None)
                 continue
@@ -93,7 +94,8 @@ def wire(
 
 def _connect(diagram: Diagram, group: list[tuple[Place, Place]]) -> None:
     """Connect elements of one port to elements of another port with a single wire."""
-    source, target = group[0][0].port, group[0][1].port
+    source = group[0][0].port
+    target = group[0][1].port
     order = sorted(range(len(group)), key=lambda k: group[k][1].element)
     taken = np.array([group[k][0].element for k in order])
     given = np.array([group[k][1].element for k in order])

@@ -104,9 +104,11 @@ def _resources(blocks: list[Block]) -> dict[Path, str]:
         file = block.file.path
         if file in found:
             continue
-        name, number = file.name, 2
+        name = file.name
+        number = 2
         while f"resources/{name}" in found.values():
-            name, number = f"{file.stem}_{number}{file.suffix}", number + 1
+            name = f"{file.stem}_{number}{file.suffix}"
+            number = number + 1
         found[file] = f"resources/{name}"
     return found
 
@@ -266,14 +268,14 @@ def _grounded(diagram: Diagram, block: Block) -> dict[str, float]:
 
 def _options(block: Block) -> dict[str, Any]:
     """Return the options of an `Fmu` that SSP cannot express."""
-    told = {
+    options = {
         "step": block.sample_time,
         "tolerance": block.tolerance,
         "delayed": block.delayed,
         "units": block.units,
         **block.options,
     }
-    return {name: value for name, value in told.items() if value}
+    return {name: value for name, value in options.items() if value}
 
 
 def _note_master(system: Element, step: float) -> None:

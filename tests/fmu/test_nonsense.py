@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from trussflow.blocks import Integrator, TrussflowError
-from trussflow.fmu import Fmu, export, export_ssp, import_ssp
+from trussflow.fmu import Fmu, export
+from trussflow.fmu.ssp import export_ssp, import_ssp
 
 SCALARS = (None, True, 5, -1, 0.5, 1e300, 10**400, np.nan, object())
 TEXTS = ("", "a", "yes", "10", "a\0", "a" * 300, b"x")

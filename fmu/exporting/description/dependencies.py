@@ -71,7 +71,8 @@ def dependencies(plan: Plan, programs: Mapping[str, Program]) -> Dependencies:
     start = patterns.pop("initialization")
     events = [patterns.pop(name) for name in ("indicators", "on_event", "guesses") if name in patterns]
     # Columns are the concatenated arguments t, x, d, p: starts of d and p, and the known columns.
-    d, p = 1 + plan.x.size, 1 + plan.x.size + plan.d_size
+    d = 1 + plan.x.size
+    p = 1 + plan.x.size + plan.d_size
     known = np.r_[0, d + plan.u_start : p, p : p + plan.p.size, 1:d]
     unknown = _of_python_blocks(plan, *plan.layouts[1:-1])
 
@@ -87,7 +88,7 @@ def dependencies(plan: Plan, programs: Mapping[str, Program]) -> Dependencies:
     rest = output.copy()
     rest[:, changing] = False
     running = np.any(
-        [output, *(rest | _product(output[:, changing], s[: plan.u_start]) for s in sampled)], axis=0
+        [output, *(rest | product(output[:, changing], s[: plan.u_start]) for s in sampled)], axis=0
     )
     x, memory = np.split(start[:, known], [plan.x.size])
     # Initial d: constants, or values from the initialization or the first sample.
@@ -99,7 +100,7 @@ def dependencies(plan: Plan, programs: Mapping[str, Program]) -> Dependencies:
         """Substitute the dependencies of the initial x and d for x and d."""
         direct = pattern[:, known]
         direct[:, len(known) - plan.x.size :] = False
-        return direct | _product(pattern[:, 1:d], x) | _product(pattern[:, d:p], first)
+        return direct | product(pattern[:, 1:d], x) | product(pattern[:, d:p], first)
 
     return Dependencies(
         derivatives=rate[:, known],
@@ -118,5 +119,6 @@ def _of_python_blocks(plan: Plan, *layouts: Layout) -> Pattern:
     return np.array(marks, dtype=bool)
 
 
-def _product(a: Pattern, b: Pattern) -> Pattern:
+def product(a: Pattern, b: Pattern) -> Pattern:
+    """Return the dependencies of the rows of `a` on the columns of `b`."""
     return np.asarray(a.astype(np.float32) @ b.astype(np.float32) > 0)  # floats use BLAS, Booleans do not

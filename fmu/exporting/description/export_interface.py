@@ -198,7 +198,7 @@ def _check_initialization(item: Block, plan: Plan) -> None:
     for block in plan.python_blocks:
         loads = block.hides and (block.continuous or block.steps_itself)  # as imported FMUs do
         if loads or block.states_own("initial_state"):
-            remedy = "leave that block out. For diagrams of FMUs there is export_ssp"
+            remedy = "leave that block out. For diagrams of FMUs there is trussflow.fmu.ssp.export_ssp"
             if isinstance(block, DelayLine):
                 remedy = "replace it by sampled_delay(sample_time, delay), which can be exported"
             raise ExportError(
@@ -237,7 +237,8 @@ def _check_start(
     ExportError
         If there is such a variable; the message names the first one.
     """
-    t, d = np.zeros(1), d.copy()
+    t = np.zeros(1)
+    d = d.copy()
     x, d[: plan.memory.span.stop] = np.split(programs["initialization"].evaluate([t, x, d, p]), [plan.x.size])
     for group, name in ((shown.derivatives, "derivative"), (shown.outputs, "outputs")):
         values = programs[name].evaluate([t, x, d, p])

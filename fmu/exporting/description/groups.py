@@ -19,7 +19,7 @@ from trussflow.blocks.tracing.plan import Plan
 from trussflow.fmu.errors import ExportError
 from trussflow.fmu.exporting.description.dependencies import Pattern
 from trussflow.fmu.exporting.description.initialization import setting_blocks
-from trussflow.fmu.exporting.description.variables import Group, Variable, Variables
+from trussflow.fmu.exporting.description.variables import Variable, VariableGroup, Variables
 
 Starts = dict[str, Vector]
 """Start values of inputs by name, in the shape of the port."""
@@ -110,7 +110,7 @@ def input_starts(item: Block, plan: Plan, chosen: Mapping[str, Any]) -> Starts:
     return starts
 
 
-def _numbered(group: Iterable[Variable], first: int) -> Group:
+def _numbered(group: Iterable[Variable], first: int) -> VariableGroup:
     """Return the variables with their value references."""
     numbered: list[Variable] = []
     for variable in group:
@@ -120,10 +120,14 @@ def _numbered(group: Iterable[Variable], first: int) -> Group:
 
 
 def _of_port(port: Port, initial: str, start: Vector | None) -> Variable:
-    inner, frame = resolved(port), f" [frame: {port.frame}]" if port.frame else ""
+    inner = resolved(port)
+    frame = f" [frame: {port.frame}]" if port.frame else ""
     held = not port.is_input and inner.block.sample_time is not None
-    causality, variability = "input" if port.is_input else "output", "discrete" if held else "continuous"
-    shape, units, meaning = port.whole_shape or (), port.element_units(), inner.declaration.meaning + frame
+    causality = "input" if port.is_input else "output"
+    variability = "discrete" if held else "continuous"
+    shape = port.whole_shape or ()
+    units = port.element_units()
+    meaning = inner.declaration.meaning + frame
     return Variable(port.name, shape, 0, causality, variability, initial, start, units, meaning.strip())
 
 
@@ -132,7 +136,8 @@ def _parameters(item: Block, plan: Plan, p: Vector, tunable: Pattern) -> Iterato
         declared = plan.system.blocks[e.path]._declared[e.name]
         kind = "tunable" if tunable[e.start : e.stop].any() else "fixed"
         units = (declared.unit or None,) * (e.stop - e.start)
-        name, start = name_of(item, e), p[e.start : e.stop].copy()
+        name = name_of(item, e)
+        start = p[e.start : e.stop].copy()
         yield Variable(name, e.shape, 0, "parameter", kind, "exact", start, units, declared.meaning)
 
 
@@ -155,7 +160,8 @@ def _indicators(item: Block, plan: Plan) -> Iterator[Variable]:
     for e in plan.sides:
         declared = plan.system.blocks[e.path].declared(Event)[e.name]
         units = (declared.unit or None,) * (e.stop - e.start)
-        name, kind = f"{name_of(item, e)}.indicator", KINDS[declared.kind]
+        name = f"{name_of(item, e)}.indicator"
+        kind = KINDS[declared.kind]
         if kind != TIMED:
             yield Variable(
                 name, e.shape, 0, "local", "continuous", "calculated", None, units, declared.meaning

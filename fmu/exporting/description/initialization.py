@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import replace
-from graphlib import CycleError, TopologicalSorter
 
 import casadi as ca
 import numpy as np
@@ -19,7 +18,7 @@ from trussflow.blocks.tracing.program import lower
 from trussflow.blocks.tracing.quantities import Quantity
 from trussflow.blocks.tracing.tracing import from_expression, shape_of, to_expression, tracing
 from trussflow.fmu.errors import ExportError
-from trussflow.fmu.exporting.description.dependencies import sparsity
+from trussflow.fmu.exporting.description.dependencies import product, sparsity
 
 States = dict[tuple[str, str], Array]
 """Values of states by path of the block and name."""
@@ -70,27 +69,26 @@ def _rounds(plan: Plan, evaluation: Evaluation) -> int:
     arguments = [_flat(before[key] for key in after), _flat([leaves.t, *others])]
     depends = sparsity(lower("initial_states", arguments, _flat(after.values()), trace))[0]
     # By element: two blocks may use each other's signals if no element depends on itself.
-    order = TopologicalSorter({i: np.flatnonzero(row).tolist() for i, row in enumerate(depends)})
-    try:
-        order.prepare()
-    except CycleError as error:
-        owners = [path for (path, name), value in after.items() for _ in range(_flat([value]).numel())]
-        circle = dict.fromkeys(owners[i] for i in error.args[1])
-        names = ", ".join(f"'{path}' ({type(plan.system.blocks[path]).__name__})" for path in circle)
-        raise ExportError(
-            f"cannot export '{plan.name}': the initial states of {names} depend on themselves in a cycle; "
-            "let one of them start at a value or parameter of its own"
-        ) from None
-    rounds = 0
-    while order.is_active():
-        order.done(*order.get_ready())
-        rounds += 1
-    return rounds
+    chains = depends  # chains of `rounds` dependencies
+    in_cycle = np.zeros(len(depends), dtype=bool)
+    for rounds in range(1, 2 + len(depends)):
+        if not chains.any():
+            return rounds
+        in_cycle |= chains.diagonal()
+        chains = product(chains, depends)
+    owners = [path for (path, name), value in after.items() for _ in range(_flat([value]).numel())]
+    circle = dict.fromkeys(owners[i] for i in np.flatnonzero(in_cycle))
+    names = ", ".join(f"'{path}' ({type(plan.system.blocks[path]).__name__})" for path in circle)
+    raise ExportError(
+        f"cannot export '{plan.name}': the initial states of {names} depend on themselves in a cycle; "
+        "let one of them start at a value or parameter of its own"
+    )
 
 
 def _set_by_blocks(plan: Plan, evaluation: Evaluation, values: Mapping[tuple[str, str], Array]) -> States:
     """Return the initial states that blocks set, given the states `values` so far."""
-    leaves, system = evaluation.leaves, plan.system
+    leaves = evaluation.leaves
+    system = plan.system
     outside = {block.path for block in system.external.values()}
     states = {path: Signals(s.owner, {n: values[path, n] for n in s}) for path, s in leaves.states.items()}
     held = {

@@ -72,7 +72,7 @@ class Variable:
         """Return the names of the elements."""
         return element_names(self.name, self.shape)
 
-    def elements(self) -> Group:
+    def elements(self) -> VariableGroup:
         """Return the elements as separate variables."""
         return tuple(
             replace(
@@ -98,7 +98,7 @@ class Variable:
         return f"{self.meaning}; {units}" if self.meaning else units
 
 
-Group = tuple[Variable, ...]
+VariableGroup = tuple[Variable, ...]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -118,14 +118,14 @@ class Variables:
     """
 
     time: Variable
-    inputs: Group
-    parameters: Group
-    states: Group
-    derivatives: Group
-    outputs: Group
-    modes: Group
-    indicators: Group
-    memory: Group
+    inputs: VariableGroup
+    parameters: VariableGroup
+    states: VariableGroup
+    derivatives: VariableGroup
+    outputs: VariableGroup
+    modes: VariableGroup
+    indicators: VariableGroup
+    memory: VariableGroup
 
     def __iter__(self) -> Iterator[Variable]:
         """Yield all variables except the memory."""

@@ -11,7 +11,7 @@ import numpy as np
 from trussflow.blocks.simulation.results import provenance
 from trussflow.fmu.exporting.description.dependencies import Pattern
 from trussflow.fmu.exporting.description.export_interface import ExportInterface
-from trussflow.fmu.exporting.description.variables import Group, Variable
+from trussflow.fmu.exporting.description.variables import Variable, VariableGroup
 from trussflow.fmu.fmi_units import FmiUnit, fmi_unit
 
 Rows = list[tuple[Variable, Pattern]]
@@ -99,7 +99,8 @@ def unknowns(interface: ExportInterface) -> tuple[Rows, Rows, Rows]:
     interface : ExportInterface
         The exported interface.
     """
-    shown, needs = interface.variables, interface.dependencies
+    shown = interface.variables
+    needs = interface.dependencies
     elsewhere = np.ones(needs.outputs.shape[1], dtype=bool)
     elsewhere[[r - 1 for v in shown.parameters for r in v.references]] = False
     states = [(v, rows) for v, rows in _rows(shown.states, needs.initial_states) if v.initial == "calculated"]
@@ -114,7 +115,7 @@ def unknowns(interface: ExportInterface) -> tuple[Rows, Rows, Rows]:
     )
 
 
-def _rows(group: Group, pattern: Pattern) -> Iterator[tuple[Variable, Pattern]]:
+def _rows(group: VariableGroup, pattern: Pattern) -> Iterator[tuple[Variable, Pattern]]:
     for v in group:
         if v.size:
             begin = v.reference - group[0].reference

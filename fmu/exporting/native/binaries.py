@@ -140,7 +140,8 @@ def compile_binary(source: Source, target: Platform) -> bytes:
         If the compilation fails.
     """
     command = _compiler(target)
-    model, wrapper = ("-DTF_VARIANT=_ordinary",), ("-DTF_SEPARATE", "-I", headers())
+    model = ("-DTF_VARIANT=_ordinary",)
+    wrapper = ("-DTF_SEPARATE", "-I", headers())
     jobs = [(source.model, model, "model.c"), (source.wrapper, wrapper, "all.c")]
     if target.processor == "x86_64":
         jobs = [

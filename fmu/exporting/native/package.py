@@ -51,12 +51,12 @@ def native_files(
         If there are Python blocks, or there is no compiler.
     """
     targets = chosen(platforms)
-    common, listed = CAPABILITY_FLAGS[version], COMPILED_FILES if version == "2.0" else ()
-    told = (
-        COMPLETED_STEP_FLAGS if interface.plan.guesses.size else NO_STEP_FLAGS
-    )  # start values of algebraic loops
+    common = CAPABILITY_FLAGS[version]
+    listed = COMPILED_FILES if version == "2.0" else ()
+    # Algebraic loops need the completed step: their solution there starts the next iteration.
+    step_flags = COMPLETED_STEP_FLAGS if interface.plan.guesses.size else NO_STEP_FLAGS
     uses = [
-        Use("ModelExchange", common | told[version], listed),
+        Use("ModelExchange", common | step_flags[version], listed),
         Use(
             "CoSimulation",
             common | VARIABLE_STEP_FLAGS | (EARLY_RETURN_FLAGS[version] if interface.plan.has_events else {}),

@@ -72,7 +72,8 @@ def source(interface: ExportInterface, version: str, token: str) -> Source:
         If there are Python blocks.
     """
     refuse_python_blocks(interface, "natively")
-    plan, programs = interface.plan, interface.programs
+    plan = interface.plan
+    programs = interface.programs
     # Cheap outputs have a separate program, because reading them must not compute expensive ones.
     shown = interface.variables.outputs
     rows = [np.arange(v.size) + v.reference - shown[0].reference for v in shown]
@@ -151,7 +152,8 @@ def _model(programs: Sequence[Program]) -> str:
 
 def sizes(interface: ExportInterface) -> str:
     """Return the C definitions of all sizes and of the step."""
-    plan, step = interface.plan, exact(interface.step)
+    plan = interface.plan
+    step = exact(interface.step)
     defined = {
         "TF_U": plan.u.size,
         "TF_P": plan.p.size,
@@ -207,7 +209,8 @@ def start_values(interface: ExportInterface) -> list[str]:
 
 def calendar(interface: ExportInterface) -> list[str]:
     """Return the C tables of ``due.c``: the clocks, and the sets of clocks that tick together."""
-    clocks, step = interface.plan.system.clocks, exact(interface.step)
+    clocks = interface.plan.system.clocks
+    step = exact(interface.step)
     periods = [f"{{{ticks(c.period, step, 'period')}, {ticks(c.offset, step, 'offset')}}}" for c in clocks]
     bits = {clock: 1 << i for i, clock in enumerate(clocks)}
     codes = [

@@ -82,7 +82,8 @@ def plain_files(interface: ExportInterface, path: Path) -> dict[Path, str]:
         If the path is not that of a C file, its name is reserved in C, or another header has that
         name. Also if there are Python blocks, or two names are equal in C.
     """
-    name, header = path.stem, path.with_suffix(".h")
+    name = path.stem
+    header = path.with_suffix(".h")
     if path.suffix != ".c" or not re.fullmatch(r"[A-Za-z]\w*", name, re.ASCII):
         raise ExportError(
             f"cannot write plain C to '{path}': the name must be a C identifier, such as controller.c"
@@ -97,7 +98,8 @@ def plain_files(interface: ExportInterface, path: Path) -> dict[Path, str]:
     refuse_python_blocks(interface, "in plain C")
     accessors = list(_accessors(name, interface))
     note = f"/* '{interface.name.replace('*/', '* /')}'{HEADER_MARK}\n"
-    plan, programs = interface.plan, interface.programs
+    plan = interface.plan
+    programs = interface.programs
     declared = HEADER_TEMPLATE.format(
         guard=f"{name.upper()}_H",
         name=name,
@@ -109,7 +111,8 @@ def plain_files(interface: ExportInterface, path: Path) -> dict[Path, str]:
         start=plan.x.size + plan.d_size + 1,
         accessors="\n\n".join(f"/* {about} */\n{head};" for about, head, _ in accessors),
     )
-    samples, used = [p for name, p in programs.items() if name.startswith("sample_")], [*programs.values()]
+    samples = [p for name, p in programs.items() if name.startswith("sample_")]
+    used = [*programs.values()]
     pieces, whole = c_functions(used, "static ")
     has_kernels = any(program.calls for program in used)
     parts = [
@@ -147,7 +150,8 @@ def _accessors(name: str, interface: ExportInterface) -> Iterator[tuple[str, str
     ExportError
         If two functions have the same name.
     """
-    plan, variables = interface.plan, interface.variables
+    plan = interface.plan
+    variables = interface.variables
     groups = (
         (variables.inputs, "set", f"m->d + {plan.d_size - plan.u.size}"),
         (variables.parameters, "set", "m->p"),

@@ -1,5 +1,5 @@
-"""Export as an FMU that runs this package in the Python of the target, with pythonfmu's binary.
+"""Export as an FMU that runs in the Python of the target, with pythonfmu's binary.
 
-`python_files`, `pickling`, `bundle` and `trial` run at export. `slave`, `instance`, `content` and
-`unpickling` run inside the FMU, under a private package name.
+`python_files` and `pickling` run at export. `slave`, `instance` and `payload` run in the FMU, from the
+trussflow that is installed on the target.
 """

@@ -18,7 +18,7 @@ from trussflow.blocks.framework.types import Vector
 from trussflow.blocks.simulation.session import Session
 from trussflow.blocks.simulation.snapshot import Snapshot
 from trussflow.blocks.simulation.state_bytes import decode, encode
-from trussflow.fmu.exporting.python.content import Content
+from trussflow.fmu.exporting.python.payload import Payload
 
 
 class RefusedError(Exception):
@@ -57,29 +57,31 @@ class Instance:
 
     Parameters
     ----------
-    content : Content
+    payload : Payload
         The block and the facts of its interface.
     """
 
-    def __init__(self, content: Content) -> None:
-        self._content = content
-        self._session: Session = content.session()
+    def __init__(self, payload: Payload) -> None:
+        self._payload = payload
+        self._session: Session = payload.session()
         plan = self._session.prepared.plan
         ends = np.cumsum([0, 1, plan.u.size, plan.p.size, plan.x.size, plan.x.size]).tolist()
         self._u, self._p, self._x, self._rates = (slice(a, b) for a, b in pairwise(ends[1:]))
         events = plan.modes.size + int(np.count_nonzero(plan.kinds != TIMED))
-        first = len(content.names) - events
-        self._outputs, self._events = slice(ends[-1], first), slice(first, None)
-        self._values = np.zeros(len(content.names))
+        first = len(payload.names) - events
+        self._outputs = slice(ends[-1], first)
+        self._events = slice(first, None)
+        self._values = np.zeros(len(payload.names))
         # Masks of the variables that may be set before and after the end of initialization.
         self._early, self._late = (np.zeros(len(self._values), dtype=bool) for _ in "ab")
         self._early[self._u] = self._late[self._u] = self._early[self._p] = True
-        self._early[self._x] = content.vector("exact") > 0
-        self._late[self._p] = content.vector("tunable") > 0
+        self._early[self._x] = payload.vector("exact") > 0
+        self._late[self._p] = payload.vector("tunable") > 0
         for name, part in (("u", self._u), ("p", self._p), ("x", self._x)):
-            self._values[part] = content.vector(name)
+            self._values[part] = payload.vector(name)
         self._touched: set[int] = set()
-        self._start, self._fault = 0.0, ""
+        self._start = 0.0
+        self._fault = ""
         self._running = self._ended = False
         self._stale = self._inputs_set = self._parameters_set = True
 
@@ -109,7 +111,7 @@ class Instance:
         bad = indices[~(self._late if self._running else self._early)[indices]]
         if bad.size:
             when = "after initialization" if self._early[bad[0]] else "at any time"
-            self._fault = f"'{self._content.names[bad[0]]}' cannot be set {when}"
+            self._fault = f"'{self._payload.names[bad[0]]}' cannot be set {when}"
             raise RefusedError(f"{self._fault}; the next step is refused")
         self._values[indices] = values
         self._touched |= {int(i) for i in indices if self._x.start <= i < self._x.stop}
@@ -132,15 +134,19 @@ class Instance:
         if not self._running:
             self._begin()
         self._apply()
-        session, values = self._session, self._values
+        session = self._session
+        values = self._values
         values[0] = session.time
-        values[self._x], values[self._rates] = session.states(), session.rates()
-        values[self._outputs], values[self._events] = session.row(), session.events()
+        values[self._x] = session.states()
+        values[self._rates] = session.rates()
+        values[self._outputs] = session.row()
+        values[self._events] = session.events()
         self._stale = False
 
     def _begin(self) -> None:
         """Start the session from the values set so far."""
-        plan, values = self._session.prepared.plan, self._values
+        plan = self._session.prepared.plan
+        values = self._values
         chosen = np.zeros(len(values))
         chosen[[*self._touched]] = 1.0
         touched = plan.x.named(chosen[self._x])
@@ -151,7 +157,8 @@ class Instance:
         self._inputs_set = self._parameters_set = False
 
     def _inputs(self) -> dict[str, Vector]:
-        inputs, begin = {}, self._u.start
+        inputs = {}
+        begin = self._u.start
         for name, block in self._session.prepared.plan.system.external.items():
             inputs[name] = self._values[begin : begin + prod(block.extent)].reshape(block.extent)
             begin += prod(block.extent)
@@ -169,7 +176,8 @@ class Instance:
 
     def set_up(self, start: float) -> None:
         """Set the start time [s]."""
-        self._start, self._stale = float(start), True
+        self._start = float(start)
+        self._stale = True
 
     def initialize(self) -> None:
         """End the initialization."""
@@ -209,7 +217,8 @@ class Instance:
             raise RefusedError("a step is possible only between initialization and termination")
         if not (np.isfinite(time) and np.isfinite(length) and length >= 0):
             raise RefusedError(f"a step of {length!r} s from t = {time!r} s is not possible")
-        present, tick = self._session.time, float(self._session.prepared.tick)
+        present = self._session.time
+        tick = float(self._session.prepared.tick)
         if abs(present - time) > float(SNAP) * tick + 1e-12 * abs(present):
             raise RefusedError(f"the step starts at t = {time:g} s, but the current time is {present:g} s")
         self._apply()
@@ -265,10 +274,15 @@ class Instance:
             if not self._session.started:
                 self._session.start(time=state.start)
             self._session.restore(state.snapshot)
-        self._start, self._touched, self._fault = state.start, set(state.touched), state.fault
+        self._start = state.start
+        self._touched = set(state.touched)
+        self._fault = state.fault
         self._values[:] = state.values
-        self._running, self._ended = state.snapshot is not None, False
-        self._stale, self._inputs_set, self._parameters_set = True, False, False
+        self._running = state.snapshot is not None
+        self._ended = False
+        self._stale = True
+        self._inputs_set = False
+        self._parameters_set = False
 
 
 def to_bytes(state: State, token: str) -> bytes:

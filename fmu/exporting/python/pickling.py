@@ -1,4 +1,4 @@
-"""Pickling of a block for an FMU: with its author's code, but without libraries."""
+"""Pickling of a block for an FMU: with its author's code, but without installed packages."""
 
 from __future__ import annotations
 
@@ -19,8 +19,10 @@ import cloudpickle
 
 from trussflow.blocks.framework.block import Block
 from trussflow.blocks.framework.diagram import leaves
+from trussflow.blocks.simulation.results import own_version
 from trussflow.fmu.errors import ExportError
-from trussflow.fmu.exporting.python.unpickling import BUNDLED_PACKAGES, PUBLIC_PACKAGE
+
+OWN_PACKAGE = __name__.partition(".")[0]
 
 
 @dataclass(slots=True)
@@ -31,31 +33,27 @@ class Pickled:
     ----------
     data : bytes
         The pickle.
-    modules : set of str
-        Modules of this package that the pickle refers to.
     libraries : set of str
-        Top-level names of other libraries that the pickle refers to.
+        Top-level names of the installed packages that the pickle refers to.
     has_code : bool
         Whether the pickle contains compiled code, which only this version of Python can run.
     """
 
     data: bytes = b""
-    modules: set[str] = field(default_factory=set)
     libraries: set[str] = field(default_factory=set)
     has_code: bool = False
 
-    def requirements(self, always: set[str]) -> list[str]:
-        """Return the distributions that the target needs, with the versions installed here.
+    def requirements(self) -> list[str]:
+        """Return the distributions that the target needs.
 
-        Parameters
-        ----------
-        always : set of str
-            Top-level names of libraries that every FMU needs.
+        The version of trussflow must be equal, because the attributes of its blocks may change in any
+        version. Other distributions must have at least the version that is installed here.
         """
         known = _distributions()
-        needed = {*self.libraries, *always} - {*BUNDLED_PACKAGES}
-        names = {d for name in needed for d in known.get(name, [name])[:1]}
-        return sorted(f"{name}>={_release(version(name))}" for name in names)
+        libraries = self.libraries - {OWN_PACKAGE} | {"cloudpickle"}
+        names = {known.get(name, [name])[0] for name in libraries}
+        others = [f"{name}>={_release(version(name))}" for name in names]
+        return sorted([f"{OWN_PACKAGE}=={own_version()}", *others])
 
 
 @functools.cache
@@ -65,7 +63,7 @@ def _distributions() -> Mapping[str, list[str]]:
 
 
 def pickled(item: Block) -> Pickled:
-    """Pickle a block with all code that is neither installed nor part of this package.
+    """Pickle a block with all code that is not part of an installed package.
 
     Parameters
     ----------
@@ -91,7 +89,8 @@ def pickled(item: Block) -> Pickled:
 
 
 def _pickled(item: object) -> Pickled:
-    found, buffer = Pickled(), io.BytesIO()
+    found = Pickled()
+    buffer = io.BytesIO()
     pickler = _Pickler(buffer, found)
     try:
         pickler.dump(item)
@@ -125,9 +124,7 @@ class _Pickler(cloudpickle.Pickler):  # type: ignore[misc]
         if module is None or name == "__main__":
             return  # cloudpickle pickles such objects by value
         home = _home(name)
-        if home == "ours":
-            self._found.modules.add(name)
-        elif home == "installed":
+        if home == "installed":
             self._found.libraries.add(name.partition(".")[0])
         elif home == "user" and name not in cloudpickle.list_registry_pickle_by_value():
             cloudpickle.register_pickle_by_value(module)
@@ -135,10 +132,10 @@ class _Pickler(cloudpickle.Pickler):  # type: ignore[misc]
 
 
 def _home(name: str) -> str:
-    """Return the origin of a module: ``"ours"``, ``"standard"``, ``"installed"`` or ``"user"``."""
+    """Return the origin of a module: ``"standard"``, ``"installed"`` or ``"user"``."""
     top = name.partition(".")[0]
-    if top == PUBLIC_PACKAGE:
-        return "ours"
+    if top == OWN_PACKAGE:  # its files are elsewhere in a development installation
+        return "installed"
     if top in sys.stdlib_module_names or top in sys.builtin_module_names:
         return "standard"
     module = sys.modules.get(name) or sys.modules.get(top)
@@ -162,8 +159,8 @@ def _check_imports(code: CodeType) -> None:
     """
     for instruction in dis.get_instructions(code):
         name = str(instruction.argval)
-        home = _home(name) if instruction.opname == "IMPORT_NAME" else ""
-        if home == "ours" or (home == "user" and name in sys.modules):
+        imports = instruction.opname == "IMPORT_NAME" and name in sys.modules
+        if imports and _home(name) == "user":
             raise ExportError(
                 f"cannot export: '{code.co_name}' ({Path(code.co_filename).name}:"
                 f"{code.co_firstlineno}) imports '{name}' inside a function, and the target does "

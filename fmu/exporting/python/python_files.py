@@ -1,33 +1,57 @@
-"""Files of an FMU that runs this package and the block in the Python of the target."""
+"""Files of an FMU that runs the block in the Python of the target, which has trussflow installed."""
 
 from __future__ import annotations
 
+import hashlib
 import json
+import re
 import sys
+from importlib.metadata import distribution
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pythonfmu
 
 from trussflow.blocks.framework.block import Block
 from trussflow.blocks.framework.errors import TrussflowError
+from trussflow.blocks.simulation.results import own_version
 from trussflow.fmu.errors import ExportError
 from trussflow.fmu.exporting.description.export_interface import ExportInterface
 from trussflow.fmu.exporting.description.model_description import Use, model_description
-from trussflow.fmu.exporting.python.bundle import Files, bundle, licences
-from trussflow.fmu.exporting.python.content import FACTS_FILE, PICKLE_FILE
+from trussflow.fmu.exporting.python.instance import Instance, to_bytes
+from trussflow.fmu.exporting.python.payload import FACTS_FILE, PICKLE_FILE, Payload
 from trussflow.fmu.exporting.python.pickling import pickled
-from trussflow.fmu.exporting.python.trial import tried
+
+SLAVE_TEMPLATE = '''"""Written by trussflow; pythonfmu's binary runs this file anew for each instance."""
+
+import logging
+from importlib.metadata import version
+
+try:
+    if version("trussflow") != {version!r}:
+        raise ImportError("the version of trussflow is " + version("trussflow"))
+    from trussflow.fmu.exporting.python.slave import slave
+
+    {name} = slave(globals())
+except Exception as error:
+    message = f"{{error}}; this FMU needs {needs}"
+    logging.getLogger("trussflow_fmu").error(message)  # the importer may have switched the FMU's log off
+    raise ImportError(message) from error
+'''
+"""Python file in an FMU; an error in it makes the importer's instantiation fail with its message."""
+
+Files = dict[str, bytes]
+"""Contents by path."""
 
 
 def python_files(item: Block, interface: ExportInterface, version: str = "2.0", solver: str = "rk4") -> Files:
     """Return the files of an FMI 2.0 co-simulation FMU that needs Python on the target.
 
-    The target needs the libraries that ``resources/requirements.txt`` lists, and the same version
-    of Python if the block contains code of the user. A C compiler is optional and makes it faster.
-    The FMU contains this package under a private name, so that it is independent of an installed
-    version. Each instance has separate Python blocks; a saved state includes their states (see
-    `Running`).
+    The target needs this version of trussflow and the packages that ``resources/requirements.txt``
+    lists. It needs the same version of Python if the block contains code of the user. A C compiler is
+    optional and makes it faster. Each instance has separate Python blocks; a saved state includes their
+    states (see `Running`).
 
     Parameters
     ----------
@@ -48,19 +72,30 @@ def python_files(item: Block, interface: ExportInterface, version: str = "2.0", 
     if version != "2.0":
         raise ExportError(f"an FMU of kind 'python' has version 2.0 of FMI, not {version!r}")
     pickle = pickled(item)
-    facts = json.dumps(_facts(interface, pickle.has_code, solver), indent=1)
-    resources = bundle(interface.identifier, pickle, {PICKLE_FILE: pickle.data, FACTS_FILE: facts.encode()})
+    facts = _facts(interface, pickle.has_code, solver)
     try:
-        saves, serializes = tried(resources)
+        saves, serializes = _self_test(pickle.data, facts)
     except TrussflowError:
         raise
     except Exception as error:  # loading the copy runs code of the user
         raise ExportError(
             f"cannot export '{item.name}': the copy for the FMU does not run: {type(error).__name__}: {error}"
         ) from error
+    payload = {PICKLE_FILE: pickle.data, FACTS_FILE: json.dumps(facts, indent=1).encode()}
+    # Python keeps loaded modules by name, so each content needs a name of its own.
+    digest = hashlib.sha256(b"".join(payload.values())).hexdigest()[:8]
+    module = f"slave_{interface.identifier}_{digest}"
+    requirements = pickle.requirements()
+    loader = SLAVE_TEMPLATE.format(
+        version=own_version(), name=f"Slave_{digest}", needs=", ".join(requirements)
+    )
+    resources = payload | {
+        f"{module}.py": loader.encode(),
+        "slavemodule.txt": module.encode(),
+        "requirements.txt": ("\n".join(requirements) + "\n").encode(),
+    }
     files = {f"resources/{name}": data for name, data in resources.items()}
-    files |= {f"documentation/licenses/{name}": data for name, data in licences().items()}
-    files |= _binaries(interface.identifier)
+    files |= _wrapper(interface.identifier)
     capabilities = {
         "needsExecutionTool": "false",
         "canHandleVariableCommunicationStepSize": "true",
@@ -93,11 +128,43 @@ def _facts(interface: ExportInterface, has_code: bool, solver: str) -> dict[str,
     }
 
 
-def _binaries(identifier: str) -> Files:
-    """Return pythonfmu's wrapper binaries for all its platforms."""
+def _self_test(pickle: bytes, facts: dict[str, Any]) -> tuple[bool, bool]:
+    """Load a payload, initialize the model and save its state.
+
+    Return whether its state can be saved, and whether it can be serialized.
+
+    Raises
+    ------
+    ExportError
+        If an output is not finite at the start.
+    """
+    payload = Payload(pickle, facts, compiled=False)
+    instance = Instance(payload)
+    try:
+        instance.initialize()
+        finite = np.isfinite(instance.get(range(1, 1 + len(payload.names))))
+        if not finite.all():
+            raise ExportError(f"'{payload.names[int(np.argmin(finite))]}' is not finite at the start")
+        if not instance.restores:
+            return False, False
+        try:
+            to_bytes(instance.save(), facts["token"])
+        except TypeError:
+            return True, False
+        return True, True
+    finally:
+        instance.close()
+
+
+def _wrapper(identifier: str) -> Files:
+    """Return pythonfmu's wrapper binaries for all its platforms, and its licence."""
     folder = Path(str(pythonfmu.__file__)).parent / "resources" / "binaries"
-    return {
+    files = {
         f"binaries/{path.parent.name}/{identifier}{path.suffix}": path.read_bytes()
         for path in sorted(folder.rglob("*"))
         if path.suffix in (".so", ".dll", ".dylib")
     }
+    for file in distribution("pythonfmu").files or []:
+        if re.search(r"licen[cs]e", file.name, re.IGNORECASE):
+            files["documentation/licenses/pythonfmu.txt"] = Path(str(file.locate())).read_bytes()
+    return files

@@ -1,55 +1,40 @@
-"""Class that pythonfmu's wrapper instantiates and calls; it never raises an exception.
+"""Class that pythonfmu's wrapper instantiates and calls; its methods never raise an exception.
 
-The wrapper cannot return fmi2Error. A step that fails returns fmi2Discard; the cause is logged.
-The wrapper's other calls, such as setting a value, cannot report a failure. They log the cause,
-and the next step is discarded. An exception raised into the wrapper would corrupt memory.
-
-This module loads without NumPy and CasADi, so that it can log their absence.
+An exception while the class is loaded or instantiated makes the importer's instantiation fail, with
+the exception in its log. Later, an exception raised into the wrapper would corrupt memory, and the
+wrapper cannot return fmi2Error. A step that fails returns fmi2Discard; the cause is logged. The
+wrapper's other calls, such as setting a value, cannot report a failure. They log the cause, and the
+next step is discarded.
 """
 
 from __future__ import annotations
 
 import contextlib
 import ctypes
+import functools
+import json
 import logging
 import math
 import sys
 import traceback
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
-from pythonfmu.fmi2slave import Fmi2Slave  # in an FMU, from the copy within the private package
+from pythonfmu.enums import Fmi2Status
+from pythonfmu.fmi2slave import Fmi2Slave
+
+from trussflow.fmu.exporting.python.instance import Instance, from_bytes, to_bytes
+from trussflow.fmu.exporting.python.payload import FACTS_FILE, PICKLE_FILE, Payload
 
 LOG_CATEGORY = "logStatus"
 """Category of all log messages, as in the model description."""
-
-STATUS_WARNING, STATUS_ERROR = 1, 3
-"""Values of fmi2Status."""
 
 ERROR_LOGGER = logging.getLogger("trussflow_fmu")
 """Python logger that also receives the errors; its default output is the standard error stream."""
 
 
-class Message:
-    """A log message in the form that the wrapper reads.
-
-    Parameters
-    ----------
-    status : int
-        A value of fmi2Status [-].
-    text : str
-        Text of the message.
-    """
-
-    debug = False
-
-    def __init__(self, status: int, text: str) -> None:
-        self.status, self.category, self.text = status, LOG_CATEGORY, text
-        self.msg = text.replace("%", "%%")  # importers treat the text as a printf format
-
-
-def slave(namespace: dict[str, Any], needs: str) -> type:
+def slave(namespace: dict[str, Any]) -> type:
     """Return the class that the wrapper must instantiate.
 
     The wrapper runs the slave module again for each instance and keeps its classes. It also
@@ -60,57 +45,44 @@ def slave(namespace: dict[str, Any], needs: str) -> type:
     ----------
     namespace : dict
         ``globals()`` of the slave module.
-    needs : str
-        Required libraries of the target, for error messages.
     """
     ctypes.pythonapi.Py_IncRef(ctypes.py_object(namespace))
-    Slave.needs = needs
-    return Slave
+    folder = Path(namespace["__file__"]).parent
+    return _slave((folder / PICKLE_FILE).read_bytes(), (folder / FACTS_FILE).read_text(encoding="utf-8"))
+
+
+@functools.cache
+def _slave(pickled: bytes, facts: str) -> type:
+    """Return the class of one payload; no file is read later, as importers delete them."""
+    return type("Slave", (Slave,), {"payload": Payload(pickled, json.loads(facts))})
 
 
 class Slave(Fmi2Slave):  # type: ignore[misc]
     """Class that the wrapper instantiates with its own `kwargs`, once for each instance."""
 
-    needs = ""
-    """Required libraries of the target, for error messages."""
+    payload: ClassVar[Payload]
 
     def __init__(self, **kwargs: Any) -> None:
         super().__init__(**kwargs)
-        self._model: Any = None
-        self._broken = ""
-        self._guarded("instantiate", self._load)
-
-    def _load(self) -> None:
         # The wrapper adds the folder to sys.path, which other modules of this process share.
-        with contextlib.suppress(KeyError, TypeError):
-            resources = Path(self.resources)
-            sys.path[:] = [p for p in sys.path if not p or Path(p) != resources]
-        try:
-            from trussflow.fmu.exporting.python.content import content
-            from trussflow.fmu.exporting.python.instance import Instance
-        except ImportError as error:
-            raise RuntimeError(f"{error}; this FMU needs {self.needs}") from error
-        carried = content()
-        for note in carried.notes:
-            self._tell(STATUS_WARNING, note)
-        self._model = Instance(carried)
+        resources = Path(self.resources)
+        sys.path[:] = [path for path in sys.path if not path or Path(path) != resources]
+        for note in self.payload.notes:
+            self._report(Fmi2Status.warning, note)
+        self._model = Instance(self.payload)
 
-    def _tell(self, status: int, text: str) -> None:
-        message = Message(status, f"{self.instance_name}: {text}")
-        self.log_queue.append(message)
-        if status == STATUS_ERROR:  # the wrapper drops all messages unless logging is on
-            ERROR_LOGGER.error("%s", message.text)
+    def _report(self, status: Fmi2Status, text: str) -> None:
+        text = f"{self.instance_name}: {text}"
+        self.log(text.replace("%", "%%"), status, LOG_CATEGORY)  # importers treat it as a printf format
+        if status == Fmi2Status.error:  # the wrapper drops all messages unless logging is on
+            ERROR_LOGGER.error("%s", text)
 
     def _guarded(self, what: str, function: Callable[[], Any]) -> Any:
         """Call a function; if it fails, log the error and return None."""
         try:
-            if self._broken:
-                raise RuntimeError(self._broken)
             return function()
         except BaseException as error:  # noqa: BLE001 - no exception may reach the wrapper
-            if self._model is None and not self._broken:
-                self._broken = f"the model could not be loaded: {error}"
-            self._tell(STATUS_ERROR, f"{what} failed: {_explained(error)}")
+            self._report(Fmi2Status.error, f"{what} failed: {_explained(error)}")
             return None
 
     def _calling(self, what: str, method: str, *arguments: Any) -> Any:
@@ -149,8 +121,8 @@ class Slave(Fmi2Slave):  # type: ignore[misc]
 
     def _refuse(self, vrs: list[int], *_values: object) -> list[Any]:
         """Log an error, because all variables are of type Real."""
-        self._tell(
-            STATUS_ERROR, f"all variables are of type Real; value references {vrs} were used otherwise"
+        self._report(
+            Fmi2Status.error, f"all variables are of type Real; value references {vrs} were used otherwise"
         )
         return [False] * len(vrs)
 
@@ -166,28 +138,23 @@ class Slave(Fmi2Slave):  # type: ignore[misc]
     def _set_fmu_state(self, state: Any) -> None:
         self._calling("restoring a state", "restore", state)
 
-    @staticmethod
-    def _fmu_state_to_bytes(state: Any) -> bytes:
+    @classmethod
+    def _fmu_state_to_bytes(cls, state: Any) -> bytes:
         try:
-            from trussflow.fmu.exporting.python import content, instance
-
-            return instance.to_bytes(state, content.content().facts["token"])
-        except BaseException:  # noqa: BLE001 - a static method has no instance to log with
+            return to_bytes(state, cls.payload.facts["token"])
+        except BaseException:  # noqa: BLE001 - a class method has no instance to log with
             return b""
 
-    @staticmethod
-    def _fmu_state_from_bytes(data: bytes) -> Any:
+    @classmethod
+    def _fmu_state_from_bytes(cls, data: bytes) -> Any:
         try:
-            from trussflow.fmu.exporting.python import content, instance
-
-            return instance.from_bytes(data, content.content().facts["token"])
+            return from_bytes(data, cls.payload.facts["token"])
         except BaseException as error:  # noqa: BLE001 - logged when the state is restored
             return str(error)
 
     def __del__(self) -> None:
         with contextlib.suppress(BaseException):
-            if self._model is not None:
-                self._model.close()
+            self._model.close()
 
 
 def _explained(error: BaseException) -> str:

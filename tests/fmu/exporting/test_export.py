@@ -77,7 +77,7 @@ def test_imported_fmus_are_refused_by_name(tmp_path, kind):
     diagram = Diagram("outer")
     fmu = diagram.add(fmu=Fmu(inner))
     diagram.expose(u=fmu.u, y=fmu.y)
-    with pytest.raises(ExportError, match=r"'fmu' \(Fmu\) .*there is export_ssp"):
+    with pytest.raises(ExportError, match=r"'fmu' \(Fmu\) .*there is trussflow.fmu.ssp.export_ssp"):
         export(diagram, tmp_path / "x.fmu", kind=kind)
     assert list(tmp_path.iterdir()) == [inner]
 
@@ -136,9 +136,8 @@ def test_a_compiler_that_fails(tmp_path, monkeypatch):
 def test_no_room_for_temporary_files(tmp_path, monkeypatch):
     """One error with the path, although the compiled code is in the cache."""
     monkeypatch.setattr(tempfile, "tempdir", str(tmp_path / "nowhere"))
-    for kind in ("native", "python"):
-        with pytest.raises(ExportError, match=r"cannot export .*No such file or directory: '.*nowhere"):
-            export(Integrator(), tmp_path / "x.fmu", kind=kind)
+    with pytest.raises(ExportError, match=r"cannot export .*No such file or directory: '.*nowhere"):
+        export(Integrator(), tmp_path / "x.fmu")
     assert list(tmp_path.iterdir()) == []
 
 

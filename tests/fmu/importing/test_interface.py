@@ -11,8 +11,8 @@ from trussflow.blocks.framework.errors import BlockError
 from trussflow.fmu import Fmu, FmuError, FmuUnitError
 from trussflow.fmu.fmi_units import FmiUnit
 from trussflow.fmu.importing.unit_table import UnitTable
+from trussflow.fmu.runtime.array_ports import gather, legal_names
 from trussflow.fmu.runtime.description import FmuDescription, FmuVariable
-from trussflow.fmu.runtime.gathering import gather, legal_names
 
 versions = pytest.mark.parametrize("version", [2, 3])
 kinds = pytest.mark.parametrize("kind", ["cs", "me"])

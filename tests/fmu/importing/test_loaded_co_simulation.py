@@ -7,6 +7,7 @@ import subprocess
 import sys
 import time
 from contextlib import ExitStack
+from multiprocessing.connection import Connection
 from pathlib import Path
 
 import numpy as np
@@ -14,7 +15,6 @@ import pytest
 
 from trussflow.blocks.framework.temporary import process_folder
 from trussflow.fmu import Fmu, FmuBinaryError, FmuCallError, FmuError
-from trussflow.fmu.runtime import child_process, frames
 from trussflow.fmu.runtime.child_process import RemoteInstance, open_instance
 from trussflow.fmu.runtime.file import FmuFile
 from trussflow.fmu.runtime.loaded_co_simulation import LoadedCoSimulation
@@ -272,7 +272,7 @@ def test_interrupting_ends_the_child(make_fmu, monkeypatch):
     def interrupt(*_):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(child_process, "receive", interrupt)
+    monkeypatch.setattr(Connection, "recv_bytes", interrupt)
     with pytest.raises(KeyboardInterrupt):
         slave.setup()
     assert process.poll() is not None
@@ -295,14 +295,14 @@ def test_one_call_of_a_child_at_a_time(make_fmu, monkeypatch):
     """A state that is freed while a call is under way must not take away its reply."""
     with RemoteInstance(LoadedCoSimulation, make_fmu("ball"), 20.0) as slave:
         slave.setup()
-        states, receive = [HeldState(slave)], frames.receive
+        states, receive = [HeldState(slave)], Connection.recv_bytes
 
         def free_meanwhile(*arguments):
             states.clear()
             gc.collect()
             return receive(*arguments)
 
-        monkeypatch.setattr(child_process, "receive", free_meanwhile)
+        monkeypatch.setattr(Connection, "recv_bytes", free_meanwhile)
         assert slave.read(("h",)).shape == (1,)
         assert slave.initialized is True
 

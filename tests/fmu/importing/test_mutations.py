@@ -19,7 +19,8 @@ import pytest
 
 from trussflow.blocks import Diagram, simulate
 from trussflow.blocks.framework.errors import TrussflowError
-from trussflow.fmu import Fmu, export_ssp, import_ssp
+from trussflow.fmu import Fmu
+from trussflow.fmu.ssp import export_ssp, import_ssp
 
 MUTATIONS = 200 * campaign.SIZE
 RUN_INTERVAL = 10  # one in so many of the accepted files runs, in a process of its own: they hold native code

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from trussflow.blocks import OpenInputError, StateSpace, cosimulate
-from trussflow.fmu import FmuError, SspError, export, import_ssp
+from trussflow.fmu import FmuError, SspError, export
+from trussflow.fmu.ssp import import_ssp
 from trussflow.fmu.ssp.names import XML_NAMESPACES
 
 
@@ -65,31 +66,37 @@ def test_parameters_of_a_system_reach_its_fmus(outer, fmus, tmp_path):
     assert block.parameters["initial_value"][1] == 3.5
 
 
+REAL, TEXT, LINEAR = '<ssv:Real value="3.5"/>', '<ssv:String value="red"/>', "<ssc:LinearTransformation"
+
+
 @pytest.mark.parametrize(
-    ("conversion", "value"),
+    ("given", "conversion", "result"),
     [
-        ("", 3.5),
-        ('<ssc:LinearTransformation factor="2" offset="-1"/>', 6.0),
-        ("<ssc:BooleanMappingTransformation/>", None),
+        (REAL, "", 3.5),
+        (REAL, f'{LINEAR} factor="2" offset="-1"/>', 6.0),
+        (REAL, f"{LINEAR} factor='x'/>", "factor 'x' is not a number"),
+        (REAL, "<ssc:BooleanMappingTransformation/>", r"'k' to 'mass.initial_value\[2\]' is not linear"),
+        (TEXT, f'{LINEAR} factor="2"/>', r"'k' to 'mass.*' converts .* the text 'red'"),
+        (TEXT, "", r"'initial_value\[2\]' must be a number, not 'red'"),
     ],
 )
-def test_parameter_mappings(conversion, value, fmus, tmp_path):
+def test_parameter_mappings(given, conversion, result, fmus, tmp_path):
     """Values go to the names that the mapping says, converted linearly; others are left out."""
     structure = (
         "<ssd:ParameterBindings><ssd:ParameterBinding><ssd:ParameterValues>"
         '<ssv:ParameterSet version="1.0" name="p"><ssv:Parameters><ssv:Parameter name="k">'
-        '<ssv:Real value="3.5"/></ssv:Parameter><ssv:Parameter name="mass.initial_value[1]">'
+        f'{given}</ssv:Parameter><ssv:Parameter name="mass.initial_value[1]">'
         '<ssv:Real value="9"/></ssv:Parameter></ssv:Parameters></ssv:ParameterSet></ssd:ParameterValues>'
         '<ssd:ParameterMapping><ssm:ParameterMapping version="1.0"><ssm:MappingEntry source="k" '
         f'target="mass.initial_value[2]">{conversion}</ssm:MappingEntry></ssm:ParameterMapping>'
         f"</ssd:ParameterMapping></ssd:ParameterBinding></ssd:ParameterBindings>{MASS}"
     )
     file = foreign(fmus, tmp_path / "s.ssp", structure)
-    if value is None:
-        with pytest.raises(SspError, match=r"'k' to 'mass.initial_value\[2\]' is not linear"):
+    if isinstance(result, str):
+        with pytest.raises(FmuError, match=result):
             import_ssp(file)
     else:
-        assert import_ssp(file).blocks["mass"].parameters["initial_value"].tolist() == [0.0, value]
+        assert import_ssp(file).blocks["mass"].parameters["initial_value"].tolist() == [0.0, result]
 
 
 def test_open_inputs_may_keep_their_start_values(fmus, tmp_path):

@@ -23,7 +23,8 @@ from trussflow.blocks import (
     WiringError,
     cosimulate,
 )
-from trussflow.fmu import ExportError, Fmu, FmuArchiveError, SspError, export, export_ssp, import_ssp
+from trussflow.fmu import ExportError, Fmu, FmuArchiveError, SspError, export
+from trussflow.fmu.ssp import export_ssp, import_ssp
 
 TIME_STEP = 2.0**-7  # s; a power of two, so that times added up are exact
 

@@ -44,10 +44,10 @@ def test_many_instances_at_once_do_not_mix(number, loop_fmu, instance):
 
 
 def census():
-    """Count the objects of the private copies of this package, and where modules are sought."""
+    """Count the objects of this package, and where modules are sought."""
     gc.collect()
     kinds = (type(thing) for thing in gc.get_objects())
-    found = Counter(kind.__name__ for kind in kinds if str(kind.__module__).startswith("trussflow_"))
+    found = Counter(kind.__name__ for kind in kinds if str(kind.__module__).startswith("trussflow."))
     return found + Counter({"path": len(sys.path), "modules": len(sys.modules)})
 
 

@@ -1,6 +1,7 @@
 """Misuse: a clear error at export, or the standard's status with a log text that says why."""
 
 import logging
+import re
 import zipfile
 
 import numpy as np
@@ -9,7 +10,9 @@ from fmpy.fmi1 import FMICallException
 from systems import ports
 
 from trussflow.blocks import Block, Function, Input, Output, PythonFunction
-from trussflow.fmu.errors import ExportError
+from trussflow.blocks.simulation.results import own_version
+from trussflow.fmu.errors import ExportError, FmuCallError
+from trussflow.fmu.runtime.loaded_co_simulation import LoadedCoSimulation
 
 COMMUNICATION_STEP = 0.01
 
@@ -113,25 +116,40 @@ def test_error_in_users_code_is_logged_with_its_cause(export, instance, caplog):
     assert line in caplog.text
 
 
-def halved(u):
-    """For one test only: a process keeps the modules of an FMU that ran in it before."""
-    return u / 2.0
+MISSING_LIBRARY = b"clibrary_that_is_not_there\nThing\n."  # a pickle that refers to a library
 
 
-def test_libraries_that_are_missing_are_named(export, instance, tmp_path):
-    """NumPy and CasADi are there, but a library of the user's is not."""
-    fmu, broken = export(python(halved)), tmp_path / "broken.fmu"
-    with zipfile.ZipFile(fmu) as old, zipfile.ZipFile(broken, "w") as new:
-        needed = old.read("resources/requirements.txt").decode().split()
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"slave": (b"0.1.0'", b"0.0.9'")}, r"the version of trussflow is 0\.1\.0"),
+        ({"slave": (b'version("trussflow")', b'version("nowhere")')}, "nowhere"),
+        ({"item": MISSING_LIBRARY}, "No module named 'library_that_is_not_there'"),
+        ({"facts": (b'"python": "3', b'"python": "2')}, r"compiled for Python 2\.\d+; this is Python 3\.\d+"),
+    ],
+)
+def test_instantiation_names_what_is_missing(changes, message, export, tmp_path, caplog):
+    """Another version of trussflow, none, no library of the user's, another version of Python."""
+    # Each case has a function of its own, as a process keeps the modules of the FMUs that ran in it.
+    fmu, changed = export(python(lambda u: u + len(message))), tmp_path / "changed.fmu"
+    with zipfile.ZipFile(fmu) as old, zipfile.ZipFile(changed, "w") as new:
         for name in old.namelist():
-            content = name.endswith("exporting/python/content.py")
-            new.writestr(name, b"import library_that_is_not_there\n" if content else old.read(name))
-    names = [line.partition(">=")[0] for line in needed]
-    assert names == ["casadi", "numpy", "platformdirs", "scipy", "tqdm"]
-    one = instance(broken)
-    text = "No module named 'library_that_is_not_there'; this FMU needs casadi>="
-    refused(one.start(), 0.0, COMMUNICATION_STEP, text)
-    assert np.isnan(one.get("y"))
+            content = old.read(name)
+            change = changes.get(name.removeprefix("resources/").replace(".", "_").partition("_")[0])
+            if isinstance(change, tuple):
+                assert change[0] in content or name.endswith(".txt")
+                content = content.replace(*change)
+            new.writestr(name, change if isinstance(change, bytes) else content)
+    needs = f"{message}; this FMU needs cloudpickle>="
+    with pytest.raises(FmuCallError, match=needs), LoadedCoSimulation(changed, logging=True) as one:
+        one.setup()
+    assert re.search(needs, caplog.text)  # an importer may have switched the FMU's log off
+
+
+def test_requirements_name_the_version_of_trussflow(export):
+    with zipfile.ZipFile(export(python(failing))) as archive:
+        lines = archive.read("resources/requirements.txt").decode().split()
+    assert f"trussflow=={own_version()}" in lines
 
 
 # -- at export ------------------------------------------------------------------------------------
@@ -150,10 +168,10 @@ class Once(Block):
         return {"y": u.u}
 
 
-def imports_trussflow(u):
-    from trussflow.blocks import Gain
+def imports_the_users_module(u):
+    from systems import ports
 
-    return Gain(u)
+    return ports(u=u)
 
 
 @pytest.mark.parametrize(
@@ -162,9 +180,9 @@ def imports_trussflow(u):
         (lambda: python(failing), {"version": "3.0"}, r"kind 'python' has version 2\.0 of FMI, not '3\.0'"),
         (lambda: python(failing), {"solver": "magic"}, "unknown solver 'magic'; choose from"),
         (
-            lambda: python(imports_trussflow),
+            lambda: python(imports_the_users_module),
             {},
-            r"'imports_trussflow' \(test_misuse\.py:\d+\) imports 'trussflow\.bl",
+            r"'imports_the_users_module' \(test_misuse\.py:\d+\) imports 'systems' inside",
         ),
         (lambda: Once().sampled(0.1), {}, r"copy .* does not run: OSError: the device is taken"),
         (lambda: Function(lambda u: 1.0 / u, **ports(u=(), y=())), {}, "'y' has no start value"),

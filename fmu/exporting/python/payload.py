@@ -1,14 +1,12 @@
-"""Content of an FMU: the pickled block and the facts of its interface."""
+"""Payload of a Python FMU: the pickled block and the facts of its interface."""
 
 from __future__ import annotations
 
-import importlib
-import json
-import pkgutil
+import io
+import pickle
 import sys
-import warnings
-from functools import cache
-from pathlib import Path
+from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -17,16 +15,12 @@ from trussflow.blocks.framework.block import Block
 from trussflow.blocks.simulation.session import Session
 from trussflow.blocks.tracing.compile_cache import CompilationError
 from trussflow.blocks.tracing.compiler import find_compiler
-from trussflow.fmu.exporting.python.unpickling import Unpickler
 
-CONTENT_FOLDER, PICKLE_FILE, FACTS_FILE = "content", "item.pickle", "facts.json"
-"""Folder and files of the content, within the private package."""
-
-PRIVATE_PACKAGE = __name__.partition(".fmu.")[0]
-"""Name of the package of this module, which is a private one within an FMU."""
+PICKLE_FILE, FACTS_FILE = "item.pickle", "facts.json"
+"""Files of the payload in the folder ``resources``."""
 
 
-class Content:
+class Payload:
     """The block of one FMU, loaded once per process.
 
     Parameters
@@ -58,7 +52,7 @@ class Content:
                 f"this FMU contains its author's code, compiled for Python {facts['python']}; "
                 f"this is Python {here}"
             )
-        self._shared = self._prepared(Unpickler(pickled, PRIVATE_PACKAGE).load(), compiled)
+        self._shared = self._prepared(_Unpickler(io.BytesIO(pickled)).load(), compiled)
 
     @property
     def names(self) -> list[str]:
@@ -85,27 +79,20 @@ class Content:
         return Session(item, backend="interpreted", **settings)
 
 
-def load(*, compiled: bool = True) -> Content:
-    """Load the content of this package, and all its modules.
+class _Unpickler(pickle.Unpickler):
+    """Unpickler that makes new classes for the user's code.
 
-    Importers delete the unpacked files, and may unpack the same FMU again while this process keeps
-    the modules that it has loaded. Therefore no file may be read later.
-
-    Parameters
-    ----------
-    compiled : bool
-        Whether to use a C compiler if there is one.
+    cloudpickle alone would find the class of an earlier load, or of the exporting script, in the same
+    process, and change it in place.
     """
-    package = importlib.import_module(PRIVATE_PACKAGE)
-    folder = Path(str(package.__file__)).parent
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")
-        blocks = importlib.import_module(f"{PRIVATE_PACKAGE}.blocks")
-        for module in pkgutil.walk_packages(blocks.__path__, f"{blocks.__name__}."):
-            importlib.import_module(module.name)
-    facts = json.loads((folder / CONTENT_FOLDER / FACTS_FILE).read_text(encoding="utf-8"))
-    return Content((folder / CONTENT_FOLDER / PICKLE_FILE).read_bytes(), facts, compiled=compiled)
+
+    def find_class(self, module: str, name: str) -> Any:
+        found = super().find_class(module, name)
+        of_class = module.partition(".")[0] == "cloudpickle" and name.startswith("_make_skeleton_")
+        return partial(_untracked, found) if of_class else found
 
 
-content = cache(load)
-"""Cached `load`: the content is loaded once per process."""
+def _untracked(make: Callable[..., type], *arguments: Any) -> type:
+    """Call cloudpickle's maker of a class without the identifier of the class."""
+    *shape, _identifier, extra = arguments
+    return make(*shape, None, extra)

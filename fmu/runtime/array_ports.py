@@ -17,7 +17,7 @@ ELEMENT_NAME = re.compile(r"(?P<name>.*[^\[\],\s])\[(?P<index>\s*\d+\s*(,\s*\d+\
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Group:
+class VariableGroup:
     """The variables that are elements of one array, or a single variable.
 
     Attributes
@@ -40,8 +40,8 @@ class Group:
         return prod(self.shape)
 
 
-def gather(variables: Iterable[FmuVariable]) -> list[Group]:
-    """Group variables into arrays; return the groups in the order of their first elements.
+def gather(variables: Iterable[FmuVariable]) -> list[VariableGroup]:
+    """VariableGroup variables into arrays; return the groups in the order of their first elements.
 
     Scalars form an array if their names differ in the last indices only and their causality,
     variability and type are equal. The indices must count from 1 or 0 without gaps.
@@ -63,15 +63,15 @@ def gather(variables: Iterable[FmuVariable]) -> list[Group]:
         key: tuple[str, ...] = (name, variable.causality, variable.variability, variable.type)
         index = tuple(int(part) for part in found["index"].split(","))
         families.setdefault(key, {})[index] = variable
-    groups: list[Group] = []
+    groups: list[VariableGroup] = []
     kinds = Counter(key[0] for key in families)  # above one, the elements differ in kind
     for key, members in families.items():
         shape = _shape(members)
         name = key[0]
         if name and shape and name not in taken and kinds[name] == 1:
-            groups.append(Group(name, tuple(members[i] for i in sorted(members)), shape))
+            groups.append(VariableGroup(name, tuple(members[i] for i in sorted(members)), shape))
         else:
-            groups += [Group(v.name, (v,), v.shape) for v in members.values()]
+            groups += [VariableGroup(v.name, (v,), v.shape) for v in members.values()]
     order = {v.name: i for i, v in enumerate(listed)}
     return sorted(groups, key=lambda group: min(order[v.name] for v in group.variables))
 
