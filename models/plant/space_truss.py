@@ -20,7 +20,7 @@ from trussflow.models.dynamics.task_space import task_velocity
 from trussflow.models.geometry.attitude import QUATERNION
 from trussflow.models.parameter_files import ParameterTable
 from trussflow.models.robots.robot_arm import RobotArm
-from trussflow.models.truss.component_modes import accurate_modes
+from trussflow.models.truss.paper_truss import accurate_modes
 from trussflow.models.truss.truss_modes import ModalData, TrussModes
 from trussflow.models.validation import check_choice, frozen_array
 
@@ -241,7 +241,7 @@ class SpaceTruss(Block):
         -----
         The shapes have frequencies up to 440 Hz. With condensation at 100 Hz the highest frequency of the
         whole system is 155 Hz, for which RK4 is stable up to steps of 2.9 ms. The first ten frequencies
-        keep their accuracy. See `trussflow.models.truss.component_modes`.
+        keep their accuracy. See `trussflow.models.truss.reduction`.
         """
         truss = accurate_modes(modes, highest_frequency).damped(_damping(damping))
         return cls(_dynamics(truss, arm, elastic_integrals=True), modal_actuation=True)

@@ -136,8 +136,18 @@ def mu_bound(matrix: Array, real: int, block: int) -> float:
         Number of real scalars [-].
     block : int
         Size of the complex block; 0 for none [-].
+
+    Raises
+    ------
+    LinearAnalysisError
+        If slycot is not installed.
     """
-    from slycot import ab13md  # type: ignore[import-untyped]
+    try:
+        from slycot import ab13md  # type: ignore[import-untyped]
+    except ImportError as error:
+        raise LinearAnalysisError(
+            "the bounds of worst_gain are computed by slycot; pip install 'trussflow[uncertainty]'"
+        ) from error
 
     sizes, kinds = [1] * real + [block] * bool(block), [1] * real + [2] * bool(block)
     # A bound must not depend on its scale: far from 1 the routine loses digits.
