@@ -85,7 +85,7 @@ def test_actuators_are_strained_to_their_limits_and_not_beyond():
 def quaternions(*ways):
     """Return waypoints by displacement and turn from the start, an axis times an angle."""
     start = np.array(QUATERNION.rest)
-    return np.array([[*way[:3], *QUATERNION.turned(start, np.array(way[3:]))] for way in ways])
+    return np.array([[*way[:3], *QUATERNION.integrate(start, np.array(way[3:]))] for way in ways])
 
 
 @pytest.mark.parametrize("way", [(0.0, 0.0, 2.0, 0.0, 0.0, 0.0), (1.0, 0.0, 2.0, 0.0, 0.8, 0.0)])

@@ -37,7 +37,7 @@ def flown(flight, truss, *, turned=None, sign=1.0):
     truss = SpaceTruss(truss.dynamics, start=q)
     diagram = transport_diagram(flight, truss, allocation="published")
     q = q.copy()
-    q[3:7] = sign * QUATERNION.turned(q[3:7], np.zeros(3) if turned is None else turned)
+    q[3:7] = sign * QUATERNION.integrate(q[3:7], np.zeros(3) if turned is None else turned)
     simulator = Simulator(diagram, step=5e-3, log=logged(diagram), log_step=0.25)
     run = simulator.run(2.0 * flight.duration, initial={"truss.q": q}, progress=False)
     return tidy(run, truss)
