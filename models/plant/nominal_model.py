@@ -69,14 +69,14 @@ class NominalModel(_NominalDynamics):
         """Return forces, nominal acceleration and actuation matrices."""
         rigid = self.rigid
         terms = self.dynamics.evaluate(u.coordinates, u.speeds)
-        g, c = terms.mass_matrix[:rigid, :rigid], terms.bias[:rigid]
+        G, c = terms.mass_matrix[:rigid, :rigid], terms.bias[:rigid]
         kind, q = self.dynamics.attitude, u.coordinates
         ahead = to_body(kind, q, u.feedforward - task_drift(kind, q, u.speeds[:rigid]))
         correction = to_body(kind, q, u.feedback) - u.disturbance_estimate
         return {
-            "generalized_force": c + g @ (ahead + correction),
-            "feedforward_force": c + g @ ahead,
-            "feedback_force": g @ correction,
+            "generalized_force": c + G @ (ahead + correction),  # Eqs. 53-55
+            "feedforward_force": c + G @ ahead,
+            "feedback_force": G @ correction,
             "transformed_task_force": task_force_to_body(kind, q, u.task_force),
             "nominal_acceleration": ahead + correction,
             "actuation_matrix": terms.actuation_matrix[:rigid],

@@ -344,7 +344,7 @@ class SpaceTruss(TrussBlock):
         dynamics, rigid, position = self.dynamics, self.rigid, x.q[: self.rigid_q]
         bases = np.reshape(u.actuation[: 6 * self.robots], (self.robots, 6))
         terms, acceleration = self._motion(x, u, p)
-        g, coupling = terms.mass_matrix[:rigid, :rigid], terms.mass_matrix[:rigid, rigid:]
+        G, M_rf = terms.mass_matrix[:rigid, :rigid], terms.mass_matrix[:rigid, rigid:]
         modal = x.q[self.rigid_q :]
         omega = 2 * np.pi * p.frequency
         return {
@@ -360,7 +360,7 @@ class SpaceTruss(TrussBlock):
             "base_force": bases[:, :3],
             "base_torque": bases[:, 3:],
             "joint_torque": u.actuation[6 * self.robots :],
-            "disturbance": -solve_positive_definite(g, coupling @ acceleration[rigid:]),
+            "disturbance": -solve_positive_definite(G, M_rf @ acceleration[rigid:]),  # Eq. 45
             "energy": (x.v @ terms.mass_matrix @ x.v + modal @ (omega**2 * modal)) / 2,
             "actuator_rates": terms.actuation_matrix.T @ x.v,
             "modal_loss": x.v[rigid:] @ (2 * p.damping_ratio * omega * x.v[rigid:]),

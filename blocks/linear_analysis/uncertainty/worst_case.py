@@ -182,8 +182,9 @@ def worst_gain(
     Raises
     ------
     LinearAnalysisError
-        If a frequency is not at least 0, tolerance or boxes are not above 0, or the model is unstable in the
-        middle or at a corner of the ranges. That all members are stable `robust_stability` proves.
+        If slycot is not installed, a frequency is not at least 0, tolerance or boxes are not above 0, or the
+        model is unstable in the middle or at a corner of the ranges. That all members are stable
+        `robust_stability` proves.
     """
     frequencies = np.atleast_1d(finite_array("frequencies", omega))
     positive(LinearAnalysisError, tolerance=tolerance, boxes=boxes)
