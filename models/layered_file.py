@@ -5,16 +5,15 @@ from __future__ import annotations
 import difflib
 import os
 import re
-from collections.abc import Callable, Collection, Iterable, Iterator
+from collections.abc import Collection, Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from itertools import product
 from pathlib import Path
-from typing import Any, NamedTuple, cast
+from typing import Any, NamedTuple
 
-from trussflow.blocks.framework.types import Vector
 from trussflow.models.errors import ModelError
-from trussflow.models.parameter_files import ParameterTable, shipped_file
+from trussflow.models.parameter_files import ParameterTable, TableReader, shipped_file
 
 EXTENDS = "extends"
 """Key with the name of the next file: in the same folder, or shipped."""
@@ -117,19 +116,6 @@ class LayeredFile:
         layer = next((layer for layer in self.layers if key in layer), self.layers[0])
         return layer.text(key)
 
-    def read_first(self, table: str, key: str, read: Callable[[ParameterTable], Any]) -> Any:
-        """Return the result of `read` for the first layer with the `key` in its `table`."""
-        layer = self.layer_of(table, key)
-        if layer is None:
-            raise self.missing(table, key)
-        own = _part(layer, table)
-        value, entry = read(own), own.content[key]
-        stated = isinstance(entry, dict) and "value" in entry
-        source = entry["source"] if stated else ""
-        shown = f"{entry['value']} {entry['unit']}" if stated else str(entry)
-        self.told[table, key] = Told(f"{table}.{key}", shown, layer.place, source)
-        return value
-
     def missing(self, table: str, *keys: str) -> ModelError:
         """Return an error about `keys` that are missing in the `table` of all files."""
         for each in self.layers:  # a misspelling is the most likely reason
@@ -229,8 +215,8 @@ def _proposal(word: str, words: Collection[str]) -> str:
 
 
 @dataclass(frozen=True, slots=True)
-class LayeredTable:
-    """Table of a `LayeredFile`, with methods as of `ParameterTable`.
+class LayeredTable(TableReader):
+    """Table of a `LayeredFile`.
 
     Attributes
     ----------
@@ -253,53 +239,32 @@ class LayeredTable:
         """Return the name of the table with a `key`."""
         return self.name if self.file.layer_of(self.name, key) else self.general
 
-    def _read(self, key: str, read: Callable[[ParameterTable], Any]) -> Any:
-        return self.file.read_first(self._place(key), key, read)
-
-    def error(self, key: str, what: str) -> ModelError:
-        """Return an error about a `key` with its file and line; `what` describes the error."""
+    def owner(self, key: str) -> ParameterTable:
+        """Return the table of the first file with a `key`, or the first file."""
         place = self._place(key)
         layer = self.file.layer_of(place, key)
-        return (_part(layer, place) if layer else self.file.layers[0]).error(key, what)
+        return _part(layer, place) if layer else self.file.layers[0]
 
-    def says(self, key: str, word: str) -> bool:
-        """Return whether the value of a `key` is that `word`."""
-        return cast(bool, self._read(key, lambda table: table.content[key] == word))
-
-    def text(self, key: str) -> str:
-        """Return the text of a `key`."""
-        return cast(str, self._read(key, lambda table: table.text(key)))
-
-    def choice(self, key: str, choices: Iterable[str]) -> str:
-        """Return the word of a `key`, which must be among `choices`."""
-        return cast(str, self._read(key, lambda table: table.choice(key, choices)))
+    def find(self, key: str) -> Any:
+        """Return the entry of a `key` in the first file that has it, and record its origin."""
+        place = self._place(key)
+        layer = self.file.layer_of(place, key)
+        if layer is None:
+            raise self.file.missing(place, key)
+        entry = _part(layer, place).content[key]
+        value, source = str(entry), ""
+        if isinstance(entry, dict) and "value" in entry:
+            value, source = f"{entry['value']} {entry.get('unit')}", entry.get("source", "")
+        self.file.told[place, key] = Told(f"{place}.{key}", value, layer.place, source)
+        return entry
 
     def mapping(self, key: str) -> dict[str, Any]:
         """Return the table under a `key`."""
-        return dict(self._read(key, lambda table: table.table(key).content))
-
-    def texts(self, key: str) -> list[str]:
-        """Return the text of a `key`, or several of them, as a list."""
-        return cast("list[str]", self._read(key, lambda table: table.texts(key)))
-
-    def rows(self, key: str) -> list[list[int]]:
-        """Return rows of whole numbers of a `key`."""
-        return cast("list[list[int]]", self._read(key, lambda table: table.rows(key)))
-
-    def whole(self, key: str) -> int:
-        """Return the whole number of a `key`."""
-        return cast(int, self._read(key, lambda table: table.whole(key)))
-
-    def scalar(self, key: str, unit: str) -> float:
-        """Return the number of a `key`, in its `unit`."""
-        return cast(float, self._read(key, lambda table: table.scalar(key, unit)))
+        self.find(key)
+        return dict(self.owner(key).table(key).content)
 
     def scalars(self, **units: str) -> dict[str, Any]:
         """Return several numbers by name, each in its unit."""
         if missing := [key for key in units if key not in self]:
             raise self.file.missing(self.general, *missing)
-        return {key: self.scalar(key, unit) for key, unit in units.items()}
-
-    def array(self, key: str, unit: str, shape: tuple[int | None, ...]) -> Vector:
-        """Return the numbers of a `key`, in their `unit` and of that `shape`."""
-        return cast("Vector", self._read(key, lambda table: table.array(key, unit, shape)))
+        return TableReader.scalars(self, **units)

@@ -55,8 +55,229 @@ def shipped_file(name: str) -> Path:
     return path
 
 
+class TableReader:
+    """Reading of the values of a table; derived classes define where the values are."""
+
+    __slots__ = ()
+
+    def owner(self, key: str) -> ParameterTable:
+        """Return the table of one file that has a key, for messages.
+
+        Parameters
+        ----------
+        key : str
+            Name of the key.
+        """
+        raise NotImplementedError
+
+    def find(self, key: str) -> Any:
+        """Return the entry of a key, as parsed.
+
+        Parameters
+        ----------
+        key : str
+            Name of the key.
+
+        Raises
+        ------
+        ModelError
+            If the key is missing.
+        """
+        raise NotImplementedError
+
+    def error(self, key: str, what: str) -> ModelError:
+        """Return an error about a key, with its line number.
+
+        Parameters
+        ----------
+        key : str
+            Name of the key.
+        what : str
+            Description of the error.
+        """
+        owner = self.owner(key)
+        return ModelError(f"{owner.place}: {key!r} {what}{owner.line_of(key)}")
+
+    def text(self, key: str) -> str:
+        """Return a plain text.
+
+        Parameters
+        ----------
+        key : str
+            Name of the key.
+
+        Returns
+        -------
+        str
+
+        Raises
+        ------
+        ModelError
+            If the key is missing or its value is not text.
+        """
+        found = self.find(key)
+        if not isinstance(found, str):
+            raise self.error(key, f"must be text in quotes, got {found!r}")
+        return found
+
+    def whole(self, key: str) -> int:
+        """Return a whole number, which has no unit.
+
+        Parameters
+        ----------
+        key : str
+            Name of the key.
+
+        Raises
+        ------
+        ModelError
+            If the key is missing or its value is not a whole number.
+        """
+        found = self.find(key)
+        if not isinstance(found, int) or isinstance(found, bool):
+            raise self.error(key, f"must be a whole number, got {found!r}")
+        return found
+
+    def texts(self, key: str) -> list[str]:
+        """Return one text or several.
+
+        Parameters
+        ----------
+        key : str
+            Name of the key.
+
+        Raises
+        ------
+        ModelError
+            If the key is missing, or its value is neither text nor a list of texts.
+        """
+        found = self.find(key)
+        several = [found] if isinstance(found, str) else found
+        if not isinstance(several, list) or not several or not all(isinstance(one, str) for one in several):
+            raise self.error(key, f"must be text in quotes, or a list of such, got {found!r}")
+        return several
+
+    def rows(self, key: str) -> list[list[int]]:
+        """Return rows of whole numbers; a single number is a row.
+
+        Parameters
+        ----------
+        key : str
+            Name of the key.
+
+        Raises
+        ------
+        ModelError
+            If the key is missing, or its value is not a list of whole numbers and lists of them.
+        """
+        found = self.find(key)
+        rows = [one if isinstance(one, list) else [one] for one in found] if isinstance(found, list) else []
+        if not rows or not all(row and all(type(n) is int for n in row) for row in rows):
+            raise self.error(key, f"must be a list of whole numbers, or of lists of them, got {found!r}")
+        return rows
+
+    def choice(self, key: str, choices: Iterable[str]) -> str:
+        """Return one of several words.
+
+        Parameters
+        ----------
+        key : str
+            Name of the key.
+        choices : iterable of str
+            Allowed words.
+
+        Raises
+        ------
+        ModelError
+            If the key is missing or its value is not allowed.
+        """
+        found, allowed = self.text(key), tuple(choices)
+        if found not in allowed:
+            raise self.error(key, f"is {found!r}; choose from: {', '.join(allowed)}")
+        return found
+
+    def scalar(self, key: str, unit: str) -> float:
+        """Return a number.
+
+        Parameters
+        ----------
+        key : str
+            Name of the value.
+        unit : str
+            Required unit, for example ``"kg"``.
+
+        Returns
+        -------
+        float
+
+        Raises
+        ------
+        ModelError
+            If the key, its value, unit or source is missing, or the unit or type is wrong.
+        """
+        return float(self.array(key, unit, ()))
+
+    def scalars(self, **units: str) -> dict[str, Any]:
+        """Return several numbers by name, each with its required unit."""
+        return {key: self.scalar(key, unit) for key, unit in units.items()}
+
+    def array(self, key: str, unit: str, shape: tuple[int | None, ...]) -> Vector:
+        """Return an array of numbers.
+
+        Parameters
+        ----------
+        key : str
+            Name of the value.
+        unit : str
+            Required unit, for example ``"kg*m^2"``.
+        shape : tuple of int or None
+            Required shape; None allows any length.
+
+        Returns
+        -------
+        array
+
+        Raises
+        ------
+        ModelError
+            If the key, its value, unit or source is missing, the unit or shape is wrong, or a number
+            is not finite.
+        """
+        entry = self.find(key)
+        if isinstance(entry, str):
+            return self._checked(key, self._converted(key, entry, unit), shape)
+        if not isinstance(entry, Mapping):
+            raise self.error(
+                key, f"must read {{value = ..., unit = ..., source = ...}}, or text such as '1.5 {unit}'"
+            )
+        for part in ("value", "unit", "source"):
+            if part not in entry:
+                raise self.error(key, f"has no {part!r}; each value states value, unit, source")
+        if entry["unit"] != unit:
+            raise self.error(key, f"is given in {entry['unit']!r}; it must be in {unit!r}")
+        return self._checked(key, entry["value"], shape)
+
+    def _checked(self, key: str, value: Any, shape: tuple[int | None, ...]) -> Vector:
+        owner = self.owner(key)
+        try:
+            return frozen_array(f"{owner.place}: {key!r}", value, shape)
+        except ModelError as error:
+            raise ModelError(f"{error}{owner.line_of(key)}") from error
+
+    def _converted(self, key: str, text: str, unit: str) -> Any:
+        """Return the numbers of a text such as ``"[0, 0, 60] deg"``, in the required unit."""
+        number, given = _NUMBERS.match(text).groups()  # type: ignore[union-attr]  # it matches anything
+        try:
+            values = json.loads(number)
+            return values if given == unit else np.multiply(values, factor(given, unit))
+        except (ValueError, TypeError, BlockError) as error:
+            why = f": {error}" if isinstance(error, BlockError) else ""
+            form = f"text such as '1.5 {unit}'" if unit != "1" else "text such as '1.5' or '3 %'"
+            raise self.error(key, f"is {text!r}; it must be {form}, or [1, 2] for several{why}") from error
+
+
 @dataclass(frozen=True, slots=True)
-class ParameterTable:
+class ParameterTable(TableReader):
     """Table of a parameter file, with its place for error messages.
 
     Attributes
@@ -137,7 +358,7 @@ class ParameterTable:
         ModelError
             If no table has that name.
         """
-        found = self._find(key)
+        found = self.find(key)
         if not isinstance(found, Mapping):
             raise self.error(key, "must be a table")
         above = r"[\w.]*\b" if "," in self.place else ""
@@ -160,7 +381,7 @@ class ParameterTable:
         ModelError
             If no array of tables has that name.
         """
-        found = self._find(key)
+        found = self.find(key)
         if not isinstance(found, list) or not all(isinstance(t, Mapping) for t in found):
             raise self.error(key, f"must be an array of tables, each headed [[{key}]]")
         head = rf"\[\[{re.escape(key)}\]\]"
@@ -174,19 +395,14 @@ class ParameterTable:
             content, place, self.written[start:], self.line + self.written[:start].count("\n")
         )
 
-    def error(self, key: str, what: str) -> ModelError:
-        """Return an error about a key, with its line number.
+    def line_of(self, key: str) -> str:
+        """Return the line number of a key for messages, if it is known.
 
         Parameters
         ----------
         key : str
             Name of the key.
-        what : str
-            Description of the error.
         """
-        return ModelError(f"{self.place}: {key!r} {what}{self._line(key)}")
-
-    def _line(self, key: str) -> str:
         name = rf"[\"']?{re.escape(key)}[\"']?[ \t]*"
         found = re.search(rf"^[ \t]*({name}=|\[+[ \t]*{name}\])", self.written, re.MULTILINE)
         return f" (line {self.line + self.written[: found.start()].count(chr(10)) + 1})" if found else ""
@@ -202,186 +418,15 @@ class ParameterTable:
                 found += [row for table in below for row in table.listed()]
         return found
 
-    def text(self, key: str) -> str:
-        """Return a plain text.
-
-        Parameters
-        ----------
-        key : str
-            Name of the key.
-
-        Returns
-        -------
-        str
-
-        Raises
-        ------
-        ModelError
-            If the key is missing or its value is not text.
-        """
-        found = self._find(key)
-        if not isinstance(found, str):
-            raise self.error(key, f"must be text in quotes, got {found!r}")
-        return found
-
-    def whole(self, key: str) -> int:
-        """Return a whole number, which has no unit.
-
-        Parameters
-        ----------
-        key : str
-            Name of the key.
-
-        Raises
-        ------
-        ModelError
-            If the key is missing or its value is not a whole number.
-        """
-        found = self._find(key)
-        if not isinstance(found, int) or isinstance(found, bool):
-            raise self.error(key, f"must be a whole number, got {found!r}")
-        return found
-
-    def texts(self, key: str) -> list[str]:
-        """Return one text or several.
-
-        Parameters
-        ----------
-        key : str
-            Name of the key.
-
-        Raises
-        ------
-        ModelError
-            If the key is missing, or its value is neither text nor a list of texts.
-        """
-        found = self._find(key)
-        several = [found] if isinstance(found, str) else found
-        if not isinstance(several, list) or not several or not all(isinstance(one, str) for one in several):
-            raise self.error(key, f"must be text in quotes, or a list of such, got {found!r}")
-        return several
-
-    def rows(self, key: str) -> list[list[int]]:
-        """Return rows of whole numbers; a single number is a row.
-
-        Parameters
-        ----------
-        key : str
-            Name of the key.
-
-        Raises
-        ------
-        ModelError
-            If the key is missing, or its value is not a list of whole numbers and lists of them.
-        """
-        found = self._find(key)
-        rows = [one if isinstance(one, list) else [one] for one in found] if isinstance(found, list) else []
-        if not rows or not all(row and all(type(n) is int for n in row) for row in rows):
-            raise self.error(key, f"must be a list of whole numbers, or of lists of them, got {found!r}")
-        return rows
-
-    def choice(self, key: str, choices: Iterable[str]) -> str:
-        """Return one of several words.
-
-        Parameters
-        ----------
-        key : str
-            Name of the key.
-        choices : iterable of str
-            Allowed words.
-
-        Raises
-        ------
-        ModelError
-            If the key is missing or its value is not allowed.
-        """
-        found, allowed = self.text(key), tuple(choices)
-        if found not in allowed:
-            raise self.error(key, f"is {found!r}; choose from: {', '.join(allowed)}")
-        return found
-
-    def scalar(self, key: str, unit: str) -> float:
-        """Return a number.
-
-        Parameters
-        ----------
-        key : str
-            Name of the value.
-        unit : str
-            Required unit, for example ``"kg"``.
-
-        Returns
-        -------
-        float
-
-        Raises
-        ------
-        ModelError
-            If the key, its value, unit or source is missing, or the unit or type is wrong.
-        """
-        return float(self.array(key, unit, ()))
-
-    def scalars(self, **units: str) -> dict[str, Any]:
-        """Return several numbers by name, each with its required unit."""
-        return {key: self.scalar(key, unit) for key, unit in units.items()}
-
-    def array(self, key: str, unit: str, shape: tuple[int | None, ...]) -> Vector:
-        """Return an array of numbers.
-
-        Parameters
-        ----------
-        key : str
-            Name of the value.
-        unit : str
-            Required unit, for example ``"kg*m^2"``.
-        shape : tuple of int or None
-            Required shape; None allows any length.
-
-        Returns
-        -------
-        array
-
-        Raises
-        ------
-        ModelError
-            If the key, its value, unit or source is missing, the unit or shape is wrong, or a number
-            is not finite.
-        """
-        entry = self._find(key)
-        if isinstance(entry, str):
-            return self._checked(key, self._converted(key, entry, unit), shape)
-        if not isinstance(entry, Mapping):
-            raise self.error(
-                key, f"must read {{value = ..., unit = ..., source = ...}}, or text such as '1.5 {unit}'"
-            )
-        for part in ("value", "unit", "source"):
-            if part not in entry:
-                raise self.error(key, f"has no {part!r}; each value states value, unit, source")
-        if entry["unit"] != unit:
-            raise self.error(key, f"is given in {entry['unit']!r}; it must be in {unit!r}")
-        return self._checked(key, entry["value"], shape)
-
-    def _checked(self, key: str, value: Any, shape: tuple[int | None, ...]) -> Vector:
-        try:
-            return frozen_array(f"{self.place}: {key!r}", value, shape)
-        except ModelError as error:
-            raise ModelError(f"{error}{self._line(key)}") from error
-
-    def _converted(self, key: str, text: str, unit: str) -> Any:
-        """Return the numbers of a text such as ``"[0, 0, 60] deg"``, in the required unit."""
-        number, given = _NUMBERS.match(text).groups()  # type: ignore[union-attr]  # it matches anything
-        try:
-            values = json.loads(number)
-            return values if given == unit else np.multiply(values, factor(given, unit))
-        except (ValueError, TypeError, BlockError) as error:
-            why = f": {error}" if isinstance(error, BlockError) else ""
-            form = f"text such as '1.5 {unit}'" if unit != "1" else "text such as '1.5' or '3 %'"
-            raise self.error(key, f"is {text!r}; it must be {form}, or [1, 2] for several{why}") from error
-
     def __contains__(self, key: str) -> bool:
         return key in self.content
 
-    def _find(self, key: str) -> Any:
+    def owner(self, key: str) -> ParameterTable:
+        """Return this table."""
+        return self
+
+    def find(self, key: str) -> Any:
+        """Return the entry of a key, as parsed."""
         if key not in self.content:
             there = ", ".join(self.content) or "nothing"
             raise self.error(key, f"is missing; found {there}")

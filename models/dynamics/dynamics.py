@@ -124,15 +124,15 @@ class TrussDynamics:
         angles = [arm.rest_angles for arm in self.arms]
         return np.concatenate([np.zeros(3), self.attitude.rest, *angles, np.zeros(self.modes.modes)])
 
-    def evaluate(self, q: Array, v: Array, truss: ModalData | None = None) -> DynamicsTerms:
+    def evaluate(self, q: Array, v: Array | None = None, truss: ModalData | None = None) -> DynamicsTerms:
         r"""Return mass matrix, bias and actuation matrix, which share their intermediate results.
 
         Parameters
         ----------
         q : array, shape (n,)
             Coordinates. Position and attitude have no effect.
-        v : array, shape (n,)
-            Speeds.
+        v : array, shape (n,), optional
+            Speeds; by default zero.
         truss : ModalData, optional
             Data of as many modes and grasp points; by default those of `modes`.
 
@@ -149,6 +149,7 @@ class TrussDynamics:
         ----------
         Li, Wei, Chen (2026), Eqs. 18–24, 31–42.
         """
+        v = np.zeros(self.freedoms) if v is None else v
         self._check_sizes(q=q, v=v)
         first_mode, first_rate = self.rigid_coordinates, self.rigid_freedoms
         modal, rates = q[first_mode:], v[first_rate:]
@@ -163,53 +164,6 @@ class TrussDynamics:
             deformation = np.concatenate([deformation, modal])
         own = truss_terms(truss, deformation, v[:3], v[3:6], rates)
         return assembled(own, hands, robots, [arm.mass for arm in self.arms])
-
-    def mass_matrix(self, q: Array) -> Array:
-        """Return the mass matrix; `evaluate` returns all terms at the same cost.
-
-        Parameters
-        ----------
-        q : array, shape (n,)
-            Coordinates.
-
-        Returns
-        -------
-        array, shape (n, n)
-            :math:`M`, symmetric and positive definite.
-        """
-        return self.evaluate(q, np.zeros(self.freedoms)).mass_matrix
-
-    def bias(self, q: Array, v: Array) -> Array:
-        """Return the inertial forces at zero generalized accelerations.
-
-        Parameters
-        ----------
-        q : array, shape (n,)
-            Coordinates.
-        v : array, shape (n,)
-            Speeds.
-
-        Returns
-        -------
-        array, shape (n,)
-            :math:`F^{I,nl}` [N, N·m, N/kg^½].
-        """
-        return self.evaluate(q, v).bias
-
-    def actuation_matrix(self, q: Array) -> Array:
-        """Return the generalized forces per unit of each actuator input.
-
-        Parameters
-        ----------
-        q : array, shape (n,)
-            Coordinates.
-
-        Returns
-        -------
-        array, shape (n, actuators)
-            :math:`P_Q` (Li, Wei, Chen 2026, Eq. 41).
-        """
-        return self.evaluate(q, np.zeros(self.freedoms)).actuation_matrix
 
     def kinematics(self, q: Array, v: Array) -> Array:
         r"""Return the rates of the coordinates.
@@ -308,7 +262,7 @@ class TrussDynamics:
         """
         self._check_sizes(v=v)
         modal = q[self.rigid_coordinates :]
-        return (v @ self.mass_matrix(q) @ v + modal @ (self.modes.stiffness * modal)) / 2.0
+        return (v @ self.evaluate(q).mass_matrix @ v + modal @ (self.modes.stiffness * modal)) / 2.0
 
     def momentum(self, q: Array, v: Array) -> tuple[Array, Array]:
         """Return linear and angular momentum about the inertial origin, in inertial axes.
@@ -339,7 +293,7 @@ class TrussDynamics:
         only approximately.
         """
         self._check_sizes(v=v)
-        about_truss = self.mass_matrix(q)[:6] @ v
+        about_truss = self.evaluate(q).mass_matrix[:6] @ v
         rotation = self.attitude.rotation(q[3 : self.attitude.end])
         linear = rotation @ about_truss[:3]
         return linear, rotation @ about_truss[3:] + np.cross(q[:3], linear)

@@ -74,7 +74,7 @@ def locked_frequencies(
         angles = frozen_array("joint_angles", joint_angles, (dynamics.joints,))
         q[dynamics.attitude.end : dynamics.rigid_coordinates] = angles
     kept = np.r_[0 if not clamped else 6 : 6, dynamics.rigid_freedoms : dynamics.freedoms]
-    mass = np.asarray(dynamics.mass_matrix(q))[np.ix_(kept, kept)]
+    mass = np.asarray(dynamics.evaluate(q).mass_matrix)[np.ix_(kept, kept)]
     stiffness = np.zeros(len(kept))
     stiffness[-dynamics.modes.modes :] = dynamics.modes.stiffness
     squares = eigh(np.diag(stiffness), mass, eigvals_only=True)

@@ -67,7 +67,8 @@ def task_drift(kind: AttitudeCoordinates, position: Array, speeds: Array) -> Arr
     """
     attitude = position[3 : kind.end]
     linear = kind.rotation(attitude) @ np.cross(speeds[3:6], speeds[:3])
-    return np.concatenate([linear, kind.drift(attitude, speeds[3:6]), np.zeros(speeds.shape[0] - 6)])
+    angular = kind.bias_acceleration(attitude, speeds[3:6])
+    return np.concatenate([linear, angular, np.zeros(speeds.shape[0] - 6)])
 
 
 def task_force_to_body(kind: AttitudeCoordinates, position: Array, force: Array) -> Array:
@@ -98,10 +99,10 @@ def moved(kind: AttitudeCoordinates, position: Array, way: Array) -> Array:
     position : array
         Rigid coordinates [m, unit of the attitude, rad].
     way : array, shape (m,)
-        Displacement, turn (see `AttitudeCoordinates.turned`), and changes of joint angles [m, rad].
+        Displacement, turn (see `AttitudeCoordinates.integrate`), and changes of joint angles [m, rad].
     """
     k = kind.end
-    attitude = kind.turned(position[3:k], way[3:6])
+    attitude = kind.integrate(position[3:k], way[3:6])
     return np.concatenate([position[:3] + way[:3], attitude, position[k:] + way[6:]])
 
 
@@ -153,7 +154,7 @@ def seen_from(
         Motion of the goal in its own task coordinates [m/s, rad/s; m/s², rad/s²].
     """
     k = kind.end
-    both = kind.carried(position[3:k], speeds[3:6], goal[3:k], rate[3:6], acceleration[3:6])
+    both = kind.reference_rates(position[3:k], speeds[3:6], goal[3:k], rate[3:6], acceleration[3:6])
     turning, bend = (
         np.concatenate([moving[:3], turn, moving[6:]])
         for moving, turn in zip((rate, acceleration), both, strict=True)

@@ -23,7 +23,7 @@ from trussflow.blocks.framework.types import Vector
 from trussflow.blocks.framework.validation import is_whole
 from trussflow.models.dynamics.dynamics import TrussDynamics
 from trussflow.models.errors import ModelError
-from trussflow.models.feasibility.failures import ActuatorLimits, Failure, single_failures
+from trussflow.models.feasibility.failures import Failure, single_failures
 from trussflow.models.feasibility.reach import (
     INFEASIBLE,
     LEAST_COSINE,
@@ -61,7 +61,7 @@ class FlightAttitude:
 def best_attitude(
     dynamics: TrussDynamics,
     path: Quintic,
-    limits: ActuatorLimits,
+    limits: Vector,
     failures: Sequence[Failure] | None = None,
     *,
     normal: npt.ArrayLike = (0.0, 0.0, 0.0),
@@ -75,8 +75,8 @@ def best_attitude(
         Truss and robots; modes are ignored.
     path : Quintic
         Path without rotation; its joint angles are used, its initial attitude is not.
-    limits : ActuatorLimits
-        Limits of healthy actuators.
+    limits : Vector, shape (actuators,)
+        Limit of each healthy actuator, by `Hardware.limits` or `actuator_limits` [N, N·m].
     failures : sequence of Failure, optional
         Failures; by default none and each single failure.
     normal : array_like, shape (3,)
@@ -108,7 +108,7 @@ def best_attitude(
     matrices = [columns(demand, failure) for failure in failures]
     limit = [np.full(matrix.shape[1], np.inf) for matrix in matrices]
     for each, failure in zip(limit, failures, strict=True):
-        each[: dynamics.actuators] = bounds_of(limits.of(dynamics), failure)
+        each[: dynamics.actuators] = bounds_of(limits, failure)
     sizes = np.concatenate([*limit, np.full(3, np.inf)])
     normal = frozen_array("normal of the directions", normal, (3,))
     moved = np.vstack([np.tile(-demand.terms.mass_matrix[:, :3], (len(failures), 1)), normal])

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
@@ -11,8 +11,7 @@ import numpy.typing as npt
 from trussflow.blocks.framework.types import Vector
 from trussflow.models.dynamics.dynamics import TrussDynamics
 from trussflow.models.errors import ModelError
-from trussflow.models.parameter_files import ParameterTable
-from trussflow.models.validation import check_choice, frozen_array
+from trussflow.models.validation import check_choice, check_number, frozen_array
 
 AXES = ("force x", "force y", "force z", "torque x", "torque y", "torque z")
 """Actuator axes of a base, in base axes."""
@@ -21,12 +20,15 @@ JOINTS = {"working": 1.0, "limp": 0.0, "locked": np.inf}
 """Health of joint drives by state: healthy, free (limp), held by brakes (locked)."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class ActuatorLimits:
-    """Symmetric limits of the actuators.
+def actuator_limits(
+    dynamics: TrussDynamics, *, force: npt.ArrayLike, base_torque: npt.ArrayLike, joint_torque: npt.ArrayLike
+) -> Vector:
+    """Return the symmetric limit of each actuator input, as `Hardware.limits` does [N, N·m].
 
-    Attributes
+    Parameters
     ----------
+    dynamics : TrussDynamics
+        Dynamics with the robots.
     force : array_like
         Force limits of bases: one number, one per axis, or one row per base [N].
     base_torque : array_like
@@ -34,62 +36,29 @@ class ActuatorLimits:
     joint_torque : array_like
         Torque limits of joints: one number, or one per joint of all robots [N·m].
 
+    Returns
+    -------
+    Vector, shape (actuators,)
+        Limits [N, N·m].
+
     Raises
     ------
     ModelError
-        If a limit is negative or not finite.
+        If a limit is negative or not finite, or the shapes do not fit the robots.
     """
-
-    force: npt.ArrayLike
-    base_torque: npt.ArrayLike
-    joint_torque: npt.ArrayLike
-
-    def __post_init__(self) -> None:
-        for field in fields(self):
-            given = np.asarray(getattr(self, field.name))
-            value = frozen_array(f"actuator limits: {field.name}", given, given.shape)
-            if np.any(value < 0.0):
-                raise ModelError(f"actuator limits: {field.name} is {given.tolist()}; it must be at least 0")
-            object.__setattr__(self, field.name, value)
-
-    @classmethod
-    def flight(cls) -> ActuatorLimits:
-        """Return the limits of `Hardware.flight`, from ``parameters/hardware.toml``."""
-        file = ParameterTable.shipped("hardware.toml")
-        return cls(
-            force=file.table("thrusters").scalar("maximum", "N"),
-            base_torque=file.table("wheels").scalar("torque", "N*m"),
-            joint_torque=file.table("joints").scalar("torque", "N*m"),
-        )
-
-    def of(self, dynamics: TrussDynamics) -> Vector:
-        """Return the limit of each actuator input.
-
-        Parameters
-        ----------
-        dynamics : TrussDynamics
-            Dynamics with the robots.
-
-        Returns
-        -------
-        Vector, shape (actuators,)
-            Limits [N, N·m].
-
-        Raises
-        ------
-        ModelError
-            If the shapes do not fit the robots.
-        """
-        robots = len(dynamics.arms)
-        try:
-            bases = [np.broadcast_to(each, (robots, 3)) for each in (self.force, self.base_torque)]
-            joints = np.broadcast_to(self.joint_torque, dynamics.joints)
-        except ValueError:
-            raise ModelError(
-                f"actuator limits do not fit {robots} robots and {dynamics.joints} joints: those of bases "
-                f"must be of shape (), (3,) or ({robots}, 3), that of joints () or ({dynamics.joints},)"
-            ) from None
-        return np.concatenate([np.hstack(bases).ravel(), joints])
+    least = {"force": np.min(force), "base_torque": np.min(base_torque), "joint_torque": np.min(joint_torque)}
+    check_number("actuator limits", zero=True, **least)
+    robots = len(dynamics.arms)
+    try:
+        bases = [np.broadcast_to(each, (robots, 3)) for each in (force, base_torque)]
+        joints = np.broadcast_to(joint_torque, dynamics.joints)
+    except ValueError:
+        raise ModelError(
+            f"actuator limits do not fit {robots} robots and {dynamics.joints} joints: those of bases "
+            f"must be of shape (), (3,) or ({robots}, 3), that of joints () or ({dynamics.joints},)"
+        ) from None
+    limits = np.concatenate([np.hstack(bases).ravel(), joints])
+    return frozen_array("actuator limits", limits, (dynamics.actuators,))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

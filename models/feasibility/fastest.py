@@ -25,7 +25,6 @@ from trussflow.blocks.framework.types import Vector
 from trussflow.blocks.framework.validation import is_whole, shown
 from trussflow.models.dynamics.task_space import task_drift, task_motion, to_body
 from trussflow.models.errors import ModelError
-from trussflow.models.feasibility.failures import ActuatorLimits
 from trussflow.models.feasibility.reach import LEAST_COSINE, SOLVED
 from trussflow.models.feasibility.truss_path import TrussPath, on_one_side
 from trussflow.models.geometry.attitude import EULER
@@ -80,7 +79,7 @@ class FastestPath(TrussPath):
 def fastest(
     truss: SpaceTruss,
     waypoints: npt.ArrayLike,
-    limits: ActuatorLimits,
+    limits: Vector,
     *,
     velocity: npt.ArrayLike = np.inf,
     acceleration: npt.ArrayLike = np.inf,
@@ -98,8 +97,8 @@ def fastest(
     waypoints : array_like, shape (k, 6) or (k, 7)
         Positions of the truss frame with its Euler angles or quaternions, at least two rows, the start first
         [m, rad or 1]. Quaternions rotate by the smaller angle.
-    limits : ActuatorLimits
-        Limits of the actuators.
+    limits : Vector, shape (actuators,)
+        Limit of each actuator, by `Hardware.limits` or `actuator_limits` [N, N·m].
     velocity, acceleration : array_like
         Positive limits of the six task coordinates, one number or six; by default none [m/s, rad/s; m/s²,
         rad/s²].
@@ -161,14 +160,14 @@ def _positive(name: str, given: npt.ArrayLike) -> Vector:
 
 
 def _squared_speeds(
-    truss: SpaceTruss, limits: ActuatorLimits, q: Vector, dq: Vector, ddq: Vector, most: Vector
+    truss: SpaceTruss, limits: Vector, q: Vector, dq: Vector, ddq: Vector, most: Vector
 ) -> Vector:
     """Return the optimal squared path velocities at the grid points, zero at both ends [1/s²]."""
     from scipy.optimize import linprog
     from scipy.sparse import block_diag, csr_array, hstack
 
     rigid, kind = replace(truss.dynamics, modes=truss.dynamics.modes.rigid()), truss.dynamics.attitude
-    bounds, count = limits.of(rigid), len(q)
+    bounds, count = frozen_array("actuator limits", limits, (rigid.actuators,)), len(q)
     blocks, mixes = [], []
     for where, slope, bend in zip(q, dq, ddq, strict=True):
         v = to_body(kind, where, slope)

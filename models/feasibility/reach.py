@@ -29,8 +29,9 @@ from trussflow.models.dynamics.assembly import DynamicsTerms
 from trussflow.models.dynamics.dynamics import TrussDynamics
 from trussflow.models.dynamics.task_space import task_drift, to_body
 from trussflow.models.errors import ModelError
-from trussflow.models.feasibility.failures import ActuatorLimits, Failure, single_failures
+from trussflow.models.feasibility.failures import Failure, single_failures
 from trussflow.models.geometry.attitude import EULER
+from trussflow.models.validation import frozen_array
 
 RELATIVE_TOLERANCE = 1e-6
 """Relative tolerance of linear programmes and margins [-]."""
@@ -117,7 +118,7 @@ class Demand(NamedTuple):
 def survey(
     dynamics: TrussDynamics,
     path: Trajectory,
-    limits: ActuatorLimits,
+    limits: Vector,
     failures: Sequence[Failure] | None = None,
     *,
     instants: int = 25,
@@ -130,8 +131,8 @@ def survey(
         Truss and robots; modes are ignored.
     path : Trajectory
         Path of all rigid coordinates, for example by `path_of`.
-    limits : ActuatorLimits
-        Limits of healthy actuators.
+    limits : Vector, shape (actuators,)
+        Limit of each healthy actuator, by `Hardware.limits` or `actuator_limits` [N, N·m].
     failures : sequence of Failure, optional
         Failures; by default none and each single failure.
     instants : int
@@ -149,14 +150,13 @@ def survey(
         limits do not fit the robots, or no actuator is healthy.
     """
     failures = single_failures(dynamics) if failures is None else failures
-    bounds = [bounds_of(limits.of(dynamics), failure) for failure in failures]
+    limits = frozen_array("actuator limits", limits, (dynamics.actuators,))
+    bounds = [bounds_of(limits, failure) for failure in failures]
     demands = demands_of(dynamics, path, instants)
     return tuple(_checked(demands, *each, path) for each in zip(failures, bounds, strict=True))
 
 
-def shares_left(
-    dynamics: TrussDynamics, path: Quintic, limits: ActuatorLimits, *, reserve: float = 0.25
-) -> Vector:
+def shares_left(dynamics: TrussDynamics, path: Quintic, limits: Vector, *, reserve: float = 0.25) -> Vector:
     """Return the feasible factor of a path's peak acceleration after the failure of each base, at most 1.
 
     Parameters
@@ -165,8 +165,8 @@ def shares_left(
         Truss and robots; modes are ignored.
     path : Quintic
         Path of all rigid coordinates.
-    limits : ActuatorLimits
-        Limits of healthy actuators.
+    limits : Vector, shape (actuators,)
+        Limit of each healthy actuator, by `Hardware.limits` or `actuator_limits` [N, N·m].
     reserve : float
         Share of the feasible acceleration reserved for feedback, from 0 to below 1 [1].
 

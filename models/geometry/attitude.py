@@ -111,7 +111,7 @@ class AttitudeCoordinates(ABC):
         """
 
     @abstractmethod
-    def drift(self, a: Array, turning: Array) -> Array:
+    def bias_acceleration(self, a: Array, turning: Array) -> Array:
         """Return the second derivative of the task coordinates at constant angular velocity [rad/s²].
 
         Parameters
@@ -133,7 +133,7 @@ class AttitudeCoordinates(ABC):
         """
 
     @abstractmethod
-    def turned(self, a: Array, turn: Array) -> Array:
+    def integrate(self, a: Array, turn: Array) -> Array:
         """Return the attitude after a rotation of any size.
 
         Parameters
@@ -167,7 +167,7 @@ class AttitudeCoordinates(ABC):
         """
 
     @abstractmethod
-    def carried(
+    def reference_rates(
         self, a: Array, turning: Array, goal: Array, rate: Array, acceleration: Array
     ) -> tuple[Array, Array]:
         """Return rate and acceleration of a goal in the task coordinates of the attitude.
@@ -221,7 +221,7 @@ class EulerAngles(AttitudeCoordinates):
         """Return the inverse of A."""
         return euler_rate_matrix_inverse(a)
 
-    def drift(self, a: Array, turning: Array) -> Array:
+    def bias_acceleration(self, a: Array, turning: Array) -> Array:
         r"""Return :math:`-A^{-1} \\dot A\\, \\dot\\Theta`."""
         inverse = euler_rate_matrix_inverse(a)
         rates = inverse @ turning
@@ -231,7 +231,7 @@ class EulerAngles(AttitudeCoordinates):
         """Return the angles unchanged; any three angles are valid."""
         return a
 
-    def turned(self, a: Array, turn: Array) -> Array:
+    def integrate(self, a: Array, turn: Array) -> Array:
         """Return the sum of angles and changes."""
         return a + turn
 
@@ -243,7 +243,7 @@ class EulerAngles(AttitudeCoordinates):
         """Return goal minus angles."""
         return goal - a
 
-    def carried(
+    def reference_rates(
         self, a: Array, turning: Array, goal: Array, rate: Array, acceleration: Array
     ) -> tuple[Array, Array]:
         """Return rate and acceleration unchanged."""
@@ -289,7 +289,7 @@ class Quaternion(AttitudeCoordinates):
         """Return the identity."""
         return np.eye(3)
 
-    def drift(self, a: Array, turning: Array) -> Array:
+    def bias_acceleration(self, a: Array, turning: Array) -> Array:
         """Return zeros."""
         return np.zeros(3)
 
@@ -297,7 +297,7 @@ class Quaternion(AttitudeCoordinates):
         """Return the quaternion divided by its length."""
         return a / np.sqrt(a @ a)
 
-    def turned(self, a: Array, turn: Array) -> Array:
+    def integrate(self, a: Array, turn: Array) -> Array:
         """Return the attitude rotated about the axis by the angle."""
         square = turn @ turn
         # The square root has no derivative at zero.
@@ -327,7 +327,7 @@ class Quaternion(AttitudeCoordinates):
         way = _way(a, goal)
         return 2.0 * np.where(way[0] < 0.0, -1.0, 1.0) * way[1:]
 
-    def carried(
+    def reference_rates(
         self, a: Array, turning: Array, goal: Array, rate: Array, acceleration: Array
     ) -> tuple[Array, Array]:
         """Return rate and acceleration in truss axes, with the term of the rotating axes."""

@@ -4,17 +4,17 @@ from __future__ import annotations
 
 import numpy as np
 
-from trussflow.blocks.framework.block import Block, Values
+from trussflow.blocks.framework.block import Values
 from trussflow.blocks.framework.declarations import Attribute, Signals, State
 from trussflow.blocks.framework.port import Input, Output
 from trussflow.blocks.framework.types import Array
 from trussflow.models.dynamics.dynamics import TrussDynamics
 from trussflow.models.geometry.rotation import stacked
-from trussflow.models.plant.space_truss import SpaceTruss
+from trussflow.models.plant.truss_block import TrussBlock
 from trussflow.models.robots.hand_motion import hand_motion
 
 
-class PointAccelerations(Block):
+class PointAccelerations(TrussBlock):
     r"""Accelerations of the grasp points, in truss axes, and of the bases' centroids, in base axes.
 
     An accelerometer averages over its sample. With the velocity v of the point and the angular velocity
@@ -44,10 +44,8 @@ class PointAccelerations(Block):
     before = State(("points", 6), meaning="velocities of points and axes at the previous sample")
 
     def __init__(self, dynamics: TrussDynamics, sample_time: float) -> None:
-        truss = SpaceTruss(dynamics)
-        self.dynamics, self.nq, self.n, self.robots = dynamics, truss.nq, truss.n, truss.robots
-        self.coordinate_units, self.speed_units = truss.coordinate_units, truss.speed_units
-        self.points = 2 * truss.robots
+        self.set_dynamics(dynamics)
+        self.points = 2 * self.robots
         super().__init__()
         self.sampled(sample_time)
 
@@ -76,5 +74,5 @@ class PointAccelerations(Block):
             velocity = hand.velocity[:3] + np.cross(hand.velocity[3:], hand.position)
             grasps.append(np.concatenate([velocity, root[3:]]))
         # The columns of P_Q for a base are its partial velocities (virtual work).
-        bases = u.speeds @ dynamics.actuation_matrix(u.coordinates)[:, : 6 * self.robots]
+        bases = u.speeds @ dynamics.evaluate(u.coordinates).actuation_matrix[:, : 6 * self.robots]
         return np.concatenate([stacked(grasps, (6,)), np.reshape(bases, (self.robots, 6))])

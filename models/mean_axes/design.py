@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from dataclasses import Field, dataclass, fields
+from typing import Any
 
 import numpy as np
 import scipy
@@ -14,6 +15,56 @@ from trussflow.models.errors import ModelError
 from trussflow.models.layered_file import LayeredFile
 from trussflow.models.mean_axes.free_modes import FreeModes
 from trussflow.models.parameter_files import ParameterTable
+from trussflow.models.validation import check_number, frozen_array
+
+_OWNER = "mean-axes design"
+_MAY_BE_ZERO = ("estimated_modes", "damped_modes", "neutral_modes", "modal_damping", "probe")
+
+_UNITS = {
+    "mean_axes": {
+        "sample_time": "s",
+        "bandwidth": "rad/s",
+        "damping": "1",
+        "damped_modes": "1",
+        "neutral_modes": "1",
+        "modal_damping": "1",
+        "effort": "kg*m^2/s^4",
+        "neutrality": "1",
+        "thrust_reluctance": "1",
+        "joint_reluctance": "1",
+        "slow_share": "1",
+        "resting_thrust": "N",
+        "resting_error": "m",
+        "propellant_spread": "kg",
+        "unloading_time": "s",
+    },
+    "estimator": {
+        "estimated_modes": "1",
+        "acceleration_noise": "m/s^2/Hz^0.5",
+        "modal_noise": "kg^0.5*m/s^2/Hz^0.5",
+        "disturbance_noise": "m/s^3/Hz^0.5",
+        "position_noise": "m",
+        "rate_noise": "m/s",
+    },
+    "monitor": {
+        "unknown_thrust": "N",
+        "unknown_torque": "N*m",
+        "unknown_share": "1",
+        "structural_damping": "1",
+        "calm": "1",
+        "drift": "1",
+        "threshold": "1",
+        "doubt": "1",
+        "settling": "s",
+        "probe": "1",
+    },
+}
+"""Units of the values in the tables of a parameter file."""
+
+
+def _shape(one: Field[Any]) -> tuple[int, ...]:
+    """Return the shape of a field: one number, or those of position, attitude and joints."""
+    return (3,) if one.type == "Vector" else ()
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -113,37 +164,18 @@ class MeanAxesDesign:
     probe: float
 
     def __post_init__(self) -> None:
-        for field in fields(self):
-            value = getattr(self, field.name)
-            if field.type == "int" and not is_whole(value):
-                raise ModelError(
-                    f"mean-axes design: {field.name} is {shown(value)}; it must be a whole number"
-                )
-            positive = field.name not in (
-                "estimated_modes",
-                "damped_modes",
-                "neutral_modes",
-                "modal_damping",
-                "probe",
-            )
-            shape = (3,) if field.type == "Vector" else ()
-            try:
-                good = np.greater(value, 0.0) if positive else np.greater_equal(value, 0.0)
-                good = np.shape(value) == shape and np.all(good & np.isfinite(value))
-            except (TypeError, ValueError):  # no numbers, or lists of different lengths
-                good = False
-            if not good:
-                raise ModelError(
-                    f"mean-axes design: {field.name} is {shown(value)}; it must be finite and "
-                    + ("above 0" if positive else "not negative")
-                    + (": three numbers, of position, attitude and joints" if shape else ": one number")
-                )
+        for one in fields(self):
+            value = getattr(self, one.name)
+            if one.type == "int" and not is_whole(value):
+                raise ModelError(f"{_OWNER}: {one.name} is {shown(value)}; it must be a whole number")
+            numbers = frozen_array(f"{_OWNER}: {one.name}", value, _shape(one))
+            check_number(_OWNER, zero=one.name in _MAY_BE_ZERO, **{one.name: np.min(numbers)})
         if self.slow_share > 1.0:
-            raise ModelError(f"mean-axes design: slow_share is {self.slow_share}; it must be at most 1")
+            raise ModelError(f"{_OWNER}: slow_share is {self.slow_share}; it must be at most 1")
         least = min(self.estimated_modes, self.neutral_modes)
         if self.damped_modes > least:
             raise ModelError(
-                f"mean-axes design: {self.damped_modes} modes cannot be damped with "
+                f"{_OWNER}: {self.damped_modes} modes cannot be damped with "
                 f"{self.estimated_modes} estimated and {self.neutral_modes} neutral ones; at most {least}"
             )
 
@@ -166,48 +198,15 @@ class MeanAxesDesign:
         ModelError
             If a value is missing or out of range.
         """
-        control, estimator, monitor = (file.table(name) for name in ("mean_axes", "estimator", "monitor"))
-        counts = {
-            name: int(table.scalar(name, "1"))
-            for table, name in (
-                (estimator, "estimated_modes"),
-                (control, "damped_modes"),
-                (control, "neutral_modes"),
-            )
-        }
-        return cls(
-            **counts,
-            bandwidth=control.array("bandwidth", "rad/s", (3,)),
-            acceleration_noise=estimator.array("acceleration_noise", "m/s^2/Hz^0.5", (3,)),
-            disturbance_noise=estimator.array("disturbance_noise", "m/s^3/Hz^0.5", (3,)),
-            **control.scalars(
-                sample_time="s",
-                damping="1",
-                modal_damping="1",
-                effort="kg*m^2/s^4",
-                neutrality="1",
-                thrust_reluctance="1",
-                joint_reluctance="1",
-                slow_share="1",
-                resting_thrust="N",
-                resting_error="m",
-                propellant_spread="kg",
-                unloading_time="s",
-            ),
-            **monitor.scalars(
-                unknown_thrust="N",
-                unknown_torque="N*m",
-                unknown_share="1",
-                structural_damping="1",
-                calm="1",
-                drift="1",
-                threshold="1",
-                doubt="1",
-                settling="s",
-                probe="1",
-            ),
-            **estimator.scalars(modal_noise="kg^0.5*m/s^2/Hz^0.5", position_noise="m", rate_noise="m/s"),
-        )
+        values: dict[str, Any] = {}
+        kinds = {one.name: one for one in fields(cls)}
+        for table, units in _UNITS.items():
+            for name, unit in units.items():
+                value = file.table(table).array(name, unit, _shape(kinds[name]))
+                values[name] = value if value.shape else float(value)
+                if kinds[name].type == "int":
+                    values[name] = int(value)
+        return cls(**values)
 
     def of_groups(self, values: Vector, rigid: int) -> Vector:
         """Return one value per rigid coordinate from one per group.

@@ -50,7 +50,7 @@ class ActuatorEconomy(MeanAxesBlock):
     unloading_time = Parameter(above=0.0, unit="s", meaning="T_u")
 
     def __init__(self, dynamics: TrussDynamics, limits: Vector, design: MeanAxesDesign) -> None:
-        self.robots, self.stored = len(dynamics.arms), 3 * len(dynamics.arms)
+        self.stored = 3 * len(dynamics.arms)
         super().__init__(
             dynamics,
             design,

@@ -8,7 +8,7 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from trussflow.blocks.framework.block import Block, Values
+from trussflow.blocks.framework.block import Values
 from trussflow.blocks.framework.declarations import Attribute, Parameter, Signals, State
 from trussflow.blocks.framework.port import Input, Output
 from trussflow.blocks.framework.types import Array, Vector
@@ -18,10 +18,10 @@ from trussflow.models.dynamics.task_space import normalized, to_body, way_to
 from trussflow.models.errors import ModelError
 from trussflow.models.mean_axes.design import MeanAxesDesign
 from trussflow.models.mean_axes.free_modes import FreeModes
-from trussflow.models.plant.space_truss import MODAL_UNIT, SpaceTruss
+from trussflow.models.plant.truss_block import MODAL_UNIT, TrussBlock
 
 
-class MeanAxesBlock(Block):
+class MeanAxesBlock(TrussBlock):
     """Base of the controller's blocks: nominal rigid dynamics, sizes and units.
 
     Parameters
@@ -42,16 +42,8 @@ class MeanAxesBlock(Block):
     def __init__(self, dynamics: TrussDynamics, design: MeanAxesDesign, **parameters: object) -> None:
         if not dynamics.arms:
             raise ModelError("a truss without robots has no actuators to control it; add robots")
-        self.dynamics, self.design = replace(dynamics, modes=dynamics.modes.rigid()), design
-        self.rigid_q, self.rigid = dynamics.rigid_coordinates, dynamics.rigid_freedoms
-        self.actuators = dynamics.actuators
-        self.joints, self.modes = dynamics.joints, design.estimated_modes
-        plant = SpaceTruss(self.dynamics)
-        self.position_units, self.task_rate_units = plant.position_units, plant.task_rate_units
-        self.acceleration_units, self.rigid_speed_units = plant.disturbance_units, plant.rigid_speed_units
-        self.actuator_units = plant.actuator_units
-        self.joint_units = plant.joint_units
-        self.force_units = ("N",) * 3 + ("N*m",) * 3 + plant.effort_units
+        self.set_dynamics(replace(dynamics, modes=dynamics.modes.rigid()))
+        self.design, self.modes = design, design.estimated_modes
         super().__init__(**parameters)
         self.sampled(design.sample_time)
 

@@ -78,7 +78,7 @@ class FreeModes:
             raise ModelError(
                 f"cannot take {count} free modes of a truss of {truss.modes}; choose 0 to {truss.modes}"
             )
-        terms = dynamics.evaluate(dynamics.rest, np.zeros(dynamics.freedoms))
+        terms = dynamics.evaluate(dynamics.rest)
         mass, actuation = terms.mass_matrix, terms.actuation_matrix
         inertia = mass[:m, :m]
         carried = np.linalg.solve(inertia, mass[:m, m:])

@@ -13,7 +13,7 @@ from trussflow.models.dynamics.task_space import seen_from, task_drift, task_vel
 from trussflow.models.mean_axes.design import MeanAxesDesign
 from trussflow.models.mean_axes.estimator import MeanAxesBlock
 from trussflow.models.mean_axes.free_modes import FreeModes
-from trussflow.models.plant.space_truss import MODAL_UNIT
+from trussflow.models.plant.truss_block import MODAL_UNIT
 
 
 class MeanAxesLaw(MeanAxesBlock):

@@ -58,7 +58,7 @@ class ActuatorProbe(MeanAxesBlock):
 
     def __init__(self, dynamics: TrussDynamics, design: MeanAxesDesign, monitor: ActuatorMonitor) -> None:
         rigid = dynamics.rigid_freedoms
-        terms = dynamics.evaluate(dynamics.rest, np.zeros(dynamics.freedoms))
+        terms = dynamics.evaluate(dynamics.rest)
         response = np.linalg.solve(terms.mass_matrix[:rigid, :rigid], terms.actuation_matrix[:rigid])
         seen = np.linalg.cholesky(monitor.precision).T @ (design.sample_time * response[6:])
         self.shape = np.zeros(dynamics.actuators)

@@ -2,30 +2,26 @@
 
 from __future__ import annotations
 
-from trussflow.blocks.framework.block import Block, Values
+from trussflow.blocks.framework.block import Values
 from trussflow.blocks.framework.declarations import Attribute, Signals
 from trussflow.blocks.framework.port import Input, Output
 from trussflow.blocks.framework.types import Array
 from trussflow.blocks.tracing.linear_algebra import solve_positive_definite
 from trussflow.models.dynamics.dynamics import TrussDynamics
 from trussflow.models.dynamics.task_space import seen_from, task_drift, task_force_to_body, to_body, way_to
-from trussflow.models.plant.space_truss import SpaceTruss
+from trussflow.models.plant.truss_block import TrussBlock
 
 ACCELERATIONS = Attribute("acceleration_units")
 
 
-class _NominalDynamics(Block):
+class _NominalDynamics(TrussBlock):
     """Base of the blocks of nominal dynamics: their sizes, units, and inputs of the plant's state."""
 
     coordinates = Input("nq", unit=Attribute("coordinate_units"), meaning="q")
     speeds = Input("n", unit=Attribute("speed_units"), meaning="v")
 
     def __init__(self, dynamics: TrussDynamics) -> None:
-        self.dynamics = dynamics
-        plant = SpaceTruss(dynamics)
-        self.nq, self.n, self.rigid, self.actuators = plant.nq, plant.n, plant.rigid, plant.actuators
-        self.coordinate_units, self.speed_units = plant.coordinate_units, plant.speed_units
-        self.acceleration_units, self.actuator_units = plant.disturbance_units, plant.actuator_units
+        self.set_dynamics(dynamics)
         super().__init__()
 
 
@@ -73,14 +69,14 @@ class NominalModel(_NominalDynamics):
         """Return forces, nominal acceleration and actuation matrices."""
         rigid = self.rigid
         terms = self.dynamics.evaluate(u.coordinates, u.speeds)
-        g, c = terms.mass_matrix[:rigid, :rigid], terms.bias[:rigid]
+        G, c = terms.mass_matrix[:rigid, :rigid], terms.bias[:rigid]
         kind, q = self.dynamics.attitude, u.coordinates
         ahead = to_body(kind, q, u.feedforward - task_drift(kind, q, u.speeds[:rigid]))
         correction = to_body(kind, q, u.feedback) - u.disturbance_estimate
         return {
-            "generalized_force": c + g @ (ahead + correction),
-            "feedforward_force": c + g @ ahead,
-            "feedback_force": g @ correction,
+            "generalized_force": c + G @ (ahead + correction),  # Eqs. 53-55
+            "feedforward_force": c + G @ ahead,
+            "feedback_force": G @ correction,
             "transformed_task_force": task_force_to_body(kind, q, u.task_force),
             "nominal_acceleration": ahead + correction,
             "actuation_matrix": terms.actuation_matrix[:rigid],
@@ -115,7 +111,7 @@ class NominalAcceleration(_NominalDynamics):
         return {"nominal_acceleration": solve_positive_definite(terms.mass_matrix[:rigid, :rigid], force)}
 
 
-class TaskErrors(Block):
+class TaskErrors(TrussBlock):
     r"""Tracking errors and reference acceleration in task coordinates, the inputs of a control law.
 
     The attitude is no vector, but its error is. With :math:`\epsilon = \bar a \circ a_d` of
@@ -149,15 +145,13 @@ class TaskErrors(Block):
     acceleration = Output("rigid", unit=ACCELERATIONS, meaning="reference acceleration")
 
     def __init__(self, dynamics: TrussDynamics) -> None:
-        plant = SpaceTruss(dynamics)
-        self.kind, self.rigid_q, self.rigid = dynamics.attitude, plant.rigid_q, plant.rigid
-        self.position_units, self.task_units = plant.position_units, plant.task_units
-        self.task_rate_units, self.acceleration_units = plant.task_rate_units, plant.disturbance_units
+        self.set_dynamics(dynamics)
         super().__init__()
 
     def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
         """Return errors and acceleration."""
         reference = u.reference_position, u.reference_velocity, u.reference_acceleration
-        rate, acceleration = seen_from(self.kind, u.position, u.velocity, *reference)
-        error = way_to(self.kind, u.reference_position, u.position)
+        kind = self.dynamics.attitude
+        rate, acceleration = seen_from(kind, u.position, u.velocity, *reference)
+        error = way_to(kind, u.reference_position, u.position)
         return {"error": error, "error_rate": u.velocity - rate, "acceleration": acceleration}

@@ -7,7 +7,7 @@ from typing import Self
 
 import numpy as np
 
-from trussflow.blocks.framework.block import Block, Values
+from trussflow.blocks.framework.block import Values
 from trussflow.blocks.framework.declarations import Attribute, Parameter, Signals, State
 from trussflow.blocks.framework.energy import EnergyAccount
 from trussflow.blocks.framework.port import Input, Output
@@ -19,12 +19,11 @@ from trussflow.models.dynamics.dynamics import TrussDynamics
 from trussflow.models.dynamics.task_space import task_velocity
 from trussflow.models.geometry.attitude import QUATERNION
 from trussflow.models.parameter_files import ParameterTable
+from trussflow.models.plant.truss_block import MODAL_UNIT, TrussBlock
 from trussflow.models.robots.robot_arm import RobotArm
-from trussflow.models.truss.component_modes import accurate_modes
+from trussflow.models.truss.paper_truss import accurate_modes
 from trussflow.models.truss.truss_modes import ModalData, TrussModes
 from trussflow.models.validation import check_choice, frozen_array
-
-MODAL_UNIT = "kg**0.5*m"
 
 
 def arm_by_name(name: str) -> RobotArm:
@@ -45,7 +44,7 @@ def arm_by_name(name: str) -> RobotArm:
     return arms[name]()
 
 
-class SpaceTruss(Block):
+class SpaceTruss(TrussBlock):
     r"""Flexible truss and space robots, floating freely in inertial space.
 
     .. math::
@@ -115,7 +114,7 @@ class SpaceTruss(Block):
     joint_torque = Output("joints", unit=Attribute("effort_units"), meaning="joint torques, robot by robot")
     disturbance = Output(
         "rigid",
-        unit=Attribute("disturbance_units"),
+        unit=Attribute("acceleration_units"),
         meaning="d = -G^-1 M_rf tau'', disturbance acceleration by the flexibility (Eq. 45)",
     )
     energy = Output(unit="J", meaning="kinetic and elastic energy")
@@ -143,24 +142,8 @@ class SpaceTruss(Block):
         start: Vector | None = None,
         speeds: Vector | None = None,
     ) -> None:
-        self.dynamics, self.modal_actuation = dynamics, modal_actuation
-        self.nq, self.rigid_q = dynamics.coordinates, dynamics.rigid_coordinates
-        self.n, self.rigid, self.modes = dynamics.freedoms, dynamics.rigid_freedoms, dynamics.modes.modes
-        self.robots, self.joints, self.actuators = len(dynamics.arms), dynamics.joints, dynamics.actuators
-        self.joint_units = tuple(joint.unit for joint in dynamics.joint_data)
-        self.effort_units = tuple(joint.effort_unit for joint in dynamics.joint_data)
-        self.task_units = ("m",) * 3 + ("rad",) * 3 + self.joint_units
-        self.task_rate_units = tuple(f"{unit}/s" for unit in self.task_units)
-        self.position_units = ("m",) * 3 + dynamics.attitude.units + self.joint_units
-        self.coordinate_units = (*self.position_units, *(MODAL_UNIT,) * self.modes)
-        self.speed_units = (*self.task_rate_units, *(f"{MODAL_UNIT}/s",) * self.modes)
-        self.rigid_speed_units = self.speed_units[: self.rigid]
-        self.disturbance_units = tuple(f"{unit}/s**2" for unit in self.task_units)
-        self.actuator_rate_units = (
-            *(("m/s",) * 3 + ("rad/s",) * 3) * self.robots,
-            *(f"{u}/s" for u in self.joint_units),
-        )
-        self.actuator_units = (*(("N",) * 3 + ("N*m",) * 3) * self.robots, *self.effort_units)
+        self.set_dynamics(dynamics)
+        self.modal_actuation = modal_actuation
         if not modal_actuation:
             force = Input(
                 "modes",
@@ -241,7 +224,7 @@ class SpaceTruss(Block):
         -----
         The shapes have frequencies up to 440 Hz. With condensation at 100 Hz the highest frequency of the
         whole system is 155 Hz, for which RK4 is stable up to steps of 2.9 ms. The first ten frequencies
-        keep their accuracy. See `trussflow.models.truss.component_modes`.
+        keep their accuracy. See `trussflow.models.truss.reduction`.
         """
         truss = accurate_modes(modes, highest_frequency).damped(_damping(damping))
         return cls(_dynamics(truss, arm, elastic_integrals=True), modal_actuation=True)
@@ -361,7 +344,7 @@ class SpaceTruss(Block):
         dynamics, rigid, position = self.dynamics, self.rigid, x.q[: self.rigid_q]
         bases = np.reshape(u.actuation[: 6 * self.robots], (self.robots, 6))
         terms, acceleration = self._motion(x, u, p)
-        g, coupling = terms.mass_matrix[:rigid, :rigid], terms.mass_matrix[:rigid, rigid:]
+        G, M_rf = terms.mass_matrix[:rigid, :rigid], terms.mass_matrix[:rigid, rigid:]
         modal = x.q[self.rigid_q :]
         omega = 2 * np.pi * p.frequency
         return {
@@ -377,7 +360,7 @@ class SpaceTruss(Block):
             "base_force": bases[:, :3],
             "base_torque": bases[:, 3:],
             "joint_torque": u.actuation[6 * self.robots :],
-            "disturbance": -solve_positive_definite(g, coupling @ acceleration[rigid:]),
+            "disturbance": -solve_positive_definite(G, M_rf @ acceleration[rigid:]),  # Eq. 45
             "energy": (x.v @ terms.mass_matrix @ x.v + modal @ (omega**2 * modal)) / 2,
             "actuator_rates": terms.actuation_matrix.T @ x.v,
             "modal_loss": x.v[rigid:] @ (2 * p.damping_ratio * omega * x.v[rigid:]),

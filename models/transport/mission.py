@@ -121,7 +121,7 @@ class Mission:
             weights=np.concatenate([forces, torques]),
             surface_slope=conventional.scalar("surface_slope", "1/s"),
             conventional_switching_gain=conventional.scalar("switching_gain", "m/s^2"),
-            duration=np.inf if path.says("duration", FASTEST) else path.scalar("duration", "s"),
+            duration=np.inf if path.find("duration") == FASTEST else path.scalar("duration", "s"),
             **dict.fromkeys(gains, np.nan) | controller.scalars(**dict.fromkeys(needed, "1/s")),
             **sliding.scalars(rate_gain="1/s", error_gain="1/s^2", exponent="1"),
             **sliding.scalars(switching_gain="m/s^2", boundary_layer="m/s"),

@@ -19,7 +19,7 @@ from trussflow.blocks.simulation.adaptive import METHODS
 from trussflow.blocks.simulation.simulator import Simulator
 from trussflow.blocks.simulation.solver import FIXED_STEP
 from trussflow.models.dynamics.task_space import moved
-from trussflow.models.feasibility import ActuatorLimits, survey
+from trussflow.models.feasibility import survey
 from trussflow.models.feasibility.failures import single_failures
 from trussflow.models.feasibility.reach import RELATIVE_TOLERANCE
 from trussflow.models.hardware.hardware import Hardware
@@ -174,7 +174,8 @@ class MissionFile:
         used = _used_by(law, observer, kind)
         mission = Mission.of(file, CASES[shipped.index(own)] if own in shipped else None, used)
         requested, way = mission.duration, file.table("path")
-        mission, path = path_from(file, mission, believed, _limits(believed, hardware))
+        limits = (hardware or Hardware.flight()).limits(believed)
+        mission, path = path_from(file, mission, believed, limits)
         refused = way.choice("infeasible", ("refused", "allowed")) == "refused"
         found = cls(
             title=file.named("title"),
@@ -273,14 +274,15 @@ class MissionFile:
         """Return the shortest duration of the path within the actuator limits [s].
 
         Linear programmes compute it for the nominal plant and a path scaled in time; it is 0 for a path at
-        rest. The limits are those of the hardware or, without hardware, of `ActuatorLimits.flight`.
+        rest. The limits are those of the hardware or, without hardware, of `Hardware.flight`.
 
         Raises
         ------
         ModelError
             If `survey` raises.
         """
-        truss, limits = self.believed, _limits(self.believed, self.hardware)
+        truss = self.believed
+        limits = (self.hardware or Hardware.flight()).limits(truss)
         if self.path is None and not np.any(self.mission.displacement(truss.rigid)):
             return 0.0
         path = path_of(self.mission, truss) if self.path is None else self.path
@@ -346,12 +348,3 @@ def _hardware(file: LayeredFile, truss: SpaceTruss) -> Hardware:
         return stated
     parts: dict[str, Any] = {name: tuple(getattr(h, name) for h in each) for name in ("thrusters", "wheels")}
     return replace(stated, drives=partial(JointDrives, torque=torques), **parts)
-
-
-def _limits(truss: SpaceTruss, hardware: Hardware | None) -> ActuatorLimits:
-    """Return the limits of the hardware or, without hardware, of `ActuatorLimits.flight`."""
-    if hardware is None:
-        return ActuatorLimits.flight()
-    each = hardware.limits(truss)
-    bases, joints = each[: 6 * truss.robots].reshape(-1, 6), each[6 * truss.robots :]
-    return ActuatorLimits(force=bases[:, :3], base_torque=bases[:, 3:], joint_torque=joints)

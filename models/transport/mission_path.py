@@ -10,7 +10,7 @@ from trussflow.blocks.control.input_shaping import SHAPERS, ShapedTrajectory
 from trussflow.blocks.control.trajectory import Quintic, Trajectory
 from trussflow.blocks.framework.types import Vector
 from trussflow.models.dynamics.task_space import moved
-from trussflow.models.feasibility import ActuatorLimits, TrussPath, fastest
+from trussflow.models.feasibility import TrussPath, fastest
 from trussflow.models.geometry.attitude import EULER
 from trussflow.models.layered_file import LayeredFile, LayeredTable
 from trussflow.models.mean_axes.free_modes import FreeModes
@@ -27,7 +27,7 @@ WAYPOINT_UNITS = {"position": "m", "attitude": "rad"}
 
 
 def path_from(
-    file: LayeredFile, mission: Mission, truss: SpaceTruss, limits: ActuatorLimits
+    file: LayeredFile, mission: Mission, truss: SpaceTruss, limits: Vector
 ) -> tuple[Mission, Trajectory | None]:
     """Return the mission with the duration of its path, and the path, or None for a single `Quintic`.
 
@@ -39,8 +39,8 @@ def path_from(
         Mission of that file.
     truss : SpaceTruss
         Nominal plant.
-    limits : ActuatorLimits
-        Limits of the actuators.
+    limits : Vector, shape (actuators,)
+        Limit of each actuator [N, N·m].
 
     Raises
     ------
@@ -69,11 +69,10 @@ def path_from(
         raise table.error("through_position", "has two equal waypoints in succession")
     if mission.duration == np.inf:
         share = given.get("strength", DEFAULT_STRENGTH)
-        part = {name: share * np.asarray(getattr(limits, name)) for name in ActuatorLimits.__slots__}
         limit = [given.get(key, np.inf) for key in ("speed", "turn_rate")]
         with file.blamed("path", "duration"):
             path: Trajectory = fastest(
-                truss, rows[:, : kind.end], ActuatorLimits(**part), velocity=np.repeat(limit, 3)
+                truss, rows[:, : kind.end], share * limits, velocity=np.repeat(limit, 3)
             )
     elif given:
         raise table.error(min(given), f"requires duration = {FASTEST!r}; omit it otherwise")

@@ -163,9 +163,11 @@ class Frame:
         """Return the finite-element model: first the nodes, then the points inside members."""
         ends = [(m.start - 1, m.end - 1, m.elements) for m in self.members]
         positions, chains, lengths = meshed(self.positions, ends)
-        masses = np.zeros(len(positions))
+        # Lengths are summed before they are multiplied by a density, so that equal rods have equal masses.
+        lumped = {member.density: np.zeros(len(positions)) for member in self.members}
         for chain, length, member in zip(chains, lengths, self.members, strict=True):
-            masses[chain] += member.density * length
+            lumped[member.density][chain] += length
+        masses = np.sum([density * length for density, length in lumped.items()], axis=0)
         blocks = [np.diag([m, m, m, 0.0, 0.0, 0.0]) for m in masses]
         for node, mass, offset, inertia in self.masses:
             body = moved_inertia(SpatialInertia(mass, np.zeros(3), inertia), np.eye(3), offset)

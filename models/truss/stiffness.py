@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from math import pi
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -13,8 +12,6 @@ from trussflow.models.geometry.rotation import cross_matrix
 
 if TYPE_CHECKING:
     from scipy.sparse import csr_array
-
-    from trussflow.models.truss.truss_fe import TrussFrame
 
 
 class Rigidity(NamedTuple):
@@ -33,28 +30,6 @@ class Rigidity(NamedTuple):
     stretching: float
     bending: Vector
     twisting: float
-
-
-def stiffness_matrix(frame: TrussFrame) -> csr_array:
-    """Return the stiffness matrix of the free frame.
-
-    Parameters
-    ----------
-    frame : TrussFrame
-        Frame with n mesh points.
-
-    Returns
-    -------
-    scipy.sparse.csr_array, shape (6 n, 6 n)
-        Six freedoms per mesh point: displacement, rotation [N/m, N, N·m].
-    """
-    positions, _ = frame.point_masses()
-    modulus, bending = frame.youngs_modulus, pi * frame.rod_radius**4 / 4.0
-    shear = modulus / (2.0 * (1.0 + frame.poissons_ratio))
-    # Round rods have the same bending rigidity in every plane.
-    rod = Rigidity(modulus * pi * frame.rod_radius**2, modulus * bending * np.eye(3), 2.0 * shear * bending)
-    ends = frame.elements()
-    return assembled_stiffness(positions, ends, [rod] * len(ends))
 
 
 def assembled_stiffness(

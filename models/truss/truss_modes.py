@@ -287,7 +287,7 @@ class TrussModes:
     def reconstructed(cls) -> TrussModes:
         """Return the paper's truss from the data file of the package: six modes, undamped.
 
-        Its shapes are those of the finite-element model (`trussflow.models.truss.truss_fe`), its
+        Its shapes are those of the finite-element model (`trussflow.models.truss.paper_truss`) by Pynite, its
         frequencies and grasp points those of Tables 1 and 2 of the paper.
         """
         return cls.load(shipped_file("truss_modes.json"))

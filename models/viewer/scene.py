@@ -14,7 +14,7 @@ from trussflow.models.errors import ModelError
 from trussflow.models.geometry.attitude import QUATERNION
 from trussflow.models.plant.space_truss import SpaceTruss
 from trussflow.models.robots.robot_arm import RobotArm
-from trussflow.models.truss.truss_fe import TrussFrame
+from trussflow.models.truss.paper_truss import paper_structure
 from trussflow.models.truss.truss_modes import TrussModes
 from trussflow.models.validation import check_choice
 from trussflow.models.viewer.packing import Packer
@@ -93,14 +93,14 @@ def scene_of(truss: SpaceTruss, rods: npt.ArrayLike | None, packer: Packer) -> d
 
 def frame_rods(modes: TrussModes) -> npt.NDArray[np.int_]:
     """Return the rods between the points of the reconstructed frame."""
-    frame = TrussFrame.reconstructed()
-    positions, _ = frame.point_masses()
+    structure = paper_structure()
+    positions = structure.points
     if positions.shape != modes.positions.shape or np.abs(positions - modes.positions).max() > 1e-9:
         raise ModelError(
             "cannot draw the truss: modal data do not say which points its rods join; give them as rods, "
             "pairs of points counted from 0"
         )
-    return np.array(frame.elements())
+    return structure.rods(positions)
 
 
 def _arm(modes: TrussModes, grasp: int, arm: RobotArm, solid: dict[str, Any]) -> dict[str, Any]:

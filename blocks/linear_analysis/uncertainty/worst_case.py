@@ -136,8 +136,18 @@ def mu_bound(matrix: Array, real: int, block: int) -> float:
         Number of real scalars [-].
     block : int
         Size of the complex block; 0 for none [-].
+
+    Raises
+    ------
+    LinearAnalysisError
+        If slycot is not installed.
     """
-    from slycot import ab13md  # type: ignore[import-untyped]
+    try:
+        from slycot import ab13md  # type: ignore[import-untyped]
+    except ImportError as error:
+        raise LinearAnalysisError(
+            "the bounds of worst_gain are computed by slycot; pip install 'trussflow[uncertainty]'"
+        ) from error
 
     sizes, kinds = [1] * real + [block] * bool(block), [1] * real + [2] * bool(block)
     # A bound must not depend on its scale: far from 1 the routine loses digits.
@@ -172,8 +182,9 @@ def worst_gain(
     Raises
     ------
     LinearAnalysisError
-        If a frequency is not at least 0, tolerance or boxes are not above 0, or the model is unstable in the
-        middle or at a corner of the ranges. That all members are stable `robust_stability` proves.
+        If slycot is not installed, a frequency is not at least 0, tolerance or boxes are not above 0, or the
+        model is unstable in the middle or at a corner of the ranges. That all members are stable
+        `robust_stability` proves.
     """
     frequencies = np.atleast_1d(finite_array("frequencies", omega))
     positive(LinearAnalysisError, tolerance=tolerance, boxes=boxes)

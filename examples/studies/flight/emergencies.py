@@ -15,7 +15,8 @@ from flight import failures, flights
 from flight.failures import Loss, fly, losses
 from flight.flights import Flights
 from trussflow.blocks.framework.errors import DivergenceError
-from trussflow.models.feasibility import ActuatorLimits, best_attitude
+from trussflow.models.feasibility import best_attitude
+from trussflow.models.hardware.hardware import Hardware
 from trussflow.models.plant.tunable_truss import TunableTruss
 from trussflow.models.reporting import metrics
 from trussflow.models.transport.mission import Mission
@@ -85,9 +86,8 @@ class Emergencies:
         plant = TunableTruss.accurate()
         if self.turned:
             path = path_of(Mission.of_case(self.case), plant)
-            plant = plant.turned(
-                best_attitude(plant.dynamics, path, ActuatorLimits.flight(), normal=(1, 0, 0)).attitude
-            )
+            limits = Hardware.flight().limits(plant)
+            plant = plant.turned(best_attitude(plant.dynamics, path, limits, normal=(1, 0, 0)).attitude)
         simulator = Flights(self.case, plant=plant, losses=True, brakes=self.brakes).simulator
 
         def compute() -> xr.Dataset:

@@ -200,7 +200,7 @@ def with_loss(diagram: Diagram, dynamics: TrussDynamics, *, brakes: bool = False
         port >> actuators.port(port.name)
     if brakes:
         joints, truss, controller = dynamics.joints, diagram.blocks["truss"], diagram.blocks["controller"]
-        inertia = dynamics.mass_matrix(dynamics.rest)[6 : 6 + joints, 6 : 6 + joints]
+        inertia = dynamics.evaluate(dynamics.rest).mass_matrix[6 : 6 + joints, 6 : 6 + joints]
 
         def held(angles: Array, rates: Array, effectiveness: Array) -> Array:
             on = 1.0 - effectiveness[-joints:]

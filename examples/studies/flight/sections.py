@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -21,7 +20,7 @@ from flight.measures import UNITS, column
 from flight.on_paper import PAPER_LAWS, OnPaper
 from flight.sparing import HELD, SPENT
 from flight.texts import DRAWS, EDGES, FAILURES, LADDER, LIMITS, MARGINS, PAPER, SPARING
-from trussflow.models.feasibility import ActuatorLimits, survey
+from trussflow.models.feasibility import survey
 from trussflow.models.mean_axes.design import MeanAxesDesign
 from trussflow.models.plant.space_truss import SpaceTruss
 from trussflow.models.reporting.figures import Curve, Panel, drawing, save
@@ -285,9 +284,11 @@ def limits_section(ledger: Ledger) -> str:
     ledger : Ledger
         Takes down the numbers.
     """
-    plant, limits = SpaceTruss.accurate(), ActuatorLimits.flight()
+    plant = SpaceTruss.accurate()
     found = {
-        case: survey(plant.dynamics, path_of(Mission.of_case(case), plant), limits_of(case, limits))
+        case: survey(
+            plant.dynamics, path_of(Mission.of_case(case), plant), flown_hardware(case).limits(plant)
+        )
         for case in CASES
     }
     rows = []
@@ -308,12 +309,6 @@ def limits_section(ledger: Ledger) -> str:
     for case in found:
         header += [f"Case {case}: margin [1]", "least duration [s]", "needs [N·m]"]
     return LIMITS.format(table=markdown_table(header, rows))
-
-
-def limits_of(case: int, limits: ActuatorLimits) -> ActuatorLimits:
-    """Return the limits of a `case`: `limits` with the torques of its hardware."""
-    torque = torque_limit(case)
-    return replace(limits, base_torque=torque, joint_torque=torque)
 
 
 def torque_limit(case: int) -> float:

@@ -23,9 +23,9 @@ from trussflow.models import RobotArm, SpaceTruss, TrussDynamics, TrussModes
 from trussflow.models.dynamics.locked_joints import locked_frequencies, locked_inertia
 from trussflow.models.reporting.figures import blank, draw_cells
 from trussflow.models.reporting.tables import text_table
-from trussflow.models.truss.component_modes import component_modes
 from trussflow.models.truss.natural_frequencies import natural_frequencies
-from trussflow.models.truss.truss_fe import TrussFrame
+from trussflow.models.truss.paper_truss import CLAMPED_FACE, paper_structure
+from trussflow.models.truss.reduction import nearest, reduced_modes
 
 MODAL_DAMPING = 0.1
 """Damping ratio with which the truss of six modes is stable under Eq. 64 [-]."""
@@ -82,16 +82,15 @@ class Study:
 
     def frequencies(self, *, clamped: bool) -> str:
         """Compare truncated modes, and modes with attachment shapes, with all finite elements."""
-        frame, arm, face = TrussFrame.reconstructed(), RobotArm.literal(), range(1, 5)
-        structure = frame.structure()
-        nodes = frame.mesh_points(TrussModes.reconstructed().grasp_positions)
+        structure, arm, face = paper_structure(), RobotArm.literal(), CLAMPED_FACE
+        grasps = TrussModes.reconstructed().grasp_positions
+        nodes = [nearest(structure.positions, grasp) for grasp in grasps]
         bodies = {node + 1: locked_inertia(arm, arm.rest_angles) for node in nodes}
         held = {"clamped": face} if clamped else {"rigid": face}
         exact = natural_frequencies(structure, 6, bodies, **held)
         rows = [["finite elements [Hz]", *(f"{f:.4f}" for f in exact)]]
-        grasps = structure.positions[nodes]
         for number, shapes in product((6, 14) if self.quick else (6, 10, 14, 20, 40), (False, True)):
-            modes = component_modes(frame, number, grasps) if shapes else frame.modes(number, grasps)
+            modes = reduced_modes(structure, number, list(grasps), clamped=face, attachments=shapes)
             dynamics = TrussDynamics(modes=modes, arms=(arm,) * ROBOTS, elastic_integrals=True)
             errors = locked_frequencies(dynamics, clamped=clamped)[:6] / exact - 1
             name = f"{number} modes" + " and attachment shapes" * shapes

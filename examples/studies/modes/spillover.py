@@ -17,7 +17,8 @@ from truss_loop import TrussLoop
 from trussflow.blocks import Linearizer, OperatingPoint
 from trussflow.models import RobotArm, SpaceTruss, TrussDynamics, TrussModes
 from trussflow.models.transport import transport_diagram
-from trussflow.models.truss.truss_fe import TrussFrame
+from trussflow.models.truss.paper_truss import CLAMPED_FACE, paper_structure
+from trussflow.models.truss.reduction import reduced_modes
 
 MODEL_MODES = 6
 MIN_FREQUENCY = 0.1
@@ -59,8 +60,8 @@ def _weights(nodes: Matrix, place: float) -> Matrix:
 
 def truss_with(modes: int) -> SpaceTruss:
     """Return the paper's truss with more modes, from finite elements."""
-    grasps = TrussModes.reconstructed().grasp_positions
-    shapes = TrussFrame.reconstructed().modes(modes, grasps)
+    grasps = list(TrussModes.reconstructed().grasp_positions)
+    shapes = reduced_modes(paper_structure(), modes, grasps, clamped=CLAMPED_FACE, attachments=False)
     return SpaceTruss(
         TrussDynamics(modes=shapes, arms=(RobotArm.literal(),) * len(grasps), elastic_integrals=True)
     )

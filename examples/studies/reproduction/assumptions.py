@@ -17,7 +17,7 @@ from trussflow.models.reporting.tables import markdown_table
 from trussflow.models.robots.robot_arm import RobotArm
 from trussflow.models.transport.mission import CASES
 from trussflow.models.transport.summary import TORQUE_BOUNDS
-from trussflow.models.truss.truss_fe import TrussFrame, printed_frequencies
+from trussflow.models.truss.paper_truss import frame_parameters, paper_frame, printed_frequencies
 
 RUNS = tuple(
     f"case{case}{suffix}"
@@ -33,7 +33,7 @@ def section(context: Context) -> str:
         (
             "truss layout, mode shapes, P, H, S, J",
             "L of two rows of box modules of solid aluminium rod, no diagonals, first frame "
-            f"clamped: {_layout(ledger)} (`models/truss/truss_fe.py`, "
+            f"clamped: {_layout(ledger)} (`models/truss/paper_truss.py`, "
             "`parameters/space_truss.toml`)",
             _frame(ledger, results.folder),
         ),
@@ -91,10 +91,7 @@ def section(context: Context) -> str:
 
 def _frame(ledger: Ledger, folder: Path) -> str:
     worst = _frequency_error("reconstructed", folder)
-    frame = TrussFrame.reconstructed()
-    corners = frame.corners()
-    length = sum(float(np.linalg.norm(corners[b] - corners[a])) for a, b, _ in frame.members())
-    density = frame.mass / (np.pi * frame.rod_radius**2 * length)
+    density = paper_frame().members[0].density / (np.pi * frame_parameters()["rod_radius"] ** 2)
     return (
         "without any fitted number all six frequencies of Table 1 come out within "
         + ledger("truss: largest frequency error", worst, "%", digits=2)
@@ -106,10 +103,10 @@ def _frame(ledger: Ledger, folder: Path) -> str:
 
 
 def _layout(ledger: Ledger) -> str:
-    frame = TrussFrame.reconstructed()
-    first = ledger.count("truss: modules of the first arm", frame.first_arm_modules)
-    second = ledger.count("truss: modules of the second arm", frame.second_arm_modules)
-    rod = ledger("truss: diameter of the rods", 2 * frame.rod_radius, "m", digits=2)
+    frame = frame_parameters()
+    first = ledger.count("truss: modules of the first arm", int(frame["first_arm_modules"]))
+    second = ledger.count("truss: modules of the second arm", int(frame["second_arm_modules"]))
+    rod = ledger("truss: diameter of the rods", 2 * frame["rod_radius"], "m", digits=2)
     return f"{first} and {second} modules, rods of {rod}"
 
 

@@ -9,9 +9,11 @@ from pathlib import Path
 import numpy as np
 from study_tools.cache import digest_of
 
+from trussflow.blocks.framework.types import Array
 from trussflow.models.parameter_files import shipped_file
-from trussflow.models.truss import frame_analysis, truss_fe
-from trussflow.models.truss.truss_fe import TrussFrame, with_printed_frequencies
+from trussflow.models.truss import paper_truss, reduction
+from trussflow.models.truss.paper_truss import CLAMPED_FACE, with_printed_frequencies
+from trussflow.models.truss.structure import Structure
 from trussflow.models.truss.truss_modes import TrussModes
 from trussflow.models.validation import check_choice
 
@@ -61,7 +63,7 @@ def frame_modes(variant: str, folder: Path) -> TrussModes:
     folder : pathlib.Path
         Where they are kept.
     """
-    sources = [inspect.getsource(module) for module in (truss_fe, frame_analysis)]
+    sources = [inspect.getsource(module) for module in (paper_truss, reduction)]
     sources.append(shipped_file("space_truss.toml").read_text("utf-8"))
     file = folder / f"modes-{digest_of([variant, str(MOST_MODES), *sources])}.json"
     if not file.exists():
@@ -106,10 +108,16 @@ def mirrored(modes: TrussModes, axis: int) -> TrussModes:
 
 
 def _computed(variant: str) -> TrussModes:
-    frame, points = TrussFrame.reconstructed(), truss_fe.printed_grasps()
+    parameters, points = paper_truss.frame_parameters(), paper_truss.printed_grasps()
     if variant == "reconstructed":
-        return frame.modes(MOST_MODES, points)
+        return _modes(paper_truss.paper_structure(), points)
     # Bent the other way the low outer longeron is the inner one; the mirror image of that
     # frame has the grasp points where Table 2 has them.
-    other = replace(frame, bend_angle=-frame.bend_angle)
-    return mirrored(other.modes(MOST_MODES, points * np.array([1.0, -1.0, 1.0])), 1)
+    other = paper_truss.paper_structure(bend_angle=-parameters["bend_angle"])
+    return mirrored(_modes(other, points * np.array([1.0, -1.0, 1.0])), 1)
+
+
+def _modes(structure: Structure, points: Array) -> TrussModes:
+    return reduction.reduced_modes(
+        structure, MOST_MODES, list(points), clamped=CLAMPED_FACE, attachments=False
+    )

@@ -22,7 +22,7 @@ from trussflow.blocks.simulation.simulator import Simulator
 SOURCES = (".py", ".c", ".h", ".toml", ".json")
 """Endings of the files that decide what a run does."""
 
-LIBRARIES = ("casadi", "numpy", "scipy", "PyNiteFEA")
+LIBRARIES = ("casadi", "numpy", "scipy")
 """Libraries that compute a part of it."""
 
 

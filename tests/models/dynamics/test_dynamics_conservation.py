@@ -37,7 +37,7 @@ def power_scale(system, q, v):
 
 def external_power(system, q, v, actuation):
     """Return the generalized force of the actuators, and their power less the power of the damping."""
-    force, rates = system.actuation_matrix(q) @ actuation, v[system.rigid_freedoms :]
+    force, rates = system.evaluate(q).actuation_matrix @ actuation, v[system.rigid_freedoms :]
     damping = 4 * np.pi * system.modes.damping_ratios * system.modes.frequencies
     return force, v @ force - rates @ (damping * rates)
 

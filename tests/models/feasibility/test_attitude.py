@@ -9,20 +9,13 @@ from scipy.spatial.transform import Rotation
 
 from trussflow.blocks import Quintic, simulate
 from trussflow.models import Hardware, ModelError, SpaceTruss
-from trussflow.models.feasibility import (
-    ActuatorLimits,
-    Failure,
-    attitude_along,
-    best_attitude,
-    single_failures,
-    survey,
-)
+from trussflow.models.feasibility import Failure, attitude_along, best_attitude, single_failures, survey
 from trussflow.models.geometry.rotation import euler_rotation
 from trussflow.models.transport import Mission, mean_axes_transport, path_of
 
 TRUSS = SpaceTruss.consistent(modes=0)
 DYNAMICS = TRUSS.dynamics
-LIMITS = ActuatorLimits.flight()
+LIMITS = Hardware.flight().limits(TRUSS)
 ALONG_Z = path_of(Mission.of_case(1), TRUSS)
 BASES = single_failures(DYNAMICS)[:5]
 EXACT = 1e-6  # of a linear programme, relative

@@ -7,9 +7,9 @@ import pytest
 from systems import respond
 
 from trussflow.blocks import Diagram, simulate
-from trussflow.models import ModelError, SpaceTruss
+from trussflow.models import Hardware, ModelError, SpaceTruss
 from trussflow.models.dynamics.task_space import task_drift, to_body
-from trussflow.models.feasibility import ActuatorLimits, fastest, single_failures, survey
+from trussflow.models.feasibility import actuator_limits, fastest, single_failures, survey
 from trussflow.models.feasibility.reach import least_share
 from trussflow.models.geometry.attitude import QUATERNION
 from trussflow.models.transport import Mission, path_of
@@ -17,8 +17,8 @@ from trussflow.models.transport import Mission, path_of
 TRUSS = SpaceTruss.consistent()
 TURNING = SpaceTruss.consistent(modes=0).with_quaternion()
 REST = TRUSS.dynamics.rest[:6]
-LIMITS = ActuatorLimits.flight()
-STRONG = ActuatorLimits(force=1e6, base_torque=1e6, joint_torque=1e6)
+LIMITS = Hardware.flight().limits(TRUSS)
+STRONG = actuator_limits(TRUSS.dynamics, force=1e6, base_torque=1e6, joint_torque=1e6)
 CURVED = REST + np.array([[0, 0, 0, 0, 0, 0], [2, 0, 3, 0, 0, 0.5], [4, 2, 3, 0.3, 0, 1.0]])
 # What linear programmes are exact to.
 PROGRAM_TOLERANCE = 1e-6
@@ -39,7 +39,7 @@ def at(path, times):
 
 def actuator_shares(dynamics, motion):
     """Return the share of the limits that each instant of a motion of rigid truss and arms takes."""
-    bounds, shares = LIMITS.of(dynamics), []
+    bounds, shares = LIMITS, []
     for q, rate, change in zip(*motion, strict=True):
         v = to_body(dynamics.attitude, q, rate)
         drift = task_drift(dynamics.attitude, q, v)
@@ -85,7 +85,7 @@ def test_actuators_are_strained_to_their_limits_and_not_beyond():
 def quaternions(*ways):
     """Return waypoints by displacement and turn from the start, an axis times an angle."""
     start = np.array(QUATERNION.rest)
-    return np.array([[*way[:3], *QUATERNION.turned(start, np.array(way[3:]))] for way in ways])
+    return np.array([[*way[:3], *QUATERNION.integrate(start, np.array(way[3:]))] for way in ways])
 
 
 @pytest.mark.parametrize("way", [(0.0, 0.0, 2.0, 0.0, 0.0, 0.0), (1.0, 0.0, 2.0, 0.0, 0.8, 0.0)])
@@ -171,7 +171,7 @@ def test_topp_ra_finds_the_same_duration():
         ({"waypoints": line(0, 0, 1, np.pi / 2, 0, 0)}, "the singularity of the Euler angles"),
         ({"waypoints": line(0, 0, 1, np.pi, 0, 0), "intervals": 5}, "the singularity of the Euler angles"),
         (
-            {"limits": ActuatorLimits(force=0.0, base_torque=0.0, joint_torque=1.0)},
+            {"limits": actuator_limits(TRUSS.dynamics, force=0.0, base_torque=0.0, joint_torque=1.0)},
             "the actuators cannot move the truss along this path; raise their limits",
         ),
     ],

@@ -7,13 +7,13 @@ from scipy.optimize import linprog
 
 from trussflow.blocks import Quintic
 from trussflow.blocks.control.trajectory import PEAK_ACCELERATION
-from trussflow.models import ModelError, SpaceTruss
-from trussflow.models.feasibility import ActuatorLimits, Failure, shares_left, single_failures, survey
+from trussflow.models import Hardware, ModelError, SpaceTruss
+from trussflow.models.feasibility import Failure, actuator_limits, shares_left, single_failures, survey
 from trussflow.models.transport import Mission, path_of
 
 TRUSS = SpaceTruss.consistent(modes=0)
 DYNAMICS = TRUSS.dynamics
-LIMITS = ActuatorLimits.flight()
+LIMITS = Hardware.flight().limits(TRUSS)
 ALONG_Z = path_of(Mission.of_case(1), TRUSS)
 TURNING = path_of(Mission.of_case(2), TRUSS)
 HEALTHY, *_ = single_failures(DYNAMICS)
@@ -50,14 +50,14 @@ def test_moment_about_the_line_of_bases():
 def test_single_failures_of_case_1():
     """Figures of an independent programme of the same equations: least durations at 0.3 and 1 N·m [s]."""
     for torque, known in ((0.3, [48.2, 53.4, 48.6, 48.6, 214.3]), (1.0, [44.8, 49.6, 46.0, 46.0, 117.4])):
-        limits = ActuatorLimits(force=5.0, base_torque=torque, joint_torque=torque)
+        limits = actuator_limits(DYNAMICS, force=5.0, base_torque=torque, joint_torque=torque)
         found = survey(DYNAMICS, ALONG_Z, limits)
         assert len(found) == 13
         for each in found:
             robot = int(each.failure.split(",")[0].split()[-1].replace("healthy", "0"))
             assert each.least_duration == pytest.approx(known[robot], abs=0.05), each.failure
             assert each.feasible == (robot != 4)
-    weak = survey(DYNAMICS, ALONG_Z, ActuatorLimits(force=3.0, base_torque=0.3, joint_torque=0.3))
+    weak = survey(DYNAMICS, ALONG_Z, actuator_limits(DYNAMICS, force=3.0, base_torque=0.3, joint_torque=0.3))
     assert_allclose([e.needed_torque for e in weak[:5]], [0.39, 1.02, 0.51, 0.51, 3.83], rtol=0, atol=0.005)
 
 
@@ -86,7 +86,7 @@ def test_least_duration_by_the_dual(failure):
 
     .. math:: \max\ w^T y \quad\text{with}\quad \sum_k l_k |P^T y|_k \le 1
     """
-    limits, shares = LIMITS.of(DYNAMICS) * failure.effectiveness, []
+    limits, shares = LIMITS * failure.effectiveness, []
     steepest = 30.0 + np.array([-30.0, 30.0]) / np.sqrt(3.0)
     for t in [*np.linspace(0.0, 60.0, 13), *steepest]:
         w, P = asked(TURNING, t)
@@ -111,14 +111,14 @@ def test_demands_scale_as_the_theory_says():
         slower = Quintic(p["displacement"], found.least_duration, start=p["start"])
         assert checked(slower, LIMITS, failure).margin == pytest.approx(1.0, rel=EXACT)
         torque = found.needed_torque
-        enough = ActuatorLimits(force=5.0, base_torque=torque, joint_torque=torque)
+        enough = actuator_limits(DYNAMICS, force=5.0, base_torque=torque, joint_torque=torque)
         assert checked(path, enough, failure).margin == pytest.approx(1.0, rel=EXACT)
         assert found.margin == pytest.approx((60.0 / found.least_duration) ** 2, rel=EXACT)
 
 
 def test_limp_joints_move_and_locked_ones_hold():
     """Locked joints need no torque; limp ones are not asked to hold the arm. The base works in all cases."""
-    weak = ActuatorLimits(force=5.0, base_torque=0.3, joint_torque=0.01)
+    weak = actuator_limits(DYNAMICS, force=5.0, base_torque=0.3, joint_torque=0.01)
     whole, limp, locked = (
         checked(TURNING, weak, Failure.of(DYNAMICS, 4, axes=[], joints=state))
         for state in ("working", "limp", "locked")
@@ -139,10 +139,10 @@ def test_path_out_of_reach():
 
 
 def limits_of(force):
-    return ActuatorLimits(force=force, base_torque=0.3, joint_torque=0.3)
+    return actuator_limits(DYNAMICS, force=force, base_torque=0.3, joint_torque=0.3)
 
 
-NO_ACTUATOR = ActuatorLimits(force=0.0, base_torque=0.0, joint_torque=0.0)
+NO_ACTUATOR = actuator_limits(DYNAMICS, force=0.0, base_torque=0.0, joint_torque=0.0)
 OVER = Quintic(np.pi * np.eye(34)[3], 60.0, start=DYNAMICS.rest)
 
 
@@ -150,10 +150,7 @@ OVER = Quintic(np.pi * np.eye(34)[3], 60.0, start=DYNAMICS.rest)
     ("build", "message"),
     [
         *((lambda value=value: limits_of(value), "limits: force") for value in (-1.0, np.nan, [[1.0, -2.0]])),
-        (
-            lambda: limits_of([1.0, 2.0]).of(DYNAMICS),
-            r"4 robots and 28 joints: those of bases must be of sh.*\(\)",
-        ),
+        (lambda: limits_of([1.0, 2.0]), r"4 robots and 28 joints: those of bases must be of sh.*\(\)"),
         (lambda: Failure.of(DYNAMICS, 5), "no robot 5; choose from: 1, 2, 3, 4"),
         (lambda: Failure.of(DYNAMICS, 1, axes=["z"]), "no axis of a base 'z'; choose from: force x"),
         (

@@ -41,7 +41,7 @@ def test_turns_of_any_size():
     for angle in (0.0, 1e-9, 0.3, np.pi, 5.0):
         turn = angle * np.array([2.0, -1.0, 2.0]) / 3.0
         expected = scipy_of(a) * Rotation.from_rotvec(turn)
-        turned = QUATERNION.turned(a, turn)
+        turned = QUATERNION.integrate(a, turn)
         assert np.abs(QUATERNION.rotation(turned) - expected.as_matrix()).max() < ROUND_OFF
         way = (scipy_of(a).inv() * expected).as_rotvec()
         size = np.linalg.norm(way)
@@ -55,10 +55,10 @@ def test_motion_of_a_goal_relative_to_an_attitude():
     """The relative rate is C w_d; the relative acceleration is its derivative, by complex steps."""
     a, goal = attitude(), attitude()
     turning, rate, acceleration = RNG.standard_normal((3, 3))
-    seen, steeply = QUATERNION.carried(a, turning, goal, rate, acceleration)
+    seen, steeply = QUATERNION.reference_rates(a, turning, goal, rate, acceleration)
     assert np.abs(QUATERNION.rotation(a) @ seen - QUATERNION.rotation(goal) @ rate).max() < ROUND_OFF
     step = 1j * STEP
-    later, _ = QUATERNION.carried(
+    later, _ = QUATERNION.reference_rates(
         a + step * QUATERNION.rates(a, turning),
         turning,
         goal + step * QUATERNION.rates(goal, rate),

@@ -21,7 +21,7 @@ from trussflow.models import (
     SpaceTruss,
     TrussDynamics,
 )
-from trussflow.models.feasibility import ActuatorLimits, shares_left
+from trussflow.models.feasibility import shares_left
 from trussflow.models.transport import Mission, mean_axes_transport, path_of
 
 DYNAMICS = SpaceTruss.consistent().dynamics
@@ -116,7 +116,7 @@ def test_a_path_becomes_slower_after_a_loss(duration, arrival):
     scale = duration / 60.0
     mission = replace(Mission.of_case(1), position=6.0 * scale**2 * np.eye(3)[2], duration=duration)
     plant = SpaceTruss.consistent()
-    shares = shares_left(DYNAMICS, path_of(mission, plant), ActuatorLimits.flight())
+    shares = shares_left(DYNAMICS, path_of(mission, plant), Hardware.flight().limits(plant))
     assert_array_equal(shares[:3], 1.0)
     diagram = mean_axes_transport(mission, plant, hardware=Hardware.flight(), shares=shares, seed=1)
     trajectory = diagram.blocks["trajectory"]

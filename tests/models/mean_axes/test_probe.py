@@ -24,7 +24,7 @@ DESIGN = MeanAxesDesign.shipped()
 STEP = DESIGN.sample_time
 MONITOR = ActuatorMonitor(DYNAMICS, DESIGN)
 MODES = FreeModes.of(DYNAMICS, DYNAMICS.modes.modes)
-TERMS = DYNAMICS.evaluate(DYNAMICS.rest, np.zeros(DYNAMICS.freedoms))
+TERMS = DYNAMICS.evaluate(DYNAMICS.rest)
 RESPONSE = np.linalg.solve(TERMS.mass_matrix[:RIGID, :RIGID], TERMS.actuation_matrix[:RIGID])
 PARTS = MONITOR.members.T > 0.0
 """Of each base, then of the drives of each arm: which actuators are its."""

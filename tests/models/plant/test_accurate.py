@@ -3,12 +3,12 @@
 import numpy as np
 import pytest
 
-from trussflow.models import ModelError, RobotArm, SpaceTruss, TrussDynamics
+from trussflow.models import ModelError, RobotArm, SpaceTruss, TrussDynamics, reduced_modes
 from trussflow.models.dynamics.locked_joints import locked_frequencies, locked_inertia
 from trussflow.models.plant.space_truss import arm_by_name
-from trussflow.models.truss.component_modes import component_modes
 from trussflow.models.truss.natural_frequencies import natural_frequencies
-from trussflow.models.truss.truss_fe import TrussFrame, printed_grasps
+from trussflow.models.truss.paper_truss import CLAMPED_FACE, paper_structure, printed_grasps
+from trussflow.models.truss.reduction import nearest
 
 STEP = 1e-3  # s
 RK4_LIMIT = 2.0 * np.sqrt(2.0)  # of angular frequency times step, undamped
@@ -17,11 +17,11 @@ over_arms = pytest.mark.parametrize("arm", ["literal", "jaco"])
 
 def errors(truss, arm, angles):
     """Return the errors of the first ten free frequencies with the arms locked, of the FE's [1]."""
-    frame = TrussFrame.reconstructed()
+    structure = paper_structure()
     robot, postures = arm_by_name(arm), np.split(angles, 4)
-    nodes = frame.mesh_points(printed_grasps())
+    nodes = [nearest(structure.positions, grasp) for grasp in printed_grasps()]
     bodies = {n + 1: locked_inertia(robot, a) for n, a in zip(nodes, postures, strict=True)}
-    exact = natural_frequencies(frame.structure(), 10, bodies, rigid=range(1, 5))
+    exact = natural_frequencies(structure, 10, bodies, rigid=CLAMPED_FACE)
     return locked_frequencies(truss.dynamics, angles)[:10] / exact - 1.0
 
 
@@ -47,7 +47,7 @@ def test_condensed_shapes_leave_fixed_steps_a_margin(arm):
         for spread in (0.0, *(np.pi,) * 5):
             q = dynamics.rest
             q[6:first] += rng.uniform(-spread, spread, first - 6)
-            flexible = np.linalg.inv(dynamics.mass_matrix(q))[first:, first:]
+            flexible = np.linalg.inv(dynamics.evaluate(q).mass_matrix)[first:, first:]
             squares = np.linalg.eigvalsh(root[:, None] * flexible * root)
             frequencies.append(np.sqrt(squares[-1]) / (2 * np.pi))
         assert 0.7 * limit < max(frequencies) < limit
@@ -78,7 +78,9 @@ def drifts(free_motion, truss, step, **settings):
 
 def test_a_robot_on_condensed_shapes_conserves_energy_and_momentum(free_motion):
     """RK4 at 1 ms. The energy drifts as RK4 damps the fastest vibrations."""
-    modes = component_modes(TrussFrame.reconstructed(), 8, printed_grasps()[1:2], highest_frequency=100.0)
+    modes = reduced_modes(
+        paper_structure(), 8, [printed_grasps()[1]], clamped=CLAMPED_FACE, highest_frequency=100.0
+    )
     dynamics = TrussDynamics(modes=modes, arms=(RobotArm.jaco(),), elastic_integrals=True)
     coarse, fine = (drifts(free_motion, SpaceTruss(dynamics), step) for step in (STEP, STEP / 2))
     assert np.all(coarse < [1e-7, 1e-10, 1e-10])

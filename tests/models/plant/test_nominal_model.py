@@ -79,7 +79,7 @@ def kind(request):
 
 def position(kind):
     """Return a place and a turned attitude."""
-    return np.concatenate([[1.0, 2.0, 3.0], kind.turned(np.array(kind.rest), np.array([0.3, -0.4, 0.8]))])
+    return np.concatenate([[1.0, 2.0, 3.0], kind.integrate(np.array(kind.rest), np.array([0.3, -0.4, 0.8]))])
 
 
 def test_task_drift_is_the_rate_of_the_task_velocity(kind):

@@ -111,7 +111,7 @@ def test_quaternions_have_waypoints_and_a_fastest_path(tmp_path):
 def test_quaternions_pass_their_waypoints(tmp_path):
     via = 'through_position = "[[0, 0.3, 0.5]] m"\nthrough_attitude = "[[80, 0, 0]] deg"'
     flown = turning(tmp_path, f'{via}\nduration = "40 s"')
-    turned = QUATERNION.turned(np.array(QUATERNION.rest), np.deg2rad([80.0, 0.0, 0.0]))
+    turned = QUATERNION.integrate(np.array(QUATERNION.rest), np.deg2rad([80.0, 0.0, 0.0]))
     away = np.abs(outputs(flown.path, np.arange(0.1, 40.0, 0.05))[:, :7] - [0.0, 0.3, 0.5, *turned])
     assert away.max(axis=1).min() < 5e-3
 

@@ -10,7 +10,7 @@ from trussflow.blocks import ShapedTrajectory, SimulationWarning
 from trussflow.blocks.control.trajectory import Trajectory
 from trussflow.models import FreeModes
 from trussflow.models.dynamics.task_space import to_body
-from trussflow.models.feasibility import ActuatorLimits, FastestPath, fastest
+from trussflow.models.feasibility import FastestPath, actuator_limits, fastest
 from trussflow.models.geometry.rotation import euler_rotation
 from trussflow.models.transport import MissionFile, mean_axes_transport, tidy
 
@@ -120,7 +120,7 @@ def test_the_boom_follows_the_fastest_path_of_half_its_strength():
     for shaped in (False, True):
         boom = MissionFile.read(EXAMPLES / "boom_mission.toml")
         truss = boom.truss
-        half = ActuatorLimits(force=2.5, base_torque=0.15, joint_torque=0.15)
+        half = actuator_limits(truss.dynamics, force=2.5, base_torque=0.15, joint_torque=0.15)
         way = [[0, 0, 0, 0, 0, 0], [0, 0, 0.5, 0, 0, 0], [0, 0.3, 1, 0, 0, 0]]
         path: Trajectory = fastest(truss, truss.dynamics.rest[:6] + np.array(way), half)
         assert isinstance(path, FastestPath)

@@ -9,8 +9,8 @@ from scipy.spatial.transform import Rotation
 from systems import respond
 
 from trussflow.blocks import Diagram, Simulator, Step, simulate
-from trussflow.models import QUATERNION, ModelError, SpaceTruss
-from trussflow.models.feasibility import ActuatorLimits, fastest, single_failures, survey
+from trussflow.models import QUATERNION, Hardware, ModelError, SpaceTruss
+from trussflow.models.feasibility import fastest, single_failures, survey
 from trussflow.models.transport import Mission, path_of, tidy, transport_diagram
 from trussflow.models.transport.logged_ports import logged
 
@@ -37,7 +37,7 @@ def flown(flight, truss, *, turned=None, sign=1.0):
     truss = SpaceTruss(truss.dynamics, start=q)
     diagram = transport_diagram(flight, truss, allocation="published")
     q = q.copy()
-    q[3:7] = sign * QUATERNION.turned(q[3:7], np.zeros(3) if turned is None else turned)
+    q[3:7] = sign * QUATERNION.integrate(q[3:7], np.zeros(3) if turned is None else turned)
     simulator = Simulator(diagram, step=5e-3, log=logged(diagram), log_step=0.25)
     run = simulator.run(2.0 * flight.duration, initial={"truss.q": q}, progress=False)
     return tidy(run, truss)
@@ -104,7 +104,8 @@ def test_a_slew_that_becomes_slower_ends_where_it_should(tug):
 
 def test_what_actuators_need_for_a_turn_about_z_is_the_same():
     """Turns about inertial z are the same path with Euler angles; those through φ = 90° need a quaternion."""
-    truss, limits = SpaceTruss.consistent(modes=0), ActuatorLimits.flight()
+    truss = SpaceTruss.consistent(modes=0)
+    limits = Hardware.flight().limits(truss)
     ours, turn = truss.with_quaternion(), np.array([0.0, 0.0, 2.0])
     whole = single_failures(truss.dynamics)[:1]
     one, other = (

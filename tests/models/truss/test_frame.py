@@ -11,11 +11,8 @@ from pathlib import Path
 import campaign
 import numpy as np
 import pytest
-from systems import relative_error
 
-from trussflow.models import Frame, FrameMember, ModelError, ParameterTable, Rigidity, reduced_modes
-from trussflow.models.truss.component_modes import component_modes
-from trussflow.models.truss.truss_fe import TrussFrame, printed_grasps
+from trussflow.models import Frame, ModelError, ParameterTable, reduced_modes
 
 ROUND_OFF = 1e-12
 BOOM = Path(__file__).parents[3] / "examples" / "missions" / "boom.toml"
@@ -92,25 +89,6 @@ def test_mass_of_sections_and_bodies(tmp_path):
     inertia = flat * 4.0 / 3.0 + round_ / 3.0 + body + 1.5
     assert structure.rigid_mass[5, 5] == pytest.approx(inertia, rel=ROUND_OFF)
     assert structure.source == "frame.toml"
-
-
-def test_the_paper_s_truss_as_a_frame_is_the_paper_s_truss(modes):
-    """The same matrices, masses, modes and attachment shapes; and the shipped modes of another code."""
-    truss, grasps = TrussFrame.reconstructed(), printed_grasps()
-    corners, members = truss.corners(), truss.members()
-    length = sum(np.linalg.norm(corners[b] - corners[a]) for a, b, _ in members)
-    modulus, moment = truss.youngs_modulus, pi * truss.rod_radius**4 / 4.0
-    shear = modulus / (2.0 * (1.0 + truss.poissons_ratio))
-    rod = Rigidity(modulus * pi * truss.rod_radius**2, modulus * moment * np.eye(3), shear * 2.0 * moment)
-    rods = tuple(FrameMember(a + 1, b + 1, n, rod, truss.mass / length) for a, b, n in members)
-    structure = Frame(positions=corners, members=rods).structure()
-    np.testing.assert_allclose(structure.positions, truss.point_masses()[0], rtol=0, atol=0)
-    np.testing.assert_allclose(structure.point_masses, truss.point_masses()[1], rtol=1e-13)
-    reduced = reduced_modes(structure, 20, list(grasps), clamped=[1, 2, 3, 4], highest_frequency=100.0)
-    expected = component_modes(truss, 20, grasps, highest_frequency=100.0)
-    for name in ("frequencies", "shapes", "grasp_translations", "grasp_rotations"):
-        assert relative_error(getattr(reduced, name), getattr(expected, name)) < 1e-8
-    assert np.max(np.abs(reduced.truncated(6).shapes - modes.shapes)) < 1e-6
 
 
 def test_the_boom_of_the_examples():

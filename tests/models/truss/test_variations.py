@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from trussflow.models import ModelError
-from trussflow.models.truss.component_modes import accurate_modes
+from trussflow.models.truss.paper_truss import accurate_modes
 from trussflow.models.truss.truss_modes import TrussModes
 from trussflow.models.truss.variations import loaded, misjudged, scaled
 

@@ -76,7 +76,7 @@ def test_brakes_hold_an_arm_that_is_believed_limp():
     """Their torques take what moves an arm to zero as a critically damped oscillator, and act on no other."""
     diagram = mean_axes_transport(Mission.of_case(1), SpaceTruss.consistent(), hardware=Hardware.flight())
     brakes = with_loss(diagram, DYNAMICS, brakes=True).blocks["brakes"]
-    inertia = DYNAMICS.mass_matrix(DYNAMICS.rest)[6:34, 6:34]
+    inertia = DYNAMICS.evaluate(DYNAMICS.rest).mass_matrix[6:34, 6:34]
     limp = np.arange(28) // 7 == 1
     left = np.append(np.ones(24), ~limp)
     torques = respond(brakes, angles=np.full(28, 0.01), rates=np.full(28, 0.02), effectiveness=left)[

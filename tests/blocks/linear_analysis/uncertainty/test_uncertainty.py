@@ -1,5 +1,6 @@
 """Uncertain models against exact members: nothing beyond the bounds, and the bounds are reached."""
 
+import sys
 from dataclasses import replace
 from itertools import product
 
@@ -139,6 +140,12 @@ def test_bounds_of_the_structured_singular_value():
     assert mu_bound(1e9 * matrix, 0, 4) == pytest.approx(1e9 * np.linalg.norm(matrix, 2), rel=1e-6)
     assert mu_bound(matrix, 2, 2) < np.linalg.norm(matrix, 2) * (1.0 + 1e-6)
     assert mu_bound(np.array([[2j]]), 1, 0) == 0.0  # no real number makes 1 - 2j δ singular
+
+
+def test_without_slycot_the_message_says_what_to_install(monkeypatch):
+    monkeypatch.setitem(sys.modules, "slycot", None)
+    with pytest.raises(LinearAnalysisError, match=r"by slycot; pip install 'trussflow\[uncertainty\]'"):
+        mu_bound(np.eye(2), 0, 2)
 
 
 BLOCKS = slice(0, 2), slice(2, 3), slice(3, 5)

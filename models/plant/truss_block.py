@@ -1,0 +1,40 @@
+"""Base of the blocks with the equations of a truss: sizes and units of their ports."""
+
+from __future__ import annotations
+
+from trussflow.blocks.framework.block import Block
+from trussflow.models.dynamics.dynamics import TrussDynamics
+
+MODAL_UNIT = "kg**0.5*m"
+
+
+class TrussBlock(Block):
+    """Block with the dynamics of a truss, and with the sizes and units of its generalized coordinates."""
+
+    def set_dynamics(self, dynamics: TrussDynamics) -> None:
+        """Set the dynamics, and the sizes and units that ports and states refer to.
+
+        Parameters
+        ----------
+        dynamics : TrussDynamics
+            Truss and robots.
+        """
+        self.dynamics = dynamics
+        self.nq, self.rigid_q = dynamics.coordinates, dynamics.rigid_coordinates
+        self.n, self.rigid, self.modes = dynamics.freedoms, dynamics.rigid_freedoms, dynamics.modes.modes
+        self.robots, self.joints, self.actuators = len(dynamics.arms), dynamics.joints, dynamics.actuators
+        self.joint_units = tuple(joint.unit for joint in dynamics.joint_data)
+        self.effort_units = tuple(joint.effort_unit for joint in dynamics.joint_data)
+        self.task_units = ("m",) * 3 + ("rad",) * 3 + self.joint_units
+        self.task_rate_units = tuple(f"{unit}/s" for unit in self.task_units)
+        self.acceleration_units = tuple(f"{unit}/s**2" for unit in self.task_units)
+        self.force_units = ("N",) * 3 + ("N*m",) * 3 + self.effort_units
+        self.position_units = ("m",) * 3 + dynamics.attitude.units + self.joint_units
+        self.coordinate_units = (*self.position_units, *(MODAL_UNIT,) * self.modes)
+        self.speed_units = (*self.task_rate_units, *(f"{MODAL_UNIT}/s",) * self.modes)
+        self.rigid_speed_units = self.speed_units[: self.rigid]
+        self.actuator_rate_units = (
+            *(("m/s",) * 3 + ("rad/s",) * 3) * self.robots,
+            *(f"{u}/s" for u in self.joint_units),
+        )
+        self.actuator_units = (*(("N",) * 3 + ("N*m",) * 3) * self.robots, *self.effort_units)
