@@ -25,6 +25,9 @@ from trussflow.models.truss.truss_modes import ModalData, TrussModes
 from trussflow.models.validation import check_choice, frozen_array
 
 MODAL_UNIT = "kg**0.5*m"
+AXES = ("x", "y", "z")
+MODES, BASES = Attribute("mode_labels"), Attribute("base_labels")
+SPEEDS = Attribute("rigid_speed_labels")
 
 
 def arm_by_name(name: str) -> RobotArm:
@@ -90,33 +93,44 @@ class SpaceTruss(Block):
         "modes",
         unit=f"{MODAL_UNIT}/s**2",
         meaning="P_f Q, generalized force of the actuators on the modes",
-        dims=("mode",),
+        labels=MODES,
     )
-    coordinates = Output("nq", unit=Attribute("coordinate_units"), meaning="q")
-    speeds = Output("n", unit=Attribute("speed_units"), meaning="v")
-    task_position = Output("rigid_q", unit=Attribute("position_units"), meaning="x_1")
-    task_velocity = Output("rigid", unit=Attribute("task_rate_units"), meaning="dx_1/dt, J_g x_2")
-    rigid_speeds = Output("rigid", unit=Attribute("rigid_speed_units"), meaning="x_2")
-    modal_coordinate = Output("modes", unit=MODAL_UNIT, meaning="tau", dims=("mode",))
-    modal_rate = Output("modes", unit=f"{MODAL_UNIT}/s", meaning="d tau/dt", dims=("mode",))
+    coordinates = Output(
+        "nq", unit=Attribute("coordinate_units"), meaning="q", labels=Attribute("coordinate_labels")
+    )
+    speeds = Output("n", unit=Attribute("speed_units"), meaning="v", labels=Attribute("speed_labels"))
+    task_position = Output(
+        "rigid_q", unit=Attribute("position_units"), meaning="x_1", labels=Attribute("position_labels")
+    )
+    task_velocity = Output(
+        "rigid",
+        unit=Attribute("task_rate_units"),
+        meaning="dx_1/dt, J_g x_2",
+        labels=Attribute("task_labels"),
+    )
+    rigid_speeds = Output("rigid", unit=Attribute("rigid_speed_units"), meaning="x_2", labels=SPEEDS)
+    modal_coordinate = Output("modes", unit=MODAL_UNIT, meaning="tau", labels=MODES)
+    modal_rate = Output("modes", unit=f"{MODAL_UNIT}/s", meaning="d tau/dt", labels=MODES)
     grasp_displacement = Output(
         ("robots", 3),
         unit="m",
         frame="truss",
         meaning="elastic displacement T_i tau of the grasp points",
-        dims=("robot", "axis"),
+        labels=BASES,
     )
-    base_force = Output(
-        ("robots", 3), unit="N", frame="base", meaning="force on each base", dims=("robot", "axis")
+    base_force = Output(("robots", 3), unit="N", frame="base", meaning="force on each base", labels=BASES)
+    base_torque = Output(("robots", 3), unit="N*m", frame="base", meaning="torque on each base", labels=BASES)
+    joint_torque = Output(
+        "joints",
+        unit=Attribute("effort_units"),
+        meaning="joint torques, robot by robot",
+        labels=Attribute("joint_labels"),
     )
-    base_torque = Output(
-        ("robots", 3), unit="N*m", frame="base", meaning="torque on each base", dims=("robot", "axis")
-    )
-    joint_torque = Output("joints", unit=Attribute("effort_units"), meaning="joint torques, robot by robot")
     disturbance = Output(
         "rigid",
         unit=Attribute("disturbance_units"),
         meaning="d = -G^-1 M_rf tau'', disturbance acceleration by the flexibility (Eq. 45)",
+        labels=SPEEDS,
     )
     energy = Output(unit="J", meaning="kinetic and elastic energy")
     actuator_rates = Output(
@@ -127,8 +141,10 @@ class SpaceTruss(Block):
         supplied=[("actuation", "actuator_rates")], stored="energy", dissipated="modal_loss"
     )
 
-    q = State("nq", initial="initial_coordinates", meaning="coordinates")
-    v = State("n", initial="initial_speeds", meaning="speeds")
+    q = State(
+        "nq", initial="initial_coordinates", meaning="coordinates", labels=Attribute("coordinate_labels")
+    )
+    v = State("n", initial="initial_speeds", meaning="speeds", labels=Attribute("speed_labels"))
 
     initial_coordinates = Parameter(shape=("nq",), meaning="q at the start")
     initial_speeds = Parameter(0.0, ("n",), meaning="v at the start")
@@ -161,13 +177,28 @@ class SpaceTruss(Block):
             *(f"{u}/s" for u in self.joint_units),
         )
         self.actuator_units = (*(("N",) * 3 + ("N*m",) * 3) * self.robots, *self.effort_units)
+        robots, modes = tuple(range(1, self.robots + 1)), tuple(range(1, self.modes + 1))
+        joints = tuple(
+            f"theta_{i}_{j + 1}"
+            for i, arm in zip(robots, dynamics.arms, strict=True)
+            for j in range(arm.joints)
+        )
+        self.joint_labels, self.mode_labels = {"joint": joints}, {"mode": modes}
+        self.base_labels = {"robot": robots, "axis": AXES}
+        kind, modal_names = dynamics.attitude, tuple(f"tau_{k}" for k in modes)
+        self.task_labels = {"axis": AXES, "angle": kind.task_labels, "joint": joints}
+        attitude = "quaternion" if kind == QUATERNION else "angle"
+        self.position_labels = {"axis": AXES, attitude: kind.labels, "joint": joints}
+        self.coordinate_labels = {**self.position_labels, "mode": modal_names}
+        rigid = (*AXES, *QUATERNION.task_labels, *joints)
+        self.rigid_speed_labels, self.speed_labels = {"speed": rigid}, {"speed": rigid + modal_names}
         if not modal_actuation:
             force = Input(
                 "modes",
                 unit=f"{MODAL_UNIT}/s**2",
                 default=0.0,
                 meaning="f, generalized force on the modes",
-                dims=("mode",),
+                labels=MODES,
             )
             self.extra_ports = {"modal_force": force}
         start = dynamics.rest if start is None else start

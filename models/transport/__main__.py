@@ -23,7 +23,7 @@ from trussflow.models.transport.index import write_index
 from trussflow.models.transport.mission import CASES
 from trussflow.models.transport.mission_file import COMMAND, HARDWARE_KINDS, MEAN_AXES, MissionFile
 from trussflow.models.transport.mission_plant import ARMS, STRUCTURES
-from trussflow.models.transport.results import tidy
+from trussflow.models.transport.results import check_run
 from trussflow.models.transport.summary import summarize, table
 from trussflow.models.transport.wiring import ALLOCATIONS, CONTROLLERS
 
@@ -147,7 +147,7 @@ def fly(options: argparse.Namespace, command: str) -> Outcome:
         command=command,
         target=flown.target.tolist(),
     )
-    summary = report(tidy(result, flown.truss), flown, folder, wall, drawing=diagram.draw())
+    summary = report(check_run(result, flown.truss), flown, folder, wall, drawing=diagram.draw())
     if failure:
         print(f"\n{failure}", file=sys.stderr)
     return Outcome(summary, code=FAILED if failure else 0)

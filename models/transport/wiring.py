@@ -46,7 +46,8 @@ def transport_diagram(
     mission : Mission
         Displacement, duration and gains.
     truss : SpaceTruss
-        Plant.
+        Plant. With modal actuation the diagram has an equal plant with the wire ``modal_demand >>
+        modal_force``, at which the modal loop can be opened: use ``diagram.truss``.
     controller : str
         ``"ismc"``, the law of the paper; ``"smc"`` and ``"pd"``, its comparisons.
     observer : bool, optional
@@ -69,9 +70,9 @@ def transport_diagram(
     Returns
     -------
     Diagram
-        Diagram with the blocks trajectory, controller, model and truss. Optional blocks are errors (with a
-        quaternion), observer, actuators and sensors (with hardware). The allocation is the block allocation
-        or, if mode-neutral, feedforward_allocation and feedback_allocation.
+        Diagram with the blocks trajectory, errors, controller, model and truss. Optional blocks are observer,
+        actuators and sensors (with hardware). The allocation is the block allocation or, if mode-neutral,
+        feedforward_allocation and feedback_allocation.
 
     Raises
     ------
@@ -93,12 +94,13 @@ def transport_diagram(
             "have the same robots and no more modes"
         )
     diagram = Diagram(mission.name)
-    trajectory, law, model = diagram.add(
+    trajectory, errors, law, model = diagram.add(
         trajectory=path_of(mission, truss) if path is None else path,
+        errors=TaskErrors(truss.dynamics),
         controller=control_law(mission, controller, unit=truss.task_units),
         model=NominalModel(believed),
     )
-    if truss.modal_actuation:  # as a wire, at which the modal loop can be opened
+    if truss.modal_actuation:
         truss = diagram.add("truss", truss.opened())
         truss.modal_demand >> truss.modal_force
     else:
@@ -115,22 +117,15 @@ def transport_diagram(
     for name, part in known.items():
         if part.stop > part.start:
             truss.port(name)[part] >> model.port(name)[part]
-    compared: Block = law
-    if truss.dynamics.attitude != EULER:  # differences of quaternions are no errors
-        compared = diagram.add(errors=TaskErrors(truss.dynamics))
-        compared.error >> law.position
-        compared.error_rate >> law.velocity
-        trajectory.acceleration >> compared.reference_acceleration
-        diagram.ground(law.reference_position, law.reference_velocity)
-    trajectory.position >> compared.reference_position
-    trajectory.velocity >> compared.reference_velocity
-    seen.task_position >> compared.position
-    seen.task_velocity >> compared.velocity
+    compare(errors, trajectory, seen)
+    errors.error >> law.position
+    errors.error_rate >> law.velocity
+    diagram.ground(law.reference_position, law.reference_velocity)
     if controller == "pd":
         law.force >> model.task_force
         demand = model.transformed_task_force
     else:
-        (trajectory if compared is law else compared).acceleration >> law.reference_acceleration
+        errors.acceleration >> law.reference_acceleration
         law.feedforward >> model.feedforward
         law.feedback >> model.feedback
         demand = model.generalized_force
@@ -164,6 +159,24 @@ def transport_diagram(
     model.full_actuation_matrix >> back.effectiveness
     ahead.command + back.command >> acting
     return diagram
+
+
+def compare(errors: TaskErrors, trajectory: Trajectory, measured: Block) -> None:
+    """Connect the trajectory and the measured task position and velocity to the task errors.
+
+    Parameters
+    ----------
+    errors : TaskErrors
+        Block of the errors.
+    trajectory : Trajectory
+        Reference.
+    measured : Block
+        Plant or sensors.
+    """
+    for name in ("position", "velocity", "acceleration"):
+        trajectory.port(name) >> errors.port(f"reference_{name}")
+    measured.task_position >> errors.position
+    measured.task_velocity >> errors.velocity
 
 
 def path_of(mission: Mission, truss: SpaceTruss, sample_time: float | None = None) -> Quintic:

@@ -67,7 +67,7 @@ class Motion:
     Parameters
     ----------
     result : xarray.Dataset
-        Result of a run, with or without `trussflow.models.transport.tidy`.
+        Result of a run.
     truss : SpaceTruss
         Plant of the run.
     block : str
@@ -218,8 +218,7 @@ def _components(variable: xr.DataArray) -> list[str]:
     """Return the names of the components by the labels of the axes, or by numbers."""
     axes: list[list[str]] = []
     for dim, size in list(variable.sizes.items())[1:]:
-        counted = "xyz" if (dim, size) == ("axis", 3) else range(1, size + 1)
-        labels = variable[dim].values if dim in variable.coords else counted
-        what = f"{dim} " if dim in ("robot", "mode", "joint") and not axes else ""
+        labels = variable[dim].values if dim in variable.coords else range(1, size + 1)
+        what = f"{dim} " if dim in ("robot", "mode") else ""
         axes.append([f"{what}{label}" for label in labels])
     return [" ".join(parts) for parts in itertools.product(*axes)]

@@ -212,4 +212,4 @@ def test_a_structure_and_robots_of_files(boom):
     assert (modes.damping_ratios == 0.005).all()
     lengths = np.linalg.norm(np.diff(modes.positions[flown.rods], axis=1), axis=2)
     assert lengths.min() > 0.1
-    assert {"trajectory", "controller", "truss"} == set(flown.diagram().blocks)
+    assert {"trajectory", "controller", "truss", "errors"} == set(flown.diagram().blocks)
