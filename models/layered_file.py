@@ -247,7 +247,11 @@ class LayeredTable:
     general: str
 
     def __contains__(self, key: str) -> bool:
-        return self.file.layer_of(self._place(key), key) is not None
+        return self.layer(key) is not None
+
+    def layer(self, key: str) -> ParameterTable | None:
+        """Return the first file with the `key` in this table, or None."""
+        return self.file.layer_of(self._place(key), key)
 
     def _place(self, key: str) -> str:
         """Return the name of the table with a `key`."""
@@ -258,9 +262,8 @@ class LayeredTable:
 
     def error(self, key: str, what: str) -> ModelError:
         """Return an error about a `key` with its file and line; `what` describes the error."""
-        place = self._place(key)
-        layer = self.file.layer_of(place, key)
-        return (_part(layer, place) if layer else self.file.layers[0]).error(key, what)
+        layer = self.layer(key)
+        return (_part(layer, self._place(key)) if layer else self.file.layers[0]).error(key, what)
 
     def says(self, key: str, word: str) -> bool:
         """Return whether the value of a `key` is that `word`."""
