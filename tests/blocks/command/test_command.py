@@ -248,7 +248,7 @@ def code_of(words):
         ),
         ("sweep loop.py:loop", "is upright: Diagram, 4 blocks, 5 wires; write functools.partial"),
         ("view gone.nc", "cannot show 'gone.nc': No such file"),
-        ("view loop.py", "cannot show 'loop.py': it is no whole netCDF file"),
+        ("view loop.py", "cannot show 'loop.py': it is not a complete netCDF file"),
     ],
 )
 def test_misuse_ends_with_its_code_and_one_message(words, message, tmp_path, capsys, monkeypatch):
