@@ -232,7 +232,7 @@ def code_of(words):
     [
         ("nonsense", "invalid choice: 'nonsense'"),
         ("new loop.py", "cannot write 'loop.py': it exists already"),
-        ("new no-name.py", "name it .toml, or .py and so that it can be imported"),
+        ("new no-name.py", "its name must end with .toml, or be a module name with .py"),
         ("draw trussflow.blocks:Integrator block.svg", "not a diagram"),
         ("analyse trussflow.blocks:Integrator --at u", "it is a single block, not a diagram"),
         ("run loop.py:loop 1 --parameter pendulum.mass=heavy", "write name=number, or name=[number, number]"),
