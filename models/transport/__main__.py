@@ -6,7 +6,6 @@ import argparse
 import shlex
 import sys
 import time
-from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast
 
@@ -163,7 +162,7 @@ def report(
     """Write result, summary, figures and page, print the summary and return it."""
     save(result, folder / "result.nc")
     figures = summarize(result, flown.mission)
-    summary = {"figures": [asdict(each) for each in figures], "run": result.attrs}
+    summary = {"figures": [each._asdict() for each in figures], "run": result.attrs}
     with replaced(folder / "summary.json") as partial:
         partial.write_text(json_of(summary) + "\n", encoding="utf-8")
     end = float(result["time"][-1])

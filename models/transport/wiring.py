@@ -106,17 +106,15 @@ def transport_diagram(
     else:
         diagram.add(truss=truss)
     seen: Block = truss
-    # The nominal model has the first modes of the plant.
-    acting, known = truss.actuation, {"coordinates": slice(0, model.nq), "speeds": slice(0, model.n)}
+    acting = truss.actuation
     if hardware is not None:
         actuators, seen = with_hardware(diagram, truss, hardware, seed)
-        seen.task_position >> model.coordinates[: truss.rigid_q]
-        seen.rigid_speeds >> model.speeds[: truss.rigid]
         acting = actuators.command
-        known = {"coordinates": slice(truss.rigid_q, model.nq), "speeds": slice(truss.rigid, model.n)}
-    for name, part in known.items():
-        if part.stop > part.start:
-            truss.port(name)[part] >> model.port(name)[part]
+    seen.task_position >> model.coordinates[: truss.rigid_q]
+    seen.rigid_speeds >> model.speeds[: truss.rigid]
+    if modes := believed.modes.modes:  # the first modes of the plant
+        truss.modal_coordinate[:modes] >> model.coordinates[truss.rigid_q :]
+        truss.modal_rate[:modes] >> model.speeds[truss.rigid :]
     compare(errors, trajectory, seen)
     errors.error >> law.position
     errors.error_rate >> law.velocity
