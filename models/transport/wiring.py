@@ -191,14 +191,12 @@ def path_of(mission: Mission, truss: SpaceTruss, sample_time: float | None = Non
         such input.
     """
     start = truss.parameters["initial_coordinates"][: truss.rigid_q]
-    way, unit = mission.displacement(truss.rigid), truss.task_units
+    way, times = mission.displacement(truss.rigid), [mission.duration]
+    times += [] if sample_time is None else [sample_time]
     if truss.dynamics.attitude != EULER:
-        if sample_time is None:
-            return Slew(truss, way, mission.duration)
-        return RetimedSlew(truss, way, mission.duration, sample_time)
-    if sample_time is None:
-        return Quintic(way, mission.duration, start=start, unit=unit)
-    return RetimedQuintic(way, mission.duration, sample_time, start=start, unit=unit)
+        return (Slew if sample_time is None else RetimedSlew)(truss, way, *times)
+    kind = Quintic if sample_time is None else RetimedQuintic
+    return kind(way, *times, start=start, unit=truss.task_units)
 
 
 def with_hardware(
@@ -231,7 +229,7 @@ def with_hardware(
 
 
 def control_law(
-    mission: Mission, controller: str, *, unit: Unit = None, shape: int | None = None
+    mission: Mission, controller: str, *, unit: Unit = None
 ) -> IntegralSlidingMode | ConventionalSlidingMode | PD:
     """Return a controller with the gains of a mission.
 
@@ -243,17 +241,12 @@ def control_law(
         ``"ismc"``, ``"smc"`` or ``"pd"``.
     unit : str, tuple of str or None
         Unit of the position, or one per element; None disables the check.
-    shape : int, optional
-        Number of task coordinates [-]; by default that of units or connections.
     """
     if controller == "pd":
-        gains = mission.proportional_gain, mission.derivative_gain
-        size = len(unit) if isinstance(unit, tuple) else shape
-        return PD(*gains, unit=unit, shape=size)
+        return PD(mission.proportional_gain, mission.derivative_gain, unit=unit)
     if controller == "smc":
-        return ConventionalSlidingMode(
-            slope=mission.surface_slope, eta=mission.conventional_switching_gain, unit=unit, shape=shape
-        )
+        gain = mission.conventional_switching_gain
+        return ConventionalSlidingMode(slope=mission.surface_slope, eta=gain, unit=unit)
     return IntegralSlidingMode(
         gamma=mission.rate_gain,
         mu=mission.error_gain,
@@ -262,5 +255,4 @@ def control_law(
         sigma=mission.reaching_gain,
         boundary_layer=mission.boundary_layer,
         unit=unit,
-        shape=shape,
     )
