@@ -39,7 +39,8 @@ def logged(diagram: Diagram) -> dict[str, Port]:
     diagram : Diagram
         Closed loop of a mission.
     """
-    truss, errors, law, model = map(diagram.blocks.get, ("truss", "errors", "controller", "model"))
+    truss, errors, law = (diagram.blocks[name] for name in ("truss", "errors", "controller"))
+    model = diagram.blocks.get("model")
     ports: dict[str, Port] = {}
     for port, position, attitude, joints in (
         (truss.task_position, "position", "attitude", "joint_angle"),
