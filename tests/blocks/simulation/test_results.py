@@ -112,9 +112,9 @@ def test_labels_follow_wires_and_slices_and_are_kept_in_files(tmp_path):
     limit, part = found.add(limit=Saturation(-9.0, 9.0), part=Saturation(-9.0, 9.0))
     found.truss.pose >> limit
     found.truss.mixed[2:] >> part
-    log = [limit.y, part.y, "truss.x", "truss.mixed", found.truss.mixed[3:], found.truss.q[0]]
+    log = [limit.y, part.y, "truss.x", "truss.mixed", found.truss.mixed[3:]]
     result = run(0.3, item=found, log=log)
-    dims = ["axis", "coordinate", "coordinate_2", "coordinate_3", "angle", "element_3"]
+    dims = ["axis", "coordinate", "coordinate_2", "coordinate_3", "angle"]
     assert [signal.dims[1] for signal in result.values()] == dims
     assert [*result["truss.mixed"]["coordinate_3"].values] == ["x", "y", "z", "phi", "psi"]
     assert_array_equal(result["limit.y"].sel(axis="turn"), result["truss.x"].sel(coordinate_2="b"))
