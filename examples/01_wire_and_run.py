@@ -60,7 +60,8 @@ allocation.command >> truss.actuation
 loop.draw("loop.svg")
 log = [control.error, truss.coordinates, truss.base_force, truss.base_torque]
 result = simulate(loop, 80.0, step=1e-3, log=log, log_step=0.01)
-print("largest position error  ", float(abs(result["control.error"][:, :3]).max()), "m")
+error = result["control.error"].sel(coordinate=["x", "y", "z"])
+print("largest position error  ", float(abs(error).max()), "m")
 print("largest base force      ", abs(result["truss.base_force"]).max(["time", "axis"]).values, "N")
 print("largest base torque     ", float(abs(result["truss.base_torque"]).max()), "N*m")
 

@@ -233,7 +233,11 @@ class LayeredTable(TableReader):
     general: str
 
     def __contains__(self, key: str) -> bool:
-        return self.file.layer_of(self._place(key), key) is not None
+        return self.layer(key) is not None
+
+    def layer(self, key: str) -> ParameterTable | None:
+        """Return the first file with the `key` in this table, or None."""
+        return self.file.layer_of(self._place(key), key)
 
     def _place(self, key: str) -> str:
         """Return the name of the table with a `key`."""

@@ -14,7 +14,7 @@ from trussflow import __version__
 
 
 class Command(NamedTuple):
-    """Subcommand: what it `does`, and the `module` with ``parser(prog)`` and ``main(words, prog)``."""
+    """Subcommand: help text `does`, and the `module` with ``parser(prog)`` and ``main(words, prog)``."""
 
     does: str
     module: str
@@ -32,13 +32,13 @@ class Version(argparse.Action):
 
 
 COMMANDS = {
-    "new": Command("write a first loop or mission to start from", "trussflow.new"),
+    "new": Command("write an example script or mission file", "trussflow.new"),
     "run": Command("simulate a diagram or an FMU", "trussflow.run"),
     "sweep": Command("run a diagram many times, here or on a cluster", "trussflow.sweep"),
     "draw": Command("draw a diagram", "trussflow.draw"),
-    "fmu": Command("write a diagram as an FMU, look into an FMU", "trussflow.fmu.__main__"),
-    "fly": Command("fly a mission: figures, page, result", "trussflow.models.transport.__main__"),
-    "view": Command("show a result in motion, as one page", "trussflow.models.viewer.__main__"),
+    "fmu": Command("export a diagram as an FMU, describe an FMU", "trussflow.fmu.__main__"),
+    "fly": Command("simulate a mission: result, figures, page", "trussflow.models.transport.__main__"),
+    "view": Command("write a page with the animation of a result", "trussflow.models.viewer.__main__"),
     "analyse": Command("modes, margins and Bode plot of any loop", "trussflow.analyse"),
 }
 """Subcommands by name; a module is imported only when its command is called."""
@@ -47,11 +47,11 @@ GARBAGE_THRESHOLD = 50_000
 """Number of new objects between collections of cyclic garbage; Python's default is 700 or more [-]."""
 
 HELP_EXAMPLES = """examples:
-  trussflow new loop.py                          # a pendulum under control, to be changed
-  trussflow run loop.py:loop 10 --plot loop.png  # simulated
-  trussflow draw loop.py:loop loop.svg           # as a picture
-  trussflow fmu export loop.py:loop loop.fmu     # for other tools
-  trussflow fly --case 1                         # the space truss; open results/case1/index.html
+  trussflow new loop.py                          # a controlled pendulum
+  trussflow run loop.py:loop 10 --plot loop.png  # simulate it for 10 s
+  trussflow draw loop.py:loop loop.svg           # draw it
+  trussflow fmu export loop.py:loop loop.fmu     # export it as an FMU
+  trussflow fly --case 1                         # the space truss; writes results/case1/index.html
 
 exit codes: 0 success, 1 failure, 2 wrong arguments or models, 130 stopped by Ctrl-C
 tab completion: trussflow --print-completion bash > ~/.local/share/bash-completion/completions/trussflow"""
@@ -66,7 +66,7 @@ def parser(*, whole: bool) -> argparse.ArgumentParser:
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     found.add_argument("--version", action=Version, nargs=0, help="print version and size of the cache")
-    shtab.add_argument_to(found, help="print what makes a shell complete commands and options at a tab")
+    shtab.add_argument_to(found, help="print the completion script of a shell")
     commands = found.add_subparsers(metavar="command", required=True, title="commands")
     for name, command in COMMANDS.items():
         parents = [_module(command).parser(f"trussflow {name}")] if whole else []

@@ -17,13 +17,15 @@ def parser(prog: str) -> argparse.ArgumentParser:
     found = parser_of(
         prog,
         "Draw a diagram as SVG, or print it as a tree of blocks with ports, rates and states.",
-        "loop.py:loop                # the tree",
-        "loop.py:loop loop.svg       # the picture; browsers show it",
-        "loop.py:loop loop.svg --depth 1   # with the diagrams in it open",
+        "loop.py:loop                # print the tree",
+        "loop.py:loop loop.svg       # write the picture",
+        "loop.py:loop loop.svg --depth 1   # with nested diagrams open",
     )
-    found.add_argument("item", help="module:name or file.py:name of a diagram, or of what returns one")
-    found.add_argument("path", type=Path, nargs="?", help="file to write, named .svg")
-    found.add_argument("--depth", type=int, default=0, help="levels of inner diagrams that are open")
+    found.add_argument(
+        "item", help="module:name or file.py:name of a diagram, or of a function returning one"
+    )
+    found.add_argument("path", type=Path, nargs="?", help="file to write, with the suffix .svg")
+    found.add_argument("--depth", type=int, default=0, help="levels of nested diagrams to draw open")
     return found
 
 
@@ -37,7 +39,7 @@ def draw(options: argparse.Namespace) -> Outcome:
         diagram.draw(options.path, depth=options.depth)
         text = f"{options.path}: {len(diagram.blocks)} blocks"
     else:
-        raise DiagramError(f"cannot draw '{options.item}': it is a block by itself, not a diagram")
+        raise DiagramError(f"cannot draw '{options.item}': it is a single block, not a diagram")
     ends = [[port.full_path for port in wire.ends] for wire in wires]  # a grounded input has no source
     return Outcome({"file": options.path, "tree": asdict(diagram._described()), "wires": ends}, text)
 

@@ -18,8 +18,8 @@ def parser(prog: str) -> argparse.ArgumentParser:
     """Return the argument parser of the command `prog`."""
     found = parser_of(
         prog,
-        "Write a small closed loop with a block of its own, to be run, drawn, exported and changed,\n"
-        "or a mission of the space truss, with a comment on every line.",
+        "Write an example script with a block and a closed loop, or a mission file of the space truss\n"
+        "with comments.",
         "loop.py         # then: python loop.py",
         "mission.toml    # then: trussflow fly mission.toml",
     )
@@ -32,7 +32,9 @@ def new(options: argparse.Namespace) -> Outcome:
     path: Path = options.path
     mission = path.suffix == ".toml"
     if not mission and (path.suffix != ".py" or not path.stem.isidentifier()):
-        raise DiagramError(f"cannot write '{path}': name it .toml, or .py and so that it can be imported")
+        raise DiagramError(
+            f"cannot write '{path}': its name must end with .toml, or be a module name with .py"
+        )
     package, file = ("trussflow.models", MISSION_TEMPLATE) if mission else ("trussflow", "starter.py")
     if path.exists():
         raise DiagramError(f"cannot write '{path}': it exists already; name another file")
@@ -43,7 +45,7 @@ def new(options: argparse.Namespace) -> Outcome:
         raise DiagramError(f"cannot write '{path}': {error}") from error
     text = f"run it with 'python {path}' or 'trussflow run {path}:loop 10'"
     if mission:
-        text = f"fly it with 'trussflow fly {path}'; '--explain' says all that is assumed"
+        text = f"run it with 'trussflow fly {path}'; '--explain' prints all values"
     return Outcome({"file": path}, f"{path}: {text}")
 
 

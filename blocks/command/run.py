@@ -15,7 +15,7 @@ from trussflow.blocks.framework.diagram import Diagram
 from trussflow.blocks.framework.errors import DiagramError, NameLookupError
 from trussflow.blocks.library.sources import Constant
 from trussflow.blocks.simulation.adaptive import METHODS
-from trussflow.blocks.simulation.results import save
+from trussflow.blocks.simulation.results import plot, save, to_pandas
 from trussflow.blocks.simulation.simulator import simulate
 from trussflow.blocks.simulation.solver import FIXED_STEP
 from trussflow.fmu.importing.block import Fmu
@@ -28,13 +28,13 @@ PICTURES = (".png", ".svg", ".pdf")
 
 
 def parser(prog: str) -> argparse.ArgumentParser:
-    """Return what reads the words behind `prog`, the command."""
+    """Return the argument parser of the command `prog`."""
     found = parser_of(
         prog,
-        "Simulate a diagram, a block or an FMU, and say where its signals end and how far they went.",
+        "Simulate a diagram, a block or an FMU, and print final, least and greatest values of its signals.",
         "loop.py:loop 10                                     # 10 s with steps of 1 ms",
-        "loop.py:loop 10 --solver DOP853 --plot loop.png     # steps by their error, and a picture",
-        "loop.py:loop 10 --parameter pendulum.mass=2 --json  # another mass, for other programs",
+        "loop.py:loop 10 --solver DOP853 --plot loop.png     # variable steps, and a picture",
+        "loop.py:loop 10 --parameter pendulum.mass=2 --json  # another mass, output as JSON",
         "plant.fmu 5 --input u=1.5 --output plant.nc         # an FMU under a constant input",
     )
     found.add_argument("item", help="file.py:name or module:name of a diagram or block, or an FMU")
@@ -43,7 +43,10 @@ def parser(prog: str) -> argparse.ArgumentParser:
     found.add_argument("--solver", choices=(*FIXED_STEP, *METHODS), default="rk4")
     found.add_argument("--log", nargs="+", metavar="BLOCK.PORT", help="by default every output")
     found.add_argument("--log-step", type=float, help="time between logged instants [s]")
-    for option, what in (("parameter", "value of a parameter"), ("input", "of a block or FMU: its value")):
+    for option, what in (
+        ("parameter", "value of a parameter"),
+        ("input", "constant input of a block or FMU"),
+    ):
         found.add_argument(
             f"--{option}",
             dest=f"{option}s",
@@ -53,9 +56,7 @@ def parser(prog: str) -> argparse.ArgumentParser:
             help=f"{what}, arrays as [1, 2]; may be repeated",
         )
     found.add_argument("--output", type=Path, help="netCDF file to write")
-    found.add_argument(
-        "--plot", type=Path, help=f"picture of all that was logged to write: {', '.join(PICTURES)}"
-    )
+    found.add_argument("--plot", type=Path, help=f"picture of all logged signals: {', '.join(PICTURES)}")
     return found
 
 
@@ -67,7 +68,7 @@ def picture(path: Path | None) -> Path | None:
 
 
 def run(options: argparse.Namespace) -> Outcome:
-    """Simulate what the `options` ask for."""
+    """Simulate the diagram, block or FMU of the `options`."""
     picture(options.plot)
     step = 1e-3 if options.step is None and options.solver in FIXED_STEP else options.step
     item = options.item
@@ -84,7 +85,7 @@ def run(options: argparse.Namespace) -> Outcome:
     if options.output is not None:
         save(result, options.output)
     if options.plot is not None:
-        plot(result, options.plot)
+        plot(result).savefig(options.plot)
     rows = list(figures(result))
     width = max((len(row["signal"]) for row in rows), default=0)
     lines = [f"{'signal':{width}}  {'unit':10} {'end':>12} {'least':>12} {'greatest':>12}"]
@@ -120,29 +121,15 @@ def driven(block: Block, inputs: dict[str, Any]) -> Diagram:
 def figures(result: xr.Dataset) -> Iterator[dict[str, Any]]:
     """Yield name, unit, last, least and greatest value of each signal of a `result`, by element."""
     for name, signal in result.data_vars.items():
-        values = signal.values.reshape(len(signal), -1)
-        for k, column in enumerate(values.T):
+        for element, column in to_pandas(result[[name]]).items():
+            values = column.to_numpy()
             yield {
-                "signal": f"{name}" if values.shape[1] == 1 else f"{name}[{k}]",
+                "signal": element,
                 "unit": signal.attrs.get("units", ""),
-                "end": float(column[-1]),
-                "least": float(np.min(column)),
-                "greatest": float(np.max(column)),
+                "end": float(values[-1]),
+                "least": float(np.min(values)),
+                "greatest": float(np.max(values)),
             }
-
-
-def plot(result: xr.Dataset, path: Path) -> None:
-    """Draw the signals of a `result`, one above the other, to a file at `path`."""
-    from matplotlib.figure import Figure
-
-    figure = Figure(figsize=(8, 1 + 1.6 * len(result.data_vars)), layout="constrained")
-    axes = figure.subplots(len(result.data_vars), sharex=True, squeeze=False)[:, 0]
-    for axis, (name, signal) in zip(axes, result.data_vars.items(), strict=True):
-        axis.plot(result["time"], signal.values.reshape(len(signal), -1))
-        axis.set(ylabel=f"{name}\n[{signal.attrs.get('units', '')}]")
-        axis.grid(visible=True, alpha=0.3)
-    axes[-1].set(xlabel="time [s]")
-    figure.savefig(path)
 
 
 def main(words: list[str], prog: str) -> int:

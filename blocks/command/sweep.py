@@ -27,15 +27,15 @@ def parser(prog: str) -> argparse.ArgumentParser:
         "arguments to sweep. Called again with the same --path, it resumes the sweep.",
         "loop.py:campaign --path kept                                    # on all cores of this machine",
         "loop.py:campaign --path kept --scheduler tcp://192.168.0.1:8786 # on the workers of a Dask cluster",
-        "loop.py:campaign --samples 20 --executor serial --output few.nc # a few, to see whether it works",
+        "loop.py:campaign --samples 20 --executor serial --output few.nc # a short trial",
     )
     found.add_argument("campaign", help="file.py:name or module:name")
-    found.add_argument("--path", type=Path, help="folder to keep finished samples in")
-    found.add_argument("--samples", type=int, help="how often distributions are drawn")
+    found.add_argument("--path", type=Path, help="folder of the finished samples")
+    found.add_argument("--samples", type=int, help="number of samples of distributions")
     found.add_argument("--executor", choices=EXECUTORS, help="default: processes")
-    found.add_argument("--workers", type=int, help="how many samples run side by side; default: one per core")
-    found.add_argument("--scheduler", metavar="ADDRESS", help="of a Dask cluster")
-    found.add_argument("--output", type=Path, help="netCDF file to write the whole to")
+    found.add_argument("--workers", type=int, help="number of parallel samples; default: one per core")
+    found.add_argument("--scheduler", metavar="ADDRESS", help="scheduler of a Dask cluster")
+    found.add_argument("--output", type=Path, help="netCDF file of all samples")
     return found
 
 

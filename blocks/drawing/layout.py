@@ -23,7 +23,7 @@ PIN_PITCH = 18.0
 PLACING_ROUNDS = 3
 """Number of placements, each with an order adapted to the heights of the one before."""
 
-MAX_COMPARED_BOXES, MAX_ARRANGEMENTS = 240, 24
+MAX_COMPARED_BOXES, MAX_ARRANGEMENTS = 240, 4
 """Largest number of boxes in all compared arrangements, and largest number of arrangements."""
 
 
@@ -47,7 +47,7 @@ def layout(boxes: list[Box], nets: list[Net], width: float = 0.0, top: float = 0
         Width and height [px].
     """
     start = [(pin, pin.dy) for box in boxes for side in box.sides for pin in side]
-    scores: dict[int, tuple[int, int, int]] = {}
+    scores: dict[int, tuple[int, int]] = {}
 
     def attempt(variant: int) -> tuple[float, float]:
         for pin, dy in start:
@@ -71,20 +71,13 @@ def layout(boxes: list[Box], nets: list[Net], width: float = 0.0, top: float = 0
                 x += column
         for box in boxes:
             box.x = max(width, x) - box.width if box.edge > 0 else box.x
-        scores[variant] = crossings, route(nets, channels), over(layers)
+        scores[variant] = crossings, route(nets, channels)
         return max(width, x), max(box.y + box.height for layer in layers for box in layer)
 
     for variant in counted("drawing", range(max(1, min(MAX_ARRANGEMENTS, MAX_COMPARED_BOXES // len(boxes))))):
         size = attempt(variant)
     best = min(scores, key=scores.__getitem__)
     return size if best == variant else attempt(best)
-
-
-def over(layers: list[list[Box]]) -> int:
-    """Return how often a wire passes above a box in `layers`; it should pass below."""
-    return sum(
-        bool(b.width) and not a.width for layer in layers for i, b in enumerate(layer) for a in layer[:i]
-    )
 
 
 def ordered(boxes: list[Box], nets: list[Net], variant: int, top: float) -> tuple[list[list[Box]], Channels]:

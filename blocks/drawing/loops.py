@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-from collections import defaultdict
-from collections.abc import Collection, Hashable, Iterator, Mapping
-from typing import TypeVar
+from collections.abc import Collection, Iterator, Mapping
 
 from trussflow.blocks.framework.block import Block
 from trussflow.blocks.framework.diagram import Diagram
@@ -12,9 +10,9 @@ from trussflow.blocks.framework.errors import TrussflowError
 from trussflow.blocks.framework.port import Port
 from trussflow.blocks.framework.system import resolved, targets
 from trussflow.blocks.tracing.block_check import isolate, isolate_anew
+from trussflow.blocks.tracing.loops import cycles
 
 Place = tuple[Block, str]
-T = TypeVar("T", bound=Hashable)
 
 
 def wires_in(diagram: Diagram) -> Iterator[tuple[Port, Port]]:
@@ -33,31 +31,18 @@ def in_loops(diagram: Diagram) -> set[Block]:
     A block that cannot be traced is assumed to have no feedthrough.
     """
     # Only blocks in a cycle of connections are traced, as tracing is slow.
-    near: dict[Block, set[Block]] = defaultdict(set)
-    fed: dict[Place, set[Place]] = defaultdict(set)
     wires = list(wires_in(diagram))
+    near: dict[Block, set[Block]] = {target.block: set() for pair in wires for target in pair}
     for source, target in wires:
-        near[source.block].add(target.block)
-    through = {block: feedthrough(block) for block in on_circles(near)}
+        near[target.block].add(source.block)
+    through = {block: feedthrough(block) for cycle in cycles(near) for block in cycle}
+    outputs = [(block, out) for block, passed in through.items() for out in passed]
+    fed: dict[Place, set[Place]] = {output: set() for output in outputs}
     for source, target in wires:
-        passed = through.get(target.block, {}).items()
-        fed[source.block, source.name] |= {
-            (target.block, out) for out, inputs in passed if target.name in inputs
-        }
-    return {block for block, _ in on_circles(fed)}
-
-
-def on_circles(graph: dict[T, set[T]]) -> set[T]:
-    """Return the nodes of a graph that are in a cycle."""
-    found: set[T] = set()
-    for start in graph:
-        seen, waiting = set[T](), [start]
-        while waiting and start not in seen:
-            news = graph.get(waiting.pop(), set()) - seen
-            seen |= news
-            waiting += news
-        found |= {start} & seen
-    return found
+        for out, inputs in through.get(target.block, {}).items():
+            if target.name in inputs and (source.block, source.name) in fed:
+                fed[target.block, out].add((source.block, source.name))
+    return {block for cycle in cycles(fed) for block, _ in cycle}
 
 
 def feedthrough(block: Block) -> Mapping[str, Collection[str]]:

@@ -153,7 +153,7 @@ class Block(PortOwner, Equations, Described):
         )
         values.update(name=type(self).__name__, parent=None, sample_time=None, sample_offset=0.0)
         declared = {**self._declared, **extra}
-        shape, unit, frame = Inferable(), Inferable(), Inferable()
+        shape, unit, frame, labels = (Inferable() for _ in range(4))
         values["inferred_shape"] = shape
         ports: dict[str, Port] = {}
         for name, declaration in declared.items():
@@ -179,6 +179,7 @@ class Block(PortOwner, Equations, Described):
                     shape if is_inferred else Inferable(self._shape(declaration.shape, name), fixed=True),
                     self._inferable(declaration.unit, unit),
                     self._inferable(declaration.frame, frame),
+                    self._inferable(declaration.labels, labels if is_inferred else Inferable()),
                 )
         self._set_parameters(declared, parameters)
         values["ports"] = ports
@@ -232,7 +233,7 @@ class Block(PortOwner, Equations, Described):
         return as_shape(f"{type(self).__name__}.{name}", resolved)
 
     def _inferable(self, value: Any, shared: Inferable) -> Inferable:
-        """Return the `Inferable` of a unit or frame; `shared` is that of all ports that infer it."""
+        """Return the `Inferable` of a unit, frame or labels; `shared` is that of all ports that infer it."""
         resolved = self._resolved(value)
         return shared if resolved is INFERRED else Inferable(resolved, fixed=True)
 

@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from trussflow.blocks.framework.errors import BlockError, NameLookupError, ParameterError
-from trussflow.blocks.framework.port import Shape
+from trussflow.blocks.framework.port import Axes, Shape
 from trussflow.blocks.framework.types import Array, Vector
 from trussflow.blocks.framework.validation import finite_array, first_element
 
@@ -31,7 +31,7 @@ REQUIRED: Final = _Required()
 
 
 class Attribute(str):
-    """Name of a block attribute with a unit or a frame; shapes use plain names."""
+    """Name of a block attribute with a unit, a frame or labels; shapes use plain names."""
 
     __slots__ = ()
 
@@ -123,6 +123,8 @@ class State:
         Unit of the state.
     meaning : str
         Description in one line.
+    labels : tuple or dict, optional
+        Labels of the elements, as for `Input`.
 
     Raises
     ------
@@ -137,11 +139,12 @@ class State:
         initial: npt.ArrayLike = 0.0,
         unit: str | tuple[str, ...] = "",
         meaning: str = "",
+        labels: tuple[str | int, ...] | Axes | str | None = None,
     ) -> None:
         if isinstance(shape, float):
             raise BlockError(f"{shape} is no shape of a state; its initial value is State(initial={shape})")
         self.shape, self.initial, self.unit, self.meaning = shape, initial, unit, meaning
-        self.name = ""
+        self.labels, self.name = labels, ""
 
     def __set_name__(self, owner: type, name: str) -> None:
         self.name = name

@@ -260,14 +260,14 @@ class Netlist(Block):
         self._infer_anew()
 
     def _infer_anew(self) -> None:
-        """Infer shapes, units and frames from the present wires; remove wires that no longer fit."""
+        """Infer shapes, units, frames and labels from the present wires; remove wires that no longer fit."""
         root: Netlist = self
         while root.parent is not None:
             root = root.parent
         for block in [root, *root._within()]:
             for port in block.ports.values():
-                for inferable in (port.inferable_shape, port.inferable_unit, port.inferable_frame):
-                    inferable.forget()
+                for name in ("shape", "unit", "frame", "labels"):
+                    getattr(port, f"inferable_{name}").forget()
         for diagram in [*reversed([*root._within()]), root]:
             if isinstance(diagram, Netlist):
                 for fault in diagram._fit_anew():

@@ -48,6 +48,12 @@ has shape 6 and unit N, its output ``y`` has them too.
 Shape = int | str | tuple[int | str, ...] | _Inferred
 """A size, a tuple of sizes, or names of block attributes with sizes."""
 
+Axes = dict[str, tuple[str | int, ...]]
+"""Labels along each axis of an array, by the name of the axis."""
+
+VECTOR_AXIS = "coordinate"
+"""Axis of a labelled vector that declares no name for it, or several."""
+
 
 class _Declaration:
     """Base of the declarations of inputs and outputs."""
@@ -60,10 +66,10 @@ class _Declaration:
         frame: str | _Inferred | None = None,
         dtype: type = float,
         meaning: str = "",
-        dims: tuple[str, ...] = (),
+        labels: tuple[str | int, ...] | Axes | str | _Inferred = INFERRED,
     ) -> None:
         self.shape, self.unit, self.frame = shape, unit, frame
-        self.dtype, self.meaning, self.dims = np.dtype(dtype), meaning, dims
+        self.dtype, self.meaning, self.labels = np.dtype(dtype), meaning, labels
         self.default: float | None = None
         self.name = ""
 
@@ -94,12 +100,14 @@ class Input(_Declaration):
         Element type.
     meaning : str
         Description in one line.
-    dims : tuple of str
-        Names of the axes in result files.
+    labels : tuple or dict
+        Labels of the elements in results, for the axis ``coordinate``, or labels along each axis, by its
+        name. A vector may have several axes, one for each part; the whole vector then has the axis
+        ``coordinate``. By default inferred from the wires, like the shape.
     default : float, optional
         Value of the input if it is not connected [unit of the port].
     **about
-        Unit, frame, dtype, meaning and dims.
+        Unit, frame, dtype, meaning and labels.
     """
 
     def __init__(self, shape: Shape = (), *, default: float | None = None, **about: Any) -> None:
@@ -194,8 +202,8 @@ class Port(Wired):
         Name in the block.
     declaration : Input or Output
         Declaration in the class.
-    inferable_shape, inferable_unit, inferable_frame : Inferable
-        Shape, unit and frame, which may still be open.
+    inferable_shape, inferable_unit, inferable_frame, inferable_labels : Inferable
+        Shape, unit, frame and labels, which may still be open.
     index : object, optional
         NumPy index of a slice; None for the whole port.
     """
@@ -206,6 +214,7 @@ class Port(Wired):
     inferable_shape: Inferable
     inferable_unit: Inferable
     inferable_frame: Inferable
+    inferable_labels: Inferable = field(default_factory=Inferable)
     index: Any = field(default=None)
 
     # -- properties -----------------------------------------------------------------
@@ -284,6 +293,28 @@ class Port(Wired):
         if len(units) != self.size:
             raise WiringError(f"'{self.path}' has {len(units)} units for {self.size} elements")
         return tuple(units[i] for i in self.elements().ravel())
+
+    def axes(self) -> Axes:
+        """Return the labels along each axis; nothing without labels, or for a slice of a matrix.
+
+        Raises
+        ------
+        WiringError
+            If the numbers of labels and elements differ.
+        """
+        labels, shape = self.inferable_labels.get(), self.whole_shape or ()
+        if labels is None:
+            return {}
+        axes = labels if isinstance(labels, dict) else {VECTOR_AXIS: labels}
+        sizes = tuple(map(len, axes.values()))
+        if (sum(sizes),) != shape and sizes != shape:
+            raise WiringError(f"'{self.path}' has labels for {sizes} elements, but its shape is {shape}")
+        if len(shape) > 1:
+            return axes if self.index is None else {}
+        each = [(axis, label) for axis, part in axes.items() for label in part]
+        each = [each[i] for i in self.elements().ravel()]
+        parts = {axis for axis, _ in each} or {*axes}
+        return {parts.pop() if len(parts) == 1 else VECTOR_AXIS: tuple(label for _, label in each)}
 
     def describe(self) -> str:
         """Return path, shape, unit and frame as text for messages."""

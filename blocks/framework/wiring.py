@@ -93,17 +93,18 @@ def unite(first: Port, second: Port, where: str) -> None:
 
 
 def _infer(source: Port, target: Port, where: str) -> None:
-    """Infer shape, unit and frame of one port from the other."""
-    pairs = [(source.inferable_unit, target.inferable_unit), (source.inferable_frame, target.inferable_frame)]
+    """Infer shape, unit, frame and labels of one port from the other."""
     if source.index is None and target.index is None:
-        for a, b in [(source.inferable_shape, target.inferable_shape), *pairs]:
-            a.unify(b, where)
+        for name in ("inferable_shape", "inferable_unit", "inferable_frame", "inferable_labels"):
+            getattr(source, name).unify(getattr(target, name), where)
         return
     _infer_from_slice(source.inferable_shape, target, source.shape, where)
     _infer_from_slice(target.inferable_shape, source, target.shape, where)
     if source.index is not None and target.index is None and target.inferable_unit.is_open:
         units = source.element_units()
         target.inferable_unit.fix(units[0] if len(set(units)) == 1 else units, where)
+    if target.index is None and target.inferable_labels.is_open and (axes := source.axes()):
+        target.inferable_labels.fix(axes, where)
 
 
 def _infer_from_slice(known: Inferable, other: Port, shape: tuple[int, ...] | None, where: str) -> None:

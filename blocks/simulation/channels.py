@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence, Set
 from dataclasses import dataclass
+from itertools import chain, count
 
 import numpy as np
 
 from trussflow.blocks.framework.declarations import State
 from trussflow.blocks.framework.errors import SimulationError
-from trussflow.blocks.framework.port import Inferable, Output, Port
+from trussflow.blocks.framework.port import Axes, Inferable, Output, Port
 from trussflow.blocks.framework.system import System
 from trussflow.blocks.framework.types import Vector
 from trussflow.blocks.framework.validation import shown
@@ -30,14 +31,14 @@ class Channel:
         The port of a leaf block, whole or sliced.
     columns : slice
         Place of the whole port in a logged row.
-    dims : tuple of str
-        Names of the axes behind time.
+    axes : dict of str to tuple
+        Labels of the axes behind time, by name; empty tuples without labels.
     """
 
     name: str
     port: Port
     columns: slice
-    dims: tuple[str, ...]
+    axes: Axes
 
     def values(self, *pieces: Vector) -> Vector:
         """Return this channel's part of `pieces` of logged rows [as declared], one after the other."""
@@ -61,8 +62,9 @@ class Channel:
 def channels(ports: Mapping[str, Port]) -> list[Channel]:
     """Lay ports out in one row.
 
-    Axes have the names that ports declare, as long as one name means one size; others are named
-    by their size, so that signals of one shape can be subtracted.
+    One name of an axis stands for the same labels in the whole result: an axis with other labels gets a
+    number behind its name. Axes without labels are named by their size, so that signals of one shape can be
+    subtracted.
 
     Raises
     ------
@@ -70,20 +72,22 @@ def channels(ports: Mapping[str, Port]) -> list[Channel]:
         If a name cannot be used in a result file.
     """
     found, start = [], 0
-    sizes: dict[str, int] = {}
+    known: Axes = {}
     for name, port in ports.items():
         text: object = name
         if not isinstance(text, str) or text in ("", "time") or "/" in text:
             raise SimulationError(
                 f"cannot log {port.describe()} as {name!r}: names are not empty, not 'time', and without '/'"
             )
-        shape = port.shape or ()
-        dims = port.declaration.dims
-        fits = len(dims) == len(shape) and len(set(dims)) == len(dims) and not {*ports} & {*dims}
-        if not fits or any(sizes.get(d, n) != n for d, n in zip(dims, shape, strict=True)):
-            dims = tuple(f"element_{size}" + "_" * shape[:i].count(size) for i, size in enumerate(shape))
-        sizes |= dict(zip(dims, shape, strict=True))
-        found.append(Channel(name, port, slice(start, start + port.size), dims))
+        shape, declared, axes = port.shape or (), port.axes(), Axes()
+        if len(declared) != len(shape):
+            axes = {f"element_{n}" + "_" * shape[:i].count(n): () for i, n in enumerate(shape)}
+        else:
+            for axis, labels in declared.items():
+                names = chain([axis], (f"{axis}_{k}" for k in count(2)))
+                free = (n for n in names if n not in ports and known.setdefault(n, labels) == labels)
+                axes[next(free)] = labels
+        found.append(Channel(name, port, slice(start, start + port.size), axes))
         start += port.size
     return found
 
@@ -95,9 +99,10 @@ def _signal(system: System, reference: Port | str) -> Port:
     if block is None or own not in block.declared(State) or own in block.ports:
         return system.port(reference)
     state, shape = block.declared(State)[own], block.state_shape(own)
-    declared = Output(shape, unit=state.unit or None, meaning=state.meaning)
+    unit, labels = block._resolved(state.unit) or None, block._resolved(state.labels)
+    declared = Output(shape, unit=unit, meaning=state.meaning)
     return Port(
-        block, own, declared, *(Inferable(known, fixed=True) for known in (shape, declared.unit, None))
+        block, own, declared, *(Inferable(known, fixed=True) for known in (shape, unit, None, labels))
     )
 
 

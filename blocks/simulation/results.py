@@ -11,6 +11,7 @@ import shutil
 import sys
 from collections.abc import Mapping, Sequence
 from importlib.metadata import PackageNotFoundError, version
+from itertools import product
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -65,11 +66,12 @@ def dataset(
 
     # Of an array xarray would ask pint, dask and others whether it is theirs, and import them for that.
     variables = {
-        c.name: xr.Variable(("time", *c.dims), c.values(*rows), c.attributes(), fastpath=True)
+        c.name: xr.Variable(("time", *c.axes), c.values(*rows), c.attributes(), fastpath=True)
         for c in channels
     }
     time = ("time", pd.Index(times), {"units": "s", "long_name": "time"})
-    return xr.Dataset(variables, {"time": time}, dict(attributes))
+    axes = {axis: pd.Index(labels) for c in channels for axis, labels in c.axes.items() if labels}
+    return xr.Dataset(variables, {"time": time, **axes}, dict(attributes))
 
 
 WRITE_ERRORS = OSError, RuntimeError, UnicodeError
@@ -189,6 +191,8 @@ def load(path: str | Path) -> xr.Dataset:
 def to_pandas(result: xr.Dataset) -> pd.DataFrame:
     """Return a result as a table: a row for each time, a column for each element, such as ``plant.q[0]``.
 
+    Elements with labels have these: ``plant.position[z]``.
+
     Parameters
     ----------
     result : xarray.Dataset
@@ -198,8 +202,9 @@ def to_pandas(result: xr.Dataset) -> pd.DataFrame:
 
     columns = {}
     for name, signal in _signals(result, "tabulate").data_vars.items():
-        for index in np.ndindex(signal.shape[1:]):
-            element = f"[{', '.join(map(str, index))}]" if index else ""
+        labels = [signal[d].values if d in signal.coords else range(signal.sizes[d]) for d in signal.dims[1:]]
+        for index, label in zip(np.ndindex(signal.shape[1:]), product(*labels), strict=True):
+            element = f"[{', '.join(map(str, label))}]" if index else ""
             columns[f"{name}{element}"] = signal.values[:, *index]
     return pd.DataFrame(columns, index=pd.Index(result["time"].values, name="time"))
 

@@ -17,6 +17,8 @@ from contextlib import ExitStack, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from trussflow.blocks.framework.errors import Explained, SimulationError, SimulationInterrupted
 from trussflow.blocks.framework.files import destination, locked, refuse_foreign, replaced
 from trussflow.blocks.framework.interrupts import uninterrupted
@@ -197,11 +199,15 @@ class StreamedLog(Log):
             time.setncatts({"units": "s", "long_name": "time"})
             for channel in self.channels:
                 sizes = channel.port.shape or ()
-                for name, size in zip(channel.dims, sizes, strict=True):
+                for (name, labels), size in zip(channel.axes.items(), sizes, strict=True):
                     if name not in file.dimensions:
                         file.createDimension(name, size)
+                        if labels:
+                            values = np.array(labels, dtype=object if isinstance(labels[0], str) else "i8")
+                            kind = str if values.dtype == object else "i8"
+                            file.createVariable(name, kind, (name,))[:] = values
                 chunks = [max(1, n) for n in (CHUNK_ROWS, *sizes)]
-                variable = file.createVariable(channel.name, "f8", ("time", *channel.dims), chunksizes=chunks)
+                variable = file.createVariable(channel.name, "f8", ("time", *channel.axes), chunksizes=chunks)
                 variable.setncatts(channel.attributes())
                 # Rows come in order: room for two chunks does, where the library takes 16 MB.
                 variable.set_var_chunk_cache(size=2 * 8 * math.prod(chunks))
@@ -209,8 +215,8 @@ class StreamedLog(Log):
                 with netCDF4.Dataset(str(path)) as piece:
                     piece.set_auto_mask(False)
                     start = len(time)
-                    for name, variable in file.variables.items():
-                        variable[start : start + len(piece["time"])] = piece[name][:]
+                    for name in ("time", *(channel.name for channel in self.channels)):
+                        file[name][start : start + len(piece["time"])] = piece[name][:]
 
     def _left(self, error: BaseException) -> SimulationError:
         """Say what can still be read."""

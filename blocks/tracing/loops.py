@@ -8,10 +8,10 @@ last solution, which is the initial guess of the next one.
 
 from __future__ import annotations
 
-from collections.abc import Collection, Container, Iterable, Iterator, Mapping
+from collections.abc import Collection, Container, Hashable, Iterable, Iterator, Mapping
 from graphlib import CycleError, TopologicalSorter
 from itertools import combinations, pairwise
-from typing import NamedTuple
+from typing import NamedTuple, TypeVar
 
 import casadi as ca
 
@@ -21,6 +21,8 @@ from trussflow.blocks.framework.errors import AlgebraicLoopError
 from trussflow.blocks.framework.port import Port
 from trussflow.blocks.framework.system import System
 from trussflow.blocks.tracing.waits import MAX_SEPARATE_CLOCKS
+
+T = TypeVar("T", bound=Hashable)
 
 Feedthrough = dict[str, dict[str, frozenset[str]]]
 """Inputs with direct feedthrough, by block path and output."""
@@ -132,7 +134,7 @@ def share_program(system: System, feedthrough: Feedthrough) -> bool:
     if len(system.clocks) <= MAX_SEPARATE_CLOCKS:
         return False
     held = {path: not b.traced and system.clock(b) is None for path, b in system.blocks.items()}
-    for circle in _circles(_graph(system, feedthrough, held)):
+    for circle in cycles(_graph(system, feedthrough, held)):
         clocks = {clock for port in circle if (clock := system.clock(port.block)) is not None}
         if any((a.offset - b.offset) % common_tick((a.period, b.period)) for a, b in combinations(clocks, 2)):
             return False
@@ -147,7 +149,7 @@ def torn_ports(graph: Graph, preferred: Container[Port]) -> frozenset[Port]:
     found: set[Port] = set()
     waiting = [graph]
     while waiting:
-        for ports in _circles(waiting.pop()):
+        for ports in cycles(waiting.pop()):
             inside = _among(graph, ports)
             reads = dict.fromkeys(ports, 0)
             for sources in inside.values():
@@ -197,20 +199,26 @@ def order(
     return stages
 
 
-def _components(graph: Graph) -> Iterator[tuple[Port, ...]]:
+def _components(graph: Mapping[T, Collection[T]]) -> Iterator[tuple[T, ...]]:
     """Yield the strongly connected components of a graph, each after those on which it depends."""
-    ports = list(graph)
-    number = {port: i for i, port in enumerate(ports)}
-    pairs = [(number[port], number[source]) for port, sources in graph.items() for source in sources]
+    nodes = list(graph)
+    number = {node: i for i, node in enumerate(nodes)}
+    pairs = [(number[node], number[source]) for node, sources in graph.items() for source in sources]
     rows, columns = zip(*pairs, strict=True) if pairs else ((), ())
-    _, places, starts = ca.Sparsity.triplet(len(ports), len(ports), rows, columns).scc()
+    _, places, starts = ca.Sparsity.triplet(len(nodes), len(nodes), rows, columns).scc()
     # CasADi lists first the components on which no other depends.
     for begin, end in reversed(list(pairwise(starts))):
-        yield tuple(ports[i] for i in sorted(places[begin:end]))
+        yield tuple(nodes[i] for i in sorted(places[begin:end]))
 
 
-def _circles(graph: Graph) -> Iterator[tuple[Port, ...]]:
-    """Return the components that contain a cycle."""
+def cycles(graph: Mapping[T, Collection[T]]) -> Iterator[tuple[T, ...]]:
+    """Yield the strongly connected components of a graph that contain a cycle.
+
+    Parameters
+    ----------
+    graph : mapping
+        Nodes on which each node depends; each node is a key.
+    """
     return (c for c in _components(graph) if len(c) > 1 or c[0] in graph[c[0]])
 
 

@@ -12,7 +12,7 @@ antenna_mission.toml`` does the same. Reading Nastran files needs ``pip install 
 import matplotlib.pyplot as plt
 import numpy as np
 
-from trussflow.models.transport import MissionFile, tidy
+from trussflow.models.transport import MissionFile, check_run
 from trussflow.models.viewer import replay
 
 flown = MissionFile.read("antenna_mission.toml")
@@ -36,8 +36,7 @@ print(f"the path takes {taken:g} s, the actuators need {least:.1f} s: they use {
 # %%
 # Run it. Thrust has a quantum of 0.1 N, commands have 40 ms of delay, and no sensor measures the ribs.
 
-raw = flown.simulator(flown.diagram()).run(flown.duration, progress=False)
-result = tidy(raw, truss)
+result = check_run(flown.simulator(flown.diagram()).run(flown.duration, progress=False), truss)
 figure, axes = plt.subplots(3, sharex=True, layout="constrained")
 for axis, name, label in zip(
     axes,
@@ -55,4 +54,4 @@ plt.show()
 # %%
 # In motion, with lines for the elements:
 
-replay(raw, truss, "antenna.html", rods=flown.rods, title=flown.title)
+replay(result, truss, "antenna.html", rods=flown.rods, title=flown.title)

@@ -11,7 +11,7 @@ the same.
 import matplotlib.pyplot as plt
 import numpy as np
 
-from trussflow.models.transport import MissionFile, tidy
+from trussflow.models.transport import MissionFile, check_run
 from trussflow.models.viewer import replay
 
 flown = MissionFile.read("ring_mission.toml")
@@ -29,8 +29,7 @@ print(f"the path takes {taken:g} s, the actuators need {least:.1f} s: they use {
 # %%
 # Run it, with sensors, delay and thrust quantization:
 
-raw = flown.simulator(flown.diagram()).run(flown.duration, progress=False)
-result = tidy(raw, truss)
+result = check_run(flown.simulator(flown.diagram()).run(flown.duration, progress=False), truss)
 position = 1e6 * np.linalg.norm(result["position_error"], axis=1)
 attitude = 1e6 * np.linalg.norm(result["attitude_error"], axis=1)
 joints = 1e6 * abs(result["joint_error"]).max("joint")
@@ -53,4 +52,4 @@ plt.show()
 # %%
 # In motion:
 
-replay(raw, truss, "ring.html", rods=flown.rods, title=flown.title)
+replay(result, truss, "ring.html", rods=flown.rods, title=flown.title)

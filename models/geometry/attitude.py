@@ -267,7 +267,7 @@ class Quaternion(AttitudeCoordinates):
 
     name = "quaternion"
     rest = (1.0, 0.0, 0.0, 0.0)
-    labels = ("w", "x", "y", "z")
+    labels = ("q_w", "q_x", "q_y", "q_z")
     units = ("1",) * 4
     task_labels = ("about_x", "about_y", "about_z")
     per_radian = 0.5

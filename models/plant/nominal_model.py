@@ -9,9 +9,10 @@ from trussflow.blocks.framework.types import Array
 from trussflow.blocks.tracing.linear_algebra import solve_positive_definite
 from trussflow.models.dynamics.dynamics import TrussDynamics
 from trussflow.models.dynamics.task_space import seen_from, task_drift, task_force_to_body, to_body, way_to
-from trussflow.models.plant.truss_block import TrussBlock
+from trussflow.models.plant.truss_block import SPEEDS, TrussBlock
 
 ACCELERATIONS = Attribute("acceleration_units")
+TASK = Attribute("task_labels")
 
 
 class _NominalDynamics(TrussBlock):
@@ -55,13 +56,15 @@ class NominalModel(_NominalDynamics):
 
     feedforward = Input("rigid", unit=ACCELERATIONS, default=0.0, meaning="desired d2x_1/dt2")
     feedback = Input("rigid", unit=ACCELERATIONS, default=0.0, meaning="correction of d2x_1/dt2")
-    disturbance_estimate = Input("rigid", unit=ACCELERATIONS, default=0.0, meaning="estimate of d")
+    disturbance_estimate = Input(
+        "rigid", unit=ACCELERATIONS, default=0.0, meaning="estimate of d", labels=SPEEDS
+    )
     task_force = Input("rigid", default=0.0, meaning="force and torque in task axes, e.g. of a PD law")
-    generalized_force = Output("rigid", meaning="u")
+    generalized_force = Output("rigid", meaning="u", labels=SPEEDS)
     feedforward_force = Output("rigid", meaning="part of u for the desired acceleration")
     feedback_force = Output("rigid", meaning="part of u for feedback and disturbance estimate")
-    transformed_task_force = Output("rigid", meaning="J_g^T times the task force")
-    nominal_acceleration = Output("rigid", unit=ACCELERATIONS, meaning="G^-1 (u - c)")
+    transformed_task_force = Output("rigid", meaning="J_g^T times the task force", labels=SPEEDS)
+    nominal_acceleration = Output("rigid", unit=ACCELERATIONS, meaning="G^-1 (u - c)", labels=SPEEDS)
     actuation_matrix = Output(("rigid", "actuators"), meaning="P_r, the rigid rows of P_Q")
     full_actuation_matrix = Output(("n", "actuators"), meaning="P_Q, the modal rows included")
 
@@ -140,9 +143,11 @@ class TaskErrors(TrussBlock):
     reference_acceleration = Input("rigid", unit=ACCELERATIONS, default=0.0, meaning="acceleration of x_d")
     position = Input("rigid_q", unit=Attribute("position_units"), meaning="x_1")
     velocity = Input("rigid", unit=Attribute("task_rate_units"), meaning="J_g x_2")
-    error = Output("rigid", unit=Attribute("task_units"), meaning="position minus reference")
-    error_rate = Output("rigid", unit=Attribute("task_rate_units"), meaning="velocity minus reference")
-    acceleration = Output("rigid", unit=ACCELERATIONS, meaning="reference acceleration")
+    error = Output("rigid", unit=Attribute("task_units"), meaning="position minus reference", labels=TASK)
+    error_rate = Output(
+        "rigid", unit=Attribute("task_rate_units"), meaning="velocity minus reference", labels=TASK
+    )
+    acceleration = Output("rigid", unit=ACCELERATIONS, meaning="reference acceleration", labels=TASK)
 
     def __init__(self, dynamics: TrussDynamics) -> None:
         self.set_dynamics(dynamics)

@@ -19,11 +19,13 @@ from trussflow.models.dynamics.dynamics import TrussDynamics
 from trussflow.models.dynamics.task_space import task_velocity
 from trussflow.models.geometry.attitude import QUATERNION
 from trussflow.models.parameter_files import ParameterTable
-from trussflow.models.plant.truss_block import MODAL_UNIT, TrussBlock
+from trussflow.models.plant.truss_block import MODAL_UNIT, SPEEDS, TrussBlock
 from trussflow.models.robots.robot_arm import RobotArm
 from trussflow.models.truss.paper_truss import accurate_modes
 from trussflow.models.truss.truss_modes import ModalData, TrussModes
 from trussflow.models.validation import check_choice, frozen_array
+
+BASES, MODES = Attribute("base_labels"), Attribute("mode_labels")
 
 
 def arm_by_name(name: str) -> RobotArm:
@@ -89,33 +91,44 @@ class SpaceTruss(TrussBlock):
         "modes",
         unit=f"{MODAL_UNIT}/s**2",
         meaning="P_f Q, generalized force of the actuators on the modes",
-        dims=("mode",),
+        labels=MODES,
     )
-    coordinates = Output("nq", unit=Attribute("coordinate_units"), meaning="q")
-    speeds = Output("n", unit=Attribute("speed_units"), meaning="v")
-    task_position = Output("rigid_q", unit=Attribute("position_units"), meaning="x_1")
-    task_velocity = Output("rigid", unit=Attribute("task_rate_units"), meaning="dx_1/dt, J_g x_2")
-    rigid_speeds = Output("rigid", unit=Attribute("rigid_speed_units"), meaning="x_2")
-    modal_coordinate = Output("modes", unit=MODAL_UNIT, meaning="tau", dims=("mode",))
-    modal_rate = Output("modes", unit=f"{MODAL_UNIT}/s", meaning="d tau/dt", dims=("mode",))
+    coordinates = Output(
+        "nq", unit=Attribute("coordinate_units"), meaning="q", labels=Attribute("coordinate_labels")
+    )
+    speeds = Output("n", unit=Attribute("speed_units"), meaning="v", labels=Attribute("speed_labels"))
+    task_position = Output(
+        "rigid_q", unit=Attribute("position_units"), meaning="x_1", labels=Attribute("position_labels")
+    )
+    task_velocity = Output(
+        "rigid",
+        unit=Attribute("task_rate_units"),
+        meaning="dx_1/dt, J_g x_2",
+        labels=Attribute("task_labels"),
+    )
+    rigid_speeds = Output("rigid", unit=Attribute("rigid_speed_units"), meaning="x_2", labels=SPEEDS)
+    modal_coordinate = Output("modes", unit=MODAL_UNIT, meaning="tau", labels=MODES)
+    modal_rate = Output("modes", unit=f"{MODAL_UNIT}/s", meaning="d tau/dt", labels=MODES)
     grasp_displacement = Output(
         ("robots", 3),
         unit="m",
         frame="truss",
         meaning="elastic displacement T_i tau of the grasp points",
-        dims=("robot", "axis"),
+        labels=BASES,
     )
-    base_force = Output(
-        ("robots", 3), unit="N", frame="base", meaning="force on each base", dims=("robot", "axis")
+    base_force = Output(("robots", 3), unit="N", frame="base", meaning="force on each base", labels=BASES)
+    base_torque = Output(("robots", 3), unit="N*m", frame="base", meaning="torque on each base", labels=BASES)
+    joint_torque = Output(
+        "joints",
+        unit=Attribute("effort_units"),
+        meaning="joint torques, robot by robot",
+        labels=Attribute("joint_labels"),
     )
-    base_torque = Output(
-        ("robots", 3), unit="N*m", frame="base", meaning="torque on each base", dims=("robot", "axis")
-    )
-    joint_torque = Output("joints", unit=Attribute("effort_units"), meaning="joint torques, robot by robot")
     disturbance = Output(
         "rigid",
         unit=Attribute("acceleration_units"),
         meaning="d = -G^-1 M_rf tau'', disturbance acceleration by the flexibility (Eq. 45)",
+        labels=SPEEDS,
     )
     energy = Output(unit="J", meaning="kinetic and elastic energy")
     actuator_rates = Output(
@@ -126,8 +139,10 @@ class SpaceTruss(TrussBlock):
         supplied=[("actuation", "actuator_rates")], stored="energy", dissipated="modal_loss"
     )
 
-    q = State("nq", initial="initial_coordinates", meaning="coordinates")
-    v = State("n", initial="initial_speeds", meaning="speeds")
+    q = State(
+        "nq", initial="initial_coordinates", meaning="coordinates", labels=Attribute("coordinate_labels")
+    )
+    v = State("n", initial="initial_speeds", meaning="speeds", labels=Attribute("speed_labels"))
 
     initial_coordinates = Parameter(shape=("nq",), meaning="q at the start")
     initial_speeds = Parameter(0.0, ("n",), meaning="v at the start")
@@ -150,7 +165,7 @@ class SpaceTruss(TrussBlock):
                 unit=f"{MODAL_UNIT}/s**2",
                 default=0.0,
                 meaning="f, generalized force on the modes",
-                dims=("mode",),
+                labels=MODES,
             )
             self.extra_ports = {"modal_force": force}
         start = dynamics.rest if start is None else start

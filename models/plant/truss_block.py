@@ -1,18 +1,22 @@
-"""Base of the blocks with the equations of a truss: sizes and units of their ports."""
+"""Base of the blocks with the equations of a truss: sizes, units and labels of their ports."""
 
 from __future__ import annotations
 
 from trussflow.blocks.framework.block import Block
+from trussflow.blocks.framework.declarations import Attribute
 from trussflow.models.dynamics.dynamics import TrussDynamics
+from trussflow.models.geometry.attitude import QUATERNION
 
 MODAL_UNIT = "kg**0.5*m"
+AXES = ("x", "y", "z")
+SPEEDS = Attribute("rigid_speed_labels")
 
 
 class TrussBlock(Block):
-    """Block with the dynamics of a truss, and with the sizes and units of its generalized coordinates."""
+    """Block with the dynamics of a truss, and with sizes, units and labels of its generalized coordinates."""
 
     def set_dynamics(self, dynamics: TrussDynamics) -> None:
-        """Set the dynamics, and the sizes and units that ports and states refer to.
+        """Set the dynamics, and the sizes, units and labels that ports and states refer to.
 
         Parameters
         ----------
@@ -38,3 +42,19 @@ class TrussBlock(Block):
             *(f"{u}/s" for u in self.joint_units),
         )
         self.actuator_units = (*(("N",) * 3 + ("N*m",) * 3) * self.robots, *self.effort_units)
+        robots, modes = tuple(range(1, self.robots + 1)), tuple(range(1, self.modes + 1))
+        joints = tuple(
+            f"theta_{i}_{j + 1}"
+            for i, arm in zip(robots, dynamics.arms, strict=True)
+            for j in range(arm.joints)
+        )
+        self.joint_labels, self.mode_labels = {"joint": joints}, {"mode": modes}
+        self.base_labels = {"robot": robots, "axis": AXES}
+        kind, modal_names = dynamics.attitude, tuple(f"tau_{k}" for k in modes)
+        self.task_labels = {"axis": AXES, "angle": kind.task_labels, "joint": joints}
+        attitude = "quaternion" if kind == QUATERNION else "angle"
+        self.position_labels = {"axis": AXES, attitude: kind.labels, "joint": joints}
+        self.coordinate_labels = {**self.position_labels, "mode": modal_names}
+        rigid = (*AXES, *QUATERNION.task_labels, *joints)
+        self.rigid_speed_labels = {"speed": rigid}
+        self.speed_labels = {"speed": rigid + modal_names}

@@ -6,7 +6,6 @@ import argparse
 import shlex
 import sys
 import time
-from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast
 
@@ -23,7 +22,7 @@ from trussflow.models.transport.index import write_index
 from trussflow.models.transport.mission import CASES
 from trussflow.models.transport.mission_file import COMMAND, HARDWARE_KINDS, MEAN_AXES, MissionFile
 from trussflow.models.transport.mission_plant import ARMS, STRUCTURES
-from trussflow.models.transport.results import tidy
+from trussflow.models.transport.results import check_run
 from trussflow.models.transport.summary import summarize, table
 from trussflow.models.transport.wiring import ALLOCATIONS, CONTROLLERS
 
@@ -49,24 +48,26 @@ def parser(prog: str = PROG) -> argparse.ArgumentParser:
     found = parser_of(
         prog,
         "Four space robots carry a flexible truss (Li, Wei, Chen 2026, section 4).",
-        "--case 1                                # results/case1: page, result, figures, summary",
-        "--case 2 --controller smc --duration 20 # the turn, without integral, its first 20 s",
-        "--plant consistent --allocation published   # unstable, by the work of the actuators on the modes",
-        "mission.toml --explain                  # your own mission: all values with their files",
-        "--duration 5 --json                     # figures and provenance for other programs",
+        "--case 1                                # writes page, result, figures, summary to results/case1",
+        "--case 2 --controller smc --duration 20 # first 20 s of Case 2, conventional sliding mode",
+        "--plant consistent --allocation published   # unstable: the actuators do work on the modes",
+        "mission.toml --explain                  # print all values of a mission file with their sources",
+        "--duration 5 --json                     # print figures of merit and provenance as JSON",
     )
     flown = found.add_mutually_exclusive_group()
     flown.add_argument(
-        "mission", type=Path, nargs="?", help="mission file, such as 'trussflow new mission.toml' writes"
+        "mission", type=Path, nargs="?", help="mission file; 'trussflow new mission.toml' writes a template"
     )
     # The default is text: argparse would not notice `--case 1` beside a file if the default were equal.
-    flown.add_argument("--case", type=int, choices=CASES, default="1", help="or a mission of the paper")
+    flown.add_argument(
+        "--case", type=int, choices=CASES, default="1", help="mission of the paper; default: 1"
+    )
     found.add_argument(
         "--plant",
         choices=STRUCTURES,
-        help="the paper's model, the exact one, or one that is accurate at the grasp points",
+        help="model of the paper, exact equations, or also accurate at the grasp points",
     )
-    found.add_argument("--arm", choices=ARMS, help="Table 2 as printed, or the Kinova JACO2")
+    found.add_argument("--arm", choices=ARMS, help="arm: Table 2 as printed, or the Kinova JACO2")
     found.add_argument(
         "--controller",
         choices=(*CONTROLLERS, MEAN_AXES),
@@ -91,7 +92,9 @@ def parser(prog: str = PROG) -> argparse.ArgumentParser:
     found.add_argument(
         "--solver", choices=(*FIXED_STEP, *METHODS), help=f"default: rk4; for PD {STIFF_SOLVER}"
     )
-    found.add_argument("--explain", action="store_true", help="only print all values with their files")
+    found.add_argument(
+        "--explain", action="store_true", help="print all values with their files, without a run"
+    )
     found.add_argument("--output", type=Path, help="folder for result, summary and figures")
     return found
 
@@ -147,7 +150,7 @@ def fly(options: argparse.Namespace, command: str) -> Outcome:
         command=command,
         target=flown.target.tolist(),
     )
-    summary = report(tidy(result, flown.truss), flown, folder, wall, drawing=diagram.draw())
+    summary = report(check_run(result, flown.truss), flown, folder, wall, drawing=diagram.draw())
     if failure:
         print(f"\n{failure}", file=sys.stderr)
     return Outcome(summary, code=FAILED if failure else 0)
@@ -159,7 +162,7 @@ def report(
     """Write result, summary, figures and page, print the summary and return it."""
     save(result, folder / "result.nc")
     figures = summarize(result, flown.mission)
-    summary = {"figures": [asdict(each) for each in figures], "run": result.attrs}
+    summary = {"figures": [each._asdict() for each in figures], "run": result.attrs}
     with replaced(folder / "summary.json") as partial:
         partial.write_text(json_of(summary) + "\n", encoding="utf-8")
     end = float(result["time"][-1])
@@ -169,7 +172,7 @@ def report(
     if len(result["time"]) > 1:  # the replay needs two instants
         with told("writing the page"):
             page = write_index(result, flown, figures, folder, drawing=drawing)
-        print(f"to look at it, open {page} in a browser", flush=True)  # before the slow figures
+        print(f"open {page} in a browser", flush=True)  # before the slow figures
     draw(result, folder)
     print(f"written to {folder}: result.nc, summary.json and figures")
     return summary

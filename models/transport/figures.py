@@ -30,7 +30,7 @@ def draw(result: xr.Dataset, folder: Path) -> None:
     Parameters
     ----------
     result : xarray.Dataset
-        Result by `tidy`.
+        Result with the signals of `logged`.
     folder : pathlib.Path
         Output folder.
     """
@@ -51,7 +51,7 @@ def components(values: xr.DataArray) -> list[Curve]:
     """Return one curve for each component of a vector over time."""
     (axis,) = (str(d) for d in values.dims if d != "time")
     labels = [ANGLE_NAMES.get(str(k), str(k)) for k in values[axis].values]
-    if axis in ("joint", "mode"):
-        labels = [f"{axis} {k}" for k in labels]
+    if axis == "mode":
+        labels = [f"mode {k}" for k in labels]
     time = values["time"].values
     return [Curve(k, time, values.values[:, i]) for i, k in enumerate(labels)]

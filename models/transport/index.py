@@ -26,7 +26,7 @@ def write_index(
     Parameters
     ----------
     result : xarray.Dataset
-        Result by `tidy`, with two or more instants.
+        Result with the signals of `logged`, with two or more instants.
     flown : MissionFile
         Simulated mission.
     figures : list of FigureOfMerit

@@ -16,9 +16,10 @@ from trussflow.models.errors import ModelError
 from trussflow.models.hardware.hardware import Hardware
 from trussflow.models.mean_axes.controller import mean_axes_controller
 from trussflow.models.mean_axes.design import MeanAxesDesign
+from trussflow.models.plant.nominal_model import TaskErrors
 from trussflow.models.plant.space_truss import SpaceTruss
 from trussflow.models.transport.mission import Mission
-from trussflow.models.transport.wiring import path_of, with_hardware
+from trussflow.models.transport.wiring import compare, path_of, with_hardware
 from trussflow.models.validation import frozen_array
 
 
@@ -62,8 +63,9 @@ def mean_axes_transport(
     Returns
     -------
     Diagram
-        Diagram with the blocks trajectory, controller, truss, and, with hardware, actuators and sensors. The
-        optional input `share` of the mission's path scales its acceleration under way (see `RetimedQuintic`).
+        Diagram with the blocks trajectory, controller, truss, errors of the truss frame and, with hardware,
+        actuators and sensors. The optional input `share` of the mission's path scales its acceleration under
+        way (see `RetimedQuintic`).
 
     Raises
     ------
@@ -89,7 +91,8 @@ def mean_axes_transport(
             truss.parameters["initial_coordinates"][: truss.rigid_q],
         ),
     )
-    diagram.add(truss=truss)
+    diagram.add(truss=truss, errors=TaskErrors(truss.dynamics))
+    compare(diagram.errors, trajectory, truss)
     for name in ("position", "velocity", "acceleration"):
         trajectory.port(name) >> controller.port(f"reference_{name}")
     if shares is not None:

@@ -30,11 +30,11 @@ from trussflow.models.mean_axes.design import MeanAxesDesign
 from trussflow.models.parameter_files import ParameterTable, shipped_file
 from trussflow.models.plant.space_truss import SpaceTruss
 from trussflow.models.reporting.tables import text_table
-from trussflow.models.transport.logged_ports import logged
 from trussflow.models.transport.mean_axes_wiring import mean_axes_transport
 from trussflow.models.transport.mission import CASES, FASTEST, Mission
 from trussflow.models.transport.mission_path import path_from
 from trussflow.models.transport.mission_plant import SWITCHES, plant_of, truth_of
+from trussflow.models.transport.results import logged
 from trussflow.models.transport.wiring import ALLOCATIONS, CONTROLLERS, path_of, transport_diagram
 from trussflow.models.validation import check_choice, check_number
 
@@ -242,7 +242,7 @@ class MissionFile:
         )
 
     def simulator(self, diagram: Diagram) -> Simulator:
-        """Return a simulator of the loop that logs the signals for `tidy` and the pages.
+        """Return a simulator of the loop that logs the signals of `logged`.
 
         Parameters
         ----------

@@ -168,21 +168,26 @@ def _arm(robot: LayeredTable, folder: Path) -> RobotArm:
     """Return the robot of a table."""
     name = robot.text("arm")
     kind = Path(name).suffix.lower()
-    links: dict[str, Any] = {key: robot.text(key) for key in ("hand", "base") if kind == URDF or key in robot}
-    locked = robot.mapping("locked") if "locked" in robot else {}
-    if not all(isinstance(place, str) for place in locked.values()):
-        raise robot.error(
-            "locked", "must give each joint a coordinate with its unit, such as {finger = '0.04 m'}"
-        )
     if name in ARMS:
         arm = arm_by_name(name)
     elif kind == ".toml":
         arm = RobotArm.from_file(folder / name)
     elif kind == URDF:
-        arm = RobotArm.from_urdf(folder / name, **links, locked=locked)
+        locked = robot.mapping("locked") if "locked" in robot else {}
+        if not all(isinstance(place, str) for place in locked.values()):
+            raise robot.error(
+                "locked", "must give each joint a coordinate with its unit, such as {finger = '0.04 m'}"
+            )
+        arm = RobotArm.from_urdf(
+            folder / name, hand=robot.text("hand"), base=robot.text("base"), locked=locked
+        )
     else:
         choices = ", ".join((*ARMS, "FILE.urdf", "FILE.toml"))
         raise robot.error("arm", f"is {name!r}; choose from: {choices}")
+    for key in ("hand", "base", "locked"):
+        # An arm of the command line replaces a URDF file of the mission file, and its links with it.
+        if key in robot and kind != URDF and robot.layer(key) is robot.layer("arm"):
+            raise robot.error(key, f"applies to a URDF file only, and the arm is {name!r}; omit it")
     if "rotation" in robot:
         turn = fixed_rotation(robot.array("rotation", "rad", (3,)))
         arm = replace(arm, hand_rotation=turn @ arm.hand_rotation)

@@ -46,7 +46,8 @@ def transport_diagram(
     mission : Mission
         Displacement, duration and gains.
     truss : SpaceTruss
-        Plant.
+        Plant. With modal actuation the diagram has an equal plant with the wire ``modal_demand >>
+        modal_force``, at which the modal loop can be opened: use ``diagram.truss``.
     controller : str
         ``"ismc"``, the law of the paper; ``"smc"`` and ``"pd"``, its comparisons.
     observer : bool, optional
@@ -69,9 +70,9 @@ def transport_diagram(
     Returns
     -------
     Diagram
-        Diagram with the blocks trajectory, controller, model and truss. Optional blocks are errors (with a
-        quaternion), observer, actuators and sensors (with hardware). The allocation is the block allocation
-        or, if mode-neutral, feedforward_allocation and feedback_allocation.
+        Diagram with the blocks trajectory, errors, controller, model and truss. Optional blocks are observer,
+        actuators and sensors (with hardware). The allocation is the block allocation or, if mode-neutral,
+        feedforward_allocation and feedback_allocation.
 
     Raises
     ------
@@ -93,44 +94,36 @@ def transport_diagram(
             "have the same robots and no more modes"
         )
     diagram = Diagram(mission.name)
-    trajectory, law, model = diagram.add(
+    trajectory, errors, law, model = diagram.add(
         trajectory=path_of(mission, truss) if path is None else path,
+        errors=TaskErrors(truss.dynamics),
         controller=control_law(mission, controller, unit=truss.task_units),
         model=NominalModel(believed),
     )
-    if truss.modal_actuation:  # as a wire, at which the modal loop can be opened
+    if truss.modal_actuation:
         truss = diagram.add("truss", truss.opened())
         truss.modal_demand >> truss.modal_force
     else:
         diagram.add(truss=truss)
     seen: Block = truss
-    # The nominal model has the first modes of the plant.
-    acting, known = truss.actuation, {"coordinates": slice(0, model.nq), "speeds": slice(0, model.n)}
+    acting = truss.actuation
     if hardware is not None:
         actuators, seen = with_hardware(diagram, truss, hardware, seed)
-        seen.task_position >> model.coordinates[: truss.rigid_q]
-        seen.rigid_speeds >> model.speeds[: truss.rigid]
         acting = actuators.command
-        known = {"coordinates": slice(truss.rigid_q, model.nq), "speeds": slice(truss.rigid, model.n)}
-    for name, part in known.items():
-        if part.stop > part.start:
-            truss.port(name)[part] >> model.port(name)[part]
-    compared: Block = law
-    if truss.dynamics.attitude != EULER:  # differences of quaternions are no errors
-        compared = diagram.add(errors=TaskErrors(truss.dynamics))
-        compared.error >> law.position
-        compared.error_rate >> law.velocity
-        trajectory.acceleration >> compared.reference_acceleration
-        diagram.ground(law.reference_position, law.reference_velocity)
-    trajectory.position >> compared.reference_position
-    trajectory.velocity >> compared.reference_velocity
-    seen.task_position >> compared.position
-    seen.task_velocity >> compared.velocity
+    seen.task_position >> model.coordinates[: truss.rigid_q]
+    seen.rigid_speeds >> model.speeds[: truss.rigid]
+    if modes := believed.modes.modes:  # the first modes of the plant
+        truss.modal_coordinate[:modes] >> model.coordinates[truss.rigid_q :]
+        truss.modal_rate[:modes] >> model.speeds[truss.rigid :]
+    compare(errors, trajectory, seen)
+    errors.error >> law.position
+    errors.error_rate >> law.velocity
+    diagram.ground(law.reference_position, law.reference_velocity)
     if controller == "pd":
         law.force >> model.task_force
         demand = model.transformed_task_force
     else:
-        (trajectory if compared is law else compared).acceleration >> law.reference_acceleration
+        errors.acceleration >> law.reference_acceleration
         law.feedforward >> model.feedforward
         law.feedback >> model.feedback
         demand = model.generalized_force
@@ -166,6 +159,24 @@ def transport_diagram(
     return diagram
 
 
+def compare(errors: TaskErrors, trajectory: Trajectory, measured: Block) -> None:
+    """Connect the trajectory and the measured task position and velocity to the task errors.
+
+    Parameters
+    ----------
+    errors : TaskErrors
+        Block of the errors.
+    trajectory : Trajectory
+        Reference.
+    measured : Block
+        Plant or sensors.
+    """
+    for name in ("position", "velocity", "acceleration"):
+        trajectory.port(name) >> errors.port(f"reference_{name}")
+    measured.task_position >> errors.position
+    measured.task_velocity >> errors.velocity
+
+
 def path_of(mission: Mission, truss: SpaceTruss, sample_time: float | None = None) -> Quintic:
     """Return the path of a mission from the initial position of the truss.
 
@@ -180,14 +191,12 @@ def path_of(mission: Mission, truss: SpaceTruss, sample_time: float | None = Non
         such input.
     """
     start = truss.parameters["initial_coordinates"][: truss.rigid_q]
-    way, unit = mission.displacement(truss.rigid), truss.task_units
+    way, times = mission.displacement(truss.rigid), [mission.duration]
+    times += [] if sample_time is None else [sample_time]
     if truss.dynamics.attitude != EULER:
-        if sample_time is None:
-            return Slew(truss, way, mission.duration)
-        return RetimedSlew(truss, way, mission.duration, sample_time)
-    if sample_time is None:
-        return Quintic(way, mission.duration, start=start, unit=unit)
-    return RetimedQuintic(way, mission.duration, sample_time, start=start, unit=unit)
+        return (Slew if sample_time is None else RetimedSlew)(truss, way, *times)
+    kind = Quintic if sample_time is None else RetimedQuintic
+    return kind(way, *times, start=start, unit=truss.task_units)
 
 
 def with_hardware(
@@ -220,7 +229,7 @@ def with_hardware(
 
 
 def control_law(
-    mission: Mission, controller: str, *, unit: Unit = None, shape: int | None = None
+    mission: Mission, controller: str, *, unit: Unit = None
 ) -> IntegralSlidingMode | ConventionalSlidingMode | PD:
     """Return a controller with the gains of a mission.
 
@@ -232,17 +241,12 @@ def control_law(
         ``"ismc"``, ``"smc"`` or ``"pd"``.
     unit : str, tuple of str or None
         Unit of the position, or one per element; None disables the check.
-    shape : int, optional
-        Number of task coordinates [-]; by default that of units or connections.
     """
     if controller == "pd":
-        gains = mission.proportional_gain, mission.derivative_gain
-        size = len(unit) if isinstance(unit, tuple) else shape
-        return PD(*gains, unit=unit, shape=size)
+        return PD(mission.proportional_gain, mission.derivative_gain, unit=unit)
     if controller == "smc":
-        return ConventionalSlidingMode(
-            slope=mission.surface_slope, eta=mission.conventional_switching_gain, unit=unit, shape=shape
-        )
+        gain = mission.conventional_switching_gain
+        return ConventionalSlidingMode(slope=mission.surface_slope, eta=gain, unit=unit)
     return IntegralSlidingMode(
         gamma=mission.rate_gain,
         mu=mission.error_gain,
@@ -251,5 +255,4 @@ def control_law(
         sigma=mission.reaching_gain,
         boundary_layer=mission.boundary_layer,
         unit=unit,
-        shape=shape,
     )

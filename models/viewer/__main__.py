@@ -20,30 +20,30 @@ def parser(prog: str = PROG) -> argparse.ArgumentParser:
     """Return the argument parser of the command `prog`."""
     found = parser_of(
         prog,
-        "Show a run in one HTML file: the truss in motion, and charts of all that was logged.",
+        "Write a run as one HTML file: animation of the truss and charts of all logged signals.",
         "results/case1/result.nc                             # writes replay.html",
-        "results/case1/result.nc smc/result.nc --names ismc smc      # the second over the first",
-        "results/case1/result.nc --frame 30 --png truss.png  # a picture as well",
-        "results/case1/index.html --png truss.png            # a picture of a page that is there",
+        "results/case1/result.nc smc/result.nc --names ismc smc      # two runs in one page",
+        "results/case1/result.nc --frame 30 --png truss.png  # page and picture",
+        "results/case1/index.html --png truss.png            # picture of an existing page",
     )
-    found.add_argument("result", type=Path, help="netCDF file of a run, or a page to take a picture of")
-    found.add_argument("other", type=Path, nargs="?", help="a second run, shown over the first")
-    found.add_argument("--truss", choices=PLANTS, help="what flew; by default what the result says")
-    found.add_argument("--other-truss", choices=PLANTS, help="what flew there")
-    found.add_argument("--names", nargs=2, default=["run", "other run"], help="of the two runs")
-    found.add_argument("--title", default="Replay", help="of the page")
+    found.add_argument("result", type=Path, help="netCDF file of a run, or existing page for --png")
+    found.add_argument("other", type=Path, nargs="?", help="second run, in the same picture")
+    found.add_argument("--truss", choices=PLANTS, help="plant of the run; default: that in the result")
+    found.add_argument("--other-truss", choices=PLANTS, help="plant of the second run")
+    found.add_argument("--names", nargs=2, default=["run", "other run"], help="names of the runs")
+    found.add_argument("--title", default="Replay", help="title of the page")
     found.add_argument("--output", type=Path, default=Path("replay.html"), help="page to write")
-    found.add_argument("--png", type=Path, help="picture to write as well; needs Chromium or Chrome")
-    found.add_argument("--frame", type=float, help="instant of the picture [s]; by default the first")
-    found.add_argument("--camera", choices=CAMERAS, default="oblique", help="where from")
+    found.add_argument("--png", type=Path, help="picture to write; needs Chromium or Chrome")
+    found.add_argument("--frame", type=float, help="time of the picture [s]; default: the first instant")
+    found.add_argument("--camera", choices=CAMERAS, default="oblique", help="view of the picture")
     return found
 
 
 def view(options: argparse.Namespace) -> Outcome:
-    """Write what the `options` ask for."""
+    """Write page and picture of the `options`."""
     page, lines = options.result, []
     if page.suffix == ".html" and options.png is None:
-        raise ModelError(f"'{page}' is a page: open it in a browser, or name a picture to take of it, --png")
+        raise ModelError(f"'{page}' is a page: open it in a browser, or set --png for a picture of it")
     if page.suffix != ".html":
         with told("writing the page"):
             page = replay(
@@ -64,7 +64,7 @@ def view(options: argparse.Namespace) -> Outcome:
 
 
 def main(words: list[str] | None = None, prog: str = PROG) -> int:
-    """Run the command `prog` with these `words`, by default the process's; return the exit code."""
+    """Run the command `prog` with `words`, by default those of the process; return the exit code."""
     return ended(view, parser(prog).parse_args(words))
 
 

@@ -54,7 +54,7 @@ def opened(result: xr.Dataset | str | Path) -> xr.Dataset:
     if not isinstance(result, str | Path):
         raise ModelError(f"cannot show {type(result).__name__}: give the result of a run, or its file")
     damaged = (
-        "it is no whole netCDF file of a run ({}); what a killed run has written so far is read by "
+        "it is not a complete netCDF file of a run ({}); the rows of a killed run are read by "
         "trussflow.blocks.recover"
     )
     with reading(result, ModelError, "cannot show", damaged) as path:
@@ -67,7 +67,7 @@ class Motion:
     Parameters
     ----------
     result : xarray.Dataset
-        Result of a run, with or without `trussflow.models.transport.tidy`.
+        Result of a run.
     truss : SpaceTruss
         Plant of the run.
     block : str
@@ -99,8 +99,8 @@ class Motion:
         self.time = np.asarray(result["time"], dtype=float) if timed else np.zeros(0)
         if len(self.time) < 2 or not (np.isfinite(self.time).all() and (np.diff(self.time) >= 0.0).all()):
             raise ModelError(
-                f"cannot show the result: a run has a coordinate 'time' in seconds that ascends, here "
-                f"there are {len(self.time)} such instants"
+                "cannot show the result: its coordinate 'time' must have two or more ascending instants in "
+                f"seconds; it has {len(self.time)} instants"
             )
         modes, joints = (
             {name: size} if size else {}
@@ -115,7 +115,7 @@ class Motion:
         if way is None:
             there = ", ".join(self.signals) or "nothing"
             raise ModelError(
-                f"cannot show the result: it does not say where the truss was; log {block}.coordinates, or "
+                f"cannot show the result: it has no motion of the truss; log {block}.coordinates, or "
                 f"{block}.task_position and {block}.modal_coordinate, and for arrows {block}.base_force and "
                 f"{block}.base_torque; it has {there}"
             )
@@ -131,15 +131,15 @@ class Motion:
         if len(values) != size:
             truss = self._truss
             raise ModelError(
-                f"cannot show the result: '{variable.name}' has {len(values)} numbers an instant, this truss "
-                f"{size}: it has {truss.robots} robots with {truss.joints} joints in all, and {truss.modes} "
-                "modes; give the truss that flew"
+                f"cannot show the result: '{variable.name}' has {len(values)} elements instead of "
+                f"{size}; this truss has {truss.robots} robots, {truss.joints} joints and "
+                f"{truss.modes} modes: give the truss of the run"
             )
         bad = ~np.isfinite(values).all(axis=0)
         if bad.any():
             raise ModelError(
                 f"cannot show the result: '{variable.name}' is not finite at "
-                f"t = {self.time[bad.argmax()]:g} s; cut it off before: result.sel(time=slice(0, ...))"
+                f"t = {self.time[bad.argmax()]:g} s; remove the rest with result.sel(time=slice(0, ...))"
             )
         return values
 
@@ -218,8 +218,7 @@ def _components(variable: xr.DataArray) -> list[str]:
     """Return the names of the components by the labels of the axes, or by numbers."""
     axes: list[list[str]] = []
     for dim, size in list(variable.sizes.items())[1:]:
-        counted = "xyz" if (dim, size) == ("axis", 3) else range(1, size + 1)
-        labels = variable[dim].values if dim in variable.coords else counted
-        what = f"{dim} " if dim in ("robot", "mode", "joint") and not axes else ""
+        labels = variable[dim].values if dim in variable.coords else range(1, size + 1)
+        what = f"{dim} " if dim in ("robot", "mode") else ""
         axes.append([f"{what}{label}" for label in labels])
     return [" ".join(parts) for parts in itertools.product(*axes)]

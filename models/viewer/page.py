@@ -114,7 +114,7 @@ def replay(
         replay(simulate(loop, 80.0, step=1e-3, log=log, log_step=0.02), truss, "replay.html")
     """
     if np.shape(names) != (2,):
-        raise ModelError(f"names must be those of the two runs, got {names!r}")
+        raise ModelError(f"names must be two, one per run; got {names!r}")
     flown = [(opened(result), truss)]
     if other is not None:
         second = opened(other)
@@ -127,7 +127,9 @@ def replay(
         for signal in map(unescape, re.findall(r'data-signal="([^"]*)"', section.content)):
             if not any(signal in motion.signals for motion in motions):
                 known = ", ".join(first.signals)
-                raise ModelError(f"section '{section.title}': no signal '{signal}' is there, but {known}")
+                raise ModelError(
+                    f"section '{section.title}': no signal '{signal}' in the run; it has: {known}"
+                )
 
     def written(room: float) -> bytes:
         """Return the page with a share `room` of the numbers of a page that compresses well."""
@@ -147,7 +149,7 @@ def replay(
     if least > MAX_PAGE_BYTES:
         raise ModelError(
             f"cannot show the run in a page of {MAX_PAGE_BYTES / 1e6:g} MB: truss, sections and names of "
-            f"signals alone take {least / 1e6:.1f} MB; give a truss of fewer points or modes"
+            f"signals alone take {least / 1e6:.1f} MB; use a truss with fewer points or modes"
         )
     while len(page) > MAX_PAGE_BYTES:  # noise hardly compresses
         room *= 0.95 * (MAX_PAGE_BYTES - least) / (len(page) - least)
@@ -170,15 +172,15 @@ def _library() -> str:
 def _note(runs: list[dict[str, Any]]) -> str:
     """Return a note on the numbers of logged and shown instants."""
     parts = [
-        f"{run['name']}: {run['logged']} instants were logged, {run['time']['shape'][1]} are in the picture, "
+        f"{run['name']}: {run['logged']} logged instants, {run['time']['shape'][1]} of them in the picture, "
         f"{run['signalTime']['shape'][1]} in the charts"
         for run in runs
     ]
     troubles = dict.fromkeys(
         t for run in runs for arm in run["truss"]["arms"] for t in arm["solid"]["troubles"]
     )
-    drawn = f" Drawn are {'; '.join(troubles)}." if troubles else ""
-    return f"{'; '.join(parts)}. Charts have four digits. The files of runs have all.{drawn}"
+    drawn = f" Incomplete shapes: {'; '.join(troubles)}." if troubles else ""
+    return f"{'; '.join(parts)}. The numbers in charts have four digits; the result files have all.{drawn}"
 
 
 def _text(title: str, head: dict[str, Any], packer: Packer, sections: Sequence[Section]) -> str:

@@ -41,7 +41,7 @@ import os
 from trussflow.blocks import Simulator
 from trussflow.models import SpaceTruss
 from trussflow.models.transport import Mission, transport_diagram
-from trussflow.models.transport.logged_ports import logged
+from trussflow.models.transport.results import logged
 diagram = transport_diagram(Mission.of_case(1), SpaceTruss.published())
 simulator = Simulator(diagram, step=1e-3, log=logged(diagram), log_step=1e-2)
 simulator.run(1e-3, progress=False)

@@ -81,7 +81,7 @@ class TrussLoop:
         sizes = {"position": ERROR, "velocity": ERROR * OMEGA}
         amplitude = {f"controller.{name}": size for name, size in sizes.items()}
         if self.controller == "ismc":
-            law = control_law(self.mission, "ismc", shape=1)
+            law = control_law(self.mission, "ismc")
             B = linearize(law, list(sizes), ["feedback"], amplitude=sizes).B[0]
             amplitude["controller.integral"] = float(abs(B[0] / (1j * OMEGA) + B[1])) * ERROR
         return amplitude

@@ -9,14 +9,13 @@ import numpy as np
 from study_tools.ledger import Ledger
 
 from reproduction.context import Context
-from reproduction.measures import force_shares
+from reproduction.measures import TORQUE_BOUNDS, force_shares
 from reproduction.results import Results
 from reproduction.trusses import PRINTED_MODES, frame_modes
 from trussflow.models.reporting.metrics import largest_component as peak
 from trussflow.models.reporting.tables import markdown_table
 from trussflow.models.robots.robot_arm import RobotArm
 from trussflow.models.transport.mission import CASES
-from trussflow.models.transport.summary import TORQUE_BOUNDS
 from trussflow.models.truss.paper_truss import frame_parameters, paper_frame, printed_frequencies
 
 RUNS = tuple(

@@ -9,12 +9,11 @@ from pathlib import Path
 import numpy as np
 import xarray as xr
 
-from reproduction.measures import norm
+from reproduction.measures import TORQUE_BOUNDS, norm, of_robot
 from reproduction.results import Results
 from trussflow.models.geometry.rotation import euler_rate_matrix
 from trussflow.models.reporting.figures import Curve, Panel, drawing, save
 from trussflow.models.transport.figures import components
-from trussflow.models.transport.summary import TORQUE_BOUNDS
 
 CONTROLLERS = {"": "proposed", "-smc": "SMC", "-pd": "PD"}
 
@@ -60,7 +59,7 @@ def _vectors(robot: int | None = None, **ylabels: str) -> Panels:
     """Return panels of the components of vectors, by their names in the result."""
 
     def panels(results: Results, run: str) -> list[Panel]:
-        result = results[run] if robot is None else results[run].sel(robot=robot)
+        result = results[run] if robot is None else of_robot(results[run], robot)
         return [Panel(curves=components(result[name]), y=y) for name, y in ylabels.items()]
 
     return panels
@@ -93,7 +92,7 @@ def _torques(*robots: int) -> Panels:
         bound = TORQUE_BOUNDS[results.run(run).case]
         return [
             Panel(
-                curves=components(results[run][f"{kind}_torque"].sel(robot=i)),
+                curves=components(of_robot(results[run], i)[f"{kind}_torque"]),
                 y=f"{kind} torque [N·m]",
                 levels=(-bound, bound),
                 title=f"Robot {i}" if kind == "base" else "",
@@ -106,7 +105,7 @@ def _torques(*robots: int) -> Panels:
 
 
 def _first_joint(results: Results, run: str) -> list[Panel]:
-    result = results[run].sel(robot=4, joint=1)
+    result = results[run].sel(joint="theta_4_1")
     time = result["time"].values
     return [
         Panel(curves=[Curve("", time, result.joint_angle.values)], y="joint angle [rad]"),
@@ -136,7 +135,7 @@ def angular_velocity(result: xr.Dataset) -> np.ndarray:
     Parameters
     ----------
     result : xarray.Dataset
-        From `tidy`.
+        Result of a run.
     """
     rates = zip(result.attitude.values, result.attitude_rate.values, strict=True)
     return np.array([euler_rate_matrix(angles) @ rate for angles, rate in rates])

@@ -20,10 +20,18 @@ from reproduction.claims import (
     judge_by,
     verdict,
 )
-from reproduction.measures import error_size, force_shares, largest_jump, late, norm, ripple
+from reproduction.measures import (
+    TORQUE_BOUNDS,
+    error_size,
+    force_shares,
+    largest_jump,
+    late,
+    norm,
+    of_robot,
+    ripple,
+)
 from reproduction.results import Results
 from trussflow.models.reporting.metrics import largest_component as peak
-from trussflow.models.transport.summary import TORQUE_BOUNDS
 
 
 def tracking(run: str, settles: bool) -> Judge:
@@ -215,7 +223,8 @@ def torque(run: str) -> Judge:
         worst = max(peaks.values())
         ours = ", ".join(f"{k} {n(f'claimed {k} torque', v, 'N*m')}" for k, v in peaks.items())
         largest = torques["base" if peaks["base"] >= peaks["joint"] else "joint"]
-        at = float(results[run]["time"].values[np.abs(largest.values).max(axis=(1, 2)).argmax()])
+        sizes = np.abs(largest.values).reshape(len(largest), -1).max(axis=1)
+        at = float(results[run]["time"].values[sizes.argmax()])
         excess = n("excess over the claimed torque", worst / bound - 1, "%", digits=2)
         why = (
             f"exceeded by {excess}, at {n('time of the largest torque', at, 's')}; the rigid part "
@@ -233,7 +242,7 @@ def _claimed_torques(results: Results, run: str) -> dict[str, xr.DataArray]:
     """Return the torques that the claim of a case is about."""
     result = results[run]
     if results.run(run).case == 1:  # Figure 7 is about Robot 4
-        result = result.sel(robot=[4])
+        result = of_robot(result, 4)
     return {"base": result.base_torque, "joint": result.joint_torque}
 
 
@@ -264,7 +273,7 @@ def most_affected(results: Results, ledger: Ledger) -> Judgement:
 @judge_by("case1")
 def joint(results: Results, ledger: Ledger) -> Judgement:
     """Judge the motion of the first joint of Robot 4."""
-    result, n = results["case1"].sel(robot=4, joint=1), ledger.of("case1")
+    result, n = results["case1"].sel(joint="theta_4_1"), ledger.of("case1")
     angle, rate = peak(result.joint_error), peak(result.joint_rate)
     ours = f"{n('peak angle of C41', angle, 'rad')}, {n('peak rate of C41', rate, 'rad/s')}"
     return Judgement(ours, verdict(angle < SMALL), "")

@@ -26,7 +26,7 @@ def measured_decay(result: xr.Dataset) -> float:
     Parameters
     ----------
     result : xarray.Dataset
-        From `tidy`.
+        Result of a run.
     """
     time, peaks = envelope(late(result))
     return float(np.polyfit(time, np.log(peaks), 1)[0])
@@ -38,7 +38,7 @@ def envelope(result: xr.Dataset) -> tuple[Vector, Vector]:
     Parameters
     ----------
     result : xarray.Dataset
-        From `tidy`.
+        Result of a run.
     """
     mode = np.abs(result.modal_coordinate.values[:, 0])
     inner = np.flatnonzero((mode[1:-1] >= mode[:-2]) & (mode[1:-1] > mode[2:])) + 1

@@ -14,6 +14,23 @@ LATE = 1 / 8
 RIPPLE_WINDOW = 0.2  # s
 """Ripple is what a centred mean over this time takes away: all above some 2 Hz."""
 
+TORQUE_BOUNDS: dict[int | None, float] = {1: 0.25, 2: 0.8}
+"""Bound on the control torques of each case in the paper, Figures 7 (Robot 4 only) and 14 [N·m]."""
+
+
+def of_robot(result: xr.Dataset, robot: int) -> xr.Dataset:
+    """Return the signals of a robot alone.
+
+    Parameters
+    ----------
+    result : xarray.Dataset
+        Result of a run.
+    robot : int
+        Number of the robot, from 1 [-].
+    """
+    joints = [name for name in result["joint"].values if name.startswith(f"theta_{robot}_")]
+    return result.sel(robot=robot, joint=joints)
+
 
 def late(result: xr.Dataset) -> xr.Dataset:
     """Return the late part of a run.
@@ -89,7 +106,7 @@ def force_shares(result: xr.Dataset) -> Vector:
     Parameters
     ----------
     result : xarray.Dataset
-        From `tidy`.
+        Result of a run.
     """
     peaks = np.linalg.norm(result["base_force"].values, axis=2).max(axis=0)
     return np.asarray(peaks / peaks.sum())

@@ -12,7 +12,7 @@ from study_tools.cache import Finished
 from reproduction.runs import MissionRun
 from trussflow.models.errors import ModelError
 from trussflow.models.transport.mission import Mission
-from trussflow.models.transport.results import tidy
+from trussflow.models.transport.results import check_run
 
 
 class Results(Mapping[str, "xr.Dataset"]):
@@ -32,7 +32,7 @@ class Results(Mapping[str, "xr.Dataset"]):
         self._runs = {run.name: run for run in runs}
         self._files = {f.name: f.file for f in finished if f.name in self._runs}
         self.folder = folder
-        self._read = functools.cache(self._tidied)
+        self._read = functools.cache(self._checked)
 
     def __getitem__(self, name: str) -> xr.Dataset:
         if name not in self._files:
@@ -64,7 +64,7 @@ class Results(Mapping[str, "xr.Dataset"]):
         """Tell whether the run lasts to the end of the motion and some time beyond."""
         return bool(self.run(name).duration >= 1.2 * self.mission(name).duration)
 
-    def _tidied(self, name: str) -> xr.Dataset:
+    def _checked(self, name: str) -> xr.Dataset:
         with xr.open_dataset(self._files[name], decode_cf=False) as raw:
             result = raw.load().astype(float)
-        return tidy(result, self._runs[name].space_truss(self.folder))
+        return check_run(result, self._runs[name].space_truss(self.folder))

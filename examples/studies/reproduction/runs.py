@@ -13,8 +13,8 @@ from study_tools.cache import Work, inputs_of
 from reproduction.trusses import PRINTED_MODES, truss_modes
 from trussflow.blocks.simulation.simulator import Simulator
 from trussflow.models.plant.space_truss import SpaceTruss, arm_by_name
-from trussflow.models.transport.logged_ports import logged
 from trussflow.models.transport.mission import CASES, Mission
+from trussflow.models.transport.results import logged
 from trussflow.models.transport.wiring import transport_diagram
 
 LOG_STEP, FINE_LOG_STEP = 0.01, 0.005

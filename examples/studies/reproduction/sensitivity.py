@@ -9,12 +9,11 @@ import xarray as xr
 
 from reproduction.claims import MOST, NEARLY_NOTHING, SMALL
 from reproduction.context import Context
-from reproduction.measures import force_shares, late
+from reproduction.measures import TORQUE_BOUNDS, force_shares, late
 from reproduction.results import Results
 from trussflow.models.reporting.metrics import largest_component as peak
 from trussflow.models.reporting.tables import markdown_table
 from trussflow.models.transport.mission import CASES
-from trussflow.models.transport.summary import TORQUE_BOUNDS
 
 VARIANTS = {
     "": "as reported above",

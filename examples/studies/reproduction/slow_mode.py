@@ -82,7 +82,11 @@ class SlowModeJob:
         """
         with xr.open_dataset(self.file, decode_cf=False) as raw:
             end = late(raw.load().astype(float))
-        error, rate = (np.abs(end[name].values).max(axis=0) for name in ("error", "error_rate"))
+        parts = ("position_error", "attitude_error", "joint_error")
+        error, rate = (
+            np.abs(np.hstack([end[f"{part}{end_of}"].values for part in parts])).max(axis=0)
+            for end_of in ("", "_rate")
+        )
         sliding = np.linalg.norm(end["sliding_variable"].values, axis=1).mean()
         sizes = Amplitudes(error, rate, float(sliding))
         mission, truss = self.run.mission(), self.run.space_truss(folder)

@@ -232,7 +232,7 @@ def code_of(words):
     [
         ("nonsense", "invalid choice: 'nonsense'"),
         ("new loop.py", "cannot write 'loop.py': it exists already"),
-        ("new no-name.py", "name it .toml, or .py and so that it can be imported"),
+        ("new no-name.py", "its name must end with .toml, or be a module name with .py"),
         ("draw trussflow.blocks:Integrator block.svg", "not a diagram"),
         ("analyse trussflow.blocks:Integrator --at u", "it is a single block, not a diagram"),
         ("run loop.py:loop 1 --parameter pendulum.mass=heavy", "write name=number, or name=[number, number]"),
@@ -248,7 +248,7 @@ def code_of(words):
         ),
         ("sweep loop.py:loop", "is upright: Diagram, 4 blocks, 5 wires; write functools.partial"),
         ("view gone.nc", "cannot show 'gone.nc': No such file"),
-        ("view loop.py", "cannot show 'loop.py': it is no whole netCDF file"),
+        ("view loop.py", "cannot show 'loop.py': it is not a complete netCDF file"),
     ],
 )
 def test_misuse_ends_with_its_code_and_one_message(words, message, tmp_path, capsys, monkeypatch):

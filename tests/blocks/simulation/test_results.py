@@ -3,6 +3,7 @@
 import inspect
 import json
 import os
+from dataclasses import replace
 from pathlib import Path
 
 import matplotlib.pyplot as plt
@@ -21,33 +22,41 @@ from trussflow.blocks import (
     Parameter,
     ParameterError,
     PythonFunction,
+    Saturation,
     Session,
     SimulationError,
     Simulator,
     State,
     TrussflowError,
     UnitDelay,
+    WiringError,
     ZeroOrderHold,
     operating_point_after,
     simulate,
 )
+from trussflow.blocks.framework.port import Inferable
 from trussflow.blocks.simulation.results import load, plot, save, to_control, to_pandas
 
 ROUND_OFF = 1e-12  # of times, sums of some hundred steps
 
 
+AXES = ("x", "y", "z")
+
+
 class Truss(Block):
     f = Input((2,), unit="N", frame="body", meaning="force")
-    q = Output((2, 3), unit="m", frame="world", meaning="deflection", dims=("node", "axis"))
-    pose = Output((2,), unit=("m", "rad"), dims=("axis",))
+    q = Output((2, 3), unit="m", frame="world", meaning="deflection", labels={"node": (1, 2), "axis": AXES})
+    pose = Output((2,), unit=("m", "rad"), labels={"axis": ("place", "turn")})
+    mixed = Output(5, labels={"axis": AXES, "angle": ("phi", "psi")})
     energy = Output(meaning="no unit")
     lag = Output(unit="seconds")
     mass = Parameter(2.0, unit="kg")
-    x = State((2,), unit="m", initial=1.0)
+    x = State((2,), unit="m", initial=1.0, labels=("a", "b"))
 
     def output(self, t, x, u, p):
         rows = np.stack([x.x, x.x, t * x.x])
-        return {"q": np.transpose(rows), "pose": x.x, "energy": x.x[0] ** 2, "lag": t}
+        mixed = np.concatenate([x.x, x.x, x.x[:1]])
+        return {"q": np.transpose(rows), "pose": x.x, "mixed": mixed, "energy": x.x[0] ** 2, "lag": t}
 
     def derivative(self, t, x, u, p):
         return {"x": u.f / p.mass - x.x}
@@ -77,7 +86,7 @@ def result():
 
 
 def test_all_outputs_are_logged_with_units_frames_and_axes(result):
-    assert set(result) == {"truss.q", "truss.pose", "truss.energy", "truss.lag", "push.f"}
+    assert set(result) == {"truss.q", "truss.pose", "truss.mixed", "truss.energy", "truss.lag", "push.f"}
     assert result["truss.q"].dims == ("time", "node", "axis")
     assert result["truss.q"].attrs == {
         "long_name": "deflection",
@@ -93,10 +102,30 @@ def test_all_outputs_are_logged_with_units_frames_and_axes(result):
 
 def test_signals_of_one_shape_share_their_axis_and_others_have_their_own(result):
     """Their difference is taken element by element, not every element with every other."""
-    assert result["truss.pose"].dims == ("time", "element_2")
-    assert run(log=["truss.pose"])["truss.pose"].dims == ("time", "axis")
+    assert result["truss.pose"].dims == ("time", "axis_2")
     same = run(log={"force": "push.f", "twice": "truss.f"})
     assert (same["force"] - same["twice"]).shape == (11, 2)
+
+
+def test_labels_follow_wires_and_slices_and_are_kept_in_files(tmp_path):
+    found = diagram()
+    limit, part = found.add(limit=Saturation(-9.0, 9.0), part=Saturation(-9.0, 9.0))
+    found.truss.pose >> limit
+    found.truss.mixed[2:] >> part
+    log = [limit.y, part.y, "truss.x", "truss.mixed", found.truss.mixed[3:]]
+    result = run(0.3, item=found, log=log)
+    dims = ["axis", "coordinate", "coordinate_2", "coordinate_3", "angle"]
+    assert [signal.dims[1] for signal in result.values()] == dims
+    assert [*result["truss.mixed"]["coordinate_3"].values] == ["x", "y", "z", "phi", "psi"]
+    assert_array_equal(result["limit.y"].sel(axis="turn"), result["truss.x"].sel(coordinate_2="b"))
+    streamed = run(0.3, item=found, log=log, stream_to=tmp_path / "run.nc")
+    xr.testing.assert_equal(streamed.load(), result)
+
+
+def test_labels_that_do_not_fit_the_shape():
+    port = replace(Truss().mixed, inferable_labels=Inferable(("x",), fixed=True))
+    with pytest.raises(WiringError, match=r"'Truss\.mixed' has labels for \(1,\) .* shape is \(5,\)"):
+        port.axes()
 
 
 def test_diagram_hash_depends_on_the_equations_alone(result):
@@ -296,8 +325,8 @@ def test_runs_may_begin_at_any_time(settings):
 
 def test_results_in_other_forms(result, tmp_path):
     table = to_pandas(result)
-    assert [*table][:3] == ["truss.q[0, 0]", "truss.q[0, 1]", "truss.q[0, 2]"]
-    assert_array_equal(table["truss.q[1, 2]"], result["truss.q"][:, 1, 2])
+    assert [*table][:3] == ["truss.q[1, x]", "truss.q[1, y]", "truss.q[1, z]"]
+    assert_array_equal(table["truss.q[2, z]"], result["truss.q"][:, 1, 2])
     save(result, tmp_path / "run.csv")
     read = np.loadtxt(tmp_path / "run.csv", delimiter=",", skiprows=1, usecols=[0, table.shape[1]])
     assert_array_equal(read, np.column_stack([result["time"], table.iloc[:, -1]]))
@@ -307,7 +336,7 @@ def test_results_in_other_forms(result, tmp_path):
     assert_array_equal(matlab["time"].ravel(), result["time"])
     xr.testing.assert_identical(load(save(result, tmp_path / "run.nc")), result)
     response = to_control(result, ["truss.pose", "truss.energy"], ["push.f"])
-    assert response.output_labels == ["truss.pose[0]", "truss.pose[1]", "truss.energy"]
+    assert response.output_labels == ["truss.pose[place]", "truss.pose[turn]", "truss.energy"]
     assert_array_equal(response.outputs[2], result["truss.energy"])
     assert_array_equal(response.inputs.T, result["push.f"])
     assert to_control(result, ["truss.energy"]).inputs is None

@@ -27,16 +27,16 @@ def controller():
     """Return all but the plant, with ports for the signals between the two."""
     diagram = transport_diagram(MISSION, SpaceTruss.published())
     diagram.remove("truss")
-    law, model = diagram.blocks["controller"], diagram.blocks["model"]
+    errors, model = diagram.errors, diagram.model
     inputs = (
-        law.position,
-        law.velocity,
+        errors.position,
+        errors.velocity,
         model.coordinates,
         model.speeds,
         diagram.blocks["observer"].velocity,
     )
     command = diagram.blocks["allocation"].command
-    diagram.expose(**dict(zip(SIGNALS, inputs, strict=True)), command=command, error=law.error)
+    diagram.expose(**dict(zip(SIGNALS, inputs, strict=True)), command=command, error=errors.error)
     return diagram
 
 

@@ -8,8 +8,8 @@ import pytest
 
 from trussflow.blocks import Simulator
 from trussflow.models import SpaceTruss
-from trussflow.models.transport import Mission, tidy, transport_diagram
-from trussflow.models.transport.logged_ports import logged
+from trussflow.models.transport import Mission, transport_diagram
+from trussflow.models.transport.results import logged
 
 WHOLE = pytest.param(80.0, marks=pytest.mark.campaign)  # s
 whole = pytest.mark.parametrize("flown", [WHOLE], indirect=True)
@@ -37,7 +37,7 @@ def flown(request):
         diagram = transport_diagram(Mission.of_case(case), truss, **options)
         solver = "LSODA" if name == "pd" else "rk4"
         simulator = Simulator(diagram, step=1e-3, solver=solver, log=logged(diagram), log_step=0.01)
-        return tidy(simulator.run(request.param, progress=False), truss)
+        return simulator.run(request.param, progress=False)
 
     return fly
 

@@ -201,6 +201,10 @@ def test_each_robot_has_a_table_of_its_own(boom):
     assert flown.said("robots.arm") == "walker.urdf, literal"
     everywhere = MissionFile.read(boom, robots={"arm": "jaco"})
     assert everywhere.said("robots.arm") == "jaco, jaco"
+    boom.write_text(boom.read_text().replace('arm = "literal"', 'arm = "literal"\nbase = "tug"'))
+    message = r"robots\[1\]: 'base' applies to a URDF file only, and the arm is 'literal'; omit it"
+    with pytest.raises(ModelError, match=message):
+        MissionFile.read(boom)
 
 
 def test_a_structure_and_robots_of_files(boom):
@@ -212,4 +216,4 @@ def test_a_structure_and_robots_of_files(boom):
     assert (modes.damping_ratios == 0.005).all()
     lengths = np.linalg.norm(np.diff(modes.positions[flown.rods], axis=1), axis=2)
     assert lengths.min() > 0.1
-    assert {"trajectory", "controller", "truss"} == set(flown.diagram().blocks)
+    assert {"trajectory", "controller", "truss", "errors"} == set(flown.diagram().blocks)

@@ -161,7 +161,6 @@ def test_more_can_be_logged(tmp_path):
     flown = boom(tmp_path, more='log = ["controller.effectiveness"]\n')
     logged = [channel.name for channel in flown.simulator(flown.diagram()).prepared.channels]
     assert "controller.effectiveness" in logged
-    assert "task_position" in logged
 
 
 def test_drives_give_no_more_than_their_joint_bears(tmp_path):

@@ -11,8 +11,8 @@ from systems import respond
 from trussflow.blocks import Diagram, Simulator, Step, simulate
 from trussflow.models import QUATERNION, Hardware, ModelError, SpaceTruss
 from trussflow.models.feasibility import fastest, single_failures, survey
-from trussflow.models.transport import Mission, path_of, tidy, transport_diagram
-from trussflow.models.transport.logged_ports import logged
+from trussflow.models.transport import Mission, path_of, transport_diagram
+from trussflow.models.transport.results import logged
 
 ERROR_TOLERANCE = 1e-8  # by RK4 in steps of 5 ms, in rad
 TURN = np.array([np.pi, 0.0, 0.0])  # through φ = 90°, and on
@@ -39,8 +39,7 @@ def flown(flight, truss, *, turned=None, sign=1.0):
     q = q.copy()
     q[3:7] = sign * QUATERNION.integrate(q[3:7], np.zeros(3) if turned is None else turned)
     simulator = Simulator(diagram, step=5e-3, log=logged(diagram), log_step=0.25)
-    run = simulator.run(2.0 * flight.duration, initial={"truss.q": q}, progress=False)
-    return tidy(run, truss)
+    return simulator.run(2.0 * flight.duration, initial={"truss.q": q}, progress=False)
 
 
 def test_a_slew_s_velocity_and_acceleration_are_its_derivatives(tug):

@@ -7,8 +7,8 @@ import pytest
 
 from trussflow.blocks import Simulator
 from trussflow.models import Hardware, SpaceTruss
-from trussflow.models.transport import Mission, mean_axes_transport, tidy, transport_diagram
-from trussflow.models.transport.logged_ports import logged
+from trussflow.models.transport import Mission, mean_axes_transport, transport_diagram
+from trussflow.models.transport.results import logged
 
 LOG_STEP = 0.2  # s
 OVER = np.array([np.pi, 0.0, 0.0])  # rad
@@ -42,7 +42,7 @@ def flights(truss, hardware, *missions):
     for each in missions:
         way = {"trajectory.displacement": each.displacement(truss.rigid)}
         run = simulator.run(1.25 * each.duration, parameters=way, progress=False)
-        found.append(tidy(run, truss))
+        found.append(run)
     return found
 
 
@@ -66,7 +66,7 @@ def test_the_source_s_loop_turns_it_over(truss):
     ours, flight = truss.with_quaternion(), mission(OVER, 40.0)
     diagram = transport_diagram(flight, ours)
     simulator = Simulator(diagram, step=1e-3, log=logged(diagram), log_step=LOG_STEP)
-    run = tidy(simulator.run(60.0, progress=False), ours)
+    run = simulator.run(60.0, progress=False)
     assert np.abs(run["attitude"].values[-1] - [0.0, 1.0, 0.0, 0.0]).max() < 1e-5
     for error in ("position_error", "attitude_error", "joint_error"):
         assert np.abs(run[error]).max() < 1e-4
@@ -86,7 +86,7 @@ def test_the_paper_s_truss_slews_by_a_third_of_a_circle():
     way = replace(Mission.of_case(1), position=np.array([0.0, 0.0, 2.0]), attitude=turn, duration=100.0)
     diagram = mean_axes_transport(way, truss, hardware=replace(Hardware.flight(), gyroscopic="cancelled"))
     simulator = Simulator(diagram, step=2e-3, log=logged(diagram), log_step=LOG_STEP)
-    found = tidy(simulator.run(110.0, progress=False), truss)
+    found = simulator.run(110.0, progress=False)
     angle = 2.0 * np.arctan2(found["attitude"].values[:, 1], found["attitude"].values[:, 0])
     assert angle[-1] == pytest.approx(turn[0], abs=ERROR_TOLERANCE)
     for name in ("position_error", "attitude_error"):

@@ -35,7 +35,7 @@ def run_of(truss, *, duration=8.0, step=0.02, phase=0.0, modal=0.3):
             "law.error": (("time", "task"), waves(truss.rigid, 1e-3, 6), {"units": "m, rad"}),
             "truss.energy": ("time", 1.0 + np.ravel(waves(1, 1.0, 7)), {"units": "J"}),
         },
-        {"time": ("time", time, {"units": "s"})},
+        {"time": ("time", time, {"units": "s"}), "axis": list("xyz")},
         {"target": np.linspace(-2.0, 2.0, truss.rigid_q)},
     )
 

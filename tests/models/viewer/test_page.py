@@ -65,7 +65,7 @@ def test_page_carries_what_was_logged(page_file, run):
     assert (force["units"], force["inner"], force["components"][4]) == ("N", 3, "robot 2 y")
     assert content.head["shown"] == ["law.error", "truss.base_force", "truss.base_torque", "truss.energy"]
     assert content.head["target"] == run.attrs["target"].tolist()
-    assert "run: 401 instants were logged, 401 are in the picture, 401 in the charts" in content.text
+    assert "run: 401 logged instants, 401 of them in the picture, 401 in the charts" in content.text
 
 
 def test_no_signal_is_taken_for_the_target(truss, run, content):
@@ -127,7 +127,7 @@ def test_whatever_was_simulated_the_page_fits(seed, truss, make_run, content, mo
 
 def test_what_cannot_fit_is_refused(truss, run, content, monkeypatch):
     monkeypatch.setattr(page, "MAX_PAGE_BYTES", 100_000)
-    with pytest.raises(ModelError, match=r"page of 0.1 MB: truss, sections .* take \d\.\d MB; give"):
+    with pytest.raises(ModelError, match=r"page of 0.1 MB: truss, sections .* take \d\.\d MB; use"):
         content(run, truss)
 
 
@@ -156,7 +156,7 @@ def test_fine_meshes_become_coarser_until_they_fit(truss, make_run, content, tmp
         enclosed = abs(np.sum(a * np.cross(b, c)) / 6.0)
         assert enclosed == pytest.approx(4.0 / 3.0 * np.pi, rel=0.02)
         assert set(solid["bodies"]) == {3}
-    assert "Drawn are carrier without hood.dae, which is none of .stl, .obj." in found.text
+    assert "Incomplete shapes: carrier without hood.dae, which is none of .stl, .obj." in found.text
 
 
 @pytest.mark.parametrize(("duration", "shown"), [(0.04, 41), (1.0, 51)])
@@ -207,17 +207,17 @@ def not_finite(run, _):
             lambda run, _: run.drop_vars("truss.coordinates"),
             r"log truss.coordinates, or truss.task_position and",
         ),
-        (lambda run, _: run.isel(coordinate=slice(0, 38)), r"has 38 numbers an instant, this"),
+        (lambda run, _: run.isel(coordinate=slice(0, 38)), r"has 38 elements instead of"),
+        (lambda run, _: run.isel(robot=slice(0, 3)), r"'truss.base_force' has 9 elements instead of 12"),
+        (lambda run, _: run.isel(time=slice(0, 1)), r"ascending instants in seconds; it has 1"),
         (
-            lambda run, _: run.isel(robot=slice(0, 3)),
-            r"'truss.base_force' has 9 numbers an instant, this truss 12",
+            lambda run, _: run.isel(time=slice(None, None, -1)),
+            r"coordinate 'time' must have two or more ascending",
         ),
-        (lambda run, _: run.isel(time=slice(0, 1)), r"ascends, here there are 1"),
-        (lambda run, _: run.isel(time=slice(None, None, -1)), r"a coordinate 'time' in seconds that ascends"),
-        (lambda run, _: run.rename(time="t"), r"a coordinate 'time' in seconds"),
-        (not_finite, r"'truss.coordinates' is not finite at t = 2 s; cut it off"),
-        (half_written, r"no whole netCDF file of a run"),
-        (of_another_tool, r"no whole netCDF file of a run"),
+        (lambda run, _: run.rename(time="t"), r"coordinate 'time' must have"),
+        (not_finite, r"'truss.coordinates' is not finite at t = 2 s; remove the rest"),
+        (half_written, r"not a complete netCDF file of a run"),
+        (of_another_tool, r"not a complete netCDF file of a run"),
         (lambda _, folder: folder / "none.nc", r"No such file"),
         (lambda run, _: run["truss.energy"], r"cannot show DataArray"),
         (
@@ -241,12 +241,12 @@ def test_what_is_no_run_of_the_truss_is_one_clear_error(spoil, message, truss, r
         ("other", {}, "no truss 'other'; choose from: published"),
         ("published", {"target": [1.0]}, "target has shape"),
         ("published", {"target": "north"}, "target"),
-        ("published", {"names": ["one"]}, "names must be those of the two runs"),
-        ("published", {"names": None}, "names must be those of the two runs, got None"),
+        ("published", {"names": ["one"]}, "names must be two, one per run"),
+        ("published", {"names": None}, "names must be two, one per run; got None"),
         (
             "published",
             {"sections": [Section("B", CHART.format("c"))]},
-            r"'B': no signal 'c' is there, but truss\.",
+            r"'B': no signal 'c' in the run; it has: truss\.",
         ),
     ],
 )
@@ -300,7 +300,7 @@ def test_command_line(run, tmp_path, capsys):
     assert main([str(file), "--truss", "consistent", "--output", str(page), "--json"]) == 0
     assert json.loads(capsys.readouterr().out) == {"page": str(page), "picture": None}
     assert main([str(page)]) == 2
-    assert "is a page: open it in a browser, or name a picture" in capsys.readouterr().err
+    assert "is a page: open it in a browser, or set --png" in capsys.readouterr().err
 
 
 def test_pictures_say_what_is_missing(page_file, tmp_path, monkeypatch):

@@ -25,7 +25,8 @@ def made_up(*, error=1e-6, late=1e-7, ripple=1e-3, jump=0.0, torque=0.1, forces=
     force[:, 2] = np.sin(TIME / 20) + ripple * FAST + jump * (TIME > 30)
     shares = robots.copy()
     shares[:, :, 2] = forces
-    joints = np.zeros((len(TIME), 4, 7))
+    joints = np.zeros((len(TIME), 28))
+    names = [f"theta_{i}_{j}" for i in range(1, 5) for j in range(1, 8)]
     moved = robots.copy()
     moved[:, :, 0] = [0.0, 1e-5, 2e-5, 1e-4]
     velocity = vector.copy()
@@ -35,15 +36,15 @@ def made_up(*, error=1e-6, late=1e-7, ripple=1e-3, jump=0.0, torque=0.1, forces=
             "position_error": (("time", "axis"), errors),
             "attitude_error": (("time", "angle"), errors),
             "position_error_rate": (("time", "axis"), velocity),
-            "joint_error": (("time", "robot", "joint"), joints),
-            "joint_rate": (("time", "robot", "joint"), joints),
-            "joint_torque": (("time", "robot", "joint"), joints),
+            "joint_error": (("time", "joint"), joints),
+            "joint_rate": (("time", "joint"), joints),
+            "joint_torque": (("time", "joint"), joints),
             "base_torque": (("time", "robot", "axis"), robots + torque),
             "base_force": (("time", "robot", "axis"), shares),
             "grasp_displacement": (("time", "robot", "axis"), moved),
             "generalized_force": (("time", "coordinate"), force),
         },
-        coords={"time": TIME, "robot": [1, 2, 3, 4], "joint": np.arange(1, 8)},
+        coords={"time": TIME, "robot": [1, 2, 3, 4], "joint": names},
     )
 
 
