@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
+from numpy.typing import NDArray
 
 from trussflow.blocks.framework.call_site import warn
 from trussflow.blocks.framework.diagram import Diagram
@@ -19,6 +20,7 @@ from trussflow.blocks.framework.validation import frequencies
 from trussflow.blocks.linear_analysis.linearize import Amplitudes, Linearizer
 from trussflow.blocks.linear_analysis.margins import (
     Margins,
+    channel_disks,
     channel_margins,
     channel_responses,
     disk_margin,
@@ -235,6 +237,20 @@ def margins_of(loop: LinearModel, omega: Vector | None = None) -> LoopMargins:
     LinearAnalysisError
         If the closed loop is unstable.
     """
+    channels, grid, S = _channels(loop, omega)
+    disk, gain, phase, frequency = disk_margin(loop, grid, S)
+    return LoopMargins(channels=channels, disk=disk, gain=gain, phase=phase, frequency=frequency)
+
+
+def channels_of(loop: LinearModel) -> dict[str, Margins]:
+    """Return the margins of each channel of a `loop` gain, the others closed; errors as of `margins_of`."""
+    return _channels(loop, None)[0]
+
+
+def _channels(
+    loop: LinearModel, omega: Vector | None
+) -> tuple[dict[str, Margins], Vector, NDArray[np.complex128]]:
+    """Return the margins of the channels, the frequencies, and the sensitivities there."""
     poles = stable_poles(loop, loop.input_labels[0])
     sampled = loop.isdtime(strict=True)
     both = np.concatenate([loop.poles(), poles])
@@ -247,12 +263,12 @@ def margins_of(loop: LinearModel, omega: Vector | None = None) -> LoopMargins:
     S = sensitivities(loop, grid)
     gains = channel_responses(S)
     ends = real_sensitivities(loop, sizes.min(initial=1.0))
+    disks, _ = channel_disks(loop, grid)
     channels = {
-        label: channel_margins(gains[:, k], grid, label, ends[:, k])
+        label: channel_margins(gains[:, k], grid, label, ends[:, k], float(disks[k]))
         for k, label in enumerate(loop.input_labels)
     }
-    disk, gain, phase, frequency = disk_margin(loop, grid, S)
-    return LoopMargins(channels=channels, disk=disk, gain=gain, phase=phase, frequency=frequency)
+    return channels, grid, S
 
 
 def _looping(system: System) -> list[tuple[Port, str, str]]:
