@@ -143,7 +143,7 @@ class RewiredModel:
         ):
             if found:
                 raise LinearAnalysisError(
-                    f"cannot {purpose}: it has {what}; measure its response instead, with measured_response()"
+                    f"cannot {purpose}: it has {what}; use estimated_response() instead"
                 )
 
     def vectors(self, point: OperatingPoint, values: Sequence[Vector]) -> tuple[Vector, Vector, Vector]:

@@ -33,13 +33,15 @@ from trussflow.blocks.linear_analysis.frequency.excitation import (
     Sweep,
     excited,
 )
-from trussflow.blocks.linear_analysis.frequency.measured_response import FEWEST_SAMPLES
 from trussflow.blocks.linear_analysis.operating_point import OperatingPoint, Surroundings
 from trussflow.blocks.linear_analysis.references import References, all_named, distinct_labels
 from trussflow.blocks.simulation.simulator import Simulator
 
 if TYPE_CHECKING:
     from trussflow.blocks.linear_analysis.frequency.response_estimate import ResponseEstimate
+
+MIN_STEPS = 10
+"""Steps within a period of the highest frequency [-]."""
 
 MOST_PERIODS = 64
 """Periods to wait for a response that repeats itself."""
@@ -151,7 +153,7 @@ def estimated_response(
     if not (isinstance(given, float | int) and given > 0):
         raise LinearAnalysisError(f"tolerance = {shown(tolerance)} must be positive; infinite under noise")
     one_of("excitation signal", signal, ("multisine", "chirp"), LinearAnalysisError)
-    read, often = (step, FEWEST_SAMPLES) if sample_time is None else (sample_time, 2)
+    read, often = (step, MIN_STEPS) if sample_time is None else (sample_time, 2)
     if not read * omega.max() < 2 * np.pi / often:
         raise LinearAnalysisError(
             f"the response is read every {read:g} s, less than {often} times within a period of "
