@@ -14,9 +14,9 @@ from trussflow.blocks.framework.port import Port
 from trussflow.blocks.framework.system import Indices, flatten
 from trussflow.blocks.framework.types import Vector
 from trussflow.blocks.framework.validation import by_name, positive
-from trussflow.blocks.linear_analysis.jacobians import LocalJacobians
+from trussflow.blocks.linear_analysis.jacobians import LocalJacobians, inner_places
 from trussflow.blocks.linear_analysis.lifting import Jump, lifted
-from trussflow.blocks.linear_analysis.linear_instants import inner_places, linear_instant
+from trussflow.blocks.linear_analysis.opened_model import OpenedModel
 from trussflow.blocks.linear_analysis.operating_point import OperatingPoint, Surroundings
 from trussflow.blocks.linear_analysis.overrides import Override
 from trussflow.blocks.linear_analysis.references import (
@@ -31,7 +31,6 @@ from trussflow.blocks.linear_analysis.references import (
     split_index,
     state_places,
 )
-from trussflow.blocks.linear_analysis.rewired_model import RewiredModel
 from trussflow.blocks.tracing.plan import Plan
 
 if TYPE_CHECKING:
@@ -145,20 +144,20 @@ class Linearizer:
     ) -> None:
         self._override = override
         self.item, self._system = item, flatten(item, external=True)
-        self._surroundings = Surroundings(self._system)
+        self._surroundings = Surroundings(Plan(self._system, own_programs=True))
         self._cuts = all_named(self._system, cut, [])
         self._inputs = all_named(self._system, inputs, item.inputs())
         self._outputs = all_named(self._system, outputs, item.outputs())
         cannot = f"cannot linearize '{item.name}'"
         self._input_labels = distinct_labels(cannot, "inputs", self._inputs)
         self._output_labels = distinct_labels(cannot, "outputs", self._outputs)
-        self._models: dict[Any, RewiredModel] = {}
-        self._rewired([])
+        self._models: dict[Any, OpenedModel] = {}
+        self._opened([])
 
-    def _rewired(self, wires: list[Named]) -> RewiredModel:
+    def _opened(self, wires: list[Named]) -> OpenedModel:
         key = tuple(one.key for one in wires)
         if key not in self._models:
-            self._models[key] = RewiredModel(
+            self._models[key] = OpenedModel(
                 self._system, self._inputs, self._outputs, self._cuts, wires, self._override
             )
         return self._models[key]
@@ -180,7 +179,7 @@ class Linearizer:
         at : OperatingPoint, optional
             The point; by default the initial states, inputs at their start values.
         """
-        return self.rewired(at)[1]
+        return self.opened(at)[1]
 
     @interruptible()
     def at(self, at: OperatingPoint | None = None, *, amplitude: Amplitudes | None = None) -> LinearModel:
@@ -195,16 +194,16 @@ class Linearizer:
         """
         amplitude = by_name("amplitudes", amplitude, str | Port)
         wires = self._wires(amplitude)
-        model, point, (x, d, p) = self.rewired(at, [one for one, _ in wires])
+        model, point, (x, d, p) = self.opened(at, [one for one, _ in wires])
         amplitudes = self._amplitudes(model, amplitude, wires)
         if amplitudes:
             model.refuse_harmonics(f"take describing functions of '{self.item.name}'")
         with model.at(point.time, p) as local:
             return self._model(model, local, point, (x, d), amplitudes)
 
-    def rewired(
+    def opened(
         self, at: OperatingPoint | None = None, wires: Sequence[Named] = ()
-    ) -> tuple[RewiredModel, OperatingPoint, tuple[Vector, Vector, Vector]]:
+    ) -> tuple[OpenedModel, OperatingPoint, tuple[Vector, Vector, Vector]]:
         """Return the diagram as it is opened, the point in full, and its x, d and p.
 
         Parameters
@@ -214,7 +213,7 @@ class Linearizer:
         wires : sequence of Named
             Wires that are closed by describing functions.
         """
-        model = self._rewired(list(wires))
+        model = self._opened(list(wires))
         outputs = {one.label: one.leaf for one in self._outputs}
         point, values = self._surroundings.complete(at, model.replaced, outputs)
         return model, point, model.vectors(point, values)
@@ -262,7 +261,7 @@ class Linearizer:
         return state_places(plan, [plan.x], reference)
 
     def _amplitudes(
-        self, model: RewiredModel, amplitude: Amplitudes, wires: list[tuple[Named, float]]
+        self, model: OpenedModel, amplitude: Amplitudes, wires: list[tuple[Named, float]]
     ) -> dict[int, float]:
         """Return the amplitudes by column of (x, d)."""
         found: dict[int, float] = {}
@@ -277,7 +276,7 @@ class Linearizer:
 
     def _model(
         self,
-        model: RewiredModel,
+        model: OpenedModel,
         local: LocalJacobians,
         point: OperatingPoint,
         vectors: tuple[Vector, Vector],
@@ -299,7 +298,7 @@ class Linearizer:
         if model.instants is not None:
 
             def jump(number: int) -> Jump:
-                by_inner, by_u = linear_instant(local, number, x, d)
+                by_inner, by_u = local.discrete_update(number, x, d)
                 found = by_inner, by_u[:, columns - x.size - plan.u_start]
                 self._check_finite(np.hstack(found), labels)
                 return found

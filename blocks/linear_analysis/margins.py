@@ -40,7 +40,7 @@ HIDDEN_SHARE = 1e-9
 """Effect of the inputs on a mode, or of the mode on the outputs, relative to the norm of B or C, up to which
 the mode counts as hidden [-]."""
 
-ROUND_OFF = 10.0 * float(np.finfo(float).eps)
+SUM_ROUND_OFF = 10.0 * float(np.finfo(float).eps)
 """Relative error of each of the n sums that make an element of a state matrix [-]."""
 
 MAX_CONDITION = 1e8
@@ -198,7 +198,7 @@ def stable_poles(model: control.StateSpace, loop: str) -> Complex:
     sampled = model.isdtime(strict=True)
     growth = np.abs(poles) - 1.0 if sampled else poles.real
     overlap = np.abs(np.sum(lefts.conj() * rights, axis=0))
-    unstable = growth * overlap > ROUND_OFF * len(A) * np.linalg.norm(A)
+    unstable = growth * overlap > SUM_ROUND_OFF * len(A) * np.linalg.norm(A)
     B, C = B / scale[:, None], C * scale
     excited = np.linalg.norm(lefts.conj().T @ B, axis=1) > HIDDEN_SHARE * np.linalg.norm(B)
     seen = np.linalg.norm(C @ rights, axis=0) > HIDDEN_SHARE * np.linalg.norm(C)
@@ -328,6 +328,11 @@ def disk_margin(
         Disk margin [1], the gain and phase margins that it guarantees in all channels at once
         [dB, deg], and the frequency of the least margin [rad/s].
 
+    Raises
+    ------
+    LinearAnalysisError
+        If there are several channels, and slycot is not installed.
+
     Notes
     -----
     The margin at a frequency is at least :math:`1/\rho(|S - I/2|)`, with the Perron root of
@@ -340,7 +345,13 @@ def disk_margin(
     bounds = 1.0 / np.abs(np.linalg.eigvals(deviations)).max(axis=1)
 
     def margin(frequencies: Vector) -> Vector:
-        return np.asarray(control.disk_margins(model, frequencies, returnall=True)[0])
+        try:
+            return np.asarray(control.disk_margins(model, frequencies, returnall=True)[0])
+        except control.ControlMIMONotImplemented:
+            raise LinearAnalysisError(
+                f"the disk margin of {model.ninputs} channels at once needs slycot: install it, or name one "
+                "element of the port"
+            ) from None
 
     margins = np.full(len(omega), np.inf)
     order = np.argsort(bounds)

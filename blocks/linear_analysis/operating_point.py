@@ -15,7 +15,6 @@ from trussflow.blocks.framework.equations import Equations
 from trussflow.blocks.framework.errors import LinearAnalysisError
 from trussflow.blocks.framework.port import Port
 from trussflow.blocks.framework.settling import settle
-from trussflow.blocks.framework.system import System
 from trussflow.blocks.framework.types import Array, Vector
 from trussflow.blocks.framework.validation import finite_array, positive, shown
 from trussflow.blocks.linear_analysis.trim_report import TrimReport
@@ -164,13 +163,13 @@ class Surroundings:
 
     Parameters
     ----------
-    system : System
-        The flat diagram, its inputs from outside open.
+    plan : Plan
+        The plan of the flat diagram, its inputs from outside open; each set of clocks has its own program.
     """
 
-    def __init__(self, system: System) -> None:
-        self.plan = Plan(system, own_programs=True)
-        self._assembly = Assembly(self.plan, [], "numpy")
+    def __init__(self, plan: Plan) -> None:
+        self.plan = plan
+        self._assembly = Assembly(plan, [], "numpy")
 
     def complete(
         self, at: OperatingPoint | None, ports: Sequence[Port], outputs: Mapping[str, Port]

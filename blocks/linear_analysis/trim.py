@@ -16,10 +16,9 @@ from trussflow.blocks.framework.port import Port
 from trussflow.blocks.framework.system import Indices, flatten
 from trussflow.blocks.framework.types import Vector
 from trussflow.blocks.framework.validation import by_name, finite_array, number_array, positive
-from trussflow.blocks.linear_analysis.jacobians import MODEL, LocalJacobians
-from trussflow.blocks.linear_analysis.linear_instants import inner_places, linear_instant
+from trussflow.blocks.linear_analysis.jacobians import RATES_AND_OUTPUTS, LocalJacobians, inner_places
+from trussflow.blocks.linear_analysis.opened_model import OpenedModel
 from trussflow.blocks.linear_analysis.operating_point import OperatingPoint, Surroundings, as_named
-from trussflow.blocks.linear_analysis.python_continuous_slopes import continuous_places
 from trussflow.blocks.linear_analysis.python_derivatives import hiding
 from trussflow.blocks.linear_analysis.references import (
     all_labels,
@@ -30,7 +29,6 @@ from trussflow.blocks.linear_analysis.references import (
     split_index,
     state_places,
 )
-from trussflow.blocks.linear_analysis.rewired_model import RewiredModel
 from trussflow.blocks.linear_analysis.trim_report import Bounds, TrimReport, Variables, output_lines
 
 MOST_LISTED = 8
@@ -150,10 +148,10 @@ class _Problem:
                 f"cannot trim: Python block '{block.path}' ({type(block).__name__}) keeps "
                 "something besides its declared states"
             )
-        self._surroundings = Surroundings(system)
         self._outputs = all_named(system, list(outputs), [])
-        self._model = RewiredModel(system, [], self._outputs, [], [])
+        self._model = OpenedModel(system, [], self._outputs, [], [])
         plan = self._plan = self._model.plan
+        self._surroundings = Surroundings(plan)
         self._point, _ = self._surroundings.complete(at, [], {})
         x, d, self._p = self._point.vectors(plan)
         self._z = np.concatenate([x, d])
@@ -225,7 +223,7 @@ class _Problem:
     def _residual(self, local: LocalJacobians, z: Vector) -> Vector:
         size = self._plan.x.size
         x, d = z[:size], z[size:].copy()  # outputs of continuous Python blocks change in it
-        model = local.values(MODEL, x, d)
+        model = local.values(RATES_AND_OUTPUTS, x, d)
         wanted = self._wanted_rates
         parts = [np.where(np.isnan(wanted), 0.0, model[:size] - wanted)]
         outputs = model[self._model.output_rows]
@@ -242,14 +240,13 @@ class _Problem:
         rates = np.where(np.isnan(self._wanted_rates)[:, None], 0.0, rates)
         parts = [rates, outputs]
         for number in self._sets:
-            by_inner, by_u = linear_instant(local, number, x, d)
+            by_inner, by_u = local.discrete_update(number, x, d)
             inner = inner_places(plan)
             change = np.zeros((inner.size - size, z.size))
             change[:, inner], change[:, size + plan.u_start :] = by_inner[size:], by_u[size:]
             change -= np.eye(z.size)[inner[size:]]
-            change[continuous_places(local.assembly) - size - plan.sampled.start] = (
-                0.0  # these follow at once
-            )
+            # Outputs of continuous Python blocks follow at once.
+            change[local.python_places - size - plan.sampled.start] = 0.0
             parts.append(change)
         return np.vstack(parts)
 
@@ -300,7 +297,9 @@ class _Problem:
             violation = float(np.abs(residual).max(initial=0.0))
             if not violation <= tolerance:
                 complaint = self._complaint(local, best, residual, tolerance)
-            rates = local.values(MODEL, best[: self._plan.x.size], best[self._plan.x.size :].copy())
+            rates = local.values(
+                RATES_AND_OUTPUTS, best[: self._plan.x.size], best[self._plan.x.size :].copy()
+            )
         point = self._as_point(best, residual, rates, tolerance)
         if complaint:
             error = TrimError(complaint)

@@ -36,6 +36,7 @@ from trussflow.blocks.linear_analysis.frequency.excitation import (
 from trussflow.blocks.linear_analysis.operating_point import OperatingPoint, Surroundings
 from trussflow.blocks.linear_analysis.references import References, all_named, distinct_labels
 from trussflow.blocks.simulation.simulator import Simulator
+from trussflow.blocks.tracing.plan import Plan
 
 if TYPE_CHECKING:
     from trussflow.blocks.linear_analysis.frequency.response_estimate import ResponseEstimate
@@ -182,7 +183,7 @@ def estimated_response(
         sources[-1].named(f"excitation {number + 1}")
         if sample_time is not None:
             sources[-1].sampled(sample_time)
-    point, _ = Surroundings(system).complete(at, [], {})
+    point, _ = Surroundings(Plan(system, own_programs=True)).complete(at, [], {})
     simulator = Simulator(
         excited(system, point, {one.port: source for one, source in zip(put_in, sources, strict=True)}),
         step=step,

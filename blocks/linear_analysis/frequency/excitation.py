@@ -64,18 +64,21 @@ class Multisine(Excitation):
         Frequencies [rad/s].
     """
 
+    omega = Parameter(shape="lines", unit="rad/s", meaning="ω")  # not compiled: responses share code
     phase = Parameter(shape=("lines", "size"), unit="rad", meaning="φ")
 
     def __init__(self, port: Port, omega: Vector) -> None:
-        self.omega, self.lines = omega, omega.size
+        self._omega, self.lines = omega, omega.size
         super().__init__(port)
 
     def _start(self) -> dict[str, Vector]:
-        return {"phase": np.zeros((self.lines, self.size))}
+        return {"omega": self._omega, "phase": np.zeros((self.lines, self.size))}
 
     def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
         """Return the sum of the sines."""
-        sines = np.sum(np.sin(self.omega[:, None] * t + p.phase), axis=0) / np.sqrt(self.lines)
+        sines = np.sum(np.sin(np.reshape(p.omega, (self.lines, 1)) * t + p.phase), axis=0) / np.sqrt(
+            self.lines
+        )
         return {"y": p.amplitude * np.reshape(sines, self.extent)}
 
 

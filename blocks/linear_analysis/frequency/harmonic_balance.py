@@ -33,7 +33,7 @@ from trussflow.blocks.framework.system import flatten
 from trussflow.blocks.framework.types import Vector
 from trussflow.blocks.framework.validation import frequencies, positive
 from trussflow.blocks.library.transport_delay import DelayLine
-from trussflow.blocks.linear_analysis.describing_function import PHASES, columns
+from trussflow.blocks.linear_analysis.describing_function import SAMPLE_PHASES, columns
 from trussflow.blocks.linear_analysis.linearize import Linearizer
 from trussflow.blocks.linear_analysis.operating_point import OperatingPoint
 from trussflow.blocks.linear_analysis.references import References
@@ -147,7 +147,7 @@ class Balance:
     def __init__(
         self, linearizer: Linearizer, at: OperatingPoint | None = None, delays: Sequence[DelayLine] = ()
     ) -> None:
-        model, point, (x, d, p) = linearizer.rewired(at)
+        model, point, (x, d, p) = linearizer.opened(at)
         self.input_labels, self.output_labels = linearizer.labels()
         self._time, self._model, self._size, self._p = point.time, model, x.size, p
         self._z = np.concatenate([x, d])
@@ -203,13 +203,13 @@ class Balance:
     def _first_harmonic(self, name: str, X: Complex, column: int, amplitude: float) -> Complex:
         """Return F_1 (of "derivative") or G_1 (of "outputs")."""
         total: Complex | float = 0.0
-        for phase in PHASES:
+        for phase in SAMPLE_PHASES:
             turn = np.exp(1j * phase)
             z = self._z.copy()
             z[: self._size] += np.real(X * turn)
             z[column] += amplitude * np.cos(phase)
             total = total + self._value(name, z) * np.conj(turn)
-        return np.asarray(2 * total / PHASES.size)
+        return np.asarray(2 * total / SAMPLE_PHASES.size)
 
     def _quasi_linear(self, amplitudes: Vector, column: int, amplitude: float) -> tuple[Any, Any]:
         """Return A and a column of B, of describing functions at these amplitudes."""

@@ -28,10 +28,8 @@ from trussflow.blocks.framework.errors import LinearAnalysisError
 from trussflow.blocks.framework.telling import told
 from trussflow.blocks.framework.types import Array, Vector
 from trussflow.blocks.framework.validation import finite_array, positive
+from trussflow.blocks.linear_analysis.margins import SUM_ROUND_OFF
 from trussflow.blocks.linear_analysis.uncertainty.uncertain_model import UncertainModel
-
-EPSILON = 10.0 * float(np.finfo(float).eps)
-"""Relative error of each of the n sums that make an element of R [-]."""
 
 MAX_LOG_SPEEDUP = 300.0
 """Largest logarithm of the speed-up of a sampled model; beyond, only zero is stable [-]."""
@@ -182,7 +180,7 @@ def _beyond(box: Polynomial, sampled: bool) -> Vector:
         return np.full(len(none), np.inf)
     size = float(sum(np.linalg.norm(matrix) for matrix in box.values()))
     size = size**2 + 1.0 if sampled else 2.0 * size
-    rounding = EPSILON * len(middle) * size * sum(np.linalg.norm(matrix) for matrix in p.values())
+    rounding = SUM_ROUND_OFF * len(middle) * size * sum(np.linalg.norm(matrix) for matrix in p.values())
     ends = {power: np.linalg.eigvalsh((matrix + matrix.T) / 2.0) for power, matrix in found.items()}
     spare = -ends.pop(none)[-1] - rounding
     if not spare > 0.0:

@@ -259,6 +259,14 @@ def test_disk_margin_of_the_spinning_satellite(a):
     assert loop_margins(loop, "back.y").disk == pytest.approx(scanned[0], rel=1e-6)
 
 
+def test_margins_of_several_channels_need_slycot():
+    with (
+        patch("control.margins.ab13md", None),
+        pytest.raises(LinearAnalysisError, match=r"of 2 channels at once needs slycot: install it"),
+    ):
+        loop_margins(spring_loop(), "plant.y")
+
+
 @pytest.mark.parametrize("loops", [5, pytest.param(200 * campaign.SIZE, marks=pytest.mark.campaign)])
 def test_disk_margins_are_never_above_a_scan(loops):
     rng = np.random.default_rng(campaign.SEED)

@@ -16,17 +16,16 @@ from trussflow.blocks.framework.rewiring import injected, probed, readers
 from trussflow.blocks.framework.system import Indices, System
 from trussflow.blocks.framework.types import Vector
 from trussflow.blocks.linear_analysis.describing_function import columns
-from trussflow.blocks.linear_analysis.jacobians import MODEL, Jacobians, LocalJacobians
+from trussflow.blocks.linear_analysis.jacobians import RATES_AND_OUTPUTS, Jacobians, LocalJacobians
 from trussflow.blocks.linear_analysis.lifting import Pattern, pattern
 from trussflow.blocks.linear_analysis.operating_point import OperatingPoint
 from trussflow.blocks.linear_analysis.overrides import Override, overridden
-from trussflow.blocks.linear_analysis.python_continuous_slopes import add_rates, closed_outputs
 from trussflow.blocks.linear_analysis.python_derivatives import refuse_hidden
 from trussflow.blocks.linear_analysis.references import Named
 from trussflow.blocks.tracing.plan import Plan
 
 
-class RewiredModel:
+class OpenedModel:
     """One way of opening a diagram for linear analysis, traced.
 
     Parameters
@@ -106,9 +105,6 @@ class RewiredModel:
         number = sum(tap.elements().size for tap in taps)
         self.output_rows, self._closing_rows = rows[:number], rows[number:]
 
-    def _now(self, one: Named) -> Named:
-        return replace(one, port=self._override.now(one.port))
-
     @property
     def replaced(self) -> list[Port]:
         """The signals, as the user wired them, whose values must be given for a point."""
@@ -183,17 +179,17 @@ class RewiredModel:
         amplitudes : dict of int to float
             Columns whose derivatives are replaced by describing functions, and the amplitudes.
         """
-        if local.assembly.continuous:
-            # Before the traced rows: it brings the outputs of continuous Python blocks in d up to date.
-            closed = closed_outputs(local, x, d)
-            matrix = local.matrix(MODEL, x, d)
-            add_rates(matrix, local, x, d)
-            matrix = closed.substitute(matrix)
-        else:
-            matrix = local.matrix(MODEL, x, d)
+        # Before the traced rows: it brings the outputs of continuous Python blocks in d up to date.
+        where, by_all = local.python_places, local.python_outputs(x, d)
+        matrix = local.matrix(RATES_AND_OUTPUTS, x, d)
+        for call, quantity in local.assembly.continuous.ordered:
+            if call.size:
+                matrix[call.states] = local.python(call, "derivative", quantity, x, d)[1]
+        matrix += matrix[:, where] @ by_all
+        matrix[:, where] = 0.0
 
         def function(z: Vector) -> Vector:
-            return local.values(MODEL, z[: x.size], z[x.size :])
+            return local.values(RATES_AND_OUTPUTS, z[: x.size], z[x.size :])
 
         for number, column in columns(function, np.concatenate([x, d]), amplitudes).items():
             matrix[:, number] = column
