@@ -193,9 +193,13 @@ class Linearizer:
             Amplitudes of describing functions [unit of the state or signal].
         """
         amplitude = by_name("amplitudes", amplitude, str | Port)
-        wires = self._wires(amplitude)
+        stored, wires = self._oscillating(amplitude)
         model, point, (x, d, p) = self.opened(at, [one for one, _ in wires])
-        amplitudes = self._amplitudes(model, amplitude, wires)
+        amplitudes: dict[int, float] = {}
+        for reference, size in stored.items():
+            amplitudes |= dict.fromkeys(np.ravel(self._places(model.plan, reference)).tolist(), size)
+        sizes = [size for one, size in wires for _ in one.labels()]
+        amplitudes |= dict(zip(model.wire_columns.tolist(), sizes, strict=True))
         if amplitudes:
             model.refuse_harmonics(f"take describing functions of '{self.item.name}'")
         with model.at(point.time, p) as local:
@@ -220,25 +224,26 @@ class Linearizer:
 
     # -- describing functions -----------------------------------------------------------------
 
-    def _wires(self, amplitude: Amplitudes) -> list[tuple[Named, float]]:
-        """Return the wires within the diagram that have an amplitude, and the amplitudes."""
-        plan = self._surroundings.plan
+    def _oscillating(self, amplitude: Amplitudes) -> tuple[dict[Reference, float], list[tuple[Named, float]]]:
+        """Return the amplitudes of states and inputs from outside, and the wires that have amplitudes."""
+        stored: dict[Reference, float] = {}
         wires = []
         for reference, size in amplitude.items():
             positive(LinearAnalysisError, **{f"amplitude of '{reference}'": size})
-            if self._places(plan, reference) is not None:
+            if self._places(self._surroundings.plan, reference) is not None:
+                stored[reference] = size
                 continue
             try:
                 one = named(self._system, reference)
             except NameLookupError as error:
-                states = ", ".join(f"{e.path}.{e.name}" for e in plan.x)
+                states = ", ".join(f"{e.path}.{e.name}" for e in self._surroundings.plan.x)
                 raise NameLookupError(f"{error}; states: {states or 'none'}") from None
             if not one.port.is_input:
                 raise LinearAnalysisError(
                     f"amplitude of '{one.port.full_path}': name a state, or the input of a block"
                 )
             wires.append((one, size))
-        return wires
+        return stored, wires
 
     def _places(self, plan: Plan, reference: Reference) -> Indices | None:
         """Return where a state or an input from outside is in (x, d); None if it is a wire."""
@@ -259,18 +264,6 @@ class Linearizer:
         except NameLookupError:
             return None
         return state_places(plan, [plan.x], reference)
-
-    def _amplitudes(
-        self, model: OpenedModel, amplitude: Amplitudes, wires: list[tuple[Named, float]]
-    ) -> dict[int, float]:
-        """Return the amplitudes by column of (x, d)."""
-        found: dict[int, float] = {}
-        for reference, size in amplitude.items():
-            places = self._places(model.plan, reference)
-            if places is not None:
-                found |= dict.fromkeys(places.tolist(), size)
-        sizes = [size for one, size in wires for _ in one.labels()]
-        return found | dict(zip(model.wire_columns.tolist(), sizes, strict=True))
 
     # -- models -------------------------------------------------------------------------------
 

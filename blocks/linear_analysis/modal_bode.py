@@ -15,7 +15,7 @@ from trussflow.blocks.framework.types import Vector
 from trussflow.blocks.linear_analysis.linearize import linearize
 from trussflow.blocks.linear_analysis.loop_transfer import channels_of, loop_transfer
 from trussflow.blocks.linear_analysis.margins import channel_responses, frequencies_about, sensitivities
-from trussflow.blocks.linear_analysis.modal_table import OscillatingMode, modal_table, oscillating_modes
+from trussflow.blocks.linear_analysis.modal_table import OscillatingMode, oscillating_modes
 from trussflow.blocks.linear_analysis.references import Reference, named
 
 if TYPE_CHECKING:
@@ -96,6 +96,6 @@ def modal_bode(
 
 def _grid(loop: LinearModel) -> Vector:
     """Return frequencies from a tenth of the slowest to ten times the fastest oscillating pole [rad/s]."""
-    poles = np.array([mode.pole for mode in modal_table(loop).modes])
+    poles = np.array([pole for pole, _, _ in oscillating_modes(loop)])
     sizes = np.abs(poles) if poles.size else np.ones(1)
     return frequencies_about(poles, 0.1 * sizes.min(), 10.0 * sizes.max())

@@ -65,13 +65,13 @@ class OpenedModel:
     ) -> None:
         self._override = overridden(system, override)
         before, system = [one.leaf for one in (*cuts, *wires)], self._override.system
-        outputs = [replace(one, port=self._override.now(one.port)) for one in outputs]
+
+        def now(one: Named) -> Named:
+            return replace(one, port=self._override.now(one.port))
+
+        outputs = [now(one) for one in outputs]
         inputs, cuts, wires = (
-            [
-                one if _outside(system, one) else replace(one, port=self._override.now(one.port))
-                for one in ones
-            ]
-            for ones in (inputs, cuts, wires)
+            [one if _outside(system, one) else now(one) for one in ones] for ones in (inputs, cuts, wires)
         )
         refuse_hidden(system)
         _refuse_overlaps(cuts, [*inputs, *cuts, *(one for one in outputs if one.port.is_input)])

@@ -29,7 +29,7 @@ from trussflow.blocks.linear_analysis.references import (
     split_index,
     state_places,
 )
-from trussflow.blocks.linear_analysis.trim_report import Bounds, TrimReport, Variables, output_lines
+from trussflow.blocks.linear_analysis.trim_report import Bounds, TrimReport, output_lines, variable_lines
 
 MOST_LISTED = 8
 """Equations or variables that a message names."""
@@ -181,7 +181,14 @@ class _Problem:
             finite_array(f"output '{r}'", v, one.port.elements().shape).ravel()
             for (r, v), one in zip(outputs.items(), self._outputs, strict=True)
         ]
-        self._names = self._equation_names()
+        instants = self._model.instants.instants if self._model.instants is not None else []
+        self._sets = sorted({number for _, number in instants if number})
+        stays = self._labels[plan.x.size :][plan.sampled]
+        self._names = [
+            *(f"d({label})/dt" for label in self._labels[: plan.x.size]),
+            *all_labels(self._outputs),
+            *(f"change of {label} at an instant" for _ in self._sets for label in stays),
+        ]
 
     # -- what the user said -------------------------------------------------------------------
 
@@ -210,15 +217,6 @@ class _Problem:
         self._z[where] = np.clip(self._z[where], lower, upper)
 
     # -- the equations ------------------------------------------------------------------------
-
-    def _equation_names(self) -> list[str]:
-        plan = self._plan
-        names = [f"d({label})/dt" for label in self._labels[: plan.x.size]]
-        names += all_labels(self._outputs)
-        instants = self._model.instants.instants if self._model.instants is not None else []
-        self._sets = sorted({number for _, number in instants if number})
-        stays = self._labels[plan.x.size :][plan.sampled]
-        return names + [f"change of {label} at an instant" for _ in self._sets for label in stays]
 
     def _residual(self, local: LocalJacobians, z: Vector) -> Vector:
         size = self._plan.x.size
@@ -333,8 +331,9 @@ class _Problem:
             changes = residual[wanted:].reshape(len(self._sets), -1)
             own[sampled] = np.take_along_axis(changes, np.abs(changes).argmax(0)[None], 0)[0]
         off = dict(zip(all_labels(self._outputs), residual[size:wanted], strict=True))
-        variables = Variables(plan, self._labels, z, self._free, self._bounds, self._at_bounds(z), rates, own)
-        lines = [*variables.lines(), *output_lines(outputs.values(), point.outputs, off)]
+        bounds = self._bounds, self._at_bounds(z)
+        variables = variable_lines(plan, self._labels, z, self._free, *bounds, rates, own)
+        lines = [*variables, *output_lines(outputs.values(), point.outputs, off)]
         report = TrimReport(plan.name, point.time, tolerance, violation, tuple(lines))
         object.__setattr__(point, "report", report)
         return point

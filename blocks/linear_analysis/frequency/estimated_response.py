@@ -145,8 +145,8 @@ def estimated_response(
     from trussflow.blocks.linear_analysis.frequency.response_estimate import ResponseEstimate
 
     omega = frequencies(omega)
-    positive(LinearAnalysisError, step=step)
-    positive(LinearAnalysisError, **({} if sample_time is None else {"sample_time": sample_time}))
+    read, often = (step, MIN_STEPS) if sample_time is None else (sample_time, 2)
+    positive(LinearAnalysisError, step=step, sample_time=read)
     positive_whole(realizations=realizations, cycles=cycles)
     if not is_whole(seed) or seed < 0:
         raise LinearAnalysisError(f"seed = {shown(seed)} must be a whole number, 0 or above")
@@ -154,7 +154,6 @@ def estimated_response(
     if not (isinstance(given, float | int) and given > 0):
         raise LinearAnalysisError(f"tolerance = {shown(tolerance)} must be positive; infinite under noise")
     one_of("excitation signal", signal, ("multisine", "chirp"), LinearAnalysisError)
-    read, often = (step, MIN_STEPS) if sample_time is None else (sample_time, 2)
     if not read * omega.max() < 2 * np.pi / often:
         raise LinearAnalysisError(
             f"the response is read every {read:g} s, less than {often} times within a period of "

@@ -34,19 +34,17 @@ class Excitation(Block):
     ----------
     port : Port
         Port that receives it; its shape and unit are used.
+    **parameters
+        Further parameters of the signal.
     """
 
     y = Output("extent", unit=Attribute("own_unit"))
     amplitude = Parameter(0.0, shape="extent")
 
-    def __init__(self, port: Port) -> None:
+    def __init__(self, port: Port, **parameters: Vector) -> None:
         self.extent, self.size = port.shape or (), port.elements().size
         self.own_unit = port.element_units()[0] if len(set(port.element_units())) == 1 else None
-        super().__init__(amplitude=np.zeros(self.extent), **self._start())
-
-    def _start(self) -> dict[str, Vector]:
-        """Return further parameters."""
-        return {}
+        super().__init__(amplitude=np.zeros(self.extent), **parameters)
 
 
 class Multisine(Excitation):
@@ -68,11 +66,8 @@ class Multisine(Excitation):
     phase = Parameter(shape=("lines", "size"), unit="rad", meaning="φ")
 
     def __init__(self, port: Port, omega: Vector) -> None:
-        self._omega, self.lines = omega, omega.size
-        super().__init__(port)
-
-    def _start(self) -> dict[str, Vector]:
-        return {"omega": self._omega, "phase": np.zeros((self.lines, self.size))}
+        self.lines = omega.size
+        super().__init__(port, omega=omega, phase=np.zeros((self.lines, port.elements().size)))
 
     def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
         """Return the sum of the sines."""
@@ -106,10 +101,7 @@ class Sweep(Excitation):
         self.ratio, self.period = np.log(highest / lowest), period
         cycles = np.round(lowest * period * (highest / lowest - 1.0) / self.ratio / (2 * np.pi))
         self.rise = 2 * np.pi * max(cycles, 1.0) / (highest / lowest - 1.0)
-        super().__init__(port)
-
-    def _start(self) -> dict[str, Vector]:
-        return {"shift": np.zeros(self.extent)}
+        super().__init__(port, shift=np.zeros(port.shape or ()))
 
     def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
         """Return the sine."""
