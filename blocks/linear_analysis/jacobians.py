@@ -103,7 +103,9 @@ class LocalJacobians:
         x, d : Vector
             The point [units as declared].
         """
-        tangents, t, p = self._jacobians.tangents(name), self.t, self.p
+        tangents = self._jacobians.tangents(name)
+        t = self.t
+        p = self.p
         active = next(q.active for q in self.assembly.quantities if q.name == name)
         d = self.plan.loops.put(t, x, d, p, active)
         found = tangents(t, x, d, p, np.eye(x.size + d.size))
@@ -165,7 +167,8 @@ class LocalJacobians:
         x, d : Vector
             The point [units as declared].
         """
-        where, rows = self.python_places, [np.zeros((0, x.size + d.size))]
+        where = self.python_places
+        rows = [np.zeros((0, x.size + d.size))]
         for call, quantity in self.assembly.continuous.ordered:
             rows.append(self.python(call, "output", quantity, x, d)[1])
         direct = np.vstack(rows)
@@ -187,7 +190,9 @@ class LocalJacobians:
         x, d : Vector
             States and discrete data, before the instant [units as declared].
         """
-        plan, d, where = self.plan, d.copy(), self.python_places
+        plan = self.plan
+        d = d.copy()
+        where = self.python_places
         after = np.eye(x.size + d.size)
         sequence = self.assembly.sampled.ordered[number]
         for call, quantity in sequence:
@@ -259,7 +264,8 @@ class Tangents:
 
 def inner_places(plan: Plan) -> Indices:
     """Return where (x, memory, held) of a `plan` are in (x, d): modes and events stay as they are."""
-    size, sampled = plan.x.size, plan.sampled
+    size = plan.x.size
+    sampled = plan.sampled
     return np.array(np.r_[:size, size + sampled.start : size + sampled.stop], dtype=np.int64)
 
 

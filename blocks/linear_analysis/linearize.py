@@ -143,7 +143,8 @@ class Linearizer:
         override: Override | None = None,
     ) -> None:
         self._override = override
-        self.item, self._system = item, flatten(item, external=True)
+        self.item = item
+        self._system = flatten(item, external=True)
         self._surroundings = Surroundings(Plan(self._system, own_programs=True))
         self._cuts = all_named(self._system, cut, [])
         self._inputs = all_named(self._system, inputs, item.inputs())
@@ -197,7 +198,9 @@ class Linearizer:
         model, point, (x, d, p) = self.opened(at, [one for one, _ in wires])
         amplitudes: dict[int, float] = {}
         for reference, size in stored.items():
-            amplitudes |= dict.fromkeys(np.ravel(self._places(model.plan, reference)).tolist(), size)
+            places = self._places(model.plan, reference)
+            assert places is not None
+            amplitudes |= dict.fromkeys(places.tolist(), size)
         sizes = [size for one, size in wires for _ in one.labels()]
         amplitudes |= dict(zip(model.wire_columns.tolist(), sizes, strict=True))
         if amplitudes:
@@ -280,14 +283,19 @@ class Linearizer:
         x, d = vectors
         rates, rows = model.linear(local, x, d, amplitudes)
         columns, plan = model.input_columns, model.plan
-        states, inner, dt = layout_labels(plan.x), np.arange(x.size), 0.0
+        states = layout_labels(plan.x)
+        inner = np.arange(x.size)
+        dt = 0.0
         if model.instants is not None:
             states += layout_labels(plan.memory) + layout_labels(plan.held)
             inner = inner_places(plan)
         labels = [*states, *self._input_labels]
         flow = np.vstack([rates, np.zeros((inner.size - x.size, rates.shape[1]))])
         self._check_finite(np.vstack([flow, rows])[:, [*inner, *columns]], labels)
-        A, B, C, D = flow[:, inner], flow[:, columns], rows[:, inner], rows[:, columns]
+        A = flow[:, inner]
+        B = flow[:, columns]
+        C = rows[:, inner]
+        D = rows[:, columns]
         if model.instants is not None:
 
             def jump(number: int) -> Jump:
@@ -334,4 +342,6 @@ def _without_dead_states(
         if alive.all():
             return A, B, C, labels
         labels = [label for label, keep in zip(labels, alive, strict=True) if keep]
-        A, B, C = A[np.ix_(alive, alive)], B[alive], C[:, alive]
+        A = A[np.ix_(alive, alive)]
+        B = B[alive]
+        C = C[:, alive]

@@ -107,7 +107,8 @@ def loop_transfer(
 
 def _passes(model: LinearModel) -> bool:
     """Return whether any input has an influence on any output, by the pattern of non-zeros."""
-    reached, before = np.any(model.B, axis=1), -1
+    reached = np.any(model.B, axis=1)
+    before = -1
     while before != (before := int(reached.sum())):
         reached |= np.any(model.A[:, reached], axis=1)
     return bool(np.any(model.D) or np.any(model.C[:, reached]))
@@ -216,7 +217,13 @@ def loop_margins(
     Raises
     ------
     LinearAnalysisError
-        If no loop passes there, or the closed loop is unstable: it has no margins.
+        If no loop passes there, the closed loop is unstable (it has no margins), or slycot is missing for the
+        disk margin of several channels.
+
+    Warns
+    -----
+    SimulationWarning
+        If the diagram has unstable poles that the loop hides: its margins are those of the other poles.
     """
     given = None if omega is None else frequencies(np.unique(frequencies(omega)), 2)
     return margins_of(loop_transfer(diagram, port, openings=openings, at=at, override=override), given)

@@ -258,7 +258,8 @@ def channel_margins(gain: Complex, omega: Vector, channel: str, ends: Vector, di
     import control  # takes a while to import
 
     finite = np.isfinite(gain)
-    gain, omega = gain[finite], omega[finite]
+    gain = gain[finite]
+    omega = omega[finite]
     if np.abs(gain).max(initial=0.0) < ZERO_GAIN:  # nothing comes back
         return Margins(channel=channel)
     data = control.FrequencyResponseData(gain, omega, smooth=True)

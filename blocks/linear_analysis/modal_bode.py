@@ -71,7 +71,8 @@ def modal_bode(
     effects = np.array([np.abs(left @ plant.B) for _, left, _ in modes])
     grid = _grid(loop) if omega is None else np.asarray(omega)
     gains = channel_responses(sensitivities(loop, grid))
-    title, margins = f"{diagram.name}: loops at {opened.full_path}", {}
+    title = f"{diagram.name}: loops at {opened.full_path}"
+    margins = {}
     try:
         margins = channels_of(loop)
     except LinearAnalysisError as error:

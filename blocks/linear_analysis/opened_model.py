@@ -64,7 +64,8 @@ class OpenedModel:
         override: Override | None = None,
     ) -> None:
         self._override = overridden(system, override)
-        before, system = [one.leaf for one in (*cuts, *wires)], self._override.system
+        before = [one.leaf for one in (*cuts, *wires)]
+        system = self._override.system
 
         def now(one: Named) -> Named:
             return replace(one, port=self._override.now(one.port))
@@ -89,7 +90,8 @@ class OpenedModel:
             system, tap = probed(system, one.port)
             closings.append(tap)
             system, sources[one.key] = _put_in(system, one, cut=True)
-        self.plan, self.taps = Plan(system, own_programs=True), taps
+        self.plan = Plan(system, own_programs=True)
+        self.taps = taps
         columns = [self._columns([(one, sources[one.key])]) for one in (*cuts, *wires)]
         self._replaced = list(zip(before, columns, strict=True))
         for point, stand_in in self._override.points:
@@ -114,7 +116,8 @@ class OpenedModel:
         """Return where the elements of inputs are in (x, d)."""
         parts = [np.zeros(0, dtype=np.int64)]
         for one, path in found:
-            place, elements = self.plan.place(path, "y"), one.port.elements().ravel()
+            place = self.plan.place(path, "y")
+            elements = one.port.elements().ravel()
             if _outside(self.plan.system, one) is None:  # a source of its own, for these elements
                 elements = np.arange(elements.size)
             parts.append(place.start + elements)
@@ -180,7 +183,8 @@ class OpenedModel:
             Columns whose derivatives are replaced by describing functions, and the amplitudes.
         """
         # Before the traced rows: it brings the outputs of continuous Python blocks in d up to date.
-        where, by_all = local.python_places, local.python_outputs(x, d)
+        where = local.python_places
+        by_all = local.python_outputs(x, d)
         matrix = local.matrix(RATES_AND_OUTPUTS, x, d)
         for call, quantity in local.assembly.continuous.ordered:
             if call.size:
@@ -193,7 +197,8 @@ class OpenedModel:
 
         for number, column in columns(function, np.concatenate([x, d]), amplitudes).items():
             matrix[:, number] = column
-        wires, closings = self.wire_columns, matrix[self._closing_rows]
+        wires = self.wire_columns
+        closings = matrix[self._closing_rows]
         # The wires' signals w = S_z z + S_w w; without algebraic loops S_w is nilpotent.
         signals = np.linalg.solve(np.eye(wires.size) - closings[:, wires], closings)
         matrix = matrix + matrix[:, wires] @ signals

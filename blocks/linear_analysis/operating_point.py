@@ -98,7 +98,8 @@ class OperatingPoint(Described):
         SimulationError
             If the session is not started, failed, or cannot say all that it keeps.
         """
-        plan, now = session.prepared.plan, session.save()
+        plan = session.prepared.plan
+        now = session.save()
         own, given = plan.p.named(plan.parameters({})), plan.p.named(now.p)
         found: dict[str, Any] = as_named(plan, now.x, now.d)
         changed = {k: v for k, v in given.items() if not np.array_equal(v, own[k])}
@@ -187,7 +188,8 @@ class Surroundings:
         outputs : mapping
             Ports to keep in the point, by name.
         """
-        at, plan = given_point(at), self.plan
+        at = given_point(at)
+        plan = self.plan
         for reference in at.loops:
             plan.guesses.find(reference, "loop signal")
         p = plan.parameters(at.parameters)
@@ -215,7 +217,8 @@ class Surroundings:
 
     def _settled(self, executor: Executor, t: float, x: Vector, d: Vector, p: Vector) -> Vector:
         """Return d with held outputs computed, discrete states as they were."""
-        memory, d = d[self.plan.memory.span].copy(), d.copy()
+        memory = d[self.plan.memory.span].copy()
+        d = d.copy()
 
         def sweep() -> Vector:
             for number, active in enumerate(self._assembly.schedule.sets):

@@ -50,7 +50,11 @@ class Gains(Block):
     """
 
     def __init__(self, block: Block, A: Vector, B: Vector, C: Vector, D: Vector) -> None:
-        self.A, self.B, self.C, self.D, self.order = A, B, C, D, len(A)
+        self.A = A
+        self.B = B
+        self.C = C
+        self.D = D
+        self.order = len(A)
         self.inner, self.outer = _inner(block.inputs()), _inner(block.outputs())
         self.extra_ports = {
             **{

@@ -232,7 +232,8 @@ class _Problem:
         return np.concatenate(parts)
 
     def _jacobian(self, local: LocalJacobians, z: Vector) -> Vector:
-        plan, size = self._plan, self._plan.x.size
+        plan = self._plan
+        size = self._plan.x.size
         x, d = z[:size], z[size:]
         rates, outputs = self._model.linear(local, x, d.copy(), {})
         rates = np.where(np.isnan(self._wanted_rates)[:, None], 0.0, rates)
@@ -273,7 +274,8 @@ class _Problem:
             self._check_finite(jacobian.sum(axis=1), "derivative")
             return jacobian
 
-        best, complaint = self._z, ""
+        best = self._z
+        complaint = ""
         with self._model.at(self._point.time, self._p) as local:
             if free.any():
                 try:
@@ -314,7 +316,8 @@ class _Problem:
             )
 
     def _as_point(self, z: Vector, residual: Vector, rates: Vector, tolerance: float) -> OperatingPoint:
-        plan, size = self._plan, self._plan.x.size
+        plan = self._plan
+        size = self._plan.x.size
         found: dict[str, Any] = as_named(plan, z[:size], z[size:])
         violation = float(np.abs(residual).max(initial=0.0))
         outputs = {one.label: one for one in all_named(plan.system, plan.system.root.outputs(), [])}
@@ -325,7 +328,8 @@ class _Problem:
             {label: one.leaf for label, one in outputs.items()},
         )[0]
         wanted = size + len(all_labels(self._outputs))
-        own, sampled = np.full(z.size, np.nan), slice(size + plan.sampled.start, size + plan.sampled.stop)
+        own = np.full(z.size, np.nan)
+        sampled = slice(size + plan.sampled.start, size + plan.sampled.stop)
         own[:size] = np.where(np.isnan(self._wanted_rates), np.nan, residual[:size])
         if self._sets:  # of several sets of clocks, the worst
             changes = residual[wanted:].reshape(len(self._sets), -1)

@@ -142,7 +142,8 @@ def variable_lines(
     kinds = ("state", "mode", "discrete state", "held output", "input")
     for kind, layout in zip(kinds, (*plan.stored, plan.held, plan.u), strict=True):
         for e in layout:
-            place, block = plan.place(e.path, e.name), plan.system.blocks[e.path]
+            place = plan.place(e.path, e.name)
+            block = plan.system.blocks[e.path]
             if kind == "held output" and block.sample_time is None:
                 continue  # of a continuous Python block: it follows at once, and is no variable
             states = block.declared(State)

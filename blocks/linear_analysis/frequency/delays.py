@@ -54,6 +54,11 @@ def delay_margin(
     LinearAnalysisError
         If the closed loop is not stable, the model is discrete or not square, or frequencies to search are
         fewer than two or not positive.
+
+    Warns
+    -----
+    SimulationWarning
+        If the diagram has unstable poles that the loop hides: its margins are those of the other poles.
     """
     from scipy.optimize import brentq
 

@@ -229,7 +229,8 @@ def _period(times: list[Fraction], least: float) -> Fraction:
 
 def _multisines(rng: np.random.Generator, sizes: Vector, lines: int) -> Iterator[Draw]:
     """Return runs with random phases, orthogonal by the columns of the Fourier matrix."""
-    phase, count = rng.uniform(0.0, 2 * np.pi, (lines, sizes.size)), np.arange(sizes.size)
+    phase = rng.uniform(0.0, 2 * np.pi, (lines, sizes.size))
+    count = np.arange(sizes.size)
     for run in count:
         # Of each run by itself as well: else noise that is the same in all falls to the first input alone.
         own = rng.uniform(0.0, 2 * np.pi, (lines, 1))
@@ -266,7 +267,8 @@ class _Runs:
 
     def spectra(self, draw: Draw) -> tuple[Spectra, Spectra]:
         """Return the Fourier coefficients of the inputs and of the outputs, of shape (signals, lines)."""
-        parameters, first = dict(self.point.parameters), 0
+        parameters = dict(self.point.parameters)
+        first = 0
         for source in self.sources:
             for name, values in draw.items():
                 own = values[..., first : first + source.size]
@@ -274,7 +276,8 @@ class _Runs:
             first += source.size
         while self.periods <= MOST_PERIODS:
             before, last = self._last_two(parameters)
-            off, size = np.abs(last - before).max(axis=1), np.abs(last).max(axis=1)
+            off = np.abs(last - before).max(axis=1)
+            size = np.abs(last).max(axis=1)
             if np.all((off <= self.tolerance * size)[first:]):
                 return last[:first], last[first:]
             self.periods *= 2

@@ -34,15 +34,16 @@ class Excitation(Block):
     ----------
     port : Port
         Port that receives it; its shape and unit are used.
-    **parameters
-        Further parameters of the signal.
+    **parameters : Vector
+        Further parameters of the signal [as declared].
     """
 
     y = Output("extent", unit=Attribute("own_unit"))
     amplitude = Parameter(0.0, shape="extent")
 
     def __init__(self, port: Port, **parameters: Vector) -> None:
-        self.extent, self.size = port.shape or (), port.elements().size
+        self.extent = port.shape or ()
+        self.size = port.elements().size
         self.own_unit = port.element_units()[0] if len(set(port.element_units())) == 1 else None
         super().__init__(amplitude=np.zeros(self.extent), **parameters)
 
@@ -98,7 +99,8 @@ class Sweep(Excitation):
     shift = Parameter(shape="extent", unit="s", meaning="s")
 
     def __init__(self, port: Port, lowest: float, highest: float, period: float) -> None:
-        self.ratio, self.period = np.log(highest / lowest), period
+        self.ratio = np.log(highest / lowest)
+        self.period = period
         cycles = np.round(lowest * period * (highest / lowest - 1.0) / self.ratio / (2 * np.pi))
         self.rise = 2 * np.pi * max(cycles, 1.0) / (highest / lowest - 1.0)
         super().__init__(port, shift=np.zeros(port.shape or ()))

@@ -78,7 +78,8 @@ class _Gain:
 
     def __init__(self, model: UncertainModel, omega: float) -> None:
         self.sizes = model.fractions.sizes
-        self.whole, self.inner = model.response(omega), sum(self.sizes)
+        self.whole = model.response(omega)
+        self.inner = sum(self.sizes)
         outputs, inputs = (n - self.inner for n in self.whole.shape)
         self.block = max(outputs, inputs)
         self.padding = ((0, self.block - outputs), (0, self.block - inputs))
@@ -87,7 +88,9 @@ class _Gain:
 
     def within(self, centre: Vector, half: Vector) -> Vector:
         """Return what Δ', from -1 to 1, and the inputs do, where δ is `centre` + `half` Δ'."""
-        k, at, reach = self.inner, np.repeat(centre, self.sizes), np.repeat(half, self.sizes)
+        k = self.inner
+        at = np.repeat(centre, self.sizes)
+        reach = np.repeat(half, self.sizes)
         closed = np.linalg.solve(
             np.eye(k) - self.whole[:k, :k] * at, np.hstack([self.whole[:k, :k] * reach, self.whole[:k, k:]])
         )
@@ -218,7 +221,9 @@ def _grows(model: LinearModel) -> bool:
 def _worst(gain: _Gain, count: int, tolerance: float, most: int) -> tuple[float, float, Vector, int]:
     """Return the greatest gain found, what bounds all, where it was found, and how many boxes it took."""
     place = gain.climbed(max(_members(count), key=gain.at))
-    best, looked, axes = gain.at(place), 1, np.eye(count)
+    best = gain.at(place)
+    looked = 1
+    axes = np.eye(count)
     left: list[tuple[float, int, Vector, Vector, int]] = []
 
     def keep(centre: Vector, half: Vector) -> None:

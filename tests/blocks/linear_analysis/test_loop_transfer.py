@@ -218,7 +218,7 @@ def test_an_unstable_pole_beside_nearly_equal_ones_is_refused():
 
 @pytest.mark.parametrize(("excited", "seen"), [(0, 1), (1, 0), (0, 0)])
 def test_a_hidden_unstable_pole_is_a_warning(excited, seen):
-    """The margins are those of the rest; two integrals beside the loop are no unstable poles."""
+    """Hidden poles do not change the margins, and a chain of two integrals is not unstable."""
     A = np.zeros((4, 4))
     A[0, 0], A[1, 1], A[2, 3] = -2.0, 0.5, 1.0
     A[3, 0] = 1.0
