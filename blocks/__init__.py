@@ -117,9 +117,6 @@ from trussflow.blocks.linear_analysis.frequency.estimated_response import (
 from trussflow.blocks.linear_analysis.frequency.harmonic_balance import (
     frequency_response as frequency_response,
 )
-from trussflow.blocks.linear_analysis.frequency.measured_response import (
-    measured_response as measured_response,
-)
 from trussflow.blocks.linear_analysis.linearize import Linearizer as Linearizer
 from trussflow.blocks.linear_analysis.linearize import linearize as linearize
 from trussflow.blocks.linear_analysis.loop_transfer import LoopMargins as LoopMargins

@@ -48,7 +48,7 @@ def analyse(options: argparse.Namespace) -> Outcome:
         unstable = str(error)
         lines = [unstable]
     if plotted is not None:
-        modal_bode(diagram, options.at).savefig(plotted)
+        modal_bode(diagram, options.at, loop=loop).savefig(plotted)
         lines.append(f"written to {plotted}")
     modes = [{"frequency": m.frequency, "damping_ratio": m.damping_ratio} for m in table.modes]
     facts = {"modes": modes, "margins": margins, "unstable": unstable, "file": plotted}

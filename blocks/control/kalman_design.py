@@ -19,7 +19,7 @@ from trussflow.blocks.framework.system import flatten
 from trussflow.blocks.framework.types import Array, Vector
 from trussflow.blocks.framework.units import Unit
 from trussflow.blocks.framework.validation import by_name, one_of, positive, shown
-from trussflow.blocks.linear_analysis.jacobians import MODEL
+from trussflow.blocks.linear_analysis.jacobians import RATES_AND_OUTPUTS
 from trussflow.blocks.linear_analysis.linearize import Linearizer
 from trussflow.blocks.linear_analysis.operating_point import OperatingPoint
 from trussflow.blocks.linear_analysis.references import (
@@ -224,7 +224,7 @@ def _of_block(
             put_in += [one] if one.port.is_input and not known.issuperset(one.labels()) else []
     driven = [one.port for one in commands if one.port.block is not plant]
     linearizer = Linearizer(plant, [one.port for one in put_in], [one.port for one in seen], cut=driven)
-    opened, point, (x, d, p) = linearizer.rewired(at)
+    opened, point, (x, d, p) = linearizer.opened(at)
     faults = {
         "sampled blocks": opened.instants is not None,
         "Python blocks, without exact Jacobians": opened.plan.python_blocks and not linear,
@@ -237,11 +237,11 @@ def _of_block(
     v = columns.T @ d
     if linear:
         with opened.at(point.time, p) as local:
-            rest = local.values(MODEL, x, d)[rows]
+            rest = local.values(RATES_AND_OUTPUTS, x, d)[rows]
         found = linearizer.at(at)
         model = _linear(np.block([[found.A, found.B], [found.C, found.D]]), x, v, rest)
     else:
-        program = opened.jacobians.program(MODEL)
+        program = opened.jacobians.program(RATES_AND_OUTPUTS)
         function = ArrayFunction(program.expanded, (program.size,))
 
         def model(t: Array, x: Array, given: Array) -> Array:

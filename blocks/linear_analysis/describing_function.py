@@ -21,7 +21,7 @@ SAMPLES_PER_PERIOD = 96
 """Points on one period. For |x|^0.9 the gain is then right to 2e-4, the error falling with the
 power 1.9 of the number."""
 
-PHASES = 2 * np.pi * (np.arange(SAMPLES_PER_PERIOD) + 0.5) / SAMPLES_PER_PERIOD
+SAMPLE_PHASES = 2 * np.pi * (np.arange(SAMPLES_PER_PERIOD) + 0.5) / SAMPLES_PER_PERIOD
 """Midpoints: none is where a sine or cosine is zero."""
 
 
@@ -47,7 +47,7 @@ def columns(
     found = {}
     for number, amplitude in amplitudes.items():
         total: Vector | float = 0.0
-        for sine in np.sin(PHASES):
+        for sine in np.sin(SAMPLE_PHASES):
             moved = point.copy()
             moved[number] += amplitude * sine
             total = total + sine * function(moved)

@@ -1,4 +1,4 @@
-"""Exact Jacobians of a plan's quantities, from the graph."""
+"""Exact Jacobians of a plan's quantities, of its Python blocks, and of the update at one instant."""
 
 from __future__ import annotations
 
@@ -8,18 +8,19 @@ from functools import cache, partial
 import numpy as np
 
 from trussflow.blocks.framework.port import Port
+from trussflow.blocks.framework.system import Indices
 from trussflow.blocks.framework.types import Array, Vector
-from trussflow.blocks.linear_analysis.python_equation import Equation
+from trussflow.blocks.linear_analysis.lifting import Jump
+from trussflow.blocks.linear_analysis.python_derivatives import Equation
 from trussflow.blocks.simulation.block_call import BlockCall
 from trussflow.blocks.simulation.prepared import Assembly
-from trussflow.blocks.simulation.python_executor import PythonExecutor
 from trussflow.blocks.tracing.evaluation import Evaluation
 from trussflow.blocks.tracing.plan import Plan
 from trussflow.blocks.tracing.program import Program
 from trussflow.blocks.tracing.quantities import Quantity, derivative, outputs
 
-MODEL = "model"
-"""The quantity made of dx/dt and then the values of ports."""
+RATES_AND_OUTPUTS = derivative().name
+"""Name of the quantity made of dx/dt and then the values of ports."""
 
 
 class Jacobians:
@@ -30,7 +31,7 @@ class Jacobians:
     plan : Plan
         The plan.
     ports : sequence of Port
-        The ports that come after dx/dt in the quantity "model".
+        The ports that come after dx/dt in the quantity `RATES_AND_OUTPUTS`.
 
     Attributes
     ----------
@@ -39,7 +40,7 @@ class Jacobians:
     """
 
     def __init__(self, plan: Plan, ports: Sequence[Port]) -> None:
-        self.assembly = Assembly(plan, [_model(ports)], "interpreted")
+        self.assembly = Assembly(plan, [_rates_and_outputs(ports)], "interpreted")
         self._programs = {p.name: p for p in self.assembly.programs}
         self._tangents: dict[str, Tangents] = {}
 
@@ -90,10 +91,7 @@ class LocalJacobians:
 
     def values(self, name: str, x: Vector, d: Vector) -> Vector:
         """Return the quantity of that `name` at `x`, `d` [as declared]; d is refreshed."""
-        values = self.executor.call(name, self.t, x, d, self.p)
-        if name == MODEL and isinstance(self.executor, PythonExecutor):
-            self.executor.continuous.rates(self.t, x, d, self.p, values)
-        return values
+        return self.executor.call(name, self.t, x, d, self.p)
 
     def matrix(self, name: str, x: Vector, d: Vector) -> Vector:
         """Return the derivatives of a quantity by (x, d), of shape (size, size of x and d).
@@ -105,7 +103,9 @@ class LocalJacobians:
         x, d : Vector
             The point [units as declared].
         """
-        tangents, t, p = self._jacobians.tangents(name), self.t, self.p
+        tangents = self._jacobians.tangents(name)
+        t = self.t
+        p = self.p
         active = next(q.active for q in self.assembly.quantities if q.name == name)
         d = self.plan.loops.put(t, x, d, p, active)
         found = tangents(t, x, d, p, np.eye(x.size + d.size))
@@ -117,7 +117,7 @@ class LocalJacobians:
         return found
 
     def python(
-        self, call: BlockCall, kind: str, quantity: str, x: Vector, d: Vector
+        self, call: BlockCall, kind: str, quantity: Quantity, x: Vector, d: Vector
     ) -> tuple[Vector, Vector]:
         """Return what an equation of a Python block returns, and its derivatives by (x, d).
 
@@ -127,15 +127,15 @@ class LocalJacobians:
             The block.
         kind : str
             The equation.
-        quantity : str
+        quantity : Quantity
             The block's inputs.
         x, d : Vector
             The point [units as declared].
         """
         equations = self.executor.blocks.equations[call.path]
-        u = self.values(quantity, x, d)
+        u = self.values(quantity.name, x, d)
         equation = Equation(call, equations, kind, self.t, self.p[call.parameters], d[call.modes], u)
-        by_inputs = self.matrix(quantity, x, d)[equation.inputs]
+        by_inputs = self.matrix(quantity.name, x, d)[equation.inputs]
         first = 0 if call.block.continuous else x.size
         states = np.arange(first + call.states.start, first + call.states.stop)
         z = np.concatenate([np.concatenate([x, d])[states], u[equation.inputs]])
@@ -149,6 +149,71 @@ class LocalJacobians:
         by_states = np.zeros((states.size, x.size + d.size))
         by_states[np.arange(states.size), states] = 1.0
         return values, slopes @ np.vstack([by_states, by_inputs])
+
+    @property
+    def python_places(self) -> Indices:
+        """Indices of the outputs of continuous Python blocks in (x, d)."""
+        calls = [call for call, _ in self.assembly.continuous.ordered]
+        parts = [self.plan.x.size + np.r_[call.outputs] for call in calls]
+        return np.concatenate([np.zeros(0, dtype=np.int64), *parts])
+
+    def python_outputs(self, x: Vector, d: Vector) -> Vector:
+        """Return the derivatives of the outputs of continuous Python blocks by all else in (x, d).
+
+        Their columns for the outputs themselves are zero. The outputs in d become what the blocks return.
+
+        Parameters
+        ----------
+        x, d : Vector
+            The point [units as declared].
+        """
+        where = self.python_places
+        rows = [np.zeros((0, x.size + d.size))]
+        for call, quantity in self.assembly.continuous.ordered:
+            rows.append(self.python(call, "output", quantity, x, d)[1])
+        direct = np.vstack(rows)
+        # The outputs w = D_z z + D_w w; D_w is nilpotent but for loops that are solved.
+        by_all = np.asarray(np.linalg.solve(np.eye(where.size) - direct[:, where], direct), dtype=float)
+        by_all[:, where] = 0.0
+        return by_all
+
+    def discrete_update(self, number: int, x: Vector, d: Vector) -> Jump:
+        """Return the derivatives of (x, memory, held) after an instant, by before and by u.
+
+        The chain rule, in the order of a run: at each stage `after` are the derivatives of (x, d) as
+        it is then by (x, d) as it was before the instant, and a block that computes replaces its own rows.
+
+        Parameters
+        ----------
+        number : int
+            Number of the set of clocks.
+        x, d : Vector
+            States and discrete data, before the instant [units as declared].
+        """
+        plan = self.plan
+        d = d.copy()
+        where = self.python_places
+        after = np.eye(x.size + d.size)
+        sequence = self.assembly.sampled.ordered[number]
+        for call, quantity in sequence:
+            # Outputs come one block after the other: each sees what those before it put into d.
+            if call.block.outputs():
+                after[where] = self.python_outputs(x, d) @ after
+                values, slopes = self.python(call, "output", quantity, x, d)
+                after[x.size + call.outputs.start : x.size + call.outputs.stop] = slopes @ after
+                d[call.outputs] = values
+        after[where] = self.python_outputs(x, d) @ after
+        # Updates are simultaneous: all see the outputs just made and the states before.
+        staged = [
+            (call.states, self.python(call, "update", quantity, x, d)[1] @ after)
+            for call, quantity in sequence
+            if call.size
+        ]
+        after[x.size :] = self.matrix(f"sample_{number}", x, d) @ after
+        for states, rows in staged:
+            after[x.size + states.start : x.size + states.stop] = rows
+        inner = inner_places(plan)
+        return after[np.ix_(inner, inner)], after[inner, x.size + plan.u_start :]
 
 
 class Tangents:
@@ -197,11 +262,18 @@ class Tangents:
         return np.asarray(self._jacobian()(t, x, d, p).full())
 
 
-def _model(ports: Sequence[Port]) -> Quantity:
+def inner_places(plan: Plan) -> Indices:
+    """Return where (x, memory, held) of a `plan` are in (x, d): modes and events stay as they are."""
+    size = plan.x.size
+    sampled = plan.sampled
+    return np.array(np.r_[:size, size + sampled.start : size + sampled.stop], dtype=np.int64)
+
+
+def _rates_and_outputs(ports: Sequence[Port]) -> Quantity:
     """Return the quantity made of dx/dt and then the values of ports."""
 
     def collect(plan: Plan, evaluation: Evaluation) -> list[Array]:
         rates = derivative().collect(plan, evaluation)
         return rates + outputs(ports).collect(plan, evaluation)
 
-    return Quantity(MODEL, frozenset(), collect)
+    return Quantity(RATES_AND_OUTPUTS, frozenset(), collect)

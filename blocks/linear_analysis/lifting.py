@@ -56,7 +56,8 @@ def pattern(assembly: Assembly) -> Pattern | None:
     LinearAnalysisError
         If there are too many instants in a period.
     """
-    clocks, tick = assembly.plan.system.clocks, assembly.tick
+    clocks = assembly.plan.system.clocks
+    tick = assembly.tick
     if not clocks:
         return None
     length = lcm(*(ticks(c.period, tick, "the sample time") for c in clocks))
@@ -121,7 +122,8 @@ def lifted(
     """
     F, E = rates
     flows: dict[Fraction, tuple[Vector, Vector]] = {}
-    A, B = np.eye(len(F)), np.zeros(E.shape)
+    A = np.eye(len(F))
+    B = np.zeros(E.shape)
     first: Jump | None = None
     for (_, number), gap in zip(instants.instants, instants.gaps(), strict=True):
         if number:

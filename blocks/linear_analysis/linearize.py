@@ -14,9 +14,9 @@ from trussflow.blocks.framework.port import Port
 from trussflow.blocks.framework.system import Indices, flatten
 from trussflow.blocks.framework.types import Vector
 from trussflow.blocks.framework.validation import by_name, positive
-from trussflow.blocks.linear_analysis.jacobians import LocalJacobians
+from trussflow.blocks.linear_analysis.jacobians import LocalJacobians, inner_places
 from trussflow.blocks.linear_analysis.lifting import Jump, lifted
-from trussflow.blocks.linear_analysis.linear_instants import inner_places, linear_instant
+from trussflow.blocks.linear_analysis.opened_model import OpenedModel
 from trussflow.blocks.linear_analysis.operating_point import OperatingPoint, Surroundings
 from trussflow.blocks.linear_analysis.overrides import Override
 from trussflow.blocks.linear_analysis.references import (
@@ -31,7 +31,6 @@ from trussflow.blocks.linear_analysis.references import (
     split_index,
     state_places,
 )
-from trussflow.blocks.linear_analysis.rewired_model import RewiredModel
 from trussflow.blocks.tracing.plan import Plan
 
 if TYPE_CHECKING:
@@ -144,21 +143,22 @@ class Linearizer:
         override: Override | None = None,
     ) -> None:
         self._override = override
-        self.item, self._system = item, flatten(item, external=True)
-        self._surroundings = Surroundings(self._system)
+        self.item = item
+        self._system = flatten(item, external=True)
+        self._surroundings = Surroundings(Plan(self._system, own_programs=True))
         self._cuts = all_named(self._system, cut, [])
         self._inputs = all_named(self._system, inputs, item.inputs())
         self._outputs = all_named(self._system, outputs, item.outputs())
         cannot = f"cannot linearize '{item.name}'"
         self._input_labels = distinct_labels(cannot, "inputs", self._inputs)
         self._output_labels = distinct_labels(cannot, "outputs", self._outputs)
-        self._models: dict[Any, RewiredModel] = {}
-        self._rewired([])
+        self._models: dict[Any, OpenedModel] = {}
+        self._opened([])
 
-    def _rewired(self, wires: list[Named]) -> RewiredModel:
+    def _opened(self, wires: list[Named]) -> OpenedModel:
         key = tuple(one.key for one in wires)
         if key not in self._models:
-            self._models[key] = RewiredModel(
+            self._models[key] = OpenedModel(
                 self._system, self._inputs, self._outputs, self._cuts, wires, self._override
             )
         return self._models[key]
@@ -180,7 +180,7 @@ class Linearizer:
         at : OperatingPoint, optional
             The point; by default the initial states, inputs at their start values.
         """
-        return self.rewired(at)[1]
+        return self.opened(at)[1]
 
     @interruptible()
     def at(self, at: OperatingPoint | None = None, *, amplitude: Amplitudes | None = None) -> LinearModel:
@@ -194,17 +194,23 @@ class Linearizer:
             Amplitudes of describing functions [unit of the state or signal].
         """
         amplitude = by_name("amplitudes", amplitude, str | Port)
-        wires = self._wires(amplitude)
-        model, point, (x, d, p) = self.rewired(at, [one for one, _ in wires])
-        amplitudes = self._amplitudes(model, amplitude, wires)
+        stored, wires = self._oscillating(amplitude)
+        model, point, (x, d, p) = self.opened(at, [one for one, _ in wires])
+        amplitudes: dict[int, float] = {}
+        for reference, size in stored.items():
+            places = self._places(model.plan, reference)
+            assert places is not None
+            amplitudes |= dict.fromkeys(places.tolist(), size)
+        sizes = [size for one, size in wires for _ in one.labels()]
+        amplitudes |= dict(zip(model.wire_columns.tolist(), sizes, strict=True))
         if amplitudes:
             model.refuse_harmonics(f"take describing functions of '{self.item.name}'")
         with model.at(point.time, p) as local:
             return self._model(model, local, point, (x, d), amplitudes)
 
-    def rewired(
+    def opened(
         self, at: OperatingPoint | None = None, wires: Sequence[Named] = ()
-    ) -> tuple[RewiredModel, OperatingPoint, tuple[Vector, Vector, Vector]]:
+    ) -> tuple[OpenedModel, OperatingPoint, tuple[Vector, Vector, Vector]]:
         """Return the diagram as it is opened, the point in full, and its x, d and p.
 
         Parameters
@@ -214,32 +220,33 @@ class Linearizer:
         wires : sequence of Named
             Wires that are closed by describing functions.
         """
-        model = self._rewired(list(wires))
+        model = self._opened(list(wires))
         outputs = {one.label: one.leaf for one in self._outputs}
         point, values = self._surroundings.complete(at, model.replaced, outputs)
         return model, point, model.vectors(point, values)
 
     # -- describing functions -----------------------------------------------------------------
 
-    def _wires(self, amplitude: Amplitudes) -> list[tuple[Named, float]]:
-        """Return the wires within the diagram that have an amplitude, and the amplitudes."""
-        plan = self._surroundings.plan
+    def _oscillating(self, amplitude: Amplitudes) -> tuple[dict[Reference, float], list[tuple[Named, float]]]:
+        """Return the amplitudes of states and inputs from outside, and the wires that have amplitudes."""
+        stored: dict[Reference, float] = {}
         wires = []
         for reference, size in amplitude.items():
             positive(LinearAnalysisError, **{f"amplitude of '{reference}'": size})
-            if self._places(plan, reference) is not None:
+            if self._places(self._surroundings.plan, reference) is not None:
+                stored[reference] = size
                 continue
             try:
                 one = named(self._system, reference)
             except NameLookupError as error:
-                states = ", ".join(f"{e.path}.{e.name}" for e in plan.x)
+                states = ", ".join(f"{e.path}.{e.name}" for e in self._surroundings.plan.x)
                 raise NameLookupError(f"{error}; states: {states or 'none'}") from None
             if not one.port.is_input:
                 raise LinearAnalysisError(
                     f"amplitude of '{one.port.full_path}': name a state, or the input of a block"
                 )
             wires.append((one, size))
-        return wires
+        return stored, wires
 
     def _places(self, plan: Plan, reference: Reference) -> Indices | None:
         """Return where a state or an input from outside is in (x, d); None if it is a wire."""
@@ -261,23 +268,11 @@ class Linearizer:
             return None
         return state_places(plan, [plan.x], reference)
 
-    def _amplitudes(
-        self, model: RewiredModel, amplitude: Amplitudes, wires: list[tuple[Named, float]]
-    ) -> dict[int, float]:
-        """Return the amplitudes by column of (x, d)."""
-        found: dict[int, float] = {}
-        for reference, size in amplitude.items():
-            places = self._places(model.plan, reference)
-            if places is not None:
-                found |= dict.fromkeys(places.tolist(), size)
-        sizes = [size for one, size in wires for _ in one.labels()]
-        return found | dict(zip(model.wire_columns.tolist(), sizes, strict=True))
-
     # -- models -------------------------------------------------------------------------------
 
     def _model(
         self,
-        model: RewiredModel,
+        model: OpenedModel,
         local: LocalJacobians,
         point: OperatingPoint,
         vectors: tuple[Vector, Vector],
@@ -288,18 +283,23 @@ class Linearizer:
         x, d = vectors
         rates, rows = model.linear(local, x, d, amplitudes)
         columns, plan = model.input_columns, model.plan
-        states, inner, dt = layout_labels(plan.x), np.arange(x.size), 0.0
+        states = layout_labels(plan.x)
+        inner = np.arange(x.size)
+        dt = 0.0
         if model.instants is not None:
             states += layout_labels(plan.memory) + layout_labels(plan.held)
             inner = inner_places(plan)
         labels = [*states, *self._input_labels]
         flow = np.vstack([rates, np.zeros((inner.size - x.size, rates.shape[1]))])
         self._check_finite(np.vstack([flow, rows])[:, [*inner, *columns]], labels)
-        A, B, C, D = flow[:, inner], flow[:, columns], rows[:, inner], rows[:, columns]
+        A = flow[:, inner]
+        B = flow[:, columns]
+        C = rows[:, inner]
+        D = rows[:, columns]
         if model.instants is not None:
 
             def jump(number: int) -> Jump:
-                by_inner, by_u = linear_instant(local, number, x, d)
+                by_inner, by_u = local.discrete_update(number, x, d)
                 found = by_inner, by_u[:, columns - x.size - plan.u_start]
                 self._check_finite(np.hstack(found), labels)
                 return found
@@ -342,4 +342,6 @@ def _without_dead_states(
         if alive.all():
             return A, B, C, labels
         labels = [label for label, keep in zip(labels, alive, strict=True) if keep]
-        A, B, C = A[np.ix_(alive, alive)], B[alive], C[:, alive]
+        A = A[np.ix_(alive, alive)]
+        B = B[alive]
+        C = C[:, alive]

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
+from numpy.typing import NDArray
 
 from trussflow.blocks.framework.call_site import warn
 from trussflow.blocks.framework.diagram import Diagram
@@ -19,6 +20,7 @@ from trussflow.blocks.framework.validation import frequencies
 from trussflow.blocks.linear_analysis.linearize import Amplitudes, Linearizer
 from trussflow.blocks.linear_analysis.margins import (
     Margins,
+    channel_disks,
     channel_margins,
     channel_responses,
     disk_margin,
@@ -105,7 +107,8 @@ def loop_transfer(
 
 def _passes(model: LinearModel) -> bool:
     """Return whether any input has an influence on any output, by the pattern of non-zeros."""
-    reached, before = np.any(model.B, axis=1), -1
+    reached = np.any(model.B, axis=1)
+    before = -1
     while before != (before := int(reached.sum())):
         reached |= np.any(model.A[:, reached], axis=1)
     return bool(np.any(model.D) or np.any(model.C[:, reached]))
@@ -214,7 +217,13 @@ def loop_margins(
     Raises
     ------
     LinearAnalysisError
-        If no loop passes there, or the closed loop is unstable: it has no margins.
+        If no loop passes there, the closed loop is unstable (it has no margins), or slycot is missing for the
+        disk margin of several channels.
+
+    Warns
+    -----
+    SimulationWarning
+        If the diagram has unstable poles that the loop hides: its margins are those of the other poles.
     """
     given = None if omega is None else frequencies(np.unique(frequencies(omega)), 2)
     return margins_of(loop_transfer(diagram, port, openings=openings, at=at, override=override), given)
@@ -235,6 +244,20 @@ def margins_of(loop: LinearModel, omega: Vector | None = None) -> LoopMargins:
     LinearAnalysisError
         If the closed loop is unstable.
     """
+    channels, grid, S = _channels(loop, omega)
+    disk, gain, phase, frequency = disk_margin(loop, grid, S)
+    return LoopMargins(channels=channels, disk=disk, gain=gain, phase=phase, frequency=frequency)
+
+
+def channels_of(loop: LinearModel) -> dict[str, Margins]:
+    """Return the margins of each channel of a `loop` gain, the others closed; errors as of `margins_of`."""
+    return _channels(loop, None)[0]
+
+
+def _channels(
+    loop: LinearModel, omega: Vector | None
+) -> tuple[dict[str, Margins], Vector, NDArray[np.complex128]]:
+    """Return the margins of the channels, the frequencies, and the sensitivities there."""
     poles = stable_poles(loop, loop.input_labels[0])
     sampled = loop.isdtime(strict=True)
     both = np.concatenate([loop.poles(), poles])
@@ -247,12 +270,12 @@ def margins_of(loop: LinearModel, omega: Vector | None = None) -> LoopMargins:
     S = sensitivities(loop, grid)
     gains = channel_responses(S)
     ends = real_sensitivities(loop, sizes.min(initial=1.0))
+    disks, _ = channel_disks(loop, grid)
     channels = {
-        label: channel_margins(gains[:, k], grid, label, ends[:, k])
+        label: channel_margins(gains[:, k], grid, label, ends[:, k], float(disks[k]))
         for k, label in enumerate(loop.input_labels)
     }
-    disk, gain, phase, frequency = disk_margin(loop, grid, S)
-    return LoopMargins(channels=channels, disk=disk, gain=gain, phase=phase, frequency=frequency)
+    return channels, grid, S
 
 
 def _looping(system: System) -> list[tuple[Port, str, str]]:

@@ -13,13 +13,12 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import partial
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import numpy.typing as npt
 from numpy.typing import NDArray
 
+from trussflow.blocks.framework.call_site import warn
 from trussflow.blocks.framework.errors import LinearAnalysisError
 from trussflow.blocks.framework.types import Vector
 
@@ -37,11 +36,15 @@ FREQUENCY_TOLERANCE = 1e-10
 ZERO_GAIN = 1e-9
 """Loop gain below which the loop counts as open [-]."""
 
-RESIDUE_TOLERANCE = 1e-9
-"""Residue of a pole, relative to the largest, that counts as round-off [-]."""
+HIDDEN_SHARE = 1e-9
+"""Effect of the inputs on a mode, or of the mode on the outputs, relative to the norm of B or C, up to which
+the mode counts as hidden [-]."""
 
-ROUND_OFF = 1e-12
-"""Growth rate of a pole, relative to the fastest pole, that is round-off [-]."""
+SUM_ROUND_OFF = 10.0 * float(np.finfo(float).eps)
+"""Relative error of each of the n sums that make an element of a state matrix [-]."""
+
+MAX_CONDITION = 1e8
+"""Condition of the eigenvectors up to which a frequency response is computed from the modes [-]."""
 
 LOW_FREQUENCY_RATIO = 1e-6
 """Frequency that represents zero, relative to the slowest pole [-], because integrators have no response at
@@ -161,32 +164,56 @@ def sensitivity_matrices(model: control.StateSpace) -> tuple[Vector, Vector, Vec
 
 
 def stable_poles(model: control.StateSpace, loop: str) -> Complex:
-    """Return the poles of a closed loop, which must be stable.
+    r"""Return the poles of a closed loop, which must be stable.
 
     Parameters
     ----------
     model : control.StateSpace
         Loop gain, square.
     loop : str
-        Name of the loop for the message.
+        Name of the loop for messages.
 
     Raises
     ------
     LinearAnalysisError
         If the closed loop is unstable: it has no margins. The message lists the unstable poles.
+
+    Warns
+    -----
+    SimulationWarning
+        If the diagram has unstable poles that the loop does not excite or does not see at its wire.
+
+    Notes
+    -----
+    Round-off moves a pole by up to :math:`n \epsilon \|A\| / |l^H r|`, with the left and right eigenvectors l
+    and r of length one. This bound separates unstable poles from integrals, also from chains of integrals.
     """
+    from scipy.linalg import eig, matrix_balance
+
     A, B, C, _ = sensitivity_matrices(model)
-    poles, shapes = np.linalg.eig(A)
-    # What is neither excited nor seen at the wire is no pole of the loop, such as an integral of a cost.
-    part = np.linalg.norm(C @ shapes, axis=0) * np.linalg.norm(np.linalg.pinv(shapes) @ B, axis=1)
-    sizes = np.abs(poles)
-    grows = sizes - 1.0 if model.isdtime(strict=True) else poles.real
-    seen = part > RESIDUE_TOLERANCE * part.max(initial=0.0)
-    unstable = poles[seen & (grows > ROUND_OFF * sizes.max(initial=0.0))]
-    if unstable.size:
+    balanced: Any = matrix_balance(A, permute=False, separate=True)
+    A, (scale, _) = balanced
+    found: Any = eig(A, left=True, right=True)
+    poles, lefts, rights = found
+    sampled = model.isdtime(strict=True)
+    growth = np.abs(poles) - 1.0 if sampled else poles.real
+    overlap = np.abs(np.sum(lefts.conj() * rights, axis=0))
+    unstable = growth * overlap > SUM_ROUND_OFF * len(A) * np.linalg.norm(A)
+    B, C = B / scale[:, None], C * scale
+    excited = np.linalg.norm(lefts.conj().T @ B, axis=1) > HIDDEN_SHARE * np.linalg.norm(B)
+    seen = np.linalg.norm(C @ rights, axis=0) > HIDDEN_SHARE * np.linalg.norm(C)
+
+    def listed(of: NDArray[np.bool_]) -> str:
+        return ", ".join(f"{pole if pole.imag else pole.real:.4g}" for pole in poles[unstable & of])
+
+    if named := listed(excited & seen):
         raise LinearAnalysisError(
-            f"the loop at '{loop}' has no margins: closed, it has the unstable poles "
-            f"{', '.join(f'{pole:.4g}' for pole in unstable)}"
+            f"the loop at '{loop}' has no margins: closed, it has the unstable poles {named}"
+        )
+    if named := listed(~(excited & seen)):
+        warn(
+            f"the loop at '{loop}' hides the unstable poles {named} of the diagram: its margins are "
+            "those of the other poles; stabilize the diagram, or open the loop at another wire"
         )
     return np.asarray(poles)
 
@@ -212,7 +239,7 @@ def real_sensitivities(model: control.StateSpace, slowest: float) -> Vector:
     return np.real([at(first), at(-1.0) if model.isdtime(strict=True) else np.diagonal(D)])
 
 
-def channel_margins(gain: Complex, omega: Vector, channel: str, ends: npt.ArrayLike = ()) -> Margins:
+def channel_margins(gain: Complex, omega: Vector, channel: str, ends: Vector, disk: float) -> Margins:
     """Return the margins of one channel of a stable loop.
 
     Parameters
@@ -223,28 +250,25 @@ def channel_margins(gain: Complex, omega: Vector, channel: str, ends: npt.ArrayL
         Frequencies, close enough for interpolation [rad/s].
     channel : str
         Its name.
-    ends : array_like
+    ends : array
         Sensitivity at the ends of the border of stability, where a pole leaves it along the real axis [-].
+    disk : float
+        Its disk margin [1].
     """
     import control  # takes a while to import
 
     finite = np.isfinite(gain)
-    gain, omega = gain[finite], omega[finite]
+    gain = gain[finite]
+    omega = omega[finite]
     if np.abs(gain).max(initial=0.0) < ZERO_GAIN:  # nothing comes back
         return Margins(channel=channel)
     data = control.FrequencyResponseData(gain, omega, smooth=True)
     gm, pm, _, _, crossings, _ = control.stability_margins(data, returnall=True)
     gm, pm, crossings = (np.asarray(v, dtype=float) for v in (gm, pm, crossings))
-    S = np.asarray(ends)
-    S = S[(S < -ZERO_GAIN) | (S > 1.0 + ZERO_GAIN)]
+    S = ends[(ends < -ZERO_GAIN) | (ends > 1.0 + ZERO_GAIN)]
     gm = np.concatenate([gm, S / (S - 1.0)])
     # A delay only takes phase away: a negative margin is reached after the rest of a turn.
     lags = np.radians(np.mod(pm, 360.0)) / crossings
-
-    def disk(w: float) -> float:
-        return float(1.0 / np.abs(1.0 / (1.0 + data(1j * w)) - 0.5))
-
-    widest = int(np.abs(1.0 / (1.0 + gain) - 0.5).argmax())
     return Margins(
         channel=channel,
         crossover=float(crossings.max()) if crossings.size else np.nan,
@@ -252,25 +276,41 @@ def channel_margins(gain: Complex, omega: Vector, channel: str, ends: npt.ArrayL
         gain_up=float(gm[gm > 1].min(initial=np.inf)),
         phase=float(np.abs(pm).min(initial=np.inf)),
         delay=float(lags.min(initial=np.inf)),
-        disk=_refined(disk, omega, widest)[0],
+        disk=disk,
     )
 
 
-def _refined(margin: Callable[[float], float], omega: Vector, k: int) -> tuple[float, float]:
-    """Return the least value of a margin between the neighbours of a grid frequency, and its frequency."""
+def _least(margin: Callable[[float], float], values: Vector, omega: Vector) -> tuple[float, float]:
+    """Return the least value of a margin, and its frequency: all low minima of the grid are refined.
+
+    Parameters
+    ----------
+    margin : callable
+        The margin at a frequency [1].
+    values : array, shape (k,)
+        The margin on the grid, infinite where it is not needed [1].
+    omega : array, shape (k,)
+        The grid [rad/s].
+    """
     from scipy.optimize import minimize_scalar
 
-    low, middle, high = omega[[max(k - 1, 0), k, min(k + 1, len(omega) - 1)]].tolist()
-    if low == high:
-        return margin(middle), middle
-    found = minimize_scalar(
-        margin, bounds=(low, high), method="bounded", options={"xatol": FREQUENCY_TOLERANCE * high}
-    )
-    return min((margin(middle), middle), (float(found.fun), float(found.x)))
+    padded = np.concatenate([[np.inf], values, [np.inf]])
+    minima = (values < padded[:-2]) & (values <= padded[2:]) & (values <= REFINED_SHARE * values.min())
+    best = float(values.min()), float(omega[values.argmin()])
+    for k in np.flatnonzero(minima).tolist():
+        low, high = omega[max(k - 1, 0)], omega[min(k + 1, len(omega) - 1)]
+        if low < high:
+            settings: dict[str, Any] = {
+                "bounds": (low, high),
+                "options": {"xatol": FREQUENCY_TOLERANCE * high},
+            }
+            found = minimize_scalar(margin, method="bounded", **settings)
+            best = min(best, (float(found.fun), float(found.x)))
+    return best
 
 
 def disk_margin(
-    model: control.StateSpace, omega: Vector, sensitivity: Complex | None = None
+    model: control.StateSpace, omega: Vector, sensitivity: Complex
 ) -> tuple[float, float, float, float]:
     r"""Return the multi-loop disk margin of a group of channels.
 
@@ -280,8 +320,8 @@ def disk_margin(
         Loop gain of the group for negative feedback, all other channels closed; stable when closed.
     omega : array, shape (k,)
         Ascending frequencies, close enough to separate the minima of the margin [rad/s].
-    sensitivity : array, optional
-        The `sensitivities` of `model` at `omega`, if they are known.
+    sensitivity : array
+        The `sensitivities` of `model` at `omega`.
 
     Returns
     -------
@@ -292,7 +332,7 @@ def disk_margin(
     Raises
     ------
     LinearAnalysisError
-        If the closed loop is unstable.
+        If there are several channels, and slycot is not installed.
 
     Notes
     -----
@@ -302,60 +342,58 @@ def disk_margin(
     """
     import control  # takes a while to import
 
-    stable_poles(model, model.input_labels[0])
-    S = sensitivities(model, omega) if sensitivity is None else sensitivity
-    deviations = np.abs(S - np.eye(model.ninputs) / 2)
+    deviations = np.abs(sensitivity - np.eye(model.ninputs) / 2)
     bounds = 1.0 / np.abs(np.linalg.eigvals(deviations)).max(axis=1)
 
     def margin(frequencies: Vector) -> Vector:
-        return np.asarray(control.disk_margins(model, frequencies, returnall=True)[0])
+        try:
+            return np.asarray(control.disk_margins(model, frequencies, returnall=True)[0])
+        except control.ControlMIMONotImplemented:
+            raise LinearAnalysisError(
+                f"the disk margin of {model.ninputs} channels at once needs slycot: install it, or name one "
+                "element of the port"
+            ) from None
 
     margins = np.full(len(omega), np.inf)
     order = np.argsort(bounds)
     limit = REFINED_SHARE * margin(omega[order[:1]])[0]
     near = np.sort(order[: np.searchsorted(bounds[order], limit)])
     margins[near] = margin(omega[near])
-    best = omega[margins.argmin()]
-    padded = np.concatenate([[np.inf], margins, [np.inf]])
-    minima = (margins < padded[:-2]) & (margins <= padded[2:]) & (margins <= REFINED_SHARE * margins.min())
-    for k in np.flatnonzero(minima).tolist():
-        refined, at = _refined(lambda w: float(margin(np.array([w]))[0]), omega, k)
-        if refined < margins.min():
-            margins[k], best = refined, at
+    _, best = _least(lambda w: float(margin(np.array([w]))[0]), margins, omega)
     disk, gain, phase = (float(value) for value in control.disk_margins(model, np.array([best])))
-    return disk, gain, phase, float(best)
+    return disk, gain, phase, best
 
 
 def channel_disks(model: control.StateSpace, omega: Vector) -> tuple[Vector, Vector]:
-    """Return the disk margin of each channel, all others closed, and where it is least [1, rad/s].
+    r"""Return the disk margin of each channel, all others closed, and where it is least [1, rad/s].
+
+    .. math:: S_{kk}(z) = D_{kk} + \sum_i \frac{(C r_i)_k (l_i^T B)_k}{z - \lambda_i}
 
     Parameters
     ----------
     model : control.StateSpace
-        Loop gain of all channels for negative feedback, without direct feedthrough; stable when closed.
+        Loop gain of all channels for negative feedback; stable when closed.
     omega : array, shape (k,)
-        Frequencies [rad/s].
-
-    Raises
-    ------
-    LinearAnalysisError
-        If the closed loop is unstable.
+        Ascending frequencies, close enough to separate the minima of the margins [rad/s].
     """
-    stable_poles(model, model.input_labels[0])
-    poles, shapes = np.linalg.eig(model.A - model.B @ model.C)
-    residues = (model.C @ shapes).T * np.linalg.solve(shapes, model.B)
+    A, B, C, D = sensitivity_matrices(model)
+    poles, shapes = np.linalg.eig(A)
+    if modal := np.linalg.cond(shapes) < MAX_CONDITION:
+        residues = (C @ shapes).T * np.linalg.solve(shapes, B)
 
     def disks(frequencies: Vector) -> Vector:
-        where = on_the_border(model, frequencies)
-        sensitivity = 1.0 - (1.0 / (where[:, None] - poles)) @ residues
-        return np.asarray(1.0 / np.abs(sensitivity - 0.5))
+        if modal:
+            where = on_the_border(model, frequencies)
+            S = np.diagonal(D) + (1.0 / (where[:, None] - poles)) @ residues
+        else:  # poles of several states have no basis of eigenvectors
+            S = np.einsum("kii->ki", sensitivities(model, frequencies))
+        return np.asarray(1.0 / np.abs(S - 0.5))
 
-    def disk(channel: int, frequency: float) -> float:
-        return float(disks(np.array([frequency]))[0, channel])
+    def least(channel: int, values: Vector) -> tuple[float, float]:
+        return _least(lambda w: float(disks(np.array([w]))[0, channel]), values, omega)
 
-    nearest = disks(omega).argmin(axis=0).tolist()
-    least = np.array([_refined(partial(disk, k), omega, at) for k, at in enumerate(nearest)])
-    return least[:, 0], least[:, 1]
+    found = np.array([least(k, values) for k, values in enumerate(disks(omega).T)])
+    return found[:, 0], found[:, 1]
 
 
 def on_the_border(model: control.StateSpace, omega: Vector) -> Complex:

@@ -12,11 +12,10 @@ from trussflow.blocks.framework.diagram import Diagram
 from trussflow.blocks.framework.errors import LinearAnalysisError
 from trussflow.blocks.framework.system import flatten
 from trussflow.blocks.framework.types import Vector
-from trussflow.blocks.linear_analysis.linearize import Amplitudes, linearize
-from trussflow.blocks.linear_analysis.loop_transfer import loop_transfer, margins_of
+from trussflow.blocks.linear_analysis.linearize import linearize
+from trussflow.blocks.linear_analysis.loop_transfer import channels_of, loop_transfer
 from trussflow.blocks.linear_analysis.margins import channel_responses, frequencies_about, sensitivities
-from trussflow.blocks.linear_analysis.modal_table import OscillatingMode, modal_table, oscillating_modes
-from trussflow.blocks.linear_analysis.operating_point import OperatingPoint
+from trussflow.blocks.linear_analysis.modal_table import OscillatingMode, oscillating_modes
 from trussflow.blocks.linear_analysis.references import Reference, named
 
 if TYPE_CHECKING:
@@ -26,12 +25,7 @@ if TYPE_CHECKING:
 
 
 def modal_bode(
-    diagram: Diagram,
-    port: Reference,
-    *,
-    at: OperatingPoint | None = None,
-    amplitude: Amplitudes | None = None,
-    omega: npt.ArrayLike | None = None,
+    diagram: Diagram, port: Reference, *, loop: LinearModel | None = None, omega: npt.ArrayLike | None = None
 ) -> Figure:
     r"""Return the Bode plot of the loop through each element of a port, the other elements closed.
 
@@ -47,8 +41,9 @@ def modal_bode(
         The closed loop.
     port : Port or str
         Input of the plant with the modal forces, such as ``"truss.modal_force"``.
-    at, amplitude
-        As for `linearize`.
+    loop : LinearModel, optional
+        Loop gain at the port, from `loop_transfer`, such as one at another operating point; by default that
+        at the initial states.
     omega : array_like, optional
         Frequencies [rad/s]; by default around the poles.
 
@@ -60,20 +55,26 @@ def modal_bode(
     Raises
     ------
     LinearAnalysisError
-        If no loop passes through the port.
+        If no loop passes through the port, or the given loop has another number of channels.
     """
     import matplotlib.pyplot as plt  # takes a while to import
 
-    loop = loop_transfer(diagram, port, at=at, amplitude=amplitude)
+    loop = loop_transfer(diagram, port) if loop is None else loop
     opened = named(flatten(diagram, external=True), port).port
     plant = linearize(opened.block, [opened], [opened])
-    modes = sorted(oscillating_modes(plant.A), key=lambda mode: abs(mode[0]))
+    if loop.ninputs != plant.ninputs:
+        raise LinearAnalysisError(
+            f"the given loop has {loop.ninputs} channels, but '{opened.full_path}' has {plant.ninputs} "
+            "elements; take the loop from loop_transfer(diagram, port) with the same port"
+        )
+    modes = oscillating_modes(plant)
     effects = np.array([np.abs(left @ plant.B) for _, left, _ in modes])
     grid = _grid(loop) if omega is None else np.asarray(omega)
     gains = channel_responses(sensitivities(loop, grid))
-    title, margins = f"{diagram.name}: loops at {opened.full_path}", {}
+    title = f"{diagram.name}: loops at {opened.full_path}"
+    margins = {}
     try:
-        margins = margins_of(loop).channels
+        margins = channels_of(loop)
     except LinearAnalysisError as error:
         title = fill(str(error), 90)
     figure, (upper, lower) = plt.subplots(2, 1, sharex=True, figsize=(9.0, 7.0), layout="constrained")
@@ -96,6 +97,6 @@ def modal_bode(
 
 def _grid(loop: LinearModel) -> Vector:
     """Return frequencies from a tenth of the slowest to ten times the fastest oscillating pole [rad/s]."""
-    poles = np.array([mode.pole for mode in modal_table(loop).modes])
+    poles = np.array([pole for pole, _, _ in oscillating_modes(loop)])
     sizes = np.abs(poles) if poles.size else np.ones(1)
     return frequencies_about(poles, 0.1 * sizes.min(), 10.0 * sizes.max())

@@ -6,7 +6,6 @@ With right and left eigenvectors r and l, :math:`l^T r = 1`, of the state matrix
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -16,7 +15,6 @@ from numpy.typing import NDArray
 from trussflow.blocks.framework.block import Block
 from trussflow.blocks.framework.described import Described, Description
 from trussflow.blocks.framework.errors import LinearAnalysisError
-from trussflow.blocks.framework.types import Vector
 from trussflow.blocks.linear_analysis.linearize import linearize
 from trussflow.blocks.linear_analysis.operating_point import OperatingPoint
 from trussflow.blocks.linear_analysis.references import References
@@ -128,33 +126,31 @@ def modal_table(
     if isinstance(item, Block):
         ports = item.inputs() if inputs is None else inputs
         model = linearize(item, ports, ports, at=at)
-    period = model.dt if model.isdtime(strict=True) else 0.0
     modes = []
-    for pole, left, _ in oscillating_modes(model.A, period):
+    for pole, left, _ in oscillating_modes(model):
         effects = np.abs(left @ model.B) ** 2
         shares = effects / (effects.sum() or 1.0)
         driven = dict(zip(model.input_labels, shares.tolist(), strict=True))
         modes.append(OscillatingMode(pole, driven))
-    return ModalTable(model.name, tuple(sorted(modes, key=lambda mode: mode.frequency)))
+    return ModalTable(model.name, tuple(modes))
 
 
-def oscillating_modes(A: Vector, period: float = 0.0) -> Iterator[tuple[complex, Complex, Complex]]:
-    """Yield the oscillating poles, one of each pair, with left and right eigenvectors.
+def oscillating_modes(model: control.StateSpace) -> list[tuple[complex, Complex, Complex]]:
+    """Return the oscillating poles, one of each pair, by frequency, with left and right eigenvectors.
 
     Parameters
     ----------
-    A : array, shape (n, n)
-        State matrix [1/s], or the map over a period.
-    period : float
-        The period of a sampled model [s]; 0 if it is continuous.
+    model : control.StateSpace
+        Any; if sampled, the poles are the logarithms of its own by the period [1/s].
     """
     from scipy.linalg import eig
 
-    found_by: Any = eig(A, left=True, right=True)
-    values, lefts, rights = found_by
-    for value, left, right in zip(values, lefts.T.conj(), rights.T, strict=True):
+    found: Any = eig(model.A, left=True, right=True)
+    modes = []
+    for value, left, right in zip(found[0], found[1].T.conj(), found[2].T, strict=True):
         pole = complex(value)
-        if period and pole:
-            pole = complex(np.log(pole)) / period
+        if model.isdtime(strict=True) and pole:
+            pole = complex(np.log(pole)) / model.dt
         if pole.imag > LEAST_OSCILLATION * abs(pole):
-            yield pole, left / (left @ right), right
+            modes.append((pole, left / (left @ right), right))
+    return sorted(modes, key=lambda mode: abs(mode[0]))

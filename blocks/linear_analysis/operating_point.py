@@ -15,7 +15,6 @@ from trussflow.blocks.framework.equations import Equations
 from trussflow.blocks.framework.errors import LinearAnalysisError
 from trussflow.blocks.framework.port import Port
 from trussflow.blocks.framework.settling import settle
-from trussflow.blocks.framework.system import System
 from trussflow.blocks.framework.types import Array, Vector
 from trussflow.blocks.framework.validation import finite_array, positive, shown
 from trussflow.blocks.linear_analysis.trim_report import TrimReport
@@ -99,7 +98,8 @@ class OperatingPoint(Described):
         SimulationError
             If the session is not started, failed, or cannot say all that it keeps.
         """
-        plan, now = session.prepared.plan, session.save()
+        plan = session.prepared.plan
+        now = session.save()
         own, given = plan.p.named(plan.parameters({})), plan.p.named(now.p)
         found: dict[str, Any] = as_named(plan, now.x, now.d)
         changed = {k: v for k, v in given.items() if not np.array_equal(v, own[k])}
@@ -164,13 +164,13 @@ class Surroundings:
 
     Parameters
     ----------
-    system : System
-        The flat diagram, its inputs from outside open.
+    plan : Plan
+        The plan of the flat diagram, its inputs from outside open; each set of clocks has its own program.
     """
 
-    def __init__(self, system: System) -> None:
-        self.plan = Plan(system, own_programs=True)
-        self._assembly = Assembly(self.plan, [], "numpy")
+    def __init__(self, plan: Plan) -> None:
+        self.plan = plan
+        self._assembly = Assembly(plan, [], "numpy")
 
     def complete(
         self, at: OperatingPoint | None, ports: Sequence[Port], outputs: Mapping[str, Port]
@@ -188,7 +188,8 @@ class Surroundings:
         outputs : mapping
             Ports to keep in the point, by name.
         """
-        at, plan = given_point(at), self.plan
+        at = given_point(at)
+        plan = self.plan
         for reference in at.loops:
             plan.guesses.find(reference, "loop signal")
         p = plan.parameters(at.parameters)
@@ -216,7 +217,8 @@ class Surroundings:
 
     def _settled(self, executor: Executor, t: float, x: Vector, d: Vector, p: Vector) -> Vector:
         """Return d with held outputs computed, discrete states as they were."""
-        memory, d = d[self.plan.memory.span].copy(), d.copy()
+        memory = d[self.plan.memory.span].copy()
+        d = d.copy()
 
         def sweep() -> Vector:
             for number, active in enumerate(self._assembly.schedule.sets):

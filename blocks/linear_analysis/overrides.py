@@ -34,7 +34,7 @@ Override = Mapping[Any, Any]
 """Replacements of blocks and groups, keyed by path or block: a ``control.StateSpace``, a
 ``control.TransferFunction`` or a matrix of gains [units of its outputs per units of its inputs]."""
 
-POINT = "operating point"
+POINT_PORT = "operating point"
 """The input of u_0 and y_0: no port of a user can have a name with a blank."""
 
 
@@ -50,14 +50,18 @@ class Gains(Block):
     """
 
     def __init__(self, block: Block, A: Vector, B: Vector, C: Vector, D: Vector) -> None:
-        self.A, self.B, self.C, self.D, self.order = A, B, C, D, len(A)
+        self.A = A
+        self.B = B
+        self.C = C
+        self.D = D
+        self.order = len(A)
         self.inner, self.outer = _inner(block.inputs()), _inner(block.outputs())
         self.extra_ports = {
             **{
                 name: Input(port.whole_shape or (), unit=port.unit, default=port.declaration.default)
                 for name, port in self.inner.items()
             },
-            POINT: Input(sum(D.shape)),
+            POINT_PORT: Input(sum(D.shape)),
             **{name: Output(port.whole_shape or (), unit=port.unit) for name, port in self.outer.items()},
         }
         super().__init__()
@@ -71,11 +75,11 @@ class Gains(Block):
     def _deviation(self, u: Signals) -> Array:
         """Return u - u_0."""
         parts = [np.reshape(u[name], (port.size,)) for name, port in self.inner.items()]
-        return np.concatenate([np.zeros(0), *parts]) - u[POINT][: self.D.shape[1]]
+        return np.concatenate([np.zeros(0), *parts]) - u[POINT_PORT][: self.D.shape[1]]
 
     def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
         """Return y_0 + C z + D (u - u_0)."""
-        y = u[POINT][self.D.shape[1] :] + self.D @ self._deviation(u)
+        y = u[POINT_PORT][self.D.shape[1] :] + self.D @ self._deviation(u)
         return self._apart(y + self.C @ x.z if self.order else y)
 
     def at_rest(self, point: Vector) -> dict[tuple[str, str], Array]:
@@ -189,7 +193,9 @@ def overridden(system: System, override: Override | None) -> Overridden:
                         )
                     result.places[each.block.path, each.name] = stand_in.port(name)
         result.paths |= inside
-        result.points.append((External(stand_in.port(POINT), f"point of {block.path}", start=0.0), stand_in))
+        result.points.append(
+            (External(stand_in.port(POINT_PORT), f"point of {block.path}", start=0.0), stand_in)
+        )
     if not result.points:
         return result
     blocks = {path: block for path, block in system.blocks.items() if path not in result.paths}
@@ -197,7 +203,7 @@ def overridden(system: System, override: Override | None) -> Overridden:
     for point, stand_in in result.points:
         blocks |= {stand_in.path: stand_in, point.path: point}
         everything = np.arange(point.y.size)
-        drivers[stand_in.path, POINT] = [Driver(point.y, everything, everything, "override")]
+        drivers[stand_in.path, POINT_PORT] = [Driver(point.y, everything, everything, "override")]
         for name, leaf in stand_in.inner.items():
             drivers[stand_in.path, name] = system.drivers[leaf.block.path, leaf.name]
 

@@ -254,7 +254,8 @@ def label_places(labels: Sequence[str], reference: str) -> Indices:
     if label_of(reference) in labels:  # one element, maybe of an array that is not all there
         return np.asarray(labels.index(label_of(reference)))
     text, index = split_index(reference)
-    wanted, arrays = label_of(text), dict[str, list[int]]()
+    wanted = label_of(text)
+    arrays = dict[str, list[int]]()
     for i, label in enumerate(labels):
         arrays.setdefault(label.partition("[")[0], []).append(i)
     found = [wanted] if wanted in arrays else [name for name in arrays if name.endswith(f"/{wanted}")]

@@ -16,10 +16,9 @@ from trussflow.blocks.framework.port import Port
 from trussflow.blocks.framework.system import Indices, flatten
 from trussflow.blocks.framework.types import Vector
 from trussflow.blocks.framework.validation import by_name, finite_array, number_array, positive
-from trussflow.blocks.linear_analysis.jacobians import MODEL, LocalJacobians
-from trussflow.blocks.linear_analysis.linear_instants import inner_places, linear_instant
+from trussflow.blocks.linear_analysis.jacobians import RATES_AND_OUTPUTS, LocalJacobians, inner_places
+from trussflow.blocks.linear_analysis.opened_model import OpenedModel
 from trussflow.blocks.linear_analysis.operating_point import OperatingPoint, Surroundings, as_named
-from trussflow.blocks.linear_analysis.python_continuous_slopes import continuous_places
 from trussflow.blocks.linear_analysis.python_derivatives import hiding
 from trussflow.blocks.linear_analysis.references import (
     all_labels,
@@ -30,8 +29,7 @@ from trussflow.blocks.linear_analysis.references import (
     split_index,
     state_places,
 )
-from trussflow.blocks.linear_analysis.rewired_model import RewiredModel
-from trussflow.blocks.linear_analysis.trim_report import Bounds, TrimReport, Variables, output_lines
+from trussflow.blocks.linear_analysis.trim_report import Bounds, TrimReport, output_lines, variable_lines
 
 MOST_LISTED = 8
 """Equations or variables that a message names."""
@@ -150,10 +148,10 @@ class _Problem:
                 f"cannot trim: Python block '{block.path}' ({type(block).__name__}) keeps "
                 "something besides its declared states"
             )
-        self._surroundings = Surroundings(system)
         self._outputs = all_named(system, list(outputs), [])
-        self._model = RewiredModel(system, [], self._outputs, [], [])
+        self._model = OpenedModel(system, [], self._outputs, [], [])
         plan = self._plan = self._model.plan
+        self._surroundings = Surroundings(plan)
         self._point, _ = self._surroundings.complete(at, [], {})
         x, d, self._p = self._point.vectors(plan)
         self._z = np.concatenate([x, d])
@@ -183,7 +181,14 @@ class _Problem:
             finite_array(f"output '{r}'", v, one.port.elements().shape).ravel()
             for (r, v), one in zip(outputs.items(), self._outputs, strict=True)
         ]
-        self._names = self._equation_names()
+        instants = self._model.instants.instants if self._model.instants is not None else []
+        self._sets = sorted({number for _, number in instants if number})
+        stays = self._labels[plan.x.size :][plan.sampled]
+        self._names = [
+            *(f"d({label})/dt" for label in self._labels[: plan.x.size]),
+            *all_labels(self._outputs),
+            *(f"change of {label} at an instant" for _ in self._sets for label in stays),
+        ]
 
     # -- what the user said -------------------------------------------------------------------
 
@@ -213,19 +218,10 @@ class _Problem:
 
     # -- the equations ------------------------------------------------------------------------
 
-    def _equation_names(self) -> list[str]:
-        plan = self._plan
-        names = [f"d({label})/dt" for label in self._labels[: plan.x.size]]
-        names += all_labels(self._outputs)
-        instants = self._model.instants.instants if self._model.instants is not None else []
-        self._sets = sorted({number for _, number in instants if number})
-        stays = self._labels[plan.x.size :][plan.sampled]
-        return names + [f"change of {label} at an instant" for _ in self._sets for label in stays]
-
     def _residual(self, local: LocalJacobians, z: Vector) -> Vector:
         size = self._plan.x.size
         x, d = z[:size], z[size:].copy()  # outputs of continuous Python blocks change in it
-        model = local.values(MODEL, x, d)
+        model = local.values(RATES_AND_OUTPUTS, x, d)
         wanted = self._wanted_rates
         parts = [np.where(np.isnan(wanted), 0.0, model[:size] - wanted)]
         outputs = model[self._model.output_rows]
@@ -236,20 +232,20 @@ class _Problem:
         return np.concatenate(parts)
 
     def _jacobian(self, local: LocalJacobians, z: Vector) -> Vector:
-        plan, size = self._plan, self._plan.x.size
+        plan = self._plan
+        size = self._plan.x.size
         x, d = z[:size], z[size:]
         rates, outputs = self._model.linear(local, x, d.copy(), {})
         rates = np.where(np.isnan(self._wanted_rates)[:, None], 0.0, rates)
         parts = [rates, outputs]
         for number in self._sets:
-            by_inner, by_u = linear_instant(local, number, x, d)
+            by_inner, by_u = local.discrete_update(number, x, d)
             inner = inner_places(plan)
             change = np.zeros((inner.size - size, z.size))
             change[:, inner], change[:, size + plan.u_start :] = by_inner[size:], by_u[size:]
             change -= np.eye(z.size)[inner[size:]]
-            change[continuous_places(local.assembly) - size - plan.sampled.start] = (
-                0.0  # these follow at once
-            )
+            # Outputs of continuous Python blocks follow at once.
+            change[local.python_places - size - plan.sampled.start] = 0.0
             parts.append(change)
         return np.vstack(parts)
 
@@ -278,7 +274,8 @@ class _Problem:
             self._check_finite(jacobian.sum(axis=1), "derivative")
             return jacobian
 
-        best, complaint = self._z, ""
+        best = self._z
+        complaint = ""
         with self._model.at(self._point.time, self._p) as local:
             if free.any():
                 try:
@@ -300,7 +297,9 @@ class _Problem:
             violation = float(np.abs(residual).max(initial=0.0))
             if not violation <= tolerance:
                 complaint = self._complaint(local, best, residual, tolerance)
-            rates = local.values(MODEL, best[: self._plan.x.size], best[self._plan.x.size :].copy())
+            rates = local.values(
+                RATES_AND_OUTPUTS, best[: self._plan.x.size], best[self._plan.x.size :].copy()
+            )
         point = self._as_point(best, residual, rates, tolerance)
         if complaint:
             error = TrimError(complaint)
@@ -317,7 +316,8 @@ class _Problem:
             )
 
     def _as_point(self, z: Vector, residual: Vector, rates: Vector, tolerance: float) -> OperatingPoint:
-        plan, size = self._plan, self._plan.x.size
+        plan = self._plan
+        size = self._plan.x.size
         found: dict[str, Any] = as_named(plan, z[:size], z[size:])
         violation = float(np.abs(residual).max(initial=0.0))
         outputs = {one.label: one for one in all_named(plan.system, plan.system.root.outputs(), [])}
@@ -328,14 +328,16 @@ class _Problem:
             {label: one.leaf for label, one in outputs.items()},
         )[0]
         wanted = size + len(all_labels(self._outputs))
-        own, sampled = np.full(z.size, np.nan), slice(size + plan.sampled.start, size + plan.sampled.stop)
+        own = np.full(z.size, np.nan)
+        sampled = slice(size + plan.sampled.start, size + plan.sampled.stop)
         own[:size] = np.where(np.isnan(self._wanted_rates), np.nan, residual[:size])
         if self._sets:  # of several sets of clocks, the worst
             changes = residual[wanted:].reshape(len(self._sets), -1)
             own[sampled] = np.take_along_axis(changes, np.abs(changes).argmax(0)[None], 0)[0]
         off = dict(zip(all_labels(self._outputs), residual[size:wanted], strict=True))
-        variables = Variables(plan, self._labels, z, self._free, self._bounds, self._at_bounds(z), rates, own)
-        lines = [*variables.lines(), *output_lines(outputs.values(), point.outputs, off)]
+        bounds = self._bounds, self._at_bounds(z)
+        variables = variable_lines(plan, self._labels, z, self._free, *bounds, rates, own)
+        lines = [*variables, *output_lines(outputs.values(), point.outputs, off)]
         report = TrimReport(plan.name, point.time, tolerance, violation, tuple(lines))
         object.__setattr__(point, "report", report)
         return point

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from trussflow.blocks.framework.declarations import State
 from trussflow.blocks.framework.described import Described, Description
@@ -109,63 +110,61 @@ class TrimReport(Described):
         )
 
 
-@dataclass(frozen=True, slots=True)
-class Variables:
-    """The variables of `trim`, in the order of (x, d).
+def variable_lines(
+    plan: Plan,
+    labels: Sequence[str],
+    values: Vector,
+    free: NDArray[np.bool_],
+    bounds: Bounds,
+    at_bounds: Bounds,
+    rates: Vector,
+    residuals: Vector,
+) -> Iterator[TrimLine]:
+    """Return the line of each variable of `trim`; all arrays are in the order of (x, d).
 
-    Attributes
+    Parameters
     ----------
     plan : Plan
         The plan they are laid out by.
     labels : sequence of str
         Their names.
-    values, rates, residuals : Vector
-        Values [as declared], rates of the continuous states, and by how much the condition of each is
-        violated, not a number if it has none [as declared].
+    values : Vector
+        Their values [as declared].
     free : array of bool
         Whether each element is free.
     bounds, at_bounds : tuple
         Their bounds [as declared], and which are there.
+    rates : Vector
+        Rates of the continuous states [as declared].
+    residuals : Vector
+        Residual of the condition of each, not a number if it has none [as declared].
     """
-
-    plan: Plan
-    labels: Sequence[str]
-    values: Vector
-    free: Any
-    bounds: Bounds
-    at_bounds: Bounds
-    rates: Vector
-    residuals: Vector
-
-    def lines(self) -> Iterator[TrimLine]:
-        """Return the line of each element."""
-        kinds = ("state", "mode", "discrete state", "held output", "input")
-        for kind, layout in zip(kinds, (*self.plan.stored, self.plan.held, self.plan.u), strict=True):
-            for e in layout:
-                place, block = self.plan.place(e.path, e.name), self.plan.system.blocks[e.path]
-                if kind == "held output" and block.sample_time is None:
-                    continue  # of a continuous Python block: it follows at once, and is no variable
-                states = block.declared(State)
-                unit = states[e.name].unit if e.name in states else block.port(e.name).unit
-                units = per_element(unit, place.stop - place.start)
-                for i, each in zip(range(place.start, place.stop), units, strict=True):
-                    yield TrimLine(
-                        kind=kind,
-                        name=self.labels[i].replace("/", "."),
-                        value=float(self.values[i]),
-                        unit=each or "",
-                        role=self._role(i),
-                        lower=float(self.bounds[0][i]),
-                        upper=float(self.bounds[1][i]),
-                        rate=float(self.rates[i]) if i < self.plan.x.size else math.nan,
-                        residual=float(self.residuals[i]),
-                    )
-
-    def _role(self, i: int) -> str:
-        if not self.free[i]:
-            return "fixed"
-        below, above = (at[i] for at in self.at_bounds)
-        return "free" + ", at its lower bound" * bool(below) + ", at its upper bound" * bool(above)
+    kinds = ("state", "mode", "discrete state", "held output", "input")
+    for kind, layout in zip(kinds, (*plan.stored, plan.held, plan.u), strict=True):
+        for e in layout:
+            place = plan.place(e.path, e.name)
+            block = plan.system.blocks[e.path]
+            if kind == "held output" and block.sample_time is None:
+                continue  # of a continuous Python block: it follows at once, and is no variable
+            states = block.declared(State)
+            unit = states[e.name].unit if e.name in states else block.port(e.name).unit
+            units = per_element(unit, place.stop - place.start)
+            for i, each in zip(range(place.start, place.stop), units, strict=True):
+                role = "fixed"
+                if free[i]:
+                    role = "free" + ", at its lower bound" * bool(at_bounds[0][i])
+                    role += ", at its upper bound" * bool(at_bounds[1][i])
+                yield TrimLine(
+                    kind=kind,
+                    name=labels[i].replace("/", "."),
+                    value=float(values[i]),
+                    unit=each or "",
+                    role=role,
+                    lower=float(bounds[0][i]),
+                    upper=float(bounds[1][i]),
+                    rate=float(rates[i]) if i < plan.x.size else math.nan,
+                    residual=float(residuals[i]),
+                )
 
 
 def output_lines(

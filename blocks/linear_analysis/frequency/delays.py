@@ -54,6 +54,11 @@ def delay_margin(
     LinearAnalysisError
         If the closed loop is not stable, the model is discrete or not square, or frequencies to search are
         fewer than two or not positive.
+
+    Warns
+    -----
+    SimulationWarning
+        If the diagram has unstable poles that the loop hides: its margins are those of the other poles.
     """
     from scipy.optimize import brentq
 
@@ -214,13 +219,12 @@ def sampled_loop_radius(
     first, early = held_flow(A, B, delay * period)  # the old command still acts
     second, late = held_flow(A, B, (1 - delay) * period)
     turned, driven = held_flow(K, L, period)
-    states, own, commands = len(A), len(K), B.shape[1]
     # x, controller state, command of the period before; the new command is M c + N C x
-    step = np.zeros((states + own + commands,) * 2)
-    x, c, u = slice(0, states), slice(states, states + own), slice(states + own, None)
-    step[x, x] = second @ first + late @ N @ C
-    step[x, c] = late @ M
-    step[x, u] = second @ early
-    step[c, x], step[c, c] = driven @ C, turned
-    step[u, x], step[u, c] = N @ C, M
+    step = np.block(
+        [
+            [second @ first + late @ N @ C, late @ M, second @ early],
+            [driven @ C, turned, np.zeros((len(K), len(M)))],
+            [N @ C, M, np.zeros((len(M), len(M)))],
+        ]
+    )
     return float(np.abs(np.linalg.eigvals(step)).max(initial=0.0))

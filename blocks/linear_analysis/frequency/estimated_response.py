@@ -33,13 +33,16 @@ from trussflow.blocks.linear_analysis.frequency.excitation import (
     Sweep,
     excited,
 )
-from trussflow.blocks.linear_analysis.frequency.measured_response import FEWEST_SAMPLES
 from trussflow.blocks.linear_analysis.operating_point import OperatingPoint, Surroundings
 from trussflow.blocks.linear_analysis.references import References, all_named, distinct_labels
 from trussflow.blocks.simulation.simulator import Simulator
+from trussflow.blocks.tracing.plan import Plan
 
 if TYPE_CHECKING:
     from trussflow.blocks.linear_analysis.frequency.response_estimate import ResponseEstimate
+
+MIN_STEPS = 10
+"""Steps within a period of the highest frequency [-]."""
 
 MOST_PERIODS = 64
 """Periods to wait for a response that repeats itself."""
@@ -142,8 +145,8 @@ def estimated_response(
     from trussflow.blocks.linear_analysis.frequency.response_estimate import ResponseEstimate
 
     omega = frequencies(omega)
-    positive(LinearAnalysisError, step=step)
-    positive(LinearAnalysisError, **({} if sample_time is None else {"sample_time": sample_time}))
+    read, often = (step, MIN_STEPS) if sample_time is None else (sample_time, 2)
+    positive(LinearAnalysisError, step=step, sample_time=read)
     positive_whole(realizations=realizations, cycles=cycles)
     if not is_whole(seed) or seed < 0:
         raise LinearAnalysisError(f"seed = {shown(seed)} must be a whole number, 0 or above")
@@ -151,7 +154,6 @@ def estimated_response(
     if not (isinstance(given, float | int) and given > 0):
         raise LinearAnalysisError(f"tolerance = {shown(tolerance)} must be positive; infinite under noise")
     one_of("excitation signal", signal, ("multisine", "chirp"), LinearAnalysisError)
-    read, often = (step, FEWEST_SAMPLES) if sample_time is None else (sample_time, 2)
     if not read * omega.max() < 2 * np.pi / often:
         raise LinearAnalysisError(
             f"the response is read every {read:g} s, less than {often} times within a period of "
@@ -180,7 +182,7 @@ def estimated_response(
         sources[-1].named(f"excitation {number + 1}")
         if sample_time is not None:
             sources[-1].sampled(sample_time)
-    point, _ = Surroundings(system).complete(at, [], {})
+    point, _ = Surroundings(Plan(system, own_programs=True)).complete(at, [], {})
     simulator = Simulator(
         excited(system, point, {one.port: source for one, source in zip(put_in, sources, strict=True)}),
         step=step,
@@ -227,7 +229,8 @@ def _period(times: list[Fraction], least: float) -> Fraction:
 
 def _multisines(rng: np.random.Generator, sizes: Vector, lines: int) -> Iterator[Draw]:
     """Return runs with random phases, orthogonal by the columns of the Fourier matrix."""
-    phase, count = rng.uniform(0.0, 2 * np.pi, (lines, sizes.size)), np.arange(sizes.size)
+    phase = rng.uniform(0.0, 2 * np.pi, (lines, sizes.size))
+    count = np.arange(sizes.size)
     for run in count:
         # Of each run by itself as well: else noise that is the same in all falls to the first input alone.
         own = rng.uniform(0.0, 2 * np.pi, (lines, 1))
@@ -264,7 +267,8 @@ class _Runs:
 
     def spectra(self, draw: Draw) -> tuple[Spectra, Spectra]:
         """Return the Fourier coefficients of the inputs and of the outputs, of shape (signals, lines)."""
-        parameters, first = dict(self.point.parameters), 0
+        parameters = dict(self.point.parameters)
+        first = 0
         for source in self.sources:
             for name, values in draw.items():
                 own = values[..., first : first + source.size]
@@ -272,7 +276,8 @@ class _Runs:
             first += source.size
         while self.periods <= MOST_PERIODS:
             before, last = self._last_two(parameters)
-            off, size = np.abs(last - before).max(axis=1), np.abs(last).max(axis=1)
+            off = np.abs(last - before).max(axis=1)
+            size = np.abs(last).max(axis=1)
             if np.all((off <= self.tolerance * size)[first:]):
                 return last[:first], last[first:]
             self.periods *= 2

@@ -34,19 +34,18 @@ class Excitation(Block):
     ----------
     port : Port
         Port that receives it; its shape and unit are used.
+    **parameters : Vector
+        Further parameters of the signal [as declared].
     """
 
     y = Output("extent", unit=Attribute("own_unit"))
     amplitude = Parameter(0.0, shape="extent")
 
-    def __init__(self, port: Port) -> None:
-        self.extent, self.size = port.shape or (), port.elements().size
+    def __init__(self, port: Port, **parameters: Vector) -> None:
+        self.extent = port.shape or ()
+        self.size = port.elements().size
         self.own_unit = port.element_units()[0] if len(set(port.element_units())) == 1 else None
-        super().__init__(amplitude=np.zeros(self.extent), **self._start())
-
-    def _start(self) -> dict[str, Vector]:
-        """Return further parameters."""
-        return {}
+        super().__init__(amplitude=np.zeros(self.extent), **parameters)
 
 
 class Multisine(Excitation):
@@ -64,18 +63,18 @@ class Multisine(Excitation):
         Frequencies [rad/s].
     """
 
+    omega = Parameter(shape="lines", unit="rad/s", meaning="ω")  # not compiled: responses share code
     phase = Parameter(shape=("lines", "size"), unit="rad", meaning="φ")
 
     def __init__(self, port: Port, omega: Vector) -> None:
-        self.omega, self.lines = omega, omega.size
-        super().__init__(port)
-
-    def _start(self) -> dict[str, Vector]:
-        return {"phase": np.zeros((self.lines, self.size))}
+        self.lines = omega.size
+        super().__init__(port, omega=omega, phase=np.zeros((self.lines, port.elements().size)))
 
     def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
         """Return the sum of the sines."""
-        sines = np.sum(np.sin(self.omega[:, None] * t + p.phase), axis=0) / np.sqrt(self.lines)
+        sines = np.sum(np.sin(np.reshape(p.omega, (self.lines, 1)) * t + p.phase), axis=0) / np.sqrt(
+            self.lines
+        )
         return {"y": p.amplitude * np.reshape(sines, self.extent)}
 
 
@@ -100,13 +99,11 @@ class Sweep(Excitation):
     shift = Parameter(shape="extent", unit="s", meaning="s")
 
     def __init__(self, port: Port, lowest: float, highest: float, period: float) -> None:
-        self.ratio, self.period = np.log(highest / lowest), period
+        self.ratio = np.log(highest / lowest)
+        self.period = period
         cycles = np.round(lowest * period * (highest / lowest - 1.0) / self.ratio / (2 * np.pi))
         self.rise = 2 * np.pi * max(cycles, 1.0) / (highest / lowest - 1.0)
-        super().__init__(port)
-
-    def _start(self) -> dict[str, Vector]:
-        return {"shift": np.zeros(self.extent)}
+        super().__init__(port, shift=np.zeros(port.shape or ()))
 
     def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
         """Return the sine."""

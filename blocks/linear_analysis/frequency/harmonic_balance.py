@@ -33,7 +33,7 @@ from trussflow.blocks.framework.system import flatten
 from trussflow.blocks.framework.types import Vector
 from trussflow.blocks.framework.validation import frequencies, positive
 from trussflow.blocks.library.transport_delay import DelayLine
-from trussflow.blocks.linear_analysis.describing_function import PHASES, columns
+from trussflow.blocks.linear_analysis.describing_function import SAMPLE_PHASES, columns
 from trussflow.blocks.linear_analysis.linearize import Linearizer
 from trussflow.blocks.linear_analysis.operating_point import OperatingPoint
 from trussflow.blocks.linear_analysis.references import References
@@ -147,11 +147,15 @@ class Balance:
     def __init__(
         self, linearizer: Linearizer, at: OperatingPoint | None = None, delays: Sequence[DelayLine] = ()
     ) -> None:
-        model, point, (x, d, p) = linearizer.rewired(at)
+        model, point, (x, d, p) = linearizer.opened(at)
         self.input_labels, self.output_labels = linearizer.labels()
-        self._time, self._model, self._size, self._p = point.time, model, x.size, p
+        self._time = point.time
+        self._model = model
+        self._size = x.size
+        self._p = p
         self._z = np.concatenate([x, d])
-        self._name, self._delays = linearizer.item.name, list[tuple[slice, float]]()
+        self._name = linearizer.item.name
+        self._delays = list[tuple[slice, float]]()
         for delay in delays:
             # Inputs and outputs at the point; the length of a variable delay is its last input.
             inputs = self._z[model.plan.place(f"(point of {delay.path})", "y")][: -delay.size]
@@ -189,7 +193,8 @@ class Balance:
         LinearAnalysisError
             If there is an undamped resonance at a frequency.
         """
-        size, columns = self._size, self._model.input_columns
+        size = self._size
+        columns = self._model.input_columns
         with self._model.at(self._time, self._p) as local:
             rates, rows = self._model.linear(local, self._z[:size], self._z[size:], {})
         C, D = rows[:, :size], rows[:, columns]
@@ -197,19 +202,20 @@ class Balance:
         return np.stack(each, axis=-1)
 
     def _value(self, name: str, z: Vector) -> Vector:
-        x, d = z[: self._size].copy(), z[self._size :].copy()
+        x = z[: self._size].copy()
+        d = z[self._size :].copy()
         return self._executor.call(name, self._time, x, d, self._p)
 
     def _first_harmonic(self, name: str, X: Complex, column: int, amplitude: float) -> Complex:
         """Return F_1 (of "derivative") or G_1 (of "outputs")."""
         total: Complex | float = 0.0
-        for phase in PHASES:
+        for phase in SAMPLE_PHASES:
             turn = np.exp(1j * phase)
             z = self._z.copy()
             z[: self._size] += np.real(X * turn)
             z[column] += amplitude * np.cos(phase)
             total = total + self._value(name, z) * np.conj(turn)
-        return np.asarray(2 * total / PHASES.size)
+        return np.asarray(2 * total / SAMPLE_PHASES.size)
 
     def _quasi_linear(self, amplitudes: Vector, column: int, amplitude: float) -> tuple[Any, Any]:
         """Return A and a column of B, of describing functions at these amplitudes."""
@@ -234,7 +240,8 @@ class Balance:
         LinearAnalysisError
             If no balance is found.
         """
-        column, size = int(self._model.input_columns[number]), self._size
+        column = int(self._model.input_columns[number])
+        size = self._size
         X = self._states(omega, column, amplitude) if size else np.zeros(0, dtype=np.complex128)
         Y = self._first_harmonic("outputs", X, column, amplitude)
         return X, Y[self._model.output_rows - size]
@@ -243,7 +250,8 @@ class Balance:
         """Solve the balance: describing functions of single states first, then all together."""
         from scipy.optimize import NoConvergence, newton_krylov
 
-        size, sizes = self._size, np.full(self._size, amplitude)
+        size = self._size
+        sizes = np.full(self._size, amplitude)
         for _ in range(3):
             A, B = self._quasi_linear(sizes, column, amplitude)
             resolvent = self._resolvent(omega, A)

@@ -43,7 +43,9 @@ class GainSeries:
     """
 
     def __init__(self, box: Array, blocks: Sequence[slice]) -> None:
-        self.box, self.blocks, self.inner = box, blocks, blocks[-1].stop
+        self.box = box
+        self.blocks = blocks
+        self.inner = blocks[-1].stop
         self.loop = np.array([[np.linalg.norm(box[i, j], 2) for j in blocks] for i in blocks])
         self.into = np.array([np.linalg.norm(box[i, self.inner :], 2) for i in blocks])
         powers = {(0,) * len(blocks): box[self.inner :]}

@@ -28,10 +28,8 @@ from trussflow.blocks.framework.errors import LinearAnalysisError
 from trussflow.blocks.framework.telling import told
 from trussflow.blocks.framework.types import Array, Vector
 from trussflow.blocks.framework.validation import finite_array, positive
+from trussflow.blocks.linear_analysis.margins import SUM_ROUND_OFF
 from trussflow.blocks.linear_analysis.uncertainty.uncertain_model import UncertainModel
-
-EPSILON = 10.0 * float(np.finfo(float).eps)
-"""Relative error of each of the n sums that make an element of R [-]."""
 
 MAX_LOG_SPEEDUP = 300.0
 """Largest logarithm of the speed-up of a sampled model; beyond, only zero is stable [-]."""
@@ -88,8 +86,10 @@ def robust_stability(model: UncertainModel, *, decay: float = 0.0, boxes: int = 
     """
     positive(LinearAnalysisError, boxes=boxes)
     decay = float(finite_array("decay", decay, ()))
-    count, nominal = len(model.ranges), model.nominal
-    n, sampled = nominal.nstates, bool(nominal.dt)
+    count = len(model.ranges)
+    nominal = model.nominal
+    n = nominal.nstates
+    sampled = bool(nominal.dt)
     if not n:
         return RobustStability(True, None, 0.0, 0)
     _, (scale, _) = scipy.linalg.matrix_balance(nominal.A, permute=False, separate=True)
@@ -101,7 +101,9 @@ def robust_stability(model: UncertainModel, *, decay: float = 0.0, boxes: int = 
             return matrix + decay * np.eye(n)
         return np.asarray(matrix * np.exp(min(decay * nominal.dt, MAX_LOG_SPEEDUP)))
 
-    whole, axes, looked = _polynomial(at, count), np.eye(count), 0
+    whole = _polynomial(at, count)
+    axes = np.eye(count)
+    looked = 0
     left = [(-1.0, 0, np.zeros(count), np.ones(count))]
     with told("proving stability"):
         while left and looked < boxes:
@@ -125,7 +127,8 @@ def robust_stability(model: UncertainModel, *, decay: float = 0.0, boxes: int = 
 
 def _polynomial(at: Callable[[Vector], Vector], count: int) -> Polynomial:
     """Return a quadratic function of `count` numbers, by differences, which are exact."""
-    one, middle = np.eye(count, dtype=int), at(np.zeros(count))
+    one = np.eye(count, dtype=int)
+    middle = at(np.zeros(count))
     up, down = ([at(sign * step) for step in one] for sign in (1.0, -1.0))
     found = {(0,) * count: middle}
     for i, (a, b) in enumerate(zip(up, down, strict=True)):
@@ -138,7 +141,8 @@ def _polynomial(at: Callable[[Vector], Vector], count: int) -> Polynomial:
 
 def _within(whole: Polynomial, centre: Vector, half: Vector) -> Polynomial:
     """Return a quadratic function as one of numbers from -1 to 1 in a box."""
-    none, one = (0,) * len(half), np.eye(len(half), dtype=int)
+    none = (0,) * len(half)
+    one = np.eye(len(half), dtype=int)
     numbers: list[Polynomial] = [{tuple(one[i]): half[i], none: centre[i]} for i in range(len(half))]
     found: Polynomial = {}
     for power, matrix in whole.items():
@@ -157,7 +161,8 @@ def _beyond(box: Polynomial, sampled: bool) -> Vector:
     do not do.
     """
     none = min(box)
-    turned, middle = {power: matrix.T for power, matrix in box.items()}, box[none]
+    turned = {power: matrix.T for power, matrix in box.items()}
+    middle = box[none]
 
     def solved(right: Vector) -> Vector:
         """Return P of A'P + PA = -right, or of A'PA - P = -right."""
@@ -182,7 +187,7 @@ def _beyond(box: Polynomial, sampled: bool) -> Vector:
         return np.full(len(none), np.inf)
     size = float(sum(np.linalg.norm(matrix) for matrix in box.values()))
     size = size**2 + 1.0 if sampled else 2.0 * size
-    rounding = EPSILON * len(middle) * size * sum(np.linalg.norm(matrix) for matrix in p.values())
+    rounding = SUM_ROUND_OFF * len(middle) * size * sum(np.linalg.norm(matrix) for matrix in p.values())
     ends = {power: np.linalg.eigvalsh((matrix + matrix.T) / 2.0) for power, matrix in found.items()}
     spare = -ends.pop(none)[-1] - rounding
     if not spare > 0.0:

@@ -168,7 +168,8 @@ class UncertainModel:
         LinearAnalysisError
             If the nominal model has a pole there.
         """
-        f, n = self.fractions, self.nominal.nstates
+        f = self.fractions
+        n = self.nominal.nstates
         states = on_the_border(self.nominal, np.asarray(omega)) * np.eye(n) - f.nominal[:n, :n]
         into = np.hstack([f.left[:n], f.nominal[:n, n:]])
         out = np.vstack([f.right[:, :n], f.nominal[n:, :n]])
@@ -188,7 +189,8 @@ class UncertainModel:
         It says little of gains at resonances, which small elements decide: `worst_gain` compares those
         itself. Among a few random members, the same in each process; norms of balanced matrices.
         """
-        f, found = self.fractions, 0.0
+        f = self.fractions
+        found = 0.0
         rows, columns = _balance(self.nominal)
         for delta in np.random.default_rng(0).uniform(-1.0, 1.0, (COMPARED_MEMBERS, len(f.sizes))):
             exact = _stacked(self.family(delta))
@@ -301,7 +303,8 @@ def _range(name: str, value: Any, own: Mapping[str, Array], pair: bool) -> tuple
         if name not in own:
             raise LinearAnalysisError(f"there is no parameter '{name}'; there are: {', '.join(own)}")
         ends = [own[name] * (1.0 - share), own[name] * (1.0 + share)]
-    low, high = np.minimum(*ends), np.maximum(*ends)
+    low = np.minimum(*ends)
+    high = np.maximum(*ends)
     if np.all(low == high):
         raise LinearAnalysisError(f"the range of '{name}' leaves no room: {shown(value)}")
     return low, high

@@ -15,9 +15,9 @@ from typing import Any
 
 import numpy as np
 
+from flight.sampled_loop import SampledLoop, spectral_radius
 from trussflow.blocks.framework.types import Vector
 from trussflow.blocks.linear_analysis.margins import channel_disks, frequencies_about
-from trussflow.blocks.linear_analysis.sampled_loop import SampledLoop, spectral_radius
 from trussflow.blocks.simulation.session import Session
 from trussflow.models.dynamics.dynamics import TrussDynamics
 

@@ -11,11 +11,10 @@ import numpy as np
 import xarray as xr
 from study_tools.cache import Work, digest_of
 
-from flight import draws, margins
+from flight import draws, margins, sampled_loop
 from flight.draws import parameters_of, truss_of
 from flight.flights import STEP
 from flight.margins import INSTANTS, VARIATIONS, LoopMargins, loops_along
-from trussflow.blocks.linear_analysis import sampled_loop
 from trussflow.blocks.simulation.session import Session
 from trussflow.models.mean_axes.design import MeanAxesDesign
 from trussflow.models.plant.tunable_truss import TunableTruss

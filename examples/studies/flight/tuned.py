@@ -17,10 +17,10 @@ from flight import measures
 from flight.flights import DURATION, STEP, Flights
 from flight.margins import disks, loops_along
 from flight.measures import UNITS, measured
+from flight.sampled_loop import spectral_radius
 from flight.samples import FIRST
 from flight.sections import GOALS
 from trussflow.blocks.framework.types import Vector
-from trussflow.blocks.linear_analysis.sampled_loop import spectral_radius
 from trussflow.blocks.simulation.session import Session
 from trussflow.blocks.sweeps.sweep import sweep
 from trussflow.blocks.sweeps.tuning import tune

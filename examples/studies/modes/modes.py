@@ -71,7 +71,7 @@ class Study:
         for damping, bandwidth in product((0.005, MODAL_DAMPING), (None, 4.0)):
             loop = TrussLoop(SpaceTruss.consistent(damping=damping), bandwidth, allocation="published")
             file = self.folder / f"bode_{1000 * damping:g}_{bandwidth or 0:g}.png"
-            modal_bode(loop.diagram, "truss.modal_force", amplitude=loop.amplitude).savefig(file)
+            modal_bode(loop.diagram, "truss.modal_force", loop=loop.modal_loop).savefig(file)
             yield (
                 f"Loops at the modal forces: Eq. 64, {100 * damping:g} %, {_observer(bandwidth)}",
                 self.modal_margins(loop),

@@ -132,7 +132,8 @@ class TrussLoop:
         coordinate = np.where(of_truss, places, -1)
         ends = [0, 3, 6, RIGID, np.inf]
         rows = []
-        for pole, left, right in sorted(oscillating_modes(self.closed), key=lambda m: -m[0].real)[:number]:
+        closed = control.ss(self.closed, loop.B, loop.C, 0)
+        for pole, left, right in sorted(oscillating_modes(closed), key=lambda m: -m[0].real)[:number]:
             share = np.abs(left * right) / np.abs(left * right).sum()
             parts = [share[(a <= coordinate) & (coordinate < b)].sum() for a, b in pairwise(ends)]
             modal = [share[coordinate == RIGID + k].sum() for k in range(self.truss.modes)]

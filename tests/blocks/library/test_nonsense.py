@@ -35,10 +35,10 @@ from trussflow.blocks import (
     State,
     TrussflowError,
     delay_margin,
+    estimated_response,
     frequency_response,
     largest_sample_time,
     linearize,
-    measured_response,
     simulate,
     trim,
 )
@@ -163,9 +163,9 @@ def analyses():
     """Return the entry points of analyses and of co-simulation."""
     linear = Linearizer(small(), ["g.u"], ["i.y"])
 
-    def measured(omega=60.0, initial=None, at=None, amplitude=1.0):
-        settings = {"omega": omega, "initial": initial, "at": at, "amplitude": amplitude}
-        return measured_response(Gain(1.0), "u", step=0.01, **settings)
+    def estimated(omega=60.0, seed=0, at=None, amplitude=1.0):
+        settings = {"omega": omega, "seed": seed, "at": at, "amplitude": amplitude}
+        return estimated_response(Gain(1.0), "u", step=0.01, **settings)
 
     return [
         lambda members=(), order=None, parameters=None, initial=None: coupled(
@@ -183,7 +183,7 @@ def analyses():
         ),
         lambda path="": save(FIVE, path),
         lambda time=0.0: OperatingPoint(time=time),
-        measured,
+        estimated,
         adaptive,
     ]
 

@@ -203,7 +203,7 @@ def test_unused_inputs_and_wires_do_not_spoil_the_model_but_used_ones_are_named(
 
 
 def test_describing_functions_of_sampled_diagrams_are_refused():
-    with pytest.raises(LinearAnalysisError, match=r"'held': it has sampled blocks; measure its"):
+    with pytest.raises(LinearAnalysisError, match=r"'held': it has sampled blocks; use estimated_resp"):
         linearize(held_oscillator(), "plant.u", "y", amplitude={"plant.x": 0.1})
 
 

@@ -30,13 +30,8 @@ from trussflow.blocks import (
     sensitivity,
 )
 from trussflow.blocks.framework.errors import LinearAnalysisError, SimulationWarning, TrussflowError
-from trussflow.blocks.linear_analysis.margins import (
-    channel_disks,
-    channel_margins,
-    disk_margin,
-    frequencies_about,
-    sensitivity_matrices,
-)
+from trussflow.blocks.linear_analysis.loop_transfer import margins_of
+from trussflow.blocks.linear_analysis.margins import frequencies_about, sensitivities, sensitivity_matrices
 
 KP, KD = 20.0, 3.0
 
@@ -198,17 +193,39 @@ def test_margins_of_a_loop_are_those_of_python_control_and_of_its_sensitivity():
 
 def test_margins_of_a_known_loop():
     """L = 1 / (s (s + 1)^2): gain margin 2, phase margin 21.39 degrees at 0.6823 rad/s."""
-    model, grid = control.tf([1], [1, 2, 1, 0]), np.geomspace(0.01, 100, 400)
-    found = channel_margins(model(1j * grid), grid, "test")
+    model = control.tf2ss([1], [1, 2, 1, 0])
+    (found,) = margins_of(model, np.geomspace(0.01, 100, 400)).channels.values()
     assert (found.gain_up, found.gain_down) == (pytest.approx(2.0, rel=1e-4), 0.0)
     assert found.phase == pytest.approx(21.386, rel=1e-3)
     assert found.crossover == pytest.approx(0.68233, rel=1e-4)
     assert found.delay == pytest.approx(np.radians(21.386) / 0.68233, rel=1e-3)
     scan = np.geomspace(0.1, 10, 20_000)
     assert found.disk == pytest.approx(control.disk_margins(model, scan)[0], rel=1e-6)
-    for margins_of in (disk_margin, channel_disks):
-        with pytest.raises(LinearAnalysisError, match=r"has the unstable poles 2"):
-            margins_of(control.ss([[1.0]], [[1.0]], [[-1.0]], 0), grid)
+
+
+def closed_loop(A, B, C):
+    """Return the loop gain whose closed loop has the state matrix A."""
+    A, B, C = (np.array(matrix, dtype=float) for matrix in (A, B, C))
+    return control.ss(A + B @ C, B, C, 0)
+
+
+def test_an_unstable_pole_beside_nearly_equal_ones_is_refused():
+    """The eigenvectors of the pair at -1 are nearly parallel, so their residues are 1e12 times larger."""
+    A = [[-1.0, 1.0, 0.0], [0.0, -1.0 - 1e-12, 0.0], [0.0, 0.0, 0.1]]
+    with pytest.raises(LinearAnalysisError, match=r"closed, it has the unstable poles 0\.1"):
+        margins_of(closed_loop(A, [[0], [1], [1]], [[1, 0, 1]]))
+
+
+@pytest.mark.parametrize(("excited", "seen"), [(0, 1), (1, 0), (0, 0)])
+def test_a_hidden_unstable_pole_is_a_warning(excited, seen):
+    """Hidden poles do not change the margins, and a chain of two integrals is not unstable."""
+    A = np.zeros((4, 4))
+    A[0, 0], A[1, 1], A[2, 3] = -2.0, 0.5, 1.0
+    A[3, 0] = 1.0
+    loop = closed_loop(A, [[1], [excited], [0], [0]], [[1, seen, 0, 0]])
+    with pytest.warns(SimulationWarning, match=r"loop at '.*' hides the unstable poles 0\.5 of the diagram"):
+        found = margins_of(loop)
+    assert found.disk == pytest.approx(margins_of(control.ss(-1, 1, 1, 0)).disk, rel=1e-9)
 
 
 def test_a_loop_without_gain_takes_no_search():
@@ -218,17 +235,18 @@ def test_a_loop_without_gain_takes_no_search():
         pytest.warns(SimulationWarning, match="identically zero"),
     ):
         assert loop_margins(spring_loop(), "plant.u", openings="plant.y").disk == 2.0
-    assert search.call_count == 1
+    assert search.call_count == 2  # of the channel, and of all channels
 
 
-def disk_margin_and_scan(loop):
-    """Return the disk margin of a loop gain, and the least of a scan of a denser grid."""
+def disks_and_scans(loop):
+    """Return the disk margins of all channels at once and of each, and the least of a denser scan of each."""
     poles = np.concatenate([loop.poles(), np.linalg.eigvals(sensitivity_matrices(loop)[0])])
     sizes = np.abs(poles)
-    ends = 1e-3 * sizes.min(), 1e3 * sizes.max()
-    scan = frequencies_about(poles, *ends, points=1200)
-    exact = control.disk_margins(loop, scan, returnall=True)[0]
-    return disk_margin(loop, frequencies_about(poles, *ends))[0], exact.min()
+    scan = frequencies_about(poles, 1e-3 * sizes.min(), 1e3 * sizes.max(), points=1200)
+    S = np.einsum("kii->ki", sensitivities(loop, scan))
+    scanned = control.disk_margins(loop, scan, returnall=True)[0].min(), *(1.0 / np.abs(S - 0.5)).min(axis=0)
+    found = margins_of(loop)
+    return np.array([found.disk, *(one.disk for one in found.channels.values())]), np.array(scanned)
 
 
 @pytest.mark.parametrize("a", [1.0, 2.0, 3.0, 5.0, 10.0, 30.0, 100.0])
@@ -237,20 +255,28 @@ def test_disk_margin_of_the_spinning_satellite(a):
     loop = Diagram("satellite")
     plant, back = loop.add(plant=StateSpace(A, np.eye(2), C), back=Gain([-1.0, -1.0]))
     plant.y >> back >> plant.u
-    _, scanned = disk_margin_and_scan(control.ss(A, np.eye(2), C, 0))
-    assert loop_margins(loop, "back.y").disk == pytest.approx(scanned, rel=1e-6)
+    _, scanned = disks_and_scans(control.ss(A, np.eye(2), C, 0))
+    assert loop_margins(loop, "back.y").disk == pytest.approx(scanned[0], rel=1e-6)
+
+
+def test_margins_of_several_channels_need_slycot():
+    with (
+        patch("control.margins.ab13md", None),
+        pytest.raises(LinearAnalysisError, match=r"of 2 channels at once needs slycot: install it"),
+    ):
+        loop_margins(spring_loop(), "plant.y")
 
 
 @pytest.mark.parametrize("loops", [5, pytest.param(200 * campaign.SIZE, marks=pytest.mark.campaign)])
-def test_disk_margin_is_never_above_a_scan(loops):
+def test_disk_margins_are_never_above_a_scan(loops):
     rng = np.random.default_rng(campaign.SEED)
     while loops:
         n, m = rng.integers(2, 7), rng.integers(2, 4)
         A, B, C = rng.standard_normal((n, n)), rng.standard_normal((n, m)), rng.standard_normal((m, n))
         if np.linalg.eigvals(A - B @ C).real.max() < -0.01:
             loops -= 1
-            margin, scanned = disk_margin_and_scan(control.ss(A, B, C, 0))
-            assert 0.99 * scanned < margin <= (1.0 + 1e-6) * scanned
+            margins, scanned = disks_and_scans(control.ss(A, B, C, 0))
+            assert np.all((0.99 * scanned < margins) & (margins <= (1.0 + 1e-6) * scanned))
 
 
 def turned_loop():

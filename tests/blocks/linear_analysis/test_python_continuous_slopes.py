@@ -141,7 +141,7 @@ def test_the_equations_of_trim_have_exact_derivatives(kind):
 
 
 def test_describing_functions_are_refused():
-    message = r"'swings': it has continuous Python blocks; measure its response instead"
+    message = r"'swings': it has continuous Python blocks; use estimated_response"
     with pytest.raises(LinearAnalysisError, match=f"describing functions of {message}"):
         linearize(loop(Swing), amplitude={"r": 0.1})
     with pytest.raises(LinearAnalysisError, match=f"balance harmonics of {message}"):

@@ -15,9 +15,9 @@ from flight.margins import (
     with_arms,
     worst,
 )
+from flight.sampled_loop import spectral_radius
 
 from trussflow.blocks import Session
-from trussflow.blocks.linear_analysis.sampled_loop import spectral_radius
 from trussflow.models import SpaceTruss
 from trussflow.models.transport import Mission, mean_axes_transport
 

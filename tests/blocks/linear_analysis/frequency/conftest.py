@@ -1,4 +1,4 @@
-"""A nonlinear loop whose response is measured and estimated."""
+"""A nonlinear loop whose response is estimated."""
 
 import numpy as np
 import pytest

@@ -6,15 +6,20 @@ from typing import Any
 import control
 import numpy as np
 import pytest
+from systems import ports
 
 from trussflow.blocks import (
+    Constant,
     Diagram,
     DiscreteStateSpace,
     Function,
     Gain,
     Noise,
+    OperatingPoint,
+    PythonFunction,
     StateSpace,
     Sum,
+    ZeroOrderHold,
     estimated_response,
     linearize,
     loop_transfer,
@@ -143,6 +148,35 @@ def test_a_loop_gain_follows_from_the_response_of_the_closed_loop():
     loop = loop_transfer(diagram, plant.u).frequency_response(found.omega).complex
     np.testing.assert_allclose(T / (1 - T), np.ravel(loop), rtol=1e-5, atol=0)
     assert np.isnan(found.standard_error).all()  # one realization does not say
+
+
+def test_a_held_signal_is_the_mean_of_as_many_delays_as_steps():
+    """Y / U = (1 + q + ... + q^49) / 50 with q = exp(-j w h), also behind a sampled Python block."""
+    diagram = Diagram()
+    hold, code, wire = diagram.add(
+        hold=ZeroOrderHold(0.1),
+        code=PythonFunction(lambda u: 2.0 * u, 0.1, **ports(u=(), y=())),
+        wire=Gain(1.0),
+    )
+    wire >> hold
+    wire >> code
+    diagram.expose(u=wire.u, held=hold.y, code_=code.y)
+    found = estimated_response(diagram, "u", omega=[2.0, np.pi], amplitude=1.0, step=2e-3, realizations=1)
+    expected = np.exp(-2e-3j * np.outer(np.arange(50), found.omega)).mean(axis=0)
+    np.testing.assert_allclose(found.complex[:, 0], [expected, 2 * expected], rtol=1e-9)
+
+
+def test_inputs_from_outside_keep_the_values_of_the_point_and_parameters_count():
+    diagram = Diagram()
+    block, gain, one = diagram.add(
+        block=Function(lambda a, b: a * b, **ports(a=(), b=2, y=2)), gain=Gain(1.0), one=Constant(1.0)
+    )
+    one >> gain >> block.a
+    diagram.expose(b=block.b, y=block.y)
+    at = OperatingPoint(inputs={"b": [3.0, 4.0]}, parameters={"gain.gain": 5.0})
+    for port, expected in (("gain.u", [15, 20]), ("b[1]", [0, 5]), ("block.b[1]", [0, 5])):
+        found = estimated_response(diagram, port, "y", omega=[1.0], amplitude=0.1, step=0.05, at=at)
+        np.testing.assert_allclose(found.complex[:, 0, 0], expected, rtol=0, atol=1e-9)
 
 
 def test_a_sweep_is_that_of_scipy_again_and_again():

@@ -16,17 +16,16 @@ from trussflow.blocks.framework.rewiring import injected, probed, readers
 from trussflow.blocks.framework.system import Indices, System
 from trussflow.blocks.framework.types import Vector
 from trussflow.blocks.linear_analysis.describing_function import columns
-from trussflow.blocks.linear_analysis.jacobians import MODEL, Jacobians, LocalJacobians
+from trussflow.blocks.linear_analysis.jacobians import RATES_AND_OUTPUTS, Jacobians, LocalJacobians
 from trussflow.blocks.linear_analysis.lifting import Pattern, pattern
 from trussflow.blocks.linear_analysis.operating_point import OperatingPoint
 from trussflow.blocks.linear_analysis.overrides import Override, overridden
-from trussflow.blocks.linear_analysis.python_continuous_slopes import add_rates, closed_outputs
 from trussflow.blocks.linear_analysis.python_derivatives import refuse_hidden
 from trussflow.blocks.linear_analysis.references import Named
 from trussflow.blocks.tracing.plan import Plan
 
 
-class RewiredModel:
+class OpenedModel:
     """One way of opening a diagram for linear analysis, traced.
 
     Parameters
@@ -65,14 +64,15 @@ class RewiredModel:
         override: Override | None = None,
     ) -> None:
         self._override = overridden(system, override)
-        before, system = [one.leaf for one in (*cuts, *wires)], self._override.system
-        outputs = [replace(one, port=self._override.now(one.port)) for one in outputs]
+        before = [one.leaf for one in (*cuts, *wires)]
+        system = self._override.system
+
+        def now(one: Named) -> Named:
+            return replace(one, port=self._override.now(one.port))
+
+        outputs = [now(one) for one in outputs]
         inputs, cuts, wires = (
-            [
-                one if _outside(system, one) else replace(one, port=self._override.now(one.port))
-                for one in ones
-            ]
-            for ones in (inputs, cuts, wires)
+            [one if _outside(system, one) else now(one) for one in ones] for ones in (inputs, cuts, wires)
         )
         refuse_hidden(system)
         _refuse_overlaps(cuts, [*inputs, *cuts, *(one for one in outputs if one.port.is_input)])
@@ -90,7 +90,8 @@ class RewiredModel:
             system, tap = probed(system, one.port)
             closings.append(tap)
             system, sources[one.key] = _put_in(system, one, cut=True)
-        self.plan, self.taps = Plan(system, own_programs=True), taps
+        self.plan = Plan(system, own_programs=True)
+        self.taps = taps
         columns = [self._columns([(one, sources[one.key])]) for one in (*cuts, *wires)]
         self._replaced = list(zip(before, columns, strict=True))
         for point, stand_in in self._override.points:
@@ -106,9 +107,6 @@ class RewiredModel:
         number = sum(tap.elements().size for tap in taps)
         self.output_rows, self._closing_rows = rows[:number], rows[number:]
 
-    def _now(self, one: Named) -> Named:
-        return replace(one, port=self._override.now(one.port))
-
     @property
     def replaced(self) -> list[Port]:
         """The signals, as the user wired them, whose values must be given for a point."""
@@ -118,7 +116,8 @@ class RewiredModel:
         """Return where the elements of inputs are in (x, d)."""
         parts = [np.zeros(0, dtype=np.int64)]
         for one, path in found:
-            place, elements = self.plan.place(path, "y"), one.port.elements().ravel()
+            place = self.plan.place(path, "y")
+            elements = one.port.elements().ravel()
             if _outside(self.plan.system, one) is None:  # a source of its own, for these elements
                 elements = np.arange(elements.size)
             parts.append(place.start + elements)
@@ -143,7 +142,7 @@ class RewiredModel:
         ):
             if found:
                 raise LinearAnalysisError(
-                    f"cannot {purpose}: it has {what}; measure its response instead, with measured_response()"
+                    f"cannot {purpose}: it has {what}; use estimated_response() instead"
                 )
 
     def vectors(self, point: OperatingPoint, values: Sequence[Vector]) -> tuple[Vector, Vector, Vector]:
@@ -183,21 +182,23 @@ class RewiredModel:
         amplitudes : dict of int to float
             Columns whose derivatives are replaced by describing functions, and the amplitudes.
         """
-        if local.assembly.continuous:
-            # Before the traced rows: it brings the outputs of continuous Python blocks in d up to date.
-            closed = closed_outputs(local, x, d)
-            matrix = local.matrix(MODEL, x, d)
-            add_rates(matrix, local, x, d)
-            matrix = closed.substitute(matrix)
-        else:
-            matrix = local.matrix(MODEL, x, d)
+        # Before the traced rows: it brings the outputs of continuous Python blocks in d up to date.
+        where = local.python_places
+        by_all = local.python_outputs(x, d)
+        matrix = local.matrix(RATES_AND_OUTPUTS, x, d)
+        for call, quantity in local.assembly.continuous.ordered:
+            if call.size:
+                matrix[call.states] = local.python(call, "derivative", quantity, x, d)[1]
+        matrix += matrix[:, where] @ by_all
+        matrix[:, where] = 0.0
 
         def function(z: Vector) -> Vector:
-            return local.values(MODEL, z[: x.size], z[x.size :])
+            return local.values(RATES_AND_OUTPUTS, z[: x.size], z[x.size :])
 
         for number, column in columns(function, np.concatenate([x, d]), amplitudes).items():
             matrix[:, number] = column
-        wires, closings = self.wire_columns, matrix[self._closing_rows]
+        wires = self.wire_columns
+        closings = matrix[self._closing_rows]
         # The wires' signals w = S_z z + S_w w; without algebraic loops S_w is nilpotent.
         signals = np.linalg.solve(np.eye(wires.size) - closings[:, wires], closings)
         matrix = matrix + matrix[:, wires] @ signals

@@ -3,11 +3,11 @@
 import control
 import numpy as np
 import pytest
+from flight.sampled_loop import SampledLoop, spectral_radius
 
 from trussflow.blocks import Diagram, DiscreteStateSpace, Gain, Session, StateSpace, linearize
 from trussflow.blocks.framework.errors import LinearAnalysisError
 from trussflow.blocks.linear_analysis.margins import channel_disks, frequencies_about
-from trussflow.blocks.linear_analysis.sampled_loop import SampledLoop, spectral_radius
 
 H = 0.1
 
