@@ -153,7 +153,7 @@ from trussflow.blocks.simulation.results import to_pandas as to_pandas
 from trussflow.blocks.simulation.session import Session as Session
 from trussflow.blocks.simulation.simulator import Simulator as Simulator
 from trussflow.blocks.simulation.simulator import simulate as simulate
-from trussflow.blocks.simulation.snapshot import Snapshot as Snapshot
+from trussflow.blocks.simulation.state_bytes import Snapshot as Snapshot
 from trussflow.blocks.simulation.streamed_log import recover as recover
 from trussflow.blocks.sweeps.gradients import gradient as gradient
 from trussflow.blocks.sweeps.sweep import rerun as rerun

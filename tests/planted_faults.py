@@ -118,7 +118,7 @@ FAULTS = (
     Fault("blocks/simulation/session.py", "tests/blocks/simulation/test_session_errors.py",
           "a session that failed cannot go on after restore()",
           "raise\n        self.fault = \"\"", "raise"),
-    Fault("blocks/simulation/missed_jumps.py", "tests/blocks/simulation/test_jumping_inputs.py",
+    Fault("blocks/simulation/step_size_warnings.py", "tests/blocks/simulation/test_jumping_inputs.py",
           "no warning of a jump within a step",
           "(b / step).denominator != 1", "(b / step).denominator == 1"),
     Fault("blocks/simulation/energy_audit.py", "tests/blocks/simulation/test_energy_audit.py",

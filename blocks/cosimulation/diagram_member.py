@@ -13,8 +13,8 @@ from trussflow.blocks.framework.layout import spans
 from trussflow.blocks.framework.running import SelfStepping
 from trussflow.blocks.framework.types import Vector
 from trussflow.blocks.simulation.session import Session
-from trussflow.blocks.simulation.snapshot import Snapshot
 from trussflow.blocks.simulation.solver import Solver
+from trussflow.blocks.simulation.state_bytes import Snapshot
 
 
 @dataclass(frozen=True, slots=True)

@@ -11,8 +11,9 @@ from trussflow.blocks.framework.port import Port
 from trussflow.blocks.framework.types import Array, Vector
 from trussflow.blocks.linear_analysis.python_equation import Equation
 from trussflow.blocks.simulation.block_call import BlockCall
-from trussflow.blocks.simulation.prepared import Assembly
+from trussflow.blocks.simulation.prepared import Prepared
 from trussflow.blocks.simulation.python_executor import PythonExecutor
+from trussflow.blocks.simulation.solver import Solver
 from trussflow.blocks.tracing.evaluation import Evaluation
 from trussflow.blocks.tracing.plan import Plan
 from trussflow.blocks.tracing.program import Program
@@ -34,12 +35,12 @@ class Jacobians:
 
     Attributes
     ----------
-    assembly : Assembly
+    assembly : Prepared
         The plan with its clocks and Python blocks.
     """
 
     def __init__(self, plan: Plan, ports: Sequence[Port]) -> None:
-        self.assembly = Assembly(plan, [_model(ports)], "interpreted")
+        self.assembly = Prepared(plan, [_model(ports)], Solver(solver="RK45", backend="interpreted"))
         self._programs = {p.name: p for p in self.assembly.programs}
         self._tangents: dict[str, Tangents] = {}
 

@@ -20,10 +20,10 @@ from trussflow.blocks.framework.types import Array, Vector
 from trussflow.blocks.framework.validation import finite_array, positive, shown
 from trussflow.blocks.linear_analysis.trim_report import TrimReport
 from trussflow.blocks.simulation.executor import Executor
-from trussflow.blocks.simulation.prepared import Assembly
+from trussflow.blocks.simulation.prepared import Prepared
 from trussflow.blocks.simulation.python_executor import PythonExecutor
 from trussflow.blocks.simulation.session import Session
-from trussflow.blocks.simulation.solver import SolverSettings, refuse_unknown, spelled_out
+from trussflow.blocks.simulation.solver import Solver, SolverSettings, refuse_unknown, spelled_out
 from trussflow.blocks.tracing.plan import Plan
 
 
@@ -170,7 +170,7 @@ class Surroundings:
 
     def __init__(self, system: System) -> None:
         self.plan = Plan(system, own_programs=True)
-        self._assembly = Assembly(self.plan, [], "numpy")
+        self._assembly = Prepared(self.plan, [], Solver(solver="RK45", backend="numpy"))
 
     def complete(
         self, at: OperatingPoint | None, ports: Sequence[Port], outputs: Mapping[str, Port]

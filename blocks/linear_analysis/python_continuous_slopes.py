@@ -9,7 +9,7 @@ import numpy as np
 from trussflow.blocks.framework.system import Indices
 from trussflow.blocks.framework.types import Vector
 from trussflow.blocks.linear_analysis.jacobians import LocalJacobians
-from trussflow.blocks.simulation.prepared import Assembly
+from trussflow.blocks.simulation.prepared import Prepared
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,7 +40,7 @@ class ClosedOutputs:
         return after
 
 
-def continuous_places(assembly: Assembly) -> Indices:
+def continuous_places(assembly: Prepared) -> Indices:
     """Return where the outputs of continuous Python blocks are in (x, d)."""
     size = assembly.plan.x.size
     parts = [

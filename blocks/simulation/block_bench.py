@@ -182,7 +182,7 @@ class Bench:
             raise NotApplicableError("the block says traced = False, and runs in Python")
         system = flatten(self.block, external=True)
         try:
-            prepared = Prepared(system, Solver(solver="RK45", backend="compiled"), None)
+            prepared = Prepared.of(system, Solver(solver="RK45", backend="compiled"), None)
         except CompilationError as error:
             raise NotApplicableError(f"no C compiler works here: {error}") from None
         plan, chance = prepared.plan, np.random.default_rng(0)

@@ -33,9 +33,8 @@ from trussflow.blocks.framework.validation import by_name, shown
 from trussflow.blocks.simulation.channels import Chosen
 from trussflow.blocks.simulation.prepared import Prepared
 from trussflow.blocks.simulation.run import Run
-from trussflow.blocks.simulation.snapshot import Snapshot
 from trussflow.blocks.simulation.solver import Solver, SolverSettings, spelled_out
-from trussflow.blocks.simulation.state_bytes import read_state, write_state
+from trussflow.blocks.simulation.state_bytes import Snapshot, read_state, write_state
 
 NEAR = float(SNAP)
 
@@ -86,7 +85,7 @@ class Session(Described):
         self._rebuild = partial(Session, item, outputs=outputs, **settings)
         system = item if isinstance(item, System) else flatten(item, external=True)
         chosen = [port.name for port in system.root.outputs()] if outputs is None else outputs
-        self.prepared = Prepared(system, solver, chosen)
+        self.prepared = Prepared.of(system, solver, chosen)
         self._is_fixed, self._u_start = solver.is_fixed, self.prepared.plan.u_start
         self._run: Run | None = None
         self.fault = ""

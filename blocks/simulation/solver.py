@@ -100,15 +100,19 @@ class Solver:
         return cls(**settings)
 
 
-def spelled_out(settings: Any) -> Callable[[F], F]:
+def spelled_out(settings: Any, method: Callable[..., Any] | None = None) -> Callable[[F], F]:
     """Let `inspect.signature`, so `help` and completion, show the ``**settings`` of a function one by one.
 
     Parameters
     ----------
     settings : TypedDict
-        Name of the values, for messages.
+        The settings.
+    method : callable, optional
+        Function that receives some of them, and has their defaults.
     """
     defaults = {field.name: field.default for field in fields(Solver)}
+    if method is not None:
+        defaults |= {name: p.default for name, p in inspect.signature(method).parameters.items()}
 
     def decorated(function: F) -> F:
         there = inspect.signature(function)

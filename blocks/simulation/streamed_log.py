@@ -23,8 +23,7 @@ from trussflow.blocks.framework.interrupts import uninterrupted
 from trussflow.blocks.simulation.channels import Channel
 from trussflow.blocks.simulation.log import Log
 from trussflow.blocks.simulation.results import WRITE_ERRORS, cannot_write, refuse_other_kinds, save
-from trussflow.blocks.simulation.snapshot import Snapshot
-from trussflow.blocks.simulation.state_bytes import read_state, write_state
+from trussflow.blocks.simulation.state_bytes import Snapshot, read_state, write_state
 
 if TYPE_CHECKING:
     import xarray as xr
