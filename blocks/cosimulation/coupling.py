@@ -32,7 +32,7 @@ from trussflow.blocks.framework.errors import AlgebraicLoopError, DivergenceErro
 from trussflow.blocks.framework.running import SelfStepping
 from trussflow.blocks.framework.settling import settle
 from trussflow.blocks.framework.types import Vector
-from trussflow.blocks.simulation.open_blocks import check_outputs
+from trussflow.blocks.simulation.block_instances import check_outputs
 
 COUPLINGS = ("jacobi", "gauss-seidel", "iterate")
 

@@ -19,7 +19,7 @@ from trussflow.blocks.framework.port import Port
 from trussflow.blocks.framework.rewiring import part_of, with_lines
 from trussflow.blocks.framework.running import SelfStepping
 from trussflow.blocks.framework.system import Driver, System
-from trussflow.blocks.simulation.open_blocks import open_block
+from trussflow.blocks.simulation.block_instances import open_block
 from trussflow.blocks.simulation.session import Session
 
 REST_NAME = "the rest"

@@ -10,9 +10,9 @@ import numpy as np
 from trussflow.blocks.framework.port import Port
 from trussflow.blocks.framework.types import Array, Vector
 from trussflow.blocks.linear_analysis.python_equation import Equation
-from trussflow.blocks.simulation.block_call import BlockCall
+from trussflow.blocks.simulation.block_instances import BlockCall
 from trussflow.blocks.simulation.prepared import Prepared
-from trussflow.blocks.simulation.python_executor import PythonExecutor
+from trussflow.blocks.simulation.python_blocks import PythonExecutor
 from trussflow.blocks.simulation.solver import Solver
 from trussflow.blocks.tracing.evaluation import Evaluation
 from trussflow.blocks.tracing.plan import Plan
@@ -93,7 +93,7 @@ class LocalJacobians:
         """Return the quantity of that `name` at `x`, `d` [as declared]; d is refreshed."""
         values = self.executor.call(name, self.t, x, d, self.p)
         if name == MODEL and isinstance(self.executor, PythonExecutor):
-            self.executor.continuous.rates(self.t, x, d, self.p, values)
+            self.executor.add("derivative", self.t, x, d, self.p, values)
         return values
 
     def matrix(self, name: str, x: Vector, d: Vector) -> Vector:

@@ -21,7 +21,7 @@ from trussflow.blocks.framework.validation import finite_array, positive, shown
 from trussflow.blocks.linear_analysis.trim_report import TrimReport
 from trussflow.blocks.simulation.executor import Executor
 from trussflow.blocks.simulation.prepared import Prepared
-from trussflow.blocks.simulation.python_executor import PythonExecutor
+from trussflow.blocks.simulation.python_blocks import PythonExecutor
 from trussflow.blocks.simulation.session import Session
 from trussflow.blocks.simulation.solver import Solver, SolverSettings, refuse_unknown, spelled_out
 from trussflow.blocks.tracing.plan import Plan
@@ -198,7 +198,7 @@ class Surroundings:
                 d = self._settled(executor, at.time, x, d, p)
                 at.hold(plan, d)
             if isinstance(executor, PythonExecutor):
-                executor.continuous.refresh(at.time, x, d, p)
+                executor.refresh(at.time, x, d, p)
         d = plan.loops.put(at.time, x, d, p, frozenset())
         evaluation = plan.evaluate(at.time, x, d, p)
 

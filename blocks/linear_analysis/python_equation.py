@@ -8,7 +8,7 @@ from trussflow.blocks.framework.declarations import Signals
 from trussflow.blocks.framework.equations import Equations
 from trussflow.blocks.framework.types import Vector
 from trussflow.blocks.linear_analysis.python_derivatives import differences, offered
-from trussflow.blocks.simulation.block_call import BlockCall
+from trussflow.blocks.simulation.block_instances import BlockCall
 from trussflow.blocks.tracing.calling import running_errors
 
 

@@ -16,8 +16,8 @@ from trussflow.blocks.framework.port import Input, Output
 from trussflow.blocks.framework.system import flatten
 from trussflow.blocks.framework.types import Array, Vector
 from trussflow.blocks.framework.validation import finite_array, shown
+from trussflow.blocks.simulation.block_instances import open_block
 from trussflow.blocks.simulation.executor import NumPyExecutor
-from trussflow.blocks.simulation.open_blocks import open_block
 from trussflow.blocks.simulation.prepared import Prepared
 from trussflow.blocks.simulation.solver import Solver
 from trussflow.blocks.tracing import block_check

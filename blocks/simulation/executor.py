@@ -20,8 +20,8 @@ from numpy.typing import NDArray
 
 from trussflow.blocks.framework.errors import DivergenceError, SimulationError
 from trussflow.blocks.framework.types import Vector
+from trussflow.blocks.simulation.block_instances import OpenBlocks
 from trussflow.blocks.simulation.events import EventWatch, endless, not_a_number
-from trussflow.blocks.simulation.open_blocks import OpenBlocks
 from trussflow.blocks.simulation.solver import fixed_step
 from trussflow.blocks.tracing.codegen import c_sources, content
 from trussflow.blocks.tracing.compiler import compile_library

@@ -19,6 +19,7 @@ from trussflow.blocks.framework.interrupts import interruptible
 from trussflow.blocks.framework.system import System
 from trussflow.blocks.framework.types import Vector
 from trussflow.blocks.simulation.adaptive import IMPLICIT
+from trussflow.blocks.simulation.block_instances import OpenBlocks
 from trussflow.blocks.simulation.channels import Channel, Chosen, chosen_channels
 from trussflow.blocks.simulation.executor import (
     CompiledExecutor,
@@ -27,10 +28,11 @@ from trussflow.blocks.simulation.executor import (
     InterpretedExecutor,
     NumPyExecutor,
 )
-from trussflow.blocks.simulation.open_blocks import OpenBlocks
-from trussflow.blocks.simulation.python_continuous import ContinuousPythonBlocks
-from trussflow.blocks.simulation.python_executor import PythonExecutor
-from trussflow.blocks.simulation.python_sampled import SampledPythonBlocks
+from trussflow.blocks.simulation.python_blocks import (
+    ContinuousPythonBlocks,
+    PythonExecutor,
+    SampledPythonBlocks,
+)
 from trussflow.blocks.simulation.results import own_version
 from trussflow.blocks.simulation.schedule import Schedule
 from trussflow.blocks.simulation.solver import Solver
