@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from trussflow.blocks.framework.declarations import State
+from trussflow.blocks.framework.declarations import Mode, State
 from trussflow.blocks.framework.errors import SimulationError
 from trussflow.blocks.framework.port import Inferable, Output, Port
 from trussflow.blocks.framework.system import System
@@ -38,6 +38,11 @@ class Channel:
     port: Port
     columns: slice
     dims: tuple[str, ...]
+
+    @property
+    def is_mode(self) -> bool:
+        """Whether it is a mode, which may be infinite."""
+        return self.port.name in self.port.block.declared(Mode)
 
     def values(self, *pieces: Vector) -> Vector:
         """Return this channel's part of `pieces` of logged rows [as declared], one after the other."""

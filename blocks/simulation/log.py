@@ -136,6 +136,10 @@ class Log:
             if np.isfinite(rows.sum()):  # a third of the time that it takes to look at each
                 return
         bad = ~np.isfinite(rows)
+        for channel in self.channels:
+            if channel.is_mode:
+                columns = channel.columns
+                bad[:, columns] = np.isnan(rows[:, columns])
         if not bad.any():
             return
         row = int(np.argmax(bad.any(axis=1)))
