@@ -141,10 +141,6 @@ from trussflow.blocks.linear_analysis.uncertainty.robust_stability import robust
 from trussflow.blocks.linear_analysis.uncertainty.uncertain_model import UncertainModel as UncertainModel
 from trussflow.blocks.linear_analysis.uncertainty.uncertain_model import uncertain as uncertain
 from trussflow.blocks.linear_analysis.uncertainty.worst_case import worst_gain as worst_gain
-from trussflow.blocks.simulation.block_report import BlockReport as BlockReport
-from trussflow.blocks.simulation.block_report import check_block as check_block
-from trussflow.blocks.simulation.energy_audit import EnergyAudit as EnergyAudit
-from trussflow.blocks.simulation.energy_audit import energy_audit as energy_audit
 from trussflow.blocks.simulation.results import load as load
 from trussflow.blocks.simulation.results import plot as plot
 from trussflow.blocks.simulation.results import save as save
@@ -159,5 +155,9 @@ from trussflow.blocks.sweeps.gradients import gradient as gradient
 from trussflow.blocks.sweeps.sweep import rerun as rerun
 from trussflow.blocks.sweeps.sweep import sweep as sweep
 from trussflow.blocks.sweeps.tuning import tune as tune
+from trussflow.blocks.testing.check_block import BlockReport as BlockReport
+from trussflow.blocks.testing.check_block import check_block as check_block
+from trussflow.blocks.testing.energy_audit import EnergyAudit as EnergyAudit
+from trussflow.blocks.testing.energy_audit import energy_audit as energy_audit
 from trussflow.blocks.tracing.linear_algebra import solve_positive_definite as solve_positive_definite
 from trussflow.blocks.tracing.tracing import repeated as repeated

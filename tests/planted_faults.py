@@ -121,7 +121,7 @@ FAULTS = (
     Fault("blocks/simulation/step_size_warnings.py", "tests/blocks/simulation/test_jumping_inputs.py",
           "no warning of a jump within a step",
           "(b / step).denominator != 1", "(b / step).denominator == 1"),
-    Fault("blocks/simulation/energy_audit.py", "tests/blocks/simulation/test_energy_audit.py",
+    Fault("blocks/testing/energy_audit.py", "tests/blocks/testing/test_energy_audit.py",
           "delivered power counts as supplied",
           "[-1.0] * len(account.delivered)", "[1.0] * len(account.delivered)"),
     Fault("blocks/simulation/streamed_log.py", "tests/blocks/simulation/test_streamed_log.py",
