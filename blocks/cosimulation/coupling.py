@@ -40,7 +40,7 @@ ITERATION_TOLERANCE = 1e-10
 MAX_ITERATIONS = 50
 """Largest number of iterations in one step [-]."""
 
-START_ROUNDS = 100
+MAX_START_ITERATIONS = 100
 """Largest number of iterations of the initial states and signals."""
 
 
@@ -169,7 +169,7 @@ class Coupled:
                     self._begin(i, inputs[own])
                 return np.asarray(self.signals[network.gather])
 
-            self._iterate(implied, self.signals[network.gather], START_ROUNDS)
+            self._iterate(implied, self.signals[network.gather], MAX_START_ITERATIONS)
             return
         visits = network.visits([True for _ in numbers])
 

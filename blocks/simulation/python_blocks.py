@@ -26,7 +26,7 @@ from trussflow.blocks.tracing.loops import Active, SomeOf, is_solved, reached_fr
 from trussflow.blocks.tracing.plan import Plan
 from trussflow.blocks.tracing.quantities import Quantity, block_inputs
 
-MAX_ROUNDS = 20
+MAX_NEWTON_ROUNDS = 20
 """Rounds of Newton's method after which a loop is given up."""
 
 DIFFERENCE_STEP = 1e-7
@@ -328,7 +328,7 @@ class PythonExecutor(Executor):
             return left
 
         outputs, before = d[places], np.inf
-        for _ in range(MAX_ROUNDS):
+        for _ in range(MAX_NEWTON_ROUNDS):
             left = residual(outputs)
             size = float(np.abs(left).max(initial=0.0))
             allowed = LOOP_TOLERANCE * max(1.0, np.abs(outputs).max())

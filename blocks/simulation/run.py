@@ -54,7 +54,7 @@ WINDOW_TICKS = 1024
 SHORT_STEP = 1e-6
 """Steps of an adaptive solver below this share of the run are short [-]."""
 
-SHORT_STEPS = 1000
+MAX_SHORT_STEPS = 1000
 """Short steps in succession after which the following ones are tested for jumps of a derivative [-]."""
 
 TESTED_STEPS = 100
@@ -490,11 +490,11 @@ class Run:
             nonlocal short, jumps
             self.executor.keep_loops(min(t, last), x, d, p)
             short = short + 1 if step < SHORT_STEP * length else 0
-            if short > SHORT_STEPS and t > self.time:
+            if short > MAX_SHORT_STEPS and t > self.time:
                 jumps += (jump := self._jump(t, x)) != ""
                 if jumps == MIN_JUMPS:
                     raise self._crawling(t, jump)
-                if short == SHORT_STEPS + TESTED_STEPS:
+                if short == MAX_SHORT_STEPS + TESTED_STEPS:
                     short = jumps = 0
             self._reach(t, x, bar)
 

@@ -36,7 +36,8 @@ from trussflow.blocks.simulation.run import Run
 from trussflow.blocks.simulation.solver import Solver, SolverSettings, spelled_out
 from trussflow.blocks.simulation.state_bytes import Snapshot, read_state, write_state
 
-NEAR = float(SNAP)
+TICK_TOLERANCE = float(SNAP)
+"""Distance from a tick below which a time is that of the tick [ticks]."""
 
 
 class Session(Described):
@@ -298,7 +299,7 @@ class Session(Described):
             ) from None
         if self._is_fixed or self.prepared.has_clocks:
             refuse_coarse_time(time, self.prepared.tick_seconds)
-        return tick if abs(number - tick) <= NEAR else None
+        return tick if abs(number - tick) <= TICK_TOLERANCE else None
 
     def _instant(self, time: float) -> Fraction:
         """Return the exact time that a float stands for."""

@@ -16,8 +16,11 @@ from trussflow.blocks.simulation.adaptive import METHODS
 F = TypeVar("F", bound=Callable[..., Any])
 
 FIXED_STEP = ("rk4", "euler")
-SMALLEST_RTOL = 100 * sys.float_info.epsilon
-"""SciPy's solvers take no smaller one [-]."""
+"""Solvers with fixed steps."""
+
+MIN_RTOL = 100 * sys.float_info.epsilon
+"""Smallest relative tolerance of SciPy's solvers [-]."""
+
 BACKENDS = ("auto", "compiled", "interpreted", "numpy")
 
 
@@ -66,9 +69,9 @@ class Solver:
     def __post_init__(self) -> None:
         positive(rtol=self.rtol, atol=self.atol)
         positive_if_given(step=self.step)
-        if not SMALLEST_RTOL <= self.rtol < 1:
+        if not MIN_RTOL <= self.rtol < 1:
             raise SimulationError(
-                f"rtol = {self.rtol!r} must be from {SMALLEST_RTOL:.2g}, which is round-off, to below 1"
+                f"rtol = {self.rtol!r} must be from {MIN_RTOL:.2g}, which is round-off, to below 1"
             )
         one_of("solver", self.solver, (*FIXED_STEP, *METHODS))
         one_of("backend", self.backend, BACKENDS)

@@ -37,7 +37,7 @@ PIECE_SECONDS = 5.0
 CHUNK_ROWS = 1024
 """Rows that the file keeps together; netCDF's own choice, one row, is slow."""
 
-DONE = "complete", "ended"
+FINISHED_STATUSES = "complete", "ended"
 """Status of a run that cannot be resumed."""
 
 
@@ -119,7 +119,10 @@ class StreamedLog(Log):
 
         with suppress(OSError), netCDF4.Dataset(str(self.path)) as file:
             said = file.__dict__
-            return said.get("status") in DONE and said.get("run_hash") == self.attributes["run_hash"]
+            return (
+                said.get("status") in FINISHED_STATUSES
+                and said.get("run_hash") == self.attributes["run_hash"]
+            )
         return False
 
     def _put_aside(self) -> None:
@@ -180,7 +183,7 @@ class StreamedLog(Log):
             raise SimulationInterrupted(str(self._left(KeyboardInterrupt("Ctrl-C came")))) from None
         with uninterrupted():
             self.finished = True
-            if self._saved.exists() and self.attributes["status"] not in DONE:
+            if self._saved.exists() and self.attributes["status"] not in FINISHED_STATUSES:
                 return  # the run can be resumed
             self._saved.unlink(missing_ok=True)  # first: it is nothing without the others
             shutil.rmtree(self._folder, ignore_errors=True)

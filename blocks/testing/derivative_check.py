@@ -76,7 +76,8 @@ def _difference(
         values = bench.values(bench.opened(), kinds, [*point[:i], moved, *point[i + 1 :]])
         ends.append(np.concatenate([np.zeros(0), *map(np.ravel, values.values())]))
     with np.errstate(all="ignore"):
-        return (ends[1] - ends[0]) / (2.0 * h)
+        slope: Vector = (ends[1] - ends[0]) / (2.0 * h)
+    return slope
 
 
 def _exact_jacobian(bench: Bench, kinds: list[str]) -> Callable[[list[Array]], Array]:
