@@ -265,7 +265,8 @@ class CoSimulator(Described):
         last = int(end / self._grid)
         attributes = self._attributes(duration)
         log = opened(self.channels, attributes, stream_to, not_finite)
-        coupled, started = Coupled(self.network, self._scheme, self._grid), time.perf_counter()
+        coupled = Coupled(self.network, self._scheme, self._grid)
+        started = time.perf_counter()
         control = self._control(coupled, last)
         shown = 0.0
 

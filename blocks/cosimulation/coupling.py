@@ -89,7 +89,9 @@ class Coupled:
     """
 
     def __init__(self, network: Network, scheme: Scheme, grid: Fraction) -> None:
-        self.network, self.scheme, self.grid = network, scheme, grid
+        self.network = network
+        self.scheme = scheme
+        self.grid = grid
         self.signals = network.start.copy()
         self.k = 0
         self.iterations = 0
@@ -183,7 +185,9 @@ class Coupled:
         self._check_finite()
 
     def _begin(self, i: int, inputs: Vector | None = None) -> None:
-        network, one, self._current = self.network, self._stepping[i], i
+        network = self.network
+        one = self._stepping[i]
+        self._current = i
         if inputs is None:
             inputs = self.signals[network.gather[network.ins[i]]]
         # Outputs that depend on unknown inputs may have any value.
@@ -223,7 +227,8 @@ class Coupled:
         SimulationError
             If an iteration does not converge.
         """
-        now, until = self.time, self.time_of(self.k + number)
+        now = self.time
+        until = self.time_of(self.k + number)
         inputs = self.signals[self.network.gather]
         with Explained(self._raised):
             if self.scheme.coupling == "iterate":
@@ -266,7 +271,8 @@ class Coupled:
         self.signals[self.network.outs[i]] = one.outputs()
 
     def _iterated(self, inputs: Vector, now: float, until: float) -> None:
-        network, held = self.network, self.network.held
+        network = self.network
+        held = self.network.held
         saved = [one.mark() for one in self._stepping]
         used = False
 

@@ -48,7 +48,8 @@ class DiagramMember(SelfStepping):
     """
 
     def __init__(self, session: Session, sources: list[External], settings: Settings) -> None:
-        self._session, self._settings = session, settings
+        self._session = session
+        self._settings = settings
         sizes = [source.y.size for source in sources]
         self._places = [(s.name, place, s.extent) for s, place in zip(sources, spans(sizes), strict=True)]
         self._has_clocks = session.prepared.has_clocks
@@ -68,7 +69,8 @@ class DiagramMember(SelfStepping):
     def start(self, time: float, inputs: Vector) -> None:
         """Start the session; unknown inputs, on which initial states may depend, are zero."""
         inputs = np.nan_to_num(inputs)
-        begun, self._begun = self._begun, (time, inputs.copy())
+        begun = self._begun
+        self._begun = (time, inputs.copy())
         if begun is not None and begun[0] == time and np.array_equal(begun[1], inputs):
             return  # called repeatedly until all initial signals are consistent
         self._session.start(

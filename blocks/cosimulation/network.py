@@ -132,7 +132,8 @@ class Network:
             unit_of[self.outs[number]] = number
             for outlet in member.held:
                 held[self.places(member.outlets[outlet])] = True
-        self.source, self.held = unit_of[self.gather], held[self.gather]
+        self.source = unit_of[self.gather]
+        self.held = held[self.gather]
         self._inputs = {
             (inlet.port.block.path, inlet.port.name): part for inlet, part in zip(inlets, parts, strict=True)
         }

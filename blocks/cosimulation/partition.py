@@ -135,7 +135,8 @@ def _check_names(system: System, settings: Settings) -> None:
 def _own_member(system: System, block: Block, settings: Settings) -> Member:
     """Return the member of a block that steps itself."""
     values = _values(block, settings)
-    inputs, outlets = block.inputs(), block.outputs()
+    inputs = block.inputs()
+    outlets = block.outputs()
     needed = block.feedthrough()
     inlets = tuple(
         Inlet(port, tuple(system.drivers[block.path, port.name]), port.declaration.default or 0.0)
@@ -210,7 +211,8 @@ def _part(
 def _inlet(external: External, driver: Driver) -> Inlet:
     """Return the input that reads one output of another member."""
     assert driver.source is not None
-    everything, source = np.arange(external.y.size), driver.source.block.port(driver.source.name)
+    everything = np.arange(external.y.size)
+    source = driver.source.block.port(driver.source.name)
     return Inlet(external.y, (Driver(source, everything, everything, driver.where),))
 
 
@@ -296,7 +298,8 @@ def inputs_behind(system: System, feedthrough: Feedthrough, port: Port) -> dict[
 
 def _sources(system: System, feedthrough: Feedthrough, port: Port) -> list[tuple[Port, str, str]]:
     """Return the outputs on which a port depends directly, each with the input and the line of the wire."""
-    path, block = port.block.path, port.block
+    path = port.block.path
+    block = port.block
     if port.is_input:
         names: list[str] = [port.name]
     else:

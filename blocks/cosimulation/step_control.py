@@ -115,7 +115,9 @@ class StepControl(FixedSteps):
 
     def __init__(self, coupled: Coupled, relative: float, absolute: float, *, longest: int) -> None:
         super().__init__(coupled)
-        self.relative, self.absolute, self.longest = relative, absolute, longest
+        self.relative = relative
+        self.absolute = absolute
+        self.longest = longest
 
     def run(self, last: int, reached: Callable[[], None]) -> None:
         """Advance to a point of the grid.

@@ -176,7 +176,9 @@ class SampledStepping(Running):
     """
 
     def __init__(self, inner: SelfStepping, block: Block) -> None:
-        self._inner, self._block, self.stuck = inner, block, inner.stuck
+        self._inner = inner
+        self._block = block
+        self.stuck = inner.stuck
         self._size = sum(port.size for port in block.outputs())
         at_once = frozenset[str]().union(*block.feedthrough().values())
         needed = [np.full(port.size, port.name in at_once) for port in block.inputs()]
@@ -202,7 +204,8 @@ class SampledStepping(Running):
     def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
         """Return the outputs at the start, for initial states; it begins again if the inputs change."""
         inputs = [np.ravel(u[port.name]) for port in self._block.inputs()]
-        found, outputs = self.reach(float(t), np.concatenate([np.zeros(0), *inputs])), self._block.outputs()
+        found = self.reach(float(t), np.concatenate([np.zeros(0), *inputs]))
+        outputs = self._block.outputs()
         return {
             port.name: found[place].reshape(port.whole_shape or ())
             for port, place in zip(outputs, spans(port.size for port in outputs), strict=True)
@@ -234,7 +237,8 @@ class SampledStepping(Running):
 
     def hold(self, u: Vector) -> None:
         """Keep all inputs `u` [units as declared] for the step that follows."""
-        self._held, self._first = u, False
+        self._held = u
+        self._first = False
         self._inner.set(u)
 
     def save(self) -> dict[str, Any]:
@@ -246,12 +250,14 @@ class SampledStepping(Running):
     def restore(self, saved: dict[str, Any]) -> None:
         """Go back to what `save` returned, perhaps in another run."""
         if saved["time"] is None:
-            self._time, self._first = None, True
+            self._time = None
+            self._first = True
             return
         self._held = np.array(saved["held"])
         if self._time is None:
             self._inner.start(saved["time"], self._held)
-        self._time, self._first = saved["time"], False
+        self._time = saved["time"]
+        self._first = False
         self._inner.restore(saved["state"])
 
     def close(self) -> None:
@@ -293,11 +299,14 @@ class BlockCall:
     """
 
     def __init__(self, plan: Plan, block: Block) -> None:
-        self.block, self.path = block, block.path
+        self.block = block
+        self.path = block.path
         self.states = (plan.x if block.continuous else plan.memory).span_of(block.path)
-        self.outputs, self.parameters = plan.held.span_of(block.path), plan.p.span_of(block.path)
+        self.outputs = plan.held.span_of(block.path)
+        self.parameters = plan.p.span_of(block.path)
         self._owner = f"block '{block.path}'"
-        self.modes, self.fired = plan.modes.span_of(block.path), plan.fired.span_of(block.path)
+        self.modes = plan.modes.span_of(block.path)
+        self.fired = plan.fired.span_of(block.path)
         first = plan.fired.span.start
         self.events = slice(max(self.fired.start - first, 0), max(self.fired.stop - first, 0))
         self._events, _ = _laid_out({name: block.state_shape(name) for name in block.declared(Event)})

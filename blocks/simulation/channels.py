@@ -74,7 +74,8 @@ def channels(ports: Mapping[str, Port]) -> list[Channel]:
     SimulationError
         If a name cannot be used in a result file.
     """
-    found, start = [], 0
+    found = []
+    start = 0
     sizes: dict[str, int] = {}
     for name, port in ports.items():
         text: object = name
@@ -99,7 +100,8 @@ def _signal(system: System, reference: Port | str) -> Port:
     block = system.blocks.get(path if path or system.diagrams else system.root.path)
     if block is None or own not in block.declared(State) or own in block.ports:
         return system.port(reference)
-    state, shape = block.declared(State)[own], block.state_shape(own)
+    state = block.declared(State)[own]
+    shape = block.state_shape(own)
     declared = Output(shape, unit=state.unit or None, meaning=state.meaning)
     return Port(
         block, own, declared, *(Inferable(known, fixed=True) for known in (shape, declared.unit, None))

@@ -50,7 +50,9 @@ class EventWatch:
     """
 
     def __init__(self, executor: Executor, plan: Plan, d: Vector, p: Vector) -> None:
-        self.executor, self.d, self.p = executor, d, p
+        self.executor = executor
+        self.d = d
+        self.p = p
         self._plan = plan
         kinds = plan.kinds
         self._timed = kinds == TIMED
@@ -115,7 +117,8 @@ class EventWatch:
 
     def _mark(self, t: float) -> bool:
         """Mark in d which events happen with the indicators as they are; tell whether any does."""
-        g, sides = self._g, self._sides
+        g = self._g
+        sides = self._sides
         # What turned back at an event is beyond zero by round-off, and was handled at this very time.
         self._quiet = (np.abs(sides) == TURNED_SIDE) & (t == self._last)
         falls = self._may_fall & (sides > 0.0) & ((g < 0.0) | ((g == 0.0) & (sides == 1.0)))
@@ -128,7 +131,8 @@ class EventWatch:
 
     def _adopt(self) -> None:
         """Take note where the indicators are whose events do not happen."""
-        sides, others = self._sides, (self._fired == 0.0) & ~self._quiet
+        sides = self._sides
+        others = (self._fired == 0.0) & ~self._quiet
         # Zero belongs to where it was going; at the start, to where an event leaves it.
         at_zero = np.where(np.abs(sides) == 1.0, -0.5 * sides, np.where(sides == 0.0, self._first, sides))
         sides[others] = np.where(self._g != 0.0, np.sign(self._g), at_zero)[others]
@@ -138,7 +142,11 @@ class EventWatch:
 
         With a `step` [s], the first are those of a step of that length; the others happen by a jump.
         """
-        executor, d, p, sides, fired = self.executor, self.d, self.p, self._sides, self._fired
+        executor = self.executor
+        d = self.d
+        p = self.p
+        sides = self._sides
+        fired = self._fired
         while True:
             happens = self._mark(t)
             self._adopt()
@@ -146,7 +154,8 @@ class EventWatch:
                 return x
             last = self._last
             close = t - last <= SIMULTANEITY_TOLERANCE * (abs(t) + (step or 0.0))
-            self._last, self._number = t, self._number + 1 if close else 1
+            self._last = t
+            self._number = self._number + 1 if close else 1
             # An arc that is too short to be located ends where it began, still on its way up.
             short = (
                 t - last <= 2 * LOCATION_TOLERANCE * abs(t) and (fired * np.abs(sides) == TURNED_SIDE).any()
@@ -163,7 +172,9 @@ class EventWatch:
                     "log up to there is kept"
                 )
             self._indicate(t, x)
-            g, old, own = self._g, np.where(sides > 0.0, 1.0, -1.0), fired > 0.0
+            g = self._g
+            old = np.where(sides > 0.0, 1.0, -1.0)
+            own = fired > 0.0
             if step is not None:  # where do they go from here?
                 soon = x + DIRECTION_STEP * step * executor.call("derivative", t, x, d, p)
                 ahead = executor.call("indicators", t + DIRECTION_STEP * step, soon, d, p)
@@ -188,7 +199,8 @@ class EventWatch:
             return end, x
         old = np.sign(self._sides[crossing])
         strict = np.abs(self._sides[crossing]) < 1.0  # what is at zero already has to leave it
-        low, high = begin, end
+        low = begin
+        high = end
         a = float(np.min(old * start[crossing]))
         b = float(np.min(old * self._g[crossing]))
         width = LOCATION_TOLERANCE * max(abs(begin), abs(end))
@@ -202,11 +214,16 @@ class EventWatch:
             beyond = old * self.executor.call("indicators", middle, there, self.d, self.p)[crossing]
             nearest = float(beyond.min())
             if nearest < 0.0 or ((beyond == 0.0) & ~strict).any():
-                high, x, b = middle, there, nearest
-                a, kept = a / 2 if kept == 1 else a, 1
+                high = middle
+                x = there
+                b = nearest
+                a = a / 2 if kept == 1 else a
+                kept = 1
             else:
-                low, a = middle, nearest
-                b, kept = b / 2 if kept == -1 else b, -1
+                low = middle
+                a = nearest
+                b = b / 2 if kept == -1 else b
+                kept = -1
             turn += 1
         return high, x
 

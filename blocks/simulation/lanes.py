@@ -53,7 +53,8 @@ class Lanes:
     """
 
     def __init__(self, simulator: Simulator) -> None:
-        self._simulator, self.count = simulator, lanes()
+        self._simulator = simulator
+        self.count = lanes()
         prepared = simulator.prepared
         self._executor = CompiledExecutor(prepared.programs, prepared.plan, self.count)
 
@@ -91,7 +92,8 @@ class Lanes:
 
     def _advance(self, runs: dict[int, Run]) -> None:
         """Advance all to just before the instant of their end; failed ones are taken out of `runs`."""
-        started, number = time.perf_counter(), len(runs)
+        started = time.perf_counter()
+        number = len(runs)
         first = next(iter(runs.values()))
         columns = [runs.get(lane, first) for lane in range(self.count)]
         x, d, p = (np.stack([getattr(run, name) for run in columns], axis=-1) for name in "xdp")
@@ -108,7 +110,8 @@ class Lanes:
         )
         together.advance(first.end)
         for lane, run in runs.items():
-            run.x[:], run.d[:] = x[:, lane], d[:, lane]
+            run.x[:] = x[:, lane]
+            run.d[:] = d[:, lane]
             run.go_to(first.end)
             run.seconds = (time.perf_counter() - started) / number
 
@@ -122,7 +125,8 @@ class _LogOfEach(Log):
 
     def __init__(self, runs: dict[int, Run], count: int) -> None:
         super().__init__([], {})
-        self._runs, self._count = runs, count
+        self._runs = runs
+        self._count = count
         (self._row_width,) = {run.log.width for run in runs.values() if run.log is not None}
         self.width = self._row_width * count
 

@@ -190,7 +190,8 @@ class Prepared:
 
     def described(self, what: str, state: str = "") -> Description:
         """Return the solver, the sizes and the signals, for an object `what` in a `state`."""
-        solver, plan = self.solver, self.plan
+        solver = self.solver
+        plan = self.plan
         accuracy = (
             f"step {float(self.step):g} s" if self.step else f"rtol {solver.rtol:g}, atol {solver.atol:g}"
         )
@@ -256,7 +257,8 @@ class Prepared:
 
     def jacobian(self) -> Callable[[float, Vector, Vector, Vector], Vector]:
         """Return, for one run, the function of t, x, d and p that is the exact derivative of dx/dt by x."""
-        flat, n = InPlace(self._jacobian), self.plan.x.size
+        flat = InPlace(self._jacobian)
+        n = self.plan.x.size
         return lambda t, x, d, p: flat(t, x, d, p).reshape((n, n), order="F")
 
     @property

@@ -211,8 +211,12 @@ class PythonExecutor(Executor):
         continuous: ContinuousPythonBlocks,
         blocks: OpenBlocks,
     ) -> None:
-        self.name, self.blocks, self.plan = inner.name, blocks, inner.plan
-        self._inner, self._sampled, self._continuous = inner, sampled, continuous
+        self.name = inner.name
+        self.blocks = blocks
+        self.plan = inner.plan
+        self._inner = inner
+        self._sampled = sampled
+        self._continuous = continuous
         self._equations = blocks.equations
         self._has_continuous = bool(continuous)
         self._asking: set[str] = set()  # blocks that want an event after a step
@@ -327,14 +331,16 @@ class PythonExecutor(Executor):
             left: Vector = d[places] - outputs
             return left
 
-        outputs, before = d[places], np.inf
+        outputs = d[places]
+        before = np.inf
         for _ in range(MAX_NEWTON_ROUNDS):
             left = residual(outputs)
             size = float(np.abs(left).max(initial=0.0))
             allowed = LOOP_TOLERANCE * max(1.0, np.abs(outputs).max())
             if before / 2 <= size <= allowed:  # as good as round-off allows
                 return
-            before, steps = size, DIFFERENCE_STEP * np.maximum(1.0, np.abs(outputs))
+            before = size
+            steps = DIFFERENCE_STEP * np.maximum(1.0, np.abs(outputs))
             slopes = [(residual(outputs + step) - left) / step.max() for step in np.diag(steps)]
             if not np.isfinite([*slopes, left]).all():
                 break

@@ -169,7 +169,8 @@ class Run:
     def go_to(self, now: Fraction) -> None:
         """Set the present time [s]; nothing is computed."""
         ticks, self.beyond = divmod(now - self.origin, self.prepared.tick)
-        self.k, self.time = int(ticks), float(now)
+        self.k = int(ticks)
+        self.time = float(now)
 
     def save(self) -> Snapshot:
         """Return all that is needed to go on from the present time.
@@ -186,14 +187,16 @@ class Run:
             x=self.x.copy(),
             d=self.d.copy(),
             p=self.p.copy(),
-            hidden=self.executor.save(),
+            hidden=self.executor.blocks.save(),
             sampled=self.sampled == self.k,
         )
 
     def restore(self, snapshot: Snapshot) -> None:
         """Go to the time of a snapshot of an equal diagram; what follows is the same to the last bit."""
-        self.x[:], self.d[:], self.p[:] = snapshot.x, snapshot.d, snapshot.p
-        self.executor.restore(snapshot.hidden)
+        self.x[:] = snapshot.x
+        self.d[:] = snapshot.d
+        self.p[:] = snapshot.p
+        self.executor.blocks.restore(snapshot.hidden)
         self.executor.blocks.tuned()
         self.begin_at(snapshot.origin)
         self.go_to(snapshot.now)
@@ -201,7 +204,8 @@ class Run:
 
     def check(self, found: Snapshot) -> None:
         """Raise `SimulationError` if a field of a snapshot `found` in a file cannot be of this run."""
-        plan, kept = self.prepared.plan, self.executor.blocks.kept()
+        plan = self.prepared.plan
+        kept = self.executor.blocks.kept()
         latest = 2**53 * self.prepared.tick  # from there on floats do not tell ticks apart
         fits = {
             name: isinstance(value := getattr(found, name), np.ndarray)
@@ -270,7 +274,8 @@ class Run:
                 return log.finish({})
             if log.resumed is not None:
                 self._resume(log.resumed)
-            name, length = self.prepared.plan.name, float(self.end - self.now)
+            name = self.prepared.plan.name
+            length = float(self.end - self.now)
             with interruptible(), ProgressBar(name, length, progress, limit) as bar:
                 if self.checkpoint_every is not None:
                     self._advance_with_checkpoints(log, self.checkpoint_every, bar)
@@ -315,7 +320,9 @@ class Run:
         DivergenceError
             If a state or sampled value stops being finite.
         """
-        prepared, log, tick = self.prepared, self.log, self.prepared.tick
+        prepared = self.prepared
+        log = self.log
+        tick = self.prepared.tick
         has_python = bool(prepared.plan.python_blocks)
         every = prepared.ticks(self.log_step, "log_step") if log is not None else 0
         longest = longest_chunk(every, log.width) if log is not None else last
@@ -324,7 +331,8 @@ class Run:
         while self.k < last:
             k = self.k
             if k == stop:
-                base, stop = k, min(last, k + max(WINDOW_TICKS, chunk))
+                base = k
+                stop = min(last, k + max(WINDOW_TICKS, chunk))
                 due = prepared.schedule.due(base, stop - base)
                 logged = np.zeros(stop - base, dtype=np.uint8)
                 if every:
@@ -351,7 +359,8 @@ class Run:
                 self._failed(progress, k + progress.steps, bool(logged[k - base + progress.steps]))
                 stop = self.k
                 continue
-            self.k, self.time = end, (self.first + end) * tick.numerator / tick.denominator
+            self.k = end
+            self.time = (self.first + end) * tick.numerator / tick.denominator
             if started:
                 chunk = paced(chunk, time.perf_counter() - started, longest)
             if bar is not None:
@@ -437,7 +446,8 @@ class Run:
 
     def _adaptive(self, until: Fraction, bar: ProgressBar | None) -> None:
         """Advance with an adaptive solver, which starts afresh at each instant."""
-        every, length = self.log_step, float(until - self.origin)
+        every = self.log_step
+        length = float(until - self.origin)
         for end in self._ends(until):
             start = self.now
             self._instant(self.due(), float(start))
@@ -474,7 +484,11 @@ class Run:
         self, span: tuple[float, float], times: Iterator[float], length: float, bar: ProgressBar | None
     ) -> Iterator[tuple[float, Vector]]:
         """Yield the `times` in a `span`, and its end, with the states; the run has a `length` [s]."""
-        prepared, d, p, short, jumps = self.prepared, self.d, self.p, 0, 0
+        prepared = self.prepared
+        d = self.d
+        p = self.p
+        short = 0
+        jumps = 0
         jacobian = prepared.jacobian() if prepared.has_jacobian else None
 
         # A signal that jumps where the span ends has not jumped yet for a stage at the end.
@@ -516,7 +530,8 @@ class Run:
         def rate(point: tuple[float, Vector]) -> Vector:
             return self.executor.call("derivative", *point, self.d, self.p)
 
-        solver, low = self.prepared.solver, (self.time, self.x.copy())
+        solver = self.prepared.solver
+        low = (self.time, self.x.copy())
         before = rate(low)
         # The end of the step itself may stay on one side, where its stages average both.
         high = t, self.x + (t - self.time) * before
@@ -527,9 +542,11 @@ class Run:
             middle = (low[0] + high[0]) / 2, (low[1] + high[1]) / 2
             between = rate(middle)
             if abs(between[i] - before[i]) > abs(after[i] - between[i]):
-                high, after = middle, between
+                high = middle
+                after = between
             else:
-                low, before = middle, between
+                low = middle
+                before = between
         if abs(after[i] - before[i]) <= max(change[i] / 2, JUMP_TOLERANCE * abs(after[i])):
             return ""
         entry = self.prepared.plan.x.at(i)

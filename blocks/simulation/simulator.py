@@ -199,14 +199,16 @@ class Simulator(Described):
         """
         prepared = self.prepared
         plan = prepared.plan
-        length, begin = exact(duration), exact(finite_array("start", start, ()).item())
+        length = exact(duration)
+        begin = exact(finite_array("start", start, ()).item())
         every = None if checkpoint_every is None else exact(checkpoint_every)
         log_step = self.log_step or length / 1000
         shortest = min(log_step, prepared.tick if prepared.step or prepared.has_clocks else length)
         refuse_coarse_time(abs(float(begin)) + float(length), shortest)
         p = plan.parameters(parameters)
         if prepared.step is not None:
-            begin, length = on_grid(begin, prepared.step), on_grid(length, prepared.step)
+            begin = on_grid(begin, prepared.step)
+            length = on_grid(length, prepared.step)
             prepared.ticks(begin, "the start time")
             prepared.ticks(length, "the duration")
             if every is not None:
@@ -215,7 +217,8 @@ class Simulator(Described):
             warn_of_missed_jumps(plan, prepared.step, (begin, begin + length), p)
         with contextlib.closing(prepared.open(p)) as executor:
             x, d = plan.initial(p, initial, None, float(begin), executor.blocks.equations)
-            values, states = plan.p.listed(p), plan.x.listed(x)
+            values = plan.p.listed(p)
+            states = plan.x.listed(x)
             for layout in (plan.memory, plan.modes, plan.guesses):
                 states |= layout.listed(d)
             identity = prepared.identity | {

@@ -93,7 +93,9 @@ def decode(data: bytes, of: Mapping[str, Any]) -> Any:
     head, _, body = bytes(data).partition(b"\n")
     try:
         content = json.loads(head)
-        version, digest, there = content["trussflow state"], content["sha256"], {**content["of"]}
+        version = content["trussflow state"]
+        digest = content["sha256"]
+        there = {**content["of"]}
     except (ValueError, KeyError, TypeError, RecursionError):
         raise ValueError(f"it is no saved state, or a part of one ({len(data)} bytes)") from None
     if version != FORMAT_VERSION:

@@ -95,7 +95,8 @@ def breakpoints_of(block: Block) -> list[Fraction]:
 
 def warn_of_coarse_steps(run: Run) -> None:
     """Warn if the largest state at the end of a `run` is huge, and would change by more than itself."""
-    step, sizes = run.prepared.step, np.abs(run.x)
+    step = run.prepared.step
+    sizes = np.abs(run.x)
     if step is None or not sizes.size or (size := float(sizes.max())) < MIN_CHECKED_SIZE:
         return
     worst = int(sizes.argmax())

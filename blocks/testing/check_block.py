@@ -58,7 +58,9 @@ class Bench:
     """
 
     def __init__(self, block: Block, around: Mapping[str, npt.ArrayLike]) -> None:
-        self.block, self.around, self.writes = block, around, ""
+        self.block = block
+        self.around = around
+        self.writes = ""
         self.p = Signals(f"block '{block.path}'", block.parameters)
         self.kinds: list[str] = []
         self.points: list[list[Array]] = []
@@ -68,7 +70,8 @@ class Bench:
         block = self.block
         block_check.check_kind(block)
         flatten(block, external=True)
-        self.kinds, self.shapes = block_check.kinds(block), block_check.shapes_of(block)
+        self.kinds = block_check.kinds(block)
+        self.shapes = block_check.shapes_of(block)
         sizes = {"": ()} | self.shapes[0] | self.shapes[1] | self.shapes[2]
         for name in self.around:
             if name not in sizes:
@@ -93,7 +96,8 @@ class Bench:
 
     def arguments(self, point: list[Array]) -> tuple[Array, Signals, Signals, Signals, Signals]:
         """Return copies of what is at a point: time, states, inputs, parameters, events that happen."""
-        numbers, owner = iter(point), self.p.owner
+        numbers = iter(point)
+        owner = self.p.owner
         t = np.array(np.abs(next(numbers)))
         x, u, fired = (Signals(owner, {n: next(numbers).copy() for n in shapes}) for shapes in self.shapes)
         happens = {n: value > 0 for n, value in fired.items()}
@@ -106,7 +110,8 @@ class Bench:
         """
         found: Values = {}
         for kind in kinds:
-            given, before = self.arguments(point), self.arguments(point)
+            given = self.arguments(point)
+            before = self.arguments(point)
             with np.errstate(all="ignore"), running_errors(self.block, kind, float(given[0])):
                 returned = getattr(own, kind)(*(given if kind == "on_event" else given[:4]))
                 for name, value in checked(self.block, kind, returned).items():
@@ -159,7 +164,8 @@ class Bench:
             raise FaultError(self.writes)
         kinds = ["output"] if self.block.hides else self.kinds[:2]  # what is kept may change the others
         for first, second in pairwise([*self.points, self.points[0]]):
-            own, fresh = self.opened(), self.opened()
+            own = self.opened()
+            fresh = self.opened()
             calls = (own, first), (own, second), (own, first), (fresh, first)
             once, _, *others = (self.values(each, kinds, point) for each, point in calls)
             for again in others:
@@ -190,10 +196,14 @@ class Bench:
             prepared = Prepared.of(system, Solver(solver="RK45", backend="compiled"), None)
         except CompilationError as error:
             raise NotApplicableError(f"no C compiler works here: {error}") from None
-        plan, chance = prepared.plan, np.random.default_rng(0)
-        plain, p = NumPyExecutor(plan, prepared.quantities), plan.parameters(None)
+        plan = prepared.plan
+        chance = np.random.default_rng(0)
+        plain = NumPyExecutor(plan, prepared.quantities)
+        p = plan.parameters(None)
         for quantity in [*prepared.quantities] * RANDOM_POINTS:
-            t, x, d = chance.random(), chance.normal(size=plan.x.size), chance.normal(size=plan.d_size)
+            t = chance.random()
+            x = chance.normal(size=plan.x.size)
+            d = chance.normal(size=plan.d_size)
             d[plan.fired.span] = d[plan.fired.span] > 0.0
             with np.errstate(all="ignore"):
                 expected = plain.call(quantity.name, t, x, d, p)
@@ -343,7 +353,8 @@ def check_block(
     given: object = block
     if not isinstance(given, Block) or isinstance(given, Diagram):
         raise BlockError(f"cannot check {shown(block)}: give one block, such as MyBlock()")
-    item, findings = copy.deepcopy(block) if block.parent is None else block, dict[str, str]()
+    item = copy.deepcopy(block) if block.parent is None else block
+    findings = dict[str, str]()
     bench = Bench(item, by_name("values around which to check", around))
     checks: dict[str, Callable[[], str]] = {
         "declarations": bench.declarations,
