@@ -335,7 +335,14 @@ def points(shapes: tuple[tuple[int, ...], ...], number: int = RANDOM_POINTS) -> 
 def differing(found: Array, expected: Array, sizes: Array, tolerance: float) -> Array:
     """Return a mask of the elements that differ by more than the tolerance.
 
-    The tolerance is relative to the largest element of the same output, but at least absolute.
+    Parameters
+    ----------
+    found, expected : Array
+        The outputs, one after the other [any].
+    sizes : Array
+        End of each output in them [-].
+    tolerance : float
+        Relative to the largest element of the same output, but at least absolute [-].
     """
     same = (found == expected) | (np.isnan(found) & np.isnan(expected))
     if same.all():
