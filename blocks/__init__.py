@@ -138,10 +138,6 @@ from trussflow.blocks.linear_analysis.uncertainty.robust_stability import robust
 from trussflow.blocks.linear_analysis.uncertainty.uncertain_model import UncertainModel as UncertainModel
 from trussflow.blocks.linear_analysis.uncertainty.uncertain_model import uncertain as uncertain
 from trussflow.blocks.linear_analysis.uncertainty.worst_case import worst_gain as worst_gain
-from trussflow.blocks.simulation.block_report import BlockReport as BlockReport
-from trussflow.blocks.simulation.block_report import check_block as check_block
-from trussflow.blocks.simulation.energy_audit import EnergyAudit as EnergyAudit
-from trussflow.blocks.simulation.energy_audit import energy_audit as energy_audit
 from trussflow.blocks.simulation.results import load as load
 from trussflow.blocks.simulation.results import plot as plot
 from trussflow.blocks.simulation.results import save as save
@@ -150,11 +146,15 @@ from trussflow.blocks.simulation.results import to_pandas as to_pandas
 from trussflow.blocks.simulation.session import Session as Session
 from trussflow.blocks.simulation.simulator import Simulator as Simulator
 from trussflow.blocks.simulation.simulator import simulate as simulate
-from trussflow.blocks.simulation.snapshot import Snapshot as Snapshot
+from trussflow.blocks.simulation.state_bytes import Snapshot as Snapshot
 from trussflow.blocks.simulation.streamed_log import recover as recover
 from trussflow.blocks.sweeps.gradients import gradient as gradient
 from trussflow.blocks.sweeps.sweep import rerun as rerun
 from trussflow.blocks.sweeps.sweep import sweep as sweep
 from trussflow.blocks.sweeps.tuning import tune as tune
+from trussflow.blocks.testing.check_block import BlockReport as BlockReport
+from trussflow.blocks.testing.check_block import check_block as check_block
+from trussflow.blocks.testing.energy_audit import EnergyAudit as EnergyAudit
+from trussflow.blocks.testing.energy_audit import energy_audit as energy_audit
 from trussflow.blocks.tracing.linear_algebra import solve_positive_definite as solve_positive_definite
 from trussflow.blocks.tracing.tracing import repeated as repeated

@@ -120,7 +120,7 @@ def relink(app, name, source) -> None:
 
 SUBJECTS = {
     "Diagrams and blocks": ["blocks.framework", "blocks.drawing", "blocks.tracing"],
-    "Simulation": ["blocks.simulation"],
+    "Simulation": ["blocks.simulation", "blocks.testing"],
     "Sweeps and tuning": ["blocks.sweeps"],
     "Sources and tables": [f"blocks.library.{m}" for m in ("sources", "noise", "tables")],
     "Algebra and nonlinearities": [

@@ -7,11 +7,11 @@ from sources import ALL_FILES, MODULES, PACKAGE_FILES, SETUPTOOLS, module_of, pl
 
 # Packages that the modules of a package may import, besides their own and the loose modules of their
 # top package (errors, validation). `__init__` and `__main__` may import everything below them.
-FRAMEWORK, TRACING, SIMULATION, LIBRARY, COSIMULATION, LINEAR, CONTROL, DRAWING, SWEEPS = (
+FRAMEWORK, TRACING, SIMULATION, LIBRARY, COSIMULATION, LINEAR, CONTROL, DRAWING, SWEEPS, TESTING = (
     f"trussflow.blocks.{name}"
     for name in (
         *("framework", "tracing", "simulation", "library", "cosimulation", "linear_analysis"),
-        *("control", "drawing", "sweeps"),
+        *("control", "drawing", "sweeps", "testing"),
     )
 )
 BLOCKS = (FRAMEWORK, TRACING, SIMULATION, LIBRARY, COSIMULATION, LINEAR, f"{LINEAR}.frequency", CONTROL)
@@ -35,6 +35,7 @@ PACKAGES = {
     CONTROL: (FRAMEWORK, TRACING, LIBRARY, LINEAR),
     DRAWING: (FRAMEWORK, TRACING),
     SWEEPS: (FRAMEWORK, TRACING, SIMULATION),
+    TESTING: (FRAMEWORK, TRACING, SIMULATION, LINEAR),
     FMU: (FRAMEWORK,),
     f"{FMU}.runtime": (FRAMEWORK, SIMULATION),
     f"{FMU}.importing": (FRAMEWORK, f"{FMU}.runtime"),

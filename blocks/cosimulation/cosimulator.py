@@ -28,7 +28,6 @@ from trussflow.blocks.framework.validation import (
     one_of,
     positive,
     positive_if_given,
-    positive_whole,
     shown,
     yes_or_no,
 )
@@ -57,13 +56,10 @@ class CoSimulatorSettings(MemberSettings, total=False):
     step: Required[float]
     members: Sequence[str | Block]
     coupling: str
-    extrapolation: int
     order: Sequence[str | Block] | None
     tolerance: float | None
     absolute_tolerance: float | None
     largest_step: float | None
-    iteration_tolerance: float
-    most_iterations: int
     log: Chosen | None
     log_step: float | None
     solver_step: float | None
@@ -94,9 +90,6 @@ class CoSimulator(Described):
         ``"gauss-seidel"``: members are advanced in `order`, and read the outputs of earlier members at the
         end of the step. ``"iterate"``: the step is repeated from snapshots until all members read the
         outputs of the others at the end of the step.
-    extrapolation : int
-        0: inputs are held between communication points, and the error is proportional to the step. 1:
-        inputs are linear in time, and the error is proportional to the square of the step [-].
     order : sequence of str or Block, optional
         All members in the order of Gauss-Seidel; by default that of `members`, then FMUs, then
         ``"the rest"``.
@@ -109,10 +102,6 @@ class CoSimulator(Described):
     largest_step : float, optional
         With `tolerance`, the largest time between communication points [s]; by default a tenth of
         the run.
-    iteration_tolerance : float
-        Relative change of signals at which an iteration ends [-].
-    most_iterations : int
-        Largest number of iterations [-].
     log : mapping, sequence or None
         Ports to log, as for `Simulator`; None logs every output.
     log_step : float, optional
@@ -139,9 +128,10 @@ class CoSimulator(Described):
     Notes
     -----
     At a communication point all signals are consistent, as in a simulation of one diagram: direct
-    feedthrough is followed from member to member. Between two points, members do not exchange signals.
-    Held inputs are on average half a step old, which reduces the phase of a loop at w [rad/s] by
-    ``w H / 2`` radians. The outputs of an FMU that does not follow its inputs before the next step are those
+    feedthrough is followed from member to member. Between two points, members do not exchange signals, and
+    inputs are held, so the error is proportional to the step H. Held inputs are on average half a step old,
+    which reduces the phase of a loop at w [rad/s] by ``w H / 2`` radians. The outputs of an FMU that does
+    not follow its inputs before the next step are those
     of the previous point: one more step of delay.
     """
 
@@ -153,13 +143,10 @@ class CoSimulator(Described):
         step: float,
         members: Sequence[str | Block] = (),
         coupling: str = "jacobi",
-        extrapolation: int = 0,
         order: Sequence[str | Block] | None = None,
         tolerance: float | None = None,
         absolute_tolerance: float | None = None,
         largest_step: float | None = None,
-        iteration_tolerance: float = 1e-10,
-        most_iterations: int = 50,
         log: Chosen | None = None,
         log_step: float | None = None,
         solver_step: float | None = None,
@@ -167,13 +154,10 @@ class CoSimulator(Described):
         initial: Mapping[str, Any] | None = None,
         **settings: Unpack[MemberSettings],
     ) -> None:
-        positive(step=step, iteration_tolerance=iteration_tolerance)
-        positive_whole(most_iterations=most_iterations)
+        positive(step=step)
         of_chosen = {"absolute_tolerance": absolute_tolerance, "largest_step": largest_step}
         positive_if_given(tolerance=tolerance, log_step=log_step, solver_step=solver_step, **of_chosen)
         one_of("coupling", coupling, COUPLINGS)
-        if extrapolation not in (0, 1):
-            raise SimulationError(f"extrapolation = {extrapolation!r} must be 0 or 1")
         for name, given in (("members", members), ("order", () if order is None else order)):
             if isinstance(given, str) or not isinstance(given, Collection):
                 raise SimulationError(f"{name} = {shown(given)} must be a list: {name}=[{shown(given)}]")
@@ -204,7 +188,6 @@ class CoSimulator(Described):
         ticks(self._grid, inner, "the smallest communication step", DIVISOR_ADVICE)
         self._settings = Settings(
             solver=Solver.of({**settings, "step": float(inner)}, *CoSimulatorSettings.__annotations__),
-            lines=extrapolation == 1,
             parameters=by_name("parameters", parameters),
             initial=by_name("initial states", initial),
         )
@@ -214,9 +197,7 @@ class CoSimulator(Described):
         logged = [channel.port for channel in self.channels]
         self.network = Network(partition(system, members, logged, self._settings))
         names = [member.name for member in self.network.members]
-        self._scheme = Scheme(
-            coupling, extrapolation, ordered(names, order), iteration_tolerance, most_iterations
-        )
+        self._scheme = Scheme(coupling, ordered(names, order))
         if self.network.loop and coupling != "iterate":
             raise AlgebraicLoopError(
                 f'{loop_text(self.network)}solve it in every step with coupling="iterate", make one '
@@ -284,7 +265,8 @@ class CoSimulator(Described):
         last = int(end / self._grid)
         attributes = self._attributes(duration)
         log = opened(self.channels, attributes, stream_to, not_finite)
-        coupled, started = Coupled(self.network, self._scheme, self._grid), time.perf_counter()
+        coupled = Coupled(self.network, self._scheme, self._grid)
+        started = time.perf_counter()
         control = self._control(coupled, last)
         shown = 0.0
 
@@ -332,7 +314,6 @@ class CoSimulator(Described):
             "diagram_hash": " ".join(member.fingerprint for member in members),
             "members": json.dumps(self.members),
             "coupling": scheme.coupling,
-            "extrapolation": scheme.extrapolation,
             "order": json.dumps([self.members[i] for i in scheme.order]),
             "communication_step": float(self._step),
             "tolerance": 0.0 if self._tolerances is None else self._tolerances[0],
@@ -366,7 +347,7 @@ def cosimulate(
     progress, stream_to, not_finite
         As for `CoSimulator.run`.
     **settings
-        As for `CoSimulator`: step, members, coupling, extrapolation, order, tolerance and others.
+        As for `CoSimulator`: step, members, coupling, order, tolerance and others.
 
     Returns
     -------

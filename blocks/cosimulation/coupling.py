@@ -8,9 +8,7 @@ All members are at t, and step to t + H. The scheme determines the inputs of a m
 * Iteration: every member reads the outputs of the others at t + H. All steps are repeated from
   snapshots until the signals converge to the implicit solution.
 
-With ``extrapolation=0``, inputs are held during the step. With ``extrapolation=1``, they are linear in
-time: interpolated between t and t + H if the end is known, otherwise extrapolated from the last two
-communication points. The error is then proportional to H squared, instead of H.
+Inputs are held during the step, so the error is proportional to H.
 
 Signals of sampled blocks are held in every scheme: they keep their values at t until the block ticks
 again.
@@ -32,11 +30,17 @@ from trussflow.blocks.framework.errors import AlgebraicLoopError, DivergenceErro
 from trussflow.blocks.framework.running import SelfStepping
 from trussflow.blocks.framework.settling import settle
 from trussflow.blocks.framework.types import Vector
-from trussflow.blocks.simulation.open_blocks import check_outputs
+from trussflow.blocks.simulation.block_instances import check_outputs
 
 COUPLINGS = ("jacobi", "gauss-seidel", "iterate")
 
-START_ROUNDS = 100
+ITERATION_TOLERANCE = 1e-10
+"""Relative change of signals at which an iteration ends [-]."""
+
+MAX_ITERATIONS = 50
+"""Largest number of iterations in one step [-]."""
+
+MAX_START_ITERATIONS = 100
 """Largest number of iterations of the initial states and signals."""
 
 
@@ -48,26 +52,12 @@ class Scheme:
     ----------
     coupling : str
         One of `COUPLINGS`.
-    extrapolation : int
-        0: inputs are held; 1: they are linear in time [-].
     order : sequence of int
         Indices of the members in the order in which they are advanced.
-    tolerance : float
-        Relative residual at which an iteration ends [-].
-    limit : int
-        Largest number of iterations in one step [-].
     """
 
     coupling: str
-    extrapolation: int
     order: Sequence[int]
-    tolerance: float
-    limit: int
-
-    @property
-    def convergence(self) -> int:
-        """Order of convergence: the power of H in the error."""
-        return 1 + self.extrapolation
 
 
 def loop_text(network: Network) -> str:
@@ -99,14 +89,14 @@ class Coupled:
     """
 
     def __init__(self, network: Network, scheme: Scheme, grid: Fraction) -> None:
-        self.network, self.scheme, self.grid = network, scheme, grid
+        self.network = network
+        self.scheme = scheme
+        self.grid = grid
         self.signals = network.start.copy()
         self.k = 0
         self.iterations = 0
-        self._rates = np.zeros(network.gather.size)
         self._visits: list[int] = []
         self._current = 0  # index of the active member, for error messages
-        self._follows = [any(member.needs) for member in network.members]
         self._stepping: list[SelfStepping] = []
 
     def _check(self) -> None:
@@ -181,7 +171,7 @@ class Coupled:
                     self._begin(i, inputs[own])
                 return np.asarray(self.signals[network.gather])
 
-            self._iterate(implied, self.signals[network.gather], START_ROUNDS)
+            self._iterate(implied, self.signals[network.gather], MAX_START_ITERATIONS)
             return
         visits = network.visits([True for _ in numbers])
 
@@ -195,7 +185,9 @@ class Coupled:
         self._check_finite()
 
     def _begin(self, i: int, inputs: Vector | None = None) -> None:
-        network, one, self._current = self.network, self._stepping[i], i
+        network = self.network
+        one = self._stepping[i]
+        self._current = i
         if inputs is None:
             inputs = self.signals[network.gather[network.ins[i]]]
         # Outputs that depend on unknown inputs may have any value.
@@ -235,7 +227,8 @@ class Coupled:
         SimulationError
             If an iteration does not converge.
         """
-        now, until = self.time, self.time_of(self.k + number)
+        now = self.time
+        until = self.time_of(self.k + number)
         inputs = self.signals[self.network.gather]
         with Explained(self._raised):
             if self.scheme.coupling == "iterate":
@@ -244,28 +237,21 @@ class Coupled:
                 self._one_by_one(inputs, now, until)
         self.k += number
         self._check_finite()
-        if self.scheme.extrapolation:
-            self._rates = (self.signals[self.network.gather] - inputs) / (until - now)
-            self._rates[self.network.held] = 0.0
 
     def _one_by_one(self, inputs: Vector, now: float, until: float) -> None:
-        network, lines = self.network, bool(self.scheme.extrapolation)
+        network = self.network
         sequential = self.scheme.coupling == "gauss-seidel"
         known = np.zeros(len(self._stepping) + 1, dtype=bool)  # the last element is for inputs without source
         for i in self.scheme.order:
             own = network.ins[i]
-            values, rates = inputs[own], self._rates[own] if lines else None
+            values = inputs[own]
             if sequential:
-                new = self.signals[network.gather[own]]
                 use = known[network.source[own]] & ~network.held[own]
-                if rates is None:
-                    values = np.where(use, new, values)
-                else:
-                    rates = np.where(use, (new - values) / (until - now), rates)
                 known[i] = True
-                if use.any() and rates is None:
-                    self._stepping[i].latch(inputs[own])
-            self._advance(i, values, rates, now, until)
+                if use.any():
+                    self._stepping[i].latch(values)
+                    values = np.where(use, self.signals[network.gather[own]], values)
+            self._advance(i, values, now, until)
         self._read_again()
 
     def _read_again(self) -> None:
@@ -276,28 +262,17 @@ class Coupled:
             self._stepping[i].set(self.signals[network.gather[network.ins[i]]])
             self.signals[network.outs[i]] = self._stepping[i].outputs()
 
-    def _advance(self, i: int, values: Vector, rates: Vector | None, now: float, until: float) -> None:
-        """Advance one member, and read its outputs.
-
-        A member without linear inputs gets their mean value, with the same order of the error in its
-        states. If it has direct feedthrough, it gets the value at the end, before or after the step.
-        """
+    def _advance(self, i: int, values: Vector, now: float, until: float) -> None:
+        """Advance one member with held inputs, and read its outputs."""
         self._current = i
-        one, step, end = self._stepping[i], until - now, None
-        if rates is None or one.ramps:
-            one.set(values, rates)
-        elif one.refreshes or not self._follows[i]:
-            one.set(values + rates * (step / 2))
-            end = values + rates * step if self._follows[i] else None
-        else:
-            one.set(values + rates * step)
+        one = self._stepping[i]
+        one.set(values)
         one.advance(now, until)
-        if end is not None:
-            one.set(end)
         self.signals[self.network.outs[i]] = one.outputs()
 
     def _iterated(self, inputs: Vector, now: float, until: float) -> None:
-        network, lines, held = self.network, bool(self.scheme.extrapolation), self.network.held
+        network = self.network
+        held = self.network.held
         saved = [one.mark() for one in self._stepping]
         used = False
 
@@ -307,31 +282,26 @@ class Coupled:
                 for one, snapshot in zip(self._stepping, saved, strict=True):
                     one.restore(snapshot)
             used = True
-            rates = (ends - inputs) / (until - now) if lines else None
             for i, own in enumerate(network.ins):
-                if rates is None:
-                    self._stepping[i].latch(inputs[own])
-                    self._advance(i, ends[own], None, now, until)
-                else:
-                    self._advance(i, inputs[own], rates[own], now, until)
+                self._stepping[i].latch(inputs[own])
+                self._advance(i, ends[own], now, until)
             return np.where(held, inputs, self.signals[network.gather])
 
-        guess = inputs + self._rates * (until - now) if lines else inputs
-        self._iterate(implied, guess, self.scheme.limit)
+        self._iterate(implied, inputs, MAX_ITERATIONS)
         if held.any():
             self._read_again()
 
     def _iterate(self, implied: Callable[[Vector], Vector], guess: Vector, limit: int) -> None:
         """Repeat a step, or the start, until all inputs are equal to the outputs that drive them."""
         try:
-            _, number = fixed_point(implied, guess, self.scheme.tolerance, limit)
+            _, number = fixed_point(implied, guess, ITERATION_TOLERANCE, limit)
         except NotConvergedError as error:
             self._check_finite()
             worst = int(np.argmax(error.residual))
             raise SimulationError(
                 f"the iteration of the members did not converge at t = {self.time:g} s within {limit} "
                 f"iterations: {self.network.describe(int(self.network.gather[worst]))} still changes by "
-                f"{error.residual[worst]:.1g} of its size. Try a smaller step, or more iterations"
+                f"{error.residual[worst]:.1g} of its size; use a smaller step"
             ) from None
         self.iterations += number
 
@@ -343,20 +313,16 @@ class Coupled:
                 "log up to there is kept"
             )
 
-    def forget(self) -> None:
-        """Discard the rates of inputs, so that the next step extrapolates from constant inputs."""
-        self._rates[:] = 0.0
-
     # -- snapshots ----------------------------------------------------------------------------
 
     def save(self) -> tuple[Any, ...]:
         """Return a snapshot of all members and signals."""
         states = [one.mark() for one in self._stepping]
-        return self.k, self.signals.copy(), self._rates.copy(), states
+        return self.k, self.signals.copy(), states
 
     def restore(self, saved: tuple[Any, ...]) -> None:
         """Restore a snapshot, with bitwise equal states."""
-        self.k, signals, rates, states = saved
-        self.signals[:], self._rates = signals, rates.copy()
+        self.k, signals, states = saved
+        self.signals[:] = signals
         for one, snapshot in zip(self._stepping, states, strict=True):
             one.restore(snapshot)

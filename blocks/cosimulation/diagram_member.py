@@ -13,8 +13,8 @@ from trussflow.blocks.framework.layout import spans
 from trussflow.blocks.framework.running import SelfStepping
 from trussflow.blocks.framework.types import Vector
 from trussflow.blocks.simulation.session import Session
-from trussflow.blocks.simulation.snapshot import Snapshot
 from trussflow.blocks.simulation.solver import Solver
+from trussflow.blocks.simulation.state_bytes import Snapshot
 
 
 @dataclass(frozen=True, slots=True)
@@ -25,14 +25,11 @@ class Settings:
     ----------
     solver : Solver
         Solver and backend.
-    lines : bool
-        Whether inputs may change linearly.
     parameters, initial : mapping
         Values of parameters and initial states by ``"block.name"`` [units as declared].
     """
 
     solver: Solver
-    lines: bool = False
     parameters: Mapping[str, Any] = field(default_factory=dict)
     initial: Mapping[str, Any] = field(default_factory=dict)
 
@@ -43,7 +40,7 @@ class DiagramMember(SelfStepping):
     Parameters
     ----------
     session : Session
-        Session of the part; if inputs change linearly, of the result of `with_lines`.
+        Session of the part.
     sources : list of External
         External inputs of the part.
     settings : Settings
@@ -51,13 +48,10 @@ class DiagramMember(SelfStepping):
     """
 
     def __init__(self, session: Session, sources: list[External], settings: Settings) -> None:
-        self._session, self._settings = session, settings
-        self.ramps = settings.lines
+        self._session = session
+        self._settings = settings
         sizes = [source.y.size for source in sources]
-        self._size = sum(sizes)
         self._places = [(s.name, place, s.extent) for s, place in zip(sources, spans(sizes), strict=True)]
-        # Inputs; for linear inputs also their rates and the origin of time.
-        self._row = np.zeros(2 * self._size + 1 if self.ramps and self._size else self._size)
         self._has_clocks = session.prepared.has_clocks
         self._begun: tuple[float, Vector] | None = None
 
@@ -75,7 +69,8 @@ class DiagramMember(SelfStepping):
     def start(self, time: float, inputs: Vector) -> None:
         """Start the session; unknown inputs, on which initial states may depend, are zero."""
         inputs = np.nan_to_num(inputs)
-        begun, self._begun = self._begun, (time, inputs.copy())
+        begun = self._begun
+        self._begun = (time, inputs.copy())
         if begun is not None and begun[0] == time and np.array_equal(begun[1], inputs):
             return  # called repeatedly until all initial signals are consistent
         self._session.start(
@@ -85,15 +80,10 @@ class DiagramMember(SelfStepping):
             time=time,
         )
 
-    def set(self, inputs: Vector, rates: Vector | None = None) -> None:
-        """Set all inputs and their rates."""
+    def set(self, inputs: Vector) -> None:
+        """Set all inputs."""
         self._begun = None
-        size = self._size
-        self._row[:size] = inputs
-        if self.ramps and size:
-            self._row[size:-1] = 0.0 if rates is None else rates
-            self._row[-1] = self._session.time
-        self._session.set_row(self._row)
+        self._session.set_row(inputs)
 
     def latch(self, inputs: Vector) -> None:
         """Evaluate sampled blocks whose clocks tick now with these inputs, not with later ones."""

@@ -9,18 +9,18 @@ from typing import Any, cast
 import numpy as np
 
 from trussflow.blocks.cosimulation.diagram_member import DiagramMember, Settings
-from trussflow.blocks.cosimulation.feedthrough_of_part import inputs_behind
-from trussflow.blocks.cosimulation.member import Inlet, Member
+from trussflow.blocks.cosimulation.network import Inlet, Member
 from trussflow.blocks.framework.block import Block
 from trussflow.blocks.framework.declarations import Signals
 from trussflow.blocks.framework.errors import NameLookupError, SimulationError
 from trussflow.blocks.framework.external import External
 from trussflow.blocks.framework.port import Port
-from trussflow.blocks.framework.rewiring import part_of, with_lines
+from trussflow.blocks.framework.rewiring import part_of
 from trussflow.blocks.framework.running import SelfStepping
 from trussflow.blocks.framework.system import Driver, System
-from trussflow.blocks.simulation.open_blocks import open_block
+from trussflow.blocks.simulation.block_instances import open_block
 from trussflow.blocks.simulation.session import Session
+from trussflow.blocks.tracing.loops import Feedthrough
 
 REST_NAME = "the rest"
 """Name of the member with all blocks that are in no other member."""
@@ -135,7 +135,8 @@ def _check_names(system: System, settings: Settings) -> None:
 def _own_member(system: System, block: Block, settings: Settings) -> Member:
     """Return the member of a block that steps itself."""
     values = _values(block, settings)
-    inputs, outlets = block.inputs(), block.outputs()
+    inputs = block.inputs()
+    outlets = block.outputs()
     needed = block.feedthrough()
     inlets = tuple(
         Inlet(port, tuple(system.drivers[block.path, port.name]), port.declaration.default or 0.0)
@@ -188,11 +189,7 @@ def _part(
     own = replace(
         settings, parameters=_of(inside, settings.parameters), initial=_of(inside, settings.initial)
     )
-    prepared = Session(
-        with_lines(part) if settings.lines else part,
-        outputs={port.path: port for port in outlets},
-        **asdict(settings.solver),
-    )
+    prepared = Session(part, outputs={port.path: port for port in outlets}, **asdict(settings.solver))
     plan = prepared.prepared.plan
     back = [inputs_behind(part, plan.feedthrough, port) for port in outlets]
     names = [external.name for external in drivers]
@@ -214,7 +211,8 @@ def _part(
 def _inlet(external: External, driver: Driver) -> Inlet:
     """Return the input that reads one output of another member."""
     assert driver.source is not None
-    everything, source = np.arange(external.y.size), driver.source.block.port(driver.source.name)
+    everything = np.arange(external.y.size)
+    source = driver.source.block.port(driver.source.name)
     return Inlet(external.y, (Driver(source, everything, everything, driver.where),))
 
 
@@ -263,3 +261,53 @@ def ordered(names: list[str], order: Sequence[str | Block] | None) -> list[int]:
     if sorted(wanted) != sorted(names):
         raise SimulationError(f"the order must name each member once; the members are: {', '.join(names)}")
     return [names.index(name) for name in wanted]
+
+
+def inputs_behind(system: System, feedthrough: Feedthrough, port: Port) -> dict[str, list[str]]:
+    """Return the external inputs with direct feedthrough to a port, and the path from each to the port.
+
+    Sampled blocks have direct feedthrough at their instants, so paths through them are included.
+
+    Parameters
+    ----------
+    system : System
+        The part.
+    feedthrough : dict
+        Inputs with direct feedthrough to each output of each block.
+    port : Port
+        A whole port of the part.
+    """
+    found: dict[str, list[str]] = {}
+    routes: dict[Port, list[str]] = {port: []}
+    waiting = [port]
+    while waiting:
+        at = waiting.pop(0)
+        if isinstance(at.block, External):
+            found[at.block.name] = routes[at]
+            continue
+        for source, through, where in _sources(system, feedthrough, at):
+            if source not in routes:
+                origin = source.block.name if isinstance(source.block, External) else source.path
+                hop = f"{origin} --wire--> {through}"
+                if not at.is_input:
+                    hop += f" ==feedthrough==> {at.path}"
+                routes[source] = [f"{hop}   [{where}]", *routes[at]]
+                waiting.append(source)
+    return found
+
+
+def _sources(system: System, feedthrough: Feedthrough, port: Port) -> list[tuple[Port, str, str]]:
+    """Return the outputs on which a port depends directly, each with the input and the line of the wire."""
+    path = port.block.path
+    block = port.block
+    if port.is_input:
+        names: list[str] = [port.name]
+    else:
+        needed = feedthrough[path][port.name]
+        names = [p.name for p in block.inputs() if p.name in needed]
+    return [
+        (driver.source.block.port(driver.source.name), f"{path}.{name}", driver.where)
+        for name in names
+        for driver in system.drivers[path, name]
+        if driver.source is not None
+    ]

@@ -1,14 +1,11 @@
 r"""Communication step control by step doubling of the whole coupled system.
 
 Each interval H is computed twice: in one step, and, from a snapshot of all members, in two steps of
-H/2. If the error of the scheme is proportional to :math:`H^p`, the error of the second result is about
+H/2. The error of all schemes is proportional to H, so the error of the second result is about
 
-.. math:: e = c |y_H - y_{H/2}|, \quad c = 1 / (2^p - 1).
+.. math:: e = |y_H - y_{H/2}|.
 
-The step is accepted if e is small enough. Otherwise the snapshot is restored and H reduced. Linear
-extrapolation uses earlier points, whose distance does not scale with H. If the last step was r H, its
-error is proportional to :math:`H^3 (1/3 + r/2)`, and to :math:`H^3 (7/48 + r/8)` for two halves.
-Hence :math:`c = (7 + 6 r) / (9 + 18 r)`.
+The step is accepted if e is small enough. Otherwise the snapshot is restored and H reduced.
 
 The errors of all steps add up to at most the tolerance. One half of the tolerance is proportional to
 time: an interval H of a run of length T may add H/T of this half. The other half is a reserve for starts
@@ -37,11 +34,20 @@ from trussflow.blocks.framework.types import Vector
 SAFETY_FACTOR = 0.8
 """Safety factor of the next step [-]."""
 
-RESERVE_SHARE, RESERVE_DRAW = 0.5, 0.1
-"""Part of the tolerance in the reserve, and part of the remaining reserve for one step [-]."""
+STEP_EXPONENT = 0.5
+"""Power of the error ratio by which the next step is chosen [-]: an error is proportional to H squared."""
 
-MAX_GROWTH, MIN_SHRINKAGE = 2.0, 0.2
-"""Largest and smallest ratio of successive steps [-]."""
+RESERVE_SHARE = 0.5
+"""Part of the tolerance in the reserve [-]."""
+
+RESERVE_DRAW = 0.1
+"""Part of the remaining reserve for one step [-]."""
+
+MAX_GROWTH = 2.0
+"""Largest ratio of successive steps [-]."""
+
+MIN_SHRINKAGE = 0.2
+"""Smallest ratio of successive steps [-]."""
 
 
 class FixedSteps:
@@ -105,18 +111,13 @@ class StepControl(FixedSteps):
         [-, unit of the signal].
     longest : int
         Longest step, in multiples of the grid [-].
-
-    Attributes
-    ----------
-    forgotten : list of int
-        Grid points at which two successive steps were rejected, as after a jump, and the rates of the
-        inputs were discarded [-].
     """
 
     def __init__(self, coupled: Coupled, relative: float, absolute: float, *, longest: int) -> None:
         super().__init__(coupled)
-        self.relative, self.absolute, self.longest = relative, absolute, longest
-        self.forgotten: list[int] = []
+        self.relative = relative
+        self.absolute = absolute
+        self.longest = longest
 
     def run(self, last: int, reached: Callable[[], None]) -> None:
         """Advance to a point of the grid.
@@ -137,10 +138,10 @@ class StepControl(FixedSteps):
         """
         coupled = self.coupled
         self._refuse_unable()
-        exponent = 1.0 / (1.0 + coupled.scheme.convergence)
         size = np.abs(coupled.signals)
         reserve = np.full(size.shape, RESERVE_SHARE)
-        number, before, failed = 2, 0, 0
+        number = 2
+        failed = False
         while coupled.k < last:
             number = min(number, _even(self.longest), last - coupled.k)
             saved = coupled.save()
@@ -151,24 +152,19 @@ class StepControl(FixedSteps):
                 if number == 2:
                     raise self._too_short(error) from error
                 self.steps["discarded_steps"] += 1
-                failed = max(failed, 1)
+                failed = True
                 number = _even(number // 2)
                 continue
             np.maximum(size, np.abs(coupled.signals), out=size)
-            change = np.abs(coupled.signals - whole) * self._constant(before, number)
-            spent = change / (self.absolute + self.relative * size)
+            spent = np.abs(coupled.signals - whole) / (self.absolute + self.relative * size)
             share = (1.0 - RESERVE_SHARE) * number / last
             ratios = spent / (share + RESERVE_DRAW * reserve)
             ratio = float(ratios.max(initial=0.0))
-            factor = SAFETY_FACTOR * max(ratio, 1e-10) ** -exponent
+            factor = SAFETY_FACTOR * max(ratio, 1e-10) ** -STEP_EXPONENT
             if ratio > 1.0:
                 coupled.restore(saved)
-                failed += 1
-                if failed == 2 and coupled.scheme.extrapolation:
-                    coupled.forget()
-                    self.forgotten.append(coupled.k)
-                    before = 0
-                elif number == 2:
+                failed = True
+                if number == 2:
                     raise self._too_inaccurate(int(np.argmax(ratios)), ratio)
                 self.steps["rejected_steps"] += 1
                 number = _even(min(int(number * max(factor, MIN_SHRINKAGE)), number - 2))
@@ -180,10 +176,9 @@ class StepControl(FixedSteps):
             reached()
             coupled.k, coupled.signals[:] = end
             reached()
-            before = number // 2
             # After a rejected step the next one does not grow, as it would often be rejected again.
             number = _even(int(number * min(factor, 1.0 if failed else MAX_GROWTH)))
-            failed = 0
+            failed = False
 
     def _refuse_unable(self) -> None:
         """Check that all members can be restored and have variable steps."""
@@ -208,18 +203,6 @@ class StepControl(FixedSteps):
         coupled.step(number // 2)
         return middle, whole
 
-    def _constant(self, before: int, number: int) -> float:
-        """Return the factor c of the difference of the two results in the error estimate."""
-        scheme = self.coupled.scheme
-        if scheme.extrapolation == 0:
-            return 1.0
-        if scheme.coupling == "iterate":
-            return 1.0 / 3.0
-        if before == 0:
-            return 1.0  # without an earlier point, the first step holds its inputs
-        ratio = before / number
-        return (7.0 + 6.0 * ratio) / (9.0 + 18.0 * ratio)
-
     def _smallest(self) -> str:
         coupled = self.coupled
         return f"at t = {coupled.time:g} s, with the smallest step of {coupled.time_of(2):g} s"
@@ -230,11 +213,10 @@ class StepControl(FixedSteps):
         return SimulationError(f"{error}; this was {self._smallest()}: shorter steps need a smaller step=...")
 
     def _too_inaccurate(self, place: int, error: float) -> SimulationError:
-        lines = "" if self.coupled.scheme.extrapolation else ", or use extrapolation=1"
         return SimulationError(
             f"cannot keep the tolerance {self._smallest()}: there the error of "
             f"{self.coupled.network.describe(place)} is {error:.3g} times the allowed one. Give a "
-            f"larger tolerance or absolute_tolerance, or a smaller step{lines}"
+            f"larger tolerance or absolute_tolerance, or a smaller step"
         )
 
 

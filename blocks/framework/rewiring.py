@@ -148,62 +148,6 @@ def _without(drivers: list[Driver], elements: Indices) -> list[Driver]:
     return kept
 
 
-class Line(Block):
-    r"""A straight line in time.
-
-    .. math:: y(t) = u + r (t - t_0)
-
-    Parameters
-    ----------
-    source : External
-        The external input with the same shape and unit.
-    """
-
-    value = Input("extent", unit=Attribute("own_unit"))
-    rate = Input("extent")
-    origin = Input(unit="s")
-    y = Output("extent", unit=Attribute("own_unit"))
-
-    def __init__(self, source: External) -> None:
-        self.extent, self.own_unit = source.extent, source.own_unit
-        super().__init__()
-        self.named(f"(line of {source.name})")
-
-    def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
-        """Return the point of the line at time t."""
-        return {"y": u.value + u.rate * (t - u.origin)}
-
-
-def with_lines(system: System) -> System:
-    """Return a system whose external inputs change linearly in time.
-
-    The external inputs of the new system are those of `system`, their rates in the same order, and the
-    origin of time of the lines.
-    """
-    sources = list(system.external.values())
-    if not sources:
-        return system
-    lines = {source.path: Line(source) for source in sources}
-    rates = [External(lines[s.path].port("rate"), f"rate of {s.name}") for s in sources]
-    origin = External(lines[sources[0].path].port("origin"), "origin of lines")
-    drivers = {
-        key: [
-            d
-            if d.source is None or d.source.block.path not in lines
-            else replace(d, source=lines[d.source.block.path].y)
-            for d in found
-        ]
-        for key, found in system.drivers.items()
-    }
-    for source, rate, line in zip(sources, rates, lines.values(), strict=True):
-        for name, given in (("value", source), ("rate", rate), ("origin", origin)):
-            everything = np.arange(line.port(name).size)
-            drivers[line.path, name] = [Driver(given.y, everything, everything, "outside")]
-    added: list[Block] = [*rates, origin, *lines.values()]
-    blocks = system.blocks | {block.path: block for block in added}
-    return replace(system, blocks=blocks, drivers=drivers)
-
-
 def part_of(system: System, paths: Collection[str]) -> tuple[System, dict[External, Driver]]:
     """Return some blocks of a system as a new system, whose open inputs are external inputs.
 

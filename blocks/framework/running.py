@@ -73,15 +73,12 @@ class SelfStepping(Running):
     ----------
     varies : bool
         Whether steps may have different lengths.
-    ramps : bool
-        Whether inputs may change linearly during a step; known after `start`.
     refreshes : bool
         Whether outputs with direct feedthrough follow new inputs before the next step. If not, they are
         those of the inputs of the last step. Known after `start`.
     """
 
     varies: bool = True
-    ramps: bool = False
     refreshes: bool = True
 
     def start(self, time: float, inputs: Vector) -> None:
@@ -96,15 +93,13 @@ class SelfStepping(Running):
         """
         raise NotImplementedError
 
-    def set(self, inputs: Vector, rates: Vector | None = None) -> None:
+    def set(self, inputs: Vector) -> None:
         """Set all inputs, from the present time on.
 
         Parameters
         ----------
         inputs : Vector
             All inputs at the present time [units as declared].
-        rates : Vector, optional
-            Rates of change from now on [units as declared, per second]; None to hold the inputs.
         """
         raise NotImplementedError
 

@@ -12,8 +12,9 @@ from trussflow.blocks.framework.system import Indices
 from trussflow.blocks.framework.types import Array, Vector
 from trussflow.blocks.linear_analysis.lifting import Jump
 from trussflow.blocks.linear_analysis.python_derivatives import Equation
-from trussflow.blocks.simulation.block_call import BlockCall
-from trussflow.blocks.simulation.prepared import Assembly
+from trussflow.blocks.simulation.block_instances import BlockCall
+from trussflow.blocks.simulation.prepared import Prepared
+from trussflow.blocks.simulation.solver import Solver
 from trussflow.blocks.tracing.evaluation import Evaluation
 from trussflow.blocks.tracing.plan import Plan
 from trussflow.blocks.tracing.program import Program
@@ -35,12 +36,13 @@ class Jacobians:
 
     Attributes
     ----------
-    assembly : Assembly
+    assembly : Prepared
         The plan with its clocks and Python blocks.
     """
 
     def __init__(self, plan: Plan, ports: Sequence[Port]) -> None:
-        self.assembly = Assembly(plan, [_rates_and_outputs(ports)], "interpreted")
+        solver = Solver(solver="RK45", backend="interpreted")
+        self.assembly = Prepared(plan, [_rates_and_outputs(ports)], solver)
         self._programs = {p.name: p for p in self.assembly.programs}
         self._tangents: dict[str, Tangents] = {}
 

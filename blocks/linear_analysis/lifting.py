@@ -18,7 +18,7 @@ import numpy as np
 from trussflow.blocks.framework.clock import ticks
 from trussflow.blocks.framework.errors import LinearAnalysisError
 from trussflow.blocks.framework.types import Vector
-from trussflow.blocks.simulation.prepared import Assembly
+from trussflow.blocks.simulation.prepared import Prepared
 
 MOST_INSTANTS = 100_000
 """Instants within a common period; each costs a product of matrices."""
@@ -48,7 +48,7 @@ class Pattern:
         return [b - a for a, b in pairwise(times)]
 
 
-def pattern(assembly: Assembly) -> Pattern | None:
+def pattern(assembly: Prepared) -> Pattern | None:
     """Return when the clocks tick within a common period; None without any.
 
     Raises

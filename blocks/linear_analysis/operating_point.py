@@ -19,10 +19,10 @@ from trussflow.blocks.framework.types import Array, Vector
 from trussflow.blocks.framework.validation import finite_array, positive, shown
 from trussflow.blocks.linear_analysis.trim_report import TrimReport
 from trussflow.blocks.simulation.executor import Executor
-from trussflow.blocks.simulation.prepared import Assembly
-from trussflow.blocks.simulation.python_executor import PythonExecutor
+from trussflow.blocks.simulation.prepared import Prepared
+from trussflow.blocks.simulation.python_blocks import PythonExecutor
 from trussflow.blocks.simulation.session import Session
-from trussflow.blocks.simulation.solver import SolverSettings, refuse_unknown, spelled_out
+from trussflow.blocks.simulation.solver import Solver, SolverSettings, refuse_unknown, spelled_out
 from trussflow.blocks.tracing.plan import Plan
 
 
@@ -170,7 +170,7 @@ class Surroundings:
 
     def __init__(self, plan: Plan) -> None:
         self.plan = plan
-        self._assembly = Assembly(plan, [], "numpy")
+        self._assembly = Prepared(self.plan, [], Solver(solver="RK45", backend="numpy"))
 
     def complete(
         self, at: OperatingPoint | None, ports: Sequence[Port], outputs: Mapping[str, Port]
@@ -199,7 +199,7 @@ class Surroundings:
                 d = self._settled(executor, at.time, x, d, p)
                 at.hold(plan, d)
             if isinstance(executor, PythonExecutor):
-                executor.continuous.refresh(at.time, x, d, p)
+                executor.refresh(at.time, x, d, p)
         d = plan.loops.put(at.time, x, d, p, frozenset())
         evaluation = plan.evaluate(at.time, x, d, p)
 

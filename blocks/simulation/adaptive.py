@@ -33,7 +33,8 @@ class AdaptiveError(ArithmeticError):
 
     def __init__(self, reason: str, t: float, x: Vector) -> None:
         super().__init__(reason)
-        self.t, self.x = t, x
+        self.t = t
+        self.x = x
 
 
 def integrate(
@@ -89,7 +90,8 @@ def integrate(
             yield now, x
         return
     options = {"jac": jacobian} if method in IMPLICIT and jacobian is not None else {}
-    x, wanted = x.copy(), next(times, None)
+    x = x.copy()
+    wanted = next(times, None)
     if watch is not None:
         x = watch.begin(now, x)
     while now < end:
@@ -98,7 +100,8 @@ def integrate(
         stop = end if watch is None else min(end, watch.next_time())
         for before, solver in _steps(method, derivative, (now, stop), x, tolerances, options):
             states = _dense(solver)
-            now, x = float(solver.t), solver.y
+            now = float(solver.t)
+            x = solver.y
             step = now - before
             event = None if watch is None else watch.after_step(before, now, x, states)
             if event is not None:

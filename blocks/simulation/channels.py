@@ -8,7 +8,7 @@ from itertools import chain, count
 
 import numpy as np
 
-from trussflow.blocks.framework.declarations import State
+from trussflow.blocks.framework.declarations import Mode, State
 from trussflow.blocks.framework.errors import SimulationError
 from trussflow.blocks.framework.port import Axes, Inferable, Output, Port
 from trussflow.blocks.framework.system import System
@@ -39,6 +39,11 @@ class Channel:
     port: Port
     columns: slice
     axes: Axes
+
+    @property
+    def is_mode(self) -> bool:
+        """Whether it is a mode, which may be infinite."""
+        return self.port.name in self.port.block.declared(Mode)
 
     def values(self, *pieces: Vector) -> Vector:
         """Return this channel's part of `pieces` of logged rows [as declared], one after the other."""
@@ -71,7 +76,8 @@ def channels(ports: Mapping[str, Port]) -> list[Channel]:
     SimulationError
         If a name cannot be used in a result file.
     """
-    found, start = [], 0
+    found = []
+    start = 0
     known: Axes = {}
     for name, port in ports.items():
         text: object = name

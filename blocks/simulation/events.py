@@ -15,16 +15,16 @@ from trussflow.blocks.tracing.plan import Plan
 if TYPE_CHECKING:
     from trussflow.blocks.simulation.executor import Executor
 
-PLACE = float(np.finfo(float).eps)
-"""The last place of a number, relative to it."""
+MACHINE_EPSILON = float(np.finfo(float).eps)
+"""Relative distance of neighbouring numbers [-]."""
 
-LOCATED_TO = 4 * PLACE
-"""Width of the bracket to which an event is narrowed down, relative to time."""
+LOCATION_TOLERANCE = 4 * MACHINE_EPSILON
+"""Width of the bracket of a located event, relative to time [-]."""
 
-MOST_EVENTS = 200
-"""Events as good as at one time after which they are taken to go on for ever."""
+MAX_EVENTS = 200
+"""Simultaneous events above which they count as endless [-]."""
 
-CLOSE = 1000 * PLACE
+SIMULTANEITY_TOLERANCE = 1000 * MACHINE_EPSILON
 """Tolerance below which events count as simultaneous, relative to the time and to the step [-]."""
 
 TURNED_SIDE = 0.25
@@ -50,14 +50,24 @@ class EventWatch:
     """
 
     def __init__(self, executor: Executor, plan: Plan, d: Vector, p: Vector) -> None:
-        self.executor, self.d, self.p = executor, d, p
+        self.executor = executor
+        self.d = d
+        self.p = p
         self._plan = plan
-        self._timed, self._directed = plan.kinds == TIMED, np.abs(plan.kinds) == RISING
-        self._may_fall, self._may_rise = plan.kinds <= EITHER, (plan.kinds == EITHER) | (plan.kinds == RISING)
-        self._first = np.where(plan.kinds == FALLING, 0.5, -0.5)
-        self._sides, self._fired, self._modes = d[plan.sides.span], d[plan.fired.span], d[plan.modes.span]
-        self._g, self._asked, self._quiet = np.zeros(0), False, np.zeros(len(plan.kinds), dtype=bool)
-        self._last, self._number = 0.0, 0
+        kinds = plan.kinds
+        self._timed = kinds == TIMED
+        self._directed = np.abs(kinds) == RISING
+        self._may_fall = kinds <= EITHER
+        self._may_rise = (kinds == EITHER) | (kinds == RISING)
+        self._first = np.where(kinds == FALLING, 0.5, -0.5)
+        self._sides = d[plan.sides.span]
+        self._fired = d[plan.fired.span]
+        self._modes = d[plan.modes.span]
+        self._g = np.zeros(0)
+        self._quiet = np.zeros(len(kinds), dtype=bool)
+        self._asked = False  # whether a Python block wants an event
+        self._last = 0.0  # time of the last event [s]
+        self._number = 0  # of simultaneous events
 
     def begin(self, t: float, x: Vector) -> Vector:
         """Handle events that are due, or come of a jump of d or p, at `t` [s]; return the states `x`."""
@@ -107,19 +117,22 @@ class EventWatch:
 
     def _mark(self, t: float) -> bool:
         """Mark in d which events happen with the indicators as they are; tell whether any does."""
-        g, sides = self._g, self._sides
+        g = self._g
+        sides = self._sides
         # What turned back at an event is beyond zero by round-off, and was handled at this very time.
         self._quiet = (np.abs(sides) == TURNED_SIDE) & (t == self._last)
         falls = self._may_fall & (sides > 0.0) & ((g < 0.0) | ((g == 0.0) & (sides == 1.0)))
         rises = self._may_rise & (sides < 0.0) & ((g > 0.0) | ((g == 0.0) & (sides == -1.0)))
         self._fired[:] = ((falls | rises) & ~self._quiet) | (
-            self._timed & (g <= t + LOCATED_TO * abs(t))  # a sample instant may be an event but for round-off
+            self._timed
+            & (g <= t + LOCATION_TOLERANCE * abs(t))  # a sample instant may be an event but for round-off
         )
         return bool(self._fired.any())
 
     def _adopt(self) -> None:
         """Take note where the indicators are whose events do not happen."""
-        sides, others = self._sides, (self._fired == 0.0) & ~self._quiet
+        sides = self._sides
+        others = (self._fired == 0.0) & ~self._quiet
         # Zero belongs to where it was going; at the start, to where an event leaves it.
         at_zero = np.where(np.abs(sides) == 1.0, -0.5 * sides, np.where(sides == 0.0, self._first, sides))
         sides[others] = np.where(self._g != 0.0, np.sign(self._g), at_zero)[others]
@@ -129,18 +142,25 @@ class EventWatch:
 
         With a `step` [s], the first are those of a step of that length; the others happen by a jump.
         """
-        executor, d, p, sides, fired = self.executor, self.d, self.p, self._sides, self._fired
+        executor = self.executor
+        d = self.d
+        p = self.p
+        sides = self._sides
+        fired = self._fired
         while True:
             happens = self._mark(t)
             self._adopt()
             if not happens and not self._asked:
                 return x
             last = self._last
-            close = t - last <= CLOSE * (abs(t) + (step or 0.0))
-            self._last, self._number = t, self._number + 1 if close else 1
+            close = t - last <= SIMULTANEITY_TOLERANCE * (abs(t) + (step or 0.0))
+            self._last = t
+            self._number = self._number + 1 if close else 1
             # An arc that is too short to be located ends where it began, still on its way up.
-            short = t - last <= 2 * LOCATED_TO * abs(t) and (fired * np.abs(sides) == TURNED_SIDE).any()
-            if self._number > MOST_EVENTS or short:
+            short = (
+                t - last <= 2 * LOCATION_TOLERANCE * abs(t) and (fired * np.abs(sides) == TURNED_SIDE).any()
+            )
+            if self._number > MAX_EVENTS or short:
                 endless(t)
             times = self._g[self._timed & (fired > 0.0)]
             after = executor.call("on_event", float(times.max(initial=t)), x, d, p)
@@ -152,7 +172,9 @@ class EventWatch:
                     "log up to there is kept"
                 )
             self._indicate(t, x)
-            g, old, own = self._g, np.where(sides > 0.0, 1.0, -1.0), fired > 0.0
+            g = self._g
+            old = np.where(sides > 0.0, 1.0, -1.0)
+            own = fired > 0.0
             if step is not None:  # where do they go from here?
                 soon = x + DIRECTION_STEP * step * executor.call("derivative", t, x, d, p)
                 ahead = executor.call("indicators", t + DIRECTION_STEP * step, soon, d, p)
@@ -177,13 +199,12 @@ class EventWatch:
             return end, x
         old = np.sign(self._sides[crossing])
         strict = np.abs(self._sides[crossing]) < 1.0  # what is at zero already has to leave it
-        low, high, a, b = (
-            begin,
-            end,
-            float(np.min(old * start[crossing])),
-            float(np.min(old * self._g[crossing])),
-        )
-        width, kept, turn = LOCATED_TO * max(abs(begin), abs(end)), 0, 1
+        low = begin
+        high = end
+        a = float(np.min(old * start[crossing]))
+        b = float(np.min(old * self._g[crossing]))
+        width = LOCATION_TOLERANCE * max(abs(begin), abs(end))
+        kept, turn = 0, 1  # which end of the bracket moved last (1: the upper), and the iteration
         while high - low > width:
             middle = low + (high - low) / 2
             if turn % 4 and a > 0.0 > b:
@@ -193,11 +214,16 @@ class EventWatch:
             beyond = old * self.executor.call("indicators", middle, there, self.d, self.p)[crossing]
             nearest = float(beyond.min())
             if nearest < 0.0 or ((beyond == 0.0) & ~strict).any():
-                high, x, b = middle, there, nearest
-                a, kept = a / 2 if kept == 1 else a, 1
+                high = middle
+                x = there
+                b = nearest
+                a = a / 2 if kept == 1 else a
+                kept = 1
             else:
-                low, a = middle, nearest
-                b, kept = b / 2 if kept == -1 else b, -1
+                low = middle
+                a = nearest
+                b = b / 2 if kept == -1 else b
+                kept = -1
             turn += 1
         return high, x
 

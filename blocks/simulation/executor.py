@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import copy
 import ctypes
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from fractions import Fraction
 from functools import partial
 from typing import Any, NamedTuple, Self
@@ -20,8 +20,8 @@ from numpy.typing import NDArray
 
 from trussflow.blocks.framework.errors import DivergenceError, SimulationError
 from trussflow.blocks.framework.types import Vector
+from trussflow.blocks.simulation.block_instances import OpenBlocks
 from trussflow.blocks.simulation.events import EventWatch, endless, not_a_number
-from trussflow.blocks.simulation.open_blocks import OpenBlocks
 from trussflow.blocks.simulation.solver import fixed_step
 from trussflow.blocks.tracing.codegen import c_sources, content
 from trussflow.blocks.tracing.compiler import compile_library
@@ -142,26 +142,22 @@ class Executor:
         """Tell Python blocks that a step is accepted; return whether one asks for an event."""
         return False
 
-    def save(self) -> dict[str, Any]:
-        """Return what Python blocks keep besides states, by path."""
-        return self.blocks.save()
-
-    def restore(self, saved: Mapping[str, Any]) -> None:
-        """Give Python blocks back what they kept."""
-        self.blocks.restore(saved)
-
     def close(self) -> None:
         """End the run: Python blocks release what they took."""
         self.blocks.close()
 
     def advance(self, span: Span, x: Vector, d: Vector, p: Vector, log: Vector) -> Progress:
         """Take the steps of a span in place; rows of `log` [as declared] are filled in order."""
-        row, k, fault = 0, 0, "d"
+        row = 0
+        k = 0
+        fault = "d"
         try:
             for k in range(span.end - span.begin):
                 fault = "d"
-                number, place = span.first + k, span.begin + k
-                t, following = float(number * span.tick), float((number + 1) * span.tick)
+                number = span.first + k
+                place = span.begin + k
+                t = float(number * span.tick)
+                following = float((number + 1) * span.tick)
                 if span.due[place]:
                     updated = self.call(f"sample_{span.due[place]}", t, x, d, p)
                     if self.plan is not None and not self.plan.sound(updated):
@@ -193,9 +189,11 @@ class Executor:
             x = self._step(method, times, x, d, p)
             self.keep_loops(end, x, d, p)
             return x
-        whole, x = h, watch.begin(t, x)
+        whole = h
+        x = watch.begin(t, x)
         while t < end:
-            stop, start = min(end, watch.next_time()), x
+            stop = min(end, watch.next_time())
+            start = x
 
             def state(time: float, t: float = t, start: Vector = start) -> Vector:
                 return self._step(method, (t, time, time - t), start, d, p)
@@ -206,7 +204,8 @@ class Executor:
             event = watch.after_step(t, stop, x, state)
             t = stop
             if event is not None:
-                t, x = event[0], watch.handle(*event, whole)
+                t = event[0]
+                x = watch.handle(*event, whole)
             self.keep_loops(t, x, d, p)
             h = end - t
         return x
@@ -248,7 +247,8 @@ class InterpretedExecutor(Executor):
     name = "interpreted"
 
     def __init__(self, programs: Sequence[Program], plan: Plan | None = None) -> None:
-        self._programs, self.plan = programs, plan
+        self._programs = programs
+        self.plan = plan
         self._functions = {p.name: InPlace(p.function) for p in programs}
 
     def fresh(self) -> Self:
@@ -298,13 +298,15 @@ class CompiledExecutor(Executor):
     name = "compiled"
 
     def __init__(self, programs: Sequence[Program], plan: Plan | None = None, lanes: int = 1) -> None:
-        self.plan, self._lanes = plan, lanes
+        self.plan = plan
+        self._lanes = lanes
         self._kinds = np.zeros(1, dtype=np.int8) if plan is None else plan.kinds
         self._sides = 0 if plan is None else plan.sides.span.start
         functions = ("tf_work_size", "tf_advance", "tf_evaluate")
         made = compile_library(content(programs, lanes), partial(c_sources, programs, lanes), functions)
         library = ctypes.CDLL(str(made))
-        pointer, whole = ctypes.c_void_p, ctypes.c_longlong
+        pointer = ctypes.c_void_p
+        whole = ctypes.c_longlong
         library.tf_work_size.restype = whole
         self._work_size: int = library.tf_work_size()
         self._advance = library.tf_advance
@@ -323,7 +325,8 @@ class CompiledExecutor(Executor):
     def _take_memory(self) -> None:
         raw = np.zeros(self._work_size + 64, dtype=np.uint8)
         self._work = raw[-raw.ctypes.data % 64 :]  # on a 64-byte boundary, for aligned vector moves
-        self._bad, self._fault = np.zeros(self._bad_size * self._lanes), ctypes.c_int(0)
+        self._bad = np.zeros(self._bad_size * self._lanes)
+        self._fault = ctypes.c_int(0)
         self._own = self._work.ctypes.data, ctypes.addressof(self._fault), self._bad.ctypes.data
         self._addresses = [_Address() for _ in range(6)]  # looking one up takes longer than a call
         self._results = {}
@@ -393,5 +396,6 @@ class _Address:
 
     def __call__(self, array: NDArray[Any]) -> int:
         if array is not self._array:
-            self._array, self._address = array, array.ctypes.data
+            self._address = array.ctypes.data
+            self._array = array  # last: Ctrl-C leaves no address of another array
         return self._address

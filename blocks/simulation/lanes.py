@@ -5,16 +5,17 @@ from __future__ import annotations
 import contextlib
 import time
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from trussflow.blocks.framework.types import Array
-from trussflow.blocks.simulation.executor import CompiledExecutor, Span
+from trussflow.blocks.framework.types import Vector
+from trussflow.blocks.simulation.executor import CompiledExecutor, Progress
+from trussflow.blocks.simulation.log import Log
 from trussflow.blocks.simulation.prepared import Prepared
-from trussflow.blocks.simulation.progress import paced
-from trussflow.blocks.simulation.run import longest_chunk
-from trussflow.blocks.simulation.simulator import Begun, Simulator
+from trussflow.blocks.simulation.run import Run
+from trussflow.blocks.simulation.simulator import Simulator
 from trussflow.blocks.tracing.compiler import lanes
 
 if TYPE_CHECKING:
@@ -52,7 +53,8 @@ class Lanes:
     """
 
     def __init__(self, simulator: Simulator) -> None:
-        self._simulator, self.count = simulator, lanes()
+        self._simulator = simulator
+        self.count = lanes()
         prepared = simulator.prepared
         self._executor = CompiledExecutor(prepared.programs, prepared.plan, self.count)
 
@@ -75,66 +77,93 @@ class Lanes:
         """
         found: list[xr.Dataset | None] = [None] * len(each)
         with contextlib.ExitStack() as stack:
-            begun: dict[int, Begun] = {}
+            runs: dict[int, Run] = {}
             for lane, (parameters, initial) in enumerate(each):
                 with contextlib.suppress(Exception):
-                    opened = self._simulator.begun(duration, parameters, initial, not_finite=not_finite)
-                    begun[lane] = stack.enter_context(opened)
-            if begun:
-                self._advance(begun)
-            for lane, one in begun.items():
+                    opened = self._simulator.opened(duration, parameters, initial, not_finite=not_finite)
+                    runs[lane] = stack.enter_context(opened)
+            if runs:
+                with contextlib.suppress(_AllFailedError):
+                    self._advance(runs)
+            for lane, run in runs.items():
                 with contextlib.suppress(Exception):
-                    found[lane] = one.to_end()
+                    found[lane] = run.to_end()
         return found
 
-    def _advance(self, begun: dict[int, Begun]) -> None:
-        """Advance all to their end but for its instant; those that cannot go on are taken out of `begun`."""
-        started, number, executor = time.perf_counter(), len(begun), self._executor.fresh()
-        first = next(iter(begun.values()))
-        run, prepared = first.run, first.run.prepared
-        tick, every = prepared.tick, prepared.ticks(run.log_step, "log_step")
-        columns = [begun.get(lane, first).run for lane in range(self.count)]
-        x, d, p = (np.stack([getattr(one, name) for one in columns], axis=-1) for name in "xdp")
-        k, last, chunk, sampled = 0, int((first.end - run.origin) // tick), 16, False
-        longest = longest_chunk(every, first.log.width * self.count)
-        while k < last and begun:
-            length = min(chunk, last - k)
-            due, logged = prepared.schedule.due(k, length), np.zeros(length, dtype=np.uint8)
-            logged[-k % every :: every] = 1
-            if sampled:
-                due[0] = 0
-            rows = np.empty((int(logged.sum()), first.log.width, self.count))
-            span = Span(prepared.solver.solver, tick, run.first + k, 0, length, due, logged)
-            asked = time.perf_counter()
-            progress = executor.advance(span, x, d, p, rows)
-            steps = int(progress.steps)
-            ticks = k + np.flatnonzero(logged[:steps])
-            times = (run.first + ticks) * tick.numerator / tick.denominator
-            for lane, one in [*begun.items()]:
-                if not _kept(one, times, rows[: times.size, :, lane]):
-                    del begun[lane]
-            # What was sampled before a step that failed is not sampled again by those that go on.
-            k, sampled = k + steps, progress.fault == "x"
-            if progress.fault:
-                assert progress.bad is not None
-                good = np.isfinite(progress.bad.reshape(-1, self.count)).all(axis=0)
-                for lane in np.flatnonzero(~good).tolist():
-                    begun.pop(lane, None)
-                    for array in (x, d, p):  # it goes on as another one, so that it stays finite
-                        array[:, lane] = array[:, np.argmax(good)]
-            elif length == chunk:
-                chunk = paced(chunk, time.perf_counter() - asked, longest)
-        for lane, one in begun.items():
-            one.run.x[:], one.run.d[:] = x[:, lane], d[:, lane]
-            one.run.go_to(first.end)
-            one.seconds = (time.perf_counter() - started) / number
+    def _advance(self, runs: dict[int, Run]) -> None:
+        """Advance all to just before the instant of their end; failed ones are taken out of `runs`."""
+        started = time.perf_counter()
+        number = len(runs)
+        first = next(iter(runs.values()))
+        columns = [runs.get(lane, first) for lane in range(self.count)]
+        x, d, p = (np.stack([getattr(run, name) for run in columns], axis=-1) for name in "xdp")
+        together = _RunsTogether(
+            first.prepared,
+            self._executor.fresh(),
+            x,
+            d,
+            p,
+            log=_LogOfEach(runs, self.count),
+            log_step=first.log_step,
+            origin=first.origin,
+            runs=runs,
+        )
+        together.advance(first.end)
+        for lane, run in runs.items():
+            run.x[:] = x[:, lane]
+            run.d[:] = d[:, lane]
+            run.go_to(first.end)
+            run.seconds = (time.perf_counter() - started) / number
 
 
-def _kept(one: Begun, times: Array, rows: Array) -> bool:
-    """Log `rows` [as declared] of `times` [s]; False if the log ends the run."""
-    with contextlib.suppress(Exception):
-        one.log.reserve(len(rows))[:] = rows
-        if len(rows):
-            one.log.keep(times, len(rows))
-        return True
-    return False
+class _AllFailedError(Exception):
+    """No run is left to be advanced."""
+
+
+class _LogOfEach(Log):
+    """The logs of several runs, whose rows have a last axis of lanes."""
+
+    def __init__(self, runs: dict[int, Run], count: int) -> None:
+        super().__init__([], {})
+        self._runs = runs
+        self._count = count
+        (self._row_width,) = {run.log.width for run in runs.values() if run.log is not None}
+        self.width = self._row_width * count
+
+    def reserve(self, number: int) -> Vector:
+        self._rows = np.empty((number, self._row_width, self._count))
+        return self._rows
+
+    def keep(self, times: Vector | float, number: int = 1) -> None:
+        """Log the first rows reserved, in the log of each run; a run whose log raises ends."""
+        for lane, run in [*self._runs.items()]:
+            assert run.log is not None
+            try:
+                run.log.reserve(number)[:] = self._rows[:number, :, lane]
+                run.log.keep(times, number)
+            except Exception:  # noqa: BLE001 - alone, the run reports it
+                del self._runs[lane]
+        if not self._runs:
+            raise _AllFailedError
+
+
+@dataclass(slots=True)
+class _RunsTogether(Run):
+    """Several `runs`, by lane, as one whose arrays have a last axis of lanes."""
+
+    runs: dict[int, Run] = field(default_factory=dict)
+
+    def _failed(self, progress: Progress, k: int, is_logged: bool) -> None:
+        """Take the failed runs out, and let the others repeat the step from tick `k` [-]."""
+        if progress.bad is None:
+            assert progress.error is not None
+            raise progress.error
+        good = np.isfinite(progress.bad.reshape(-1, self.x.shape[-1])).all(axis=0)
+        for lane in np.flatnonzero(~good).tolist():
+            self.runs.pop(lane, None)
+            for array in (self.x, self.d, self.p):  # a copy of a good lane stays finite
+                array[:, lane] = array[:, np.argmax(good)]
+        if not self.runs:
+            raise _AllFailedError
+        self.go_to(self.origin + k * self.prepared.tick)
+        self.sampled = k if progress.fault == "x" else None  # what was sampled there is not sampled again

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     import xarray as xr
 
 
-NOT_FINITE = "stop", "warn", "ignore"
+NAN_POLICIES = "stop", "warn", "ignore"
 """Reactions to logged signals that are not finite."""
 
 BUFFER_ROWS = 1024
@@ -38,13 +38,13 @@ Messages = Mapping[str, Sequence[str]]
 """Messages of a run, keyed by block or subsystem."""
 
 
-STATUS: dict[type[BaseException], str] = {
+STATUS_BY_ERROR: dict[type[BaseException], str] = {
     KeyboardInterrupt: "interrupted",
     DivergenceError: "diverged",
     RunEndedError: "ended",
     TimeLimitError: "timeout",
 }
-"""Status of a run by the exception that ended it; "failed" for all other errors."""
+"""Status of a run, by the exception that ended it; "failed" for all other errors."""
 
 
 class Log:
@@ -78,7 +78,7 @@ class Log:
     def __init__(
         self, channels: Sequence[Channel], attributes: Mapping[str, Any], not_finite: str = "ignore"
     ) -> None:
-        one_of("way to treat what is not finite", not_finite, NOT_FINITE)
+        one_of("way to treat what is not finite", not_finite, NAN_POLICIES)
         self.channels, self._policy, self._fault = channels, not_finite, ""
         self.attributes = dict(attributes)
         self.width = channels[-1].columns.stop if channels else 0
@@ -136,6 +136,10 @@ class Log:
             if np.isfinite(rows.sum()):  # a third of the time that it takes to look at each
                 return
         bad = ~np.isfinite(rows)
+        for channel in self.channels:
+            if channel.is_mode:
+                columns = channel.columns
+                bad[:, columns] = np.isnan(rows[:, columns])
         if not bad.any():
             return
         row = int(np.argmax(bad.any(axis=1)))
@@ -215,7 +219,7 @@ class Log:
             if isinstance(error, TrussflowError):
                 self.abandon(earlier, t, messages, **attributes)
                 raise earlier from error
-        status = next((word for kind, word in STATUS.items() if isinstance(error, kind)), "failed")
+        status = next((word for kind, word in STATUS_BY_ERROR.items() if isinstance(error, kind)), "failed")
         result = self.finish(messages, status=status, **attributes)
         if isinstance(error, KeyboardInterrupt):
             raise SimulationInterrupted(

@@ -1,4 +1,4 @@
-"""Preparing: from a diagram to what all its runs share. It never changes when they run."""
+"""A prepared diagram: the plan, schedule and compiled code that all its runs share and never change."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import functools
 import hashlib
 from collections.abc import Callable, Sequence
 from fractions import Fraction
-from typing import Any
+from typing import Any, Self
 
 import casadi as ca
 import numpy as np
@@ -19,7 +19,8 @@ from trussflow.blocks.framework.interrupts import interruptible
 from trussflow.blocks.framework.system import System
 from trussflow.blocks.framework.types import Vector
 from trussflow.blocks.simulation.adaptive import IMPLICIT
-from trussflow.blocks.simulation.channels import Chosen, chosen_channels
+from trussflow.blocks.simulation.block_instances import OpenBlocks
+from trussflow.blocks.simulation.channels import Channel, Chosen, chosen_channels
 from trussflow.blocks.simulation.executor import (
     CompiledExecutor,
     Executor,
@@ -27,10 +28,11 @@ from trussflow.blocks.simulation.executor import (
     InterpretedExecutor,
     NumPyExecutor,
 )
-from trussflow.blocks.simulation.open_blocks import OpenBlocks
-from trussflow.blocks.simulation.python_continuous import ContinuousPythonBlocks
-from trussflow.blocks.simulation.python_executor import PythonExecutor
-from trussflow.blocks.simulation.python_sampled import SampledPythonBlocks
+from trussflow.blocks.simulation.python_blocks import (
+    ContinuousPythonBlocks,
+    PythonExecutor,
+    SampledPythonBlocks,
+)
 from trussflow.blocks.simulation.results import own_version
 from trussflow.blocks.simulation.schedule import Schedule
 from trussflow.blocks.simulation.solver import Solver
@@ -59,8 +61,12 @@ def _numbers(value: Any) -> Any:
     return value if isinstance(value, bool | int | float | complex | str | bytes | Fraction) else None
 
 
-class Assembly:
-    """A plan with its clocks and its Python blocks, and what evaluates it.
+def _hash(text: str) -> str:
+    return hashlib.sha256(text.encode()).hexdigest()[:16]
+
+
+class Prepared:
+    """A plan with its clocks and Python blocks, and its compiled equations: what all its runs share.
 
     Parameters
     ----------
@@ -68,10 +74,10 @@ class Assembly:
         The plan.
     quantities : sequence of Quantity
         Quantities to compute besides those that sampled and Python blocks need.
-    backend : str
-        As for `Solver`.
-    step : Fraction, optional
-        Step of a fixed-step solver [s]: instants are counted in it.
+    solver : Solver
+        Solver and backend of the runs. Instants are counted in the steps of a fixed-step solver.
+    channels : sequence of Channel
+        Logged ports, whose values are the quantity "outputs".
 
     Attributes
     ----------
@@ -79,6 +85,8 @@ class Assembly:
         Schedule of the sampled blocks, and whether there are any.
     sampled, continuous : SampledPythonBlocks, ContinuousPythonBlocks
         The Python blocks.
+    step : Fraction or None
+        Step of a fixed-step solver [s].
     tick, tick_seconds : Fraction, float
         Time unit of the integer ticks [s].
 
@@ -89,11 +97,16 @@ class Assembly:
     """
 
     def __init__(
-        self, plan: Plan, quantities: Sequence[Quantity], backend: str, step: Fraction | None = None
+        self, plan: Plan, quantities: Sequence[Quantity], solver: Solver, channels: Sequence[Channel] = ()
     ) -> None:
-        self.plan, self.backend = plan, backend
+        self.plan = plan
+        self.solver = solver
+        self.channels = channels
         clocks = plan.system.clocks
-        self.tick = step or common_tick([t for c in clocks for t in (c.period, c.offset)] or [Fraction(1)])
+        self.step = exact(solver.step) if solver.step is not None and solver.is_fixed else None
+        self.tick = self.step or common_tick(
+            [t for c in clocks for t in (c.period, c.offset)] or [Fraction(1)]
+        )
         self.tick_seconds = float(self.tick)
         self.schedule = Schedule(clocks, self.tick, shared=bool(plan.waits.size))
         self.has_clocks = bool(clocks)
@@ -110,6 +123,36 @@ class Assembly:
             *([guesses()] if plan.guesses.size else []),
         ]
 
+    @classmethod
+    @interruptible()
+    def of(cls, diagram: Diagram | System, solver: Solver, chosen: Chosen | None) -> Self:
+        """Return a diagram that is traced, and compiled where there is a compiler.
+
+        Parameters
+        ----------
+        diagram : Diagram or System
+            Diagram to simulate.
+        solver : Solver
+            Solver of the run.
+        chosen : mapping, sequence or None
+            The ports that results hold; None: every output.
+
+        Raises
+        ------
+        SimulationError
+            If an argument makes no sense.
+        DiagramError
+            If the diagram cannot be built: open inputs, algebraic loops.
+        TracingError
+            If the equations of a block cannot be traced.
+        """
+        plan = Plan(diagram)
+        plan.loops.refuse_idle_starts()
+        channels = chosen_channels(plan.system, chosen)
+        prepared = cls(plan, [derivative(), outputs([c.port for c in channels])], solver, channels)
+        prepared.traced  # noqa: B018 - compilation takes long, so it does not wait for the first run
+        return prepared
+
     @functools.cached_property
     def programs(self) -> list[Program]:
         """The traced programs of (t, x, d, p)."""
@@ -117,88 +160,45 @@ class Assembly:
 
     @functools.cached_property
     def traced(self) -> Executor:
-        """Executor of the traced equations, new for each run."""
-        if self.backend == "numpy":
+        """Executor of the traced equations, from which each run gets its own."""
+        backend = self.solver.backend
+        if backend == "numpy":
             return NumPyExecutor(self.plan, self.quantities)
-        if self.backend != "interpreted":
+        if backend != "interpreted":
             try:
                 return CompiledExecutor(self.programs, self.plan)
             except CompilationError as error:
-                if self.backend == "compiled":
+                if backend == "compiled":
                     raise
                 slow = "simulations run in CasADi's interpreter, 20 times slower if large, 400 times if small"
                 warn_once("compiler", f"{slow}: {error}")
         return InterpretedExecutor(self.programs, self.plan)
 
     def open(self, p: Vector) -> Executor:
-        """Return what evaluates one run with parameters `p` [as declared]; it must be closed.
+        """Return the executor of one run with parameters `p` [as declared]; it must be closed.
 
         Raises
         ------
         SimulationError
             If a Python block cannot be opened.
         """
-        python_blocks, traced = self.plan.python_blocks, self.traced.fresh()
-        if not python_blocks:
+        traced = self.traced.fresh()
+        if not self.plan.python_blocks:
             return traced
-        blocks = OpenBlocks((block, self.plan.p.signals(block.path, p)) for block in python_blocks)
+        blocks = OpenBlocks((block, self.plan.p.signals(block.path, p)) for block in self.plan.python_blocks)
         return PythonExecutor(traced, self.sampled, self.continuous, blocks)
 
-
-class Prepared(Assembly):
-    """A diagram made ready to run: traced, and compiled where there is a compiler.
-
-    Parameters
-    ----------
-    diagram : Diagram or System
-        Diagram to simulate.
-    solver : Solver
-        Solver of the run.
-    chosen : mapping, sequence or None
-        The ports that results hold; None: every output.
-
-    Raises
-    ------
-    SimulationError
-        If an argument makes no sense.
-    DiagramError
-        If the diagram cannot be built: open inputs, algebraic loops.
-    TracingError
-        If the equations of a block cannot be traced.
-    """
-
-    @interruptible()
-    def __init__(self, diagram: Diagram | System, solver: Solver, chosen: Chosen | None) -> None:
-        self.solver = solver
-        plan = Plan(diagram)
-        plan.loops.refuse_idle_starts()
-        self.step = exact(solver.step) if solver.step is not None and solver.is_fixed else None
-        self.channels = chosen_channels(plan.system, chosen)
-        logged = outputs([c.port for c in self.channels])
-        super().__init__(plan, [derivative(), logged], solver.backend, self.step)
-        self.traced  # noqa: B018 - what takes long is done here, not in the first run
-
     def described(self, what: str, state: str = "") -> Description:
-        """Return how it is solved, how much there is of what, `what` it is and in which `state`."""
-        solver, plan = self.solver, self.plan
+        """Return the solver, the sizes and the signals, for an object `what` in a `state`."""
+        solver = self.solver
+        plan = self.plan
         accuracy = (
             f"step {float(self.step):g} s" if self.step else f"rtol {solver.rtol:g}, atol {solver.atol:g}"
         )
-        parts = (
-            "x",
-            "modes",
-            "memory",
-            "held",
-            "clocks",
-            "events",
-            "marks of these",
-            "loops",
-            "inputs",
-            "parameters",
-        )
-        sizes = zip(parts, plan.layouts, strict=True)
+        names = "x", "modes", "memory", "held", "clocks", "events", "marks of these", "loops", "inputs"
+        sizes = zip((*names, "parameters"), plan.layouts, strict=True)
         facts = {
-            "solver": f"{solver.solver}, {accuracy}, backend {self.backend}",
+            "solver": f"{solver.solver}, {accuracy}, backend {solver.backend}",
             "numbers": ", ".join(f"{layout.size} in {name}" for name, layout in sizes if layout.size),
             "rates": ", ".join(f"{float(clock.period):g} s" for clock in plan.system.clocks),
             "inputs": ", ".join(plan.system.external),
@@ -234,13 +234,13 @@ class Prepared(Assembly):
             own, slots = state if isinstance(state, tuple) else (state, {})
             made = (own or {}) | slots | {"parameters": None}  # each run has its own
             codes += [type(block).__name__, block.fingerprint, repr(_numbers(made))]
-        return hashlib.sha256("\0".join(codes).encode()).hexdigest()[:16]
+        return _hash("\0".join(codes))
 
     @functools.cached_property
     def logged(self) -> str:
         """A hash of the traced equations of what is logged, which no state depends on."""
         (code,) = (p.code for p in self.programs if p.name == "outputs")
-        return hashlib.sha256(code.encode()).hexdigest()[:16]
+        return _hash(code)
 
     @functools.cached_property
     def layout(self) -> str:
@@ -248,7 +248,7 @@ class Prepared(Assembly):
         plan = self.plan
         arrays = [[(e.path, e.name, e.shape) for e in layout] for layout in plan.layouts]
         clocks = [(path, plan.system.clock(block)) for path, block in plan.system.blocks.items()]
-        return hashlib.sha256(repr((arrays, clocks, self.tick)).encode()).hexdigest()[:16]
+        return _hash(repr((arrays, clocks, self.tick)))
 
     @functools.cached_property
     def _jacobian(self) -> ca.Function:
@@ -257,13 +257,14 @@ class Prepared(Assembly):
 
     def jacobian(self) -> Callable[[float, Vector, Vector, Vector], Vector]:
         """Return, for one run, the function of t, x, d and p that is the exact derivative of dx/dt by x."""
-        flat, n = InPlace(self._jacobian), self.plan.x.size
+        flat = InPlace(self._jacobian)
+        n = self.plan.x.size
         return lambda t, x, d, p: flat(t, x, d, p).reshape((n, n), order="F")
 
     @property
     def has_jacobian(self) -> bool:
         """Whether the solver is given the exact derivative."""
-        return self.solver.solver in IMPLICIT and self.backend != "numpy" and not self.continuous
+        return self.solver.solver in IMPLICIT and self.solver.backend != "numpy" and not self.continuous
 
     def ticks(self, time: Fraction, what: str) -> int:
         """Return how many ticks a `time` [s] is; `what` it is, for messages.

@@ -36,7 +36,8 @@ class ProgressBar(tqdm):  # type: ignore[type-arg]
     """
 
     def __init__(self, name: str, duration: float, shown: bool, time_limit: float | None = None) -> None:
-        self._limit, self._begun = time_limit, time.monotonic()
+        self._limit = time_limit
+        self._begun = time.monotonic()
         super().__init__(
             total=duration,
             desc=name,

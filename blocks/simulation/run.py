@@ -14,27 +14,39 @@ from __future__ import annotations
 
 import contextlib
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from fractions import Fraction
-from typing import NoReturn
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from trussflow.blocks.framework.errors import DivergenceError, SimulationError, TrussflowError
-from trussflow.blocks.framework.layout import Layout
+from trussflow.blocks.framework.clock import written
+from trussflow.blocks.framework.errors import (
+    DivergenceError,
+    RunStoppedError,
+    SimulationError,
+    TrussflowError,
+)
+from trussflow.blocks.framework.interrupts import interruptible
 from trussflow.blocks.framework.types import Vector
 from trussflow.blocks.simulation.adaptive import AdaptiveError, integrate
 from trussflow.blocks.simulation.executor import Executor, NumPyExecutor, Progress, Span
 from trussflow.blocks.simulation.log import Log
-from trussflow.blocks.simulation.missed_jumps import breakpoints_of
 from trussflow.blocks.simulation.prepared import Prepared
 from trussflow.blocks.simulation.progress import ProgressBar, paced
-from trussflow.blocks.simulation.snapshot import Snapshot
+from trussflow.blocks.simulation.state_bytes import Snapshot
+from trussflow.blocks.simulation.step_size_warnings import breakpoints_of, warn_of_coarse_steps
 from trussflow.blocks.tracing.quantities import derivative
+
+if TYPE_CHECKING:
+    import xarray as xr
 
 CHUNK_NUMBERS = 500_000
 """Logged numbers between two looks at the keyboard at most; 4 MB."""
+
+MIN_CHUNK = 16
+"""Fewest ticks between two looks at the keyboard [-]."""
 
 WINDOW_TICKS = 1024
 """Number of ticks whose due blocks are determined at once [-]."""
@@ -42,9 +54,18 @@ WINDOW_TICKS = 1024
 SHORT_STEP = 1e-6
 """Steps of an adaptive solver below this share of the run are short [-]."""
 
-SHORT_STEPS, TESTED_STEPS, MIN_JUMPS = 1000, 100, 20
-"""Short steps in succession after which others are tested for jumps of a derivative, and how many of these
-may jump [-]: one that crosses a jump again and again gets nowhere."""
+MAX_SHORT_STEPS = 1000
+"""Short steps in succession after which the following ones are tested for jumps of a derivative [-]."""
+
+TESTED_STEPS = 100
+"""Number of steps that are tested [-]."""
+
+MIN_JUMPS = 50
+"""Tested steps with a jump from which on the run is ended [-].
+
+A solver that is stuck at a jump crosses it in 63 to 100 of 100 steps. If it advances from one jump to the
+next, small steps follow each jump, and at most 27 of 100 steps cross one.
+"""
 
 JUMP_TOLERANCE = 1e-9
 """Relative change of a derivative that is round-off, not a jump [-]."""
@@ -63,7 +84,7 @@ NO_ROWS = np.empty((0, 0))
 
 def longest_chunk(every: int, width: int) -> int:
     """Return the most ticks between two looks, if `width` numbers are logged `every` so many [-]."""
-    return max(16, CHUNK_NUMBERS * every // max(1, width))
+    return max(MIN_CHUNK, CHUNK_NUMBERS * every // max(1, width))
 
 
 @dataclass(slots=True)
@@ -93,6 +114,14 @@ class Run:
         Ticks since then [-].
     beyond : Fraction
         Time since the last tick [s].
+    end : Fraction
+        Final time of a run, for `to_end` [s].
+    checkpoint_every : Fraction or None
+        Simulated time between checkpoints [s].
+    identity : mapping
+        Identity that checkpoints of this run must have.
+    seconds : float
+        Wall time that was spent on it before `to_end` [s].
     time : float
         Last good time [s].
     sampled : int or None
@@ -112,9 +141,13 @@ class Run:
     first: int = 0
     k: int = 0
     beyond: Fraction = field(default=Fraction(0))
-    time: float = field(default=0.0)
-    sampled: int | None = field(default=None)
-    failed: tuple[float, Vector] | None = field(default=None)
+    end: Fraction = field(default=Fraction(0))
+    checkpoint_every: Fraction | None = None
+    identity: Mapping[str, Any] = field(default_factory=dict)
+    seconds: float = 0.0
+    time: float = 0.0
+    sampled: int | None = None
+    failed: tuple[float, Vector] | None = None
 
     def __post_init__(self) -> None:
         self.begin_at(self.origin)
@@ -136,7 +169,8 @@ class Run:
     def go_to(self, now: Fraction) -> None:
         """Set the present time [s]; nothing is computed."""
         ticks, self.beyond = divmod(now - self.origin, self.prepared.tick)
-        self.k, self.time = int(ticks), float(now)
+        self.k = int(ticks)
+        self.time = float(now)
 
     def save(self) -> Snapshot:
         """Return all that is needed to go on from the present time.
@@ -153,14 +187,16 @@ class Run:
             x=self.x.copy(),
             d=self.d.copy(),
             p=self.p.copy(),
-            hidden=self.executor.save(),
+            hidden=self.executor.blocks.save(),
             sampled=self.sampled == self.k,
         )
 
     def restore(self, snapshot: Snapshot) -> None:
         """Go to the time of a snapshot of an equal diagram; what follows is the same to the last bit."""
-        self.x[:], self.d[:], self.p[:] = snapshot.x, snapshot.d, snapshot.p
-        self.executor.restore(snapshot.hidden)
+        self.x[:] = snapshot.x
+        self.d[:] = snapshot.d
+        self.p[:] = snapshot.p
+        self.executor.blocks.restore(snapshot.hidden)
         self.executor.blocks.tuned()
         self.begin_at(snapshot.origin)
         self.go_to(snapshot.now)
@@ -168,7 +204,8 @@ class Run:
 
     def check(self, found: Snapshot) -> None:
         """Raise `SimulationError` if a field of a snapshot `found` in a file cannot be of this run."""
-        plan, kept = self.prepared.plan, self.executor.blocks.kept()
+        plan = self.prepared.plan
+        kept = self.executor.blocks.kept()
         latest = 2**53 * self.prepared.tick  # from there on floats do not tell ticks apart
         fits = {
             name: isinstance(value := getattr(found, name), np.ndarray)
@@ -213,10 +250,67 @@ class Run:
             self._instant(self.due(), self.time)
             self._part(until)
 
-    def finish(self) -> None:
-        """Let the blocks that are sampled at the present time compute, and log."""
-        self._instant(self.due(), self.time)
-        self._log_now(self.time)
+    def to_end(self, progress: bool = False, limit: float | None = None) -> xr.Dataset:
+        """Run to the end; whatever happens, finish the log.
+
+        Parameters
+        ----------
+        progress : bool
+            Whether a bar is shown if that takes more than a second.
+        limit : float, optional
+            Wall time that it may take [s].
+
+        Returns
+        -------
+        xarray.Dataset
+            Logged data.
+        """
+        assert self.log is not None
+        log = self.log
+        blocks = self.executor.blocks
+        started = time.perf_counter()
+        try:
+            if log.finished:
+                return log.finish({})
+            if log.resumed is not None:
+                self._resume(log.resumed)
+            name = self.prepared.plan.name
+            length = float(self.end - self.now)
+            with interruptible(), ProgressBar(name, length, progress, limit) as bar:
+                if self.checkpoint_every is not None:
+                    self._advance_with_checkpoints(log, self.checkpoint_every, bar)
+                self.advance(self.end, bar)
+                self._instant(self.due(), self.time)
+                self._log_now(self.time)
+            wall_time = self.seconds + time.perf_counter() - started
+            result = log.complete(blocks.messages, wall_time=wall_time)
+            warn_of_coarse_steps(self)  # only now: a diverged log is the better message
+            return result
+        except RunStoppedError as error:
+            return log.finish(blocks.messages, status="ended", ended=str(error))
+        except BaseException as error:
+            log.abandon(error, self.time, blocks.messages)
+            raise
+
+    def _resume(self, checkpoint: Snapshot) -> None:
+        """Go to a checkpoint of the same run."""
+        self.check(checkpoint)
+        if checkpoint.now > self.end:
+            raise SimulationError(
+                f"cannot resume '{self.prepared.plan.name}' to end at t = {written(self.end)} s: its "
+                f"checkpoint is of t = {written(checkpoint.now)} s; give a longer duration, or leave out "
+                "resume=True to begin anew"
+            )
+        self.restore(checkpoint)
+
+    def _advance_with_checkpoints(self, log: Log, every: Fraction, bar: ProgressBar) -> None:
+        """Advance to the end, and keep the state on the disk at each multiple of a time `every` [s]."""
+        if log.resumed is None:
+            self.sample()  # all blocks have begun: what cannot be saved is reported at once
+        while self.now < self.end:
+            log.checkpoint(self.save(), self.identity)
+            following = (self.now - self.origin) // every + 1
+            self.advance(min(self.end, self.origin + following * every), bar)
 
     def step_to(self, last: int, bar: ProgressBar | None = None) -> None:
         """Advance by fixed steps, from tick to tick, to the instant of the `last` one [-].
@@ -226,23 +320,25 @@ class Run:
         DivergenceError
             If a state or sampled value stops being finite.
         """
-        prepared, executor, log = self.prepared, self.executor, self.log
-        tick, sampled, has_python = prepared.tick, prepared.sampled, bool(prepared.plan.python_blocks)
-        numerator, denominator = tick.numerator, tick.denominator
-        first = self.first
+        prepared = self.prepared
+        log = self.log
+        tick = self.prepared.tick
+        has_python = bool(prepared.plan.python_blocks)
         every = prepared.ticks(self.log_step, "log_step") if log is not None else 0
         longest = longest_chunk(every, log.width) if log is not None else last
-        chunk, stop, method = 16, self.k, prepared.solver.solver
+        chunk = MIN_CHUNK
+        stop = self.k
         while self.k < last:
             k = self.k
             if k == stop:
-                base, stop = k, min(last, k + max(WINDOW_TICKS, chunk))
+                base = k
+                stop = min(last, k + max(WINDOW_TICKS, chunk))
                 due = prepared.schedule.due(base, stop - base)
                 logged = np.zeros(stop - base, dtype=np.uint8)
                 if every:
                     logged[-base % every :: every] = 1
-                asked = sampled.needed(due) if has_python else []
-                needed = [*(base + i for i in asked), stop][::-1]  # where Python computes
+                asked = prepared.sampled.needed(due) if has_python else []
+                needed = [*(base + i for i in asked), stop][::-1]  # ticks at which Python computes
                 if self.sampled == base:
                     due[0] = 0
             if needed[-1] == k:
@@ -253,19 +349,22 @@ class Run:
             flags = logged[k - base : end - base]
             number = int(np.count_nonzero(flags)) if every else 0
             rows = log.reserve(number) if log is not None and number else NO_ROWS
-            span = Span(method, tick, first + k, k - base, end - base, due, logged)
+            span = Span(prepared.solver.solver, tick, self.first + k, k - base, end - base, due, logged)
             started = time.perf_counter() if end - k == chunk else 0.0
-            progress = executor.advance(span, self.x, self.d, self.p, rows)
-            taken = np.flatnonzero(flags[: progress.steps + (progress.fault == "x")])
+            progress = self.executor.advance(span, self.x, self.d, self.p, rows)
+            taken = np.flatnonzero(flags[: progress.steps])
             if log is not None and taken.size:
-                log.keep((first + k + taken) * numerator / denominator, taken.size)
+                log.keep((self.first + k + taken) * tick.numerator / tick.denominator, taken.size)
             if progress.fault:
-                self._stop(progress, first + k + progress.steps)
-            self.k, self.time = end, (first + end) * numerator / denominator
+                self._failed(progress, k + progress.steps, bool(logged[k - base + progress.steps]))
+                stop = self.k
+                continue
+            self.k = end
+            self.time = (self.first + end) * tick.numerator / tick.denominator
             if started:
                 chunk = paced(chunk, time.perf_counter() - started, longest)
             if bar is not None:
-                bar.update((end - k) * numerator / denominator)
+                bar.update((end - k) * tick.numerator / tick.denominator)
 
     def _part(self, end: Fraction) -> None:
         """Take a step that is shorter than a tick."""
@@ -278,25 +377,29 @@ class Run:
         self.x[:] = state
         self.go_to(end)
 
-    def _stop(self, progress: Progress, last: int) -> NoReturn:
-        """Say what went wrong after the `last` good tick."""
+    def _failed(self, progress: Progress, k: int, is_logged: bool) -> None:
+        """Raise the error of the step from tick `k` [-], at which a row was reserved if it `is_logged`."""
         tick = self.prepared.tick
-        self.time = float(last * tick)
+        self.time = float((self.first + k) * tick)
+        if progress.fault == "x" and is_logged and self.log is not None:
+            self.log.keep(self.time)  # the row before the step is good
         if progress.bad is None:
             assert progress.error is not None
             raise progress.error
-        after = float((last + 1) * tick) if progress.fault == "x" else self.time
+        after = float((self.first + k + 1) * tick) if progress.fault == "x" else self.time
         raise self._divergence(progress.fault, progress.bad, after)
 
     def _divergence(self, fault: str, bad: Vector, after: float) -> DivergenceError:
         plan = self.prepared.plan
         if plan.loops:
             self._blame_loop(fault, after)
-        # Held outputs first: they may be the cause of a bad update, never the other way round.
-        layouts = [plan.x] if fault == "x" else [plan.u, plan.held, plan.memory, plan.modes]
         cause = self._cause(after) if fault == "x" else ""
+        # Held outputs first: they may be the cause of a bad update, never the other way round. No instant
+        # changes modes, which may be infinite.
+        layouts = [plan.x] if fault == "x" else [plan.u, plan.held, plan.memory, plan.guesses]
+        name = next(filter(None, (layout.fault(bad) for layout in layouts)))
         return DivergenceError(
-            f"{_fault(bad, *layouts)} stopped being finite at t = {after:g} s{cause}; the last good step "
+            f"{name} stopped being finite at t = {after:g} s{cause}; the last good step "
             f"is at t = {self.time:g} s and the log up to there is kept. Try a smaller step, a "
             "stiff solver (LSODA, BDF), or look for a division by zero in that block"
         )
@@ -343,19 +446,18 @@ class Run:
 
     def _adaptive(self, until: Fraction, bar: ProgressBar | None) -> None:
         """Advance with an adaptive solver, which starts afresh at each instant."""
-        every, length = self.log_step, float(until - self.origin)
+        every = self.log_step
+        length = float(until - self.origin)
         for end in self._ends(until):
             start = self.now
             self._instant(self.due(), float(start))
             if (start - self.origin) % every == 0:
                 self._log_now(float(start))
-            first, stop = (
-                (start - self.origin) // every + 1,
-                -((self.origin - end) // every),
-            )  # strictly inside
-            times = (
-                float(self.origin + i * every) for i in range(first, stop if self.log is not None else first)
-            )
+            times: Iterator[float] = iter(())
+            if self.log is not None:  # the logged instants strictly inside
+                first = (start - self.origin) // every + 1
+                stop = -((self.origin - end) // every)
+                times = (float(self.origin + i * every) for i in range(first, stop))
             try:
                 for t, x in self._integrate((float(start), float(end)), times, length, bar):
                     self._reach(t, x, bar)
@@ -382,7 +484,11 @@ class Run:
         self, span: tuple[float, float], times: Iterator[float], length: float, bar: ProgressBar | None
     ) -> Iterator[tuple[float, Vector]]:
         """Yield the `times` in a `span`, and its end, with the states; the run has a `length` [s]."""
-        prepared, d, p, short, jumps = self.prepared, self.d, self.p, 0, 0
+        prepared = self.prepared
+        d = self.d
+        p = self.p
+        short = 0
+        jumps = 0
         jacobian = prepared.jacobian() if prepared.has_jacobian else None
 
         # A signal that jumps where the span ends has not jumped yet for a stage at the end.
@@ -398,11 +504,11 @@ class Run:
             nonlocal short, jumps
             self.executor.keep_loops(min(t, last), x, d, p)
             short = short + 1 if step < SHORT_STEP * length else 0
-            if short > SHORT_STEPS and t > self.time:
+            if short > MAX_SHORT_STEPS and t > self.time:
                 jumps += (jump := self._jump(t, x)) != ""
                 if jumps == MIN_JUMPS:
                     raise self._crawling(t, jump)
-                if short == SHORT_STEPS + TESTED_STEPS:
+                if short == MAX_SHORT_STEPS + TESTED_STEPS:
                     short = jumps = 0
             self._reach(t, x, bar)
 
@@ -424,7 +530,8 @@ class Run:
         def rate(point: tuple[float, Vector]) -> Vector:
             return self.executor.call("derivative", *point, self.d, self.p)
 
-        solver, low = self.prepared.solver, (self.time, self.x.copy())
+        solver = self.prepared.solver
+        low = (self.time, self.x.copy())
         before = rate(low)
         # The end of the step itself may stay on one side, where its stages average both.
         high = t, self.x + (t - self.time) * before
@@ -435,9 +542,11 @@ class Run:
             middle = (low[0] + high[0]) / 2, (low[1] + high[1]) / 2
             between = rate(middle)
             if abs(between[i] - before[i]) > abs(after[i] - between[i]):
-                high, after = middle, between
+                high = middle
+                after = between
             else:
-                low, before = middle, between
+                low = middle
+                before = between
         if abs(after[i] - before[i]) <= max(change[i] / 2, JUMP_TOLERANCE * abs(after[i])):
             return ""
         entry = self.prepared.plan.x.at(i)
@@ -457,7 +566,7 @@ class Run:
             plan.evaluate(*self.failed, self.d, self.p)  # raises what tells of an algebraic loop
         rate = self.executor.call("derivative", error.t, error.x, self.d, self.p)
         if not np.isfinite(rate).all():
-            fault = f"the derivative of {_fault(rate, plan.x)} is not finite"
+            fault = f"the derivative of {plan.x.fault(rate)} is not finite"
         else:
             worst = int(np.argmax(np.abs(rate) / (1e-12 + np.abs(error.x))))
             entry = plan.x.at(worst)
@@ -488,8 +597,3 @@ class Run:
             now = min([until, *following, *pending[:1]])
             pending = [b for b in pending if b > now]
             yield now
-
-
-def _fault(flat: Vector, *layouts: Layout) -> str:
-    """Name the first element that is not finite."""
-    return next(filter(None, (layout.fault(flat) for layout in layouts)))

@@ -13,13 +13,13 @@ from trussflow.blocks.framework.clock import Clock, ticks
 from trussflow.blocks.framework.errors import SimulationError
 from trussflow.blocks.tracing.loops import Active, SomeOf
 
-MOST_SETS = 1000
+MAX_CLOCK_SETS = 1000
 """Sets of clocks that tick together; each needs code of its own."""
 
 MAX_PERIOD_TICKS = 10**18
 """Largest number of ticks between two instants of a clock, which are counted in 64 bits [-]."""
 
-SCAN_LIMIT = 1_000_000
+MAX_SCANNED_TICKS = 1_000_000
 """Ticks looked through for sets of clocks that tick together; 8 MB of integers."""
 
 
@@ -70,7 +70,7 @@ class Schedule:
     def _scanned(self) -> set[int]:
         """Return the sets that occur, as bits, by looking through the repeating pattern."""
         pattern = lcm(*(p for p, _ in self._clocks)) + max((o for _, o in self._clocks), default=0)
-        if pattern > SCAN_LIMIT:
+        if pattern > MAX_SCANNED_TICKS:
             return set()
         return {int(code) for code in np.unique(self._codes(0, pattern))}
 
@@ -84,9 +84,9 @@ class Schedule:
                 if (offset - start) % gcd(period, other)
             )
             found |= {code | 1 << i for code in found if not code & apart}
-            if len(found) > MOST_SETS:
+            if len(found) > MAX_CLOCK_SETS:
                 raise SimulationError(
-                    f"{len(self._clocks)} sample times coincide in more than {MOST_SETS} ways; "
+                    f"{len(self._clocks)} sample times coincide in more than {MAX_CLOCK_SETS} ways; "
                     "take sample times that are multiples of each other"
                 )
         return found

@@ -33,11 +33,11 @@ from trussflow.blocks.framework.validation import by_name, shown
 from trussflow.blocks.simulation.channels import Chosen
 from trussflow.blocks.simulation.prepared import Prepared
 from trussflow.blocks.simulation.run import Run
-from trussflow.blocks.simulation.snapshot import Snapshot
 from trussflow.blocks.simulation.solver import Solver, SolverSettings, spelled_out
-from trussflow.blocks.simulation.state_bytes import read_state, write_state
+from trussflow.blocks.simulation.state_bytes import Snapshot, read_state, write_state
 
-NEAR = float(SNAP)
+TICK_TOLERANCE = float(SNAP)
+"""Distance from a tick below which a time is that of the tick [ticks]."""
 
 
 class Session(Described):
@@ -86,8 +86,9 @@ class Session(Described):
         self._rebuild = partial(Session, item, outputs=outputs, **settings)
         system = item if isinstance(item, System) else flatten(item, external=True)
         chosen = [port.name for port in system.root.outputs()] if outputs is None else outputs
-        self.prepared = Prepared(system, solver, chosen)
-        self._is_fixed, self._u_start = solver.is_fixed, self.prepared.plan.u_start
+        self.prepared = Prepared.of(system, solver, chosen)
+        self._is_fixed = solver.is_fixed
+        self._u_start = self.prepared.plan.u_start
         self._run: Run | None = None
         self.fault = ""
 
@@ -162,7 +163,8 @@ class Session(Described):
             If a Python block fails.
         """
         self.stop()
-        prepared, begin = self.prepared, self._instant(time)
+        prepared = self.prepared
+        begin = self._instant(time)
         if prepared.solver.is_fixed:
             prepared.ticks(begin, "the start time")
         p = prepared.plan.parameters(parameters)
@@ -177,7 +179,9 @@ class Session(Described):
 
     def stop(self) -> None:
         """End; Python blocks release what they took. A session that is not started stays so."""
-        run, self._run, self.fault = self._run, None, ""
+        run = self._run
+        self._run = None
+        self.fault = ""
         if run is not None:
             run.executor.close()
 
@@ -221,7 +225,8 @@ class Session(Described):
 
         They are in the order of ``prepared.plan.u``.
         """
-        run, start = self._running(), self._u_start
+        run = self._running()
+        start = self._u_start
         run.d[start : start + values.size] = values
 
     def latch(self) -> None:
@@ -245,7 +250,8 @@ class Session(Described):
         ParameterError
             If a value is not allowed; nothing is changed then.
         """
-        run, plan = self._running(), self.prepared.plan
+        run = self._running()
+        plan = self.prepared.plan
         run.p[:] = plan.parameters(parameters, run.p)
         run.executor.blocks.tuned()
 
@@ -275,9 +281,11 @@ class Session(Described):
         tick = self._tick_at(until) if self._is_fixed and not run.beyond else None
         if tick is None:
             end = self._instant(until)
-            past, go_on = end < run.now, partial(run.advance, end)
+            past = end < run.now
+            go_on = partial(run.advance, end)
         else:  # exact times cost more than many a step
-            past, go_on = tick - run.first < run.k, partial(run.step_to, tick - run.first)
+            past = tick - run.first < run.k
+            go_on = partial(run.step_to, tick - run.first)
         if past:
             raise SimulationError(
                 f"cannot advance '{self.prepared.plan.name}' to t = {written(until)} s: it is at "
@@ -299,7 +307,7 @@ class Session(Described):
             ) from None
         if self._is_fixed or self.prepared.has_clocks:
             refuse_coarse_time(time, self.prepared.tick_seconds)
-        return tick if abs(number - tick) <= NEAR else None
+        return tick if abs(number - tick) <= TICK_TOLERANCE else None
 
     def _instant(self, time: float) -> Fraction:
         """Return the exact time that a float stands for."""

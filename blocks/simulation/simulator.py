@@ -10,30 +10,23 @@ from __future__ import annotations
 import contextlib
 import hashlib
 import json
-import time
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass
-from fractions import Fraction
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Unpack
+from typing import TYPE_CHECKING, Any, TypedDict, Unpack
 
-from trussflow.blocks.framework.clock import exact, on_grid, refuse_coarse_time, written
+from trussflow.blocks.framework.clock import exact, on_grid, refuse_coarse_time
 from trussflow.blocks.framework.described import Described, Description
 from trussflow.blocks.framework.diagram import Diagram
-from trussflow.blocks.framework.errors import RunStoppedError, SimulationError
-from trussflow.blocks.framework.interrupts import interruptible
+from trussflow.blocks.framework.errors import SimulationError
 from trussflow.blocks.framework.system import System
 from trussflow.blocks.framework.validation import finite_array, positive, positive_if_given, yes_or_no
 from trussflow.blocks.simulation.channels import Chosen
-from trussflow.blocks.simulation.coarse_steps import warn_of_coarse_steps
-from trussflow.blocks.simulation.log import Log
-from trussflow.blocks.simulation.missed_jumps import warn_of_missed_jumps
 from trussflow.blocks.simulation.prepared import Prepared
-from trussflow.blocks.simulation.progress import ProgressBar
 from trussflow.blocks.simulation.results import provenance
 from trussflow.blocks.simulation.run import Run
 from trussflow.blocks.simulation.solver import Solver, SolverSettings, refuse_unknown, spelled_out
+from trussflow.blocks.simulation.step_size_warnings import warn_of_missed_jumps
 from trussflow.blocks.simulation.streamed_log import opened
 
 if TYPE_CHECKING:
@@ -90,7 +83,7 @@ class Simulator(Described):
     ) -> None:
         positive_if_given(log_step=log_step)
         self._rebuild = partial(Simulator, diagram, log=log, log_step=log_step, **settings)
-        self.prepared = Prepared(diagram, Solver.of(settings, "log", "log_step"), log)
+        self.prepared = Prepared.of(diagram, Solver.of(settings, "log", "log_step"), log)
         self.log_step = exact(log_step) if log_step is not None else self.prepared.step
         if self.prepared.step is not None and self.log_step is not None:
             self.prepared.ticks(self.log_step, "log_step")
@@ -174,12 +167,14 @@ class Simulator(Described):
                 "a run is resumed from checkpoints, which are kept beside the file that it streams to: give "
                 'stream_to="file.nc", and checkpoint_every=..., in seconds of simulated time'
             )
-        of_run = duration, parameters, initial, start, stream_to, checkpoint_every, resume, not_finite
-        with self.begun(*of_run) as begun:
-            return begun.to_end(progress, time_limit)
+        opened_run = self.opened(
+            duration, parameters, initial, start, stream_to, checkpoint_every, resume, not_finite
+        )
+        with opened_run as run:
+            return run.to_end(progress, time_limit)
 
     @contextlib.contextmanager
-    def begun(
+    def opened(
         self,
         duration: float,
         parameters: Mapping[str, Any] | None = None,
@@ -189,7 +184,7 @@ class Simulator(Described):
         checkpoint_every: float | None = None,
         resume: bool = False,
         not_finite: str = "warn",
-    ) -> Iterator[Begun]:
+    ) -> Iterator[Run]:
         """Open a run that stands before its first step, for the time of a ``with`` block.
 
         Parameters
@@ -199,18 +194,21 @@ class Simulator(Described):
 
         Yields
         ------
-        Begun
-            What goes on from there.
+        Run
+            The run, for `Run.to_end`.
         """
         prepared = self.prepared
-        plan, length, begin = prepared.plan, exact(duration), exact(finite_array("start", start, ()).item())
+        plan = prepared.plan
+        length = exact(duration)
+        begin = exact(finite_array("start", start, ()).item())
         every = None if checkpoint_every is None else exact(checkpoint_every)
         log_step = self.log_step or length / 1000
         shortest = min(log_step, prepared.tick if prepared.step or prepared.has_clocks else length)
         refuse_coarse_time(abs(float(begin)) + float(length), shortest)
         p = plan.parameters(parameters)
         if prepared.step is not None:
-            begin, length = on_grid(begin, prepared.step), on_grid(length, prepared.step)
+            begin = on_grid(begin, prepared.step)
+            length = on_grid(length, prepared.step)
             prepared.ticks(begin, "the start time")
             prepared.ticks(length, "the duration")
             if every is not None:
@@ -219,125 +217,64 @@ class Simulator(Described):
             warn_of_missed_jumps(plan, prepared.step, (begin, begin + length), p)
         with contextlib.closing(prepared.open(p)) as executor:
             x, d = plan.initial(p, initial, None, float(begin), executor.blocks.equations)
-            parameters, states = plan.p.listed(p), plan.x.listed(x)
+            values = plan.p.listed(p)
+            states = plan.x.listed(x)
             for layout in (plan.memory, plan.modes, plan.guesses):
                 states |= layout.listed(d)
-            of = prepared.identity | {
+            identity = prepared.identity | {
                 "logged_hash": prepared.logged,
                 "start": float(begin),
                 "log": [channel.name for channel in prepared.channels],
                 "log_step": float(log_step),
                 "checkpoint_every": every and float(every),
-                **{f"parameter '{name}'": value for name, value in parameters.items()},
+                **{f"parameter '{name}'": value for name, value in values.items()},
                 **{f"initial '{name}'": value for name, value in states.items()},
             }
-            everything = json.dumps(of | {"duration": float(duration)}).encode()
-            attributes = (
-                provenance()
-                | prepared.identity
-                | {
-                    "duration": float(duration),
-                    "parameters": json.dumps(parameters),
-                    "initial_states": json.dumps(states),
-                    "run_hash": hashlib.sha256(everything).hexdigest()[:16],
-                }
+            everything = json.dumps(identity | {"duration": float(duration)}).encode()
+            attributes: dict[str, Any] = {
+                **provenance(),
+                **prepared.identity,
+                "duration": float(duration),
+                "parameters": json.dumps(values),
+                "initial_states": json.dumps(states),
+                "run_hash": hashlib.sha256(everything).hexdigest()[:16],
+            }
+            resumes = identity if resume else None
+            yield Run(
+                prepared,
+                executor,
+                x,
+                d,
+                p,
+                log=opened(prepared.channels, attributes, stream_to, not_finite, resumes),
+                log_step=log_step,
+                origin=begin,
+                end=begin + length,
+                checkpoint_every=every,
+                identity=identity,
             )
-            log = opened(prepared.channels, attributes, stream_to, not_finite, of if resume else None)
-            run = Run(prepared, executor, x, d, p, log, log_step, begin)
-            yield Begun(run, log, begin + length, every, of)
 
 
-@dataclass(slots=True)
-class Begun:
-    """A run of a simulator under way.
+class RunSettings(TypedDict, total=False):
+    """Arguments of `Simulator.run` besides the duration."""
 
-    Attributes
-    ----------
-    run : Run
-        The run.
-    log : Log
-        Destination of the log.
-    end : Fraction
-        Final time [s].
-    every : Fraction or None
-        After which time there is a checkpoint [s].
-    of : mapping
-        Identity that its checkpoints must have.
-    seconds : float
-        Wall time that was spent on it before [s].
-    """
-
-    run: Run
-    log: Log
-    end: Fraction
-    every: Fraction | None
-    of: Mapping[str, Any]
-    seconds: float = 0.0
-
-    def to_end(self, progress: bool = False, limit: float | None = None) -> xr.Dataset:
-        """Run to the end; whatever happens, finish the log.
-
-        Parameters
-        ----------
-        progress : bool
-            Whether a bar is shown if that takes more than a second.
-        limit : float, optional
-            Wall time that it may take [s].
-
-        Returns
-        -------
-        xarray.Dataset
-            What was logged.
-        """
-        run, log, end, every = self.run, self.log, self.end, self.every
-        started, name = time.perf_counter(), run.prepared.plan.name
-        try:
-            if log.finished:
-                return log.finish({})
-            if log.resumed is not None:
-                run.check(log.resumed)
-                if log.resumed.now > end:
-                    raise SimulationError(
-                        f"cannot resume '{name}' to end at t = {written(end)} s: its checkpoint is of t = "
-                        f"{written(log.resumed.now)} s; give a longer duration, or leave out resume=True to "
-                        "begin anew"
-                    )
-                run.restore(log.resumed)
-            with interruptible(), ProgressBar(name, float(end - run.now), progress, limit) as bar:
-                if every is not None and log.resumed is None:
-                    run.sample()  # so that all blocks have begun: what cannot be saved is told at once
-                while every is not None and run.now < end:
-                    log.checkpoint(run.save(), self.of)
-                    run.advance(min(end, run.origin + ((run.now - run.origin) // every + 1) * every), bar)
-                run.advance(end, bar)
-                run.finish()
-            wall_time = self.seconds + time.perf_counter() - started
-            result = log.complete(run.executor.blocks.messages, wall_time=wall_time)
-            warn_of_coarse_steps(run)  # only now: what was logged may have diverged, which says more
-            return result
-        except RunStoppedError as error:
-            return log.finish(run.executor.blocks.messages, status="ended", ended=str(error))
-        except BaseException as error:
-            log.abandon(error, run.time, run.executor.blocks.messages)
-            raise
+    parameters: Mapping[str, Any] | None
+    initial: Mapping[str, Any] | None
+    start: float
+    progress: bool
+    stream_to: str | Path | None
+    checkpoint_every: float | None
+    resume: bool
+    not_finite: str
+    time_limit: float | None
 
 
-@spelled_out(SimulatorSettings)
-def simulate(
-    diagram: Diagram | System,
-    duration: float,
-    *,
-    parameters: Mapping[str, Any] | None = None,
-    initial: Mapping[str, Any] | None = None,
-    start: float = 0.0,
-    progress: bool = True,
-    stream_to: str | Path | None = None,
-    checkpoint_every: float | None = None,
-    resume: bool = False,
-    not_finite: str = "warn",
-    time_limit: float | None = None,
-    **settings: Unpack[SimulatorSettings],
-) -> xr.Dataset:
+class SimulateSettings(RunSettings, SimulatorSettings, total=False):
+    """Settings of `simulate`: of the run, and of its `Simulator`."""
+
+
+@spelled_out(SimulateSettings, Simulator.run)
+def simulate(diagram: Diagram | System, duration: float, **settings: Unpack[SimulateSettings]) -> xr.Dataset:
     """Simulate a diagram once; see `Simulator` and `Simulator.run` for the arguments.
 
     Parameters
@@ -359,26 +296,7 @@ def simulate(
         What was logged.
     """
     positive(duration=duration)
-    own = (
-        "parameters",
-        "initial",
-        "start",
-        "progress",
-        "stream_to",
-        "checkpoint_every",
-        "resume",
-        "not_finite",
-    )
-    refuse_unknown(settings, [*SimulatorSettings.__annotations__, *own, "time_limit"])
-    return Simulator(diagram, **settings).run(
-        duration,
-        parameters=parameters,
-        initial=initial,
-        start=start,
-        progress=progress,
-        stream_to=stream_to,
-        checkpoint_every=checkpoint_every,
-        resume=resume,
-        not_finite=not_finite,
-        time_limit=time_limit,
-    )
+    refuse_unknown(settings, [*SimulatorSettings.__annotations__, *RunSettings.__annotations__])
+    of_run: Any = {name: value for name, value in settings.items() if name in RunSettings.__annotations__}
+    of_simulator: Any = {name: value for name, value in settings.items() if name not in of_run}
+    return Simulator(diagram, **of_simulator).run(duration, **of_run)

@@ -16,8 +16,11 @@ from trussflow.blocks.simulation.adaptive import METHODS
 F = TypeVar("F", bound=Callable[..., Any])
 
 FIXED_STEP = ("rk4", "euler")
-SMALLEST_RTOL = 100 * sys.float_info.epsilon
-"""SciPy's solvers take no smaller one [-]."""
+"""Solvers with fixed steps."""
+
+MIN_RTOL = 100 * sys.float_info.epsilon
+"""Smallest relative tolerance of SciPy's solvers [-]."""
+
 BACKENDS = ("auto", "compiled", "interpreted", "numpy")
 
 
@@ -66,9 +69,9 @@ class Solver:
     def __post_init__(self) -> None:
         positive(rtol=self.rtol, atol=self.atol)
         positive_if_given(step=self.step)
-        if not SMALLEST_RTOL <= self.rtol < 1:
+        if not MIN_RTOL <= self.rtol < 1:
             raise SimulationError(
-                f"rtol = {self.rtol!r} must be from {SMALLEST_RTOL:.2g}, which is round-off, to below 1"
+                f"rtol = {self.rtol!r} must be from {MIN_RTOL:.2g}, which is round-off, to below 1"
             )
         one_of("solver", self.solver, (*FIXED_STEP, *METHODS))
         one_of("backend", self.backend, BACKENDS)
@@ -100,15 +103,19 @@ class Solver:
         return cls(**settings)
 
 
-def spelled_out(settings: Any) -> Callable[[F], F]:
+def spelled_out(settings: Any, method: Callable[..., Any] | None = None) -> Callable[[F], F]:
     """Let `inspect.signature`, so `help` and completion, show the ``**settings`` of a function one by one.
 
     Parameters
     ----------
     settings : TypedDict
-        Name of the values, for messages.
+        The settings.
+    method : callable, optional
+        Function that receives some of them, and has their defaults.
     """
     defaults = {field.name: field.default for field in fields(Solver)}
+    if method is not None:
+        defaults |= {name: p.default for name, p in inspect.signature(method).parameters.items()}
 
     def decorated(function: F) -> F:
         there = inspect.signature(function)

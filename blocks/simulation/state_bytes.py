@@ -1,4 +1,6 @@
-"""States as bytes: a line that says of what, and a line of JSON with the numbers of arrays in base64.
+"""Snapshots of runs, and their form in files: a line with the identity, and a line of JSON with the state.
+
+Numbers of arrays are written in base64.
 
 Never a pickle: bytes may come from anywhere, so reading them must not be able to run code.
 """
@@ -8,7 +10,7 @@ from __future__ import annotations
 import base64
 import json
 from collections.abc import Mapping
-from dataclasses import fields
+from dataclasses import dataclass, field, fields
 from fractions import Fraction
 from hashlib import sha256
 from pathlib import Path
@@ -18,11 +20,39 @@ import numpy as np
 
 from trussflow.blocks.framework.errors import SimulationError
 from trussflow.blocks.framework.files import reading, replaced
+from trussflow.blocks.framework.types import Vector
 from trussflow.blocks.framework.validation import as_path, shown
-from trussflow.blocks.simulation.snapshot import Snapshot
 
 FORMAT_VERSION = 3
 """Version of the format of `encode`."""
+
+
+@dataclass(frozen=True, slots=True)
+class Snapshot:
+    """Everything a run needs to go on from one time.
+
+    Attributes
+    ----------
+    layout : str
+        Identity of the diagram; snapshots of another identity are refused.
+    now, origin : Fraction
+        Time, and time at which the run began [s].
+    x, d, p : Vector
+        Continuous states, what changes at instants, parameters [units as declared].
+    hidden : dict
+        Further data of Python blocks, keyed by path.
+    sampled : bool
+        Whether what is sampled at this time has computed already.
+    """
+
+    layout: str
+    now: Fraction
+    origin: Fraction
+    x: Vector
+    d: Vector
+    p: Vector
+    hidden: Mapping[str, Any] = field(default_factory=dict)
+    sampled: bool = False
 
 
 def encode(state: Any, of: Mapping[str, Any]) -> bytes:
@@ -63,7 +93,9 @@ def decode(data: bytes, of: Mapping[str, Any]) -> Any:
     head, _, body = bytes(data).partition(b"\n")
     try:
         content = json.loads(head)
-        version, digest, there = content["trussflow state"], content["sha256"], {**content["of"]}
+        version = content["trussflow state"]
+        digest = content["sha256"]
+        there = {**content["of"]}
     except (ValueError, KeyError, TypeError, RecursionError):
         raise ValueError(f"it is no saved state, or a part of one ({len(data)} bytes)") from None
     if version != FORMAT_VERSION:

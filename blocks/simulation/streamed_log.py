@@ -25,8 +25,7 @@ from trussflow.blocks.framework.interrupts import uninterrupted
 from trussflow.blocks.simulation.channels import Channel
 from trussflow.blocks.simulation.log import Log
 from trussflow.blocks.simulation.results import WRITE_ERRORS, cannot_write, refuse_other_kinds, save
-from trussflow.blocks.simulation.snapshot import Snapshot
-from trussflow.blocks.simulation.state_bytes import read_state, write_state
+from trussflow.blocks.simulation.state_bytes import Snapshot, read_state, write_state
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -40,7 +39,7 @@ PIECE_SECONDS = 5.0
 CHUNK_ROWS = 1024
 """Rows that the file keeps together; netCDF's own choice, one row, is slow."""
 
-DONE = "complete", "ended"
+FINISHED_STATUSES = "complete", "ended"
 """Status of a run that cannot be resumed."""
 
 
@@ -122,7 +121,10 @@ class StreamedLog(Log):
 
         with suppress(OSError), netCDF4.Dataset(str(self.path)) as file:
             said = file.__dict__
-            return said.get("status") in DONE and said.get("run_hash") == self.attributes["run_hash"]
+            return (
+                said.get("status") in FINISHED_STATUSES
+                and said.get("run_hash") == self.attributes["run_hash"]
+            )
         return False
 
     def _put_aside(self) -> None:
@@ -183,7 +185,7 @@ class StreamedLog(Log):
             raise SimulationInterrupted(str(self._left(KeyboardInterrupt("Ctrl-C came")))) from None
         with uninterrupted():
             self.finished = True
-            if self._saved.exists() and self.attributes["status"] not in DONE:
+            if self._saved.exists() and self.attributes["status"] not in FINISHED_STATUSES:
                 return  # the run can be resumed
             self._saved.unlink(missing_ok=True)  # first: it is nothing without the others
             shutil.rmtree(self._folder, ignore_errors=True)

@@ -25,7 +25,7 @@ from trussflow.blocks.framework.errors import NameLookupError, SimulationError, 
 from trussflow.blocks.framework.system import System
 from trussflow.blocks.framework.types import Vector
 from trussflow.blocks.simulation.lanes import Lanes
-from trussflow.blocks.simulation.log import STATUS
+from trussflow.blocks.simulation.log import STATUS_BY_ERROR
 from trussflow.blocks.simulation.simulator import Simulator
 from trussflow.blocks.sweeps.reductions import Function, reduced
 from trussflow.blocks.tracing.compile_cache import CompilationError
@@ -227,7 +227,9 @@ class Runs:
             logged: Any = getattr(error, "result", None)
             if logged is not None:
                 found.varied = self._read_back(logged, values)
-            found.status = next((word for kind, word in STATUS.items() if isinstance(error, kind)), "failed")
+            found.status = next(
+                (word for kind, word in STATUS_BY_ERROR.items() if isinstance(error, kind)), "failed"
+            )
             kind = "" if isinstance(error, TrussflowError) else f"{type(error).__name__}: "
             found.message = f"{kind}{error}"
         return found

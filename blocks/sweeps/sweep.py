@@ -26,7 +26,7 @@ from trussflow.blocks.framework.validation import (
 )
 from trussflow.blocks.simulation.channels import Chosen
 from trussflow.blocks.simulation.lanes import goes_in_lanes
-from trussflow.blocks.simulation.log import NOT_FINITE
+from trussflow.blocks.simulation.log import NAN_POLICIES
 from trussflow.blocks.simulation.results import provenance
 from trussflow.blocks.simulation.simulator import Simulator, SimulatorSettings
 from trussflow.blocks.simulation.solver import refuse_unknown
@@ -150,7 +150,7 @@ def sweep(
     positive(duration=duration)
     positive_if_given(time_limit=time_limit)
     positive_whole(workers=1 if workers is None else workers, repeats=repeats)
-    one_of("way to treat what is not finite", not_finite, NOT_FINITE)
+    one_of("way to treat what is not finite", not_finite, NAN_POLICIES)
     refuse_unknown(settings, [*SimulatorSettings.__annotations__, *OWN_ARGUMENTS])
     refuse_settings(model, settings, "the sweep")
     kept = understood(keep)

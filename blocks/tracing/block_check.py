@@ -285,14 +285,14 @@ def _compare(
         try:
             expected = plain(point)
             tolerance = SPECIAL_TOLERANCE if special else ROUND_OFF_TOLERANCE
-            counts = _differ(values, expected, sizes, tolerance)
+            counts = differing(values, expected, sizes, tolerance)
             if special and counts.any():
                 # CasADi drops products with a structural zero, NumPy's 0 * NaN is NaN; later branches may
                 # then differ. So a difference counts only if NumPy's result is stable in the neighbourhood.
                 lost = np.isnan(expected) & np.isfinite(values)
                 counts &= np.isfinite(expected) & ~lost.any()
                 for near in ([v * NEARBY_FACTOR for v in point], [np.where(v == 0.0, -v, v) for v in point]):
-                    counts &= ~_differ(plain(near), expected, sizes, tolerance)
+                    counts &= ~differing(plain(near), expected, sizes, tolerance)
         except SimulationError as error:
             # A singular random matrix is no fault of the block, and neither is a value it rejects itself.
             cause = error.__cause__
@@ -332,10 +332,17 @@ def points(shapes: tuple[tuple[int, ...], ...], number: int = RANDOM_POINTS) -> 
     return found
 
 
-def _differ(found: Array, expected: Array, sizes: Array, tolerance: float) -> Array:
+def differing(found: Array, expected: Array, sizes: Array, tolerance: float) -> Array:
     """Return a mask of the elements that differ by more than the tolerance.
 
-    The tolerance is relative to the largest element of the same output, but at least absolute.
+    Parameters
+    ----------
+    found, expected : Array
+        The outputs, one after the other [any].
+    sizes : Array
+        End of each output in them [-].
+    tolerance : float
+        Relative to the largest element of the same output, but at least absolute [-].
     """
     same = (found == expected) | (np.isnan(found) & np.isnan(expected))
     if same.all():

@@ -55,7 +55,6 @@ class CoSimulationRun(FmuRun, SelfStepping):
         self._inputs = interface.inputs.places
         self._outputs = interface.outputs.places
         self._u = interface.initial_inputs()
-        self._slopes: Vector | None = None
         self._delayed = block.delayed
         self._direct = any(block.feedthrough().values())
         self._nominal = float(block.sample_time or 0.0)
@@ -74,7 +73,6 @@ class CoSimulationRun(FmuRun, SelfStepping):
         if same or (before is not None and self._delayed):
             return
         self._set_up(time, self._u)
-        self.ramps = self._fmu.can_interpolate
         self._begun = time, self._u.copy()
 
     @property
@@ -109,28 +107,14 @@ class CoSimulationRun(FmuRun, SelfStepping):
 
     # -- steps ----------------------------------------------------------------------------------
 
-    def set(self, inputs: Vector, rates: Vector | None = None) -> None:
-        """Set all inputs, their time derivatives, and changed parameters."""
+    def set(self, inputs: Vector) -> None:
+        """Set all inputs, and changed parameters."""
         self._begun = None
         self._u[self._inputs] = inputs
-        self._slopes = None
-        if self.ramps and self._u.size:
-            self._slopes = np.zeros_like(self._u)
-            if rates is not None:
-                self._slopes[self._inputs] = rates
-        self._write(0.0)
+        if self._u.size:
+            self._fmu.set_inputs(self._u)
         if self._look and (changed := self._retuned()):
             self._fmu.tune(changed)
-
-    def _write(self, since: float) -> None:
-        """Write the inputs extrapolated to `since` [s] after they were set."""
-        if not self._u.size:
-            return
-        if self._slopes is None:
-            self._fmu.set_inputs(self._u)
-        else:
-            self._fmu.set_inputs(self._u + self._slopes * since)
-            self._fmu.set_input_derivatives(self._slopes)
 
     def advance(self, now: float, until: float) -> None:
         """Perform one step, in parts if the FMU returns early or discards it."""
@@ -138,13 +122,11 @@ class CoSimulationRun(FmuRun, SelfStepping):
         fmu, time, longest, halved = self._fmu, now, np.inf, 0
         small = TIME_TOLERANCE * (until - now)
         refused: tuple[float, float] | None = None
-        for part in range(MAX_PARTS):
+        for _ in range(MAX_PARTS):
             self._refuse_after_end(until)
             left = until - time
             if abs(left - self._nominal) <= small:
                 left = self._nominal  # bit-equal step sizes, without round-off of the times
-            if part and self._slopes is not None:
-                self._write(time - now)
             step = min(left, longest)
             try:
                 done: Step = fmu.do_step(time, step, rollback=self._saved_once)
@@ -207,5 +189,5 @@ class CoSimulationRun(FmuRun, SelfStepping):
     def restore(self, saved: dict[str, Any]) -> None:
         """Restore the result of `save` or `mark`."""
         self._begun, self._saved_once = None, True
-        self._u[:], self._slopes = saved["u"], None  # derivatives are set before each step
+        self._u[:] = saved["u"]
         self._went_back(saved)

@@ -38,7 +38,8 @@ from trussflow.blocks.linear_analysis.linearize import Linearizer
 from trussflow.blocks.linear_analysis.operating_point import OperatingPoint
 from trussflow.blocks.linear_analysis.references import References
 from trussflow.blocks.simulation.executor import Executor
-from trussflow.blocks.simulation.prepared import Assembly
+from trussflow.blocks.simulation.prepared import Prepared
+from trussflow.blocks.simulation.solver import Solver
 from trussflow.blocks.tracing.quantities import derivative, outputs
 
 if TYPE_CHECKING:
@@ -166,7 +167,7 @@ class Balance:
     def _executor(self) -> Executor:
         self._model.refuse_harmonics(f"balance harmonics of '{self._name}'")
         found = [derivative(), outputs(self._model.taps)]
-        return Assembly(self._model.plan, found, "auto").open(self._p)
+        return Prepared(self._model.plan, found, Solver(solver="RK45")).open(self._p)
 
     def _resolvent(self, omega: float, A: Vector) -> Complex:
         """Return (j omega - A)^-1, with exp(j omega T) in the place of j omega for delays."""

@@ -16,8 +16,7 @@ from trussflow.blocks.framework.declarations import TIMED
 from trussflow.blocks.framework.errors import TrussflowError
 from trussflow.blocks.framework.types import Vector
 from trussflow.blocks.simulation.session import Session
-from trussflow.blocks.simulation.snapshot import Snapshot
-from trussflow.blocks.simulation.state_bytes import decode, encode
+from trussflow.blocks.simulation.state_bytes import Snapshot, decode, encode
 from trussflow.fmu.exporting.python.payload import Payload
 
 

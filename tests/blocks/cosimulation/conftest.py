@@ -29,8 +29,7 @@ class SteppingRun(SelfStepping):
         self.calls.append("close")
         self.session.stop()
 
-    def set(self, inputs, rates=None):
-        assert rates is None, "the block does not take rates"
+    def set(self, inputs):
         self.session.set({"u": inputs})
 
     def advance(self, now, until):

@@ -64,7 +64,6 @@ def hidden():
         {"coupling": "jacobi"},
         {"coupling": "gauss-seidel"},
         {"coupling": "iterate"},
-        {"coupling": "iterate", "extrapolation": 1},
         {"tolerance": 0.3, "largest_step": H},
     ],
 )

@@ -127,6 +127,19 @@ def test_steps_that_shrink_at_a_jump_end_the_run(solver):
     assert error.value.result.time[-1] == pytest.approx(1.4)
 
 
+class Wave(VanDerPol):
+    """The integral of a square wave, which is a triangle wave, and then rest."""
+
+    def derivative(self, t, x, u, p):
+        return {"x": np.where(t < 20.0, np.sign(np.sin(100.0 * t)), 0.0), "v": 0.0}
+
+
+def test_many_short_steps_from_jump_to_jump_are_taken():
+    """The solver advances by a period within a few dozen steps, all short in a run that is so long."""
+    settings = {"rtol": 1e-4, "atol": 1e-6, "initial": {"block.x": 0.0}}
+    simulate(diagram_of(Wave()), 1e5, solver="RK45", log_step=1e5, **settings)
+
+
 def test_many_short_steps_of_a_smooth_motion_are_taken():
     """A vibration dies out in the first minutes of a run of thousands of years."""
     matrix = np.array([[-0.05, 1.0, 0.0], [-1.0, -0.05, 0.0], [0.0, 0.0, -1e-11]])

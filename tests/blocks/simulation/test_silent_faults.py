@@ -9,13 +9,16 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 from trussflow.blocks import (
+    Block,
     BlockError,
     Constant,
     Diagram,
     DivergenceError,
+    Event,
     Function,
     Gain,
     Integrator,
+    Mode,
     ParameterError,
     Ramp,
     Saturation,
@@ -54,6 +57,26 @@ def lag(source):
     return diagram
 
 
+class Alarm(Block):
+    """A clock that rings once: the time of the next ring becomes infinite."""
+
+    ring = Event("time")
+    following = Mode(0.25)
+
+    def indicators(self, t, x, u, p):
+        return {"ring": x.following}
+
+    def on_event(self, t, x, u, p, fired):
+        return {"following": np.inf}
+
+
+def test_modes_that_become_infinite_are_logged():
+    diagram = Diagram("clock")
+    diagram.add(alarm=Alarm())
+    result = simulate(diagram, 1.0, **SETTINGS, log=["alarm.following"], not_finite="stop")
+    assert_array_equal(result["alarm.following"], [0.25] * 3 + [np.inf] * 8)
+
+
 @pytest.mark.parametrize("backend", ["interpreted", "compiled"])
 def test_output_that_stops_being_finite_warns_at_the_line_of_the_user(backend):
     with pytest.warns(SimulationWarning, match=r"'root\.y' stopped being finite at t = 0\.6 s") as caught:
@@ -84,7 +107,7 @@ def test_ctrl_c_after_an_output_stopped_being_finite_is_ctrl_c(path, monkeypatch
     def stopped(*_):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(Run, "finish", stopped)
+    monkeypatch.setattr(Run, "_log_now", stopped)
     with pytest.raises(SimulationInterrupted, match="stopped at t = 1 s") as caught:
         simulate(falling(), 1.0, not_finite="stop", stream_to=path, **SETTINGS)
     assert caught.value.result.sizes["time"] == 6

@@ -291,6 +291,27 @@ def test_loops_through_continuous_python_blocks(gain):
         values(diagram, "law.y")
 
 
+def test_each_loop_through_python_blocks_needs_the_policy():
+    """The inner diagram solves its own loop, not the one beside it."""
+    inner = Diagram("inner", loops="solve")
+    half = inner.add(half=python(Gain, 0.5))
+    half >> half.u
+    outer = Diagram("outer")
+    _, law = outer.add(inner=inner, law=python(Gain, 0.5))
+    law >> law.u
+    with pytest.raises(AlgebraicLoopError, match="loop through Python blocks: law -> law;"):
+        values(outer, "law.y")
+
+
+def test_python_blocks_behind_a_loop_are_not_iterated_with_it():
+    """Such a block sees the solution alone, not the signals that Newton's method tries."""
+    diagram = ring(python(Gain, 0.5))
+    calls = []
+    diagram.law.y >> diagram.add(behind=python(Function, lambda u: calls.append(u) or u)).u
+    assert_allclose(values(diagram, "behind.y"), 1.0, rtol=0, atol=ROUND_OFF)
+    assert_allclose(calls[-3:], 1.0, rtol=0, atol=ROUND_OFF)
+
+
 def test_a_start_that_is_finite_finds_a_solution(backend):
     (y,) = values(root_of_two(), "law.y", backend=backend, initial={"law.y": 1.0})
     assert_allclose(y, np.sqrt(2.0), rtol=1e-15, atol=0)

@@ -195,7 +195,7 @@ def test_steps_that_an_fmu_discards_are_taken_shorter(lag):
 
     # It halves a step up to ten times by itself; longer ones are left to the choice of steps.
     longest = 4e-5
-    chosen: Any = {"step": 2.0**-10, "tolerance": 1e-2, "extrapolation": 1}
+    chosen: Any = {"step": 2.0**-10, "tolerance": 1e-2}
     result = cosimulate(diagram(longest=longest), 1.0, **chosen)
     t = result["time"].values
     assert result.attrs["discarded_steps"] > 0

@@ -1,9 +1,10 @@
-"""Break points: where outputs are not smooth, and jumps there that fixed steps would miss."""
+"""Warnings of fixed steps that are too long: jumps that they miss, and results that are no solution."""
 
 from __future__ import annotations
 
 import math
 from fractions import Fraction
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -15,8 +16,18 @@ from trussflow.blocks.framework.errors import SimulationError
 from trussflow.blocks.framework.types import Vector
 from trussflow.blocks.tracing.plan import Plan
 
-MOST_LOOKED_AT = 100
-"""Break points of one block of which it is looked up whether the output jumps: tables have many."""
+if TYPE_CHECKING:
+    from trussflow.blocks.simulation.run import Run
+
+MAX_CHECKED_BREAKPOINTS = 100
+"""Break points of one block that are checked for a jump of its output; tables have many [-]."""
+
+MIN_CHECKED_SIZE = 1e12
+"""Modulus of a state above which the step size is checked as its cause [as declared]."""
+
+MAX_RELATIVE_CHANGE = 2.0
+"""Largest change of the largest state within a step, by its rate, relative to its size [-]: at the limit
+of stability of RK4 it is 2.8, of Euler's method 2. What grows by itself and is followed changes far less."""
 
 
 def warn_of_missed_jumps(plan: Plan, step: Fraction, span: tuple[Fraction, Fraction], p: Vector) -> None:
@@ -41,7 +52,7 @@ def warn_of_missed_jumps(plan: Plan, step: Fraction, span: tuple[Fraction, Fract
         if block.inputs() or block.states() or not block.traced or block.sample_time is not None:
             continue
         off = [b for b in breakpoints_of(block) if span[0] < b < span[1] and (b / step).denominator != 1]
-        for time in off[:MOST_LOOKED_AT]:
+        for time in off[:MAX_CHECKED_BREAKPOINTS]:
             name = _jumping(block, float(time), plan.p.signals(path, p))
             if (path, name) in read:
                 warn(
@@ -80,3 +91,20 @@ def breakpoints_of(block: Block) -> list[Fraction]:
         raise SimulationError(
             f"breakpoints() of block '{block.path}' returned {points}; times must be finite numbers"
         ) from None
+
+
+def warn_of_coarse_steps(run: Run) -> None:
+    """Warn if the largest state at the end of a `run` is huge, and would change by more than itself."""
+    step = run.prepared.step
+    sizes = np.abs(run.x)
+    if step is None or not sizes.size or (size := float(sizes.max())) < MIN_CHECKED_SIZE:
+        return
+    worst = int(sizes.argmax())
+    rate = run.executor.call("derivative", run.time, run.x, run.d, run.p)[worst]
+    if abs(rate) * float(step) > MAX_RELATIVE_CHANGE * size:
+        entry = run.prepared.plan.x.at(worst)
+        warn(
+            f"{entry.describe(worst - entry.start)} ends at {run.x[worst]:.3g}, and would change by more "
+            f"than itself within one step of {float(step):g} s: steps are too long for these equations, and "
+            "the result is no solution of them. Take a smaller step, or an adaptive or stiff solver"
+        )

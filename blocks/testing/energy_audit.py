@@ -42,7 +42,8 @@ class EnergyMeter(Block):
         Elements of the dissipated power D [-].
     """
 
-    supplied, dissipated = State(unit="J"), State(unit="J")
+    supplied = State(unit="J")
+    dissipated = State(unit="J")
 
     def __init__(self, sizes: Sequence[int], signs: Sequence[float], losses: int) -> None:
         self.signs = tuple(signs)
@@ -183,7 +184,8 @@ def energy_audit(
             f"cannot audit '{diagram.name}': no block in it has an energy_account; declare one, "
             "or give accounts="
         )
-    whole, log = diagram.name, dict[str, Port | str]()
+    whole = diagram.name
+    log = dict[str, Port | str]()
     for name, account in found.items():
         if not isinstance(account, EnergyAccount) or name == whole:
             raise SimulationError(

@@ -1,34 +1,38 @@
-"""A block by itself on a bench: its equations are called at random points, and what they do is looked at."""
+"""Check of a block by itself: its declarations, and its equations at random points."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import copy
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from itertools import pairwise
+from traceback import walk_tb
 
 import numpy as np
 import numpy.typing as npt
 
 from trussflow.blocks.framework.block import Block
 from trussflow.blocks.framework.declarations import Mode, Parameter, Signals, State
+from trussflow.blocks.framework.described import Described, Description
+from trussflow.blocks.framework.diagram import Diagram
 from trussflow.blocks.framework.equations import Equations
-from trussflow.blocks.framework.errors import BlockError, NameLookupError, TrussflowError
+from trussflow.blocks.framework.errors import BlockError, NameLookupError, TracingError, TrussflowError
 from trussflow.blocks.framework.port import Input, Output
 from trussflow.blocks.framework.system import flatten
-from trussflow.blocks.framework.types import Array, Vector
-from trussflow.blocks.framework.validation import finite_array, shown
+from trussflow.blocks.framework.types import Array
+from trussflow.blocks.framework.validation import by_name, finite_array, shown
+from trussflow.blocks.linear_analysis.python_derivatives import offered
+from trussflow.blocks.simulation.block_instances import open_block
 from trussflow.blocks.simulation.executor import NumPyExecutor
-from trussflow.blocks.simulation.open_blocks import open_block
 from trussflow.blocks.simulation.prepared import Prepared
 from trussflow.blocks.simulation.solver import Solver
+from trussflow.blocks.testing.derivative_check import derivative_fault
 from trussflow.blocks.tracing import block_check
 from trussflow.blocks.tracing.calling import checked, running_errors
 from trussflow.blocks.tracing.compile_cache import CompilationError
 
 RANDOM_POINTS = 12
 """Number of random points at which a block is checked [-]."""
-
-ROUND_OFF = 1e-9
-"""Between two orders of the same operations."""
 
 Values = dict[tuple[str, str], Array]
 """Values of the equations, keyed by kind and name of a port or state."""
@@ -54,17 +58,20 @@ class Bench:
     """
 
     def __init__(self, block: Block, around: Mapping[str, npt.ArrayLike]) -> None:
-        self.block, self.around, self.writes = block, around, ""
+        self.block = block
+        self.around = around
+        self.writes = ""
         self.p = Signals(f"block '{block.path}'", block.parameters)
         self.kinds: list[str] = []
         self.points: list[list[Array]] = []
 
     def declarations(self) -> str:
-        """See whether it can be built, and its states begin with numbers."""
+        """Check that the block can be built, and that its states begin with numbers."""
         block = self.block
         block_check.check_kind(block)
         flatten(block, external=True)
-        self.kinds, self.shapes = block_check.kinds(block), block_check.shapes_of(block)
+        self.kinds = block_check.kinds(block)
+        self.shapes = block_check.shapes_of(block)
         sizes = {"": ()} | self.shapes[0] | self.shapes[1] | self.shapes[2]
         for name in self.around:
             if name not in sizes:
@@ -82,14 +89,15 @@ class Bench:
         return ""
 
     def opened(self) -> Equations:
-        """Return what states the equations, as in a run that begins."""
+        """Return the equation object, as at the beginning of a run."""
         if self.block.steps_itself:
             raise NotApplicableError("the block steps itself, so its equations cannot be called at any point")
         return open_block(self.block, self.p) if self.block.hides else self.block
 
     def arguments(self, point: list[Array]) -> tuple[Array, Signals, Signals, Signals, Signals]:
         """Return copies of what is at a point: time, states, inputs, parameters, events that happen."""
-        numbers, owner = iter(point), self.p.owner
+        numbers = iter(point)
+        owner = self.p.owner
         t = np.array(np.abs(next(numbers)))
         x, u, fired = (Signals(owner, {n: next(numbers).copy() for n in shapes}) for shapes in self.shapes)
         happens = {n: value > 0 for n, value in fired.items()}
@@ -102,7 +110,8 @@ class Bench:
         """
         found: Values = {}
         for kind in kinds:
-            given, before = self.arguments(point), self.arguments(point)
+            given = self.arguments(point)
+            before = self.arguments(point)
             with np.errstate(all="ignore"), running_errors(self.block, kind, float(given[0])):
                 returned = getattr(own, kind)(*(given if kind == "on_event" else given[:4]))
                 for name, value in checked(self.block, kind, returned).items():
@@ -116,8 +125,9 @@ class Bench:
         return found
 
     def numbers(self) -> str:
-        """See whether equations return what is declared, and finite numbers somewhere."""
-        good, refused = list[tuple[list[Array], Values]](), list[TrussflowError]()
+        """Check that equations return what is declared, and finite numbers somewhere."""
+        good = list[tuple[list[Array], Values]]()
+        refused = list[TrussflowError]()
         self.points, points = [], self.points
         for point in points:
             happens = any(v.any() for v in self.arguments(point)[-1].values())
@@ -131,32 +141,31 @@ class Bench:
         if not good:
             raise refused[0]
         self.points = [point for point, _ in good]
-        remarks = (
-            [f"{len(refused)} of {RANDOM_POINTS} random points are refused: {refused[0]}"] if refused else []
-        )
+        remarks = []
+        if refused:
+            remarks.append(f"{len(refused)} of {RANDOM_POINTS} random points are refused: {refused[0]}")
         for kind, name in dict.fromkeys(key for _, each in good for key in each):
             values = [each[kind, name] for _, each in good if (kind, name) in each]
-            may = kind == "indicators" or name in self.block.declared(Mode)
-            finite = [np.isfinite(v) | (np.isinf(v) & may) for v in values]
-            bad = sum(not each.all() for each in finite)
+            may_be_infinite = kind == "indicators" or name in self.block.declared(Mode)
+            bad = sum(not (np.isfinite(v) | (np.isinf(v) & may_be_infinite)).all() for v in values)
             where = f"{kind}(): '{name}' is not finite at"
             if bad == len(values):
                 raise FaultError(
                     f"{where} any random point, such as {_listed(values[0])}; look for a division by zero, "
                     "the root or logarithm of a negative number, or say around= which numbers make sense"
                 )
-            remarks += [f"{where} {bad} of {len(values)} random points: is that outside its domain?"] * bool(
-                bad
-            )
+            if bad:
+                remarks.append(f"{where} {bad} of {len(values)} random points: is that outside its domain?")
         return "; ".join(remarks)
 
     def purity(self) -> str:
-        """See whether equal arguments give equal numbers, whatever was computed meanwhile."""
+        """Check that equal arguments give equal numbers, regardless of calls in between."""
         if self.writes:
             raise FaultError(self.writes)
         kinds = ["output"] if self.block.hides else self.kinds[:2]  # what is kept may change the others
         for first, second in pairwise([*self.points, self.points[0]]):
-            own, fresh = self.opened(), self.opened()
+            own = self.opened()
+            fresh = self.opened()
             calls = (own, first), (own, second), (own, first), (fresh, first)
             once, _, *others = (self.values(each, kinds, point) for each, point in calls)
             for again in others:
@@ -170,30 +179,38 @@ class Bench:
         return ""
 
     def tracing(self) -> str:
-        """See whether it traces, to the numbers that NumPy gives."""
-        if not self.block.traced:
-            raise NotApplicableError("the block says traced = False, and runs in Python")
+        """Check that the block traces, to the numbers of NumPy."""
+        self._refuse_python()
         block_check.isolate_anew(self.block)
         return ""
 
-    def compiled(self) -> str:
-        """See whether compiled code gives the numbers that NumPy gives."""
+    def _refuse_python(self) -> None:
         if not self.block.traced:
             raise NotApplicableError("the block says traced = False, and runs in Python")
+
+    def compiled(self) -> str:
+        """Check that compiled code gives the numbers of NumPy."""
+        self._refuse_python()
         system = flatten(self.block, external=True)
         try:
-            prepared = Prepared(system, Solver(solver="RK45", backend="compiled"), None)
+            prepared = Prepared.of(system, Solver(solver="RK45", backend="compiled"), None)
         except CompilationError as error:
             raise NotApplicableError(f"no C compiler works here: {error}") from None
-        plan, chance = prepared.plan, np.random.default_rng(0)
-        plain, p = NumPyExecutor(plan, prepared.quantities), plan.parameters(None)
+        plan = prepared.plan
+        chance = np.random.default_rng(0)
+        plain = NumPyExecutor(plan, prepared.quantities)
+        p = plan.parameters(None)
         for quantity in [*prepared.quantities] * RANDOM_POINTS:
-            t, x, d = chance.random(), chance.normal(size=plan.x.size), chance.normal(size=plan.d_size)
+            t = chance.random()
+            x = chance.normal(size=plan.x.size)
+            d = chance.normal(size=plan.d_size)
             d[plan.fired.span] = d[plan.fired.span] > 0.0
             with np.errstate(all="ignore"):
                 expected = plain.call(quantity.name, t, x, d, p)
             found = prepared.traced.call(quantity.name, t, x, d, p)
-            wrong = np.isfinite(expected) & ~near(found, expected, ROUND_OFF)
+            wrong = np.isfinite(expected) & block_check.differing(
+                found, expected, np.array([expected.size]), block_check.ROUND_OFF_TOLERANCE
+            )
             if wrong.any():
                 raise FaultError(
                     f"compiled code gives {_listed(found[wrong])}, NumPy {_listed(expected[wrong])} in "
@@ -202,42 +219,55 @@ class Bench:
         return ""
 
     def feedthrough(self) -> str:
-        """See whether outputs depend at once on what is declared, and on nothing else."""
+        """Check that outputs depend at once on what is declared, and on nothing else."""
         declared = block_check.isolate_anew(self.block).feedthrough
         depends = "; ".join(f"{y} on {', '.join(sorted(u)) or 'nothing'}" for y, u in declared.items())
         if self.block.traced:
-            return f"at once depend {depends}" * bool(depends)
+            return f"at once depend {depends}" if depends else ""
         real = {output: set[str]() for output in declared}
         for point, other in pairwise([*self.points, self.points[0]]):
             before = self.values(self.opened(), ["output"], point)
             for i, name in enumerate(self.shapes[1], 1 + len(self.shapes[0])):
                 after = self.values(self.opened(), ["output"], [*point[:i], other[i], *point[i + 1 :]])
                 for (_, output), value in before.items():
-                    real[output] |= set() if _same(value, after["output", output]) else {name}
-        shows = {output: tuple(sorted(seen)) for output, seen in real.items()}
+                    if not _same(value, after["output", output]):
+                        real[output].add(name)
+        seen_inputs = {output: tuple(sorted(seen)) for output, seen in real.items()}
+        advice = f"Let feedthrough() return {seen_inputs}"
         for output, seen in real.items():
             if missing := sorted(seen - declared[output]):
                 raise FaultError(
                     f"output '{output}' changes at once with {', '.join(missing)}, which feedthrough() does "
-                    f"not say: in a run it would see nothing there. Let feedthrough() return {shows}"
+                    f"not say: in a run it would see nothing there. {advice}"
                 )
         if all(declared[output] == seen for output, seen in real.items()):
             return ""
-        told = (
-            f"declared is that at once depend {depends}, but the numbers show less. Let feedthrough() return"
-        )
+        remark = f"declared is that at once depend {depends}, but the numbers show less. {advice}"
         if type(self.block).feedthrough is Block.feedthrough:
-            return f"{told} {shows}, if a loop is to be closed around the block"
-        raise FaultError(f"{told} {shows}: what is declared without need makes algebraic loops")
+            return f"{remark}, if a loop is to be closed around the block"
+        raise FaultError(f"{remark}: what is declared without need makes algebraic loops")
+
+    def derivatives(self) -> str:
+        """Check that exact derivatives by states and inputs are those of the numbers."""
+        if not self.block.traced and offered(self.block, self.opened()) is None:
+            raise NotApplicableError(
+                "linear models take differences, or directional_derivative() of a Python block"
+            )
+        if fault := derivative_fault(self):
+            raise FaultError(fault)
+        return ""
 
     def units(self) -> str:
-        """Tell what has no unit."""
-        declared = {**self.block._declared, **self.block.extra_ports}.items()
-        kinds = Input, Output, State, Parameter
+        """Return a remark on declarations without a unit."""
+        declared = {**self.block._declared, **self.block.extra_ports}
         without = [
-            n for n, d in declared if isinstance(d, kinds) and not isinstance(d, Mode) and d.unit is None
+            name
+            for name, declaration in declared.items()
+            if isinstance(declaration, Input | Output | State | Parameter)
+            and not isinstance(declaration, Mode)
+            and declaration.unit is None
         ]
-        return f"no unit is declared for {', '.join(without)}: wires there are not checked" * bool(without)
+        return f"no unit is declared for {', '.join(without)}: wires there are not checked" if without else ""
 
 
 def _same(one: Array, other: Array) -> bool:
@@ -245,15 +275,117 @@ def _same(one: Array, other: Array) -> bool:
     return np.array_equal(one, other, equal_nan=True)
 
 
-def near(found: Vector, expected: Vector, tolerance: float) -> Array:
-    """Tell which elements of `found` and `expected` [any] agree to a `tolerance` [-].
-
-    It is relative to the largest, or to one.
-    """
-    scale = max(1.0, float(np.abs(expected[np.isfinite(expected)]).max(initial=0.0)))
-    return np.asarray((found == expected) | (np.abs(found - expected) <= tolerance * scale))
-
-
 def _listed(value: Array) -> str:
     """Return numbers for a message."""
     return shown(np.round(value, 6).tolist())
+
+
+@dataclass(frozen=True, slots=True, repr=False)
+class BlockReport(Described):
+    """Findings of `check_block`.
+
+    Attributes
+    ----------
+    block : str
+        Path and class of the block.
+    findings : dict of str to str
+        For each check ``"passed"``, ``"FAILED: ..."`` or ``"not applicable: ..."``, with what was found,
+        where, and what to do.
+    """
+
+    block: str
+    findings: dict[str, str]
+
+    @property
+    def failures(self) -> dict[str, str]:
+        """The findings of the checks that failed."""
+        return {name: text for name, text in self.findings.items() if text.startswith("FAILED")}
+
+    def raise_for_failures(self) -> None:
+        """Raise if a check failed, for tests.
+
+        Raises
+        ------
+        BlockError
+            With this report as its message.
+        """
+        if self.failures:
+            raise BlockError(repr(self))
+
+    def _described(self) -> Description:
+        failed = f"{len(self.failures)} of {len(self.findings)} checks failed"
+        return Description(f"{self.block}: {failed if self.failures else 'all is well'}", self.findings)
+
+
+def check_block(
+    block: Block, *, around: Mapping[str, npt.ArrayLike] | None = None, compiled: bool = True
+) -> BlockReport:
+    """Check a block of one's own by itself: what it declares, and what its equations do at random points.
+
+    Parameters
+    ----------
+    block : Block
+        The block. One whose shapes follow from wires is looked at as a scalar one, or as it is wired.
+    around : mapping, optional
+        States and inputs by name, for a block that computes near some numbers only: points are at most 0.1
+        away from them. All others are up to 1 from zero [units as declared].
+    compiled : bool
+        Whether to compile it too, which takes a second. Native FMUs consist of the same C code.
+
+    Returns
+    -------
+    BlockReport
+        A finding for each check; its text says what to do.
+
+    Raises
+    ------
+    BlockError
+        If it is no block, or a diagram, whose blocks are to be checked one by one.
+
+    Examples
+    --------
+    >>> from trussflow.blocks import TransferFunction, check_block
+    >>> report = check_block(TransferFunction([1.0], [0.5, 1.0]), compiled=False)
+    >>> report.raise_for_failures()
+    >>> report.findings["feedthrough"]
+    'passed: at once depend y on nothing'
+    """
+    given: object = block
+    if not isinstance(given, Block) or isinstance(given, Diagram):
+        raise BlockError(f"cannot check {shown(block)}: give one block, such as MyBlock()")
+    item = copy.deepcopy(block) if block.parent is None else block
+    findings = dict[str, str]()
+    bench = Bench(item, by_name("values around which to check", around))
+    checks: dict[str, Callable[[], str]] = {
+        "declarations": bench.declarations,
+        "numbers": bench.numbers,
+        "purity": bench.purity,
+        "tracing": bench.tracing,
+        **({"compiled": bench.compiled} if compiled else {}),
+        "feedthrough": bench.feedthrough,
+        "derivatives": bench.derivatives,
+        "units": bench.units,
+    }
+    for name, check in checks.items():
+        try:
+            told = check()
+            findings[name] = f"passed: {told}" if told else "passed"
+        except NotApplicableError as reason:
+            findings[name] = f"not applicable: {reason}"
+        except TracingError as error:
+            findings[name] = f"FAILED: {error}" if name == "tracing" else "not applicable: it does not trace"
+        except (FaultError, TrussflowError) as fault:
+            findings[name] = f"FAILED: {fault}"
+        except Exception as error:  # noqa: BLE001 - the block is the user's
+            findings[name] = f"FAILED: {_raised(item, error)}"
+        if not bench.points:  # nothing can be computed
+            break
+    return BlockReport(f"{item.path} ({type(item).__name__})", findings)
+
+
+def _raised(block: Block, error: Exception) -> str:
+    """Say which method of the user's `block` raised an `error` that no check expects."""
+    frames = [frame for frame, _ in walk_tb(error.__traceback__)]
+    users = [f for f in frames if not str(f.f_globals.get("__name__")).startswith("trussflow.blocks.")]
+    method = (users or frames[-1:])[0].f_code.co_name
+    return f"{method}() of block '{block.path}' raised {type(error).__name__}: {error}"

@@ -1,0 +1,1 @@
+"""Checks of blocks and diagrams for their authors: what no simulation needs."""
