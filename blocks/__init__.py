@@ -159,5 +159,5 @@ from trussflow.blocks.sweeps.gradients import gradient as gradient
 from trussflow.blocks.sweeps.sweep import rerun as rerun
 from trussflow.blocks.sweeps.sweep import sweep as sweep
 from trussflow.blocks.sweeps.tuning import tune as tune
+from trussflow.blocks.tracing.kernels import repeated as repeated
 from trussflow.blocks.tracing.linear_algebra import solve_positive_definite as solve_positive_definite
-from trussflow.blocks.tracing.tracing import repeated as repeated

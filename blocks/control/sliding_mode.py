@@ -19,8 +19,8 @@ from trussflow.blocks.framework.types import Array
 from trussflow.blocks.framework.units import Unit
 from trussflow.blocks.library.piecewise import limited
 from trussflow.blocks.library.signals import ACCELERATION_UNIT, VELOCITY_UNIT, ShapeLike
-from trussflow.blocks.tracing.once import once
-from trussflow.blocks.tracing.tracing import elementwise
+from trussflow.blocks.tracing.kernels import elementwise
+from trussflow.blocks.tracing.memoized import memoized
 
 
 def signed_power(x: Array, exponent: Array) -> Array:
@@ -171,7 +171,7 @@ class IntegralSlidingMode(SlidingMode):
         """Return the integrand of the sliding variable."""
         return {"integral": self._nominal(u, p)[-1]}
 
-    @once
+    @memoized
     def _nominal(self, u: Signals, p: Signals) -> tuple[Array, Array, Array]:
         """Return the errors, and the error dynamics that the controller imposes on the sliding surface."""
         e, de = errors(u)

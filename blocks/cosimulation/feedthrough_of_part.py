@@ -5,7 +5,7 @@ from __future__ import annotations
 from trussflow.blocks.framework.external import External
 from trussflow.blocks.framework.port import Port
 from trussflow.blocks.framework.system import System
-from trussflow.blocks.tracing.loops import Feedthrough
+from trussflow.blocks.tracing.sorted_order import Feedthrough
 
 
 def inputs_behind(system: System, feedthrough: Feedthrough, port: Port) -> dict[str, list[str]]:

@@ -13,8 +13,8 @@ from trussflow.blocks.framework.types import Array, Vector
 from trussflow.blocks.simulation.block_bench import Bench, FaultError, NotApplicableError, near
 from trussflow.blocks.tracing import block_check
 from trussflow.blocks.tracing.calling import running_errors
+from trussflow.blocks.tracing.kernels import to_expression
 from trussflow.blocks.tracing.program import lower
-from trussflow.blocks.tracing.tracing import to_expression
 
 DIFFERENCE_STEP = 1e-6
 """Step of differences, relative to numbers above one [-]."""

@@ -17,9 +17,9 @@ from trussflow.blocks.framework.types import Vector
 from trussflow.blocks.simulation.block_call import BlockCall
 from trussflow.blocks.simulation.open_blocks import SampledStepping
 from trussflow.blocks.tracing.calling import running_errors
-from trussflow.blocks.tracing.loops import Active, SomeOf, is_solved, reached_from
 from trussflow.blocks.tracing.plan import Plan
 from trussflow.blocks.tracing.quantities import Quantity, block_inputs
+from trussflow.blocks.tracing.sorted_order import Active, is_solved, reached_from
 
 
 class Evaluates(Protocol):
@@ -66,7 +66,9 @@ class SampledPythonBlocks:
                 ]
             )
         traced = {plan.system.clock(b) for b in plan.system.blocks.values() if b.traced}
-        self.with_traced = [bool(active & traced) or isinstance(active, SomeOf) for active in sets]
+        if plan.counters.size:  # the shared program also counts ticks of clocks without traced blocks
+            traced |= {*plan.system.clocks}
+        self.with_traced = [bool(active & traced) for active in sets]
         self._computes = np.array([bool(pairs) for pairs in self.ordered])
 
     def quantities(self) -> list[Quantity]:
@@ -151,7 +153,7 @@ class SampledInRun:
     def _ticking(self, number: int, d: Vector) -> list[tuple[BlockCall, Quantity]]:
         """Return the blocks of a set, in order, but for those whose clocks do not tick."""
         plan, pairs = self.blocks.plan, self.blocks.ordered[number]
-        waiting = plan.waits.waiting(d)
+        waiting = plan.counters.waiting(d)
         return [pair for pair in pairs if plan.system.clock(pair[0].block) not in waiting]
 
     def _finite(self, call: BlockCall, kind: str, values: Vector, t: float) -> Vector:

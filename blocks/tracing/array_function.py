@@ -9,7 +9,7 @@ import casadi as ca
 import numpy as np
 
 from trussflow.blocks.framework.types import Array
-from trussflow.blocks.tracing.tracing import from_expression, is_traced, symbol, to_expression
+from trussflow.blocks.tracing.kernels import from_expression, is_traced, symbol, to_expression
 
 
 @dataclass(frozen=True, eq=False)

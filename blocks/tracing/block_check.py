@@ -17,11 +17,9 @@ from trussflow.blocks.framework.equations import EVENTS
 from trussflow.blocks.framework.errors import BlockError, SimulationError, TrussflowError
 from trussflow.blocks.framework.external import External
 from trussflow.blocks.framework.types import Array
-from trussflow.blocks.tracing.alike import constants, mark, nameless
+from trussflow.blocks.tracing.block_deduplication import anonymous_copy, constants, equations_key
 from trussflow.blocks.tracing.calling import brief, checked, refusal, running_errors, tracing_errors
-from trussflow.blocks.tracing.program import Program
-from trussflow.blocks.tracing.template import Template
-from trussflow.blocks.tracing.tracing import (
+from trussflow.blocks.tracing.kernels import (
     Trace,
     dependencies,
     shape_of,
@@ -30,6 +28,8 @@ from trussflow.blocks.tracing.tracing import (
     to_expression,
     tracing,
 )
+from trussflow.blocks.tracing.program import Program
+from trussflow.blocks.tracing.traced_block import TracedBlock
 
 ROUND_OFF_TOLERANCE = 1e-9
 """Largest relative difference between two orders of the same operations, ill-conditioned blocks included."""
@@ -59,16 +59,16 @@ class Isolated:
     ----------
     feedthrough : dict
         Inputs with direct feedthrough to each output.
-    template : Template or None
+    traced : TracedBlock or None
         The traced equations; None for a Python block.
     """
 
     feedthrough: dict[str, frozenset[str]]
-    template: Template | None = None
+    traced: TracedBlock | None = None
 
 
 Alike = dict[Hashable, Isolated | None]
-"""Result shared by all blocks with the same `mark`; None if it cannot be shared."""
+"""Result shared by all blocks with the same `equations_key`; None if it cannot be shared."""
 
 
 def kinds(block: Block) -> list[str]:
@@ -147,16 +147,16 @@ def isolate_all(blocks: Mapping[str, Block]) -> dict[str, Isolated]:
 
 def _as_alike(block: Block, alike: Alike) -> Isolated:
     """Return the result of a block with the same equations, from `alike` if it is there."""
-    key = mark(block) if block.traced else None
+    key = equations_key(block) if block.traced else None
     if key is not None and key not in alike:
         try:
-            alike[key] = isolate_anew(block, nameless(block))
+            alike[key] = isolate_anew(block, anonymous_copy(block))
         except TrussflowError:  # checking the block itself shows whether it or the copy is at fault
             alike[key] = None
     found = alike.get(key)
-    if found is None or found.template is None:
+    if found is None or found.traced is None:
         return isolate_anew(block)
-    return replace(found, template=replace(found.template, constants=constants(block)))
+    return replace(found, traced=replace(found.traced, constants=constants(block)))
 
 
 def isolate_anew(block: Block, copy: tuple[Block, tuple[Array, ...]] | None = None) -> Isolated:
@@ -181,7 +181,7 @@ def isolate_anew(block: Block, copy: tuple[Block, tuple[Array, ...]] | None = No
         for name, symbols in zip(traced["output"], used, strict=True)
     }
     leaves = (t, *x.values(), *u.values(), *p.values(), *fired.values(), *lifted)
-    return Isolated(feedthrough, Template(leaves, tuple(trace.calls), traced))
+    return Isolated(feedthrough, TracedBlock(leaves, tuple(trace.calls), traced))
 
 
 Symbols = tuple[Array, Signals, Signals, Signals, Signals]

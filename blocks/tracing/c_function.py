@@ -17,7 +17,7 @@ import casadi as ca
 import numpy as np
 
 from trussflow.blocks.framework.types import Array, Vector
-from trussflow.blocks.tracing.tracing import (
+from trussflow.blocks.tracing.kernels import (
     KERNEL_NAME,
     Kernel,
     call_kernel,

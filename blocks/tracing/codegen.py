@@ -17,10 +17,10 @@ from trussflow.blocks.tracing.instructions import (
     is_time,
     named,
 )
+from trussflow.blocks.tracing.kernels import KERNEL_NAME, KernelCall
+from trussflow.blocks.tracing.loop_rerolling import rerolled
 from trussflow.blocks.tracing.operations import FORMULAS, FUSED_FORMULAS, Numbers
 from trussflow.blocks.tracing.program import Program
-from trussflow.blocks.tracing.rolling import rolled
-from trussflow.blocks.tracing.tracing import KERNEL_NAME, KernelCall
 
 PROGRAM_ARGUMENTS = (TIME_NAME, "x", "d", "p")
 
@@ -179,7 +179,7 @@ def content(programs: Sequence[Program], lanes: int = 1) -> str:
     lanes : int
         As for `c_sources` [-].
     """
-    made_by = ("codegen.py", "instructions.py", "rolling.py", "operations.py")
+    made_by = ("codegen.py", "instructions.py", "loop_rerolling.py", "operations.py")
     made_of = ("fma.h", "lanes.h", "fixed_step.h", "events.h", "driver.c")
     return "\0".join([str(lanes), *(program.code for program in programs), *map(_file, made_by + made_of)])
 
@@ -204,7 +204,7 @@ def _program(program: Program, kernels: dict[int, str], numbers: Numbers) -> lis
             size += -(-symbols.numel() // 8) * 8  # whole lines of 64 bytes
         called.append(f"  {kernels[id(call)]}({', '.join(starts)});")
     written += ["result[{}]", f"w[{size} + {{}}]"]
-    found = rolled(fused(instructions_of(program.graph)), read, len(program.calls), written[-1], numbers)
+    found = rerolled(fused(instructions_of(program.graph)), read, len(program.calls), written[-1], numbers)
     instructions, loops, common = found
     size += common
     apart = len(instructions) > MAX_PIECE_INSTRUCTIONS

@@ -34,7 +34,7 @@ import numpy as np
 from trussflow.blocks.framework.types import Vector
 from trussflow.blocks.tracing.codegen import straight_line
 from trussflow.blocks.tracing.instructions import instructions_of
-from trussflow.blocks.tracing.tracing import KERNEL_NAME, Kernel, KernelCall, call_kernel, symbols_of
+from trussflow.blocks.tracing.kernels import KERNEL_NAME, Kernel, KernelCall, call_kernel, symbols_of
 
 MAX_STEPS = 60
 """Largest number of Newton steps [-], as in newton.h."""

@@ -14,9 +14,8 @@ from numpy.typing import NDArray
 from trussflow.blocks.framework.clock import exact, ticks
 from trussflow.blocks.framework.declarations import TIMED
 from trussflow.blocks.tracing.codegen import c_functions, event_sizes, events, fixed_step, vector_functions
-from trussflow.blocks.tracing.loops import SomeOf
+from trussflow.blocks.tracing.kernels import Trace
 from trussflow.blocks.tracing.program import Program, lower
-from trussflow.blocks.tracing.tracing import Trace
 from trussflow.fmu.errors import ExportError
 from trussflow.fmu.exporting.description.export_interface import ExportInterface
 from trussflow.fmu.exporting.native.tape import operation_names, table, tape
@@ -210,8 +209,9 @@ def calendar(interface: ExportInterface) -> list[str]:
     clocks, step = interface.plan.system.clocks, exact(interface.step)
     periods = [f"{{{ticks(c.period, step, 'period')}, {ticks(c.offset, step, 'offset')}}}" for c in clocks]
     bits = {clock: 1 << i for i, clock in enumerate(clocks)}
+    shared = interface.plan.counters.size > 0
     codes = [
-        f"{{{ALL_CLOCKS if isinstance(s, SomeOf) else sum(bits[c] for c in s)}ull, TF_sample_{number}}}"
+        f"{{{ALL_CLOCKS if shared else sum(bits[c] for c in s)}ull, TF_sample_{number}}}"
         for number, s in enumerate(interface.schedule.sets)
         if s
     ]

@@ -51,7 +51,7 @@ class Element:
     leaves: tuple[Leaf, ...]
 
 
-def rolled(
+def rerolled(
     instructions: list[Instruction], read: Sequence[str], target: int, shared: str, numbers: Numbers
 ) -> tuple[list[Instruction], list[str], int]:
     """Return the remaining instructions, the C code of the loops, and the number of values shared by both.

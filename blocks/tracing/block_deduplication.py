@@ -18,7 +18,7 @@ import numpy as np
 
 from trussflow.blocks.framework.block import Block
 from trussflow.blocks.framework.types import Array, Vector
-from trussflow.blocks.tracing.tracing import from_expression, symbol, to_expression
+from trussflow.blocks.tracing.kernels import from_expression, symbol, to_expression
 
 UNSHARED_ATTRIBUTES = ("name", "parent", "parameters", "extra_ports")
 """Attributes that may differ between blocks with the same equations; the traced copy has none of them."""
@@ -30,7 +30,7 @@ MAX_NESTING = 8
 """Deepest level of nested lists that is compared."""
 
 
-def mark(block: Block) -> Hashable | None:
+def equations_key(block: Block) -> Hashable | None:
     """Return a key that is equal for two blocks only if their equations are the same; None if unknown."""
     attributes = object.__getstate__(block)
     if not isinstance(attributes, dict):
@@ -96,7 +96,7 @@ def constants(block: Block) -> tuple[Vector, ...]:
     return (np.concatenate(values),) if values else ()
 
 
-def nameless(block: Block) -> tuple[Block, tuple[Array, ...]]:
+def anonymous_copy(block: Block) -> tuple[Block, tuple[Array, ...]]:
     """Return a copy of a `block` without name and parameter values, and the symbols of its `constants`."""
     copy: Block = object.__new__(type(block))
     copy.__dict__.update((n, v) for n, v in vars(block).items() if n not in UNSHARED_ATTRIBUTES)
