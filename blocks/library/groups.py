@@ -278,7 +278,7 @@ class GroupEquations:
 
     def __init__(self, block: Block) -> None:
         self.block: Any = block
-        self.kind: Any = type(block)
+        self.kind = type(block)
         self.states: dict[str, Any] = block.declared(State)
         self.events: dict[str, Any] = block.declared(Event)
 
@@ -302,8 +302,7 @@ class GroupEquations:
 
     def initial(self, name: str, p: Signals) -> Vector:
         """Return the initial value of a state; a class that overrides this knows its own states only."""
-        value: Vector = (self.kind if name in self.states else Block).initial(self.block, name, p)
-        return value
+        return (self.kind if name in self.states else Block).initial(self.block, name, p)
 
 
 class Enabled(GroupEquations):
@@ -341,8 +340,7 @@ class Enabled(GroupEquations):
             if name in self.starts:
                 value = x[self.starts[name]]
             values[name] = p[value] if isinstance(value, str) else value
-        computed: Values = self.kind.initial_state(self.block, u, p)
-        return values | computed
+        return values | self.kind.initial_state(self.block, u, p)
 
 
 class EnabledStates(Enabled):
@@ -370,8 +368,7 @@ class EnabledStates(Enabled):
 
     def initial_state(self, u: Signals, p: Signals) -> Values:
         """Return the initial states, and whether the group runs."""
-        values: Values = self.kind.initial_state(self.block, u, p)
-        return values | Gate.initial_state(self.block, u, p)
+        return self.kind.initial_state(self.block, u, p) | Gate.initial_state(self.block, u, p)
 
     def indicators(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
         """Return the indicators, which are constant while the group does not run."""
@@ -413,8 +410,7 @@ class EnabledUpdates(Enabled):
 
     def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
         """Return the outputs."""
-        values: Values = self.kind.output(self.block, t, self._start(x, u, p), u, p)
-        return values
+        return self.kind.output(self.block, t, self._start(x, u, p), u, p)
 
     def update(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
         """Return the next states, and whether the group ran."""
@@ -449,8 +445,7 @@ class TriggeredOutputs(GroupEquations):
 
     def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
         """Return the outputs."""
-        values: Values = self.kind.output(self.sampled(), t, x, u, p)
-        return values
+        return self.kind.output(self.sampled(), t, x, u, p)
 
 
 class TriggeredUpdates(TriggeredOutputs):

@@ -6,6 +6,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import casadi as ca
+import numpy as np
+from numpy.typing import NDArray
 
 from trussflow.blocks.tracing.instructions import Instruction, is_time, needed, number
 from trussflow.blocks.tracing.operations import FUSED_FORMULAS, Numbers
@@ -27,8 +29,13 @@ EMPTY_INSTRUCTION = Instruction(ca.OP_CONST, ())
 MAX_REPEATED_USES = 4
 """Largest number of uses of a value that loops compute again; other values are computed before the loops."""
 
-Leaf = tuple[int, int] | tuple[float] | int
-"""Operand of an element: argument and index, a constant, or the index of an instruction."""
+Operand = tuple[int, int]
+"""Source of an operand of an element: argument and index; `CONSTANT`; or `SHARED` and an instruction."""
+
+CONSTANT: Operand = (-1, 0)
+
+SHARED = -2
+"""First number of an operand that is the value of an instruction outside the loops."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,13 +49,16 @@ class Element:
     form : tuple
         Operations with their operands: indices of earlier operations, or -1 - s for leaf s. The last
         operation gives the value; without operations, leaf 0 does.
-    leaves : tuple of Leaf
-        Leaves, one for each use.
+    leaves : array of int, shape (n, 2)
+        An `Operand` for each use of a leaf.
+    constants : tuple of float
+        Value of each leaf that is a constant, zero for others [any].
     """
 
     output: int
     form: tuple[tuple[int, tuple[int, ...]], ...]
-    leaves: tuple[Leaf, ...]
+    leaves: NDArray[np.int_]
+    constants: tuple[float, ...]
 
 
 def rerolled(
@@ -84,9 +94,9 @@ def rerolled(
         if run == 1:
             continue
         each = [elements[start + period * i] for i in range(run)]
-        for leaf in each[0].leaves:
-            if isinstance(leaf, int):
-                places.setdefault(leaf, len(places))
+        for source, k in each[0].leaves.tolist():
+            if source == SHARED:
+                places.setdefault(k, len(places))
         done |= {element.output for element in each}
         names = {k: shared.format(place) for k, place in places.items()}
         loops += ["  {", *_loop(each, read, names, f"result[{start} + {period} * i]", numbers), "  }"]
@@ -127,17 +137,18 @@ def _expanded(
         one = instructions[k]
         if not is_leaf[k]:
             return known[k]
+        constants.append(one.constant)
         if one.operation == ca.OP_INPUT:
             leaves.append((one.place[0], one.place[1]))
         else:
-            leaves.append((one.constant,) if one.operation == ca.OP_CONST else k)
+            leaves.append(CONSTANT if one.operation == ca.OP_CONST else (SHARED, k))
         return -len(leaves)
 
-    form, leaves, known = list[tuple[int, tuple[int, ...]]](), list[Leaf](), dict[int, int]()
+    form, known = list[tuple[int, tuple[int, ...]]](), dict[int, int]()
+    leaves, constants = list[Operand](), list[float]()
     root = instructions[output].operands[0]
-    waiting = (
-        [] if is_leaf[root] else [root]
-    )  # a stack, as sums of hundreds of terms exceed the recursion limit
+    # A stack, as sums of hundreds of terms exceed the recursion limit.
+    waiting = [] if is_leaf[root] else [root]
     most = MAX_ELEMENT_OPERATIONS
     while waiting:
         k = waiting[-1]
@@ -154,7 +165,7 @@ def _expanded(
             return None
     if not form:
         called(root)
-    return Element(output, tuple(form), tuple(leaves))
+    return Element(output, tuple(form), np.array(leaves), tuple(constants))
 
 
 def _run(elements: Mapping[int, Element], start: int, period: int, done: set[int]) -> int:
@@ -162,30 +173,17 @@ def _run(elements: Mapping[int, Element], start: int, period: int, done: set[int
     first, second = elements[start], elements.get(start + period)
     if second is None or second.form != first.form:
         return 1
-    steps = [_step(a, b) for a, b in zip(first.leaves, second.leaves, strict=True)]
+    steps = second.leaves - first.leaves
+    if steps[:, 0].any() or steps[first.leaves[:, 0] == SHARED].any():
+        return 1
     length = 1
     while (other := elements.get(start + period * length)) is not None:
         if other.output in done or other.form != first.form:
             break
-        if not all(
-            _is_at(a, step, length, b) for a, step, b in zip(first.leaves, steps, other.leaves, strict=True)
-        ):
+        if not np.array_equal(other.leaves, first.leaves + length * steps):
             break
         length += 1
     return length
-
-
-def _step(first: Leaf, second: Leaf) -> int:
-    """Return the stride from the leaf of the first element to that of the next."""
-    alike = isinstance(first, tuple) and isinstance(second, tuple) and len(first) == len(second) == 2
-    return second[1] - first[1] if alike else 0  # type: ignore[index,misc]
-
-
-def _is_at(first: Leaf, step: int, i: int, leaf: Leaf) -> bool:
-    """Return whether a `leaf` is that of element `i`, for a stride of `step` between elements."""
-    if isinstance(first, tuple) and isinstance(leaf, tuple) and len(first) == len(leaf):
-        return len(first) == 1 or (leaf[0] == first[0] and leaf[1] == first[1] + step * i)  # type: ignore[misc]
-    return first == leaf
 
 
 def _loop(
@@ -193,18 +191,19 @@ def _loop(
 ) -> list[str]:
     """Return the C code of a loop over elements with the same operations; `known` names shared values."""
     tables, names = list[str](), list[str]()
-    for s, first in enumerate(each[0].leaves):
-        if isinstance(first, int):
-            names.append(known[first])
-        elif len(first) == 2:
-            step = _step(first, each[1].leaves[s])
-            text = read[first[0]].format(f"{first[1]} + {step} * i" if step else first[1])
-            names.append(numbers.of_one(text) if is_time(text) else text)
-        else:
-            constants = [number(element.leaves[s][0]) for element in each]  # type: ignore[index]
+    steps = each[1].leaves - each[0].leaves
+    for s, (source, index) in enumerate(each[0].leaves.tolist()):
+        if source == SHARED:
+            names.append(known[index])
+        elif (source, index) == CONSTANT:
+            constants = [number(element.constants[s]) for element in each]
             if len({*constants}) > 1:
                 tables.append(f"    static const double c{s}[] = {{{', '.join(constants)}}};")
             names.append(numbers.of_one(f"c{s}[i]" if len({*constants}) > 1 else constants[0]))
+        else:
+            step = steps[s, 1]
+            text = read[source].format(f"{index} + {step} * i" if step else index)
+            names.append(numbers.of_one(text) if is_time(text) else text)
     values = list[str]()
     sums = {f"e{k}" for k, (operation, _) in enumerate(each[0].form) if operation in FUSED_FORMULAS}
     for k, (operation, operands) in enumerate(each[0].form):
