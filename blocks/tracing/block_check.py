@@ -172,16 +172,18 @@ def isolate_anew(block: Block, copy: tuple[Block, tuple[Array, ...]] | None = No
     if not block.traced:
         return Isolated(_declared_feedthrough(block))
     by, lifted = copy or (None, ())
-    (t, x, u, fired, p), traced, trace = trace_alone(block, by)
-    _compare(block, (t, x, u, fired, p), traced, trace, lifted)
-    own = {name: symbols_of(to_expression(value)) for name, value in u.items()}
-    used = dependencies([to_expression(v) for v in traced["output"].values()], trace)
-    feedthrough = {
-        name: frozenset(i for i, s in own.items() if s & symbols)
-        for name, symbols in zip(traced["output"], used, strict=True)
-    }
+    symbols, values, trace = trace_alone(block, by)
+    t, x, u, fired, p = symbols
     leaves = (t, *x.values(), *u.values(), *p.values(), *fired.values(), *lifted)
-    return Isolated(feedthrough, TracedBlock(leaves, tuple(trace.calls), traced))
+    traced = TracedBlock(leaves, tuple(trace.calls), values, constants(block) if lifted else ())
+    _compare(block, symbols, traced)
+    own = {name: symbols_of(to_expression(value)) for name, value in u.items()}
+    used = dependencies([to_expression(v) for v in values["output"].values()], trace)
+    feedthrough = {
+        name: frozenset(i for i, s in own.items() if s & needed)
+        for name, needed in zip(values["output"], used, strict=True)
+    }
+    return Isolated(feedthrough, traced)
 
 
 Symbols = tuple[Array, Signals, Signals, Signals, Signals]
@@ -248,19 +250,15 @@ def _declared_feedthrough(block: Block) -> dict[str, frozenset[str]]:
     return {name: frozenset(used) for name, used in declared.items()}
 
 
-def _compare(
-    block: Block, symbols: Symbols, traced: dict[str, Values], trace: Trace, lifted: tuple[Array, ...]
-) -> None:
+def _compare(block: Block, symbols: Symbols, traced: TracedBlock) -> None:
     """Raise `TracingError` if the traced equations of a block return other numbers than NumPy."""
     t, x, u, fired, p = symbols
-    leaves = [t, *x.values(), *u.values(), *fired.values(), *p.values(), *lifted]
-    outputs = [v for values in traced.values() for v in values.values()]
-    names = [n for values in traced.values() for n in values]
-    if not outputs:
+    results = [(n, to_expression(v)) for values in traced.values.values() for n, v in values.items()]
+    if not results:
         return
-    columns = [to_expression(v) for v in outputs]
+    names, columns = zip(*results, strict=True)
     result = ca.densify(ca.vertcat(*columns))
-    program = Program("check", tuple(to_expression(v) for v in leaves), tuple(trace.calls), result)
+    program = Program("check", tuple(map(to_expression, traced.leaves)), traced.calls, result)
 
     def plain(point: list[Array]) -> Array:
         numbers = iter(point)
@@ -274,10 +272,12 @@ def _compare(
     first = 1 + len(x) + len(u)
     chosen = [
         [*point[:first], *(np.where(v > 0, 1.0, 0.0) for v in point[first:])]  # an event happens or not
-        for point in points(tuple(shape_of(v) for v in leaves[: first + len(fired)]))
+        for point in points(tuple(map(shape_of, (t, *x.values(), *u.values(), *fired.values()))))
     ]
-    own = [*block.parameters.values(), *(constants(block) if lifted else ())]
-    everything = zip(*([*point, *own] for point in chosen), strict=True)
+    own = block.parameters.values()
+    everything = zip(
+        *([*point[:first], *own, *point[first:], *traced.constants] for point in chosen), strict=True
+    )
     found = program.evaluate([np.column_stack([np.ravel(v) for v in values]) for values in everything])
     sizes = np.cumsum([column.numel() for column in columns])
     for k, (point, values) in enumerate(zip(chosen, found.T, strict=True)):

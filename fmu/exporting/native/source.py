@@ -13,8 +13,9 @@ from numpy.typing import NDArray
 
 from trussflow.blocks.framework.clock import exact, ticks
 from trussflow.blocks.framework.declarations import TIMED
-from trussflow.blocks.tracing.codegen import c_functions, event_sizes, events, fixed_step, vector_functions
+from trussflow.blocks.tracing.codegen import c_functions, event_sizes, vector_functions
 from trussflow.blocks.tracing.kernels import Trace
+from trussflow.blocks.tracing.operations import c_file
 from trussflow.blocks.tracing.program import Program, lower
 from trussflow.fmu.errors import ExportError
 from trussflow.fmu.exporting.description.export_interface import ExportInterface
@@ -99,8 +100,7 @@ def source(interface: ExportInterface, version: str, token: str) -> Source:
         tape(programs["initialization"], "tf_tape0", 0),
         '#ifndef TF_SEPARATE\n#include "model.c"\n#endif',
         *("#define TF_ADJOINT" for _ in range(version == "3.0")),
-        fixed_step(),
-        events(),
+        *map(c_file, ("fixed_step.h", "events.h")),
         *map(file_text, ("core.h", "due.c", "time.c", "core.c", "tape.c", *FUNCTION_FILES[version])),
     ]
     return Source("\n".join(parts), _model(compiled))
