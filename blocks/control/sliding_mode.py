@@ -13,7 +13,6 @@ import numpy.typing as npt
 from trussflow.blocks.control.tracking import Tracking, errors
 from trussflow.blocks.framework.block import Values
 from trussflow.blocks.framework.declarations import Parameter, Signals, State
-from trussflow.blocks.framework.errors import ParameterError
 from trussflow.blocks.framework.port import INFERRED, Input, Output
 from trussflow.blocks.framework.types import Array
 from trussflow.blocks.framework.units import Unit
@@ -133,7 +132,7 @@ class IntegralSlidingMode(SlidingMode):
     integral = State(INFERRED, meaning="integral term of the sliding variable")
     gamma = Parameter(shape=None, above=0.0, meaning="γ: gain of the error rate")
     mu = Parameter(shape=None, above=0.0, meaning="μ: gain of the error")
-    beta = Parameter(above=0.0, meaning="β: exponent")
+    beta = Parameter(above=0.0, maximum=1.0, meaning="β: exponent")
     eta = Parameter(shape=None, minimum=0.0, meaning="η: reaching gain")
     sigma = Parameter(shape=None, minimum=0.0, unit="1/s", meaning="σ: linear reaching gain")
     boundary_layer = Parameter(above=0.0, meaning="ι: boundary layer")
@@ -153,11 +152,6 @@ class IntegralSlidingMode(SlidingMode):
         super().__init__(
             shape, unit, gamma=gamma, mu=mu, beta=beta, eta=eta, sigma=sigma, boundary_layer=boundary_layer
         )
-
-    def check_parameters(self, p: Signals) -> None:
-        """Refuse an exponent that is too large."""
-        if p.beta > 1.0:
-            raise ParameterError(f"parameter 'beta' of {p.owner} is {p.beta}; it must be above 0, at most 1")
 
     def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
         """Return the commanded acceleration and its parts, and the errors."""
