@@ -16,13 +16,14 @@ import numpy as np
 from trussflow.blocks.framework.block import Block, Values
 from trussflow.blocks.framework.declarations import KINDS, Event, Mode, Signals, State
 from trussflow.blocks.framework.diagram import Diagram, leaves
+from trussflow.blocks.framework.equations import Equations
 from trussflow.blocks.framework.errors import DiagramError
 from trussflow.blocks.framework.port import INFERRED, Inferable, Input, Output, Port
 from trussflow.blocks.framework.types import Array, Vector
 from trussflow.blocks.framework.validation import one_of, shown
 
-EQUATIONS = ("initial", "initial_state", "output", "derivative", "update", "indicators", "on_event")
-"""Methods of a block that the methods of a `GroupEquations` replace."""
+GROUP_EQUATIONS = ("initial_state", "output", "derivative", "update", "indicators", "on_event")
+"""Equations of a block that those of a `GroupEquations` replace."""
 
 ENABLE_THRESHOLD = 0.5
 """Threshold of enable signals and trigger edges [-]; comparisons and logic give 0 and 1."""
@@ -260,7 +261,7 @@ def _expose(diagram: Diagram, name: str) -> None:
 # -- equations of the blocks in a group -------------------------------------------------------
 
 
-class GroupEquations:
+class GroupEquations(Equations):
     """Equations of a block in a group; they call the equations of its class.
 
     Parameters
@@ -288,7 +289,7 @@ class GroupEquations:
 
     def install(self) -> None:
         """Give the block these equations and declarations."""
-        names = [name for name in EQUATIONS if hasattr(self, name)]
+        names = ["initial", *filter(self.states_own, GROUP_EQUATIONS)]
         if "derivative" in names and not self.block.continuous:
             names.remove("derivative")  # of a block that has events only
         values = self.block.__dict__
@@ -301,7 +302,7 @@ class GroupEquations:
                 self.block.ports[name] = Port(self.block, name, declaration, *own)
 
     def initial(self, name: str, p: Signals) -> Vector:
-        """Return the initial value of a state; a class that overrides this knows its own states only."""
+        """Return the initial value of the state `name`; the class of the block knows its own states only."""
         return (self.kind if name in self.states else Block).initial(self.block, name, p)
 
 
@@ -329,7 +330,7 @@ class Enabled(GroupEquations):
         self.starts = {name: f"{name}_at_start" for name in self.states if computed}
 
     def initial(self, name: str, p: Signals) -> Vector:
-        """Return the initial value of a state, or of the state that stores it."""
+        """Return the initial value of the state `name`, or of the state that stores it."""
         return super().initial(name.removesuffix("_at_start") if name in self.starts.values() else name, p)
 
     def first(self, x: Signals, u: Signals, p: Signals) -> Values:

@@ -67,7 +67,7 @@ class Isolated:
     traced: TracedBlock | None = None
 
 
-Alike = dict[Hashable, Isolated | None]
+SharedResults = dict[Hashable, Isolated | None]
 """Result shared by all blocks with the same `equations_key`; None if it cannot be shared."""
 
 
@@ -105,21 +105,21 @@ def equations(
     return results
 
 
-_known: WeakKeyDictionary[Block, tuple[list[tuple[int, ...] | None], Isolated]] = WeakKeyDictionary()
+_results: WeakKeyDictionary[Block, tuple[list[tuple[int, ...] | None], Isolated]] = WeakKeyDictionary()
 """Results by block, with the shapes of its ports at that time.
 
 A block is frozen and may be in several plans, but connections may change the shapes of its ports.
 """
 
 
-def isolate(block: Block, alike: Alike | None = None) -> Isolated:
+def isolate(block: Block, shared: SharedResults | None = None) -> Isolated:
     """Trace a single block, compare it with NumPy at random points, and find its feedthrough.
 
     Parameters
     ----------
     block : Block
         The block.
-    alike : dict, optional
+    shared : dict, optional
         Results of other blocks, used for blocks with the same equations.
 
     Raises
@@ -128,9 +128,9 @@ def isolate(block: Block, alike: Alike | None = None) -> Isolated:
         If the equations cannot be traced, or disagree with plain NumPy.
     """
     shapes = [port.whole_shape for port in block.ports.values()]
-    if block not in _known or _known[block][0] != shapes:
-        _known[block] = shapes, isolate_anew(block) if alike is None else _as_alike(block, alike)
-    return _known[block][1]
+    if block not in _results or _results[block][0] != shapes:
+        _results[block] = shapes, isolate_anew(block) if shared is None else _shared_result(block, shared)
+    return _results[block][1]
 
 
 def isolate_all(blocks: Mapping[str, Block]) -> dict[str, Isolated]:
@@ -141,19 +141,19 @@ def isolate_all(blocks: Mapping[str, Block]) -> dict[str, Isolated]:
     TracingError
         If the equations of one cannot be traced, or disagree with plain NumPy.
     """
-    many, alike = Counter(map(type, blocks.values())), Alike()
-    return {key: isolate(block, alike if many[type(block)] > 1 else None) for key, block in blocks.items()}
+    many, shared = Counter(map(type, blocks.values())), SharedResults()
+    return {key: isolate(block, shared if many[type(block)] > 1 else None) for key, block in blocks.items()}
 
 
-def _as_alike(block: Block, alike: Alike) -> Isolated:
-    """Return the result of a block with the same equations, from `alike` if it is there."""
+def _shared_result(block: Block, shared: SharedResults) -> Isolated:
+    """Return the result of a block with the same equations, from `shared` if it is there."""
     key = equations_key(block) if block.traced else None
-    if key is not None and key not in alike:
+    if key is not None and key not in shared:
         try:
-            alike[key] = isolate_anew(block, anonymous_copy(block))
+            shared[key] = isolate_anew(block, anonymous_copy(block))
         except TrussflowError:  # checking the block itself shows whether it or the copy is at fault
-            alike[key] = None
-    found = alike.get(key)
+            shared[key] = None
+    found = shared.get(key)
     if found is None or found.traced is None:
         return isolate_anew(block)
     return replace(found, traced=replace(found.traced, constants=constants(block)))

@@ -30,11 +30,11 @@ MAX_REPEATED_USES = 4
 """Largest number of uses of a value that loops compute again; other values are computed before the loops."""
 
 Operand = tuple[int, int]
-"""Source of an operand of an element: argument and index; `CONSTANT`; or `SHARED` and an instruction."""
+"""Source of an operand: argument and index, `CONSTANT_OPERAND`, or `SHARED_VALUE` and an instruction."""
 
-CONSTANT: Operand = (-1, 0)
+CONSTANT_OPERAND: Operand = (-1, 0)
 
-SHARED = -2
+SHARED_VALUE = -2
 """First number of an operand that is the value of an instruction outside the loops."""
 
 
@@ -95,7 +95,7 @@ def rerolled(
             continue
         each = [elements[start + period * i] for i in range(run)]
         for source, k in each[0].leaves.tolist():
-            if source == SHARED:
+            if source == SHARED_VALUE:
                 places.setdefault(k, len(places))
         done |= {element.output for element in each}
         names = {k: shared.format(place) for k, place in places.items()}
@@ -141,7 +141,7 @@ def _expanded(
         if one.operation == ca.OP_INPUT:
             leaves.append((one.place[0], one.place[1]))
         else:
-            leaves.append(CONSTANT if one.operation == ca.OP_CONST else (SHARED, k))
+            leaves.append(CONSTANT_OPERAND if one.operation == ca.OP_CONST else (SHARED_VALUE, k))
         return -len(leaves)
 
     form, known = list[tuple[int, tuple[int, ...]]](), dict[int, int]()
@@ -174,7 +174,7 @@ def _run(elements: Mapping[int, Element], start: int, period: int, done: set[int
     if second is None or second.form != first.form:
         return 1
     steps = second.leaves - first.leaves
-    if steps[:, 0].any() or steps[first.leaves[:, 0] == SHARED].any():
+    if steps[:, 0].any() or steps[first.leaves[:, 0] == SHARED_VALUE].any():
         return 1
     length = 1
     while (other := elements.get(start + period * length)) is not None:
@@ -193,9 +193,9 @@ def _loop(
     tables, names = list[str](), list[str]()
     steps = each[1].leaves - each[0].leaves
     for s, (source, index) in enumerate(each[0].leaves.tolist()):
-        if source == SHARED:
+        if source == SHARED_VALUE:
             names.append(known[index])
-        elif (source, index) == CONSTANT:
+        elif (source, index) == CONSTANT_OPERAND:
             constants = [number(element.constants[s]) for element in each]
             if len({*constants}) > 1:
                 tables.append(f"    static const double c{s}[] = {{{', '.join(constants)}}};")

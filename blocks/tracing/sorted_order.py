@@ -100,7 +100,7 @@ def graph_of(system: System, feedthrough: Feedthrough, active: Active) -> Graph:
 
 
 def dependence_graph(system: System, feedthrough: Feedthrough, held: Mapping[str, bool]) -> Graph:
-    """Return the dependence graph of the outputs of blocks that are not `held`."""
+    """Return the dependence graph, by `feedthrough`, of outputs of a `system` whose blocks are not `held`."""
     graph: Graph = {}
     for path, block in system.blocks.items():
         if held[path]:

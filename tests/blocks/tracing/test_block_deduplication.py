@@ -250,10 +250,10 @@ def test_linear_blocks_share_where_they_have_the_same_zeros():
     direct = [TransferFunction([0.5, 1.0], [0.1, 1.0]), TransferFunction([0.0, 1.0], [0.1, 1.0])]
     assert len({equations_key(block) for block in [*lags, *direct]}) == 2
     many(**{f"b{k}": block for k, block in enumerate([*lags, *direct])})
-    alike = {}
-    depends = [isolate(block, alike).feedthrough["y"] for block in (*lags, *direct)]
+    shared = {}
+    depends = [isolate(block, shared).feedthrough["y"] for block in (*lags, *direct)]
     assert depends == [frozenset()] * 3 + [frozenset("u"), frozenset()]
-    assert len(alike) == 2
+    assert len(shared) == 2
 
 
 class Stiff(StateSpace):
