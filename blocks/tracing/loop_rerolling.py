@@ -7,7 +7,6 @@ from dataclasses import dataclass
 
 import casadi as ca
 import numpy as np
-from numpy.typing import NDArray
 
 from trussflow.blocks.tracing.instructions import Instruction, is_time, needed, number
 from trussflow.blocks.tracing.operations import FUSED_FORMULAS, Numbers
@@ -49,15 +48,15 @@ class Element:
     form : tuple
         Operations with their operands: indices of earlier operations, or -1 - s for leaf s. The last
         operation gives the value; without operations, leaf 0 does.
-    leaves : array of int, shape (n, 2)
-        An `Operand` for each use of a leaf.
+    leaves : tuple of Operand
+        Source of each use of a leaf.
     constants : tuple of float
         Value of each leaf that is a constant, zero for others [any].
     """
 
     output: int
     form: tuple[tuple[int, tuple[int, ...]], ...]
-    leaves: NDArray[np.int_]
+    leaves: tuple[Operand, ...]
     constants: tuple[float, ...]
 
 
@@ -94,7 +93,7 @@ def rerolled(
         if run == 1:
             continue
         each = [elements[start + period * i] for i in range(run)]
-        for source, k in each[0].leaves.tolist():
+        for source, k in each[0].leaves:
             if source == SHARED_VALUE:
                 places.setdefault(k, len(places))
         done |= {element.output for element in each}
@@ -165,7 +164,7 @@ def _expanded(
             return None
     if not form:
         called(root)
-    return Element(output, tuple(form), np.array(leaves), tuple(constants))
+    return Element(output, tuple(form), tuple(leaves), tuple(constants))
 
 
 def _run(elements: Mapping[int, Element], start: int, period: int, done: set[int]) -> int:
@@ -173,14 +172,15 @@ def _run(elements: Mapping[int, Element], start: int, period: int, done: set[int
     first, second = elements[start], elements.get(start + period)
     if second is None or second.form != first.form:
         return 1
-    steps = second.leaves - first.leaves
-    if steps[:, 0].any() or steps[first.leaves[:, 0] == SHARED_VALUE].any():
+    leaves = np.array(first.leaves)
+    steps = np.array(second.leaves) - leaves
+    if steps[:, 0].any() or steps[leaves[:, 0] == SHARED_VALUE].any():
         return 1
     length = 1
     while (other := elements.get(start + period * length)) is not None:
         if other.output in done or other.form != first.form:
             break
-        if not np.array_equal(other.leaves, first.leaves + length * steps):
+        if not np.array_equal(other.leaves, leaves + length * steps):
             break
         length += 1
     return length
@@ -191,8 +191,7 @@ def _loop(
 ) -> list[str]:
     """Return the C code of a loop over elements with the same operations; `known` names shared values."""
     tables, names = list[str](), list[str]()
-    steps = each[1].leaves - each[0].leaves
-    for s, (source, index) in enumerate(each[0].leaves.tolist()):
+    for s, (source, index) in enumerate(each[0].leaves):
         if source == SHARED_VALUE:
             names.append(known[index])
         elif (source, index) == CONSTANT_OPERAND:
@@ -201,7 +200,7 @@ def _loop(
                 tables.append(f"    static const double c{s}[] = {{{', '.join(constants)}}};")
             names.append(numbers.of_one(f"c{s}[i]" if len({*constants}) > 1 else constants[0]))
         else:
-            step = steps[s, 1]
+            step = each[1].leaves[s][1] - index
             text = read[source].format(f"{index} + {step} * i" if step else index)
             names.append(numbers.of_one(text) if is_time(text) else text)
     values = list[str]()
