@@ -15,7 +15,7 @@ from trussflow.blocks.framework.clock import Clock, common_tick
 from trussflow.blocks.framework.layout import Layout
 from trussflow.blocks.framework.system import System
 from trussflow.blocks.framework.types import Array, Vector
-from trussflow.blocks.tracing.sorted_order import Feedthrough, cyclic_components, dependence_graph
+from trussflow.blocks.tracing.sorted_order import Feedthrough, cycles, dependence_graph
 
 MAX_SEPARATE_CLOCKS = 5
 """Largest number of clocks for which each set that ticks together has its own program [-]."""
@@ -31,7 +31,7 @@ def share_program(system: System, feedthrough: Feedthrough) -> bool:
     if len(system.clocks) <= MAX_SEPARATE_CLOCKS:
         return False
     held = {path: not b.traced and system.clock(b) is None for path, b in system.blocks.items()}
-    for cycle in cyclic_components(dependence_graph(system, feedthrough, held)):
+    for cycle in cycles(dependence_graph(system, feedthrough, held)):
         clocks = {clock for port in cycle if (clock := system.clock(port.block)) is not None}
         if any((a.offset - b.offset) % common_tick((a.period, b.period)) for a, b in combinations(clocks, 2)):
             return False

@@ -81,7 +81,7 @@ def components(graph: Mapping[T, Iterable[T]]) -> Iterator[tuple[T, ...]]:
         yield tuple(nodes[i] for i in sorted(places[begin:end]))
 
 
-def cyclic_components(graph: Mapping[T, Collection[T]]) -> Iterator[tuple[T, ...]]:
+def cycles(graph: Mapping[T, Collection[T]]) -> Iterator[tuple[T, ...]]:
     """Return the strongly connected components of a `graph` that contain a cycle."""
     return (c for c in components(graph) if len(c) > 1 or c[0] in graph[c[0]])
 
@@ -154,7 +154,7 @@ def torn_ports(graph: Graph, preferred: Container[Port]) -> frozenset[Port]:
     found: set[Port] = set()
     waiting = [graph]
     while waiting:
-        for ports in cyclic_components(waiting.pop()):
+        for ports in cycles(waiting.pop()):
             inside = _among(graph, ports)
             uses = Counter(source for sources in inside.values() for source in sources)
             best = min(ports, key=lambda p: (p not in preferred, p.size, -uses[p] * len(inside[p])))

@@ -5,7 +5,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from trussflow.blocks.tracing.sorted_order import components, cyclic_components, in_order
+from trussflow.blocks.tracing.sorted_order import components, cycles, in_order
 
 
 @pytest.mark.parametrize("seed", range(30))
@@ -20,7 +20,7 @@ def test_order_components_and_cycles_of_random_graphs(seed):
     assert {frozenset(part) for part in parts} == {frozenset(np.flatnonzero(row)) for row in both}
     place = {node: k for k, part in enumerate(parts) for node in part}
     assert all(place[j] <= place[i] for i in graph for j in graph[i])
-    circular = set().union(*cyclic_components(graph))
+    circular = set().union(*cycles(graph))
     assert circular == {*np.flatnonzero((depends & both).any(axis=1))}
     order, cycle = in_order(graph)
     assert sorted(order) == [i for i in graph if not circular]
