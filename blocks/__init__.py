@@ -156,5 +156,5 @@ from trussflow.blocks.testing.check_block import BlockReport as BlockReport
 from trussflow.blocks.testing.check_block import check_block as check_block
 from trussflow.blocks.testing.energy_audit import EnergyAudit as EnergyAudit
 from trussflow.blocks.testing.energy_audit import energy_audit as energy_audit
+from trussflow.blocks.tracing.kernels import repeated as repeated
 from trussflow.blocks.tracing.linear_algebra import solve_positive_definite as solve_positive_definite
-from trussflow.blocks.tracing.tracing import repeated as repeated

@@ -24,8 +24,8 @@ from trussflow.blocks.framework.declarations import Signals
 from trussflow.blocks.framework.running import Running
 from trussflow.blocks.simulation.executor import CompiledExecutor
 from trussflow.blocks.simulation.solver import Solver
+from trussflow.blocks.tracing.kernels import Trace, to_expression
 from trussflow.blocks.tracing.program import lower
-from trussflow.blocks.tracing.tracing import Trace, to_expression
 
 
 class Time(Block):

@@ -9,7 +9,8 @@ from trussflow.blocks.framework.block import Block, Values
 from trussflow.blocks.framework.declarations import Signals
 from trussflow.blocks.framework.errors import BlockError
 from trussflow.blocks.framework.types import Array
-from trussflow.blocks.framework.validation import finite_array
+from trussflow.blocks.framework.validation import one_of
+from trussflow.blocks.library.signals import finite
 
 SHAPERS = ("ZV", "ZVD")
 
@@ -56,17 +57,9 @@ class ShapedTrajectory(Trajectory):
             or trajectory.sample_time is not None
         ):
             raise BlockError("ShapedTrajectory: it shapes trajectories that depend on time alone")
-        f, ratio = (
-            float(finite_array(f"ShapedTrajectory: {name}", value, ()))
-            for name, value in (("frequency", frequency), ("damping", damping))
-        )
-        if not (f > 0.0 and 0.0 <= ratio < 1.0):
-            raise BlockError(
-                f"ShapedTrajectory: frequency is {f} Hz and damping {ratio}; they must be above 0, and from "
-                "0 to below 1"
-            )
-        if kind not in SHAPERS:
-            raise BlockError(f"ShapedTrajectory: kind is {kind!r}; choose from: {', '.join(SHAPERS)}")
+        f = finite("ShapedTrajectory", "frequency", frequency, above=0.0)
+        ratio = finite("ShapedTrajectory", "damping", damping, minimum=0.0, below=1.0)
+        one_of("kind of ShapedTrajectory", kind, SHAPERS, BlockError)
         self._trajectory = trajectory
         root = np.sqrt(1.0 - ratio**2)
         shares = np.ones(1)

@@ -12,7 +12,7 @@ import numpy.typing as npt
 
 from trussflow.blocks.control.covariances import covariance, refuse_unobserved
 from trussflow.blocks.control.kalman_filter import ExtendedKalmanFilter, KalmanFilter
-from trussflow.blocks.control.process_models import NonlinearProcess
+from trussflow.blocks.control.process_models import ArrayFunction, NonlinearProcess
 from trussflow.blocks.framework.block import Block
 from trussflow.blocks.framework.errors import LinearAnalysisError, NameLookupError, ParameterError
 from trussflow.blocks.framework.system import flatten
@@ -30,7 +30,6 @@ from trussflow.blocks.linear_analysis.references import (
     layout_labels,
     named,
 )
-from trussflow.blocks.tracing.array_function import ArrayFunction
 from trussflow.blocks.tracing.linear_algebra import block_diagonal
 
 if TYPE_CHECKING:

@@ -107,13 +107,6 @@ class PIDLaw(Shaped):
             first_output=0.0 if start is None else start,
         )
 
-    def check_parameters(self, p: Signals) -> None:
-        """Refuse limits that contradict each other."""
-        if not np.all(p.lower <= p.upper):
-            raise ParameterError(
-                f"the lower limit of {p.owner} exceeds the upper one: {p.lower} and {p.upper}"
-            )
-
     def _gain(self, p: Signals) -> Array:
         """Return how fast the filter follows [1/s]."""
         if self.sample_time is None:

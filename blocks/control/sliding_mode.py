@@ -13,14 +13,13 @@ import numpy.typing as npt
 from trussflow.blocks.control.tracking import Tracking, errors
 from trussflow.blocks.framework.block import Values
 from trussflow.blocks.framework.declarations import Parameter, Signals, State
-from trussflow.blocks.framework.errors import ParameterError
 from trussflow.blocks.framework.port import INFERRED, Input, Output
 from trussflow.blocks.framework.types import Array
 from trussflow.blocks.framework.units import Unit
 from trussflow.blocks.library.piecewise import limited
 from trussflow.blocks.library.signals import ACCELERATION_UNIT, VELOCITY_UNIT, ShapeLike
-from trussflow.blocks.tracing.once import once
-from trussflow.blocks.tracing.tracing import elementwise
+from trussflow.blocks.tracing.kernels import elementwise
+from trussflow.blocks.tracing.memoized import memoized
 
 
 def signed_power(x: Array, exponent: Array) -> Array:
@@ -133,7 +132,7 @@ class IntegralSlidingMode(SlidingMode):
     integral = State(INFERRED, meaning="integral term of the sliding variable")
     gamma = Parameter(shape=None, above=0.0, meaning="γ: gain of the error rate")
     mu = Parameter(shape=None, above=0.0, meaning="μ: gain of the error")
-    beta = Parameter(above=0.0, meaning="β: exponent")
+    beta = Parameter(above=0.0, maximum=1.0, meaning="β: exponent")
     eta = Parameter(shape=None, minimum=0.0, meaning="η: reaching gain")
     sigma = Parameter(shape=None, minimum=0.0, unit="1/s", meaning="σ: linear reaching gain")
     boundary_layer = Parameter(above=0.0, meaning="ι: boundary layer")
@@ -154,11 +153,6 @@ class IntegralSlidingMode(SlidingMode):
             shape, unit, gamma=gamma, mu=mu, beta=beta, eta=eta, sigma=sigma, boundary_layer=boundary_layer
         )
 
-    def check_parameters(self, p: Signals) -> None:
-        """Refuse an exponent that is too large."""
-        if p.beta > 1.0:
-            raise ParameterError(f"parameter 'beta' of {p.owner} is {p.beta}; it must be above 0, at most 1")
-
     def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
         """Return the commanded acceleration and its parts, and the errors."""
         e, de, nominal = self._nominal(u, p)
@@ -171,7 +165,7 @@ class IntegralSlidingMode(SlidingMode):
         """Return the integrand of the sliding variable."""
         return {"integral": self._nominal(u, p)[-1]}
 
-    @once
+    @memoized
     def _nominal(self, u: Signals, p: Signals) -> tuple[Array, Array, Array]:
         """Return the errors, and the error dynamics that the controller imposes on the sliding surface."""
         e, de = errors(u)

@@ -15,7 +15,13 @@ from trussflow.blocks.framework.types import Array, Vector
 from trussflow.blocks.framework.units import Unit
 from trussflow.blocks.framework.validation import finite_array, yes_or_no
 from trussflow.blocks.library.piecewise import piece, polynomial, row_for_each
-from trussflow.blocks.library.signals import ACCELERATION_UNIT, VELOCITY_UNIT, finite, set_motion_units
+from trussflow.blocks.library.signals import (
+    ACCELERATION_UNIT,
+    VELOCITY_UNIT,
+    finite,
+    set_motion_units,
+    structural,
+)
 
 PEAK_ACCELERATION = 10.0 / np.sqrt(3.0)
 """Peak acceleration of `Quintic` for unit displacement and duration, at the times (1 ± 1/√3)/2."""
@@ -189,9 +195,9 @@ class Trapezoid(Trajectory):
         unit: Unit = None,
     ) -> None:
         delta = finite_array("parameter 'displacement' of Trapezoid", displacement)
-        shape, limit = delta.shape, Parameter(shape="shape", above=0.0)
-        velocity = _checked(self, limit, "max_velocity", max_velocity, shape)
-        acceleration = _checked(self, limit, "max_acceleration", max_acceleration, shape)
+        owner, shape = type(self).__name__, delta.shape
+        velocity = structural(owner, "max_velocity", max_velocity, shape, above=0.0)
+        acceleration = structural(owner, "max_acceleration", max_acceleration, shape, above=0.0)
         # One distance s is planned: that of the element with the longest way.
         way = float(np.max(np.abs(delta), initial=0.0))
         self._direction = delta / way if way else delta
@@ -275,14 +281,6 @@ class Waypoints(Trajectory):
     def breakpoints(self) -> tuple[float, ...]:
         """Return the times of the waypoints, where the jerk may jump."""
         return tuple(float(t) for t in self._times)
-
-
-def _checked(
-    owner: Block, declaration: Parameter, name: str, value: npt.ArrayLike, shape: tuple[int, ...]
-) -> Vector:
-    """Check a value as parameters are checked."""
-    declaration.name = name
-    return declaration.convert(value, shape, type(owner).__name__)
 
 
 def _stopping(times: Vector, points: Vector) -> list[Vector]:

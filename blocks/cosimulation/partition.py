@@ -20,7 +20,7 @@ from trussflow.blocks.framework.running import SelfStepping
 from trussflow.blocks.framework.system import Driver, System
 from trussflow.blocks.simulation.block_instances import open_block
 from trussflow.blocks.simulation.session import Session
-from trussflow.blocks.tracing.loops import Feedthrough
+from trussflow.blocks.tracing.sorted_order import Feedthrough
 
 REST_NAME = "the rest"
 """Name of the member with all blocks that are in no other member."""

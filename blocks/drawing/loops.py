@@ -10,7 +10,7 @@ from trussflow.blocks.framework.errors import TrussflowError
 from trussflow.blocks.framework.port import Port
 from trussflow.blocks.framework.system import resolved, targets
 from trussflow.blocks.tracing.block_check import isolate, isolate_anew
-from trussflow.blocks.tracing.loops import cycles
+from trussflow.blocks.tracing.sorted_order import cycles
 
 Place = tuple[Block, str]
 

@@ -36,6 +36,10 @@ class Attribute(str):
     __slots__ = ()
 
 
+VIOLATED = {"at least": np.less, "above": np.less_equal, "at most": np.greater, "below": np.greater_equal}
+"""Comparison of a value with a bound that is true if the value is not allowed."""
+
+
 class Parameter:
     """Declare a tunable number or array of a block (as a class attribute).
 
@@ -52,8 +56,10 @@ class Parameter:
         Unit of the value.
     meaning : str
         Description in one line.
-    minimum, above : float, optional
-        Smallest allowed value, and exclusive lower bound of all elements [unit].
+    minimum, maximum : float, optional
+        Smallest and largest allowed value of all elements [unit].
+    above, below : float, optional
+        Exclusive bounds of all elements [unit].
     """
 
     def __init__(
@@ -65,9 +71,11 @@ class Parameter:
         meaning: str = "",
         minimum: float | None = None,
         above: float | None = None,
+        maximum: float | None = None,
+        below: float | None = None,
     ) -> None:
         self.default, self.shape, self.unit, self.meaning = default, shape, unit, meaning
-        self.minimum, self.above = minimum, above
+        self.bounds = {"at least": minimum, "above": above, "at most": maximum, "below": below}
         self.name = ""
 
     def __set_name__(self, owner: type, name: str) -> None:
@@ -91,14 +99,12 @@ class Parameter:
         """
         where = f"parameter '{self.name}' of {owner}"
         array = finite_array(where, value, shape).copy()
+        bounds = {word: bound for word, bound in self.bounds.items() if bound is not None}
         bad = np.zeros(array.shape, dtype=bool)
-        if self.minimum is not None:
-            bad |= array < self.minimum
-        if self.above is not None:
-            bad |= array <= self.above
+        for word, bound in bounds.items():
+            bad |= VIOLATED[word](array, bound)
         if bad.any():
-            bounds = (("at least", self.minimum), ("above", self.above))
-            allowed = [f"{word} {bound:g}" for word, bound in bounds if bound is not None]
+            allowed = [f"{word} {bound:g}" for word, bound in bounds.items()]
             place, element = first_element(bad)
             raise ParameterError(
                 f"{where} is {array[place]}{element}; it must be {' and '.join(allowed)}"

@@ -92,8 +92,8 @@ class Equations:
         return False
 
     def states_own(self, name: str) -> bool:
-        """Return whether the class overrides the equation of that `name`."""
-        return getattr(type(self), name) is not getattr(Equations, name)
+        """Return whether the class, or the object itself, overrides the equation of that `name`."""
+        return name in vars(self) or getattr(type(self), name) is not getattr(Equations, name)
 
 
 EVENTS = ("indicators", "on_event", "on_step")

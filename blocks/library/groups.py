@@ -1,14 +1,14 @@
 """Groups: a diagram that runs while it is enabled, or once at each edge of a trigger.
 
-Nothing but blocks and wires: what has states in the diagram gets one input more, and equations that heed it,
-by a class made of its own class; what is exposed is held by a block of its own.
+Each block with states or events in the group gets an input for the signal, and equations of its own: the
+methods of a `GroupEquations` object, which call the equations of the block's class. Blocks after the exposed
+outputs hold them.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
-from functools import cache, partial
 from typing import Any
 
 import numpy as np
@@ -22,8 +22,8 @@ from trussflow.blocks.framework.port import INFERRED, Inferable, Input, Output, 
 from trussflow.blocks.framework.types import Array, Vector
 from trussflow.blocks.framework.validation import one_of, shown
 
-Maker = Callable[[type[Block]], type[Block]]
-"""Makes a class that heeds what a group does of the class of a block."""
+GROUP_EQUATIONS = ("initial_state", "output", "derivative", "update", "indicators", "on_event")
+"""Equations of a block that those of a `GroupEquations` replace."""
 
 ENABLE_THRESHOLD = 0.5
 """Threshold of enable signals and trigger edges [-]; comparisons and logic give 0 and 1."""
@@ -32,25 +32,26 @@ ENABLE_THRESHOLD = 0.5
 def enabled(group: Diagram, *, states: str = "held", outputs: str = "held") -> Diagram:
     """Let a diagram run only while a signal is above 0.5: it gets an input ``enable``.
 
-    While it is not enabled, continuous and sampled states in it stand still, events do not happen, and what
-    it exposes does not move. Edges of the signal are located, with every solver. An indicator that has
-    crossed zero meanwhile is an event when the group is enabled; a time event that was due happens then.
+    While it is not enabled, its continuous and sampled states are constant, its events do not happen, and its
+    exposed outputs are constant. Edges of the signal are located, with every solver. An indicator that
+    crosses zero meanwhile triggers its event when the group is enabled; a time event that was due happens
+    then.
 
     Parameters
     ----------
     group : Diagram
-        The diagram, wired inside and exposed; it is changed, and wired to the outside as before.
+        The diagram with its connections and exposed ports; it is changed.
     states : str
-        ``"held"``: states go on from where they stopped; ``"reset"``: at each enabling, from their initial
-        values (those of the blocks, not those of `initial=`).
+        ``"held"``: states continue from their last values; ``"reset"``: at each enabling, they start from
+        their initial values (those of the blocks, not those of `initial=`).
     outputs : str
-        ``"held"``: what is exposed keeps its last values while not enabled, zero before the first time;
-        ``"reset"``: it is zero.
+        ``"held"``: exposed outputs keep their last values while not enabled, zero before the first time;
+        ``"reset"``: they are zero.
 
     Returns
     -------
     Diagram
-        The same.
+        The same diagram.
 
     Raises
     ------
@@ -59,7 +60,7 @@ def enabled(group: Diagram, *, states: str = "held", outputs: str = "held") -> D
 
     Notes
     -----
-    Sampled blocks look at the signal at their own instants. Sources go on with time.
+    Sampled blocks read the signal at their own instants. Sources continue with time.
 
     Examples
     --------
@@ -75,36 +76,32 @@ def enabled(group: Diagram, *, states: str = "held", outputs: str = "held") -> D
     """
     one_of("way to treat the states of a group", states, ("held", "reset"), DiagramError)
     one_of("way to treat the outputs of a group", outputs, ("held", "reset"), DiagramError)
-
-    def kind(block: Block) -> Maker | None:
-        if states == "reset" and type(block).initial is not Block.initial:
-            raise DiagramError(
-                f"cannot reset '{block.path}' ({type(block).__name__}) at each enabling: it computes its "
-                'initial states in initial(), once for each run; use states="held"'
-            )
-        return None if not block.declared(State) else _enabled if block.sample_time is None else _sampled
-
-    return _made(group, "enable", kind, partial(GroupOutput, outputs), group_resets=states == "reset")
+    for block in _members(group, "enable"):
+        if block.declared(State):
+            kind = EnabledStates if block.sample_time is None else EnabledUpdates
+            kind(block, resets=states == "reset").install()
+    return _expose_group(group, "enable", lambda: GroupOutput(outputs))
 
 
 def triggered(group: Diagram, *, edge: str = "rising") -> Diagram:
     """Let a diagram compute once at each edge of a signal, where it passes 0.5: it gets an input ``trigger``.
 
-    The trigger is the clock of all sampled blocks in it, in the place of their own sample times. What it
-    exposes is what it computes at an edge, from the inputs just before; zero before the first one. An edge
-    counts as one sample: equations with a sample time in them use that of their block.
+    The trigger is the clock of all sampled blocks in it, and replaces their own sample times. Exposed outputs
+    have the values that are computed at an edge, from the inputs just before; zero before the first edge. An
+    edge counts as one sample: equations with a sample time use that of their block.
 
     Parameters
     ----------
     group : Diagram
-        The diagram, of sampled blocks and blocks without memory, wired inside and exposed; it is changed.
+        The diagram of sampled blocks and blocks without states, with its connections and exposed ports; it is
+        changed.
     edge : str
         ``"rising"``, ``"falling"`` or ``"both"``.
 
     Returns
     -------
     Diagram
-        The same.
+        The same diagram.
 
     Raises
     ------
@@ -112,21 +109,20 @@ def triggered(group: Diagram, *, edge: str = "rising") -> Diagram:
         If it is no diagram that can be triggered, such as one with continuous states.
     """
     one_of("edge", edge, ("rising", "falling", "both"), DiagramError)
-
-    def kind(block: Block) -> Maker | None:
+    members = _members(group, "trigger")
+    for block in members:
         if block.continuous or block.has_events:
             raise DiagramError(
                 f"cannot trigger '{block.path}' ({type(block).__name__}): it has "
                 f"{'continuous states' if block.continuous else 'events'}, and between edges no time passes"
             )
+    for block in members:
         if block.states():
-            return _triggered
-        return None if block.sample_time is None else _clockless
-
-    made = _made(group, "trigger", kind, partial(GroupLatch, edge), group_edge=edge)
-    for block in leaves(made):
-        block.__dict__.update(group_sample_time=block.sample_time, sample_time=None, sample_offset=0.0)
-    return made
+            TriggeredUpdates(block, edge).install()
+        elif block.sample_time is not None:
+            TriggeredOutputs(block, edge).install()
+        block.__dict__.update(sample_time=None, sample_offset=0.0)
+    return _expose_group(group, "trigger", lambda: GroupLatch(edge))
 
 
 class Gate(Block):
@@ -137,26 +133,26 @@ class Gate(Block):
     group_starts, group_stops = Event("rising"), Event("falling")
 
     def initial_state(self, u: Signals, p: Signals) -> Values:
-        """Run from the start on, if the input says so."""
+        """Return whether the group runs from the start on."""
         return {"group_runs": np.where(u.group_enable > ENABLE_THRESHOLD, 1.0, 0.0)}
 
     def indicators(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
-        """Return how far the input is above the level."""
+        """Return the excess of the input over the threshold."""
         return dict.fromkeys(("group_starts", "group_stops"), u.group_enable - ENABLE_THRESHOLD)
 
     def on_event(self, t: Array, x: Signals, u: Signals, p: Signals, fired: Signals) -> Values:
-        """Start, or stop."""
+        """Return whether the group runs after an edge of the input."""
         runs = np.where(fired.group_starts, 1.0, np.where(fired.group_stops, 0.0, x.group_runs))
         return {"group_runs": runs}
 
 
 class GroupOutput(Gate):
-    """Output of an enabled group, which passes while the group runs.
+    """Output of an enabled group: its signal while the group runs, else a held value or zero.
 
     Parameters
     ----------
     otherwise : str
-        ``"held"`` or ``"reset"``: what it is while the group does not run.
+        ``"held"`` or ``"reset"``: the output while the group does not run.
     """
 
     u = Input(INFERRED, unit=INFERRED, frame=INFERRED)
@@ -168,11 +164,11 @@ class GroupOutput(Gate):
         super().__init__()
 
     def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
-        """Return the signal, or what was kept of it."""
+        """Return the signal, or the held value."""
         return {"y": np.where(x.group_runs > ENABLE_THRESHOLD, u.u, x.kept)}
 
     def on_event(self, t: Array, x: Signals, u: Signals, p: Signals, fired: Signals) -> Values:
-        """Keep the signal where the group stops."""
+        """Hold the signal when the group stops."""
         kept = np.where(fired.group_stops, self.keeps * u.u, x.kept)
         return super().on_event(t, x, u, p, fired) | {"kept": kept}
 
@@ -183,16 +179,15 @@ class Trigger(Block):
     group_trigger = Input(meaning="the group computes where it passes 0.5")
     group_rises, group_falls = Event("rising"), Event("falling")
 
-    group_edge: str
-
     def indicators(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
-        """Return how far the input is above the level."""
+        """Return the excess of the input over the threshold."""
         return dict.fromkeys(("group_rises", "group_falls"), u.group_trigger - ENABLE_THRESHOLD)
 
-    def heeded(self, fired: Signals) -> Array:
-        """Return whether what happens is an edge of the kind meant."""
-        edges = {"rising": fired.group_rises, "falling": fired.group_falls}
-        return edges.get(self.group_edge, np.logical_or(*edges.values()))
+
+def edge_of(kind: str, fired: Signals) -> Array:
+    """Return whether the events that `fired` include an edge of this `kind`."""
+    edges = {"rising": fired.group_rises, "falling": fired.group_falls}
+    return edges.get(kind, np.logical_or(*edges.values()))
 
 
 class GroupLatch(Trigger):
@@ -209,45 +204,41 @@ class GroupLatch(Trigger):
     kept = Mode(0.0, INFERRED, meaning="the signal at the last edge")
 
     def __init__(self, edge: str) -> None:
-        self.group_edge = edge
+        self.edge = edge
         super().__init__()
 
     def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
-        """Return what was kept."""
+        """Return the held value."""
         return {"y": x.kept}
 
     def on_event(self, t: Array, x: Signals, u: Signals, p: Signals, fired: Signals) -> Values:
-        """Keep the signal."""
-        return {"kept": np.where(self.heeded(fired), u.u, x.kept)}
+        """Hold the signal at an edge."""
+        return {"kept": np.where(edge_of(self.edge, fired), u.u, x.kept)}
 
 
-def _made(
-    group: Diagram, name: str, kind: Callable[[Block], Maker | None], output: Callable[[], Block], **how: Any
-) -> Diagram:
-    """Let all that needs it in a `group` heed an input `name`, and put an `output` before what is exposed."""
+def _members(group: Diagram, name: str) -> list[Block]:
+    """Return the blocks of a diagram that becomes a group with the input `name`."""
     given: object = group
     if not isinstance(given, Diagram) or name in group.ports:
         why = f"it has a port '{name}' already" if isinstance(given, Diagram) else "it is no Diagram"
         raise DiagramError(f"cannot make a group of {shown(given)}: {why}")
-    makers: dict[Block, Maker] = {}
-    for block in leaves(group):
+    blocks = list(leaves(group))
+    for block in blocks:
         if not block.traced:
             raise DiagramError(
                 f"cannot put '{block.path}' ({type(block).__name__}) into a group: it is a Python block; "
-                "let it heed the signal itself, as an input"
+                "give it an input for the signal, and read it in its equations"
             )
-        if isinstance(block, Gate | Trigger):
+        if not block.ports.keys().isdisjoint(("group_enable", "group_trigger")):
             raise DiagramError(f"cannot put '{block.path}' into a group: it is in one; join their conditions")
-        if made := kind(block):
-            makers[block] = made
-    for block, made in makers.items():
-        block.__dict__.update(how)
-        base: Any = type(block)
-        own = {n: d for n, d in block.__dict__.pop("_declared", {}).items() if n not in base._declared}
-        _become(block, _class_of(made, base, *own.items()))
+    return blocks
+
+
+def _expose_group(group: Diagram, name: str, holder: Callable[[], Block]) -> Diagram:
+    """Put a block made by `holder` before each exposed output, and expose the input `name`."""
     for exposed, (inner, *_) in [*group.exposed.items()]:
         if not inner.is_input:
-            held = group.add(f"{exposed}_of_group", output())
+            held = group.add(f"{exposed}_of_group", holder())
             inner >> held.port("u")
             group.exposed[exposed] = (held.port("y"),)
             group.ports[exposed] = replace(held.port("y"), block=group, name=exposed)
@@ -267,147 +258,214 @@ def _expose(diagram: Diagram, name: str) -> None:
         diagram.expose(**{name: tuple(inputs)})
 
 
-def _become(block: Block, made: type[Block]) -> None:
-    """Let a `block` be of a class `made` of its own: it keeps its name, its values and its wires."""
-    object.__setattr__(block, "__class__", made)
-    for name in ("group_enable", "group_trigger"):
-        if name in made._declared:
-            own = (Inferable(value, fixed=True) for value in ((), None, None))
-            block.ports[name] = Port(block, name, made._declared[name], *own)
+# -- equations of the blocks in a group -------------------------------------------------------
 
 
-# -- classes made of others -------------------------------------------------------------------
+class GroupEquations(Equations):
+    """Equations of a block in a group; they call the equations of its class.
+
+    Parameters
+    ----------
+    block : Block
+        The block.
+
+    Attributes
+    ----------
+    kind : type
+        Class of the block.
+    states, events : dict
+        States with modes, and events, of the class, by name.
+    """
+
+    def __init__(self, block: Block) -> None:
+        self.block: Any = block
+        self.kind = type(block)
+        self.states: dict[str, Any] = block.declared(State)
+        self.events: dict[str, Any] = block.declared(Event)
+
+    def declarations(self) -> dict[str, Any]:
+        """Return the declarations that the block gets in the group, by name."""
+        return {}
+
+    def install(self) -> None:
+        """Give the block these equations and declarations."""
+        names = ["initial", *filter(self.states_own, GROUP_EQUATIONS)]
+        if "derivative" in names and not self.block.continuous:
+            names.remove("derivative")  # of a block that has events only
+        values = self.block.__dict__
+        declared = self.declarations()
+        values.update({name: getattr(self, name) for name in names})
+        values["_declared"] = {**self.block._declared, **declared}
+        for name, declaration in declared.items():
+            if isinstance(declaration, Input):
+                own = (Inferable(value, fixed=True) for value in ((), None, None))
+                self.block.ports[name] = Port(self.block, name, declaration, *own)
+
+    def initial(self, name: str, p: Signals) -> Vector:
+        """Return the initial value of the state `name`; the class of the block knows its own states only."""
+        return (self.kind if name in self.states else Block).initial(self.block, name, p)
 
 
-@cache
-def _class_of(make: Maker, base: Any, *own: Any) -> type[Block]:
-    """Return the class that `make` makes of a `base`, with what a block declares as its `own`."""
+class Enabled(GroupEquations):
+    """Equations of a block in an enabled group.
 
-    def reduced(self: Block, _protocol: int) -> tuple[Any, ...]:
-        return _blank, (make, base, *own), {**vars(self)}
+    Parameters
+    ----------
+    block : Block
+        The block.
+    resets : bool
+        Whether states start from their initial values at each enabling.
 
-    inner: Any = type(base.__name__, (base,), dict(own))
+    Attributes
+    ----------
+    starts : dict
+        Name of the state or mode that stores the initial value of each state. There are none if the class
+        does not override `initial`: its initial values are then parameters or numbers.
+    """
 
-    def initial(self: Block, name: str, p: Signals) -> Vector:
-        """Return the initial value of a state: a block that overrides this knows its own states only."""
-        own_value: Vector = (inner if name in inner._declared else Block).initial(self, name, p)
-        return own_value
+    def __init__(self, block: Block, *, resets: bool) -> None:
+        super().__init__(block)
+        self.resets = resets
+        computed = resets and self.kind.initial is not Block.initial
+        self.starts = {name: f"{name}_at_start" for name in self.states if computed}
 
-    members = {"__module__": __name__, "__reduce_ex__": reduced, "initial": initial}
-    return type(base.__name__, (make(inner),), members)
+    def initial(self, name: str, p: Signals) -> Vector:
+        """Return the initial value of the state `name`, or of the state that stores it."""
+        return super().initial(name.removesuffix("_at_start") if name in self.starts.values() else name, p)
 
-
-def _blank(make: Maker, base: Any, *own: Any) -> Block:
-    """Return an empty block of such a class, to be filled by pickle or copy."""
-    return object.__new__(_class_of(make, base, *own))
-
-
-def _states(base: type[Block], name: str) -> bool:
-    """Tell whether a class states the equation `name`."""
-    return getattr(base, name) is not getattr(Equations, name)
-
-
-def _initial(base: type[Block], block: Block, u: Signals, p: Signals) -> Values:
-    """Return the states and modes from which a `block` starts anew."""
-    declared = {n: d.initial for n, d in base._declared.items() if isinstance(d, State)}
-    values: Values = {n: p[value] if isinstance(value, str) else value for n, value in declared.items()}
-    return values | base.initial_state(block, u, p)
-
-
-def _kinds(base: type[Block], kind: type[Any]) -> dict[str, Any]:
-    return {n: d for n, d in base._declared.items() if isinstance(d, kind)}
+    def first(self, x: Signals, u: Signals, p: Signals) -> Values:
+        """Return the states and modes from which the block starts at an enabling."""
+        values: Values = {}
+        for name, state in self.states.items():
+            value = state.initial
+            if name in self.starts:
+                value = x[self.starts[name]]
+            values[name] = p[value] if isinstance(value, str) else value
+        return values | self.kind.initial_state(self.block, u, p)
 
 
-def _enabled(base: type[Block]) -> type[Block]:
-    """Return the class of continuous blocks, and of blocks with events, that stand still while disabled."""
-    events = _kinds(base, Event)
-    sides = {n: f"{n}_side_at_stop" for n, event in events.items() if event.kind != "time"}
+class EnabledStates(Enabled):
+    """Equations of a continuous block, or of a block with events, in an enabled group."""
 
-    def derivative(self: Any, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
-        rates = base.derivative(self, t, x, u, p)
+    def __init__(self, block: Block, *, resets: bool) -> None:
+        super().__init__(block, resets=resets)
+        self.sides = {n: f"{n}_side_at_stop" for n, event in self.events.items() if event.kind != "time"}
+
+    def declarations(self) -> dict[str, Any]:
+        """Return the declarations of `Gate`, and modes."""
+        declared = {**Gate._declared}
+        for name, start in self.starts.items():
+            declared[start] = Mode(0.0, self.states[name].shape)
+        for name, side in self.sides.items():
+            event = self.events[name]
+            # Before the first enabling, the indicator is on the side from which no event happens.
+            declared[side] = Mode(float(KINDS[event.kind]), event.shape)
+        return declared
+
+    def derivative(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+        """Return the derivatives of the states, which are zero while the group does not run."""
+        rates = self.kind.derivative(self.block, t, x, u, p)
         return {n: np.where(x.group_runs > ENABLE_THRESHOLD, rate, 0.0) for n, rate in rates.items()}
 
-    def initial_state(self: Any, u: Signals, p: Signals) -> Values:
-        return base.initial_state(self, u, p) | Gate.initial_state(self, u, p)
+    def initial_state(self, u: Signals, p: Signals) -> Values:
+        """Return the initial states, and whether the group runs."""
+        return self.kind.initial_state(self.block, u, p) | Gate.initial_state(self.block, u, p)
 
-    def indicators(self: Any, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
-        own = base.indicators(self, t, x, u, p)
-        still = {n: x[sides[n]] if n in sides else np.inf for n in events}
-        runs = {n: np.where(x.group_runs > ENABLE_THRESHOLD, own[n], still[n]) for n in events}
-        return runs | Gate.indicators(self, t, x, u, p)
+    def indicators(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+        """Return the indicators, which are constant while the group does not run."""
+        now = self.kind.indicators(self.block, t, x, u, p)
+        still = {n: x[self.sides[n]] if n in self.sides else np.inf for n in self.events}
+        values = {n: np.where(x.group_runs > ENABLE_THRESHOLD, now[n], still[n]) for n in self.events}
+        return values | Gate.indicators(self.block, t, x, u, p)
 
-    def on_event(self: Any, t: Array, x: Signals, u: Signals, p: Signals, fired: Signals) -> Values:
-        values = {n: x[n] for n in _kinds(base, State)}
-        if events:
-            happened = sum(np.sum(np.reshape(fired[n], (-1,))) for n in events) > 0
-            after, now = base.on_event(self, t, x, u, p, fired), base.indicators(self, t, x, u, p)
+    def on_event(self, t: Array, x: Signals, u: Signals, p: Signals, fired: Signals) -> Values:
+        """Return the states after events of the block, and after the group starts or stops."""
+        values: Values = {n: x[n] for n in self.states}
+        if self.events:
+            happened = sum(np.sum(np.reshape(fired[n], (-1,))) for n in self.events) > 0
+            after = self.kind.on_event(self.block, t, x, u, p, fired)
+            now = self.kind.indicators(self.block, t, x, u, p)
             values |= {n: np.where(happened, value, x[n]) for n, value in after.items()}
-            values |= {side: np.where(fired.group_stops, now[n], x[side]) for n, side in sides.items()}
-        if self.group_resets:
-            values |= {
-                n: np.where(fired.group_starts, value, values[n])
-                for n, value in _initial(base, self, u, p).items()
-            }
-        return values | Gate.on_event(self, t, x, u, p, fired)
-
-    # Before the first time, on the side from which nothing happens.
-    members: dict[str, Any] = {
-        side: Mode(float(KINDS[events[n].kind]), events[n].shape) for n, side in sides.items()
-    }
-    members |= {"derivative": derivative} if _states(base, "derivative") else {}
-    members |= {"initial_state": initial_state, "indicators": indicators, "on_event": on_event}
-    return type(base.__name__, (Gate, base), members)
+            values |= {side: np.where(fired.group_stops, now[n], x[side]) for n, side in self.sides.items()}
+        if self.resets:
+            first = self.first(x, u, p)
+            values |= {n: np.where(fired.group_starts, value, values[n]) for n, value in first.items()}
+        return values | Gate.on_event(self.block, t, x, u, p, fired)
 
 
-def _sampled(base: type[Block]) -> type[Block]:
-    """Return the class of sampled blocks whose states stand still while disabled."""
+class EnabledUpdates(Enabled):
+    """Equations of a sampled block in an enabled group, whose states are constant while it does not run."""
 
-    def start(self: Any, x: Signals, u: Signals, p: Signals) -> Signals:
-        if not self.group_resets:
+    def declarations(self) -> dict[str, Any]:
+        """Return the input for the signal, and states."""
+        starts = {start: State(self.states[name].shape) for name, start in self.starts.items()}
+        return {"group_enable": Input(), "group_ran": State(), **starts}
+
+    def _start(self, x: Signals, u: Signals, p: Signals) -> Signals:
+        """Return the states with which the block computes: the initial ones at an enabling that resets."""
+        if not self.resets:
             return x
         anew = np.logical_and(u.group_enable > ENABLE_THRESHOLD, x.group_ran < ENABLE_THRESHOLD)
-        first = _initial(base, self, u, p)
+        first = self.first(x, u, p)
         return Signals(x.owner, {n: np.where(anew, first[n], v) if n in first else v for n, v in x.items()})
 
-    def output(self: Any, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
-        return base.output(self, t, start(self, x, u, p), u, p)
+    def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+        """Return the outputs."""
+        return self.kind.output(self.block, t, self._start(x, u, p), u, p)
 
-    def update(self: Any, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+    def update(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+        """Return the next states, and whether the group ran."""
         runs = u.group_enable > ENABLE_THRESHOLD
-        following = base.update(self, t, start(self, x, u, p), u, p)
+        following = self.kind.update(self.block, t, self._start(x, u, p), u, p)
         values = {n: np.where(runs, value, x[n]) for n, value in following.items()}
+        values |= {start: x[start] for start in self.starts.values()}
         return values | {"group_ran": np.where(runs, 1.0, 0.0)}
 
-    members = {"group_enable": Input(), "group_ran": State(), "output": output, "update": update}
-    return type(base.__name__, (base,), members)
+
+class TriggeredOutputs(GroupEquations):
+    """Equations of a sampled block without states in a triggered group, where it has no clock.
+
+    Parameters
+    ----------
+    block : Block
+        The block.
+    edge : str
+        ``"rising"``, ``"falling"`` or ``"both"``.
+    """
+
+    def __init__(self, block: Block, edge: str) -> None:
+        super().__init__(block)
+        self.edge = edge
+        self.sample_time = block.sample_time
+
+    def sampled(self) -> Block:
+        """Return the block with its sample time, which its equations may use: it has no clock itself."""
+        made: Block = object.__new__(self.kind)
+        made.__dict__.update({**vars(self.block), "sample_time": self.sample_time})
+        return made
+
+    def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+        """Return the outputs."""
+        return self.kind.output(self.sampled(), t, x, u, p)
 
 
-def _as_sampled(base: type[Block], block: Any) -> Block:
-    """Return a `block` with its sample time, as its equations need it; it has none, having no clock."""
-    made = object.__new__(base)
-    made.__dict__.update({**vars(block), "sample_time": block.group_sample_time})
-    return made
+class TriggeredUpdates(TriggeredOutputs):
+    """Equations of a sampled block in a triggered group: its states are modes, updated at edges."""
 
+    def declarations(self) -> dict[str, Any]:
+        """Return the declarations of `Trigger`, and modes that replace the states."""
+        modes = {
+            name: Mode(state.initial, state.shape, unit=state.unit, meaning=state.meaning)
+            for name, state in self.states.items()
+        }
+        return {**Trigger._declared, **modes}
 
-def _clockless(base: type[Block]) -> type[Block]:
-    """Return the class of sampled blocks that have no clock of their own."""
+    def indicators(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+        """Return the indicators of the edges."""
+        return Trigger.indicators(self.block, t, x, u, p)
 
-    def output(self: Any, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
-        return base.output(_as_sampled(base, self), t, x, u, p)
-
-    return type(base.__name__, (base,), {"output": output})
-
-
-def _triggered(base: type[Block]) -> type[Block]:
-    """Return the class of blocks whose states are modes, updated at edges of a trigger."""
-    states = _kinds(base, State)
-
-    def on_event(self: Any, t: Array, x: Signals, u: Signals, p: Signals, fired: Signals) -> Values:
-        following, heeded = base.update(_as_sampled(base, self), t, x, u, p), self.heeded(fired)
-        return {n: np.where(heeded, value, x[n]) for n, value in following.items()}
-
-    members: dict[str, Any] = {
-        n: Mode(s.initial, s.shape, unit=s.unit, meaning=s.meaning) for n, s in states.items()
-    }
-    members |= {"update": Equations.update, "on_event": on_event}
-    return type(base.__name__, (Trigger, _clockless(base)), members)
+    def on_event(self, t: Array, x: Signals, u: Signals, p: Signals, fired: Signals) -> Values:
+        """Return the states after an edge."""
+        following = self.kind.update(self.sampled(), t, x, u, p)
+        happened = edge_of(self.edge, fired)
+        return {n: np.where(happened, value, x[n]) for n, value in following.items()}

@@ -15,7 +15,7 @@ from trussflow.blocks.framework.port import Input, Output
 from trussflow.blocks.framework.types import Array, Vector
 from trussflow.blocks.framework.units import Unit
 from trussflow.blocks.framework.validation import finite_array
-from trussflow.blocks.tracing.tracing import shape_of
+from trussflow.blocks.tracing.kernels import shape_of
 
 Labels = Sequence[str] | None
 """Names of the signals of a vector."""

@@ -7,7 +7,6 @@ import numpy.typing as npt
 
 from trussflow.blocks.framework.block import Values
 from trussflow.blocks.framework.declarations import Parameter, Signals, State
-from trussflow.blocks.framework.errors import ParameterError
 from trussflow.blocks.framework.port import INFERRED, Input, Output
 from trussflow.blocks.framework.types import Array
 from trussflow.blocks.library.piecewise import limited
@@ -31,16 +30,6 @@ class Limits(Shaped):
 
     def __init__(self, lower: npt.ArrayLike, upper: npt.ArrayLike, *, shape: ShapeLike = None) -> None:
         super().__init__(shape, lower=lower, upper=upper)
-
-    def check_parameters(self, p: Signals) -> None:
-        """Check that no lower limit exceeds the upper one."""
-        if p.lower.shape and p.upper.shape and p.lower.shape != p.upper.shape:
-            return  # refused by shape
-        if not np.all(p.lower <= p.upper):
-            raise ParameterError(
-                f"parameter 'lower' of {p.owner} is {p.lower.tolist()}, but 'upper' is "
-                f"{p.upper.tolist()}; the lower limit must not exceed the upper one"
-            )
 
 
 class Saturation(Limits):

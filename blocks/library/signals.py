@@ -4,17 +4,19 @@ from __future__ import annotations
 
 import inspect
 from collections.abc import Callable, Mapping
-from math import inf
 from typing import Any
+
+import numpy as np
+import numpy.typing as npt
 
 from trussflow.blocks.framework.block import Block, Values
 from trussflow.blocks.framework.call_site import call_site
-from trussflow.blocks.framework.declarations import Attribute, Signals
+from trussflow.blocks.framework.declarations import Attribute, Parameter, Signals
 from trussflow.blocks.framework.errors import BlockError, ParameterError
 from trussflow.blocks.framework.port import Input, Output
-from trussflow.blocks.framework.types import Array
+from trussflow.blocks.framework.types import Array, Vector
 from trussflow.blocks.framework.units import Unit, check_declared
-from trussflow.blocks.framework.validation import as_shape, by_name, finite_array, shown
+from trussflow.blocks.framework.validation import as_shape, by_name, shown
 
 ShapeLike = int | tuple[int, ...] | None
 """A size, a shape, or None for a shape inferred from the wires."""
@@ -51,6 +53,18 @@ class Shaped(Block):
             wanted, said_by = value.shape, f"the shape of parameter '{name}'"
         if wanted is not None:
             self.inferred_shape.fix(wanted, call_site(), own=True)
+
+    def check_parameters(self, p: Signals) -> None:
+        """Check that no element of a parameter ``lower`` exceeds that of ``upper``, if there are these."""
+        if not {"lower", "upper"} <= p.keys():
+            return
+        if p.lower.shape and p.upper.shape and p.lower.shape != p.upper.shape:
+            return  # refused by shape
+        if np.any(p.lower > p.upper):
+            raise ParameterError(
+                f"parameter 'lower' of {p.owner} is {p.lower.tolist()}, but 'upper' is "
+                f"{p.upper.tolist()}; the lower limit must not exceed the upper one"
+            )
 
 
 def per_time(unit: Unit, power: int = 1) -> Unit:
@@ -161,26 +175,42 @@ def _described(function: Callable[..., Any]) -> str:
     return name if code is None else f"{name} ({code.co_filename}:{code.co_firstlineno})"
 
 
-def finite(owner: str, name: str, value: float, above: float = -inf) -> float:
-    """Return a checked structural number.
+def structural(
+    owner: str, name: str, value: npt.ArrayLike, shape: tuple[int, ...] = (), **bounds: Any
+) -> Vector:
+    """Return a checked number or array that determines the structure of a block, so is no parameter.
 
     Parameters
     ----------
-    owner : str
-        Name of the block, for messages.
-    name : str
-        Name of the number.
-    value : float
+    owner, name : str
+        Names of the block and of the value, for messages.
+    value : array_like
         Value from the user [any].
-    above : float
-        Exclusive lower bound [the same].
+    shape : tuple of int
+        Its shape [-].
+    **bounds : float
+        Bounds, as for `Parameter` [the same].
 
     Raises
     ------
-    BlockError
-        If it is not a finite number above the bound.
+    ParameterError
+        If it is not a number, not finite, of the wrong shape or out of bounds.
     """
-    number = float(finite_array(f"'{name}' of {owner}", value, ()))
-    if number <= above:
-        raise BlockError(f"'{name}' of {owner} is {number:g}; it must be above {above:g}")
-    return number
+    declaration = Parameter(**bounds)
+    declaration.name = name
+    return declaration.convert(value, shape, owner)
+
+
+def finite(owner: str, name: str, value: float, **bounds: Any) -> float:
+    """Return a checked structural number; see `structural` for the arguments.
+
+    Parameters
+    ----------
+    owner, name : str
+        Names of the block and of the number.
+    value : float
+        Value from the user [any].
+    **bounds : float
+        Bounds [the same].
+    """
+    return float(structural(owner, name, value, **bounds))

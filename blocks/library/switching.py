@@ -75,13 +75,6 @@ class Relay(Shaped):
         self.unit, self.start_on = unit, bool(start_on)
         super().__init__(shape, upper=upper, lower=upper if lower is None else lower, on=on, off=off)
 
-    def check_parameters(self, p: Signals) -> None:
-        """Check that no lower level exceeds the upper one."""
-        if not np.all(p.lower <= p.upper):
-            raise ParameterError(
-                f"the lower level of {p.owner} exceeds the upper one: {p.lower} and {p.upper}"
-            )
-
     def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
         """Return the value of the on or off state."""
         return {"y": np.where(x.is_on > 0.5, p.on, p.off)}
@@ -202,11 +195,8 @@ class Pulse(Source):
         unit: Unit = None,
     ) -> None:
         self.period = finite("Pulse", "period", period, above=0.0)
-        self.width, self.delay = finite("Pulse", "width", width, above=0.0), finite("Pulse", "delay", delay)
-        if self.width >= 1.0:
-            raise BlockError(
-                f"'width' of Pulse is {self.width:g}; it is a part of the period, between 0 and 1"
-            )
+        self.width = finite("Pulse", "width", width, above=0.0, below=1.0)
+        self.delay = finite("Pulse", "delay", delay)
         super().__init__(unit, high=high, low=low)
 
     def _at(self, t: Array) -> Values:
@@ -292,10 +282,9 @@ class LimitedIntegrator(Integrator):
 
     def check_parameters(self, p: Signals) -> None:
         """Check that each lower limit is below the upper one."""
-        if not np.all(p.lower < p.upper):
-            raise ParameterError(
-                f"the lower limit of {p.owner} must be below the upper one: {p.lower}, {p.upper}"
-            )
+        super().check_parameters(p)
+        if np.any(p.lower == p.upper):
+            raise ParameterError(f"the lower limit of {p.owner} must be below the upper one, {p.upper}")
 
     def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
         """Return the limited integral, as the interpolation of a solver may exceed a limit."""

@@ -23,7 +23,7 @@ from trussflow.blocks.framework.equations import Equations
 from trussflow.blocks.framework.errors import LinearAnalysisError
 from trussflow.blocks.framework.system import System
 from trussflow.blocks.framework.types import Vector
-from trussflow.blocks.simulation.block_call import BlockCall
+from trussflow.blocks.simulation.block_instances import BlockCall
 from trussflow.blocks.tracing.calling import running_errors
 
 RELATIVE_TOLERANCE = 1e-8

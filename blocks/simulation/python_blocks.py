@@ -9,7 +9,6 @@ instant, continuous Python blocks still see the held outputs of before.
 
 from __future__ import annotations
 
-from graphlib import CycleError, TopologicalSorter
 from typing import Any
 
 import numpy as np
@@ -22,9 +21,9 @@ from trussflow.blocks.framework.types import Vector
 from trussflow.blocks.simulation.block_instances import BlockCall, OpenBlocks, SampledStepping
 from trussflow.blocks.simulation.executor import Executor, Progress, Span
 from trussflow.blocks.tracing.calling import running_errors
-from trussflow.blocks.tracing.loops import Active, SomeOf, is_solved, reached_from
 from trussflow.blocks.tracing.plan import Plan
 from trussflow.blocks.tracing.quantities import Quantity, block_inputs
+from trussflow.blocks.tracing.sorted_order import Active, components, in_order, is_solved, reached_from
 
 MAX_NEWTON_ROUNDS = 20
 """Rounds of Newton's method after which a loop is given up."""
@@ -55,41 +54,20 @@ def sorted_stages(plan: Plan, blocks: list[Block], active: Active) -> list[tuple
     for path in by_path:
         needed = frozenset().union(*plan.feedthrough[path].values())
         graph[path] = reached_from(plan.system, plan.feedthrough, path, needed, active, by_path)
-    behind = {path: _reached(graph, path) for path in graph}
-    stage = {
-        path: tuple(p for p in graph if p == path or (p in behind[path] and path in behind[p]))
-        for path in graph
-    }
-    loops = set()
-    for paths in dict.fromkeys(stage.values()):
-        try:
-            TopologicalSorter({path: [p for p in graph[path] if p in paths] for path in paths}).prepare()
-        except CycleError as error:
-            if active or not is_solved(plan.system, paths):
-                raise AlgebraicLoopError(
-                    f"algebraic loop through Python blocks: {' -> '.join(error.args[1])}; each needs the "
-                    "output of the one before at the same instant. Break it with a UnitDelay, make a "
-                    "Function of what can be traced, say in feedthrough() which outputs do not depend on "
-                    "which inputs, or, if none of them is sampled, let it be solved: "
-                    'Diagram(..., loops="solve")'
-                ) from None
-            loops.add(paths)
-    sources = {
-        paths: [stage[p] for path in paths for p in graph[path] if p not in paths] for paths in stage.values()
-    }
-    order = TopologicalSorter(sources).static_order()
-    return [([by_path[path] for path in paths], paths in loops) for paths in order]
-
-
-def _reached(graph: dict[str, list[str]], start: str) -> set[str]:
-    """Return the nodes of a graph on which one depends, directly or not."""
-    found: set[str] = set()
-    waiting = [start]
-    while waiting:
-        new = set(graph[waiting.pop()]) - found
-        found |= new
-        waiting += new
-    return found
+    stages = []
+    for paths in components(graph):
+        is_loop = len(paths) > 1 or paths[0] in graph[paths[0]]
+        if is_loop and (active or not is_solved(plan.system, paths)):
+            _, cycle = in_order({path: [p for p in graph[path] if p in paths] for path in paths})
+            raise AlgebraicLoopError(
+                f"algebraic loop through Python blocks: {' -> '.join(cycle)}; each needs the "
+                "output of the one before at the same instant. Break it with a UnitDelay, make a "
+                "Function of what can be traced, say in feedthrough() which outputs do not depend on "
+                "which inputs, or, if none of them is sampled, let it be solved: "
+                'Diagram(..., loops="solve")'
+            )
+        stages.append(([by_path[path] for path in paths], is_loop))
+    return stages
 
 
 class SampledPythonBlocks:
@@ -129,7 +107,9 @@ class SampledPythonBlocks:
                 ]
             )
         traced = {plan.system.clock(b) for b in plan.system.blocks.values() if b.traced}
-        self.with_traced = [bool(active & traced) or isinstance(active, SomeOf) for active in sets]
+        if plan.counters.size:  # the shared program also counts ticks of clocks without traced blocks
+            traced |= {*plan.system.clocks}
+        self.with_traced = [bool(active & traced) for active in sets]
         self._computes = np.array([bool(pairs) for pairs in self.ordered])
 
     def quantities(self) -> list[Quantity]:
@@ -243,7 +223,7 @@ class PythonExecutor(Executor):
         self, number: int, t: float, x: Vector, d: Vector, p: Vector, *, update: bool = True
     ) -> Vector:
         """Return d after an instant: Python blocks first, then the traced ones."""
-        waiting = self._sampled.plan.waits.waiting(d)
+        waiting = self._sampled.plan.counters.waiting(d)
         clock = self._sampled.plan.system.clock
         ticking = [pair for pair in self._sampled.ordered[number] if clock(pair[0].block) not in waiting]
         for call, quantity in ticking:

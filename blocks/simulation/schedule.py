@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from trussflow.blocks.framework.clock import Clock, ticks
 from trussflow.blocks.framework.errors import SimulationError
-from trussflow.blocks.tracing.loops import Active, SomeOf
+from trussflow.blocks.tracing.sorted_order import Active
 
 MAX_CLOCK_SETS = 1000
 """Sets of clocks that tick together; each needs code of its own."""
@@ -41,8 +41,8 @@ class Schedule:
     Attributes
     ----------
     sets : list of frozenset of Clock
-        The sets of clocks that tick together, each with a program; the first is empty. Of those that share
-        one program there is one more, of which some tick.
+        The sets of clocks that tick together, each with a program; the first is empty. If the clocks share
+        one program, the only other set has all clocks: the clock counters determine which of them tick.
 
     Raises
     ------
@@ -61,7 +61,7 @@ class Schedule:
             )
         self._shared = shared
         if shared:
-            self.sets: list[Active] = [frozenset(), SomeOf(clocks)]
+            self.sets: list[Active] = [frozenset(), frozenset(clocks)]
             return
         codes = sorted({0} | (self._scanned() or self._possible()))
         self._sorted_codes = np.array(codes, dtype=np.int64)

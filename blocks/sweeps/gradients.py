@@ -35,7 +35,7 @@ from trussflow.blocks.simulation.simulator import Simulator, SimulatorSettings
 from trussflow.blocks.simulation.solver import fixed_step
 from trussflow.blocks.sweeps.tangents import TangentExecutor
 from trussflow.blocks.tracing.calling import brief
-from trussflow.blocks.tracing.tracing import shape_of, symbol, to_expression, written_out
+from trussflow.blocks.tracing.kernels import shape_of, symbol, to_expression, written_out
 
 AFFINITY_TOLERANCE = 1e-9
 """Largest deviation of initial states from affine functions of q, relative to their change [-]."""

@@ -17,7 +17,7 @@ from trussflow.blocks.framework.types import Array
 from trussflow.blocks.simulation.simulator import Simulator
 from trussflow.blocks.sweeps.gradients import DifferentiatedRun, explained
 from trussflow.blocks.sweeps.sweep import sweep
-from trussflow.blocks.tracing.tracing import shape_of, symbol, to_expression, written_out
+from trussflow.blocks.tracing.kernels import shape_of, symbol, to_expression, written_out
 
 Becoming = Callable[..., Mapping[str, Any]]
 """Takes values by name as keywords, and returns parameters and initial states by ``"block.name"``."""

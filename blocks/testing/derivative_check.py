@@ -14,8 +14,8 @@ from trussflow.blocks.framework.types import Array, Vector
 from trussflow.blocks.linear_analysis.python_derivatives import offered
 from trussflow.blocks.tracing import block_check
 from trussflow.blocks.tracing.calling import running_errors
+from trussflow.blocks.tracing.kernels import to_expression
 from trussflow.blocks.tracing.program import lower
-from trussflow.blocks.tracing.tracing import to_expression
 
 if TYPE_CHECKING:
     from trussflow.blocks.testing.check_block import Bench

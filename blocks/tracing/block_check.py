@@ -17,11 +17,9 @@ from trussflow.blocks.framework.equations import EVENTS
 from trussflow.blocks.framework.errors import BlockError, SimulationError, TrussflowError
 from trussflow.blocks.framework.external import External
 from trussflow.blocks.framework.types import Array
-from trussflow.blocks.tracing.alike import constants, mark, nameless
+from trussflow.blocks.tracing.block_deduplication import anonymous_copy, constants, equations_key
 from trussflow.blocks.tracing.calling import brief, checked, refusal, running_errors, tracing_errors
-from trussflow.blocks.tracing.program import Program
-from trussflow.blocks.tracing.template import Template
-from trussflow.blocks.tracing.tracing import (
+from trussflow.blocks.tracing.kernels import (
     Trace,
     dependencies,
     shape_of,
@@ -30,6 +28,8 @@ from trussflow.blocks.tracing.tracing import (
     to_expression,
     tracing,
 )
+from trussflow.blocks.tracing.program import Program
+from trussflow.blocks.tracing.traced_block import TracedBlock
 
 ROUND_OFF_TOLERANCE = 1e-9
 """Largest relative difference between two orders of the same operations, ill-conditioned blocks included."""
@@ -59,16 +59,16 @@ class Isolated:
     ----------
     feedthrough : dict
         Inputs with direct feedthrough to each output.
-    template : Template or None
+    traced : TracedBlock or None
         The traced equations; None for a Python block.
     """
 
     feedthrough: dict[str, frozenset[str]]
-    template: Template | None = None
+    traced: TracedBlock | None = None
 
 
-Alike = dict[Hashable, Isolated | None]
-"""Result shared by all blocks with the same `mark`; None if it cannot be shared."""
+SharedResults = dict[Hashable, Isolated | None]
+"""Result shared by all blocks with the same `equations_key`; None if it cannot be shared."""
 
 
 def kinds(block: Block) -> list[str]:
@@ -105,21 +105,21 @@ def equations(
     return results
 
 
-_known: WeakKeyDictionary[Block, tuple[list[tuple[int, ...] | None], Isolated]] = WeakKeyDictionary()
+_results: WeakKeyDictionary[Block, tuple[list[tuple[int, ...] | None], Isolated]] = WeakKeyDictionary()
 """Results by block, with the shapes of its ports at that time.
 
 A block is frozen and may be in several plans, but connections may change the shapes of its ports.
 """
 
 
-def isolate(block: Block, alike: Alike | None = None) -> Isolated:
+def isolate(block: Block, shared: SharedResults | None = None) -> Isolated:
     """Trace a single block, compare it with NumPy at random points, and find its feedthrough.
 
     Parameters
     ----------
     block : Block
         The block.
-    alike : dict, optional
+    shared : dict, optional
         Results of other blocks, used for blocks with the same equations.
 
     Raises
@@ -128,9 +128,9 @@ def isolate(block: Block, alike: Alike | None = None) -> Isolated:
         If the equations cannot be traced, or disagree with plain NumPy.
     """
     shapes = [port.whole_shape for port in block.ports.values()]
-    if block not in _known or _known[block][0] != shapes:
-        _known[block] = shapes, isolate_anew(block) if alike is None else _as_alike(block, alike)
-    return _known[block][1]
+    if block not in _results or _results[block][0] != shapes:
+        _results[block] = shapes, isolate_anew(block) if shared is None else _shared_result(block, shared)
+    return _results[block][1]
 
 
 def isolate_all(blocks: Mapping[str, Block]) -> dict[str, Isolated]:
@@ -141,22 +141,22 @@ def isolate_all(blocks: Mapping[str, Block]) -> dict[str, Isolated]:
     TracingError
         If the equations of one cannot be traced, or disagree with plain NumPy.
     """
-    many, alike = Counter(map(type, blocks.values())), Alike()
-    return {key: isolate(block, alike if many[type(block)] > 1 else None) for key, block in blocks.items()}
+    many, shared = Counter(map(type, blocks.values())), SharedResults()
+    return {key: isolate(block, shared if many[type(block)] > 1 else None) for key, block in blocks.items()}
 
 
-def _as_alike(block: Block, alike: Alike) -> Isolated:
-    """Return the result of a block with the same equations, from `alike` if it is there."""
-    key = mark(block) if block.traced else None
-    if key is not None and key not in alike:
+def _shared_result(block: Block, shared: SharedResults) -> Isolated:
+    """Return the result of a block with the same equations, from `shared` if it is there."""
+    key = equations_key(block) if block.traced else None
+    if key is not None and key not in shared:
         try:
-            alike[key] = isolate_anew(block, nameless(block))
+            shared[key] = isolate_anew(block, anonymous_copy(block))
         except TrussflowError:  # checking the block itself shows whether it or the copy is at fault
-            alike[key] = None
-    found = alike.get(key)
-    if found is None or found.template is None:
+            shared[key] = None
+    found = shared.get(key)
+    if found is None or found.traced is None:
         return isolate_anew(block)
-    return replace(found, template=replace(found.template, constants=constants(block)))
+    return replace(found, traced=replace(found.traced, constants=constants(block)))
 
 
 def isolate_anew(block: Block, copy: tuple[Block, tuple[Array, ...]] | None = None) -> Isolated:
@@ -172,16 +172,18 @@ def isolate_anew(block: Block, copy: tuple[Block, tuple[Array, ...]] | None = No
     if not block.traced:
         return Isolated(_declared_feedthrough(block))
     by, lifted = copy or (None, ())
-    (t, x, u, fired, p), traced, trace = trace_alone(block, by)
-    _compare(block, (t, x, u, fired, p), traced, trace, lifted)
-    own = {name: symbols_of(to_expression(value)) for name, value in u.items()}
-    used = dependencies([to_expression(v) for v in traced["output"].values()], trace)
-    feedthrough = {
-        name: frozenset(i for i, s in own.items() if s & symbols)
-        for name, symbols in zip(traced["output"], used, strict=True)
-    }
+    symbols, values, trace = trace_alone(block, by)
+    t, x, u, fired, p = symbols
     leaves = (t, *x.values(), *u.values(), *p.values(), *fired.values(), *lifted)
-    return Isolated(feedthrough, Template(leaves, tuple(trace.calls), traced))
+    traced = TracedBlock(leaves, tuple(trace.calls), values, constants(block) if lifted else ())
+    _compare(block, symbols, traced)
+    own = {name: symbols_of(to_expression(value)) for name, value in u.items()}
+    used = dependencies([to_expression(v) for v in values["output"].values()], trace)
+    feedthrough = {
+        name: frozenset(i for i, s in own.items() if s & needed)
+        for name, needed in zip(values["output"], used, strict=True)
+    }
+    return Isolated(feedthrough, traced)
 
 
 Symbols = tuple[Array, Signals, Signals, Signals, Signals]
@@ -248,19 +250,15 @@ def _declared_feedthrough(block: Block) -> dict[str, frozenset[str]]:
     return {name: frozenset(used) for name, used in declared.items()}
 
 
-def _compare(
-    block: Block, symbols: Symbols, traced: dict[str, Values], trace: Trace, lifted: tuple[Array, ...]
-) -> None:
+def _compare(block: Block, symbols: Symbols, traced: TracedBlock) -> None:
     """Raise `TracingError` if the traced equations of a block return other numbers than NumPy."""
     t, x, u, fired, p = symbols
-    leaves = [t, *x.values(), *u.values(), *fired.values(), *p.values(), *lifted]
-    outputs = [v for values in traced.values() for v in values.values()]
-    names = [n for values in traced.values() for n in values]
-    if not outputs:
+    results = [(n, to_expression(v)) for values in traced.values.values() for n, v in values.items()]
+    if not results:
         return
-    columns = [to_expression(v) for v in outputs]
+    names, columns = zip(*results, strict=True)
     result = ca.densify(ca.vertcat(*columns))
-    program = Program("check", tuple(to_expression(v) for v in leaves), tuple(trace.calls), result)
+    program = Program("check", tuple(map(to_expression, traced.leaves)), traced.calls, result)
 
     def plain(point: list[Array]) -> Array:
         numbers = iter(point)
@@ -274,10 +272,12 @@ def _compare(
     first = 1 + len(x) + len(u)
     chosen = [
         [*point[:first], *(np.where(v > 0, 1.0, 0.0) for v in point[first:])]  # an event happens or not
-        for point in points(tuple(shape_of(v) for v in leaves[: first + len(fired)]))
+        for point in points(tuple(map(shape_of, (t, *x.values(), *u.values(), *fired.values()))))
     ]
-    own = [*block.parameters.values(), *(constants(block) if lifted else ())]
-    everything = zip(*([*point, *own] for point in chosen), strict=True)
+    own = block.parameters.values()
+    everything = zip(
+        *([*point[:first], *own, *point[first:], *traced.constants] for point in chosen), strict=True
+    )
     found = program.evaluate([np.column_stack([np.ravel(v) for v in values]) for values in everything])
     sizes = np.cumsum([column.numel() for column in columns])
     for k, (point, values) in enumerate(zip(chosen, found.T, strict=True)):

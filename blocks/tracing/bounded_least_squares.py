@@ -27,8 +27,8 @@ import numpy as np
 
 from trussflow.blocks.framework.types import Array, Vector
 from trussflow.blocks.tracing.c_function import CFunction
+from trussflow.blocks.tracing.kernels import shape_of
 from trussflow.blocks.tracing.linear_algebra import block_diagonal
-from trussflow.blocks.tracing.tracing import shape_of
 
 MAX_STEPS = 100
 """Largest number of Newton steps [-], as in bounded_least_squares.h; the last iterate is then returned."""

@@ -10,14 +10,13 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cache
-from importlib.resources import files
 from typing import Any
 
 import casadi as ca
 import numpy as np
 
 from trussflow.blocks.framework.types import Array, Vector
-from trussflow.blocks.tracing.tracing import (
+from trussflow.blocks.tracing.kernels import (
     KERNEL_NAME,
     Kernel,
     call_kernel,
@@ -25,6 +24,7 @@ from trussflow.blocks.tracing.tracing import (
     shape_of,
     to_expression,
 )
+from trussflow.blocks.tracing.operations import c_file
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,7 +67,7 @@ class CFunction:
 @cache  # keeps the callbacks alive, as CasADi does not
 def _kernel(function: CFunction, sizes: tuple[int, ...], arguments: int, results: int) -> Kernel:
     numbers = ", ".join(map(str, sizes))
-    header = files("trussflow.blocks.tracing").joinpath(f"{function.name}.h").read_text(encoding="utf-8")
+    header = c_file(f"{function.name}.h")
     return Kernel(
         _Value(function, sizes, arguments, results),
         f"{function.name} {numbers}\n{header}",

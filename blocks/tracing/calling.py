@@ -12,8 +12,8 @@ import numpy as np
 from trussflow.blocks.framework.block import Block, Values
 from trussflow.blocks.framework.declarations import Event, State
 from trussflow.blocks.framework.errors import BlockError, Explained, SimulationError, TracingError
+from trussflow.blocks.tracing.kernels import is_traced, shape_of
 from trussflow.blocks.tracing.traced_array import REFUSAL_MESSAGES, NeedsNumberError
-from trussflow.blocks.tracing.tracing import is_traced, shape_of
 
 _NOT_THE_USERS = ("trussflow.blocks.", "numpy", "casadi")
 

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from functools import cache
-from importlib.resources import files
 from itertools import accumulate, groupby
 
 import casadi as ca
@@ -17,17 +15,15 @@ from trussflow.blocks.tracing.instructions import (
     is_time,
     named,
 )
-from trussflow.blocks.tracing.operations import FORMULAS, FUSED_FORMULAS, Numbers
+from trussflow.blocks.tracing.kernels import KERNEL_NAME, KernelCall
+from trussflow.blocks.tracing.loop_rerolling import rerolled
+from trussflow.blocks.tracing.operations import FORMULAS, FUSED_FORMULAS, Numbers, c_file
 from trussflow.blocks.tracing.program import Program
-from trussflow.blocks.tracing.rolling import rolled
-from trussflow.blocks.tracing.tracing import KERNEL_NAME, KernelCall
 
 PROGRAM_ARGUMENTS = (TIME_NAME, "x", "d", "p")
 
 SCALAR_NUMBERS = Numbers()
 """Scalar arithmetic, for a single run."""
-
-OWN_NAME = "trussflow"
 
 _WORK = """\
   {type} work[{size}] __attribute__((aligned(64)));
@@ -90,9 +86,7 @@ def c_sources(programs: Sequence[Program], lanes: int = 1) -> list[str]:
         *defined,
         *(f"{_HIDDEN}{piece.partition(' {')[0]};" for piece in apart),
         *functions,
-        fixed_step(),
-        events(),
-        _file("driver.c"),
+        *map(c_file, ("fixed_step.h", "events.h", "driver.c")),
     ]
     others = [
         [vectors, *(piece for _, piece in group)]
@@ -102,27 +96,12 @@ def c_sources(programs: Sequence[Program], lanes: int = 1) -> list[str]:
 
 
 def vector_functions() -> str:
-    """Return the C declarations that the functions of programs need before them."""
-    return fma() + _file("lanes.h")
-
-
-def fma() -> str:
-    """Return the subset of these declarations that programs without kernels need."""
-    return _file("fma.h")
-
-
-def fixed_step() -> str:
-    """Return the C functions for one fixed step; the macro TF_X must be defined before them."""
-    return _file("fixed_step.h")
-
-
-def events() -> str:
-    """Return the C functions for a step with events; the head of events.h lists the macros that they need."""
-    return _file("events.h")
+    """Return the C declarations that programs with kernels need; others need only those of fma.h."""
+    return c_file("fma.h") + c_file("lanes.h")
 
 
 def event_sizes(programs: Iterable[Program]) -> dict[str, int]:
-    """Return the numbers of events, modes and loop guesses, by the macro names that `events` needs."""
+    """Return the numbers of events, modes and loop guesses, by the macro names that events.h needs."""
     sizes = {program.name: program.size for program in programs}
     modes = sizes["on_event"] - sizes["derivative"] if "on_event" in sizes else 0
     return {"TF_EVENTS": sizes.get("indicators", 0), "TF_MODES": modes, "TF_LOOPS": sizes.get("guesses", 0)}
@@ -179,16 +158,9 @@ def content(programs: Sequence[Program], lanes: int = 1) -> str:
     lanes : int
         As for `c_sources` [-].
     """
-    made_by = ("codegen.py", "instructions.py", "rolling.py", "operations.py")
+    made_by = ("codegen.py", "instructions.py", "loop_rerolling.py", "operations.py")
     made_of = ("fma.h", "lanes.h", "fixed_step.h", "events.h", "driver.c")
-    return "\0".join([str(lanes), *(program.code for program in programs), *map(_file, made_by + made_of)])
-
-
-@cache
-def _file(name: str) -> str:
-    """Return the text of a file of this folder, with the original package name also inside an FMU."""
-    text = files("trussflow.blocks.tracing").joinpath(name).read_text(encoding="utf-8")
-    return text.replace(f"{__name__.partition('.')[0]}.", f"{OWN_NAME}.")
+    return "\0".join([str(lanes), *(program.code for program in programs), *map(c_file, made_by + made_of)])
 
 
 def _program(program: Program, kernels: dict[int, str], numbers: Numbers) -> list[str]:
@@ -204,7 +176,7 @@ def _program(program: Program, kernels: dict[int, str], numbers: Numbers) -> lis
             size += -(-symbols.numel() // 8) * 8  # whole lines of 64 bytes
         called.append(f"  {kernels[id(call)]}({', '.join(starts)});")
     written += ["result[{}]", f"w[{size} + {{}}]"]
-    found = rolled(fused(instructions_of(program.graph)), read, len(program.calls), written[-1], numbers)
+    found = rerolled(fused(instructions_of(program.graph)), read, len(program.calls), written[-1], numbers)
     instructions, loops, common = found
     size += common
     apart = len(instructions) > MAX_PIECE_INSTRUCTIONS

@@ -23,10 +23,10 @@ from trussflow.blocks.framework.port import Port
 from trussflow.blocks.framework.system import Driver, System
 from trussflow.blocks.framework.types import Array
 from trussflow.blocks.tracing.calling import checked, running_errors, tracing_errors
-from trussflow.blocks.tracing.loops import Active, Feedthrough, SomeOf, Stage, holds
+from trussflow.blocks.tracing.kernels import from_expression, is_traced, symbol, to_expression, written_out
 from trussflow.blocks.tracing.newton import MAX_ITERATED_UNKNOWNS, solve
-from trussflow.blocks.tracing.template import Template
-from trussflow.blocks.tracing.tracing import from_expression, is_traced, symbol, to_expression, written_out
+from trussflow.blocks.tracing.sorted_order import Active, Feedthrough, Stage, holds
+from trussflow.blocks.tracing.traced_block import TracedBlock
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,7 +43,7 @@ class Leaves:
         Triggered events, and signs of the event indicators, by block path.
     guesses : dict of Signals
         Initial guesses of the signals of algebraic loops, by block path.
-    waits : dict of Array
+    counters : dict of Array
         Remaining ticks of each clock, if the clocks share one program.
     """
 
@@ -54,7 +54,7 @@ class Leaves:
     fired: dict[str, Signals]
     sides: dict[str, Signals]
     guesses: dict[str, Signals]
-    waits: dict[Clock, Array]
+    counters: dict[Clock, Array]
 
 
 class Evaluation:
@@ -70,7 +70,7 @@ class Evaluation:
         Time, states, held outputs and parameters.
     active : set of Clock
         The clocks that tick at this instant: their blocks compute, the others hold.
-    templates : mapping, optional
+    traced_blocks : mapping, optional
         Equations already traced, by block path, for an evaluation with symbols.
     solved : mapping, optional
         Known signals of algebraic loops, for an evaluation with numbers.
@@ -87,11 +87,11 @@ class Evaluation:
         feedthrough: Feedthrough,
         leaves: Leaves,
         active: Active = frozenset(),
-        templates: Mapping[str, Template] | None = None,
+        traced_blocks: Mapping[str, TracedBlock] | None = None,
         solved: Mapping[Port, Array] | None = None,
     ) -> None:
         self.system, self.feedthrough, self.leaves, self.active = (system, feedthrough, leaves, active)
-        self.templates, self.solved = templates or {}, dict(solved or {})
+        self.traced_blocks, self.solved = traced_blocks or {}, dict(solved or {})
         self.iterated: list[Port] = []
         self._filled: dict[tuple[str, frozenset[str]], dict[str, Values]] = {}
         self._outputs: dict[tuple[str, frozenset[str]], Values] = {}
@@ -116,9 +116,9 @@ class Evaluation:
     def _if_ticking(self, block: Block, new: Array, before: Mapping[str, Signals], name: str) -> Array:
         """Return `new` if the clock of a sampled block ticks, else the value before."""
         clock = self.system.clock(block)
-        if clock is None or not isinstance(self.active, SomeOf):
+        if clock is None or not self.leaves.counters:
             return new
-        return np.where(self.leaves.waits[clock] == 0.0, new, before[block.path][name])
+        return np.where(self.leaves.counters[clock] == 0.0, new, before[block.path][name])
 
     def compute(self, stages: Sequence[Stage]) -> None:
         """Compute all outputs in sorted order; recursion along a long chain would overflow the stack."""
@@ -150,7 +150,7 @@ class Evaluation:
         if iterated and z.numel() > MAX_ITERATED_UNKNOWNS:
             raise AlgebraicLoopError(
                 f"an algebraic loop of {z.numel()} unknowns exceeds the limit of {MAX_ITERATED_UNKNOWNS} for "
-                f"iterations\n{stage.circle}\nbreak it with states or a UnitDelay, or connect fewer elements"
+                f"iterations\n{stage.cycle}\nbreak it with states or a UnitDelay, or connect fewer elements"
             )
         self.iterated += stage.torn if iterated else ()
         for port, shape, place in zip(stage.torn, shapes, spans(map(prod, shapes)), strict=True):
@@ -224,12 +224,12 @@ class Evaluation:
         leaves, path = self.leaves, block.path
         x, p, fired = leaves.states[path], leaves.parameters[path], leaves.fired[path]
         traced = is_traced(leaves.t)
-        template = self.templates.get(path)
-        if template is not None and template.fits(u.values()):
+        reusable = self.traced_blocks.get(path)
+        if reusable is not None and reusable.fits(u.values()):
             known = frozenset(n for n in u if self._inputs.get((path, n)) is u[n])
             if (path, known) not in self._filled:
                 arguments = [leaves.t, *x.values(), *u.values(), *p.values(), *fired.values()]
-                self._filled[path, known] = template(arguments)
+                self._filled[path, known] = reusable(arguments)
             return self._filled[path, known][kind]
         with tracing_errors(block) if traced else running_errors(block, kind, float(leaves.t)):
             values = getattr(block, kind)(leaves.t, x, u, p, *([fired] if kind == "on_event" else []))

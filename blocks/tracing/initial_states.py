@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping
-from graphlib import CycleError, TopologicalSorter
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -15,7 +14,7 @@ from trussflow.blocks.framework.settling import settle
 from trussflow.blocks.framework.types import Vector
 from trussflow.blocks.framework.validation import shown
 from trussflow.blocks.tracing.calling import checked, running_errors
-from trussflow.blocks.tracing.loops import Active, reached_from
+from trussflow.blocks.tracing.sorted_order import Active, in_order, reached_from
 
 if TYPE_CHECKING:
     from trussflow.blocks.tracing.evaluation import Evaluation
@@ -138,7 +137,5 @@ def _in_order(
         names = [port.name for port in block.inputs() if path in stating or port.name in needed]
         graph[path] = reached_from(plan.system, plan.feedthrough, path, names, active, {*stating, *showing})
         waiting += graph[path]
-    try:
-        return [*TopologicalSorter(graph).static_order()], False
-    except CycleError:
-        return [path for path in plan.system.blocks if path in graph], True
+    order, cycle = in_order(graph)
+    return order or [path for path in plan.system.blocks if path in graph], bool(cycle)

@@ -9,7 +9,7 @@ import casadi as ca
 import numpy as np
 
 from trussflow.blocks.framework.types import Array
-from trussflow.blocks.tracing.tracing import from_expression, is_traced, repeated, shape_of, to_expression
+from trussflow.blocks.tracing.kernels import from_expression, is_traced, repeated, shape_of, to_expression
 
 PIVOT_TOLERANCE = 1e-11
 """Smallest pivot, relative to the diagonal element, that is not round-off of a singular matrix."""

@@ -25,7 +25,6 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from functools import cache, partial
-from importlib.resources import files
 from typing import Any
 
 import casadi as ca
@@ -34,7 +33,8 @@ import numpy as np
 from trussflow.blocks.framework.types import Vector
 from trussflow.blocks.tracing.codegen import straight_line
 from trussflow.blocks.tracing.instructions import instructions_of
-from trussflow.blocks.tracing.tracing import KERNEL_NAME, Kernel, KernelCall, call_kernel, symbols_of
+from trussflow.blocks.tracing.kernels import KERNEL_NAME, Kernel, KernelCall, call_kernel, symbols_of
+from trussflow.blocks.tracing.operations import c_file
 
 MAX_STEPS = 60
 """Largest number of Newton steps [-], as in newton.h."""
@@ -151,9 +151,8 @@ def residual_left(calls: Iterable[KernelCall]) -> float:
 def _kernel(equations: ca.Function) -> Kernel:
     """Return the kernel that solves the equations ``(z, s) -> (residual, slope)`` for z."""
     n = equations.size1_in(0)
-    header = files("trussflow.blocks.tracing").joinpath("newton.h").read_text(encoding="utf-8")
     body = straight_line(equations, ("z", "s"), ("residual", "slope"))
-    source = f"""{header}
+    source = f"""{c_file("newton.h")}
 static __attribute__((noinline))
 void {KERNEL_NAME}_equations(const double* z, const double* s, double* residual, double* slope) {{
 {body}

@@ -1,11 +1,15 @@
-"""C expressions of CasADi's operations, for numbers and for vectors."""
+"""C expressions of CasADi's operations, for numbers and for vectors; C functions in files."""
 
 from __future__ import annotations
 
 from collections.abc import Container, Sequence
 from dataclasses import dataclass
+from functools import cache
+from importlib.resources import files
 
 import casadi as ca
+
+OWN_NAME = "trussflow"
 
 ALL_LANES = {
     ca.OP_ASSIGN: "{0}",
@@ -128,3 +132,10 @@ FORMULAS = ALL_LANES | SERIES_FUNCTIONS | FUSED_FORMULAS | ONE_LANE | SCALAR_CHO
 
 VECTOR_FORMULAS = FORMULAS | MASKED_CHOICES
 """C expressions of operations on vectors, for those that are not computed lane by lane."""
+
+
+@cache
+def c_file(name: str) -> str:
+    """Return the text of a file of this folder, with the original package name also inside an FMU."""
+    text = files("trussflow.blocks.tracing").joinpath(name).read_text(encoding="utf-8")
+    return text.replace(f"{__name__.partition('.')[0]}.", f"{OWN_NAME}.")

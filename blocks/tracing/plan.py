@@ -25,15 +25,15 @@ from trussflow.blocks.framework.system import System, flatten
 from trussflow.blocks.framework.telling import told
 from trussflow.blocks.framework.types import Array, Vector
 from trussflow.blocks.framework.validation import by_name, finite_array
+from trussflow.blocks.tracing.algebraic_loops import AlgebraicLoops
 from trussflow.blocks.tracing.block_check import check_kind, isolate_all
+from trussflow.blocks.tracing.clock_counters import ClockCounters, share_program
 from trussflow.blocks.tracing.evaluation import Evaluation, Leaves
 from trussflow.blocks.tracing.initial_states import set_from_inputs
-from trussflow.blocks.tracing.loop_solutions import LoopSolutions
-from trussflow.blocks.tracing.loops import Active, Stage, order, share_program
+from trussflow.blocks.tracing.kernels import from_expression, is_traced, to_expression, tracing
 from trussflow.blocks.tracing.program import Program, lower
 from trussflow.blocks.tracing.quantities import Quantity
-from trussflow.blocks.tracing.tracing import from_expression, is_traced, to_expression, tracing
-from trussflow.blocks.tracing.waits import Waits
+from trussflow.blocks.tracing.sorted_order import Active, Stage, order
 
 
 class Plan:
@@ -50,7 +50,7 @@ class Plan:
     ----------
     x, p : Layout
         Order of continuous states and of parameters.
-    modes, memory, held, waits, sides, fired, guesses, u : Layout
+    modes, memory, held, counters, sides, fired, guesses, u : Layout
         Parts of d: modes, discrete states, held outputs, remaining ticks of clocks that share one
         program, signs of event indicators, triggered events, last solutions of the loops that need an
         iteration, external inputs. ``events.h`` depends on the order from `sides` to `guesses`.
@@ -58,7 +58,7 @@ class Plan:
         Directions of all events, in the order of `sides`.
     has_events : bool
         Whether any block has events.
-    loops : LoopSolutions
+    loops : AlgebraicLoops
         The algebraic loops that are solved; false if there are none.
 
     Raises
@@ -105,9 +105,9 @@ class Plan:
         )
         self.held = Layout(held, self.memory.span.stop)
         shared = not own_programs and share_program(self.system, self.feedthrough)
-        self.waits = Waits(self.system.clocks if shared else [], self.held.span.stop)
+        self.counters = ClockCounters(self.system.clocks if shared else [], self.held.span.stop)
         # ``events.h`` depends on the order of the following parts.
-        self.sides = Layout(events, self.waits.span.stop)
+        self.sides = Layout(events, self.counters.span.stop)
         self.fired = Layout(events, self.sides.span.stop)
         kinds = [
             KINDS[blocks[e.path].declared(Event)[e.name].kind]
@@ -124,7 +124,7 @@ class Plan:
         self.python_blocks = [b for b in blocks.values() if not b.traced and not isinstance(b, External)]
         self._orders: dict[Active, list[Stage]] = {}
         self._lay_out_rest([])
-        self.loops = LoopSolutions(self)
+        self.loops = AlgebraicLoops(self)
         if self.loops:
             # The trace that finds the iterated outputs needs guesses for all torn ones.
             self._lay_out_rest(self.loops.torn)
@@ -144,7 +144,7 @@ class Plan:
     def layouts(self) -> tuple[Layout, ...]:
         """Layouts of x, of the parts of d, and of p."""
         return (
-            *(self.x, self.modes, self.memory, self.held, self.waits, self.sides, self.fired),
+            *(self.x, self.modes, self.memory, self.held, self.counters, self.sides, self.fired),
             *(self.guesses, self.u, self.p),
         )
 
@@ -255,7 +255,7 @@ class Plan:
                 self.guesses.put(d, place.path, place.name, value)
         for source in self.system.external.values():
             self.u.put(d, source.path, "y", source.start_value())
-        d[self.waits.span] = self.waits.first
+        d[self.counters.span] = self.counters.first
         overrides = by_name("initial states", overrides)
         self.set_inputs(d, inputs)
         self.override(x, d, overrides)
@@ -324,11 +324,11 @@ class Plan:
                 found.setdefault(path, Signals(f"block '{path}'", {}))
             if not is_traced(t):
                 fired[path] = Signals(fired[path].owner, {n: f > 0 for n, f in fired[path].items()})
-        sides, waits = self.sides.unpack(d, make), self.waits.by_clock(d, make)
-        leaves = Leaves(t, states, held, parameters, fired, sides, guesses, waits)
-        templates = {k: i.template for k, i in self._isolated.items() if i.template is not None}
+        sides, counters = self.sides.unpack(d, make), self.counters.by_clock(d, make)
+        leaves = Leaves(t, states, held, parameters, fired, sides, guesses, counters)
+        traced_blocks = {k: i.traced for k, i in self._isolated.items() if i.traced is not None}
         if is_traced(t):
-            return Evaluation(self.system, self.feedthrough, leaves, active, templates)
+            return Evaluation(self.system, self.feedthrough, leaves, active, traced_blocks)
         solved = self.loops.values(float(t), x, d, p, active)
         return Evaluation(self.system, self.feedthrough, leaves, active, solved=solved)
 
@@ -358,7 +358,7 @@ class Plan:
             new = self.symbolic(frozenset(), leaves)
             for quantity in quantities:
                 if (active := quantity.active) not in evaluated:
-                    now = Evaluation(new.system, new.feedthrough, new.leaves, active, new.templates)
+                    now = Evaluation(new.system, new.feedthrough, new.leaves, active, new.traced_blocks)
                     now.compute(self.order(active))
                     evaluated[active] = now
                 arrays = quantity.collect(self, evaluated[active])

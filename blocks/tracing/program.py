@@ -14,7 +14,7 @@ import casadi as ca
 import numpy as np
 
 from trussflow.blocks.framework.types import Array
-from trussflow.blocks.tracing.tracing import KernelCall, Trace, symbols_of
+from trussflow.blocks.tracing.kernels import KernelCall, Trace, symbols_of
 
 
 @dataclass(frozen=True, eq=False)

@@ -12,7 +12,7 @@ from trussflow.blocks.framework.block import Block
 from trussflow.blocks.framework.port import Port
 from trussflow.blocks.framework.types import Array
 from trussflow.blocks.tracing.evaluation import Evaluation
-from trussflow.blocks.tracing.loops import Active
+from trussflow.blocks.tracing.sorted_order import Active
 
 if TYPE_CHECKING:
     from trussflow.blocks.tracing.plan import Plan
@@ -78,7 +78,7 @@ def sample(number: int, active: Active) -> Quantity:
                 else leaves.held[e.path][e.name]
                 for e in plan.held
             ]
-            + plan.waits.after(leaves.waits)
+            + plan.counters.after(leaves.counters)
             + [leaves.sides[e.path][e.name] for e in plan.sides]
             + [np.zeros(e.shape) for e in plan.fired]
             + guesses().collect(plan, evaluation)

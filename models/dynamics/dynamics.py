@@ -8,7 +8,7 @@ from functools import partial
 import numpy as np
 
 from trussflow.blocks.framework.types import Array, Vector
-from trussflow.blocks.tracing.tracing import repeated, shape_of
+from trussflow.blocks.tracing.kernels import repeated, shape_of
 from trussflow.models.dynamics.assembly import DynamicsTerms, assembled
 from trussflow.models.errors import ModelError
 from trussflow.models.geometry.attitude import EULER, AttitudeCoordinates

@@ -13,7 +13,7 @@ from trussflow.blocks.framework.energy import EnergyAccount
 from trussflow.blocks.framework.port import Input, Output
 from trussflow.blocks.framework.types import Array, Vector
 from trussflow.blocks.tracing.linear_algebra import solve_positive_definite
-from trussflow.blocks.tracing.once import once
+from trussflow.blocks.tracing.memoized import memoized
 from trussflow.models.dynamics.assembly import DynamicsTerms
 from trussflow.models.dynamics.dynamics import TrussDynamics
 from trussflow.models.dynamics.task_space import task_velocity
@@ -385,7 +385,7 @@ class SpaceTruss(TrussBlock):
         """Return the rates of coordinates and speeds."""
         return {"q": self.dynamics.kinematics(x.q, x.v), "v": self._motion(x, u, p)[1]}
 
-    @once
+    @memoized
     def _motion(self, x: Signals, u: Signals, p: Signals) -> tuple[DynamicsTerms, Array]:
         """Return the terms of the equations of motion, and the generalized accelerations."""
         terms = self.dynamics.evaluate(x.q, x.v, self.modal_data(p))

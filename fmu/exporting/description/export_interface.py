@@ -132,7 +132,7 @@ class ExportInterface:
         _check_initialization(item, plan)
         ports = [resolved(port) for port in item.outputs()]
         try:
-            schedule = Schedule(plan.system.clocks, exact(step), shared=bool(plan.waits.size))
+            schedule = Schedule(plan.system.clocks, exact(step), shared=bool(plan.counters.size))
         except SimulationError as error:
             raise ExportError(f"cannot export '{item.name}' with step={step}: {error}") from error
         samples = [sample(i, clocks) for i, clocks in enumerate(schedule.sets) if clocks]

@@ -13,10 +13,10 @@ from trussflow.blocks.framework.declarations import Signals
 from trussflow.blocks.framework.types import Array
 from trussflow.blocks.tracing.calling import tracing_errors
 from trussflow.blocks.tracing.evaluation import Evaluation, Leaves
+from trussflow.blocks.tracing.kernels import from_expression, shape_of, to_expression, tracing
 from trussflow.blocks.tracing.plan import Plan
 from trussflow.blocks.tracing.program import lower
 from trussflow.blocks.tracing.quantities import Quantity
-from trussflow.blocks.tracing.tracing import from_expression, shape_of, to_expression, tracing
 from trussflow.fmu.errors import ExportError
 from trussflow.fmu.exporting.description.dependencies import product, sparsity
 
@@ -97,7 +97,7 @@ def _set_by_blocks(plan: Plan, evaluation: Evaluation, values: Mapping[tuple[str
     }
     active = frozenset(clock for clock in system.clocks if clock.offset == 0)
     first = replace(leaves, states=states, held=held)
-    now = Evaluation(system, evaluation.feedthrough, first, active, evaluation.templates)
+    now = Evaluation(system, evaluation.feedthrough, first, active, evaluation.traced_blocks)
     now.compute(plan.order(active))
     after: States = {}
     for block in setting_blocks(plan):

@@ -13,10 +13,10 @@ from numpy.typing import NDArray
 
 from trussflow.blocks.framework.clock import exact, ticks
 from trussflow.blocks.framework.declarations import TIMED
-from trussflow.blocks.tracing.codegen import c_functions, event_sizes, events, fixed_step, vector_functions
-from trussflow.blocks.tracing.loops import SomeOf
+from trussflow.blocks.tracing.codegen import c_functions, event_sizes, vector_functions
+from trussflow.blocks.tracing.kernels import Trace
+from trussflow.blocks.tracing.operations import c_file
 from trussflow.blocks.tracing.program import Program, lower
-from trussflow.blocks.tracing.tracing import Trace
 from trussflow.fmu.errors import ExportError
 from trussflow.fmu.exporting.description.export_interface import ExportInterface
 from trussflow.fmu.exporting.native.tape import operation_names, table, tape
@@ -101,8 +101,7 @@ def source(interface: ExportInterface, version: str, token: str) -> Source:
         tape(programs["initialization"], "tf_tape0", 0),
         '#ifndef TF_SEPARATE\n#include "model.c"\n#endif',
         *("#define TF_ADJOINT" for _ in range(version == "3.0")),
-        fixed_step(),
-        events(),
+        *map(c_file, ("fixed_step.h", "events.h")),
         *map(file_text, ("core.h", "due.c", "time.c", "core.c", "tape.c", *FUNCTION_FILES[version])),
     ]
     return Source("\n".join(parts), _model(compiled))
@@ -213,8 +212,9 @@ def calendar(interface: ExportInterface) -> list[str]:
     step = exact(interface.step)
     periods = [f"{{{ticks(c.period, step, 'period')}, {ticks(c.offset, step, 'offset')}}}" for c in clocks]
     bits = {clock: 1 << i for i, clock in enumerate(clocks)}
+    shared = interface.plan.counters.size > 0
     codes = [
-        f"{{{ALL_CLOCKS if isinstance(s, SomeOf) else sum(bits[c] for c in s)}ull, TF_sample_{number}}}"
+        f"{{{ALL_CLOCKS if shared else sum(bits[c] for c in s)}ull, TF_sample_{number}}}"
         for number, s in enumerate(interface.schedule.sets)
         if s
     ]

@@ -7,7 +7,8 @@ from collections.abc import Iterator
 from importlib.resources import files
 from pathlib import Path
 
-from trussflow.blocks.tracing.codegen import c_functions, events, fixed_step, fma, vector_functions
+from trussflow.blocks.tracing.codegen import c_functions, vector_functions
+from trussflow.blocks.tracing.operations import c_file
 from trussflow.blocks.tracing.program import Program
 from trussflow.fmu.errors import ExportError
 from trussflow.fmu.exporting.description.export_interface import ExportInterface
@@ -119,14 +120,13 @@ def plain_files(interface: ExportInterface, path: Path) -> dict[Path, str]:
         note,
         WARNING_PRAGMAS,
         f'#include "{header.name}"\n',
-        vector_functions() if has_kernels else fma(),
+        vector_functions() if has_kernels else c_file("fma.h"),
         sizes(interface),
         f"#define TF_MODEL {name}",
         f"#define TF_NAME(function) {name}_##function",
         *pieces,
         *whole,
-        fixed_step(),
-        events(),
+        *map(c_file, ("fixed_step.h", "events.h")),
         *start_values(interface),
         *calendar(interface),
         _numbered(samples),

@@ -58,7 +58,7 @@ def test_traced_solution_keeps_to_the_structure_of_the_matrix():
     p = ca.SX.sym("p", 4)
     u = ca.SX.sym("u", 2)
     from trussflow.blocks import Signals
-    from trussflow.blocks.tracing.tracing import from_expression, to_expression
+    from trussflow.blocks.tracing.kernels import from_expression, to_expression
 
     matrix = ca.SX(2, 4)
     matrix[0, :2], matrix[1, 2:] = p[:2].T, p[2:].T

@@ -20,7 +20,7 @@ from trussflow.blocks import (
     TimeFunction,
     simulate,
 )
-from trussflow.blocks.tracing.tracing import repeated
+from trussflow.blocks.tracing.kernels import repeated
 
 TRACED = ("interpreted", "compiled")
 ROUND_OFF = 1e-13  # relative, of libm against NumPy and of fused multiply-add

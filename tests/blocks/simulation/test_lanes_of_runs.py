@@ -31,7 +31,7 @@ from trussflow.blocks import (
 from trussflow.blocks.simulation.lanes import Lanes, goes_in_lanes
 from trussflow.blocks.sweeps import samples
 from trussflow.blocks.tracing import compiler
-from trussflow.blocks.tracing.tracing import repeated
+from trussflow.blocks.tracing.kernels import repeated
 
 STEP = 0.01
 ALWAYS = "trussflow.blocks.sweeps.sweep.MIN_BATCHED_STEPS", 0.0

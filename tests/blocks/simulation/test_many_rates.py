@@ -20,7 +20,7 @@ from trussflow.blocks import (
     ZeroOrderHold,
     simulate,
 )
-from trussflow.blocks.tracing.waits import MAX_SEPARATE_CLOCKS
+from trussflow.blocks.tracing.clock_counters import MAX_SEPARATE_CLOCKS
 
 TICK = 0.01
 DURATION = 3.0

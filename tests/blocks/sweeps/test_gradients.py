@@ -27,7 +27,7 @@ from trussflow.blocks import (
     gradient,
     simulate,
 )
-from trussflow.blocks.tracing.waits import MAX_SEPARATE_CLOCKS
+from trussflow.blocks.tracing.clock_counters import MAX_SEPARATE_CLOCKS
 from trussflow.models.plant.tunable_truss import TunableTruss
 
 

@@ -16,7 +16,7 @@ from trussflow.blocks.framework.port import Input, Output
 from trussflow.blocks.framework.system import flatten
 from trussflow.blocks.library.algebra import Function
 from trussflow.blocks.tracing.block_check import isolate
-from trussflow.blocks.tracing.tracing import is_traced
+from trussflow.blocks.tracing.kernels import is_traced
 
 
 def block_of(equation, size=3):

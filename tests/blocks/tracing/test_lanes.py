@@ -11,8 +11,8 @@ from systems import compiled_program
 
 from trussflow.blocks.tracing.codegen import vector_functions as declarations
 from trussflow.blocks.tracing.compiler import compile_library
+from trussflow.blocks.tracing.kernels import from_expression, repeated, symbol, to_expression, tracing
 from trussflow.blocks.tracing.operations import FORMULAS
-from trussflow.blocks.tracing.tracing import from_expression, repeated, symbol, to_expression, tracing
 
 FUNCTION_ERROR = 3.0  # units in the last place: of the series, and of NumPy's own functions
 POWER_ERROR = 45.0  # the same for a power, whose logarithm is multiplied by up to 20

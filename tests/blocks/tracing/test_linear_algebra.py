@@ -12,9 +12,9 @@ from trussflow.blocks.framework.diagram import Diagram
 from trussflow.blocks.framework.errors import SimulationWarning
 from trussflow.blocks.framework.port import Output
 from trussflow.blocks.simulation.simulator import Simulator, simulate
+from trussflow.blocks.tracing.kernels import symbol, to_expression, tracing
 from trussflow.blocks.tracing.linear_algebra import solve_positive_definite, weighted_gramian
 from trussflow.blocks.tracing.program import lower
-from trussflow.blocks.tracing.tracing import symbol, to_expression, tracing
 
 ROUND_OFF = 1e-11  # times the condition of the matrices, below a hundred
 

@@ -19,7 +19,7 @@ from trussflow.blocks.framework.errors import TrussflowError
 from trussflow.blocks.framework.port import Input, Output
 from trussflow.blocks.library.algebra import Function
 from trussflow.blocks.tracing.block_check import isolate
-from trussflow.blocks.tracing.tracing import symbol, to_expression
+from trussflow.blocks.tracing.kernels import symbol, to_expression
 
 BATCH_SIZE = 200
 ROUND_OFF = 1e-9  # relative to the largest number on the way, whose last digits are lost where it cancels
@@ -232,10 +232,10 @@ def traced(node):
     )
     Diagram("d").add(f=block)
     try:
-        template = isolate(block).template
+        reusable = isolate(block).traced
     except TrussflowError:
         return None
-    return to_expression(template([T, X[:VECTOR_SIZE], X[VECTOR_SIZE:]])["output"]["y"])
+    return to_expression(reusable([T, X[:VECTOR_SIZE], X[VECTOR_SIZE:]])["output"]["y"])
 
 
 @pytest.mark.filterwarnings("ignore")

@@ -6,7 +6,7 @@ from numpy.testing import assert_allclose
 
 from trussflow.blocks import Block, Diagram, Output, Parameter, Simulator, State
 from trussflow.blocks.tracing import codegen
-from trussflow.blocks.tracing.tracing import repeated
+from trussflow.blocks.tracing.kernels import repeated
 
 
 class Ring(Block):

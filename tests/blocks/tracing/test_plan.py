@@ -16,7 +16,6 @@ from trussflow.blocks.tracing import compiler
 from trussflow.blocks.tracing.plan import Plan
 
 BACKENDS = ("numpy", "interpreted", "compiled")
-ROUND_OFF = 1e-13
 
 
 class Decay(Block):

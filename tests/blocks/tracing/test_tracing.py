@@ -11,10 +11,10 @@ from trussflow.blocks.framework.diagram import Diagram
 from trussflow.blocks.framework.errors import TracingError
 from trussflow.blocks.framework.port import Input, Output
 from trussflow.blocks.tracing.block_check import isolate
+from trussflow.blocks.tracing.kernels import repeated, shape_of, symbol, to_expression, tracing
 from trussflow.blocks.tracing.plan import Plan
 from trussflow.blocks.tracing.program import lower
 from trussflow.blocks.tracing.quantities import outputs
-from trussflow.blocks.tracing.tracing import repeated, shape_of, symbol, to_expression, tracing
 
 ROUND_OFF = 1e-13  # relative, of fused multiply-add and of another order of sums
 

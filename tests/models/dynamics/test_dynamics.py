@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 from systems import relative_error
 
+from trussflow.blocks.tracing.kernels import symbol, to_expression, tracing
 from trussflow.blocks.tracing.program import lower
-from trussflow.blocks.tracing.tracing import symbol, to_expression, tracing
 from trussflow.models import ModelError, RobotArm, TrussDynamics
 
 # Two orders of evaluation of the same expressions.

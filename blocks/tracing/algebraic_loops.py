@@ -11,17 +11,17 @@ from trussflow.blocks.framework.port import Port
 from trussflow.blocks.framework.system import resolved
 from trussflow.blocks.framework.types import Array, Vector
 from trussflow.blocks.framework.validation import finite_array
-from trussflow.blocks.tracing.loops import Active, Stage, graph_of, order, torn_ports
+from trussflow.blocks.tracing.kernels import tracing
 from trussflow.blocks.tracing.newton import residual_left
 from trussflow.blocks.tracing.program import Program
 from trussflow.blocks.tracing.quantities import outputs
-from trussflow.blocks.tracing.tracing import tracing
+from trussflow.blocks.tracing.sorted_order import Active, Stage, graph_of, order, torn_ports
 
 if TYPE_CHECKING:
     from trussflow.blocks.tracing.plan import Plan
 
 
-class LoopSolutions:
+class AlgebraicLoops:
     """The algebraic loops of a `plan` that are solved; false if there are none.
 
     Attributes
@@ -153,7 +153,7 @@ class LoopSolutions:
             why = "its signals are not finite at the initial guess of Newton's method"
         start = f"set another initial guess with diagram.guess() or initial={{{', '.join(starts)}}}, or "
         return DivergenceError(
-            f"cannot solve the algebraic loop at t = {t:g} s: {why}\n{stage.circle}\n"
+            f"cannot solve the algebraic loop at t = {t:g} s: {why}\n{stage.cycle}\n"
             f"{start * bool(starts)}break it with a state (Integrator, TransferFunction), a UnitDelay, or "
             "other connections"
         )

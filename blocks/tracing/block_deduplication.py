@@ -2,23 +2,28 @@
 
 Besides their arguments, equations can read the class, the attributes and the ports of their block. Two blocks
 have the same equations if all of these are equal to the last bit. Objects that do not consist of numbers and
-text are equal only to themselves. Names and parameter values may differ: the traced block is a copy without
-them. Equations that read them from the copy fail, and are not shared.
+text are equal only to themselves. Equations may also be methods of another object, whose attribute `block` is
+the block (see `GroupEquations`): its other attributes are compared. Names and parameter values may differ:
+the traced block is a copy without them. Equations that read them from the copy fail, and are not shared.
 """
 
 from __future__ import annotations
 
 from collections.abc import Hashable
+from copy import copy as shallow_copy
 from dataclasses import replace
 from functools import cache
+from types import MethodType
 from typing import Any
 
 import casadi as ca
 import numpy as np
 
 from trussflow.blocks.framework.block import Block
+from trussflow.blocks.framework.declarations import Event, State
+from trussflow.blocks.framework.port import Input, Output
 from trussflow.blocks.framework.types import Array, Vector
-from trussflow.blocks.tracing.tracing import from_expression, symbol, to_expression
+from trussflow.blocks.tracing.kernels import from_expression, symbol, to_expression
 
 UNSHARED_ATTRIBUTES = ("name", "parent", "parameters", "extra_ports")
 """Attributes that may differ between blocks with the same equations; the traced copy has none of them."""
@@ -30,7 +35,7 @@ MAX_NESTING = 8
 """Deepest level of nested lists that is compared."""
 
 
-def mark(block: Block) -> Hashable | None:
+def equations_key(block: Block) -> Hashable | None:
     """Return a key that is equal for two blocks only if their equations are the same; None if unknown."""
     attributes = object.__getstate__(block)
     if not isinstance(attributes, dict):
@@ -42,14 +47,9 @@ def mark(block: Block) -> Hashable | None:
         for n, v in attributes.items()
         if n not in (*UNSHARED_ATTRIBUTES, "ports", "inferred_shape")
     }
-    own = type(block)._declared
     ports = [
-        (
-            *(port.name, port.whole_shape, port.unit, port.frame),
-            says if own.get(port.name) is says else (type(says), vars(says)),
-        )
+        (port.name, port.whole_shape, port.unit, port.frame, port.declaration)
         for port in block.ports.values()
-        for says in (port.declaration,)
     ]
     shapes = [(name, value.shape) for name, value in block.parameters.items()]
     return type(block), _mark((seen, ports, shapes, block.inferred_shape.get()))
@@ -66,6 +66,11 @@ def _mark(value: Any, level: int = 0) -> Hashable:
         return kind, value.dtype.str, value.shape, value.tobytes()
     if kind in (tuple, list) and level < MAX_NESTING:
         return kind, *(_mark(v, level + 1) for v in value)
+    if isinstance(value, Input | Output | State | Event):
+        return kind, _mark(vars(value), level + 1)
+    if kind is MethodType:
+        others = {n: v for n, v in vars(value.__self__).items() if n != "block"}
+        return value.__func__, _mark(others, level + 1)
     if kind is dict and level < MAX_NESTING:
         return kind, *((_mark(k, level + 1), _mark(v, level + 1)) for k, v in value.items())
     return kind, id(value)
@@ -96,10 +101,15 @@ def constants(block: Block) -> tuple[Vector, ...]:
     return (np.concatenate(values),) if values else ()
 
 
-def nameless(block: Block) -> tuple[Block, tuple[Array, ...]]:
+def anonymous_copy(block: Block) -> tuple[Block, tuple[Array, ...]]:
     """Return a copy of a `block` without name and parameter values, and the symbols of its `constants`."""
     copy: Block = object.__new__(type(block))
     copy.__dict__.update((n, v) for n, v in vars(block).items() if n not in UNSHARED_ATTRIBUTES)
+    for name, value in vars(copy).items():
+        if isinstance(value, MethodType):
+            owner: Any = shallow_copy(value.__self__)
+            owner.block = copy
+            copy.__dict__[name] = MethodType(value.__func__, owner)
     copy.__dict__["ports"] = {name: replace(port, block=copy) for name, port in block.ports.items()}
     symbols = tuple(symbol("constants", numbers.shape) for numbers in constants(block))
     start = 0

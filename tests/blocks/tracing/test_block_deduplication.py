@@ -20,11 +20,11 @@ from trussflow.blocks import (
 )
 from trussflow.blocks.framework.port import INFERRED
 from trussflow.blocks.tracing import block_check
-from trussflow.blocks.tracing.alike import mark
 from trussflow.blocks.tracing.block_check import isolate
+from trussflow.blocks.tracing.block_deduplication import equations_key
+from trussflow.blocks.tracing.kernels import is_traced
 from trussflow.blocks.tracing.plan import Plan
 from trussflow.blocks.tracing.quantities import derivative, outputs, sample
-from trussflow.blocks.tracing.tracing import is_traced
 
 DOUBLE, TRIPLE = (lambda u: 2.0 * u), (lambda u: 3.0 * u)
 
@@ -120,7 +120,7 @@ def test_blocks_that_differ_in_an_attribute_keep_their_own_equations(what):
     a, b, reads = DIFFERENT_ATTRIBUTES[what]
     blocks = {"a": Made(a, reads), "b": Made(b, reads), "again": Made(a, reads)}
     found = shown(many(**blocks))
-    marks = {name: mark(block) for name, block in blocks.items()}
+    marks = {name: equations_key(block) for name, block in blocks.items()}
     assert marks["a"] != marks["b"]
     assert marks["a"] == marks["again"]
     for name, block in blocks.items():
@@ -182,7 +182,7 @@ class Slotted(Block):
 
 
 def test_what_is_not_in_the_dictionary_of_a_block_counts_too():
-    assert mark(Slotted(2.0)) is None
+    assert equations_key(Slotted(2.0)) is None
     assert shown(many(a=Slotted(2.0), b=Slotted(3.0))) == {"source": 0.7, "a": 1.4, "b": 0.7 * 3.0}
 
 
@@ -239,21 +239,21 @@ def test_what_is_shared_is_the_same_program_to_the_bit(which, monkeypatch):
         return [program.code for program in plan.trace(quantities)]
 
     shared, anew = codes(), []
-    monkeypatch.setattr(block_check, "mark", lambda block: anew.append(block))
+    monkeypatch.setattr(block_check, "equations_key", lambda block: anew.append(block))
     assert codes() == shared
     assert len(anew) > 1
 
 
 def test_linear_blocks_share_where_they_have_the_same_zeros():
     lags = [TransferFunction([k], [0.1 * k, 1.0]) for k in range(1, 4)]
-    assert len({mark(block) for block in lags}) == 1
+    assert len({equations_key(block) for block in lags}) == 1
     direct = [TransferFunction([0.5, 1.0], [0.1, 1.0]), TransferFunction([0.0, 1.0], [0.1, 1.0])]
-    assert len({mark(block) for block in [*lags, *direct]}) == 2
+    assert len({equations_key(block) for block in [*lags, *direct]}) == 2
     many(**{f"b{k}": block for k, block in enumerate([*lags, *direct])})
-    alike = {}
-    depends = [isolate(block, alike).feedthrough["y"] for block in (*lags, *direct)]
+    shared = {}
+    depends = [isolate(block, shared).feedthrough["y"] for block in (*lags, *direct)]
     assert depends == [frozenset()] * 3 + [frozenset("u"), frozenset()]
-    assert len(alike) == 2
+    assert len(shared) == 2
 
 
 class Stiff(StateSpace):
@@ -266,6 +266,6 @@ class Stiff(StateSpace):
 
 def test_a_linear_block_with_equations_of_its_own_keeps_its_numbers():
     slow, stiff = (Stiff([[a]], [1.0], [1.0], initial_value=[1.0]) for a in (-1.0, -10.0))
-    assert mark(slow) != mark(stiff)
+    assert equations_key(slow) != equations_key(stiff)
     found = shown(many(slow=slow, stiff=stiff), initial={"slow.x": [1.0], "stiff.x": [1.0]})
     assert found["slow"] < 0.0 < found["stiff"]

@@ -9,11 +9,11 @@ import casadi as ca
 
 from trussflow.blocks.framework.block import Values
 from trussflow.blocks.framework.types import Array
-from trussflow.blocks.tracing.tracing import KernelCall, call_kernel, from_expression, shape_of, to_expression
+from trussflow.blocks.tracing.kernels import KernelCall, call_kernel, from_expression, shape_of, to_expression
 
 
 @dataclass(frozen=True, eq=False)
-class Template:
+class TracedBlock:
     """Traced equations of one block.
 
     Substituting expressions for symbols is much faster than tracing the equations again.

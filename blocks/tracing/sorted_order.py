@@ -1,26 +1,27 @@
-"""Sorted order of outputs, and tearing of algebraic loops.
+"""Sorted order and cycles of graphs, and the sorted order of the outputs of a system.
 
-Algebraic loops are the strongly connected components of the graph of outputs. In each component, a small set
-of outputs that opens all cycles is **torn**: these outputs are the unknowns, and all others follow from
-them one after another. The torn outputs are the same at all instants. So each has one place in d for its
-last solution, which is the initial guess of the next one.
+A graph maps each node to the nodes on which it depends. Algebraic loops are the strongly connected
+components of the graph of outputs. In each component, a small set of outputs that opens all cycles is
+**torn**: these outputs are the unknowns, and all others follow from them one after another. The torn outputs
+are the same at all instants. So each has one place in d for its last solution, which is the initial guess of
+the next one.
 """
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Collection, Container, Hashable, Iterable, Iterator, Mapping
 from graphlib import CycleError, TopologicalSorter
-from itertools import combinations, pairwise
+from itertools import pairwise
 from typing import NamedTuple, TypeVar
 
 import casadi as ca
 
 from trussflow.blocks.framework.block import Block
-from trussflow.blocks.framework.clock import Clock, common_tick
+from trussflow.blocks.framework.clock import Clock
 from trussflow.blocks.framework.errors import AlgebraicLoopError
 from trussflow.blocks.framework.port import Port
 from trussflow.blocks.framework.system import System
-from trussflow.blocks.tracing.waits import MAX_SEPARATE_CLOCKS
 
 T = TypeVar("T", bound=Hashable)
 
@@ -29,19 +30,6 @@ Feedthrough = dict[str, dict[str, frozenset[str]]]
 
 Active = frozenset[Clock]
 """The clocks that tick at one instant."""
-
-
-class SomeOf(Active):
-    """Clocks of which any subset may tick at an instant, as the clock counters in d determine.
-
-    It is not equal to the set of the same clocks of which all tick, as that has another program.
-    """
-
-    def __eq__(self, other: object) -> bool:
-        """Return whether `other` is such a set of the same clocks."""
-        return isinstance(other, SomeOf) and super().__eq__(other)
-
-    __hash__ = Active.__hash__
 
 
 Graph = dict[Port, dict[Port, str]]
@@ -57,13 +45,45 @@ class Stage(NamedTuple):
         The outputs in sorted order; in a loop, dependence on torn outputs is ignored.
     torn : tuple of Port
         The outputs of a loop that are the unknowns.
-    circle : str
+    cycle : str
         Description of a cycle in the loop.
     """
 
     ports: tuple[Port, ...]
     torn: tuple[Port, ...] = ()
-    circle: str = ""
+    cycle: str = ""
+
+
+def in_order(graph: Mapping[T, Iterable[T]]) -> tuple[list[T], list[T]]:
+    """Return the nodes of a `graph`, each after those on which it depends, and an empty list.
+
+    If there is a cycle, return an empty list and the nodes of a cycle: each one depends on the one before,
+    and the first is also the last.
+    """
+    try:
+        return [*TopologicalSorter(graph).static_order()], []
+    except CycleError as error:
+        return [], error.args[1]
+
+
+def components(graph: Mapping[T, Iterable[T]]) -> Iterator[tuple[T, ...]]:
+    """Yield the strongly connected components of a `graph`, each after those on which it depends.
+
+    All nodes must be keys of the graph.
+    """
+    nodes = list(graph)
+    number = {node: i for i, node in enumerate(nodes)}
+    pairs = [(number[node], number[source]) for node, sources in graph.items() for source in sources]
+    rows, columns = zip(*pairs, strict=True) if pairs else ((), ())
+    _, places, starts = ca.Sparsity.triplet(len(nodes), len(nodes), rows, columns).scc()
+    # CasADi lists first the components on which no other depends.
+    for begin, end in reversed(list(pairwise(starts))):
+        yield tuple(nodes[i] for i in sorted(places[begin:end]))
+
+
+def cycles(graph: Mapping[T, Collection[T]]) -> Iterator[tuple[T, ...]]:
+    """Return the strongly connected components of a `graph` that contain a cycle."""
+    return (c for c in components(graph) if len(c) > 1 or c[0] in graph[c[0]])
 
 
 def holds(system: System, block: Block, active: Active) -> bool:
@@ -74,11 +94,13 @@ def holds(system: System, block: Block, active: Active) -> bool:
 
 def graph_of(system: System, feedthrough: Feedthrough, active: Active) -> Graph:
     """Return the dependence graph, by `feedthrough`, of outputs of a `system` while `active` clocks tick."""
-    return _graph(system, feedthrough, {path: holds(system, b, active) for path, b in system.blocks.items()})
+    return dependence_graph(
+        system, feedthrough, {path: holds(system, b, active) for path, b in system.blocks.items()}
+    )
 
 
-def _graph(system: System, feedthrough: Feedthrough, held: Mapping[str, bool]) -> Graph:
-    """Return the dependence graph of the outputs of blocks that are not `held`."""
+def dependence_graph(system: System, feedthrough: Feedthrough, held: Mapping[str, bool]) -> Graph:
+    """Return the dependence graph, by `feedthrough`, of outputs of a `system` whose blocks are not `held`."""
     graph: Graph = {}
     for path, block in system.blocks.items():
         if held[path]:
@@ -124,23 +146,6 @@ def reached_from(
     return [*found]
 
 
-def share_program(system: System, feedthrough: Feedthrough) -> bool:
-    """Return whether the clocks of a `system` share one program, instead of one for each set of clocks.
-
-    They do if there are more than `MAX_SEPARATE_CLOCKS`, unless a cycle of outputs by `feedthrough` contains
-    clocks that never tick together. A shared program assumes that all may tick, so it would have no sorted
-    order.
-    """
-    if len(system.clocks) <= MAX_SEPARATE_CLOCKS:
-        return False
-    held = {path: not b.traced and system.clock(b) is None for path, b in system.blocks.items()}
-    for circle in cycles(_graph(system, feedthrough, held)):
-        clocks = {clock for port in circle if (clock := system.clock(port.block)) is not None}
-        if any((a.offset - b.offset) % common_tick((a.period, b.period)) for a, b in combinations(clocks, 2)):
-            return False
-    return True
-
-
 def torn_ports(graph: Graph, preferred: Container[Port]) -> frozenset[Port]:
     """Return outputs whose removal leaves no cycle in a `graph`.
 
@@ -151,11 +156,8 @@ def torn_ports(graph: Graph, preferred: Container[Port]) -> frozenset[Port]:
     while waiting:
         for ports in cycles(waiting.pop()):
             inside = _among(graph, ports)
-            reads = dict.fromkeys(ports, 0)
-            for sources in inside.values():
-                for source in sources:
-                    reads[source] += 1
-            best = min(ports, key=lambda p: (p not in preferred, p.size, -reads[p] * len(inside[p])))
+            uses = Counter(source for sources in inside.values() for source in sources)
+            best = min(ports, key=lambda p: (p not in preferred, p.size, -uses[p] * len(inside[p])))
             found.add(best)
             waiting.append(_among(inside, [port for port in ports if port is not best]))
     return frozenset(found)
@@ -175,51 +177,22 @@ def order(
         If outputs form an algebraic loop that is not solved; the message shows the cycle.
     """
     graph = graph_of(system, feedthrough, active)
-    try:
-        return [Stage((port,)) for port in TopologicalSorter(graph).static_order()]
-    except CycleError as error:
-        circle = error.args[1]
-    if refuse and not torn:
-        raise _refused(system, graph, circle)
+    ports, cycle = in_order(graph)
+    if not cycle:
+        return [Stage((port,)) for port in ports]
     stages = []
-    for ports in _components(graph):
-        inside = _among(graph, ports)
-        if not any(inside.values()):
-            stages.append(Stage(ports))
+    for component in components(graph):
+        inside = _among(graph, component)
+        _, cycle = in_order(inside)
+        if not cycle:
+            stages.append(Stage(component))
             continue
-        try:
-            TopologicalSorter(inside).prepare()
-        except CycleError as error:
-            circle = error.args[1]
-        if refuse and not is_solved(system, [port.block.path for port in ports]):
-            raise _refused(system, graph, circle)
-        own = tuple(port for port in ports if port in torn)
-        opened = TopologicalSorter(inside | {port: {} for port in own})
-        stages.append(Stage(tuple(opened.static_order()), own, "\n".join(_lines(graph, circle))))
+        if refuse and not is_solved(system, [port.block.path for port in component]):
+            raise _refused(system, graph, cycle)
+        own = tuple(port for port in component if port in torn)
+        opened, _ = in_order(inside | {port: {} for port in own})
+        stages.append(Stage(tuple(opened), own, "\n".join(_lines(graph, cycle))))
     return stages
-
-
-def _components(graph: Mapping[T, Collection[T]]) -> Iterator[tuple[T, ...]]:
-    """Yield the strongly connected components of a graph, each after those on which it depends."""
-    nodes = list(graph)
-    number = {node: i for i, node in enumerate(nodes)}
-    pairs = [(number[node], number[source]) for node, sources in graph.items() for source in sources]
-    rows, columns = zip(*pairs, strict=True) if pairs else ((), ())
-    _, places, starts = ca.Sparsity.triplet(len(nodes), len(nodes), rows, columns).scc()
-    # CasADi lists first the components on which no other depends.
-    for begin, end in reversed(list(pairwise(starts))):
-        yield tuple(nodes[i] for i in sorted(places[begin:end]))
-
-
-def cycles(graph: Mapping[T, Collection[T]]) -> Iterator[tuple[T, ...]]:
-    """Yield the strongly connected components of a graph that contain a cycle.
-
-    Parameters
-    ----------
-    graph : mapping
-        Nodes on which each node depends; each node is a key.
-    """
-    return (c for c in _components(graph) if len(c) > 1 or c[0] in graph[c[0]])
 
 
 def _among(graph: Graph, ports: Iterable[Port]) -> Graph:
@@ -236,13 +209,13 @@ def is_solved(system: System, paths: Collection[str]) -> bool:
     )
 
 
-def _lines(graph: Graph, circle: list[Port]) -> list[str]:
-    return [f"  {first.path} --wire--> {graph[second][first]}" for first, second in pairwise(circle)]
+def _lines(graph: Graph, cycle: list[Port]) -> list[str]:
+    return [f"  {first.path} --wire--> {graph[second][first]}" for first, second in pairwise(cycle)]
 
 
-def _refused(system: System, graph: Graph, circle: list[Port]) -> AlgebraicLoopError:
+def _refused(system: System, graph: Graph, cycle: list[Port]) -> AlgebraicLoopError:
     """Return the error of an algebraic loop, with its cycle."""
-    lines = _lines(graph, circle)
+    lines = _lines(graph, cycle)
     error = AlgebraicLoopError(
         f"algebraic loop of {len(lines)} wires: within one instant each signal depends on "
         "itself\n" + "\n".join(lines) + "\nbreak it with a state (Integrator, "

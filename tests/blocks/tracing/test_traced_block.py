@@ -9,9 +9,9 @@ from trussflow.blocks.framework.declarations import Parameter, State
 from trussflow.blocks.framework.diagram import Diagram
 from trussflow.blocks.framework.port import Input, Output
 from trussflow.blocks.simulation.simulator import simulate
+from trussflow.blocks.tracing.kernels import repeated
 from trussflow.blocks.tracing.linear_algebra import solve_positive_definite
-from trussflow.blocks.tracing.template import Template
-from trussflow.blocks.tracing.tracing import repeated
+from trussflow.blocks.tracing.traced_block import TracedBlock
 
 ROUND_OFF = 1e-13
 
@@ -88,7 +88,7 @@ def build(wiring):
 @pytest.mark.parametrize("fits", [True, False])
 @pytest.mark.parametrize("wiring", ["signals", "zeros among signals", "zeros"])
 def test_filled_in_equals_numpy(wiring, fits, backend, monkeypatch):
-    monkeypatch.setattr(Template, "fits", lambda _self, _arguments: fits)
+    monkeypatch.setattr(TracedBlock, "fits", lambda _self, _arguments: fits)
     found = simulate(build(wiring), 1.0, step=0.1, backend=backend)
     expected = simulate(build(wiring), 1.0, step=0.1, backend="numpy")
     assert (np.abs(expected["block.solution"]).max() > 0.1) == (wiring != "zeros")

@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import casadi as ca
+import numpy as np
 
 from trussflow.blocks.tracing.instructions import Instruction, is_time, needed, number
 from trussflow.blocks.tracing.operations import FUSED_FORMULAS, Numbers
@@ -27,8 +28,13 @@ EMPTY_INSTRUCTION = Instruction(ca.OP_CONST, ())
 MAX_REPEATED_USES = 4
 """Largest number of uses of a value that loops compute again; other values are computed before the loops."""
 
-Leaf = tuple[int, int] | tuple[float] | int
-"""Operand of an element: argument and index, a constant, or the index of an instruction."""
+Operand = tuple[int, int]
+"""Source of an operand: argument and index, `CONSTANT_OPERAND`, or `SHARED_VALUE` and an instruction."""
+
+CONSTANT_OPERAND: Operand = (-1, 0)
+
+SHARED_VALUE = -2
+"""First number of an operand that is the value of an instruction outside the loops."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,16 +48,19 @@ class Element:
     form : tuple
         Operations with their operands: indices of earlier operations, or -1 - s for leaf s. The last
         operation gives the value; without operations, leaf 0 does.
-    leaves : tuple of Leaf
-        Leaves, one for each use.
+    leaves : tuple of Operand
+        Source of each use of a leaf.
+    constants : tuple of float
+        Value of each leaf that is a constant, zero for others [any].
     """
 
     output: int
     form: tuple[tuple[int, tuple[int, ...]], ...]
-    leaves: tuple[Leaf, ...]
+    leaves: tuple[Operand, ...]
+    constants: tuple[float, ...]
 
 
-def rolled(
+def rerolled(
     instructions: list[Instruction], read: Sequence[str], target: int, shared: str, numbers: Numbers
 ) -> tuple[list[Instruction], list[str], int]:
     """Return the remaining instructions, the C code of the loops, and the number of values shared by both.
@@ -84,9 +93,9 @@ def rolled(
         if run == 1:
             continue
         each = [elements[start + period * i] for i in range(run)]
-        for leaf in each[0].leaves:
-            if isinstance(leaf, int):
-                places.setdefault(leaf, len(places))
+        for source, k in each[0].leaves:
+            if source == SHARED_VALUE:
+                places.setdefault(k, len(places))
         done |= {element.output for element in each}
         names = {k: shared.format(place) for k, place in places.items()}
         loops += ["  {", *_loop(each, read, names, f"result[{start} + {period} * i]", numbers), "  }"]
@@ -127,17 +136,18 @@ def _expanded(
         one = instructions[k]
         if not is_leaf[k]:
             return known[k]
+        constants.append(one.constant)
         if one.operation == ca.OP_INPUT:
             leaves.append((one.place[0], one.place[1]))
         else:
-            leaves.append((one.constant,) if one.operation == ca.OP_CONST else k)
+            leaves.append(CONSTANT_OPERAND if one.operation == ca.OP_CONST else (SHARED_VALUE, k))
         return -len(leaves)
 
-    form, leaves, known = list[tuple[int, tuple[int, ...]]](), list[Leaf](), dict[int, int]()
+    form, known = list[tuple[int, tuple[int, ...]]](), dict[int, int]()
+    leaves, constants = list[Operand](), list[float]()
     root = instructions[output].operands[0]
-    waiting = (
-        [] if is_leaf[root] else [root]
-    )  # a stack, as sums of hundreds of terms exceed the recursion limit
+    # A stack, as sums of hundreds of terms exceed the recursion limit.
+    waiting = [] if is_leaf[root] else [root]
     most = MAX_ELEMENT_OPERATIONS
     while waiting:
         k = waiting[-1]
@@ -154,7 +164,7 @@ def _expanded(
             return None
     if not form:
         called(root)
-    return Element(output, tuple(form), tuple(leaves))
+    return Element(output, tuple(form), tuple(leaves), tuple(constants))
 
 
 def _run(elements: Mapping[int, Element], start: int, period: int, done: set[int]) -> int:
@@ -162,30 +172,18 @@ def _run(elements: Mapping[int, Element], start: int, period: int, done: set[int
     first, second = elements[start], elements.get(start + period)
     if second is None or second.form != first.form:
         return 1
-    steps = [_step(a, b) for a, b in zip(first.leaves, second.leaves, strict=True)]
+    leaves = np.array(first.leaves)
+    steps = np.array(second.leaves) - leaves
+    if steps[:, 0].any() or steps[leaves[:, 0] == SHARED_VALUE].any():
+        return 1
     length = 1
     while (other := elements.get(start + period * length)) is not None:
         if other.output in done or other.form != first.form:
             break
-        if not all(
-            _is_at(a, step, length, b) for a, step, b in zip(first.leaves, steps, other.leaves, strict=True)
-        ):
+        if not np.array_equal(other.leaves, leaves + length * steps):
             break
         length += 1
     return length
-
-
-def _step(first: Leaf, second: Leaf) -> int:
-    """Return the stride from the leaf of the first element to that of the next."""
-    alike = isinstance(first, tuple) and isinstance(second, tuple) and len(first) == len(second) == 2
-    return second[1] - first[1] if alike else 0  # type: ignore[index,misc]
-
-
-def _is_at(first: Leaf, step: int, i: int, leaf: Leaf) -> bool:
-    """Return whether a `leaf` is that of element `i`, for a stride of `step` between elements."""
-    if isinstance(first, tuple) and isinstance(leaf, tuple) and len(first) == len(leaf):
-        return len(first) == 1 or (leaf[0] == first[0] and leaf[1] == first[1] + step * i)  # type: ignore[misc]
-    return first == leaf
 
 
 def _loop(
@@ -193,18 +191,18 @@ def _loop(
 ) -> list[str]:
     """Return the C code of a loop over elements with the same operations; `known` names shared values."""
     tables, names = list[str](), list[str]()
-    for s, first in enumerate(each[0].leaves):
-        if isinstance(first, int):
-            names.append(known[first])
-        elif len(first) == 2:
-            step = _step(first, each[1].leaves[s])
-            text = read[first[0]].format(f"{first[1]} + {step} * i" if step else first[1])
-            names.append(numbers.of_one(text) if is_time(text) else text)
-        else:
-            constants = [number(element.leaves[s][0]) for element in each]  # type: ignore[index]
+    for s, (source, index) in enumerate(each[0].leaves):
+        if source == SHARED_VALUE:
+            names.append(known[index])
+        elif (source, index) == CONSTANT_OPERAND:
+            constants = [number(element.constants[s]) for element in each]
             if len({*constants}) > 1:
                 tables.append(f"    static const double c{s}[] = {{{', '.join(constants)}}};")
             names.append(numbers.of_one(f"c{s}[i]" if len({*constants}) > 1 else constants[0]))
+        else:
+            step = each[1].leaves[s][1] - index
+            text = read[source].format(f"{index} + {step} * i" if step else index)
+            names.append(numbers.of_one(text) if is_time(text) else text)
     values = list[str]()
     sums = {f"e{k}" for k, (operation, _) in enumerate(each[0].form) if operation in FUSED_FORMULAS}
     for k, (operation, operands) in enumerate(each[0].form):

@@ -1,4 +1,4 @@
-"""Memoized results of equations: computed once for equal arguments, and anew for others."""
+"""Memoized results of equations: computed memoized for equal arguments, and anew for others."""
 
 import numpy as np
 from numpy.testing import assert_array_equal
@@ -6,8 +6,8 @@ from numpy.testing import assert_array_equal
 from trussflow.blocks.framework.block import Block
 from trussflow.blocks.framework.declarations import Signals, State
 from trussflow.blocks.framework.port import Input, Output
-from trussflow.blocks.tracing.once import once
-from trussflow.blocks.tracing.tracing import repeated, symbol, tracing
+from trussflow.blocks.tracing.kernels import repeated, symbol, tracing
+from trussflow.blocks.tracing.memoized import memoized
 
 
 class Shared(Block):
@@ -21,7 +21,7 @@ class Shared(Block):
         self.asked = []
         super().__init__()
 
-    @once
+    @memoized
     def _square(self, x, u):
         self.asked.append(1)
         (first,), (second,) = repeated(lambda a: (a * a,), [(u.u[0],), (u.u[1],)])

@@ -13,12 +13,12 @@ import numpy as np
 from trussflow.blocks.framework.block import Block
 from trussflow.blocks.framework.declarations import Signals
 from trussflow.blocks.framework.types import Array
-from trussflow.blocks.tracing.tracing import active_trace, is_traced
+from trussflow.blocks.tracing.kernels import active_trace, is_traced
 
 Result = TypeVar("Result")
 
 
-def once(method: Callable[..., Result]) -> Callable[..., Result]:
+def memoized(method: Callable[..., Result]) -> Callable[..., Result]:
     """Memoize the latest result of a method of a block.
 
     Numbers are compared by value, so the caller may write into arguments and results. Expressions are

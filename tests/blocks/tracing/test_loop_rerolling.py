@@ -23,7 +23,7 @@ from trussflow.blocks import (
     TransferFunction,
     simulate,
 )
-from trussflow.blocks.tracing import rolling
+from trussflow.blocks.tracing import loop_rerolling
 from trussflow.blocks.tracing.codegen import c_sources
 
 
@@ -108,9 +108,9 @@ def rod(n):
 @pytest.mark.parametrize("diagram", [many(40), chain(24), full(90), rod(200)])
 def test_loops_give_the_numbers_of_code_written_out(diagram, monkeypatch, tmp_path):
     results = []
-    for name, least in (("rolled", rolling.MIN_LOOP_ELEMENTS), ("written out", 10**9)):
+    for name, least in (("rolled", loop_rerolling.MIN_LOOP_ELEMENTS), ("written out", 10**9)):
         monkeypatch.setenv("TRUSSFLOW_CACHE", str(tmp_path / name))
-        monkeypatch.setattr(rolling, "MIN_LOOP_ELEMENTS", least)
+        monkeypatch.setattr(loop_rerolling, "MIN_LOOP_ELEMENTS", least)
         simulator = Simulator(diagram, step=1e-3, backend="compiled")
         code = "".join(c_sources(simulator.prepared.programs))
         assert bool(re.search(r"i < \d+; \+\+i\) \{", code)) == (name == "rolled")
