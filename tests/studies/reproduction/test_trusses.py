@@ -5,7 +5,7 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 from reproduction.trusses import frame_modes, mirrored, truss_modes
 
-from trussflow.models import ModelError, TrussModes
+from trussflow.models import TrussModes
 from trussflow.models.truss.truss_fe import TrussFrame
 from trussflow.models.truss.truss_terms import truss_terms
 
@@ -52,11 +52,6 @@ def test_modes_are_computed_once(tmp_path, monkeypatch):
     monkeypatch.setattr(TrussFrame, "modes", None)
     again = frame_modes("reconstructed", tmp_path)
     assert_array_equal(first.shapes, again.shapes)
-    more = truss_modes("reconstructed", 8, tmp_path)
+    more = truss_modes(8, tmp_path)
     assert more.modes == 8
     assert_array_equal(more.frequencies[:6], TrussModes.reconstructed().frequencies)
-
-
-def test_unknown_variant(tmp_path):
-    with pytest.raises(ModelError, match="no truss variant 'round'; choose from: reconstructed"):
-        truss_modes("round", 6, tmp_path)
