@@ -163,6 +163,7 @@ def _compared_velocities(results: Results, run: str) -> list[Panel]:
 
 PROPOSED = ("",)
 OBSERVERS = ("", "-no-observer")
+COMPARED = tuple(CONTROLLERS)
 ELASTIC = _vectors(4, grasp_displacement="elastic displacement [m]")
 DISPLACEMENT = "displacement [m]"
 ERROR = _vectors(position_error="displacement error [m]")
@@ -201,25 +202,21 @@ PAPER_FIGURES = (
     PaperFigure(13, "Control force of the system in Case 2", 2, OBSERVERS, _control_force, OBSERVER_NOTE),
     PaperFigure(14, "Control torques of the robots", 2, PROPOSED, _torques(1, 2, 3, 4), TORQUE_NOTE),
     PaperFigure(15, "Flexible displacement at C₄,₀ of Robot 4 in Case 2", 2, PROPOSED, ELASTIC),
-    PaperFigure(
-        16, "Tracking errors under different controllers in Case 1", 1, tuple(CONTROLLERS), _compared_errors
-    ),
+    PaperFigure(16, "Tracking errors under different controllers in Case 1", 1, COMPARED, _compared_errors),
     PaperFigure(
         17,
         "Velocity of the truss under different controllers in Case 1",
         1,
-        tuple(CONTROLLERS),
+        COMPARED,
         _compared_velocities,
         COMPARED_NOTE,
     ),
-    PaperFigure(
-        18, "Tracking errors under different controllers in Case 2", 2, tuple(CONTROLLERS), _compared_errors
-    ),
+    PaperFigure(18, "Tracking errors under different controllers in Case 2", 2, COMPARED, _compared_errors),
     PaperFigure(
         19,
         "Velocity and angular velocity of the truss under different controllers in Case 2",
         2,
-        tuple(CONTROLLERS),
+        COMPARED,
         _compared_velocities,
         COMPARED_NOTE,
     ),
@@ -246,9 +243,7 @@ def draw_paper_figures(results: Results, folder: Path) -> str:
     return "\n\n".join(text for _, text in sorted(parts))
 
 
-def draw_theorems(
-    results: Results, bounds: dict[str, tuple[float, float]], file: Path, *, start: float = 1.0
-) -> None:
+def draw_theorems(results: Results, bounds: dict[str, tuple[float, float]], file: Path) -> None:
     """Draw estimation error and V of runs with the bounds of the theorems.
 
     Parameters
@@ -259,13 +254,11 @@ def draw_theorems(
         Bounds of the estimation error and of V, keyed by the run.
     file : pathlib.Path
         Figure to write.
-    start : float
-        First time [s]; the initial jump of the pushed runs is before it.
     """
     panels = []
     for run, levels in bounds.items():
         time, error, lyapunov, _ = observer_signals(results(run))
-        later = time > start
+        later = time > 1.0  # s; without the initial jump of the pushed runs
         quantities = {"estimation error": ("‖d̂ − d‖", error), "V": ("V", lyapunov)}
         for (y, (label, values)), level in zip(quantities.items(), levels, strict=True):
             curves, finite = (

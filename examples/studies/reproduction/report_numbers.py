@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Mapping
 from typing import Any
@@ -104,7 +105,7 @@ class Numbers:
         return float(values[0] / values[1] if len(values) > 1 else values[0])
 
     def text(self, name: str, *, show_unit: bool = True) -> str:
-        """Return a number as text, and record it.
+        """Return a number as text, and record it; a number that is not finite is ``none``.
 
         Parameters
         ----------
@@ -113,6 +114,9 @@ class Numbers:
         show_unit : bool
             Whether the unit follows.
         """
+        value = self[name]
+        if not math.isfinite(value):
+            return "none"
         subjects, measure = self._parts(name)
         unit, digits = FORMATS.get(measure, ("", 3))
         if len(subjects) > 1:
@@ -121,7 +125,7 @@ class Numbers:
             digits = len(str(self.measures[subjects[0]][measure]))
         name = f"{' / '.join(subjects)}: {measure}"
         runs = RUN.findall(name)
-        return self.ledger(name, self[name], unit, runs=runs, digits=digits, show_unit=show_unit)
+        return self.ledger(name, value, unit, runs=runs, digits=digits, show_unit=show_unit)
 
     def filled(self, template: str) -> str:
         """Return a text with the numbers that it names in braces.

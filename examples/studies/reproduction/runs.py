@@ -83,7 +83,9 @@ BASE_OFFSETS = {
 }
 """Displacement of the base along z of the last link [m], which a mission file cannot state."""
 
-RUNS = tuple(f"case{case}{suffix}" for case in CASES for suffix in OVERRIDES)
+RUNS = tuple(
+    f"case{case}{suffix}" for case in CASES for suffix in OVERRIDES if case == 1 or suffix != "-equal-weights"
+)
 
 
 def changes(run: str) -> str:
@@ -94,6 +96,8 @@ def changes(run: str) -> str:
         for table, row in OVERRIDES[suffix].items()
         for key, value in row.items()
     ]
+    if suffix in BASE_OFFSETS:
+        listed.append(f"base displaced by {BASE_OFFSETS[suffix]} m")
     return ", ".join(listed) or suffix.lstrip("-").replace("-", " ")
 
 
