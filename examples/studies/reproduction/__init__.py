@@ -1,4 +1,1 @@
-"""The evidence for the source paper, reproduced and judged, as one report."""
-
-from reproduction.results import Results as Results
-from reproduction.runs import MissionRun as MissionRun
+"""Study of the paper's results: simulated, compared with its claims, and written as one report."""

@@ -1,88 +1,62 @@
-"""``python -m reproduction``: run everything, and write the report."""
+"""Command ``python -m reproduction``: simulate all runs and write the report."""
 
 from __future__ import annotations
 
 import argparse
+import json
+import os
 import sys
-import time
 from pathlib import Path
 
-import xarray as xr
-from study_tools.cache import Job
-from study_tools.evidence import is_fresh
-from study_tools.ledger import Ledger
-from study_tools.parallel import finish_all
-
-from reproduction.context import Context
-from reproduction.report import SECTIONS, chosen, write
-from reproduction.results import Results
-from reproduction.runs import all_missions
-from reproduction.trusses import prepare
+from reproduction.report import EVIDENCE, fingerprints, reproduce
 from trussflow.blocks.framework.command_line import FAILED, Outcome, ended, parser_of
-from trussflow.blocks.framework.telling import counted, told
+from trussflow.blocks.framework.files import reading
+from trussflow.models.errors import ModelError
 
-PROG = "python -m reproduction"
-
-DURATION = 80.0  # s
-"""As in the source's figures: the motion takes 60 s."""
+PROG = "PYTHONPATH=examples/studies python -m reproduction"
 
 
-def parser(prog: str = PROG) -> argparse.ArgumentParser:
-    """Return what reads the words behind `prog`, the command."""
+def parser() -> argparse.ArgumentParser:
+    """Return the argument parser of the command."""
     found = parser_of(
-        prog,
-        "Reproduce and judge the results of Li, Wei, Chen (2026).\n"
+        PROG,
+        "Reproduce and check the results of Li, Wei, Chen (2026).\n"
         "Finished runs are kept, and reused by the next call.",
-        "--output report                        # all of it; some minutes",
-        "--sections claims --output report      # only what the paper claims",
-        "--check --output docs/reproduction     # whether that report is of this code",
+        "--output report                        # the report; some minutes",
+        "--check --output docs/reproduction     # whether the present code gives that report",
     )
-    found.add_argument("--duration", type=float, default=DURATION, help="of a mission [s]")
     found.add_argument("--output", type=Path, default=Path("docs/reproduction"), help="folder of the report")
     found.add_argument(
         "--runs", type=Path, default=Path("results/reproduction"), help="folder of finished runs"
     )
-    found.add_argument("--workers", type=int, help="processes at a time; default: one per core")
+    found.add_argument("--workers", type=int, default=os.cpu_count(), help="processes; default: one per core")
     found.add_argument(
-        "--sections", nargs="+", default=[], metavar="NAME", help=f"only these: {', '.join(SECTIONS)}"
-    )
-    found.add_argument(
-        "--check", action="store_true", help="only tell whether the report in --output is of this code"
+        "--check", action="store_true", help="only compare the diagrams of the report with the present code"
     )
     return found
 
 
-def reproduce(options: argparse.Namespace) -> Outcome:
-    """Run what is missing and write the report."""
-    if options.check:
-        fresh, sentence = is_fresh(options.output, "make reproduce")
-        return Outcome({"fresh": fresh, "message": sentence}, sentence, 0 if fresh else FAILED)
-    started = time.perf_counter()
-    sections = chosen(options.sections)
-    needed = {name for section in sections.values() for name in section.missions}
-    missions = [m for name, m in all_missions(options.duration).items() if name in needed]
-    first: list[Job] = [j for s in sections.values() for j in s.jobs(None)]
-    prepare(options.runs)
-    done = finish_all([*first, *missions], options.runs, workers=options.workers)
-    results = Results(missions, done, options.runs)
-    second: list[Job] = [j for s in sections.values() for j in s.jobs(results)]
-    done += finish_all([job for job in second if job not in first], options.runs, workers=options.workers)
-    maps = {}
-    for one in counted("reading runs", done):
-        if one.name not in results:
-            with xr.open_dataset(one.file) as data:
-                maps[one.name] = data.load()
-    with told("writing the report"):
-        report = write(sections, Context(results, maps, Ledger(), options.output))
-    reused = sum(one.reused for one in done)
-    wall = time.perf_counter() - started
-    facts = {"report": report, "runs": len(done), "reused": reused, "wall_time": wall}
-    return Outcome(facts, f"{report}: {len(done)} runs, {reused} of them from before, in {wall:.0f} s")
+def run(options: argparse.Namespace) -> Outcome:
+    """Simulate the missing runs and write the report, or check one."""
+    if not options.check:
+        report = reproduce(options.output, options.runs, workers=options.workers)
+        return Outcome({"report": report}, f"wrote {report}")
+    with reading(options.output / EVIDENCE, ModelError, "cannot read the evidence of a report in") as file:
+        recorded = json.loads(file.read_text(encoding="utf-8")).get("diagrams", {})
+    present = fingerprints(options.runs)
+    changed = sorted(name for name in {*recorded, *present} if recorded.get(name) != present.get(name))
+    fresh = not changed
+    message = f"the report in '{options.output}' has the equations and parameters of the present code"
+    if changed:
+        message = (
+            f"the report in '{options.output}' is old: changed are {', '.join(changed)}; run 'make reproduce'"
+        )
+    return Outcome({"fresh": fresh, "message": message}, message, 0 if fresh else FAILED)
 
 
-def main(words: list[str] | None = None, prog: str = PROG) -> int:
-    """Run the command `prog` with these `words`, by default the process's; return the exit code."""
-    return ended(reproduce, parser(prog).parse_args(words))
+def main(words: list[str] | None = None) -> int:
+    """Run the command with `words`, by default those of the process; return the exit code."""
+    return ended(run, parser().parse_args(words))
 
 
 if __name__ == "__main__":

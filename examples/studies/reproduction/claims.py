@@ -1,113 +1,176 @@
-"""What the source says of its results, sentence by sentence, and how each came out."""
+"""Claims of the paper: their criteria, and the table of verdicts."""
 
 from __future__ import annotations
 
+import tomllib
 from collections.abc import Callable
-from dataclasses import dataclass
+from operator import itemgetter
+from pathlib import Path
 
 from study_tools.ledger import Ledger
 
-from reproduction.results import Results
+from reproduction.report_numbers import ROBOTS, Measures, Numbers
+from trussflow.models.transport.mission import CASES
 
-REPRODUCED, COARSE, DIFFERS, OPEN = (
+REPRODUCED, COARSE, DIFFERS, OPEN = VERDICTS = (
     "reproduced",
-    "reproduced with the source's step only",
+    "reproduced with the paper's step only",
     "differs",
     "cannot be judged",
 )
 
-SMALL = 1e-3
-"""An error counts as small below this part of the commanded motion, an angle below it in rad,
-an elastic displacement below it in units of the commanded motion."""
+SMALL_PART = 1e-3
+"""Bound of a small error relative to the commanded motion [-]; of a small angle [rad]."""
 
-NOTABLE = 2.0
-"""What is "remarkable", "notable", "significant" or "superior" is so by at least this factor."""
+NOTABLE_FACTOR = 2.0
+"""Least factor of a remarkable, notable, significant or superior difference [-]."""
 
-NEARLY_NOTHING, MOST = 0.05, 0.5
-"""Shares in the sum of the robots' peak forces."""
+IDLE_SHARE, MOST_SHARE = 0.05, 0.5
+"""Shares in the sum of the peak forces of the robots [-]."""
 
-SMOOTH = 0.02
-"""A force counts as continuous and smooth if it changes by less than this part of its peak from
-one logged instant to the next."""
+SMOOTH_CHANGE = 0.02
+"""Largest change of a smooth force between logged instants, relative to its peak [-]."""
+
+ERRORS = ("position error", "attitude error")
 
 
-@dataclass(frozen=True, slots=True)
-class Judgement:
-    """How a claim came out.
+def advantages(measures: Measures) -> dict[str, dict[str, float]]:
+    """Return the least ratios of the errors of other laws to those of the proposed law.
 
-    Attributes
+    Parameters
     ----------
-    ours : str
-        Our numbers, as printed.
-    verdict : str
-        One of `REPRODUCED`, `COARSE`, `DIFFERS`, `OPEN`.
-    why : str
-        Reason, and what the verdict leaves out.
+    measures : mapping
+        Measures of each run by name.
+
+    Returns
+    -------
+    dict
+        ``advantage`` over peak and late errors, and ``late advantage``, keyed by the pair of runs.
     """
+    found = {}
+    for case in CASES:
+        for rival, proposed in (("-pd", ""), ("-smc", ""), ("-smc-fine", "-fine")):
+            theirs, ours = (measures[f"case{case}{suffix}"] for suffix in (rival, proposed))
+            late, peak = (
+                min(theirs[f"{when} {error}"] / ours[f"{when} {error}"] for error in ERRORS)
+                for when in ("late", "peak")
+            )
+            pair = f"case{case}{rival} over case{case}{proposed}"
+            found[pair] = {"advantage": min(late, peak), "late advantage": late}
+    return found
 
-    ours: str
-    verdict: str
-    why: str
+
+def small_errors(n: Numbers) -> bool:
+    """Return whether the peak errors of a case are small against the commanded motion."""
+    small = n["case#: peak position error"] < SMALL_PART * n["case#: commanded displacement"]
+    return small and n["case#: peak attitude error"] < SMALL_PART * (n["case#: commanded angle"] or 1.0)
 
 
-@dataclass(frozen=True, slots=True)
-class Judge:
-    """A way to judge a claim.
+def against_smc(n: Numbers, advantage: str) -> str:
+    """Return the verdict on the errors of SMC, with the paper's step and with a tenth of it."""
+    if n[f"case#-smc over case#: {advantage}"] <= NOTABLE_FACTOR:
+        return DIFFERS
+    return COARSE if n[f"case#-smc-fine over case#-fine: {advantage}"] < 1.0 else REPRODUCED
 
-    Attributes
+
+def bounded_torques(n: Numbers) -> bool | str:
+    """Return the verdict on the bound of the torques, which may depend on where the arms are mounted."""
+    worst, *others = (
+        n[f"case#{suffix}: claimed torque"] for suffix in ("", "-centroid-at-joint", "-mounting")
+    )
+    bound = n["case#: torque bound"]
+    if min(others) <= bound < max(*others, worst):
+        return OPEN
+    return worst <= bound
+
+
+def of_robots(n: Numbers, subject: str) -> list[float]:
+    """Return the numbers of Robots 1 to 4."""
+    return [n[f"{subject} {robot}"] for robot in ROBOTS]
+
+
+CRITERIA: dict[str, Callable[[Numbers], bool | str]] = {
+    "small errors": small_errors,
+    "errors small and settled": lambda n: (
+        small_errors(n) and all(n[f"case#: late {error}"] < n[f"case#: peak {error}"] for error in ERRORS)
+    ),
+    "other coordinates held": lambda n: (
+        small_errors(n)
+        and n["case#: peak sideways error"] < SMALL_PART * n["case#: commanded displacement"]
+        and n["case#: peak joint error"] < SMALL_PART
+    ),
+    "less chattering": lambda n: n["case# / case#-no-observer: force ripple"] < 1 / NOTABLE_FACTOR,
+    "smooth force": lambda n: n["case#: largest jump of force per peak"] < SMOOTH_CHANGE,
+    "uniform load": lambda n: max(of_robots(n, "case#: share of Robot")) < NOTABLE_FACTOR / len(ROBOTS),
+    "most by Robot 4": lambda n: n["case#: share of Robot 4"] > MOST_SHARE,
+    "nearly nothing by Robot 3": lambda n: n["case#: share of Robot 3"] < IDLE_SHARE,
+    "balance of the others": lambda n: n["case#: share of Robots 1, 2, 4"] > 1 - IDLE_SHARE,
+    "Robot 3 nearest the centroid": lambda n: (
+        n["truss: distance of grasp 3"] == min(of_robots(n, "truss: distance of grasp"))
+    ),
+    "weights save input": lambda n: (
+        max(
+            n["case#-equal-weights / case#: impulse of the base forces"],
+            n["case#-equal-weights / case#: peak base torque"],
+        )
+        > NOTABLE_FACTOR
+    ),
+    "bounded torques": bounded_torques,
+    "Robot 4 bends most": lambda n: (
+        n["case#: peak elastic displacement at grasp 4"]
+        == max(of_robots(n, "case#: peak elastic displacement at grasp"))
+    ),
+    "small elastic displacement": lambda n: (
+        n["case#: peak elastic displacement at grasp 4"] < SMALL_PART * n["case#: commanded displacement"]
+    ),
+    "joint at rest": lambda n: n["case#: peak angle of C41"] < SMALL_PART,
+    "smaller errors than PD": lambda n: n["case#-pd over case#: advantage"] > NOTABLE_FACTOR,
+    "smaller errors than SMC": lambda n: against_smc(n, "advantage"),
+    "smaller late errors than SMC": lambda n: against_smc(n, "late advantage"),
+    "smaller velocity ripple than SMC": lambda n: n["case#-smc / case#: velocity ripple"] > NOTABLE_FACTOR,
+}
+"""Verdict of each kind of claim, or whether it is reproduced, from the numbers of its case."""
+
+
+def verdict(criterion: str, n: Numbers) -> str:
+    """Return the verdict of a criterion.
+
+    Parameters
     ----------
-    runs : tuple of str
-        The runs that it looks at.
-    judgement : callable
-        Returns the judgement, and takes down its numbers.
+    criterion : str
+        Name, one of `CRITERIA`.
+    n : Numbers
+        Numbers with the case of the claim.
     """
-
-    runs: tuple[str, ...]
-    judgement: Callable[[Results, Ledger], Judgement]
-
-
-def judge_by(*runs: str) -> Callable[[Callable[[Results, Ledger], Judgement]], Judge]:
-    """Make a function the judge that looks at these runs."""
-    return lambda judgement: Judge(runs, judgement)
+    found = CRITERIA[criterion](n)
+    if isinstance(found, str):
+        return found
+    return REPRODUCED if found else DIFFERS
 
 
-@dataclass(frozen=True, slots=True)
-class Claim:
-    """One statement of the source.
+def table_of_claims(measures: Measures, ledger: Ledger) -> list[dict[str, str]]:
+    """Return the rows of the table of claims by heading, in the order of sections.
 
-    Attributes
+    Parameters
     ----------
-    section : str
-        Where it stands.
-    figures : str
-        Figures it is about.
-    quote : str
-        The source's words.
-    judge : Judge
-        Returns the judgement.
+    measures : mapping
+        All numbers of the report, see `Numbers`.
+    ledger : Ledger
+        Record of the quoted numbers.
     """
-
-    section: str
-    figures: str
-    quote: str
-    judge: Judge
-
-    def judged(self, results: Results, ledger: Ledger) -> Judgement:
-        """Judge it; what was not run to its end cannot be judged.
-
-        Parameters
-        ----------
-        results : Results
-            Finished runs.
-        ledger : Ledger
-            Takes down the numbers.
-        """
-        judgement = self.judge.judgement(results, ledger)
-        if all(results.is_whole(name) for name in self.judge.runs):
-            return judgement
-        return Judgement(judgement.ours, OPEN, "the runs do not last to the end of the mission")
-
-
-def verdict(came_out: bool) -> str:
-    """Return the word for a claim that came out, or did not."""
-    return REPRODUCED if came_out else DIFFERS
+    rows = []
+    kinds = tomllib.loads(Path(__file__).with_name("claims.toml").read_text(encoding="utf-8"))["kinds"]
+    for kind in kinds:
+        for claim in kind["claims"]:
+            n = Numbers(measures, ledger, claim["case"])
+            row = {
+                "section": claim["section"],
+                "figure": claim["figure"],
+                "the paper states": f"“{claim['quote']}”",
+                "we find": n.filled(kind["ours"]),
+                "verdict": f"**{verdict(kind['criterion'], n)}**",
+                "why": n.filled(kind["why"]),
+                "runs": ", ".join(f"`{run}`" for run in n.runs),
+            }
+            rows.append(row)
+    return sorted(rows, key=itemgetter("section"))

@@ -1,4 +1,4 @@
-"""Figures 3 to 19 of the source."""
+"""Figures 3 to 19 of the paper, and those of the theorems."""
 
 from __future__ import annotations
 
@@ -9,78 +9,81 @@ from pathlib import Path
 import numpy as np
 import xarray as xr
 
-from reproduction.measures import TORQUE_BOUNDS, norm, of_robot
-from reproduction.results import Results
+from reproduction.measures import TORQUE_BOUNDS, observer_signals, of_robot
+from trussflow.blocks.framework.telling import counted
+from trussflow.blocks.framework.types import Vector
 from trussflow.models.geometry.rotation import euler_rate_matrix
 from trussflow.models.reporting.figures import Curve, Panel, drawing, save
 from trussflow.models.transport.figures import components
+from trussflow.models.transport.mission import Mission
 
 CONTROLLERS = {"": "proposed", "-smc": "SMC", "-pd": "PD"}
 
+Results = Callable[[str], xr.Dataset]
+"""Function that returns the result of a run, with named axes, by its name."""
+
 Panels = Callable[[Results, str], list[Panel]]
-"""Of a run; what it is compared with is found by its name."""
+"""Function that returns panels of a run and of those with the suffixes that it compares."""
 
 
 @dataclass(frozen=True, slots=True)
 class PaperFigure:
-    """One figure of the source.
+    """One figure of the paper.
 
     Attributes
     ----------
     number : int
-        As in the source.
+        Number in the paper.
     caption : str
-        As in the source.
-    runs : tuple of str
-        The runs it shows, the one that the others are compared with first.
+        Caption in the paper.
+    case : int
+        Case 1 or 2 [-].
+    suffixes : tuple of str
+        Suffixes of the runs in the figure.
     panels : callable
-        Returns its panels, given the first run.
+        Function that returns the panels.
     note : str
-        What the panels are, where the caption leaves it open.
+        Explanation of the panels if the caption does not suffice.
     """
 
     number: int
     caption: str
-    runs: tuple[str, ...]
+    case: int
+    suffixes: tuple[str, ...]
     panels: Panels
     note: str = ""
-
-    @property
-    def file(self) -> str:
-        """Name of its file."""
-        return f"figure-{self.number:02d}.png"
-
-    def draw(self, results: Results, folder: Path) -> None:
-        """Draw it from `results` into `folder`."""
-        save(drawing(self.panels(results, self.runs[0])), folder / self.file, small=True)
 
 
 def _vectors(robot: int | None = None, **ylabels: str) -> Panels:
     """Return panels of the components of vectors, by their names in the result."""
 
     def panels(results: Results, run: str) -> list[Panel]:
-        result = results[run] if robot is None else of_robot(results[run], robot)
+        result = results(run) if robot is None else of_robot(results(run), robot)
         return [Panel(curves=components(result[name]), y=y) for name, y in ylabels.items()]
 
     return panels
 
 
+def _main_axis(run: str) -> int:
+    """Return the axis with the largest commanded displacement of a run."""
+    return int(np.abs(Mission.of_case(int(run[4])).position).argmax())
+
+
 def _control_force(results: Results, run: str) -> list[Panel]:
-    mission = results.mission(run)
     force = {
-        label: results[name].generalized_force[:, :3]
+        label: results(name).generalized_force[:, :3]
         for label, name in (("with observer", run), ("without observer", f"{run}-no-observer"))
     }
-    axis = int(np.abs(mission.position).argmax())
+    axis, end = _main_axis(run), Mission.of_case(int(run[4])).duration
     found = [Panel(curves=components(f), y="control force [N]", title=label) for label, f in force.items()]
     both = [Curve(k, f["time"].values, f.values[:, axis]) for k, f in force.items()]
     y = f"control force, {'xyz'[axis]} [N]"
-    spans = ((0.0, 4.0), (mission.duration - 1.0, mission.duration + 3.0))
+    spans = ((0.0, 4.0), (end - 1.0, end + 3.0))
     return [*found, *(Panel(curves=both, y=y, span=span) for span in spans)]
 
 
 def _forces_per_robot(results: Results, run: str) -> list[Panel]:
-    force = results[run].base_force
+    force = results(run).base_force
     return [
         Panel(curves=components(force.sel(robot=i)), y="base force [N]", title=f"Robot {i}")
         for i in force["robot"].values
@@ -89,10 +92,10 @@ def _forces_per_robot(results: Results, run: str) -> list[Panel]:
 
 def _torques(*robots: int) -> Panels:
     def panels(results: Results, run: str) -> list[Panel]:
-        bound = TORQUE_BOUNDS[results.run(run).case]
+        bound = TORQUE_BOUNDS[int(run[4])]
         return [
             Panel(
-                curves=components(of_robot(results[run], i)[f"{kind}_torque"]),
+                curves=components(of_robot(results(run), i)[f"{kind}_torque"]),
                 y=f"{kind} torque [N·m]",
                 levels=(-bound, bound),
                 title=f"Robot {i}" if kind == "base" else "",
@@ -105,21 +108,20 @@ def _torques(*robots: int) -> Panels:
 
 
 def _first_joint(results: Results, run: str) -> list[Panel]:
-    result = results[run].sel(joint="theta_4_1")
+    result = results(run).sel(joint="theta_4_1")
+    quantities = {"joint angle [rad]": result.joint_angle, "joint rate [rad/s]": result.joint_rate}
     time = result["time"].values
-    return [
-        Panel(curves=[Curve("", time, result.joint_angle.values)], y="joint angle [rad]"),
-        Panel(curves=[Curve("", time, result.joint_rate.values)], y="joint rate [rad/s]"),
-    ]
+    return [Panel(curves=[Curve("", time, values.values)], y=y) for y, values in quantities.items()]
 
 
-def _by_controller(results: Results, run: str, values: Callable[[xr.Dataset], np.ndarray]) -> list[Curve]:
-    runs = {label: results[f"{run}{suffix}"] for suffix, label in CONTROLLERS.items()}
+def _by_controller(results: Results, run: str, values: Callable[[xr.Dataset], Vector]) -> list[Curve]:
+    runs = {label: results(f"{run}{suffix}") for suffix, label in CONTROLLERS.items()}
     return [Curve(label, result["time"].values, values(result)) for label, result in runs.items()]
 
 
 def _sizes(results: Results, run: str, variable: str, y: str) -> Panel:
-    return Panel(curves=_by_controller(results, run, lambda r: norm(r[variable])), y=y, log=True)
+    curves = _by_controller(results, run, lambda r: np.linalg.norm(r[variable].values, axis=1))
+    return Panel(curves=curves, y=y, log=True)
 
 
 def _compared_errors(results: Results, run: str) -> list[Panel]:
@@ -129,21 +131,14 @@ def _compared_errors(results: Results, run: str) -> list[Panel]:
     ]
 
 
-def angular_velocity(result: xr.Dataset) -> np.ndarray:
-    """Return the angular velocity of the truss in its own axes, A dΘ/dt, shape (time, 3) [rad/s].
-
-    Parameters
-    ----------
-    result : xarray.Dataset
-        Result of a run.
-    """
+def _turning(result: xr.Dataset) -> Vector:
+    """Return the angular velocity A dΘ/dt of the truss about its own z axis, shape (time,) [rad/s]."""
     rates = zip(result.attitude.values, result.attitude_rate.values, strict=True)
-    return np.array([euler_rate_matrix(angles) @ rate for angles, rate in rates])
+    return np.array([euler_rate_matrix(angles)[2] @ rate for angles, rate in rates])
 
 
 def _compared_velocities(results: Results, run: str) -> list[Panel]:
-    mission = results.mission(run)
-    axis = int(np.abs(mission.position).argmax())
+    mission, axis = Mission.of_case(int(run[4])), _main_axis(run)
     name, half = "xyz"[axis], mission.duration / 2
     velocity = _by_controller(results, run, lambda r: r.velocity.values[:, axis])
     found = [
@@ -151,9 +146,8 @@ def _compared_velocities(results: Results, run: str) -> list[Panel]:
         _sizes(results, run, "position_error_rate", "‖velocity error‖ [m/s]"),
     ]
     if mission.attitude.any():
-        turning = _by_controller(results, run, lambda r: angular_velocity(r)[:, 2])
         found += [
-            Panel(curves=turning, y="angular velocity, z [rad/s]"),
+            Panel(curves=_by_controller(results, run, _turning), y="angular velocity, z [rad/s]"),
             _sizes(results, run, "attitude_error_rate", "‖attitude rate error‖ [rad/s]"),
         ]
     zoomed = _by_controller(results, run, lambda r: r.position_error_rate.values[:, axis])
@@ -166,17 +160,16 @@ def _compared_velocities(results: Results, run: str) -> list[Panel]:
     ]
 
 
-DISPLACEMENT, ERROR = "displacement [m]", "displacement error [m]"
-ELASTIC = "elastic displacement [m]"
-CASE_1, CASE_2 = ("case1",), ("case2",)
-BOTH_1 = ("case1", "case1-no-observer")
-BOTH_2 = ("case2", "case2-no-observer")
-COMPARED_1 = tuple(f"case1{suffix}" for suffix in CONTROLLERS)
-COMPARED_2 = tuple(f"case2{suffix}" for suffix in CONTROLLERS)
+PROPOSED = ("",)
+OBSERVERS = ("", "-no-observer")
+COMPARED = tuple(CONTROLLERS)
+ELASTIC = _vectors(4, grasp_displacement="elastic displacement [m]")
+DISPLACEMENT = "displacement [m]"
+ERROR = _vectors(position_error="displacement error [m]")
 OBSERVER_NOTE = (
     "Force part of u in truss axes; below, the largest component at the start and at the end of the motion."
 )
-TORQUE_NOTE = "Base torques in base axes and joint torques; dashed, the bound that the source gives"
+TORQUE_NOTE = "Base torques in base axes and joint torques; dashed, the bound that the paper gives."
 COMPARED_NOTE = (
     "Last row: proposed law and SMC in the middle of the motion. SMC switches within the steps of "
     "the solver, which leaves its velocity at their ends with an offset that is not in its "
@@ -184,51 +177,93 @@ COMPARED_NOTE = (
 )
 
 PAPER_FIGURES = (
-    PaperFigure(3, "Displacement of the truss", CASE_1, _vectors(position=DISPLACEMENT)),
-    PaperFigure(4, "Tracking errors of the displacement", CASE_1, _vectors(position_error=ERROR)),
-    PaperFigure(5, "Control force of the system", BOTH_1, _control_force, OBSERVER_NOTE),
+    PaperFigure(3, "Displacement of the truss", 1, PROPOSED, _vectors(position=DISPLACEMENT)),
+    PaperFigure(4, "Tracking errors of the displacement", 1, PROPOSED, ERROR),
+    PaperFigure(5, "Control force of the system", 1, OBSERVERS, _control_force, OBSERVER_NOTE),
     PaperFigure(
         6,
         "Control forces of the robots",
-        CASE_1,
+        1,
+        PROPOSED,
         _forces_per_robot,
         "Forces on the bases, in base axes; their z axis points along -z of the truss.",
     ),
-    PaperFigure(7, "Control torques of Robot 4", CASE_1, _torques(4), f"{TORQUE_NOTE}."),
+    PaperFigure(7, "Control torques of Robot 4", 1, PROPOSED, _torques(4), TORQUE_NOTE),
+    PaperFigure(8, "Flexible displacement at C₄,₀ of Robot 4", 1, PROPOSED, ELASTIC),
+    PaperFigure(9, "Joint angle and angular velocity of C₄,₁", 1, PROPOSED, _first_joint),
     PaperFigure(
-        8, "Flexible displacement at C₄,₀ of Robot 4", CASE_1, _vectors(4, grasp_displacement=ELASTIC)
+        10, "Motion of the truss", 2, PROPOSED, _vectors(position=DISPLACEMENT, attitude="attitude [rad]")
     ),
-    PaperFigure(9, "Joint angle and angular velocity of C₄,₁", CASE_1, _first_joint),
+    PaperFigure(11, "Tracking errors of the displacement in Case 2", 2, PROPOSED, ERROR),
     PaperFigure(
-        10, "Motion of the truss", CASE_2, _vectors(position=DISPLACEMENT, attitude="attitude [rad]")
+        12, "Tracking errors of the attitude", 2, PROPOSED, _vectors(attitude_error="attitude error [rad]")
     ),
-    PaperFigure(11, "Tracking errors of the displacement in Case 2", CASE_2, _vectors(position_error=ERROR)),
-    PaperFigure(
-        12, "Tracking errors of the attitude", CASE_2, _vectors(attitude_error="attitude error [rad]")
-    ),
-    PaperFigure(13, "Control force of the system in Case 2", BOTH_2, _control_force, OBSERVER_NOTE),
-    PaperFigure(14, "Control torques of the robots", CASE_2, _torques(1, 2, 3, 4), f"{TORQUE_NOTE}."),
-    PaperFigure(
-        15,
-        "Flexible displacement at C₄,₀ of Robot 4 in Case 2",
-        CASE_2,
-        _vectors(4, grasp_displacement=ELASTIC),
-    ),
-    PaperFigure(16, "Tracking errors under different controllers in Case 1", COMPARED_1, _compared_errors),
+    PaperFigure(13, "Control force of the system in Case 2", 2, OBSERVERS, _control_force, OBSERVER_NOTE),
+    PaperFigure(14, "Control torques of the robots", 2, PROPOSED, _torques(1, 2, 3, 4), TORQUE_NOTE),
+    PaperFigure(15, "Flexible displacement at C₄,₀ of Robot 4 in Case 2", 2, PROPOSED, ELASTIC),
+    PaperFigure(16, "Tracking errors under different controllers in Case 1", 1, COMPARED, _compared_errors),
     PaperFigure(
         17,
         "Velocity of the truss under different controllers in Case 1",
-        COMPARED_1,
+        1,
+        COMPARED,
         _compared_velocities,
         COMPARED_NOTE,
     ),
-    PaperFigure(18, "Tracking errors under different controllers in Case 2", COMPARED_2, _compared_errors),
+    PaperFigure(18, "Tracking errors under different controllers in Case 2", 2, COMPARED, _compared_errors),
     PaperFigure(
         19,
         "Velocity and angular velocity of the truss under different controllers in Case 2",
-        COMPARED_2,
+        2,
+        COMPARED,
         _compared_velocities,
         COMPARED_NOTE,
     ),
 )
-"""In the order of the source."""
+
+
+def draw_paper_figures(results: Results, folder: Path) -> str:
+    """Draw the figures of the paper and return their part of the report.
+
+    Parameters
+    ----------
+    results : callable
+        Function that returns the result of a run.
+    folder : pathlib.Path
+        Folder of the report.
+    """
+    parts = []
+    for figure in counted("drawing figures", sorted(PAPER_FIGURES, key=lambda each: each.case)):
+        run, file = f"case{figure.case}", f"figure-{figure.number:02d}.png"
+        save(drawing(figure.panels(results, run)), folder / file, small=True)
+        names = ", ".join(f"`{run}{suffix}`" for suffix in figure.suffixes)
+        words = (f"**Figure {figure.number}.** {figure.caption}.", figure.note, f"Runs: {names}.")
+        parts.append((figure.number, f"![Figure {figure.number}]({file})\n\n{' '.join(filter(None, words))}"))
+    return "\n\n".join(text for _, text in sorted(parts))
+
+
+def draw_theorems(results: Results, bounds: dict[str, tuple[float, float]], file: Path) -> None:
+    """Draw estimation error and V of runs with the bounds of the theorems.
+
+    Parameters
+    ----------
+    results : callable
+        Function that returns the result of a run.
+    bounds : dict
+        Bounds of the estimation error and of V, keyed by the run.
+    file : pathlib.Path
+        Figure to write.
+    """
+    panels = []
+    for run, levels in bounds.items():
+        time, error, lyapunov, _ = observer_signals(results(run))
+        later = time > 1.0  # s; without the initial jump of the pushed runs
+        quantities = {"estimation error": ("‖d̂ − d‖", error), "V": ("V", lyapunov)}
+        for (y, (label, values)), level in zip(quantities.items(), levels, strict=True):
+            curves, finite = (
+                [Curve(label, time[later], values[later])],
+                (level,) if np.isfinite(level) else (),
+            )
+            title = run if y != "V" else ""
+            panels.append(Panel(curves=curves, levels=finite, y=y, log=True, title=title))
+    save(drawing(panels), file, small=True)

@@ -1,22 +1,18 @@
-"""Where the published loop is unstable once the actuators work on the modes.
+"""Stability of the published loop with actuator work on the modes.
 
-Poles of the linear model, and beside them the growth rate of the nonlinear simulation, which
-starts along the eigenvector of the rightmost oscillating pole.
+Poles of the linear model are compared with the growth rate of the nonlinear simulation, which starts
+along the eigenvector of the rightmost oscillating pole.
 """
 
 from __future__ import annotations
 
-import inspect
-import json
-import sys
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping
+from dataclasses import replace
+from itertools import product
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-import xarray as xr
-from study_tools.cache import Work, inputs_of
 
 from reproduction.trusses import truss_modes
 from trussflow.blocks.framework.diagram import Diagram
@@ -25,134 +21,99 @@ from trussflow.blocks.linear_analysis.linearize import Linearizer
 from trussflow.blocks.linear_analysis.operating_point import OperatingPoint
 from trussflow.blocks.linear_analysis.references import layout_labels
 from trussflow.blocks.simulation.simulator import Simulator
+from trussflow.blocks.sweeps.executors import Processes
 from trussflow.models.plant.space_truss import SpaceTruss
+from trussflow.models.reporting.figures import blank, draw_cells, save
 from trussflow.models.transport.mission import CASES, Mission
 from trussflow.models.transport.wiring import transport_diagram
 
 DAMPINGS = (0.0, 0.005, 0.01, 0.02, 0.03, 0.05)
 MODES = (6, 8, 10, 12, 14, 20)
 
-OSCILLATING = 1.0
-"""Poles with a smaller imaginary part are those of the tracking errors [rad/s]."""
+MIN_FREQUENCY = 1.0
+"""Least imaginary part of an oscillating pole [rad/s]; slower poles are those of the tracking errors."""
 
-FOLDS, PERIODS, LONGEST = 4.0, 12.0, 20.0
-"""A run lasts for this many e-folds, at least so many periods, at most so many seconds."""
+E_FOLDS, MIN_PERIODS, MAX_DURATION = 4.0, 12.0, 20.0
+"""Duration of a run: e-folds [-], but at least these periods [-] and at most this time [s]."""
 
-START = 1e-9
+INITIAL_RATE = 1e-9
 """Largest modal rate at the start, deep in the linear range [kg^½·m/s]."""
 
+CLEAR_DISTANCE = 0.1
+"""Least distance of a pole from the imaginary axis at which relative differences are taken [1/s]."""
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class StabilityJob:
-    """Poles and growth rates for one number of modes, with or without the observer.
 
-    Attributes
+def holding_loop(folder: Path, modes: int, observer: bool) -> Diagram:
+    """Return the loop that holds the truss, with linear laws (beta = 1, eta = 0).
+
+    Parameters
     ----------
+    folder : pathlib.Path
+        Folder of the computed modes.
     modes : int
         Number of flexible modes [-].
     observer : bool
         Whether there is a disturbance observer.
-    dampings : tuple of float
-        Fractions of critical damping [-].
     """
+    dynamics = replace(SpaceTruss.published().dynamics, modes=truss_modes(modes, folder))
+    held = replace(Mission.of_case(1), position=np.zeros(3), exponent=1.0, switching_gain=0.0)
+    truss = SpaceTruss(dynamics, modal_actuation=True)
+    return transport_diagram(held, truss, observer=observer, allocation="published")
 
-    modes: int
-    observer: bool
-    dampings: tuple[float, ...] = DAMPINGS
 
-    @property
-    def name(self) -> str:
-        """Its name in the report."""
-        return f"stability-{self.modes}-modes{'' if self.observer else '-no-observer'}"
+def growth_rates(folder: Path, modes: int, observer: bool) -> Vector:
+    """Return real part of the pole and simulated growth rate, shape (2, cases, dampings) [1/s].
 
-    def diagram(self, folder: Path) -> Diagram:
-        """Return the loop that holds the truss, with linear laws (beta = 1, eta = 0).
-
-        Parameters
-        ----------
-        folder : pathlib.Path
-            Where computed modes are kept.
-        """
-        modes = truss_modes("reconstructed", self.modes, folder)
-        dynamics = replace(SpaceTruss.published().dynamics, modes=modes)
-        mission = replace(Mission.of_case(1), position=np.zeros(3), exponent=1.0, switching_gain=0.0)
-        truss = SpaceTruss(dynamics, modal_actuation=True)
-        return transport_diagram(mission, truss, observer=self.observer, allocation="published")
-
-    def parameters(self, case: int, damping: float) -> dict[str, Any]:
-        """Return the parameters of one point of the map.
-
-        Parameters
-        ----------
-        case : int
-            Whose gains.
-        damping : float
-            Fraction of critical damping of every mode [-].
-        """
-        mission = Mission.of_case(case)
-        found: dict[str, Any] = {
-            "truss.damping_ratio": np.full(self.modes, damping),
-            "controller.sigma": mission.reaching_gain,
+    Parameters
+    ----------
+    folder, modes, observer
+        As for `holding_loop`.
+    """
+    diagram = holding_loop(folder, modes, observer)
+    simulator = Simulator(diagram, step=1e-3, log=["truss.modal_rate"])
+    linearizer = Linearizer(diagram, ["truss.actuation"], ["truss.modal_rate"])
+    found = np.zeros((2, len(CASES), len(DAMPINGS)))
+    for (i, case), (j, damping) in product(enumerate(CASES), enumerate(DAMPINGS)):
+        gains = Mission.of_case(case)
+        parameters: dict[str, Any] = {
+            "truss.damping_ratio": np.full(modes, damping),
+            "controller.sigma": gains.reaching_gain,
         }
-        if self.observer:
-            found["observer.gain"] = mission.observer_bandwidth
-        return found
+        if observer:
+            parameters["observer.gain"] = gains.observer_bandwidth
+        model = linearizer.at(OperatingPoint(parameters=parameters))
+        pole, shape = rightmost(model.A)
+        states = dict(zip(model.state_labels, shape, strict=True))
+        found[:, i, j] = pole.real, simulated_rate(simulator, parameters, pole, states)
+    return found
 
-    def work(self, folder: Path) -> Work:
-        """Make the job ready.
 
-        Parameters
-        ----------
-        folder : pathlib.Path
-            Where computed modes are kept.
-        """
-        diagram = self.diagram(folder)
-        simulator = Simulator(diagram, step=1e-3, log=["truss.modal_rate"])
-        grid = [self.parameters(case, damping) for case in CASES for damping in self.dampings]
-        listed = json.dumps([{k: np.asarray(v).tolist() for k, v in p.items()} for p in grid])
-        method = inspect.getsource(sys.modules[__name__])
-        inputs = (*inputs_of(simulator, LONGEST, {}), listed, method)
-        return Work(inputs, lambda: self.compute(diagram, simulator))
+def stability_map(folder: Path, *, workers: int) -> dict[bool, Vector]:
+    """Return the growth rates without and with observer, shape (modes, 2, cases, dampings) [1/s].
 
-    def compute(self, diagram: Diagram, simulator: Simulator) -> xr.Dataset:
-        """Return poles and growth rates over cases and damping.
-
-        Parameters
-        ----------
-        diagram : Diagram
-            From `diagram`.
-        simulator : Simulator
-            The same, ready to run.
-        """
-        linearizer = Linearizer(diagram, ["truss.actuation"], ["truss.modal_rate"])
-        found = np.zeros((3, len(CASES), len(self.dampings)))
-        for i, case in enumerate(CASES):
-            for j, damping in enumerate(self.dampings):
-                parameters = self.parameters(case, damping)
-                model = linearizer.at(OperatingPoint(parameters=parameters))
-                pole, shape = rightmost(model.A)
-                states = dict(zip(model.state_labels, shape, strict=True))
-                rate = simulated_rate(simulator, parameters, pole, states)
-                found[:, i, j] = pole.real, pole.imag, rate
-        dims = ("case", "damping")
-        names = ("pole_real", "pole_imaginary", "fitted_rate")
-        return xr.Dataset(
-            {name: (dims, values) for name, values in zip(names, found, strict=True)},
-            {"case": list(CASES), "damping": list(self.dampings)},
-        )
+    Parameters
+    ----------
+    folder : pathlib.Path
+        Folder of the computed modes.
+    workers : int
+        Number of processes [-].
+    """
+    points = list(product((True, False), reversed(MODES)))  # the longest first
+    with Processes(workers) as pool:
+        jobs = {(o, m): pool.submit(growth_rates, folder, m, o) for o, m in points}
+        return {o: np.array([jobs[o, m].result() for m in MODES]) for o in (False, True)}
 
 
 def rightmost(A: Vector) -> tuple[complex, Vector]:
-    """Return the rightmost oscillating pole of dx/dt = A x, and its eigenvector.
+    """Return the rightmost oscillating pole of dx/dt = A x [1/s], and its eigenvector.
 
     Parameters
     ----------
     A : array, shape (n, n)
-        [1/s].
+        State matrix [1/s].
     """
     poles, vectors = np.linalg.eig(A)
-    parts = np.where(poles.imag > OSCILLATING, poles.real, -np.inf)
-    first = int(parts.argmax())
+    first = int(np.where(poles.imag > MIN_FREQUENCY, poles.real, -np.inf).argmax())
     return complex(poles[first]), vectors[:, first]
 
 
@@ -164,36 +125,36 @@ def simulated_rate(
     Parameters
     ----------
     simulator : Simulator
-        Logs ``truss.modal_rate`` at every step.
+        Simulator that logs ``truss.modal_rate`` at every step.
     parameters : mapping
-        Of the point of the map.
+        Parameters of the point of the map.
     pole : complex
-        Its period is the window that amplitudes are taken over [1/s].
+        Pole, whose period is the window for amplitudes [1/s].
     shape : mapping
-        State to start from, by the labels of the linear model; its scale does not matter.
+        Initial state, keyed by the labels of the linear model; its scale does not matter.
     """
     layout = simulator.prepared.plan.x
     vector = np.array([shape[label] for label in layout_labels(layout)]).real
     modes = parameters["truss.damping_ratio"].size
-    vector *= START / np.abs(layout.named(vector)["truss.v"][-modes:]).max()
+    vector *= INITIAL_RATE / np.abs(layout.named(vector)["truss.v"][-modes:]).max()
     period = 2 * np.pi / pole.imag
-    folds = FOLDS / max(abs(pole.real), 1e-9)
-    duration = round(min(max(folds, PERIODS * period), LONGEST), 3)
+    folds = E_FOLDS / max(abs(pole.real), 1e-9)
+    duration = round(min(max(folds, MIN_PERIODS * period), MAX_DURATION), 3)
     result = simulator.run(duration, parameters=parameters, initial=layout.named(vector), progress=False)
     return fitted_rate(result["time"].values, result["truss.modal_rate"].values, period)
 
 
 def fitted_rate(time: Vector, values: Vector, period: float) -> float:
-    """Return the rate at which an oscillation grows, from its mean square over one period.
+    """Return the growth rate of an oscillation, from its mean square over one period [1/s].
 
     Parameters
     ----------
     time : array, shape (n,)
-        Evenly spaced [s].
+        Evenly spaced instants [s].
     values : array, shape (n, m)
-        The oscillation [any].
+        Oscillation [any].
     period : float
-        Its period [s].
+        Period of the oscillation [s].
     """
     window = max(2, round(period / (time[1] - time[0])))
     # The mean square over a whole period does not oscillate itself, whatever the phase.
@@ -201,6 +162,71 @@ def fitted_rate(time: Vector, values: Vector, period: float) -> float:
     return float(np.polyfit(time[: len(square)], np.log(square) / 2, 1)[0])
 
 
-def jobs() -> Sequence[StabilityJob]:
-    """Return all jobs of the map, the largest first."""
-    return [StabilityJob(modes=m, observer=o) for m in reversed(MODES) for o in (True, False)]
+def stability_measures(maps: Mapping[bool, Vector]) -> dict[str, dict[str, float]]:
+    """Return the numbers of the map: of each case with and without observer, and of all points.
+
+    Parameters
+    ----------
+    maps : mapping
+        Result of `stability_map`.
+    """
+    poles, rates = np.stack([maps[False], maps[True]], axis=-1).swapaxes(0, 1)
+    clear = np.abs(poles) >= CLEAR_DISTANCE
+    found = {
+        "stability": {
+            "largest relative difference": np.abs(rates / poles - 1)[clear].max(),
+            "points compared": clear.sum(),
+            "least distance from the axis": CLEAR_DISTANCE,
+            "largest difference near the axis": np.abs(rates - poles)[~clear].max(initial=0.0),
+        }
+    }
+    for (i, case), observer in product(enumerate(CASES), (False, True)):
+        pole, rate = maps[observer][:, :, i].swapaxes(0, 1)
+        found[f"stability of case {case} {'with' if observer else 'without'} observer"] = {
+            "pole": pole[0, 0],
+            "simulated": rate[0, 0],
+            "stable damping": stable_damping(pole[0] > 0),
+            "stable damping for all mode counts": stable_damping((pole > 0).any(axis=0)),
+        }
+    return found
+
+
+def stable_damping(unstable: Vector) -> float:
+    """Return the damping from which on no point is unstable, infinite if the last one is [-].
+
+    Parameters
+    ----------
+    unstable : array of bool, shape (dampings,)
+        Whether the loop is unstable at each of `DAMPINGS`.
+    """
+    first = int(np.flatnonzero(unstable).max(initial=-1)) + 1
+    return DAMPINGS[first] if first < len(DAMPINGS) else np.inf
+
+
+def draw_stability(maps: Mapping[bool, Vector], file: Path) -> None:
+    """Draw the real parts of the poles over damping ratio and number of modes.
+
+    Parameters
+    ----------
+    maps : mapping
+        Result of `stability_map`.
+    file : pathlib.Path
+        Figure to write.
+    """
+    figure, cells = blank(2, 2)
+    largest = max(float(np.abs(found[:, 0]).max()) for found in maps.values())
+    for ((i, case), observer), cell in zip(product(enumerate(CASES), maps), cells, strict=True):
+        draw_cells(  # purple is stable, orange is not
+            cell,
+            maps[observer][:, 0, i],
+            lambda value: f"{value:.1f}",
+            lambda value: abs(value) > 0.6 * largest,
+            [f"{100 * damping:g}" for damping in DAMPINGS],
+            [str(modes) for modes in MODES],
+            vmin=-largest,
+            vmax=largest,
+        )
+        title = f"Case {case}, {'with' if observer else 'without'} observer"
+        cell.set_title(title, loc="left", fontsize="medium")
+        cell.set(xlabel="damping [%]", ylabel="modes")
+    save(figure, file, small=True)

@@ -1,21 +1,94 @@
-"""What is measured on a finished mission; one definition for the whole report."""
+"""Measures of one mission: errors, forces, ripple, the first mode, the inequalities of the theorems."""
 
 from __future__ import annotations
+
+import json
 
 import numpy as np
 import xarray as xr
 
 from trussflow.blocks.framework.types import Vector
-from trussflow.models.reporting.metrics import late_part, tracking_metrics
-
-LATE = 1 / 8
-"""The late part of a run, a fraction of it: of 80 s the last 10 s."""
-
-RIPPLE_WINDOW = 0.2  # s
-"""Ripple is what a centred mean over this time takes away: all above some 2 Hz."""
+from trussflow.models.geometry.rotation import euler_rate_matrix_inverse
+from trussflow.models.reporting.metrics import largest_component, late_part, tracking_metrics
 
 TORQUE_BOUNDS: dict[int | None, float] = {1: 0.25, 2: 0.8}
 """Bound on the control torques of each case in the paper, Figures 7 (Robot 4 only) and 14 [N·m]."""
+
+LATE_FRACTION = 1 / 8
+"""Late part of a run [-]; of 80 s the last 10 s."""
+
+RIPPLE_WINDOW = 0.2  # s
+"""Width of the centred mean that is subtracted; ripple is the rest, above about 2 Hz."""
+
+SETTLING_MULTIPLE = 5.0
+"""Time constants 1/L of the observer after which its initial error has decayed [-]."""
+
+
+def measured(result: xr.Dataset) -> dict[str, float | Vector]:
+    """Return the measures of a run by name [as in `report_numbers`].
+
+    Errors, displacements and torques are largest components over time; forces of robots are largest
+    Euclidean norms. The last three values are amplitudes late in the run, of each task coordinate and of
+    the sliding variable.
+
+    Parameters
+    ----------
+    result : xarray.Dataset
+        Log of a transport diagram with four robots of seven joints and Euler angles.
+    """
+    time = result["time"].values
+    parts = ("position_error", "attitude_error", "joint_error")
+    error, rate = (
+        np.hstack([result[f"{part}{suffix}"].values for part in parts]) for suffix in ("", "_rate")
+    )
+    late = late_part(time, LATE_FRACTION * time[-1])
+    tracked = {"position error": error[:, :3], "attitude error": error[:, 3:6]}
+    metrics = tracking_metrics(time, tracked, late=LATE_FRACTION * time[-1])
+    found = {name.removesuffix(" (component)"): value for name, value in metrics.items()}
+    found["peak sideways error"] = largest_component(error[:, :2])
+    found["peak joint error"] = largest_component(error[:, 6:])
+    found["peak angle of C41"] = largest_component(error[:, 27])
+    found["peak rate of C41"] = largest_component(result["joint_rate"].values[:, 21])
+
+    force = result["generalized_force"].values[:, :3]
+    found["force ripple"] = ripple(time, force)
+    found["velocity ripple"] = ripple(time, rate[:, :3])
+    found["largest jump of force per peak"] = largest_component(np.diff(force, axis=0)) / largest_component(
+        force
+    )
+    norms = np.linalg.norm(result["base_force"].values, axis=2)
+    peaks = norms.max(axis=0)
+    found["impulse of the base forces"] = norms.sum() * (time[1] - time[0])
+    found["share of Robots 1, 2, 4"] = peaks[[0, 1, 3]].sum() / peaks.sum()
+    bent = np.abs(result["grasp_displacement"].values).max(axis=(0, 2), initial=0.0)
+    for i, (peak, displacement) in enumerate(zip(peaks, bent, strict=True), 1):
+        found[f"peak base force, Robot {i}"] = peak
+        found[f"share of Robot {i}"] = peak / peaks.sum()
+        found[f"peak elastic displacement at grasp {i}"] = displacement
+    for suffix, first in (("", 0), (" of Robot 4", 3)):
+        base = result["base_torque"].values[:, first:].reshape(len(time), -1)
+        joint = result["joint_torque"].values[:, 7 * first :]
+        both = np.abs(np.hstack([base, joint])).max(axis=1)
+        found[f"peak base torque{suffix}"] = largest_component(base)
+        found[f"peak joint torque{suffix}"] = largest_component(joint)
+        found[f"largest torque{suffix}"] = both.max()
+        found[f"time of the largest torque{suffix}"] = time[both.argmax()]
+
+    found["measured growth of mode 1"] = np.nan
+    if result["modal_coordinate"].size:
+        instants, maxima = envelope(time[late], result["modal_coordinate"].values[late, 0])
+        if len(maxima) > 1:
+            found["measured growth of mode 1"] = np.polyfit(instants, np.log(maxima), 1)[0]
+    sliding = (
+        result["sliding_variable"].values if "sliding_variable" in result else np.full_like(error, np.nan)
+    )
+    theorems = theorem_measures(*observer_signals(result), *observer_gains(result))
+    amplitudes = {
+        "late error": np.abs(error[late]).max(axis=0),
+        "late rate": np.abs(rate[late]).max(axis=0),
+        "late sliding": np.linalg.norm(sliding[late], axis=1).mean(),
+    }
+    return found | theorems | amplitudes
 
 
 def of_robot(result: xr.Dataset, robot: int) -> xr.Dataset:
@@ -32,95 +105,122 @@ def of_robot(result: xr.Dataset, robot: int) -> xr.Dataset:
     return result.sel(robot=robot, joint=joints)
 
 
-def late(result: xr.Dataset) -> xr.Dataset:
-    """Return the late part of a run.
+def ripple(time: Vector, values: Vector) -> float:
+    """Return the root mean square of the deviation of a vector from its moving mean, over all axes.
 
     Parameters
     ----------
-    result : xarray.Dataset
-        Any, over time.
+    time : array, shape (n,)
+        Evenly spaced instants [s].
+    values : array, shape (n, m)
+        Vector at each instant [any].
     """
-    time = result["time"].values
-    return result.isel(time=late_part(time, LATE * time[-1]))
-
-
-def error_size(result: xr.Dataset, error: str, when: str) -> float:
-    """Return the largest component of an error in the whole run, or in its late part [its unit].
-
-    Parameters
-    ----------
-    result : xarray.Dataset
-        The run.
-    error : str
-        Name of the variable, such as ``"position_error"``.
-    when : str
-        ``"peak"`` or ``"late"``.
-    """
-    time = result["time"].values
-    found = tracking_metrics(time, {error: result[error].values}, late=LATE * time[-1])
-    return found[f"{when} {error} (component)"]
-
-
-def norm(values: xr.DataArray) -> Vector:
-    """Return the Euclidean norm at each instant.
-
-    Parameters
-    ----------
-    values : xarray.DataArray, shape (time, n)
-        A vector over time [any].
-    """
-    return np.asarray(np.linalg.norm(values.values, axis=1))
-
-
-def ripple(values: xr.DataArray) -> float:
-    """Return the root mean square of what a moving mean does not follow, all axes together.
-
-    Parameters
-    ----------
-    values : xarray.DataArray, shape (time, n)
-        A vector over time [any].
-    """
-    time = values["time"].values
     half = round(RIPPLE_WINDOW / (time[1] - time[0]) / 2)
-    # Differences of sums: a window of many instants costs no more than one of few.
-    sums = np.cumsum(np.pad(values.values, ((1, 0), (0, 0))), axis=0)
+    # With differences of cumulative sums the cost does not depend on the width of the window.
+    sums = np.cumsum(np.pad(values, ((1, 0), (0, 0))), axis=0)
     mean = (sums[2 * half + 1 :] - sums[: -2 * half - 1]) / (2 * half + 1)
-    rest = values.values[half:-half] - mean
-    return float(np.sqrt(np.mean(np.sum(rest**2, axis=1))))
+    return float(np.sqrt(np.mean(np.sum((values[half:-half] - mean) ** 2, axis=1))))
 
 
-def largest_jump(values: xr.DataArray) -> float:
-    """Return the largest change between two logged instants.
+def envelope(time: Vector, values: Vector) -> tuple[Vector, Vector]:
+    """Return times and values of the local maxima of the absolute value.
 
     Parameters
     ----------
-    values : xarray.DataArray, shape (time, n)
-        A vector over time [any].
+    time : array, shape (n,)
+        Instants [s].
+    values : array, shape (n,)
+        Oscillating signal [any].
     """
-    return float(np.abs(np.diff(values.values, axis=0)).max())
+    size = np.abs(values)
+    inner = np.flatnonzero((size[1:-1] >= size[:-2]) & (size[1:-1] > size[2:])) + 1
+    return time[inner], size[inner]
 
 
-def force_shares(result: xr.Dataset) -> Vector:
-    """Return each robot's share in the sum of the robots' peak base forces [-].
+def observer_signals(result: xr.Dataset) -> tuple[Vector, Vector, Vector, Vector]:
+    r"""Return the time [s], :math:`\|\hat d - d\|`, V and :math:`\|\dot d\|` of a run.
+
+    The norms are over all 34 coordinates, with m and rad mixed, as in the paper. The rates of the
+    disturbance are difference quotients, so at most the largest rates between the logged instants.
 
     Parameters
     ----------
     result : xarray.Dataset
-        Result of a run.
+        Log of a transport diagram; without sliding variable, V is that of the estimate alone.
     """
-    peaks = np.linalg.norm(result["base_force"].values, axis=2).max(axis=0)
-    return np.asarray(peaks / peaks.sum())
+    time, d = result["time"].values, result["disturbance"].values
+    error = np.linalg.norm(result["disturbance_estimate"].values - d, axis=1)
+    sliding = (
+        np.linalg.norm(result["sliding_variable"].values, axis=1) if "sliding_variable" in result else 0.0
+    )
+    rates = np.linalg.norm(np.diff(d, axis=0) / np.diff(time)[:, None], axis=1)
+    return time, error, (sliding**2 + error**2) / 2, rates
 
 
-def rates(values: xr.DataArray) -> Vector:
-    r"""Return :math:`\|\dot d\|` as differences between logged instants.
-
-    Differences can only be smaller than the largest rate between them.
+def observer_gains(result: xr.Dataset) -> tuple[float, float, float]:
+    """Return L [1/s] and sigma [1/s], NaN if the law has none, and the largest norm of J_g [-].
 
     Parameters
     ----------
-    values : xarray.DataArray, shape (time, n)
-        A vector over time [any].
+    result : xarray.Dataset
+        Log of a transport diagram.
     """
-    steps = np.diff(values["time"].values)[:, None]
-    return np.asarray(np.linalg.norm(np.diff(values.values, axis=0) / steps, axis=1))
+    used = json.loads(result.attrs["parameters"])
+    # J_g varies slowly with the attitude; its other blocks, R_t and I, have norm one.
+    attitudes = result["attitude"].values[::10]
+    norms = [np.linalg.norm(euler_rate_matrix_inverse(angles), 2) for angles in attitudes]
+    names = ("observer.gain", "controller.sigma")  # equal for all coordinates
+    L, sigma = (float(np.ravel(used.get(name, np.nan))[0]) for name in names)
+    return L, sigma, max(1.0, *map(float, norms))
+
+
+def theorem_measures(
+    time: Vector, error: Vector, lyapunov: Vector, rates: Vector, L: float, sigma: float, jacobian: float
+) -> dict[str, float]:
+    r"""Return the terms of Theorems 1 and 2 of the paper along a trajectory.
+
+    Theorem 1: :math:`\|\hat d - d\| \le \xi / L` ultimately, for :math:`\|\dot d\| \le \xi`.
+    Theorem 2: for :math:`\sigma > \bar J^2 / L` and
+    :math:`V = (\|s\|^2 + \|\hat d - d\|^2) / 2`,
+    :math:`\dot V \le -\rho V + \xi^2 / 2 L` with :math:`\rho = \min(\sigma, L - \bar J^2/\sigma)`,
+    so that V decreases wherever it is above :math:`\xi^2 / 2 \rho L`.
+
+    Parameters
+    ----------
+    time : array, shape (n,)
+        Instants [s].
+    error, lyapunov : array, shape (n,)
+        Norm of the estimation error [m/s² and rad/s²], and V.
+    rates : array, shape (n - 1,)
+        Norm of the rate of the disturbance between instants [m/s³ and rad/s³].
+    L, sigma, jacobian : float
+        L [1/s], sigma [1/s], largest norm of J_g [-].
+    """
+    xi = rates.max()
+    settled = error[time > min(SETTLING_MULTIPLE / L, time[-1] / 2)].max() if L == L else np.nan
+    rho = min(sigma, L - jacobian**2 / sigma)
+    bound = xi**2 / (2 * rho * L) if rho > 0 else np.inf
+    slope = np.diff(lyapunov) / np.diff(time)
+    middle = (lyapunov[1:] + lyapunov[:-1]) / 2
+    disturbing = rates**2 / (2 * L)  # largest contribution of the disturbance to dV/dt
+    must_fall = rho * middle > disturbing
+    with np.errstate(divide="ignore", invalid="ignore"):  # a rigid truss has no disturbance
+        part = ((slope + rho * middle) / disturbing).max()
+    return {
+        "L": L,
+        "xi": xi,
+        "bound of Theorem 1": xi / L,
+        "settled estimation error": settled,
+        "slack of Theorem 1": xi / L / settled,
+        "norm of J_g": jacobian,
+        "least sigma": jacobian**2 / L,
+        "sigma": sigma,
+        "slack of sigma": sigma / (jacobian**2 / L),
+        "rho": rho,
+        "ultimate bound of V": bound,
+        "largest V": lyapunov.max(),
+        "time of V above its bound": np.mean(lyapunov > bound),
+        "time in which V must fall": np.mean(must_fall),
+        "instants at which V rises though it must fall": np.count_nonzero(slope[must_fall] >= 0),
+        "largest part of the bound on the slope": part,
+    }

@@ -1,207 +1,196 @@
-"""The missions that the report flies."""
+"""Missions of the study: mission files of the paper's cases with a few values changed."""
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass, replace
+from collections.abc import Sequence
+from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-import xarray as xr
-from study_tools.cache import Work, inputs_of
 
-from reproduction.trusses import PRINTED_MODES, truss_modes
+from reproduction.measures import measured
+from reproduction.trusses import frame_modes, mirrored, truss_modes
 from trussflow.blocks.simulation.simulator import Simulator
-from trussflow.models.plant.space_truss import SpaceTruss, arm_by_name
-from trussflow.models.transport.mission import CASES, Mission
-from trussflow.models.transport.results import logged
-from trussflow.models.transport.wiring import transport_diagram
+from trussflow.blocks.sweeps.sweep import sweep
+from trussflow.models.errors import ModelError
+from trussflow.models.plant.space_truss import SpaceTruss
+from trussflow.models.transport.mission import CASES
+from trussflow.models.transport.mission_file import MissionFile
+from trussflow.models.truss.paper_truss import with_printed_frequencies
 
-LOG_STEP, FINE_LOG_STEP = 0.01, 0.005
-"""Time between logged instants [s]. A law that switches does so at every step of 1 ms; its ripple
-is seen only if an odd number of steps lies between logged instants."""
+Tables = dict[str, dict[str, Any]]
+"""Tables of a mission file."""
 
-FINE_STEP = 1e-4  # s
-"""A tenth of the source's step."""
+MOUNTING_HEIGHT = 0.15675
+"""Distance from the last joint of the arm to its mounting plane: joint 1 of the Kinova description [m]."""
 
-STIFF_SOLVER = "LSODA"
-"""For PD, whose fastest pole is near 1e7 1/s."""
+PUSH_SPEED = 0.05
+"""Initial speed of the truss along z in a pushed run [m/s]."""
 
-MOUNTING = 0.15675
-"""From the arm's last joint to its mounting plane: joint 1 of the Kinova description [m]."""
+LONG = "-long"
+"""Suffix of the runs that last five times as long."""
 
-PUSH = 0.05
-"""Speed along z at which a pushed run starts [m/s]."""
+NO_OBSERVER: Tables = {"controller": {"observer": "off"}}
+SMC: Tables = {"controller": {"law": "smc"}}
+SMC_WITH_OBSERVER: Tables = {"controller": {"law": "smc", "observer": "on"}}
+CONSISTENT: Tables = {"structure": {"model": "consistent"}}
+# Eq. 54 has no boundary layer; the block needs a positive one.
+SWITCHING: Tables = {"sliding_mode": {"boundary_layer": "1e-12 m/s"}}
+# A switching law switches at every step of 1 ms. Its ripple is visible only if an odd number of steps lies
+# between logged instants.
+FINE_LOG: Tables = {"simulation": {"log_every": 5}}
+FINE_STEP: Tables = {"simulation": {"step": "1e-4 s", "log_every": 50}}
+ONES = {"value": [1.0, 1.0, 1.0], "unit": "1", "source": "equal weights, W = I"}
+EQUAL_WEIGHTS: Tables = {"allocation": {"force_weights": ONES, "torque_weights": ONES}}
+# The fastest pole of the PD loop is near 1e7 1/s, too fast for an explicit method.
+PD: Tables = {"controller": {"law": "pd"}, "simulation": {"solver": "LSODA", "log_every": 5}}
 
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class MissionRun:
-    """One mission, and what is different about it; without options it is the source's.
-
-    Attributes
-    ----------
-    name : str
-        Unique in the report.
-    case : int
-        1 or 2.
-    duration : float
-        Simulated time [s].
-    plant : str
-        ``"published"`` or ``"consistent"``.
-    controller : str
-        ``"ismc"``, ``"smc"`` or ``"pd"``.
-    observer : bool, optional
-        By default beside ismc only.
-    arm : str
-        ``"literal"`` or ``"jaco"``.
-    truss : str
-        One of `reproduction.trusses.VARIANTS`.
-    modes : int
-        Number of flexible modes [-].
-    base_offset : float
-        Added to the base's place, along z of the last link [m].
-    boundary_layer : float, optional
-        iota, if not the source's [unit/s].
-    equal_weights : bool
-        Allocate with W = I.
-    pushed : bool
-        Start with a speed of `PUSH` along z instead of at rest.
-    log_step : float
-        Time between logged instants [s].
-    step : float, optional
-        Of the fixed-step solver, if not the source's [s].
-    """
-
-    name: str
-    case: int
-    duration: float
-    plant: str = "published"
-    controller: str = "ismc"
-    observer: bool | None = None
-    arm: str = "literal"
-    truss: str = "reconstructed"
-    modes: int = PRINTED_MODES
-    base_offset: float = 0.0
-    boundary_layer: float | None = None
-    equal_weights: bool = False
-    pushed: bool = False
-    log_step: float = LOG_STEP
-    step: float | None = None
-
-    def options(self) -> dict[str, Any]:
-        """Return what is different from the source's mission, for people."""
-        plain = MissionRun(name=self.name, case=self.case, duration=self.duration)
-        usual = asdict(replace(plain, log_step=self.log_step))
-        return {k: v for k, v in asdict(self).items() if v != usual[k]}
-
-    def mission(self) -> Mission:
-        """Return the mission with its gains."""
-        mission = Mission.of_case(self.case)
-        if self.boundary_layer is not None:
-            mission = replace(mission, boundary_layer=self.boundary_layer)
-        if self.equal_weights:
-            mission = replace(mission, weights=np.ones(6), joint_weight=1.0)
-        return mission
-
-    def space_truss(self, folder: Path) -> SpaceTruss:
-        """Return the plant.
-
-        Parameters
-        ----------
-        folder : pathlib.Path
-            Where computed modes are kept.
-        """
-        usual: SpaceTruss = getattr(SpaceTruss, self.plant)(arm=self.arm)
-        ratio = float(usual.dynamics.modes.damping_ratios[0])
-        modes = truss_modes(self.truss, self.modes, folder).damped(ratio)
-        arm = arm_by_name(self.arm)
-        arm = replace(arm, base_origin=arm.base_origin + np.array([0.0, 0.0, self.base_offset]))
-        dynamics = replace(usual.dynamics, modes=modes, arms=(arm,) * modes.grasps)
-        return SpaceTruss(dynamics, modal_actuation=usual.modal_actuation)
-
-    def work(self, folder: Path) -> Work:
-        """Make the run ready.
-
-        Parameters
-        ----------
-        folder : pathlib.Path
-            Where computed modes are kept.
-        """
-        mission, truss = self.mission(), self.space_truss(folder)
-        diagram = transport_diagram(mission, truss, controller=self.controller, observer=self.observer)
-        simulator = Simulator(
-            diagram,
-            step=self.step or mission.step,
-            log=logged(diagram),
-            log_step=self.log_step,
-            solver=STIFF_SOLVER if self.controller == "pd" else "rk4",
-        )
-        initial: dict[str, Any] = {}
-        if self.pushed:
-            speeds = np.zeros(truss.n)
-            speeds[2] = PUSH
-            initial["truss.v"] = speeds
-
-        def compute() -> xr.Dataset:
-            result = simulator.run(self.duration, initial=initial, progress=False)
-            return result.assign_attrs(observer=int("observer" in diagram.blocks))
-
-        return Work(inputs_of(simulator, self.duration, initial), compute)
-
-
-# The law without its boundary layer (Eq. 54); the block wants it positive.
-SWITCHING = {"boundary_layer": 1e-12}
-
-FINELY_LOGGED: dict[str, dict[str, Any]] = {
-    # behind the source's figures
-    "": {},
-    "-no-observer": {"observer": False},
-    "-smc": {"controller": "smc"},
-    "-pd": {"controller": "pd"},
-    # for the claims besides
-    "-switching": SWITCHING,
-    "-switching-no-observer": {**SWITCHING, "observer": False},
-    "-smc-observer": {"controller": "smc", "observer": True},
-    "-fine": {"step": FINE_STEP},
-    "-smc-fine": {"controller": "smc", "step": FINE_STEP},
-    "-equal-weights": {"equal_weights": True},
-    "-consistent": {"plant": "consistent"},
+OVERRIDES: dict[str, Tables] = {
+    "": FINE_LOG,
+    "-no-observer": NO_OBSERVER | FINE_LOG,
+    "-smc": SMC | FINE_LOG,
+    "-pd": PD,
+    "-switching": SWITCHING | FINE_LOG,
+    "-switching-no-observer": SWITCHING | NO_OBSERVER | FINE_LOG,
+    "-smc-observer": SMC_WITH_OBSERVER | FINE_LOG,
+    "-fine": FINE_STEP,
+    "-smc-fine": SMC | FINE_STEP,
+    "-equal-weights": EQUAL_WEIGHTS | FINE_LOG,
+    "-consistent": CONSISTENT | FINE_LOG,
+    "-pushed": {},
+    LONG: {},
+    "-centroid-at-joint": {},
+    "-half-mounting": {},
+    "-mounting": {},
+    "-other-side": {},
+    "-inner-edge": {},
+    "-jaco": {"robots": {"arm": "jaco"}},
+    "-jaco-at-joint": {"robots": {"arm": "jaco"}},
+    "-rigid": {"structure": {"modes": 0}},
+    "-2-modes": {"structure": {"modes": 2}},
+    "-12-modes": {},
+    "-20-modes": {},
 }
-"""What is different from the source's mission in the runs that ripple is measured on."""
+"""Changed values of each run, keyed by the suffix of its name."""
 
-OTHERS: dict[str, dict[str, Any]] = {
-    # far from rest, for Theorem 2
-    "-pushed": {"pushed": True},
-    # held for long after the mission, for the late errors
-    "-long": {},
-    # each assumption changed
-    "-centroid-at-joint": {"base_offset": -0.125},
-    "-half-mounting": {"base_offset": MOUNTING / 2},
-    "-mounting": {"base_offset": MOUNTING},
-    "-other-side": {"truss": "other side"},
-    "-inner-edge": {"truss": "inner edge"},
-    "-jaco": {"arm": "jaco"},
-    "-jaco-at-joint": {"arm": "jaco", "base_offset": -MOUNTING},
-    "-rigid": {"modes": 0},
-    "-2-modes": {"modes": 2},
-    "-12-modes": {"modes": 12},
-    "-20-modes": {"modes": 20},
+BASE_OFFSETS = {
+    "-centroid-at-joint": -0.125,
+    "-half-mounting": MOUNTING_HEIGHT / 2,
+    "-mounting": MOUNTING_HEIGHT,
+    "-jaco-at-joint": -MOUNTING_HEIGHT,
 }
-"""What is different in all other runs."""
+"""Displacement of the base along z of the last link [m], which a mission file cannot state."""
+
+RUNS = tuple(
+    f"case{case}{suffix}" for case in CASES for suffix in OVERRIDES if case == 1 or suffix != "-equal-weights"
+)
 
 
-def all_missions(duration: float) -> dict[str, MissionRun]:
-    """Return every mission that the report can need, by name.
+def changes(run: str) -> str:
+    """Return the changed values of a run as text."""
+    suffix = run[5:]
+    listed = [
+        f"{table}.{key} = {value['value'] if isinstance(value, dict) else value}"
+        for table, row in OVERRIDES[suffix].items()
+        for key, value in row.items()
+    ]
+    if suffix in BASE_OFFSETS:
+        listed.append(f"base displaced by {BASE_OFFSETS[suffix]} m")
+    return ", ".join(listed) or suffix.lstrip("-").replace("-", " ")
+
+
+def mission(run: str, folder: Path) -> MissionFile:
+    """Return the mission of a run.
 
     Parameters
     ----------
-    duration : float
-        Simulated time of a mission [s]; those held for long last five times as long.
+    run : str
+        Name, one of `RUNS`.
+    folder : pathlib.Path
+        Folder of the computed modes.
     """
-    found = {}
-    for case in CASES:  # one after the other: two processes would compile their equal equations twice
-        for suffix, options in {**FINELY_LOGGED, **OTHERS}.items():
-            name, lasts = f"case{case}{suffix}", 5 * duration if suffix == "-long" else duration
-            log_step = FINE_LOG_STEP if suffix in FINELY_LOGGED else LOG_STEP
-            found[name] = MissionRun(name=name, case=case, duration=lasts, log_step=log_step, **options)
+    suffix = run[5:]
+    file = MissionFile.of_case(int(run[4]), **OVERRIDES[suffix])
+    truss = _changed(file.truss, suffix, folder)
+    return replace(file, truss=truss, believed=truss)
+
+
+def _changed(truss: SpaceTruss, suffix: str, folder: Path) -> SpaceTruss:
+    """Return the plant with the changes that a mission file cannot state."""
+    dynamics = truss.dynamics
+    modes = dynamics.modes
+    if suffix == "-other-side":
+        modes = mirrored(modes, 2)
+    if suffix == "-inner-edge":
+        modes = with_printed_frequencies(frame_modes("inner edge", folder).truncated(6))
+    if suffix in ("-12-modes", "-20-modes"):
+        modes = truss_modes(int(suffix[1:3]), folder)
+    offset = np.array([0.0, 0.0, BASE_OFFSETS.get(suffix, 0.0)])
+    arms = tuple(replace(arm, base_origin=arm.base_origin + offset) for arm in dynamics.arms)
+    dynamics = replace(dynamics, arms=arms, modes=modes)
+    speeds = np.zeros(dynamics.freedoms)
+    speeds[2] = PUSH_SPEED if suffix == "-pushed" else 0.0
+    return SpaceTruss(dynamics, modal_actuation=truss.modal_actuation, speeds=speeds)
+
+
+def simulator(folder: Path, run: str) -> Simulator:
+    """Return the simulator of a run.
+
+    Parameters
+    ----------
+    folder : pathlib.Path
+        Folder of the computed modes.
+    run : str
+        Name, one of `RUNS`.
+    """
+    file = mission(run, folder)
+    return file.simulator(file.diagram())
+
+
+def measure_all(
+    runs: Sequence[str], duration: float, folder: Path, key: str = "", *, workers: int | None = None
+) -> dict[str, dict[str, Any]]:
+    """Simulate runs and return the measures of each by name.
+
+    Parameters
+    ----------
+    runs : sequence of str
+        Names, some of `RUNS`.
+    duration : float
+        Simulated time [s]; long runs last five times as long.
+    folder : pathlib.Path
+        Folder of the finished runs and of the computed modes.
+    key : str
+        Part of the name of the folder of finished runs, which differs between versions of the equations.
+    workers : int, optional
+        As for `sweep` [-].
+
+    Raises
+    ------
+    ModelError
+        If a run failed.
+    """
+    found: dict[str, dict[str, Any]] = {}
+    for long, span in ((False, duration), (True, 5 * duration)):
+        names = [run for run in runs if run.endswith(LONG) == long]
+        if not names:
+            continue
+        swept = sweep(
+            partial(simulator, folder),
+            span,
+            vary={"run": names},
+            keep=measured,
+            path=folder / f"{span:g}-s-{key}",
+            workers=workers,
+        )
+        failed = swept.isel(sample=(swept["status"] != "complete").values)
+        if failed.sizes["sample"]:
+            reasons = zip(failed["run"].values, failed["message"].values, strict=True)
+            listed = "\n  ".join(f"{run}: {message}" for run, message in reasons)
+            raise ModelError(f"{failed.sizes['sample']} of {len(names)} runs failed:\n  {listed}")
+        for i, run in enumerate(names):
+            one = swept.isel(sample=i)
+            found[run] = {"duration": span, **{str(name): one[name].values for name in one.data_vars}}
     return found

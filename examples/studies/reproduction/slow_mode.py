@@ -1,7 +1,7 @@
-r"""The slowest mode of the truss in the closed loop, at the amplitudes that errors have.
+r"""Slowest mode of the truss in the closed loop, at the amplitudes of the late errors.
 
-The law's powers |x|^b with b < 1 have no derivative at zero, and their gain rises as errors
-fall. So the loop is closed with describing functions in their place.
+The powers |x|^b of the law with b < 1 have no derivative at zero, and their gain rises as the errors
+fall. Describing functions replace them in the linear loop.
 
 References
 ----------
@@ -10,119 +10,55 @@ Gelb, Vander Velde (1968), *Multiple-Input Describing Functions and Nonlinear Sy
 
 from __future__ import annotations
 
-import inspect
 import math
-import sys
-from dataclasses import dataclass
+from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple
+from typing import Any
 
 import numpy as np
-import xarray as xr
-from study_tools.cache import Work
 
-from reproduction.measures import late
-from reproduction.runs import MissionRun
+from reproduction.figures import Results
+from reproduction.measures import envelope
+from reproduction.runs import mission
 from trussflow.blocks.framework.types import Vector
+from trussflow.blocks.linear_analysis.linear_model import LinearModel
 from trussflow.blocks.linear_analysis.linearize import linearize
-from trussflow.models.transport.mission import Mission
-from trussflow.models.transport.wiring import transport_diagram
+from trussflow.models.reporting.figures import Curve, Panel, drawing, save
+from trussflow.models.transport.mission import CASES, Mission
 
-if TYPE_CHECKING:
-    from trussflow.blocks.linear_analysis.linear_model import LinearModel
+SCALES = np.array([0.03, 0.1, 0.3, 1.0, 3.0, 10.0])
+"""Amplitudes relative to those of the late errors [-]."""
 
-SCALES = (0.03, 0.1, 0.3, 1.0, 3.0, 10.0)
-"""Amplitudes, in units of those of the late errors."""
+MIN_AMPLITUDE = 1e-14
+"""Amplitude of coordinates at rest [m, rad and their rates]."""
 
-LEAST = 1e-14
-"""Amplitude of channels that do not move [m, rad and their rates]."""
-
-SLOW = (0.5, 4.0)
-"""The slowest mode is near 2 rad/s, clamped or not; the next one near 4.5 [rad/s]."""
+SLOW_BAND = (0.5, 4.0)
+"""Band of the slowest mode [rad/s]: it is near 2 rad/s, clamped or not, the next one near 4.5 rad/s."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class SlowModeJob:
-    """Pole of the slowest mode over the amplitude of the errors.
+def predicted_poles(run: str, late: Mapping[str, Any], folder: Path) -> Vector:
+    """Return the pole of the slowest mode at each of `SCALES` [1/s].
 
-    Attributes
+    Parameters
     ----------
-    run : MissionRun
-        The run whose late errors give the amplitudes.
-    file : pathlib.Path
-        Its result.
+    run : str
+        Name of the run.
+    late : mapping
+        Its measures ``late error`` and ``late rate``, shape (34,) [m or rad, per second], and the mean norm
+        ``late sliding`` [m/s and rad/s].
+    folder : pathlib.Path
+        Folder of the computed modes.
     """
-
-    run: MissionRun
-    file: Path
-
-    @property
-    def name(self) -> str:
-        """Its name in the report."""
-        return f"slow-mode-{self.run.name}"
-
-    def work(self, folder: Path) -> Work:
-        """Make the job ready.
-
-        Parameters
-        ----------
-        folder : pathlib.Path
-            Where computed modes are kept.
-        """
-        method = inspect.getsource(sys.modules[__name__])
-        return Work((self.file.name, method), lambda: self.compute(folder))
-
-    def compute(self, folder: Path) -> xr.Dataset:
-        """Return the pole over the scale of the amplitudes.
-
-        Parameters
-        ----------
-        folder : pathlib.Path
-            Where computed modes are kept.
-        """
-        with xr.open_dataset(self.file, decode_cf=False) as raw:
-            end = late(raw.load().astype(float))
-        parts = ("position_error", "attitude_error", "joint_error")
-        error, rate = (
-            np.abs(np.hstack([end[f"{part}{end_of}"].values for part in parts])).max(axis=0)
-            for end_of in ("", "_rate")
-        )
-        sliding = np.linalg.norm(end["sliding_variable"].values, axis=1).mean()
-        sizes = Amplitudes(error, rate, float(sliding))
-        mission, truss = self.run.mission(), self.run.space_truss(folder)
-        diagram = transport_diagram(mission, truss, observer=self.run.observer)
-        without_law = linearize(
-            diagram,
-            ["model.feedback"],
-            ["truss.task_position", "truss.task_velocity"],
-            cut=["model.feedback"],
-        )
-        poles = [slowest(closed(without_law, mission, sizes.scaled(k))) for k in SCALES]
-        return xr.Dataset(
-            {"pole_real": ("scale", np.real(poles)), "pole_imaginary": ("scale", np.imag(poles))},
-            {"scale": list(SCALES)},
-        )
-
-
-class Amplitudes(NamedTuple):
-    """How large the errors are.
-
-    Attributes
-    ----------
-    error, rate : Vector
-        Amplitude of each channel [m or rad, and per second].
-    sliding : float
-        Mean norm of the sliding variable [m/s and rad/s].
-    """
-
-    error: Vector
-    rate: Vector
-    sliding: float
-
-    def scaled(self, scale: float) -> Amplitudes:
-        """Return all of them times `scale` [-]."""
-        error, rate = (np.maximum(a * scale, LEAST) for a in (self.error, self.rate))
-        return Amplitudes(error, rate, self.sliding * scale)
+    file = mission(run, folder)
+    without_law = linearize(
+        file.diagram(),
+        ["model.feedback"],
+        ["truss.task_position", "truss.task_velocity"],
+        cut=["model.feedback"],
+    )
+    error, rate, sliding = (late[f"late {name}"] for name in ("error", "rate", "sliding"))
+    matrices = [closed(without_law, file.mission, k * error, k * rate, float(k * sliding)) for k in SCALES]
+    return np.array([slowest(A) for A in matrices])
 
 
 def harmonic_gain(amplitude: Vector, exponent: float) -> Vector:
@@ -141,8 +77,8 @@ def harmonic_gain(amplitude: Vector, exponent: float) -> Vector:
     return np.asarray(2 / math.sqrt(math.pi) * shape * amplitude ** (exponent - 1))
 
 
-def closed(model: LinearModel, mission: Mission, sizes: Amplitudes) -> Vector:
-    r"""Return the state matrix of the loop, closed by the law at given amplitudes.
+def closed(model: LinearModel, gains: Mission, error: Vector, rate: Vector, sliding: float) -> Vector:
+    r"""Return the state matrix of the loop that the law closes at given amplitudes [1/s].
 
     With the gains :math:`\Gamma, \mathrm M` of the powers at these amplitudes and
     :math:`\kappa = \sigma + \eta / (\|s\| + \iota)`, the law (Eqs. 52-54, 62) is
@@ -153,21 +89,18 @@ def closed(model: LinearModel, mission: Mission, sizes: Amplitudes) -> Vector:
     Parameters
     ----------
     model : LinearModel
-        From the acceleration asked for to task positions and velocities.
-    mission : Mission
-        The gains.
-    sizes : Amplitudes
-        Of errors and sliding variable.
-
-    Returns
-    -------
-    array
-        [1/s].
+        Model from the feedback acceleration to task positions and velocities.
+    gains : Mission
+        Gains of the law.
+    error, rate : array, shape (n,)
+        Amplitudes of each task coordinate [m or rad, per second].
+    sliding : float
+        Mean norm of the sliding variable [m/s and rad/s].
     """
-    power = mission.exponent
-    gamma = mission.rate_gain * harmonic_gain(sizes.rate, power)
-    mu = mission.error_gain * harmonic_gain(sizes.error, power / (2 - power))
-    kappa = mission.reaching_gain + mission.switching_gain / (sizes.sliding + mission.boundary_layer)
+    power = gains.exponent
+    gamma = gains.rate_gain * harmonic_gain(np.maximum(rate, MIN_AMPLITUDE), power)
+    mu = gains.error_gain * harmonic_gain(np.maximum(error, MIN_AMPLITUDE), power / (2 - power))
+    kappa = gains.reaching_gain + gains.switching_gain / (sliding + gains.boundary_layer)
     position, velocity = np.split(model.C, 2)
     integrand = gamma[:, None] * velocity + mu[:, None] * position
     channels = len(gamma)
@@ -180,13 +113,68 @@ def closed(model: LinearModel, mission: Mission, sizes: Amplitudes) -> Vector:
 
 
 def slowest(A: Vector) -> complex:
-    """Return the least damped pole among those of the slowest mode.
+    """Return the least damped pole in the band of the slowest mode [1/s].
 
     Parameters
     ----------
     A : array, shape (n, n)
-        Of dx/dt = A x [1/s].
+        State matrix [1/s].
     """
     poles = np.linalg.eigvals(A)
-    near = poles[(poles.imag > SLOW[0]) & (poles.imag < SLOW[1])]
+    near = poles[(poles.imag > SLOW_BAND[0]) & (poles.imag < SLOW_BAND[1])]
     return complex(near[near.real.argmax()])
+
+
+def limit_cycle(growth: Vector) -> float:
+    """Return the scale at which a growth rate over `SCALES` crosses zero downwards, NaN if it does not [-].
+
+    Parameters
+    ----------
+    growth : array, shape (n,)
+        Growth rate at each scale [1/s].
+    """
+    crossing = np.flatnonzero((growth[:-1] > 0) & (growth[1:] <= 0))
+    if not len(crossing):
+        return np.nan
+    i = int(crossing[0])
+    part = growth[i] / (growth[i] - growth[i + 1])
+    return float(np.exp(np.interp(part, [0, 1], np.log(SCALES[i : i + 2]))))
+
+
+def draw_late_errors(results: Results, poles: Mapping[str, Vector], file: Path) -> None:
+    """Draw the growth rates of the slowest mode, and its amplitude in the long runs.
+
+    Parameters
+    ----------
+    results : callable
+        Function that returns the result of a run.
+    poles : mapping
+        Poles by `predicted_poles`, keyed by the run [1/s].
+    file : pathlib.Path
+        Figure to write.
+    """
+    panels = []
+    for case in CASES:
+        runs = {"observer": f"case{case}", "no observer": f"case{case}-no-observer"}
+        panels.append(
+            Panel(
+                curves=[Curve(label, SCALES, poles[run].real) for label, run in runs.items()],
+                x="amplitude per late amplitude",
+                y="growth of mode 1 [1/s]",
+                title=f"Case {case}",
+                levels=(0.0,),
+                log_x=True,
+            )
+        )
+        long = results(f"case{case}-long")
+        time, mode = envelope(long["time"].values, long.modal_coordinate.values[:, 0])
+        after = time > Mission.of_case(case).duration
+        panels.append(
+            Panel(
+                curves=[Curve("", time[after], mode[after])],
+                y="amplitude of mode 1 [kg$^{1/2}$·m]",
+                log=True,
+                title=f"Case {case}, with observer",
+            )
+        )
+    save(drawing(panels), file, small=True)

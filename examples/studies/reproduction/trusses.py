@@ -1,99 +1,86 @@
-"""The trusses that the report compares: the reconstructed one and its alternatives."""
+"""Trusses of the study: the reconstructed one, its mirror image, and the grasp line on the inner longeron."""
 
 from __future__ import annotations
 
-import inspect
+import hashlib
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-from study_tools.cache import digest_of
 
+from trussflow.blocks.framework.files import replaced
 from trussflow.blocks.framework.types import Array
-from trussflow.models.parameter_files import shipped_file
-from trussflow.models.truss import paper_truss, reduction
-from trussflow.models.truss.paper_truss import CLAMPED_FACE, with_printed_frequencies
+from trussflow.models.truss.paper_truss import (
+    CLAMPED_FACE,
+    frame_parameters,
+    paper_structure,
+    printed_grasps,
+    with_printed_frequencies,
+)
+from trussflow.models.truss.reduction import reduced_modes
 from trussflow.models.truss.structure import Structure
 from trussflow.models.truss.truss_modes import TrussModes
-from trussflow.models.validation import check_choice
 
-PRINTED_MODES, MOST_MODES = 6, 20
-
-VARIANTS = ("reconstructed", "other side", "inner edge")
-"""Truss above the grasp line (z > 0) and on its inner side; below it; on its outer side."""
+PRINTED_MODES, COMPUTED_MODES = 6, 20
 
 
-def truss_modes(variant: str, modes: int, folder: Path) -> TrussModes:
-    """Return modal data of one of the trusses.
+def truss_modes(modes: int, folder: Path) -> TrussModes:
+    """Return the first modes of the reconstructed truss, with the printed frequencies.
 
     Parameters
     ----------
-    variant : str
-        One of `VARIANTS`.
     modes : int
-        Number of modes [-]; up to six of the reconstructed truss come with the package.
+        Number of modes, up to 20 [-]; the package contains the first six.
     folder : pathlib.Path
-        Where computed modes are kept: the eigensolver does not repeat to the last digit, so
-        runs that are to be recognised need the same file.
-
-    Returns
-    -------
-    TrussModes
-
-    Raises
-    ------
-    ModelError
-        If there is no such variant.
+        Folder of the computed modes.
     """
-    check_choice("truss variant", variant, VARIANTS)
-    if variant == "other side":
-        return mirrored(truss_modes("reconstructed", modes, folder), 2)
-    if variant == "reconstructed" and modes <= PRINTED_MODES:
+    if modes <= PRINTED_MODES:
         return TrussModes.reconstructed().truncated(modes)
-    return with_printed_frequencies(frame_modes(variant, folder).truncated(modes))
+    return with_printed_frequencies(frame_modes("reconstructed", folder).truncated(modes))
 
 
 def frame_modes(variant: str, folder: Path) -> TrussModes:
     """Return 20 modes of the finite-element frame with its own frequencies, computed once.
 
+    The last digits of the eigensolver are not reproducible, so equal runs need the same file.
+
     Parameters
     ----------
     variant : str
-        ``"reconstructed"`` or ``"inner edge"``.
+        ``"reconstructed"``, or ``"inner edge"`` with the grasp line on the inner longeron of the bend.
     folder : pathlib.Path
-        Where they are kept.
+        Folder of the computed modes.
     """
-    sources = [inspect.getsource(module) for module in (paper_truss, reduction)]
-    sources.append(shipped_file("space_truss.toml").read_text("utf-8"))
-    file = folder / f"modes-{digest_of([variant, str(MOST_MODES), *sources])}.json"
+    frame, points = frame_parameters(), printed_grasps()
+    key = hashlib.sha256(f"{variant} {frame} {points}".encode()).hexdigest()[:16]
+    file = folder / f"modes-{key}.json"
     if not file.exists():
-        found = _computed(variant)
+        if variant == "reconstructed":
+            modes = _modes(paper_structure(), points)
+        else:
+            # With the opposite bend the low outer longeron is the inner one. The mirror image of that frame
+            # has the grasp points of Table 2.
+            other = paper_structure(bend_angle=-frame["bend_angle"])
+            modes = mirrored(_modes(other, points * np.array([1.0, -1.0, 1.0])), 1)
         folder.mkdir(parents=True, exist_ok=True)
-        found.save(file)
+        with replaced(file) as partial:
+            modes.save(partial)
     return TrussModes.load(file)
 
 
-def prepare(folder: Path) -> None:
-    """Compute all modes that runs may ask for, before processes do so at the same time.
-
-    Parameters
-    ----------
-    folder : pathlib.Path
-        Where they are kept.
-    """
-    for variant in ("reconstructed", "inner edge"):
-        frame_modes(variant, folder)
+def _modes(structure: Structure, grasps: Array) -> TrussModes:
+    return reduced_modes(structure, COMPUTED_MODES, list(grasps), clamped=CLAMPED_FACE, attachments=False)
 
 
 def mirrored(modes: TrussModes, axis: int) -> TrussModes:
-    """Return the mirror image of a truss, grasp points included.
+    """Return the mirror image of a truss, including the grasp points.
 
     Parameters
     ----------
     modes : TrussModes
-        The truss.
+        Truss.
     axis : int
-        The component of vectors that changes its sign [-]; rotations change the others.
+        Component of vectors that changes its sign [-]; rotations change the other two.
     """
     vector = np.ones(3)
     vector[axis] = -1.0
@@ -104,20 +91,4 @@ def mirrored(modes: TrussModes, axis: int) -> TrussModes:
         grasp_positions=modes.grasp_positions * vector,
         grasp_translations=modes.grasp_translations * vector[:, None],
         grasp_rotations=modes.grasp_rotations * -vector[:, None],
-    )
-
-
-def _computed(variant: str) -> TrussModes:
-    parameters, points = paper_truss.frame_parameters(), paper_truss.printed_grasps()
-    if variant == "reconstructed":
-        return _modes(paper_truss.paper_structure(), points)
-    # Bent the other way the low outer longeron is the inner one; the mirror image of that
-    # frame has the grasp points where Table 2 has them.
-    other = paper_truss.paper_structure(bend_angle=-parameters["bend_angle"])
-    return mirrored(_modes(other, points * np.array([1.0, -1.0, 1.0])), 1)
-
-
-def _modes(structure: Structure, points: Array) -> TrussModes:
-    return reduction.reduced_modes(
-        structure, MOST_MODES, list(points), clamped=CLAMPED_FACE, attachments=False
     )

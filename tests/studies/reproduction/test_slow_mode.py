@@ -1,11 +1,10 @@
-"""Describing functions, growth rates and the theorems' bookkeeping, against known cases."""
+"""Describing functions, growth rates and stability limits of known cases."""
 
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
-from reproduction.instability import fitted_rate, rightmost
-from reproduction.slow_mode import harmonic_gain, slowest
-from reproduction.theorems import Check
+from reproduction.instability import fitted_rate, rightmost, stable_damping
+from reproduction.slow_mode import harmonic_gain, limit_cycle, slowest
 
 TIME = np.linspace(0.0, 10.0, 2001)
 ROUND_OFF = 1e-12  # of an eigenvector of length one, for an eigenvalue of 20
@@ -38,35 +37,14 @@ def test_poles_are_picked_by_frequency_and_growth():
     assert slowest(A) == pytest.approx(-0.1 + 2j)
 
 
-def check(lyapunov, rate=1.0, sigma=0.5):
-    """Return a run with a chosen V and a steady rate of the disturbance; L = 4, J = 1."""
-    return Check(
-        time=TIME,
-        estimation_error=np.full(len(TIME), 0.2),
-        lyapunov=lyapunov,
-        disturbance_rate=np.full(len(TIME) - 1, rate),
-        bandwidth=4.0,
-        sigma=sigma,
-        jacobian=1.0,
-    )
+@pytest.mark.parametrize(
+    ("unstable", "damping"),
+    [([0, 0, 0, 0, 0, 0], 0.0), ([1, 0, 1, 0, 0, 0], 0.02), ([1, 1, 1, 1, 1, 1], np.inf)],
+)
+def test_stable_damping_is_above_all_unstable_ones(unstable, damping):
+    assert stable_damping(np.array(unstable, dtype=bool)) == damping
 
 
-def test_bounds_of_the_theorems():
-    found = check(np.zeros(len(TIME)))
-    assert found.error_bound == 0.25
-    assert found.settled_error == 0.2
-    assert found.least_sigma == 0.25
-    assert found.rho == 0.5  # the lesser of 0.5 and 4 - 1 / 0.5
-    assert found.ultimate_bound == pytest.approx(1.0 / (2 * 0.5 * 4))
-    assert check(np.zeros(len(TIME)), sigma=0.2).ultimate_bound == np.inf
-
-
-def test_v_that_falls_as_it_must_and_v_that_does_not():
-    """Outside its bound of 1/4 V falls at the rate rho at least; a rise there is counted."""
-    slow = check(0.25 + np.exp(-0.5 * TIME))
-    assert slow.above.all()
-    assert slow.rises == 0
-    assert slow.largest_part == pytest.approx(1.0, abs=1e-4)
-    rising = check(1.0 + 0.1 * TIME)
-    assert rising.rises == len(TIME) - 1
-    assert rising.largest_part > 1
+def test_limit_cycle_is_at_the_amplitude_without_growth():
+    assert limit_cycle(np.array([2.0, 1.0, -1.0, -2.0, -3.0, -4.0])) == pytest.approx(np.sqrt(0.1 * 0.3))
+    assert np.isnan(limit_cycle(-np.ones(6)))
