@@ -82,7 +82,7 @@ class Panel:
     marks : sequence of float
         Vertical lines, such as natural frequencies [as in `x`].
     legend_inside : bool
-        Whether the legend is inside the axes; by default it is beside the title.
+        Whether the legend is inside the axes instead of beside the title.
     more : mapping
         Further properties, as for ``Axes.set``.
     """
@@ -192,13 +192,13 @@ def draw_cells(
     Parameters
     ----------
     plot : Axes
-        Where.
+        Axes of the cells.
     values : Vector, shape (rows, columns)
         The first row is drawn lowest [any].
     text : callable
-        Returns the text of a value.
+        Function that returns the text of a value.
     strong : callable
-        Tells whether the colour of a value is so dark that its text must be white.
+        Function that returns whether a value has a dark colour, which needs white text.
     columns, rows : sequence of str
         Labels of the axes.
     **look

@@ -1,4 +1,4 @@
-"""Measures are the greatest values, late ones of the end."""
+"""Metrics are the largest values over the run, late ones over its end."""
 
 import numpy as np
 import xarray as xr
@@ -33,7 +33,7 @@ def run():
     )
 
 
-def test_of_known_curves():
+def test_metrics_of_known_curves():
     found = run_metrics(run())
     assert list(found) == list(METRICS)
     expected = {"position": 5e-3, "attitude": 2e-3, "joints": 0.03, "force": 3.0, "torque": 0.3}
