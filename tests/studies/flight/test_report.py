@@ -11,12 +11,12 @@ from flight.__main__ import main
 from flight.campaigns import all_campaigns
 from flight.failures import FAILURE_METRICS
 from flight.limits import IMPERFECTIONS, LAWS
-from flight.loops import law_simulator
 from flight.margins import VARIATIONS
 from flight.metrics import METRICS
 from flight.report import write
 from study_tools.fingerprints import fingerprint, outdated, read_evidence
 
+from trussflow.blocks import Constant, Diagram, Integrator, Simulator
 from trussflow.models import ModelError
 
 
@@ -83,12 +83,21 @@ def test_a_campaign_resumes(tmp_path):
     assert alone["position"].values[0] == first["position"].values[1]
 
 
-def test_a_fingerprint_changes_with_parameters_and_equations():
-    simulator = law_simulator("published")
-    numbers = fingerprint(simulator)
-    assert fingerprint(simulator) == numbers
-    simulator.prepared.plan.system.blocks["controller"].parameters["rate_gain"] *= 1.0 + 1e-4
-    assert not np.allclose(fingerprint(simulator), numbers, rtol=1e-7)
+def ramp(slope=1.0, gain=None, step=0.1):
+    """Return a simulator of an integrated constant, with a gain between the blocks if there is one."""
+    diagram = Diagram("ramp")
+    source, position = diagram.add(slope=Constant([slope]), position=Integrator(shape=1))
+    (source if gain is None else source * gain) >> position.u
+    return Simulator(diagram, step=step)
+
+
+def test_a_fingerprint_changes_with_parameters_equations_and_step():
+    numbers = fingerprint(ramp())
+    assert fingerprint(ramp()) == numbers
+    for other in (ramp(slope=1.0001), ramp(step=0.2), ramp(gain=1.0001)):
+        assert not (
+            len(found := fingerprint(other)) == len(numbers) and np.allclose(found, numbers, rtol=1e-7)
+        )
 
 
 def test_the_shipped_report_has_the_present_fingerprints():
