@@ -21,7 +21,10 @@ from trussflow.models.errors import ModelError
 EVIDENCE = "evidence.json"
 
 FINGERPRINT_TOLERANCE = 1e-7
-"""Relative tolerance of fingerprints: linear algebra on another processor changes about 1e-10 [-]."""
+"""Relative tolerance of fingerprints: rounding on another processor changes at most 1e-8 [-].
+
+States in modal coordinates are an exception: the signs of modes may differ on another processor.
+"""
 
 MAGNITUDE_SCALE = 1e-6
 """Values above count by their logarithm, so that each contributes to a projection [-]."""
