@@ -1,1 +1,1 @@
-"""What commands that write reports share: tables, figures, folders."""
+"""Shared parts of reports: tables, figures, metrics, output folders."""

@@ -1,4 +1,4 @@
-"""Figures of curves in panels and of coloured cells; one look, also for colour-blind readers."""
+"""Figures of curves in panels and of coloured cells, in one style for colour-blind readers."""
 
 from __future__ import annotations
 
@@ -29,8 +29,8 @@ DIVERGING = "PuOr_r"
 
 WIDTH, ROW_HEIGHT = 8.0, 2.5  # inch
 DOTS_PER_INCH = 110
-PALETTE = 128
-"""Colours kept in a small file, a third of the size: enough for lines of all `COLOURS`, no colour maps."""
+PALETTE_COLOURS = 128
+"""Number of colours of a small file, a third of the size: enough for all `COLOURS`, not for colour maps."""
 
 LEAST_PART = 1e-4
 """Smallest part of a curve's peak that a logarithmic axis shows."""
@@ -43,13 +43,13 @@ class Curve:
     Attributes
     ----------
     label : str
-        For the legend; may be empty.
+        Text in the legend; may be empty.
     x, y : Vector
-        What to draw [as the axes say].
+        Points of the curve [units of the axes].
     number : int, optional
-        Of colour and line style, from zero [-]; by default its place among the curves.
+        Index of colour and line style, from zero [-]; by default the index of the curve.
     width : float
-        Of the line [point]; zero draws markers instead.
+        Line width [point]; zero draws markers instead.
     """
 
     label: str
@@ -66,23 +66,23 @@ class Panel:
     Attributes
     ----------
     curves : sequence of Curve
-        In the order of colours and line styles.
+        Curves in the order of colours and line styles.
     y : str
-        Quantity with unit.
+        Quantity and unit of the vertical axis.
     x : str
-        The same of the horizontal axis.
+        Quantity and unit of the horizontal axis.
     title : str
-        Above the axes; may be empty.
+        Title above the axes; may be empty.
     log, log_x : bool
-        Whether the vertical, the horizontal axis is logarithmic.
+        Whether the vertical or the horizontal axis is logarithmic.
     span : tuple of float, optional
-        Part of the horizontal axis to show [as in `x`].
+        Displayed part of the horizontal axis [as in `x`].
     levels : sequence of float
         Horizontal lines, such as bounds [as in `y`].
     marks : sequence of float
         Vertical lines, such as natural frequencies [as in `x`].
     legend_inside : bool
-        Whether the legend is among the curves; otherwise it is beside the title.
+        Whether the legend is inside the axes instead of beside the title.
     more : mapping
         Further properties, as for ``Axes.set``.
     """
@@ -108,11 +108,11 @@ def drawing(
     Parameters
     ----------
     panels : sequence of Panel
-        What to draw.
+        Panels of the figure.
     columns : int
-        Panels side by side, if there are so many [-].
+        Maximum number of panels in a row [-].
     width, row_height : float
-        Size of the figure and of a row of it [inch].
+        Width of the figure and height of a row [inch].
     """
     columns = min(columns, len(panels))
     figure, cells = blank(-(-len(panels) // columns), columns, width=width, row_height=row_height)
@@ -126,14 +126,14 @@ def drawing(
 def blank(
     rows: int, columns: int, *, width: float = WIDTH, row_height: float = ROW_HEIGHT
 ) -> tuple[Figure, list[Axes]]:
-    """Return a figure that no window shows, and its empty axes, row by row.
+    """Return a figure without a window, and its empty axes, row by row.
 
     Parameters
     ----------
     rows, columns : int
-        How many [-].
+        Numbers of rows and columns [-].
     width, row_height : float
-        Size of the figure and of a row of it [inch].
+        Width of the figure and height of a row [inch].
     """
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
@@ -192,13 +192,13 @@ def draw_cells(
     Parameters
     ----------
     plot : Axes
-        Where.
+        Axes of the cells.
     values : Vector, shape (rows, columns)
         The first row is drawn lowest [any].
     text : callable
-        Returns the text of a value.
+        Function that returns the text of a value.
     strong : callable
-        Tells whether the colour of a value is so dark that its text must be white.
+        Function that returns whether a value has a dark colour, which needs white text.
     columns, rows : sequence of str
         Labels of the axes.
     **look
@@ -227,11 +227,11 @@ def save(figure: Figure, file: Path, *, small: bool = False) -> None:
     Parameters
     ----------
     figure : matplotlib.figure.Figure
-        What to write.
+        Figure to write.
     file : pathlib.Path
-        Where.
+        PNG file.
     small : bool
-        Keep `PALETTE` colours only.
+        Whether to reduce the image to `PALETTE_COLOURS` colours.
     """
     raw = io.BytesIO()
     figure.savefig(raw, dpi=DOTS_PER_INCH, format="png", metadata={"Software": None})
@@ -240,7 +240,8 @@ def save(figure: Figure, file: Path, *, small: bool = False) -> None:
 
         with Image.open(raw) as image:
             raw = io.BytesIO()
-            few = image.convert("RGB").quantize(PALETTE, Image.Quantize.FASTOCTREE)  # a median cut mixes them
+            # A median cut would mix the colours of curves.
+            few = image.convert("RGB").quantize(PALETTE_COLOURS, Image.Quantize.FASTOCTREE)
             few.putpalette(
                 [255 if part == 254 else part for part in few.getpalette() or []]
             )  # white is white

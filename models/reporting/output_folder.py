@@ -1,4 +1,4 @@
-"""Where commands write."""
+"""Output folders of commands."""
 
 import tempfile
 from pathlib import Path
@@ -7,17 +7,17 @@ from trussflow.models.errors import ModelError
 
 
 def prepared_folder(folder: Path) -> Path:
-    """Create the output folder and make sure that it can be written, before anything runs.
+    """Create the output folder, and check that files can be written there.
 
     Parameters
     ----------
     folder : pathlib.Path
-        The folder.
+        Output folder.
 
     Raises
     ------
     ModelError
-        If it cannot.
+        If the folder cannot be written.
     """
     try:
         folder.mkdir(parents=True, exist_ok=True)

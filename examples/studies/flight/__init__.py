@@ -1,1 +1,1 @@
-"""How the loop of the mean axes flies: draws, failures, margins, and where other laws end."""
+"""Robustness of the mean-axes controller: Monte Carlo samples, failures, margins, limits of other laws."""

@@ -1,90 +1,81 @@
-"""``python -m flight``: fly draws, find where each law ends, and write the report."""
+"""Command ``python -m flight``: simulate the robustness campaigns and write the report."""
 
 from __future__ import annotations
 
 import argparse
 import sys
-import time
 from pathlib import Path
 
-import xarray as xr
-from study_tools.evidence import is_fresh
-from study_tools.parallel import finish_all
+from study_tools.fingerprints import outdated
 
-from flight import samples_report
-from flight.report import jobs, write
-from flight.samples import studies
-from flight.tuned import Tuning
+from flight import comparison, report
+from flight.campaigns import all_campaigns
+from flight.loops import LAWS
+from flight.tuning import Tuning
 from trussflow.blocks.framework.command_line import FAILED, Outcome, ended, parser_of
-from trussflow.blocks.framework.telling import counted, told
 from trussflow.blocks.framework.validation import positive_whole
 
-PROG = "python -m flight"
+PROG = "PYTHONPATH=examples/studies python -m flight"
 
 
-def parser(prog: str = PROG) -> argparse.ArgumentParser:
-    """Return what reads the words behind `prog`, the command."""
+def parser() -> argparse.ArgumentParser:
+    """Return the argument parser of the command."""
     found = parser_of(
-        prog,
-        "Fly the loop of the mean axes on many trusses and with losses, and find where other laws end.\n"
-        "Finished flights are kept, and reused by the next call.",
-        "--output report                    # all of it; about an hour on two cores",
-        "--draws 20 --output report         # fewer trusses",
-        "--check --output docs/flight       # whether that report is of this code",
-        "--samples 1000 --output docs/sweep # instead: 1000 trusses by each law; an hour and a half",
+        PROG,
+        "Simulate the mean-axes controller on Monte Carlo samples, with failures and in off-nominal cases,\n"
+        "and find the robustness limits of the control laws. Finished runs are kept, and reused by the next "
+        "call.",
+        "--output report                    # everything; about an hour on two cores",
+        "--draws 20 --output report         # fewer samples",
+        "--check --output docs/flight       # whether the present code gives that report",
+        "--samples 1000 --output docs/sweep # instead: compare the laws on 1000 samples; 90 minutes",
     )
-    found.add_argument("--draws", type=int, default=200, help="of each case [-]")
-    found.add_argument("--samples", type=int, help="how often each law flies, in place of all that [-]")
+    found.add_argument("--draws", type=int, default=200, help="Monte Carlo samples of each case [-]")
+    found.add_argument("--samples", type=int, help="compare the laws on so many samples instead [-]")
     found.add_argument("--output", type=Path, default=Path("docs/flight"), help="folder of the report")
     found.add_argument("--runs", type=Path, default=Path("results/flight"), help="folder of finished runs")
-    found.add_argument("--workers", type=int, help="processes at a time; default: one per core")
+    found.add_argument("--workers", type=int, help="parallel runs; default: one per core")
     found.add_argument(
-        "--check", action="store_true", help="only tell whether the report in --output is of this code"
+        "--check", action="store_true", help="only compare the diagrams of the report with the present code"
     )
     return found
 
 
-def report(options: argparse.Namespace) -> Outcome:
-    """Fly what is missing and write the report."""
-    if options.check:
-        fresh, sentence = is_fresh(options.output, f"make {options.output.name}")
-        return Outcome({"fresh": fresh, "message": sentence}, sentence, 0 if fresh else FAILED)
+def run(options: argparse.Namespace) -> Outcome:
+    """Simulate the missing runs and write a report, or check one."""
+    count = options.draws if options.samples is None else options.samples
+    positive_whole(samples=count)
+    folder = options.runs / f"{count}-samples"
     if options.samples is not None:
-        return sampled(options)
-    started = time.perf_counter()
-    flown = jobs(options.draws)
-    done = finish_all(flown, options.runs, workers=options.workers)
-    found = {}
-    for one in counted("reading runs", done):
-        with xr.open_dataset(one.file) as data:
-            found[one.name] = data.load()
-    with told("writing the report"):
-        file = write(found, flown, options.output)
-    reused = sum(one.reused for one in done)
-    wall = time.perf_counter() - started
-    facts = {"report": file, "runs": len(done), "reused": reused, "wall_time": wall}
-    return Outcome(facts, f"{file}: {len(done)} runs, {reused} of them from before, in {wall:.0f} s")
+        campaigns, tuning = comparison.all_campaigns(count), Tuning()
+        loops: dict[str, list[float]] = {}
+        recorded = {one.name: one.fingerprint(loops) for one in campaigns} | {"tuning": tuning.fingerprint()}
+    else:
+        campaigns = all_campaigns(count)
+        recorded = report.fingerprints(campaigns)
+    if options.check:
+        changed = outdated(options.output, recorded)
+        message = f"the report in '{options.output}' has the equations and parameters of the present code"
+        if changed:
+            message = f"the report in '{options.output}' is outdated: changed are {', '.join(changed)}"
+        return Outcome({"fresh": not changed, "message": message}, message, FAILED if changed else 0)
+    if options.samples is None:
+        file = report.make_report(campaigns, options.output, folder, options.workers, recorded)
+        return Outcome({"report": file}, f"wrote {file}")
+    found = {
+        one.name: comparison.with_uncertainties(
+            one.run(folder, workers=options.workers), LAWS[one.section].truss().dynamics.modes.modes
+        )
+        for one in campaigns
+    }
+    tuned = tuning.run(folder, workers=options.workers)
+    file = comparison.write(found, tuned, options.output, recorded)
+    return Outcome({"report": file}, f"wrote {file}")
 
 
-def sampled(options: argparse.Namespace) -> Outcome:
-    """Fly samples by each law, those that are missing, and write the report on them."""
-    positive_whole(samples=options.samples)
-    flown = {}
-    for study in studies():
-        folder = options.runs / f"{options.samples}-samples"
-        flown[study] = study.fly(options.samples, folder, workers=options.workers)
-    lines = {study.name: int(found["flies"].sum()) for study, found in flown.items()}
-    tuning = Tuning()
-    with told("tuning the design of the mean axes"):
-        tuned = tuning.fly(options.runs / "tuned", workers=options.workers)
-    file = samples_report.write(flown, (tuning, tuned), options.output)
-    said = [f"{name}: {count} of {options.samples} fly" for name, count in lines.items()]
-    return Outcome({"report": file, "samples": options.samples, "fly": lines}, "\n".join([*said, f"{file}"]))
-
-
-def main(words: list[str] | None = None, prog: str = PROG) -> int:
-    """Run the command `prog` with these `words`, by default the process's; return the exit code."""
-    return ended(report, parser(prog).parse_args(words))
+def main(words: list[str] | None = None) -> int:
+    """Run the command with `words`, by default those of the process; return the exit code."""
+    return ended(run, parser().parse_args(words))
 
 
 if __name__ == "__main__":

@@ -1,13 +1,12 @@
-"""Actuators that die in flight: which flights show what becomes of it, and their measures."""
+"""Sudden actuator failures: the block that applies them, brakes, and metrics of a run with a failure."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-from itertools import product
+import json
 from typing import Any
 
 import numpy as np
+import xarray as xr
 
 from trussflow.blocks.framework.block import Block, Values
 from trussflow.blocks.framework.declarations import Parameter, Signals
@@ -15,199 +14,104 @@ from trussflow.blocks.framework.diagram import Diagram
 from trussflow.blocks.framework.port import Input, Output
 from trussflow.blocks.framework.types import Array
 from trussflow.blocks.library.algebra import Function
-from trussflow.blocks.simulation.simulator import Simulator
 from trussflow.models.dynamics.dynamics import TrussDynamics
 from trussflow.models.reporting.metrics import largest_component, tracking_metrics
-from trussflow.models.validation import check_choice
 
-PARTS = {"base": ("base",), "drives": ("drives",), "robot": ("base", "drives")}
-"""What of a robot may die, and what belongs to it."""
+PARTS = {"base": ("bases",), "drives": ("drives",), "robot": ("bases", "drives")}
+"""Parts of a robot that may fail, with their parameters of `ActuatorFailure`."""
 
-SIGNALS = (
-    "trajectory.position",
-    "truss.task_position",
-    "truss.base_force",
-    "truss.base_torque",
-    "truss.joint_torque",
-    "controller.monitor.effectiveness",
-)
-"""What a simulator has to log for `fly`."""
+FAILURE_METRICS = {
+    "position": "m",
+    "attitude": "rad",
+    "joints": "rad",
+    "late_position": "m",
+    "base_torque": "N*m",
+    "joint_torque": "N*m",
+}
+"""Metrics of a run with a failure, all largest components, with their units."""
 
-
-BRAKE = 40.0
-"""Natural frequency of an arm against its brakes [rad/s]: far above the loop's, far below the solver's."""
+BRAKE_FREQUENCY = 40.0
+"""Natural frequency of a braked arm [rad/s]: above that of the loop, below the limit of the solver."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Loss:
-    """What dies in a flight; as text, the flight's label.
-
-    Attributes
-    ----------
-    part : str
-        ``"base"``, ``"drives"`` of the arm, or ``"robot"``, which is both.
-    robot : int
-        Whose, from 1 on [-].
-    time : float
-        When [s].
-
-    Raises
-    ------
-    ModelError
-        If there is no such part.
-    """
-
-    part: str
-    robot: int
-    time: float
-
-    def __post_init__(self) -> None:
-        check_choice("part", self.part, PARTS)
-
-    def __str__(self) -> str:
-        return f"{self.part} {self.robot} dead at {self.time:g} s"
-
-    def parameters(self, dynamics: TrussDynamics) -> dict[str, Any]:
-        """Return the parameters of a flight with it, for a diagram that `with_loss` has been at.
-
-        Parameters
-        ----------
-        dynamics : TrussDynamics
-            The robots.
-
-        Raises
-        ------
-        ModelError
-            If there is no such robot.
-        """
-        check_choice("robot", self.robot, range(1, len(dynamics.arms) + 1))
-        owner = np.repeat(np.arange(len(dynamics.arms)) + 1, [arm.joints for arm in dynamics.arms])
-        lost = {"base": np.arange(len(dynamics.arms)) + 1 == self.robot, "drives": owner == self.robot}
-        left = {name: np.where(lost[name] & (name in PARTS[self.part]), 0.0, 1.0) for name in lost}
-        return {"loss.time": self.time, "loss.bases": left["base"], "loss.drives": left["drives"]}
-
-
-class SuddenLoss(Block):
-    """Effectiveness of bases and joints: 1, and from an instant on what is left of it.
+def failure_parameters(dynamics: TrussDynamics, part: str, robot: int, time: float) -> dict[str, Any]:
+    """Return the parameters of a run in which a part of a robot fails.
 
     Parameters
     ----------
     dynamics : TrussDynamics
-        The robots.
+        Truss and robots.
+    part : str
+        One of `PARTS`.
+    robot : int
+        Number of the robot, from 1.
+    time : float
+        Time of the failure [s].
+    """
+    robots = np.arange(len(dynamics.arms)) + 1
+    owners = {"bases": robots, "drives": np.repeat(robots, [arm.joints for arm in dynamics.arms])}
+    failed = {name: (owner == robot) & (name in PARTS[part]) for name, owner in owners.items()}
+    health = {f"failure.{name}": np.where(off, 0.0, 1.0) for name, off in failed.items()}
+    return {"failure.time": time, **health}
+
+
+class ActuatorFailure(Block):
+    """Health of bases and joint drives: 1 before the failure, then as in the parameters.
+
+    Parameters
+    ----------
+    dynamics : TrussDynamics
+        Truss and robots.
     """
 
-    base_effectiveness = Output("robots", meaning="of each base")
-    joint_effectiveness = Output("joints", meaning="of the drive of each joint")
-    time = Parameter(unit="s", meaning="when")
-    bases = Parameter(shape="robots", minimum=0.0, meaning="what is left of each base")
-    drives = Parameter(shape="joints", minimum=0.0, meaning="what is left of each drive")
+    base_effectiveness = Output("robots", meaning="health of each base")
+    joint_effectiveness = Output("joints", meaning="health of each joint drive")
+    time = Parameter(unit="s", meaning="time of the failure")
+    bases = Parameter(shape="robots", minimum=0.0, meaning="health of each base after the failure")
+    drives = Parameter(shape="joints", minimum=0.0, meaning="health of each drive after the failure")
 
     def __init__(self, dynamics: TrussDynamics) -> None:
         self.robots, self.joints = len(dynamics.arms), dynamics.joints
         super().__init__(time=0.0, bases=np.ones(self.robots), drives=np.ones(self.joints))
 
     def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
-        """Return what is left at this time."""
+        """Return the health at time `t`."""
         return {
             "base_effectiveness": np.where(t >= p.time, p.bases, 1.0),
             "joint_effectiveness": np.where(t >= p.time, p.drives, 1.0),
         }
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Outcome:
-    """What became of a flight with a loss.
-
-    Attributes
-    ----------
-    label : str
-        What died.
-    delays : mapping of str to float
-        How long each part that died went unnoticed; infinite if for good [s].
-    false_alarms : tuple of str
-        What was believed dead and was not.
-    position, attitude : float
-        Largest component of the error of the root [m, rad].
-    joints, limp_joints : float
-        Of the joints that have drives, and of those without; 0 if there are none [rad].
-    late_position : float
-        Largest component of the position error in the last 10 s [m].
-    force, base_torque, joint_torque : float
-        The largest on an axis [N, N·m].
-    """
-
-    label: str
-    delays: Mapping[str, float]
-    false_alarms: tuple[str, ...]
-    position: float
-    attitude: float
-    joints: float
-    limp_joints: float
-    late_position: float
-    force: float
-    base_torque: float
-    joint_torque: float
-
-    @property
-    def flown(self) -> bool:
-        """Whether all dead parts were named, no other, and errors are within 1 cm and 0.2 rad."""
-        named = np.isfinite(list(self.delays.values())).all() and not self.false_alarms
-        return bool(named and self.position < 0.01 and self.joints < 0.2)
-
-
-def losses(
-    parts: Sequence[str] = ("base", "robot"),
-    robots: Sequence[int] = (1, 2, 3),
-    times: Sequence[float] = (10.0, 30.0, 50.0),
-) -> tuple[Loss, ...]:
-    """Return all combinations: in Case 1 those that can be survived along body z, at thrust and coasting.
-
-    Parameters
-    ----------
-    parts : sequence of str
-        Some of `PARTS`.
-    robots : sequence of int
-        From 1 on [-].
-    times : sequence of float
-        When [s].
-
-    Raises
-    ------
-    ModelError
-        If there is no such part.
-    """
-    return tuple(Loss(part=p, robot=i, time=t) for p, i, t in product(parts, robots, times))
-
-
-def with_loss(diagram: Diagram, dynamics: TrussDynamics, *, brakes: bool = False) -> Diagram:
-    r"""Add a block named loss to a transport with hardware, and return the diagram; nothing dies yet.
+def with_failures(diagram: Diagram, dynamics: TrussDynamics, *, brakes: bool = False) -> Diagram:
+    r"""Add an `ActuatorFailure` named failure to a mean-axes loop with hardware, and return the diagram.
 
     Brakes are stiff critically damped springs, :math:`\tau_b = -G (\omega^2\theta + 2\omega\dot\theta)` with
-    the inertia G of the arms at rest. They act where the controller believes drives dead, and bring their
-    joints back to zero.
+    the inertia G of the arms at rest. They return the joints to zero whose drives the controller has
+    isolated.
 
     Parameters
     ----------
     diagram : Diagram
-        Such as `mean_axes_transport` returns.
+        Loop by `mean_axes_transport`.
     dynamics : TrussDynamics
-        The robots.
+        Truss and robots.
     brakes : bool
-        Whether joints have brakes; without, dead drives are limp.
+        Whether joints have brakes; without brakes, joints with failed drives move freely.
     """
-    loss, actuators = diagram.add(loss=SuddenLoss(dynamics)), diagram.blocks["actuators"]
-    for port in loss.outputs():
+    failure, actuators = diagram.add(failure=ActuatorFailure(dynamics)), diagram.blocks["actuators"]
+    for port in failure.outputs():
         port >> actuators.port(port.name)
     if brakes:
         joints, truss, controller = dynamics.joints, diagram.blocks["truss"], diagram.blocks["controller"]
         inertia = dynamics.evaluate(dynamics.rest).mass_matrix[6 : 6 + joints, 6 : 6 + joints]
 
-        def held(angles: Array, rates: Array, effectiveness: Array) -> Array:
+        def braked(angles: Array, rates: Array, effectiveness: Array) -> Array:
             on = 1.0 - effectiveness[-joints:]
-            return -on * (inertia @ (on * (BRAKE**2 * angles + 2.0 * BRAKE * rates)))
+            stiffness, damping = BRAKE_FREQUENCY**2, 2.0 * BRAKE_FREQUENCY
+            return -on * (inertia @ (on * (stiffness * angles + damping * rates)))
 
         inputs = {"angles": Input(joints), "rates": Input(joints), "effectiveness": Input(dynamics.actuators)}
-        block = diagram.add(brakes=Function(held, inputs, {"torques": Output(joints)}))
+        block = diagram.add(brakes=Function(braked, inputs, {"torques": Output(joints)}))
         truss.port("task_position")[6:] >> block.port("angles")
         truss.port("rigid_speeds")[6:] >> block.port("rates")
         controller.port("effectiveness") >> block.port("effectiveness")
@@ -215,67 +119,28 @@ def with_loss(diagram: Diagram, dynamics: TrussDynamics, *, brakes: bool = False
     return diagram
 
 
-def fly(
-    simulator: Simulator,
-    dynamics: TrussDynamics,
-    loss: Loss,
-    *,
-    duration: float = 80.0,
-    parameters: Mapping[str, Any] | None = None,
-) -> Outcome:
-    """Fly with a loss, and measure.
+def failure_metrics(run: xr.Dataset) -> dict[str, float]:
+    """Return the `FAILURE_METRICS` of a run, its detection delay [s] and its number of false alarms.
 
-    Parameters
-    ----------
-    simulator : Simulator
-        Of a diagram that `with_loss` has been at; it logs `SIGNALS`.
-    dynamics : TrussDynamics
-        The robots.
-    loss : Loss
-        What dies.
-    duration : float
-        How long to fly [s].
-    parameters : mapping, optional
-        Others of this run, such as those of a draw [as declared].
-
-    Raises
-    ------
-    ModelError
-        If there is no such robot.
-    SimulationError
-        If the flight is lost altogether.
+    Joints with failed drives do not count. The delay is that of the part that is isolated last, infinite if
+    one is never isolated. All arms must have the same number of joints.
     """
-    given = {**(parameters or {}), **loss.parameters(dynamics)}
-    log = simulator.run(duration, parameters=given, progress=False, not_finite="ignore")
-    time, robots = log["time"].values, len(dynamics.arms)
-    known = log["controller.monitor.effectiveness"].values
-    error = log["truss.task_position"].values - log["trajectory.position"].values
-    owner = np.repeat(np.arange(robots), [arm.joints for arm in dynamics.arms])
-    limp = (owner == loss.robot - 1) & ("drives" in PARTS[loss.part])
-    delays, wrong = {}, []
-    for i in range(robots):
-        first = {"base": 6 * i, "drives": 6 * robots + int(np.argmax(owner == i))}
-        for name, column in first.items():
-            when = np.append(time[known[:, column] < 1.0], np.inf)[0]
-            dies = i == loss.robot - 1 and name in PARTS[loss.part]
-            if dies:
-                delays[name] = float(when - loss.time)
-            if when < (loss.time if dies else np.inf):
-                wrong.append(f"{name} {i + 1}")
-
-    joints = error[:, 6:]
-    parts = {"position": error[:, :3], "attitude": error[:, 3:6]}
-    found = tracking_metrics(time, {**parts, "joints": joints[:, ~limp], "limp joints": joints[:, limp]})
-    return Outcome(
-        label=str(loss),
-        delays=delays,
-        false_alarms=tuple(wrong),
-        position=found["peak position (component)"],
-        attitude=found["peak attitude (component)"],
-        joints=found["peak joints (component)"],
-        limp_joints=found["peak limp joints (component)"],
-        late_position=found["late position (component)"],
-        force=largest_component(log["truss.base_force"]),
-        base_torque=largest_component(log["truss.base_torque"]),
-        joint_torque=largest_component(log["truss.joint_torque"]),
-    )
+    parameters = json.loads(run.attrs["parameters"])
+    bases, drives = (np.array(parameters[f"failure.{name}"]) for name in ("bases", "drives"))
+    time, health = run["time"].values, run["controller.monitor.effectiveness"].values
+    joints = drives.size // bases.size
+    # One column for each base, then one for each arm: all actuators of a part are isolated together.
+    isolated = health[:, np.r_[0 : 6 * bases.size : 6, 6 * bases.size : health.shape[1] : joints]] < 1.0
+    instants = np.where(isolated.any(axis=0), time[isolated.argmax(axis=0)], np.inf)
+    failed, begin = np.r_[bases, drives[::joints]] < 1.0, parameters["failure.time"]
+    error = run["truss.task_position"].values - run["trajectory.position"].values
+    parts = {"position": error[:, :3], "attitude": error[:, 3:6], "joints": error[:, 6:][:, drives == 1.0]}
+    found = tracking_metrics(time, parts)
+    return {
+        **{name: found[f"peak {name} (component)"] for name in parts},
+        "late_position": found["late position (component)"],
+        "base_torque": largest_component(run["truss.base_torque"]),
+        "joint_torque": largest_component(run["truss.joint_torque"]),
+        "found_after": instants[failed].max() - begin,
+        "false_alarms": float(np.sum(instants < np.where(failed, begin, np.inf))),
+    }

@@ -1,4 +1,4 @@
-"""The report on flying: the jobs it needs, and how it is written."""
+"""Report on the robustness of the mean-axes controller."""
 
 from __future__ import annotations
 
@@ -6,79 +6,109 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import xarray as xr
-from study_tools.cache import Job, code_digest, write_atomically
-from study_tools.evidence import write_evidence
+from study_tools.fingerprints import fingerprint, write_evidence
 from study_tools.ledger import Ledger
 
-from flight.campaign import TUNED, Draws
-from flight.draws import NOMINAL
-from flight.edges import Edge, edges
-from flight.emergencies import Emergencies, emergencies
-from flight.ladder import ladder
-from flight.on_paper import PAPER_LAWS, OnPaper
-from flight.robustness import Robustness
-from flight.sections import (
-    draws_section,
-    edges_section,
-    failures_section,
-    ladder_section,
-    limits_section,
-    margins_section,
-    paper_section,
-    sparing_section,
-)
-from flight.sparing import Sparing
+from flight import sections
+from flight.campaigns import FIRST_SEED, Campaign
+from flight.limits import robustness_limits, simulated, trial_simulator
+from flight.loops import LAWS
+from flight.margins import loop_session, margins_along
+from flight.samples import NOMINAL_SEED
 from flight.texts import HEAD
+from trussflow.blocks.framework.files import replaced
 from trussflow.models.reporting.metrics import DEFINITIONS
-from trussflow.models.transport.mission import CASES
 
-MARGIN_DRAWS = 6
-"""Draws whose margins are computed [-]."""
+MARGIN_SEEDS = [NOMINAL_SEED, *range(FIRST_SEED, FIRST_SEED + 6)]
+"""Seeds of the trusses whose margins are computed."""
 
+LIMITS, MARGINS = "Robustness limits", "Margins under thrust"
 
-def jobs(count: int) -> list[Job]:
-    """Return all that has to be flown, for so many draws of each case."""
-    all_draws = [Draws(case=case, count=count) for case in CASES]
-    drawn = tuple(range(TUNED, TUNED + MARGIN_DRAWS))
-    half = len(drawn) // 2
-    margins = [Robustness(seeds=(NOMINAL, *drawn[:half])), Robustness(seeds=drawn[half:])]
-    sparing = [Sparing(case=case, spared=spared) for case in CASES for spared in (False, True)]
-    paper = [OnPaper(law=law) for law in PAPER_LAWS]
-    return [*all_draws, *margins, *emergencies(), *edges(), *sparing, *ladder(), *paper]
+Bounds = Mapping[tuple[str, str], tuple[float, float]]
 
 
-def write(found: Mapping[str, xr.Dataset], flown: Sequence[Job], folder: Path) -> Path:
-    """Write report, figures and evidence; return the report's file.
+def make_report(
+    campaigns: Sequence[Campaign],
+    output: Path,
+    runs: Path,
+    workers: int | None,
+    recorded: Mapping[str, Sequence[float]],
+) -> Path:
+    """Simulate what is missing, write the report, and return its file.
 
     Parameters
     ----------
+    campaigns : sequence of Campaign
+        All campaigns.
+    output, runs : pathlib.Path
+        Folders of the report and of the finished runs.
+    workers : int, optional
+        Number of parallel runs, as for `sweep` [-].
+    recorded : mapping
+        Result of `fingerprints`.
+    """
+    found = {one.name: one.run(runs, workers=workers) for one in campaigns}
+    bounds = robustness_limits(
+        lambda trials, number: simulated(trials, runs / f"limits-{number}", workers=workers)
+    )
+    margins = margins_along(MARGIN_SEEDS)
+    return write(campaigns, found, bounds, margins, output, recorded)
+
+
+def fingerprints(campaigns: Sequence[Campaign]) -> dict[str, list[float]]:
+    """Return the fingerprints of all simulated loops, by campaign."""
+    loops: dict[str, list[float]] = {}
+    found = {one.name: one.fingerprint(loops) for one in campaigns}
+    found[LIMITS] = [n for law in LAWS for n in fingerprint(trial_simulator(law, "hold", 0.0))]
+    found[MARGINS] = fingerprint(loop_session())
+    return found
+
+
+def write(
+    campaigns: Sequence[Campaign],
+    found: Mapping[str, xr.Dataset],
+    bounds: Bounds,
+    margins: xr.Dataset,
+    folder: Path,
+    recorded: Mapping[str, Sequence[float]],
+) -> Path:
+    """Write report, figure and evidence, and return the file of the report.
+
+    Parameters
+    ----------
+    campaigns : sequence of Campaign
+        All campaigns.
     found : mapping
-        What the jobs found, by name.
-    flown : sequence of Job
-        From `jobs`.
+        Results by name of the campaign.
+    bounds : mapping
+        Result of `robustness_limits`.
+    margins : xarray.Dataset
+        Result of `margins_along`.
     folder : pathlib.Path
-        Of the report.
+        Folder of the report.
+    recorded : mapping
+        Result of `fingerprints`.
     """
     folder.mkdir(parents=True, exist_ok=True)
     ledger = Ledger()
-    draws = {job.case: found[job.name] for job in flown if isinstance(job, Draws)}
-    margins, losses, edged, sparing = (
-        {job.name: found[job.name] for job in flown if isinstance(job, kind)}
-        for kind in (Robustness, Emergencies, Edge, Sparing)
-    )
-    sections = {
-        "Where each law ends": ladder_section(found, ledger),
-        "Draws": draws_section(draws, ledger, folder),
-        "What can be flown at all": limits_section(ledger),
-        "Failures": failures_section(losses, ledger),
-        "Margins with the thrust on": margins_section(margins, ledger),
-        "At the edge": edges_section(edged, ledger),
-        "Propellant and wheels": sparing_section(sparing, ledger),
-        "On paper": paper_section(found, ledger),
+    grouped: dict[str, dict[str, xr.Dataset]] = {}
+    for one in campaigns:
+        grouped.setdefault(one.section, {})[one.name] = found[one.name]
+    texts = {
+        LIMITS: sections.limits_section(bounds, ledger),
+        "Monte Carlo samples": sections.samples_section(grouped["Monte Carlo samples"], ledger, folder),
+        "Feasibility": sections.missions_section(ledger),
+        "Failures": sections.failures_section(grouped["Failures"], ledger),
+        MARGINS: sections.margins_section(margins, ledger),
+        "Off-nominal cases": sections.off_nominal_section(grouped["Off-nominal cases"], ledger),
+        "Propellant and wheel management": sections.propellant_section(
+            grouped["Propellant and wheel management"], ledger
+        ),
+        "Exact loops": sections.loops_section(found["exact loops"], ledger),
     }
-    parts = [f"## {title}\n\n{text.strip()}" for title, text in sections.items()]
-    report = folder / "README.md"
-    head = HEAD.format(digest=code_digest(), definitions=DEFINITIONS)
-    write_atomically(report, "\n\n".join([head, *parts]) + "\n")
-    write_evidence(folder, ledger, {"runs": {job.name: {"what": str(job)} for job in flown}})
-    return report
+    parts = [HEAD.format(definitions=DEFINITIONS)]
+    parts += [f"## {title}\n\n{text}\n" for title, text in texts.items()]
+    with replaced(folder / "README.md") as partial_file:
+        partial_file.write_text("\n".join(parts), encoding="utf-8")
+    write_evidence(folder, ledger, recorded, samples=len(found["case 1"]["sample"]))
+    return folder / "README.md"

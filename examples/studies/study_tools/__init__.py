@@ -1,1 +1,1 @@
-"""Cached jobs, checked numbers and evidence files of the studies."""
+"""Recorded numbers, fingerprints and evidence files of the studies."""

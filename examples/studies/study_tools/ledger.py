@@ -1,4 +1,4 @@
-"""Every number in the report, with its name, unit and the runs it comes from."""
+"""Record of every number in a report, with name, unit and runs."""
 
 from __future__ import annotations
 
@@ -14,23 +14,23 @@ RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 MINUS = "\N{MINUS SIGN}"
 
 Note = Callable[..., str]
-"""Takes down a number of a run, by name, value, unit and digits, and returns it as text."""
+"""Function that records a number of a run, by name, value, unit and digits, and returns it as text."""
 
 
 @dataclass(frozen=True, slots=True)
 class Number:
-    """One number.
+    """Number of a report.
 
     Attributes
     ----------
     value : float
-        As computed [unit].
+        Value [unit].
     unit : str
-        Its unit; empty for ratios.
+        Unit; empty for ratios.
     runs : tuple of str
-        The runs it comes from; empty if it needs none, such as data and parameters.
+        Names of the runs that it is computed from; may be empty.
     text : str
-        As printed in the report, without the unit.
+        Text in the report, without the unit.
     """
 
     value: float
@@ -40,7 +40,7 @@ class Number:
 
 
 class Ledger:
-    """Takes down each number as it is printed."""
+    """Record of the numbers in a report."""
 
     def __init__(self) -> None:
         self.numbers: dict[str, Number] = {}
@@ -55,27 +55,27 @@ class Ledger:
         digits: int = 3,
         show_unit: bool = True,
     ) -> str:
-        """Take a number down and return it as text.
+        """Record a number and return it as text.
 
         Parameters
         ----------
         name : str
-            What it is; unique in the report.
+            Unique name in the report.
         value : float
-            The number [unit].
+            Value [unit].
         unit : str
-            Its unit; ``"%"`` turns a ratio into per cent.
+            Unit; ``"%"`` displays a ratio in per cent.
         runs : sequence of str
-            The runs it comes from.
+            Names of the runs that it is computed from.
         digits : int
             Significant digits [-].
         show_unit : bool
-            Whether the unit follows; in a table it may stand in the heading.
+            Whether the text includes the unit.
 
         Raises
         ------
         ModelError
-            If the name was used for another number.
+            If the name has another number already.
         """
         text = pretty(100 * value if unit == "%" else value, digits)
         number = Number(float(value), unit, tuple(runs), text)
@@ -84,12 +84,12 @@ class Ledger:
         return f"{text} {readable(unit)}" if unit and show_unit else text
 
     def of(self, run: str, *others: str) -> Note:
-        """Return a way to take down numbers of runs, under the name of the first.
+        """Return a function that records numbers of runs, under the name of the first.
 
         Parameters
         ----------
         run, *others : str
-            The runs that the numbers come from.
+            Names of the runs that the numbers are computed from.
         """
 
         def note(name: str, value: float, unit: str = "", **form: Any) -> str:
@@ -98,27 +98,27 @@ class Ledger:
         return note
 
     def count(self, name: str, value: int, runs: Sequence[str] = ()) -> str:
-        """Take a whole number down and return it as text.
+        """Record a whole number and return it as text.
 
         Parameters
         ----------
         name : str
-            What it is; unique in the report.
+            Unique name in the report.
         value : int
-            The number [-].
+            Value [-].
         runs : sequence of str
-            The runs it comes from.
+            Names of the runs that it is computed from.
         """
         return self(name, value, runs=runs, digits=max(1, len(str(abs(value)))))
 
 
 def pretty(value: float, digits: int = 3) -> str:
-    """Return a number as people write it: 0.27, 4.07×10⁻⁶.
+    """Return a number as text, such as 0.27 or 4.07×10⁻⁶.
 
     Parameters
     ----------
     value : float
-        The number [any].
+        Value [any].
     digits : int
         Significant digits [-].
     """

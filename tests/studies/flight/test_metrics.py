@@ -1,8 +1,8 @@
-"""Measures are the greatest values, late ones of the end."""
+"""Metrics are the largest values over the run, late ones over its end."""
 
 import numpy as np
 import xarray as xr
-from flight.measures import UNITS, column, measured
+from flight.metrics import METRICS, heading, run_metrics
 from numpy.testing import assert_allclose
 
 from trussflow.models.reporting.metrics import LATE_WINDOW, tracking_metrics
@@ -33,9 +33,9 @@ def run():
     )
 
 
-def test_of_known_curves():
-    found = measured(run())
-    assert list(found) == list(UNITS)
+def test_metrics_of_known_curves():
+    found = run_metrics(run())
+    assert list(found) == list(METRICS)
     expected = {"position": 5e-3, "attitude": 2e-3, "joints": 0.03, "force": 3.0, "torque": 0.3}
     expected |= {"joint torque": 0.2, "late position": 1e-4, "late attitude": 0.0, "late joints": 0.0}
     expected |= {"late grasp 4": 1e-3 * 3**0.5, "late force": 0.1, "propellant": 500.0, "evidence": 350.0}
@@ -53,12 +53,12 @@ def test_each_error_as_norm_and_component_over_the_run_late_and_at_its_end():
     assert tracking_metrics(np.array([0.0, 100.0]), {"joints": np.zeros((2, 0))})["peak joints (norm)"] == 0.0
 
 
-def test_columns_say_what_they_are():
-    heads = [column(name, "m") for name in ("position", "attitude", "propellant")]
-    assert heads == ["position (norm) [m]", "attitude (component) [m]", "propellant [m]"]
+def test_headings_have_kind_and_unit():
+    heads = [heading(name) for name in ("position", "attitude", "propellant")]
+    assert heads == ["position (norm) [mm]", "attitude (component) [mrad]", "propellant [g]"]
 
 
 def test_an_alarm_at_any_time_counts():
     alarmed = run()
     alarmed["controller.monitor.effectiveness"][300:, 7] = 0.0
-    assert measured(alarmed)["alarms"] == 1.0
+    assert run_metrics(alarmed)["alarms"] == 1.0

@@ -1,0 +1,226 @@
+"""Simulations of the report: sweeps over parameters of one loop each, and their fingerprints."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import xarray as xr
+from study_tools.fingerprints import fingerprint, projection
+
+from flight.failures import failure_metrics, failure_parameters
+from flight.loops import PAPER_LAWS, flight_simulator, paper_simulator
+from flight.metrics import run_metrics, tracking
+from flight.samples import NOMINAL_SEED, noise_parameters, sample_parameters
+from trussflow.blocks.simulation.simulator import Simulator
+from trussflow.blocks.sweeps.sweep import sweep
+from trussflow.models.plant.tunable_truss import TunableTruss
+from trussflow.models.reporting.metrics import largest_norm, late_part
+from trussflow.models.transport.mission import CASES
+
+FIRST_SEED = 100
+"""First seed of the Monte Carlo samples; the design was tuned with smaller seeds."""
+
+NOMINAL_AND_SAMPLES = (NOMINAL_SEED, *range(FIRST_SEED, FIRST_SEED + 3))
+"""Seeds of each off-nominal case."""
+
+DURATION, LONG_DURATION = 80.0, 100.0
+"""Simulated time: 60 s of motion, then 20 s or 40 s at rest [s]."""
+
+FAILURE_TIMES = (10.0, 30.0, 50.0)  # s
+
+FAILURES: tuple[tuple[str, str, int, dict[str, Any]], ...] = (
+    ("base", "", 3, {}),
+    ("robot", ", with brakes", 3, {"brakes": True}),
+    ("robot", "", 3, {}),
+    ("base", ", turned", 4, {"turned": True}),
+    ("base", ", Case 2", 2, {"case": 2}),
+)
+"""Failing part, remark, number of robots that may fail, and arguments of `flight_simulator`."""
+
+GAINS = (0.5, 0.7, 1.4, 2.0)
+"""Actuator gains of the off-nominal cases, actual by commanded [-]."""
+
+ARM_ERROR = 0.05
+"""Relative error of the arms in the nominal dynamics [-]."""
+
+INITIAL_MOMENTUM = (3.0, 2.0, 1.0)
+"""Initial momentum of the wheels of each base, by axis [N·m·s]."""
+
+INITIAL_PROPELLANT = 0.3
+"""Propellant that base 1 has used before, the other bases none [kg]."""
+
+DISABLED_LIMIT = 1e9
+"""Propellant difference [kg] and unloading time [s] that switch off the propellant management."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Campaign:
+    """Sweep over parameters and initial states of a loop.
+
+    Attributes
+    ----------
+    section : str
+        Title of the section of the report.
+    name : str
+        Unique name in the report.
+    loop : callable
+        Function of the arguments in the rows that returns the simulator.
+    rows : sequence of mapping
+        Arguments, parameters and initial states of each run, as for `sweep`.
+    labels : sequence
+        Name of each run.
+    keep : callable
+        Function of the result of a run that returns the kept values by name.
+    duration : float
+        Simulated time [s].
+    """
+
+    section: str
+    name: str
+    loop: Callable[..., Simulator]
+    rows: Sequence[Mapping[str, Any]]
+    labels: Sequence[Any]
+    keep: Callable[[xr.Dataset], Mapping[str, Any]]
+    duration: float = DURATION
+
+    def run(self, folder: Path | None = None, **options: Any) -> xr.Dataset:
+        """Return the kept values of all runs along ``sample``, NaN for runs that diverged.
+
+        Parameters
+        ----------
+        folder : pathlib.Path, optional
+            Folder for finished runs of all campaigns; the same call resumes.
+        **options
+            Further arguments of `sweep`.
+        """
+        names = tuple(self.rows[0])
+        found = sweep(
+            self.loop,
+            self.duration,
+            vary={names: [tuple(row.values()) for row in self.rows]},
+            keep=self.keep,
+            path=folder and folder / self.name.replace(" ", "-"),
+            not_finite="ignore",
+            **options,
+        )
+        return found.drop_vars(names, errors="ignore").assign_coords(sample=list(self.labels))
+
+    def fingerprint(self, loops: dict[str, list[float]]) -> list[float]:
+        """Return the numbers that identify the loops and values; `loops` stores those of known loops."""
+        found, values = [], [self.duration]
+        for row in self.rows:
+            arguments = {name: value for name, value in row.items() if "." not in name}
+            key = repr((self.loop, arguments))
+            if key not in loops:
+                loops[key] = fingerprint(self.loop(**arguments))
+            if loops[key] not in found:
+                found.append(loops[key])
+            values += [value for name, value in row.items() if "." in name]
+        return [number for numbers in found for number in numbers] + [projection(values)]
+
+
+def all_campaigns(count: int) -> list[Campaign]:
+    """Return all campaigns of the report, with `count` Monte Carlo samples of each case."""
+    plant = TunableTruss.accurate()
+    robots, joints = plant.robots, plant.joints
+
+    def sample(seed: int) -> dict[str, Any]:
+        return sample_parameters(plant, seed) | noise_parameters(seed)
+
+    seeds = range(FIRST_SEED, FIRST_SEED + count)
+    samples = [sample(seed) for seed in seeds]
+    found = [
+        Campaign(
+            section="Monte Carlo samples",
+            name=f"case {case}",
+            loop=partial(flight_simulator, case),
+            rows=samples,
+            labels=seeds,
+            keep=run_metrics,
+            duration=LONG_DURATION,
+        )
+        for case in CASES
+    ]
+    for part, remark, count, options in FAILURES:
+        failures = [(part, 1 + robot, time) for robot in range(count) for time in FAILURE_TIMES]
+        found.append(
+            Campaign(
+                section="Failures",
+                name=f"{part} fails{remark}",
+                loop=partial(flight_simulator, **{"brakes": False} | options),
+                rows=[failure_parameters(plant.dynamics, *failure) for failure in failures],
+                labels=[f"{part} {robot} fails at {time:g} s{remark}" for _, robot, time in failures],
+                keep=failure_metrics,
+            )
+        )
+    more, less = 1.0 / (1.0 + ARM_ERROR), 1.0 / (1.0 - ARM_ERROR)
+    cases: dict[str, tuple[float, dict[str, float]]] = {
+        **{f"actuator gain {gain:g}": (gain, {}) for gain in GAINS},
+        f"arms {ARM_ERROR:.0%} heavier than nominal": (1.0, {"mass": more}),
+        f"arms {ARM_ERROR:.0%} lighter than nominal": (1.0, {"mass": less}),
+        f"arms {ARM_ERROR:.0%} longer than nominal": (1.0, {"length": more}),
+        f"arms {ARM_ERROR:.0%} shorter than nominal": (1.0, {"length": less}),
+    }
+    for name, (gain, arms) in cases.items():
+        health = {"failure.bases": np.full(robots, gain), "failure.drives": np.full(joints, gain)}
+        found.append(
+            Campaign(
+                section="Off-nominal cases",
+                name=name,
+                loop=partial(flight_simulator, brakes=False, **arms),
+                rows=[health | sample(seed) for seed in NOMINAL_AND_SAMPLES],
+                labels=NOMINAL_AND_SAMPLES,
+                keep=run_metrics,
+            )
+        )
+    start = {f"actuators.wheels_{i + 1}.h": np.array(INITIAL_MOMENTUM) for i in range(robots)}
+    start["actuators.thrusters_1.tank.integral"] = np.array(INITIAL_PROPELLANT)
+    disabled = {
+        f"controller.economy.{name}": DISABLED_LIMIT for name in ("propellant_spread", "unloading_time")
+    }
+    for case in CASES:
+        for word, values in (("without", disabled), ("with", {})):
+            found.append(
+                Campaign(
+                    section="Propellant and wheel management",
+                    name=f"case {case}, {word} management",
+                    loop=partial(flight_simulator, case),
+                    rows=[sample(NOMINAL_SEED) | start | values],
+                    labels=[NOMINAL_SEED],
+                    keep=consumption,
+                    duration=LONG_DURATION,
+                )
+            )
+    paper = Campaign(
+        section="Exact loops",
+        name="exact loops",
+        loop=paper_simulator,
+        rows=[{"law": law} for law in PAPER_LAWS],
+        labels=list(PAPER_LAWS),
+        keep=exact_metrics,
+    )
+    return [*found, paper]
+
+
+def consumption(run: xr.Dataset) -> dict[str, Any]:
+    """Return position error, propellant used by each base [kg], and final wheel momentum by axis [N·m·s]."""
+    used = run["actuators.used.y"].values[-1].copy()
+    used[0] -= INITIAL_PROPELLANT
+    momentum = abs(run["actuators.stored.y"].values[-1]).reshape(-1, 3)
+    return {"position": tracking(run)["position"], "used": used, "momentum": momentum.max(axis=0)}
+
+
+def exact_metrics(run: xr.Dataset) -> dict[str, float]:
+    """Return the tracking errors and the elastic displacement of grasp 4, also late about its mean."""
+    error, grasp = tracking(run), run["truss.grasp_displacement"].values[:, 3]
+    late = grasp[late_part(run["time"].values)]
+    return {
+        **{name: error[name] for name in ("position", "late position", "late attitude")},
+        "grasp 4": largest_norm(grasp),
+        "late grasp 4": largest_norm(late - late.mean(axis=0)),
+    }

@@ -1,0 +1,235 @@
+"""Report on Monte Carlo samples of Case 1 with each control law."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+import xarray as xr
+from study_tools.fingerprints import write_evidence
+from study_tools.ledger import Ledger
+
+from flight import tuning
+from flight.campaigns import DURATION, Campaign
+from flight.loops import LAWS, law_simulator
+from flight.metrics import MAX_JOINTS, MAX_LATE_POSITION, MAX_POSITION, METRICS, heading, successful, tracking
+from flight.samples import (
+    MAX_DAMPING,
+    MAX_DEVIATION,
+    MAX_PAYLOAD,
+    MIN_DAMPING,
+    UNCERTAINTIES,
+    deviations,
+    noise_parameters,
+    sample_parameters,
+)
+from flight.sections import cumulative, displayed
+from trussflow.blocks.framework.files import replaced
+from trussflow.models.reporting.figures import Panel, drawing, save
+from trussflow.models.reporting.metrics import DEFINITIONS, largest_component, late_part
+from trussflow.models.reporting.tables import markdown_table
+
+FIRST_SEED = 1000
+"""First seed; smaller ones were used for tuning or for the other report."""
+
+KEPT = ("position", "attitude", "joints", "late position", "late force")
+
+STUDIES = (
+    ("published", False),
+    ("published", True),
+    ("mode-neutral", False),
+    ("mode-neutral", True),
+    ("mean axes", True),
+)
+"""Laws, and whether they have the reference hardware or exact hardware."""
+
+TEXT = """\
+# Monte Carlo comparison of the control laws
+
+Success of each law in Case 1 for {count} samples of the truss. The controllers have the nominal truss. Mass
+and frequencies deviate from it by up to {deviation:.0%}, mode shapes at the grasps with a standard deviation
+of up to {deviation:.0%}; the damping ratio is {min_damping:.1%} to {max_damping:.0%}, and the payload at the
+tip up to {payload:g} kg. *Exact*: exact states and a sample time of 1 ms, on the plant of the law. *Reference
+hardware*: a sample time and a delay of 20 ms, noise, quantization and limits of thrust and torque
+([docs/flight](../flight/README.md)); the mean-axes controller has the accurate plant. A sample is successful
+if the position error is at most {position:g} mm, joint errors are at most {joints:g} rad, and the late
+position error in the last seconds of {duration:g} s is below {late:g} mm.
+
+`PYTHONPATH=examples/studies python -m flight --samples {count} --output docs/sweep` writes this report
+(`make sweep` with 1000 samples). Every number is in [`evidence.json`](evidence.json) with its full value,
+beside the fingerprints of the simulated diagrams; the same command with `--check` compares them with the
+present code.
+
+## Success rates
+
+{rates}
+
+The confidence intervals are 95 % Wilson intervals. The next table has the errors of the successful samples.
+
+{definitions}
+
+{errors}
+
+![Distribution of the position error](samples.png)
+
+## Tuning
+
+{tuning}
+
+## Sensitivity
+
+Rank correlations (Spearman) of the uncertainties with the position errors of the successful samples; beyond
+±{significant:.2f} they are significant.
+
+{correlations}
+
+## Worst samples
+
+The sample with the largest position error of each law, among the successful ones if there are any.
+`sample_parameters` and `noise_parameters` reproduce truss and noise from the seed.
+
+{worst}
+"""
+
+
+def all_campaigns(count: int) -> list[Campaign]:
+    """Return the campaigns of all `STUDIES`, with `count` samples each."""
+    found, seeds = [], range(FIRST_SEED, FIRST_SEED + count)
+    for law, hardware in STUDIES:
+        plant = LAWS[law].truss()
+        found.append(
+            Campaign(
+                section=law,
+                name=f"{law}, {'reference hardware' if hardware else 'exact'}",
+                loop=partial(law_simulator, law, reference_hardware=hardware),
+                rows=[
+                    sample_parameters(plant, seed) | (noise_parameters(seed) if hardware else {})
+                    for seed in seeds
+                ],
+                labels=seeds,
+                keep=errors,
+                duration=DURATION,
+            )
+        )
+    return found
+
+
+def errors(run: xr.Dataset) -> dict[str, float]:
+    """Return the `KEPT` metrics of a run."""
+    late = run["truss.base_force"].values[late_part(run["time"].values)]
+    found = tracking(run) | {"late force": largest_component(late)}
+    return {name: found[name] for name in KEPT}
+
+
+def with_uncertainties(found: xr.Dataset, modes: int) -> xr.Dataset:
+    """Return results with the success and the `UNCERTAINTIES` of each sample; shapes as root mean square."""
+    drawn = [deviations(int(seed), modes) for seed in found["sample"].values]
+    columns = {
+        name: ("sample", [float(np.sqrt(np.mean(np.square(one[name])))) for one in drawn])
+        if name == "shapes"
+        else ("sample", [one[name] for one in drawn])
+        for name in UNCERTAINTIES
+    }
+    return found.assign(columns).assign(successful=successful(found))
+
+
+def success_rate(succeeded: npt.NDArray[np.bool_]) -> tuple[float, float, float]:
+    """Return the success rate and its 95 % confidence interval by Wilson [-]."""
+    from scipy.stats import binomtest
+
+    interval = binomtest(int(np.sum(succeeded)), len(succeeded)).proportion_ci(method="wilson")
+    return float(np.mean(succeeded)), float(interval.low), float(interval.high)
+
+
+def correlations(succeeded: xr.Dataset, metric: str) -> dict[str, float]:
+    """Return the rank correlation of a metric with each uncertainty [-]; NaN for fewer than three samples."""
+    from scipy.stats import spearmanr
+
+    if succeeded.sizes["sample"] < 3:
+        return dict.fromkeys(UNCERTAINTIES, np.nan)
+    return {name: float(spearmanr(succeeded[name], succeeded[metric]).statistic) for name in UNCERTAINTIES}
+
+
+def write(
+    found: Mapping[str, xr.Dataset], tuned: xr.Dataset, folder: Path, recorded: Mapping[str, Sequence[float]]
+) -> Path:
+    """Write report, figure and evidence, and return the file of the report.
+
+    Parameters
+    ----------
+    found : mapping
+        Results by name of the campaign, by `with_uncertainties`.
+    tuned : xarray.Dataset
+        Result of `Tuning.run`.
+    folder : pathlib.Path
+        Folder of the report.
+    recorded : mapping
+        Fingerprints by name of the campaign.
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    ledger, count = Ledger(), next(iter(found.values())).sizes["sample"]
+    rates, rows, ranks, worst, curves = [], [], [], [], []
+    for (law, _), (name, data) in zip(STUDIES, found.items(), strict=True):
+        note = ledger.of(name)
+        rate, low, high = success_rate(data["successful"].values)
+        number = ledger.count(f"{name}: successful", int(data["successful"].sum()))
+        interval = f"{note('rate, from', low, '%')} to {note('rate, to', high, '%', digits=4)}"
+        rates.append((name, LAWS[law].label, number, note("rate", rate, "%"), interval))
+        succeeded = data.isel(sample=np.flatnonzero(data["successful"].values))
+        if succeeded.sizes["sample"]:
+            cells = [
+                displayed(note, f"{metric}, {word}", value, METRICS[metric][0])
+                for metric in KEPT
+                for word, value in (
+                    ("median", succeeded[metric].median()),
+                    ("worst", succeeded[metric].max()),
+                )
+            ]
+            rows.append((name, *cells))
+            for metric in ("position", "late position"):
+                values = correlations(succeeded, metric)
+                cells = [note(f"{metric} by {what}", one, digits=2) for what, one in values.items()]
+                ranks.append((name, f"{metric} (norm)", *cells))
+        candidates = succeeded if succeeded.sizes["sample"] else data
+        one = candidates.isel(sample=int(np.argmax(candidates["position"].fillna(np.inf).values)))
+        drawn = [
+            note(f"worst: {what}", float(one[what]), unit.strip("1")) for what, unit in UNCERTAINTIES.items()
+        ]
+        seed = ledger.count(f"{name}: worst", int(one["sample"]))
+        worst.append((name, seed, *drawn, note("worst: position", 1e3 * float(one["position"]), "mm")))
+        curves.append(cumulative(name, 1e3 * data["position"].fillna(np.inf).values))
+    panel = Panel(
+        curves=curves,
+        x="largest position error [mm]",
+        y="share of samples [-]",
+        log_x=True,
+        marks=[1e3 * MAX_POSITION],
+        legend_inside=True,
+    )
+    save(drawing([panel], row_height=3.2), folder / "samples.png", small=True)
+    heads = [f"{heading(metric)}: {word}" for metric in KEPT for word in ("median", "worst")]
+    text = TEXT.format(
+        count=count,
+        deviation=MAX_DEVIATION,
+        min_damping=MIN_DAMPING,
+        max_damping=MAX_DAMPING,
+        payload=MAX_PAYLOAD,
+        position=1e3 * MAX_POSITION,
+        joints=MAX_JOINTS,
+        late=1e3 * MAX_LATE_POSITION,
+        duration=DURATION,
+        significant=2 / np.sqrt(count),
+        definitions=DEFINITIONS,
+        rates=markdown_table(("law", "plant", "successful", "rate", "confidence interval"), rates),
+        errors=markdown_table(("law", *heads), rows),
+        tuning=tuning.section(tuned, ledger),
+        correlations=markdown_table(("law", "error", *UNCERTAINTIES), ranks),
+        worst=markdown_table(("law", "seed", *UNCERTAINTIES, "position (norm)"), worst),
+    )
+    with replaced(folder / "README.md") as partial_file:
+        partial_file.write_text(text, encoding="utf-8")
+    write_evidence(folder, ledger, recorded, samples=count)
+    return folder / "README.md"

@@ -1,0 +1,196 @@
+"""Closed loops of the study: plant, hardware and control law of one simulator."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+from flight.failures import with_failures
+from trussflow.blocks.simulation.simulator import Simulator
+from trussflow.models.dynamics.dynamics import TrussDynamics
+from trussflow.models.feasibility import best_attitude
+from trussflow.models.hardware.hardware import Hardware
+from trussflow.models.mean_axes.design import MeanAxesDesign
+from trussflow.models.plant.tunable_truss import TunableTruss
+from trussflow.models.transport.mean_axes_wiring import mean_axes_transport
+from trussflow.models.transport.mission import Mission
+from trussflow.models.transport.wiring import path_of, transport_diagram
+
+LOG = ("trajectory.position", "truss.task_position", "truss.base_force", "truss.grasp_displacement")
+"""Logged signals of all loops."""
+
+FLIGHT_LOG = (
+    *LOG,
+    "truss.base_torque",
+    "truss.joint_torque",
+    "actuators.used.y",
+    "actuators.stored.y",
+    "controller.monitor.evidence",
+    "controller.monitor.effectiveness",
+)
+"""Logged signals of the mean-axes controller with the reference hardware."""
+
+
+@dataclass(frozen=True, slots=True)
+class Law:
+    """Control law with its plant.
+
+    Attributes
+    ----------
+    label : str
+        Name in the tables.
+    plant : str
+        Name of the constructor of the plant.
+    hold, delay : float
+        Smallest sample time and computing delay: the step of the paper, or the design of the mean-axes
+        controller [s].
+    step : float
+        Step of the solver, and resolution of varied times [s].
+    """
+
+    label: str
+    plant: str
+    hold: float = 1e-3
+    delay: float = 0.0
+    step: float = 1e-3
+
+    def truss(self) -> TunableTruss:
+        """Return the plant."""
+        truss: TunableTruss = getattr(TunableTruss, self.plant)()
+        return truss
+
+    def hardware(self, *, hold: float = 0.0, delay: float = 0.0, **errors: float) -> Hardware:
+        """Return exact hardware except for a longer `hold`, a further `delay` [s] and other `errors`.
+
+        The mean-axes controller needs one more sample time for its computation.
+        """
+        hold = max(hold, self.hold)
+        return Hardware.exact(hold, delay + (hold if self.delay else 0.0), **errors)
+
+
+LAWS = {
+    "published": Law("the paper's law, published plant", "published"),
+    "mode-neutral": Law("mode-neutral allocation, consistent plant", "consistent"),
+    "mean axes": Law("mean axes, accurate plant", "accurate", hold=0.02, delay=0.02, step=2e-3),
+}
+
+PAPER_LAWS = LAWS | {"mean axes": Law("mean axes, consistent plant", "consistent", delay=1e-3)}
+"""Laws at the sample time of the paper, 1 ms."""
+
+
+def simulator_of(
+    law: Law,
+    truss: TunableTruss,
+    hardware: Hardware,
+    *,
+    case: int = 1,
+    nominal: TrussDynamics | None = None,
+    log: tuple[str, ...] = LOG,
+    **failures: bool,
+) -> Simulator:
+    """Return the simulator of a closed loop.
+
+    Parameters
+    ----------
+    law : Law
+        Control law.
+    truss : TunableTruss
+        Plant.
+    hardware : Hardware
+        Hardware between controller and plant.
+    case : int
+        Case 1 or 2 of the paper.
+    nominal : TrussDynamics, optional
+        Nominal dynamics of the controller, by default those of the plant.
+    log : tuple of str
+        Logged signals.
+    **failures : bool
+        Arguments of `with_failures`, by default none: then no actuator can fail.
+    """
+    mission, both = Mission.of_case(case), {"believed": nominal, "hardware": hardware}
+    if law.delay:
+        design = replace(MeanAxesDesign.shipped(), sample_time=hardware.sample_time)
+        diagram = mean_axes_transport(mission, truss, design=design, **both)
+    else:
+        diagram = transport_diagram(mission, truss, **both)
+    if failures:
+        with_failures(diagram, truss.dynamics, **failures)
+    return Simulator(diagram, step=law.step, log=log, log_step=0.02)
+
+
+def law_simulator(law: str, *, reference_hardware: bool = False) -> Simulator:
+    """Return the loop of Case 1 of one of `LAWS`, with exact or with the reference hardware."""
+    chosen = LAWS[law]
+    hardware = reference_hardware_of(1) if reference_hardware else chosen.hardware()
+    return simulator_of(chosen, chosen.truss(), hardware)
+
+
+def paper_simulator(law: str) -> Simulator:
+    """Return the loop of Case 1 of one of `PAPER_LAWS`, with exact hardware."""
+    chosen = PAPER_LAWS[law]
+    return simulator_of(chosen, chosen.truss(), chosen.hardware())
+
+
+def flight_simulator(
+    case: int = 1, *, mass: float = 1.0, length: float = 1.0, turned: bool = False, **failures: bool
+) -> Simulator:
+    """Return the mean-axes loop of the accurate plant with the reference hardware.
+
+    Parameters
+    ----------
+    case : int
+        Case 1 or 2 of the paper.
+    mass, length : float
+        Masses and lengths of the arms in the nominal dynamics, relative to the plant [-].
+    turned : bool
+        Whether the truss has the attitude of `failure_tolerant_truss`.
+    **failures : bool
+        Arguments of `with_failures`, by default none: then no actuator can fail.
+    """
+    truss = failure_tolerant_truss(case) if turned else TunableTruss.accurate()
+    return simulator_of(
+        LAWS["mean axes"],
+        truss,
+        reference_hardware_of(case),
+        case=case,
+        nominal=with_arms(truss.dynamics, mass=mass, length=length),
+        log=FLIGHT_LOG,
+        **failures,
+    )
+
+
+def reference_hardware_of(case: int) -> Hardware:
+    """Return `Hardware.flight`, with a torque limit of 1 N·m and larger wheels in Case 2."""
+    return Hardware.flight(torque=None if case == 1 else 1.0)
+
+
+def failure_tolerant_truss(case: int) -> TunableTruss:
+    """Return the accurate plant in the attitude by `best_attitude`, turned about body x."""
+    truss = TunableTruss.accurate()
+    path = path_of(Mission.of_case(case), truss)
+    best = best_attitude(truss.dynamics, path, Hardware.flight().limits(truss), normal=(1, 0, 0))
+    return truss.turned(best.attitude)
+
+
+def with_arms(dynamics: TrussDynamics, *, mass: float, length: float) -> TrussDynamics:
+    """Return dynamics with scaled arms; the bases are unchanged.
+
+    Parameters
+    ----------
+    dynamics : TrussDynamics
+        Truss and robots.
+    mass, length : float
+        Positive factors [-].
+    """
+    changes: list[dict[str, Any]] = [
+        {
+            "masses": mass * arm.masses,
+            "static_moments": mass * length * arm.static_moments,
+            "inertias": mass * length**2 * arm.inertias,
+            "joint_origins": length * arm.joint_origins,
+            "base_origin": length * arm.base_origin,
+        }
+        for arm in dynamics.arms
+    ]
+    arms = (replace(arm, **change) for arm, change in zip(dynamics.arms, changes, strict=True))
+    return replace(dynamics, arms=tuple(arms))
