@@ -11,7 +11,6 @@ import subprocess
 import sys
 import zipfile
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 
 import campaign
@@ -19,7 +18,6 @@ import matplotlib.image
 import numpy as np
 import pytest
 import xarray as xr
-from study_tools.cache import Work, perform
 
 from trussflow.blocks import Diagram, Integrator, Ramp, Simulator, StateSpace
 from trussflow.blocks.framework.files import LOCK_SUFFIX, locked
@@ -44,35 +42,11 @@ def compiles(k):
     np.testing.assert_allclose(result["x.y"][-1], 0.5, rtol=1e-12)
 
 
-@dataclass(frozen=True)
-class Cubes:
-    """A run that many files are kept of."""
-
-    k: int
-
-    @property
-    def name(self):
-        return f"cube of {self.k}"
-
-    def work(self, folder):
-        return Work((self.name,), lambda: xr.Dataset({"cube": ("n", [float(self.k) ** 3] * 1000)}))
-
-
-def studies(k):
-    """Go through some runs, as a study does that was stopped before."""
-    Path("runs").mkdir(exist_ok=True)
-    for each in range(k + 1):
-        found = perform(Cubes(each), Path("runs"))
-        with xr.open_dataset(found.file) as data:
-            assert (data["cube"] == each**3).all()
-        assert found.reused == (each < k) or each == k
-
-
 def flies(_k):
     assert main(["--duration", "0.02", "--output", "out"]) == 0
 
 
-JOBS = {exports: 2.0, compiles: 0.5, studies: 0.5, flies: 5.0}
+JOBS = {exports: 2.0, compiles: 0.5, flies: 5.0}
 """What is killed, and until when [s]."""
 
 KILLER = """

@@ -16,10 +16,10 @@ from flight.campaigns import LONG_DURATION
 from flight.loops import flight_simulator
 from flight.margins import loop_session, loops_along, min_disk
 from flight.metrics import GOALS, METRICS, heading, run_metrics
+from flight.sampled_loop import spectral_radius
 from flight.samples import noise_parameters, sample_parameters
 from flight.sections import displayed
 from trussflow.blocks.framework.types import Vector
-from flight.sampled_loop import spectral_radius
 from trussflow.blocks.sweeps.sweep import sweep
 from trussflow.blocks.sweeps.tuning import tune
 from trussflow.models.mean_axes.design import MeanAxesDesign
