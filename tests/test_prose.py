@@ -21,13 +21,12 @@ ONE_WORD = re.compile(r"[A-Z]{2,}$")
 
 # Breaches of the rules left in each package. Lower a number when you mend one; never raise it.
 EXCEPTIONS = {
-    "examples/studies": 183,
-    "models/reporting": 14,
+    "models/reporting": 1,
     "tests": 4,
     "tests/benchmarks": 24,
     "tests/blocks": 58,
-    "tests/models": 68,
-    "tests/studies": 5,
+    "tests/models": 66,
+    "tests/studies": 3,
 }
 
 

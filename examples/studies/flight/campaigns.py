@@ -159,7 +159,7 @@ def all_campaigns(count: int) -> list[Campaign]:
             )
         )
     more, less = 1.0 / (1.0 + ARM_ERROR), 1.0 / (1.0 - ARM_ERROR)
-    cases: dict[str, tuple[float, dict[str, float]]] = {
+    cases: dict[str, tuple[float, dict[str, Any]]] = {
         **{f"actuator gain {gain:g}": (gain, {}) for gain in GAINS},
         f"arms {ARM_ERROR:.0%} heavier than nominal": (1.0, {"mass": more}),
         f"arms {ARM_ERROR:.0%} lighter than nominal": (1.0, {"mass": less}),

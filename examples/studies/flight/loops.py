@@ -107,12 +107,12 @@ def simulator_of(
     **failures : bool
         Arguments of `with_failures`, by default none: then no actuator can fail.
     """
-    mission, both = Mission.of_case(case), {"believed": nominal, "hardware": hardware}
+    mission = Mission.of_case(case)
     if law.delay:
         design = replace(MeanAxesDesign.shipped(), sample_time=hardware.sample_time)
-        diagram = mean_axes_transport(mission, truss, design=design, **both)
+        diagram = mean_axes_transport(mission, truss, design=design, believed=nominal, hardware=hardware)
     else:
-        diagram = transport_diagram(mission, truss, **both)
+        diagram = transport_diagram(mission, truss, believed=nominal, hardware=hardware)
     if failures:
         with_failures(diagram, truss.dynamics, **failures)
     return Simulator(diagram, step=law.step, log=log, log_step=0.02)

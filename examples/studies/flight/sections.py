@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from pathlib import Path
+from typing import SupportsFloat
 
 import numpy as np
 import xarray as xr
@@ -31,7 +32,7 @@ FIGURE_METRICS = ("position", "attitude", "late position", "late grasp 4")
 Results = Mapping[str, xr.Dataset]
 
 
-def displayed(note: Note, name: str, value: float, unit: str) -> str:
+def displayed(note: Note, name: str, value: SupportsFloat, unit: str) -> str:
     """Record a value [`unit`], and return it in its displayed unit, without the unit."""
     display, factor = DISPLAY_UNITS[unit]
     return note(name, factor * float(value), display, show_unit=False)

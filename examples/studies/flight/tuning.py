@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -74,7 +74,7 @@ COLUMNS = {
     "disk margin": lambda one: one["disk"],
 }
 COMPARED = "position", "attitude", "late position"
-STATISTICS = {"median": np.median, "worst": np.max}
+STATISTICS: dict[str, Callable[..., Any]] = {"median": np.median, "worst": np.max}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -162,7 +162,11 @@ class Tuning:
         }
         columns |= {name: ("design", [values[name] for values in designs.values()]) for name in RANGES}
         columns["disk"] = "design", [disk(values) for values in designs.values()]
-        facts = {"before": found.before, "cost": found.cost, "most": float(found.limits["share"].max())}
+        facts: dict[str, Any] = {
+            "before": found.before,
+            "cost": found.cost,
+            "most": float(found.limits["share"].max()),
+        }
         facts |= {"runs": found.runs, "message": found.message, "duration": self.duration}
         facts |= {"first": self.seeds[0], "last": self.seeds[-1]}
         return xr.Dataset(columns, {"design": [*designs], "seed": [*self.others]}, facts)

@@ -15,6 +15,7 @@ import numpy.typing as npt
 
 from study_tools.ledger import Ledger
 from trussflow.blocks.framework.files import reading, replaced
+from trussflow.blocks.simulation.session import Session
 from trussflow.blocks.simulation.simulator import Simulator
 from trussflow.models.errors import ModelError
 
@@ -85,7 +86,7 @@ def outdated(folder: Path, fingerprints: Mapping[str, Sequence[float]]) -> list[
     ]
 
 
-def fingerprint(simulator: Simulator) -> list[float]:
+def fingerprint(simulator: Simulator | Session) -> list[float]:
     """Return numbers that change if the equations, parameters or step of a simulator change.
 
     They are the projections of all equations at a state near the initial one, of the parameters, and of the
@@ -96,7 +97,7 @@ def fingerprint(simulator: Simulator) -> list[float]:
     x, d = (state + _pattern(state.size) / 1024.0 for state in prepared.plan.initial(p, None))
     with contextlib.closing(prepared.open(p)) as executor:
         values = [executor.call(program.name, 0.0, x, d, p).copy() for program in prepared.programs]
-    return [projection([value]) for value in (*values, p, float(prepared.step or 0.0))]
+    return [projection([value]) for value in (*values, p, np.array(float(prepared.step or 0.0)))]
 
 
 def projection(values: Iterable[npt.ArrayLike]) -> float:
@@ -108,4 +109,4 @@ def projection(values: Iterable[npt.ArrayLike]) -> float:
 
 def _pattern(size: int) -> npt.NDArray[np.float64]:
     """Return small integers without symmetry, exact in floating point."""
-    return np.arange(size) * 7 % 11 - 5.0
+    return np.asarray(np.arange(size) * 7 % 11 - 5, dtype=float)
