@@ -21,7 +21,6 @@ ONE_WORD = re.compile(r"[A-Z]{2,}$")
 
 # Breaches of the rules left in each package. Lower a number when you mend one; never raise it.
 EXCEPTIONS = {
-    "models/reporting": 1,
     "tests": 4,
     "tests/benchmarks": 24,
     "tests/blocks": 58,

@@ -82,7 +82,7 @@ class Panel:
     marks : sequence of float
         Vertical lines, such as natural frequencies [as in `x`].
     legend_inside : bool
-        Whether the legend is inside the axes; otherwise it is beside the title.
+        Whether the legend is inside the axes; otherwise it is next to the title.
     more : mapping
         Further properties, as for ``Axes.set``.
     """
