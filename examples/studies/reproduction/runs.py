@@ -97,7 +97,7 @@ def changes(run: str) -> str:
         for key, value in row.items()
     ]
     if suffix in BASE_OFFSETS:
-        listed.append(f"base displaced by {BASE_OFFSETS[suffix]} m")
+        listed.append(f"base displaced by `{BASE_OFFSETS[suffix]} m`")
     return ", ".join(listed) or suffix.lstrip("-").replace("-", " ")
 
 

@@ -7,7 +7,7 @@ import pytest
 
 from trussflow.blocks.framework.clock import Clock, common_tick, exact, ticks
 from trussflow.blocks.framework.errors import SimulationError
-from trussflow.blocks.simulation.schedule import SCAN_LIMIT, Schedule
+from trussflow.blocks.simulation.schedule import MAX_SCANNED_TICKS, Schedule
 
 
 @pytest.mark.parametrize(
@@ -76,7 +76,7 @@ def test_due_sets_are_those_that_tick(given):
 def test_long_patterns_are_not_scanned_but_right():
     periods = (997, 1009, 1013)
     found = clocks(*((p, 0) for p in periods))
-    assert np.prod(periods) > SCAN_LIMIT
+    assert np.prod(periods) > MAX_SCANNED_TICKS
     schedule = Schedule(found, Fraction(1))
     due = schedule.due(0, 3000)
     assert [schedule.sets[i] for i in due] == [brute_force(found, k) for k in range(3000)]

@@ -5,6 +5,7 @@ from unittest.mock import patch
 
 import campaign
 import control
+import matplotlib.pyplot as plt
 import numpy as np
 import pytest
 from scipy.optimize import minimize_scalar
@@ -182,6 +183,7 @@ def test_margins_of_a_loop_are_those_of_python_control_and_of_its_sensitivity():
     assert found.disk == pytest.approx(1.0 / np.abs(S - 0.5).max(), rel=1e-3)
     assert channel.disk == pytest.approx(found.disk, rel=1e-6)
     assert 1.0 < found.frequency < 30.0
+    plt.figure()
     control.bode_plot(opened, omega)
     assert type(control.feedback(opened)) is control.StateSpace
     with pytest.raises(LinearAnalysisError, match=r"closed, it has the unstable poles 1\+2j, 1-2j"):

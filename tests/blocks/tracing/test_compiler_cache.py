@@ -72,8 +72,8 @@ def test_code_that_writes_the_source_is_part_of_the_name(file, run, builds, monk
     first, second = run("compiled"), run("compiled")
     assert_array_equal(first["spring.y"], second["spring.y"])
     assert len(builds) == 1
-    read = codegen._file
-    monkeypatch.setattr(codegen, "_file", lambda n: read(n) + ("\n" if n == file else ""))
+    read = codegen.c_file
+    monkeypatch.setattr(codegen, "c_file", lambda n: read(n) + ("\n" if n == file else ""))
     run("compiled")
     assert len(builds) == 2
 
