@@ -16,7 +16,8 @@ from sources import ROOT, SETUPTOOLS
 
 pytestmark = pytest.mark.campaign
 
-FOLDERS = SETUPTOOLS["package-dir"]
+STUDIES = "examples/studies"
+FOLDERS = SETUPTOOLS["package-dir"] | {"studies": STUDIES}
 
 
 class Fault(NamedTuple):
@@ -375,7 +376,9 @@ def run(copy, tests):
     """Run test files against the copy of the packages, up to the first failure."""
     environment = {name: value for name, value in os.environ.items() if name != "PYTEST_ADDOPTS"}
     environment["PYTHONPATH"] = str(copy)  # found before the editable installation
-    command = [sys.executable, "-m", "pytest", "-x", "-q", "-p", "no:cacheprovider", *tests.split()]
+    paths = f"pythonpath=tests {copy}/studies {copy}/studies/modes"
+    options = ["-x", "-q", "-p", "no:cacheprovider", "-o", paths]
+    command = [sys.executable, "-m", "pytest", *options, *tests.split()]
     return subprocess.run(command, cwd=ROOT, env=environment, capture_output=True, text=True)
 
 

@@ -11,7 +11,6 @@ from __future__ import annotations
 
 import contextlib
 import ctypes
-import functools
 import json
 import logging
 import math
@@ -47,14 +46,17 @@ def slave(namespace: dict[str, Any]) -> type:
         ``globals()`` of the slave module.
     """
     ctypes.pythonapi.Py_IncRef(ctypes.py_object(namespace))
-    folder = Path(namespace["__file__"]).parent
-    return _slave((folder / PICKLE_FILE).read_bytes(), (folder / FACTS_FILE).read_text(encoding="utf-8"))
+    name = namespace["__name__"]  # contains a digest of the payload
+    if name not in _CLASSES:  # later, the files may be gone: importers delete them after a run
+        folder = Path(namespace["__file__"]).parent
+        facts = json.loads((folder / FACTS_FILE).read_text(encoding="utf-8"))
+        payload = Payload((folder / PICKLE_FILE).read_bytes(), facts)
+        _CLASSES[name] = type("Slave", (Slave,), {"payload": payload})
+    return _CLASSES[name]
 
 
-@functools.cache
-def _slave(pickled: bytes, facts: str) -> type:
-    """Return the class of one payload; no file is read later, as importers delete them."""
-    return type("Slave", (Slave,), {"payload": Payload(pickled, json.loads(facts))})
+_CLASSES: dict[str, type] = {}
+"""Classes by the names of their modules."""
 
 
 class Slave(Fmi2Slave):  # type: ignore[misc]

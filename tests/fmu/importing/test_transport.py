@@ -72,7 +72,7 @@ def whole():
 
 def error(result, whole):
     whole = whole.sel(time=result["time"])
-    return float(abs(result["coordinates"] - whole["coordinates"]).max())
+    return np.abs(result["coordinates"].values - whole["coordinates"].values).max()
 
 
 def check(diagram, step, whole, order, duration=RUN_DURATION, **settings):
@@ -91,7 +91,7 @@ def check(diagram, step, whole, order, duration=RUN_DURATION, **settings):
 # below 1.5 ms; iteration has no such limit.
 @pytest.mark.parametrize(
     ("coupling", "step", "duration"),
-    [("jacobi", 1e-3, RUN_DURATION), ("gauss-seidel", 1e-3, RUN_DURATION), ("iterate", 2e-3, 0.2)],
+    [("jacobi", 1e-3, RUN_DURATION), ("gauss-seidel", 1e-3, RUN_DURATION), ("iterate", 1e-3, 0.2)],
 )
 def test_the_plant_as_a_native_fmu(coupling, step, duration, plant, whole):
     diagram = loop(Fmu(plant, declared_starts=True), controller())

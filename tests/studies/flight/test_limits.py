@@ -15,8 +15,12 @@ def bisected(law, imperfection, limit):
     what, tried = IMPERFECTIONS[imperfection], []
 
     def simulate(trials, _):
-        tried.extend(value for one, name, value in trials if (one, name) == (law, imperfection))
-        return [value <= limit if what.mild < what.severe else value >= limit for _, _, value in trials]
+        """All other laws and imperfections succeed."""
+        chosen = [(one, name) == (law, imperfection) for one, name, _ in trials]
+        values = np.array([value for *_, value in trials])
+        tried.extend(values[chosen])
+        mild = values <= limit if what.mild < what.severe else values >= limit
+        return list(mild | ~np.array(chosen))
 
     return *robustness_limits(simulate)[imperfection, law], tried
 

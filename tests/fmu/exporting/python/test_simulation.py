@@ -5,7 +5,8 @@ import pytest
 from fmpy.validation import validate_fmu
 from systems import PythonBall, ports
 
-from trussflow.blocks import Diagram, PythonFunction, Session, Step, TransferFunction
+from trussflow.blocks import Constant, Diagram, PythonFunction, Session, Step, TransferFunction, simulate
+from trussflow.fmu import Fmu
 from trussflow.fmu.exporting.export import export as fmu_export
 
 AGREEMENT_TOLERANCE = 1e-10  # of the requirement; the same code runs in both, so it is equal to the bit
@@ -33,6 +34,17 @@ def test_stepped_fmu_equals_the_diagram_in_this_process(loop_fmu, instance, make
     assert np.ptp(expected, axis=0).min() > 1e-3
     np.testing.assert_allclose(found, expected, rtol=0, atol=AGREEMENT_TOLERANCE)
     assert one.errors == ""
+
+
+def test_a_second_run_in_one_process_equals_the_first(loop_fmu):
+    """The importer deletes the extracted files after the first run."""
+    runs = []
+    for _ in range(2):
+        diagram = Diagram("runs")
+        step, fmu = diagram.add(step=Constant(np.ones(2), unit="rad"), fmu=Fmu(loop_fmu))
+        step >> fmu.goal
+        runs.append(simulate(diagram, 0.1, step=1e-3))
+    assert runs[0].equals(runs[1])
 
 
 def test_points_off_the_grid(loop_fmu, instance):
