@@ -153,8 +153,10 @@ def save(result: xr.Dataset, path: str | Path) -> Path:
                     names = {name: f"{text}_{k}" for k, (name, text) in enumerate(names.items())}
                 savemat(partial, {names[n]: v.values for n, v in result.variables.items()}, appendmat=False)
             else:
+                # With pandas 3, older versions of xarray cannot write labels of type object.
+                texts = {name: c.astype(str) for name, c in result.coords.items() if c.dtype == object}
                 with _without_cluster():
-                    result.to_netcdf(partial, engine="netcdf4")
+                    result.assign_coords(texts).to_netcdf(partial, engine="netcdf4")
     except WRITE_ERRORS as error:
         raise cannot_write(path, error) from error
     return Path(path)
