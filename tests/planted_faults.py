@@ -16,8 +16,7 @@ from sources import ROOT, SETUPTOOLS
 
 pytestmark = pytest.mark.campaign
 
-STUDIES = "examples/studies"
-FOLDERS = SETUPTOOLS["package-dir"] | {"studies": STUDIES}
+FOLDERS = SETUPTOOLS["package-dir"] | {"studies": "examples/studies"}
 
 
 class Fault(NamedTuple):
