@@ -120,7 +120,8 @@ def relink(app, name, source) -> None:
 
 SUBJECTS = {
     "Diagrams and blocks": ["blocks.framework", "blocks.drawing", "blocks.tracing"],
-    "Simulation": ["blocks.simulation", "blocks.testing"],
+    "Simulation": ["blocks.simulation", "blocks.results", "blocks.testing"],
+    "Errors": ["blocks.errors"],
     "Sweeps and tuning": ["blocks.sweeps"],
     "Sources and tables": [f"blocks.library.{m}" for m in ("sources", "noise", "tables")],
     "Algebra and nonlinearities": [
@@ -153,7 +154,15 @@ SUBJECTS = {
 }
 """Subjects of the reference pages, and the modules that define their names."""
 
-FACADES = ("blocks", "fmu", "models", "models.feasibility", "models.transport", "models.viewer")
+FACADES = (
+    "blocks",
+    "blocks.errors",
+    "fmu",
+    "models",
+    "models.feasibility",
+    "models.transport",
+    "models.viewer",
+)
 
 
 def public() -> dict[str, list[tuple[str, object]]]:

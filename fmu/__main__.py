@@ -7,7 +7,14 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-from trussflow.blocks.framework.command_line import Outcome, add_json, block_of, ended, parser_of, values_of
+from trussflow.blocks.framework.command_arguments import (
+    Outcome,
+    add_json,
+    block_of,
+    ended,
+    parser_of,
+    values_of,
+)
 from trussflow.fmu.exporting.description.export_interface import DEFAULT_TOLERANCE
 from trussflow.fmu.exporting.description.model_description import VERSION_MODULES
 from trussflow.fmu.exporting.export import EXPORT_KINDS, export

@@ -1,7 +1,7 @@
 """Errors of FMU import and export; each message names the object, the fault and the remedy."""
 
-from trussflow.blocks.framework.errors import RunEndedError, TrussflowError
-from trussflow.blocks.framework.running import StepDiscardedError
+from trussflow.blocks.errors import RunEndedError, TrussflowError
+from trussflow.blocks.framework.run_state import StepDiscardedError
 
 
 class ExportError(TrussflowError, ValueError):

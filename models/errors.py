@@ -1,6 +1,6 @@
 """Error of the models: data from which no model can be built."""
 
-from trussflow.blocks.framework.errors import TrussflowError
+from trussflow.blocks.errors import TrussflowError
 
 
 class ModelError(TrussflowError, ValueError):

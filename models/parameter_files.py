@@ -19,10 +19,10 @@ from typing import Any
 
 import numpy as np
 
-from trussflow.blocks.framework.errors import BlockError
-from trussflow.blocks.framework.files import reading
-from trussflow.blocks.framework.types import Vector
+from trussflow.blocks.errors import BlockError
 from trussflow.blocks.framework.units import factor
+from trussflow.blocks.support.files import reading
+from trussflow.blocks.support.types import Vector
 from trussflow.models.errors import ModelError
 from trussflow.models.validation import frozen_array
 

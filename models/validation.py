@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from trussflow.blocks.framework.errors import ParameterError
-from trussflow.blocks.framework.types import Array, Vector
-from trussflow.blocks.framework.validation import finite_array
+from trussflow.blocks.errors import ParameterError
+from trussflow.blocks.support.types import Array, Vector
+from trussflow.blocks.support.validation import finite_array
 from trussflow.models.errors import ModelError
 
 # Tolerance of the triangle inequality, relative to the largest principal inertia. Rounded data can be

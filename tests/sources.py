@@ -17,7 +17,7 @@ def python_files(*folders):
 def module_of(path):
     """Return the import name of a file of one of the packages."""
     parts = path.relative_to(ROOT).with_suffix("").parts
-    if parts[:2] == ("blocks", "command"):  # the folder of the package `trussflow` itself
+    if parts[:2] == ("blocks", "command_line"):  # the folder of the package `trussflow` itself
         parts = parts[2:]
     return ".".join(("trussflow", *parts)).removesuffix(".__init__")
 

@@ -21,7 +21,7 @@ from trussflow.blocks import (
     simulate,
 )
 from trussflow.blocks.framework.declarations import Signals
-from trussflow.blocks.framework.running import Running
+from trussflow.blocks.framework.run_state import Running
 from trussflow.blocks.simulation.executor import CompiledExecutor
 from trussflow.blocks.simulation.solver import Solver
 from trussflow.blocks.tracing.kernels import Trace, to_expression

@@ -20,7 +20,7 @@ import pytest
 import xarray as xr
 
 from trussflow.blocks import Diagram, Integrator, Ramp, Simulator, StateSpace
-from trussflow.blocks.framework.files import LOCK_SUFFIX, locked
+from trussflow.blocks.support.files import LOCK_SUFFIX, locked
 from trussflow.blocks.tracing import compile_cache
 from trussflow.fmu import Fmu, export
 from trussflow.models.transport.__main__ import main

@@ -8,9 +8,9 @@ from math import ceil, log2
 import numpy as np
 import numpy.typing as npt
 
-from trussflow.blocks.framework.errors import LinearAnalysisError, ParameterError
-from trussflow.blocks.framework.types import Vector
-from trussflow.blocks.framework.validation import finite_array, yes_or_no
+from trussflow.blocks.errors import LinearAnalysisError, ParameterError
+from trussflow.blocks.support.types import Vector
+from trussflow.blocks.support.validation import finite_array, yes_or_no
 
 ROUND_OFF = 1e-10
 """Relative tolerance below which asymmetry, eigenvalues and couplings of states count as zero [-]."""

@@ -7,7 +7,6 @@ import numpy.typing as npt
 from trussflow.blocks.framework.block import Values
 from trussflow.blocks.framework.declarations import Parameter, Signals, State
 from trussflow.blocks.framework.port import INFERRED, Input, Output
-from trussflow.blocks.framework.types import Array
 from trussflow.blocks.framework.units import Unit
 from trussflow.blocks.library.signals import (
     ACCELERATION_UNIT,
@@ -16,6 +15,7 @@ from trussflow.blocks.library.signals import (
     ShapeLike,
     set_motion_units,
 )
+from trussflow.blocks.support.types import Array
 
 
 class DisturbanceObserver(Shaped):

@@ -5,12 +5,12 @@ from __future__ import annotations
 import numpy as np
 
 from trussflow.blocks.control.trajectory import Trajectory
+from trussflow.blocks.errors import BlockError
 from trussflow.blocks.framework.block import Block, Values
 from trussflow.blocks.framework.declarations import Signals
-from trussflow.blocks.framework.errors import BlockError
-from trussflow.blocks.framework.types import Array
-from trussflow.blocks.framework.validation import one_of
 from trussflow.blocks.library.signals import finite
+from trussflow.blocks.support.types import Array
+from trussflow.blocks.support.validation import one_of
 
 SHAPERS = ("ZV", "ZVD")
 

@@ -13,12 +13,10 @@ import numpy.typing as npt
 from trussflow.blocks.control.covariances import covariance, refuse_unobserved
 from trussflow.blocks.control.kalman_filter import ExtendedKalmanFilter, KalmanFilter
 from trussflow.blocks.control.process_models import ArrayFunction, NonlinearProcess
+from trussflow.blocks.errors import LinearAnalysisError, NameLookupError, ParameterError
 from trussflow.blocks.framework.block import Block
-from trussflow.blocks.framework.errors import LinearAnalysisError, NameLookupError, ParameterError
 from trussflow.blocks.framework.system import flatten
-from trussflow.blocks.framework.types import Array, Vector
 from trussflow.blocks.framework.units import Unit
-from trussflow.blocks.framework.validation import by_name, one_of, positive, shown
 from trussflow.blocks.linear_analysis.jacobians import RATES_AND_OUTPUTS
 from trussflow.blocks.linear_analysis.linearize import Linearizer
 from trussflow.blocks.linear_analysis.operating_point import OperatingPoint
@@ -30,6 +28,8 @@ from trussflow.blocks.linear_analysis.references import (
     layout_labels,
     named,
 )
+from trussflow.blocks.support.types import Array, Vector
+from trussflow.blocks.support.validation import by_name, one_of, positive, shown
 from trussflow.blocks.tracing.linear_algebra import block_diagonal
 
 if TYPE_CHECKING:

@@ -10,16 +10,16 @@ import numpy.typing as npt
 
 from trussflow.blocks.control.covariances import covariance, refuse_unobserved, steady_covariance
 from trussflow.blocks.control.process_models import LinearProcess, Process
+from trussflow.blocks.errors import BlockError
 from trussflow.blocks.framework.block import Block, Values
 from trussflow.blocks.framework.clock import exact, ticks
 from trussflow.blocks.framework.declarations import Attribute, Parameter, Signals, State
-from trussflow.blocks.framework.errors import BlockError
 from trussflow.blocks.framework.port import Input, Output, Port
-from trussflow.blocks.framework.types import Array, Vector
 from trussflow.blocks.framework.units import Unit
-from trussflow.blocks.framework.validation import shown
 from trussflow.blocks.library.signals import finite
 from trussflow.blocks.linear_analysis.references import label_places
+from trussflow.blocks.support.types import Array, Vector
+from trussflow.blocks.support.validation import shown
 from trussflow.blocks.tracing.linear_algebra import solve_positive_definite
 
 

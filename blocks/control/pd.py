@@ -8,9 +8,9 @@ from trussflow.blocks.control.tracking import Tracking, errors
 from trussflow.blocks.framework.block import Values
 from trussflow.blocks.framework.declarations import Attribute, Parameter, Signals
 from trussflow.blocks.framework.port import INFERRED, Output
-from trussflow.blocks.framework.types import Array
 from trussflow.blocks.framework.units import Unit
 from trussflow.blocks.library.signals import ShapeLike
+from trussflow.blocks.support.types import Array
 
 
 class PD(Tracking):

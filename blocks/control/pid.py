@@ -7,15 +7,15 @@ from typing import TypedDict, Unpack
 import numpy as np
 import numpy.typing as npt
 
+from trussflow.blocks.errors import ParameterError
 from trussflow.blocks.framework.block import Values
 from trussflow.blocks.framework.declarations import Attribute, Parameter, Signals, State
-from trussflow.blocks.framework.errors import ParameterError
 from trussflow.blocks.framework.port import INFERRED, Input, Output
-from trussflow.blocks.framework.types import Array
 from trussflow.blocks.framework.units import Unit
-from trussflow.blocks.framework.validation import finite_array
 from trussflow.blocks.library.piecewise import NO_LIMIT, limited
 from trussflow.blocks.library.signals import Shaped, ShapeLike
+from trussflow.blocks.support.types import Array
+from trussflow.blocks.support.validation import finite_array
 
 
 class PIDSettings(TypedDict, total=False):

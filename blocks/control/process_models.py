@@ -12,12 +12,12 @@ import numpy.typing as npt
 
 from trussflow.blocks.control.covariances import covariance as checked
 from trussflow.blocks.control.covariances import sampled_covariance
-from trussflow.blocks.framework.errors import BlockError, Explained, TracingError
-from trussflow.blocks.framework.types import Array, Vector
-from trussflow.blocks.framework.validation import as_shape, finite_array, positive, positive_whole
+from trussflow.blocks.errors import BlockError, Explained, TracingError
 from trussflow.blocks.library.linear import matrices
 from trussflow.blocks.linear_analysis.lifting import held_flow
-from trussflow.blocks.tracing.calling import brief
+from trussflow.blocks.support.types import Array, Vector
+from trussflow.blocks.support.validation import as_shape, finite_array, positive, positive_whole
+from trussflow.blocks.tracing.call_checks import brief
 from trussflow.blocks.tracing.kernels import from_expression, is_traced, symbol, to_expression
 
 

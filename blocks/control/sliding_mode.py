@@ -14,10 +14,10 @@ from trussflow.blocks.control.tracking import Tracking, errors
 from trussflow.blocks.framework.block import Values
 from trussflow.blocks.framework.declarations import Parameter, Signals, State
 from trussflow.blocks.framework.port import INFERRED, Input, Output
-from trussflow.blocks.framework.types import Array
 from trussflow.blocks.framework.units import Unit
 from trussflow.blocks.library.piecewise import limited
 from trussflow.blocks.library.signals import ACCELERATION_UNIT, VELOCITY_UNIT, ShapeLike
+from trussflow.blocks.support.types import Array
 from trussflow.blocks.tracing.kernels import elementwise
 from trussflow.blocks.tracing.memoized import memoized
 

@@ -9,8 +9,8 @@ from trussflow.blocks.control.trajectory import PEAK_ACCELERATION, Quintic, from
 from trussflow.blocks.framework.block import Values
 from trussflow.blocks.framework.declarations import Signals, State
 from trussflow.blocks.framework.port import Input, Output
-from trussflow.blocks.framework.types import Array
 from trussflow.blocks.framework.units import Unit
+from trussflow.blocks.support.types import Array
 
 PEAK_BRAKING = 15.0 / 8.0
 """Peak deceleration of a stop along `from_rest_to_rest`, from unit speed in unit time."""

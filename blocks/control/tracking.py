@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from trussflow.blocks.framework.declarations import Attribute, Signals
 from trussflow.blocks.framework.port import INFERRED, Input, Output
-from trussflow.blocks.framework.types import Array
 from trussflow.blocks.framework.units import Unit
 from trussflow.blocks.library.signals import VELOCITY_UNIT, Shaped, ShapeLike, set_motion_units
+from trussflow.blocks.support.types import Array
 
 
 class Tracking(Shaped):

@@ -11,9 +11,7 @@ import numpy.typing as npt
 from trussflow.blocks.framework.block import Block, Values
 from trussflow.blocks.framework.declarations import Attribute, Parameter, Signals
 from trussflow.blocks.framework.port import Output
-from trussflow.blocks.framework.types import Array, Vector
 from trussflow.blocks.framework.units import Unit
-from trussflow.blocks.framework.validation import finite_array, yes_or_no
 from trussflow.blocks.library.piecewise import piece, polynomial, row_for_each
 from trussflow.blocks.library.signals import (
     ACCELERATION_UNIT,
@@ -22,6 +20,8 @@ from trussflow.blocks.library.signals import (
     set_motion_units,
     structural,
 )
+from trussflow.blocks.support.types import Array, Vector
+from trussflow.blocks.support.validation import finite_array, yes_or_no
 
 PEAK_ACCELERATION = 10.0 / np.sqrt(3.0)
 """Peak acceleration of `Quintic` for unit displacement and duration, at the times (1 ± 1/√3)/2."""

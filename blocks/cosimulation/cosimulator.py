@@ -16,26 +16,19 @@ from trussflow.blocks.cosimulation.diagram_member import Settings
 from trussflow.blocks.cosimulation.network import Network
 from trussflow.blocks.cosimulation.partition import ordered, partition
 from trussflow.blocks.cosimulation.step_control import FixedSteps, StepControl
+from trussflow.blocks.errors import AlgebraicLoopError, RunStoppedError, SimulationError
 from trussflow.blocks.framework.block import Block
 from trussflow.blocks.framework.clock import exact, on_grid, refuse_coarse_time, ticks
-from trussflow.blocks.framework.described import Described, Description
 from trussflow.blocks.framework.diagram import Diagram
-from trussflow.blocks.framework.errors import AlgebraicLoopError, RunStoppedError, SimulationError
-from trussflow.blocks.framework.interrupts import interruptible
 from trussflow.blocks.framework.system import flatten
-from trussflow.blocks.framework.validation import (
-    by_name,
-    one_of,
-    positive,
-    positive_if_given,
-    shown,
-    yes_or_no,
-)
-from trussflow.blocks.simulation.channels import Chosen, chosen_channels
+from trussflow.blocks.results.channels import Chosen, chosen_channels
+from trussflow.blocks.results.dataset import provenance
+from trussflow.blocks.results.streamed_log import opened
 from trussflow.blocks.simulation.progress import ProgressBar
-from trussflow.blocks.simulation.results import provenance
 from trussflow.blocks.simulation.solver import Solver
-from trussflow.blocks.simulation.streamed_log import opened
+from trussflow.blocks.support.interrupts import interruptible
+from trussflow.blocks.support.summary import Described, Description
+from trussflow.blocks.support.validation import by_name, one_of, positive, positive_if_given, shown, yes_or_no
 
 if TYPE_CHECKING:
     import xarray as xr

@@ -26,11 +26,11 @@ import numpy as np
 
 from trussflow.blocks.cosimulation.fixed_point import NotConvergedError, fixed_point
 from trussflow.blocks.cosimulation.network import Network
-from trussflow.blocks.framework.errors import AlgebraicLoopError, DivergenceError, Explained, SimulationError
-from trussflow.blocks.framework.running import SelfStepping
-from trussflow.blocks.framework.settling import settle
-from trussflow.blocks.framework.types import Vector
+from trussflow.blocks.errors import AlgebraicLoopError, DivergenceError, Explained, SimulationError
+from trussflow.blocks.framework.fixed_point import settle
+from trussflow.blocks.framework.run_state import SelfStepping
 from trussflow.blocks.simulation.block_instances import check_outputs
+from trussflow.blocks.support.types import Vector
 
 COUPLINGS = ("jacobi", "gauss-seidel", "iterate")
 

@@ -8,13 +8,13 @@ from typing import Any
 
 import numpy as np
 
-from trussflow.blocks.framework.external import External
+from trussflow.blocks.framework.external_inputs import External
 from trussflow.blocks.framework.layout import spans
-from trussflow.blocks.framework.running import SelfStepping
-from trussflow.blocks.framework.types import Vector
+from trussflow.blocks.framework.run_state import SelfStepping
+from trussflow.blocks.results.state_file import Snapshot
 from trussflow.blocks.simulation.session import Session
 from trussflow.blocks.simulation.solver import Solver
-from trussflow.blocks.simulation.state_bytes import Snapshot
+from trussflow.blocks.support.types import Vector
 
 
 @dataclass(frozen=True, slots=True)

@@ -18,7 +18,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from trussflow.blocks.framework.types import Vector
+from trussflow.blocks.support.types import Vector
 
 MAX_COMBINED_ITERATES = 30
 """Largest number of earlier iterates that are combined."""

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from trussflow.blocks.framework.layout import spans
 from trussflow.blocks.framework.port import Port
-from trussflow.blocks.framework.running import SelfStepping
+from trussflow.blocks.framework.run_state import SelfStepping
 from trussflow.blocks.framework.system import Driver
 
 Key = tuple[str, str]

@@ -10,13 +10,13 @@ import numpy as np
 
 from trussflow.blocks.cosimulation.diagram_member import DiagramMember, Settings
 from trussflow.blocks.cosimulation.network import Inlet, Member
+from trussflow.blocks.errors import NameLookupError, SimulationError
 from trussflow.blocks.framework.block import Block
 from trussflow.blocks.framework.declarations import Signals
-from trussflow.blocks.framework.errors import NameLookupError, SimulationError
-from trussflow.blocks.framework.external import External
+from trussflow.blocks.framework.external_inputs import External
 from trussflow.blocks.framework.port import Port
-from trussflow.blocks.framework.rewiring import part_of
-from trussflow.blocks.framework.running import SelfStepping
+from trussflow.blocks.framework.run_state import SelfStepping
+from trussflow.blocks.framework.signal_injection import part_of
 from trussflow.blocks.framework.system import Driver, System
 from trussflow.blocks.simulation.block_instances import open_block
 from trussflow.blocks.simulation.session import Session

@@ -27,9 +27,9 @@ from collections.abc import Callable
 import numpy as np
 
 from trussflow.blocks.cosimulation.coupling import Coupled
-from trussflow.blocks.framework.errors import DivergenceError, RunEndedError, SimulationError
-from trussflow.blocks.framework.running import StepDiscardedError
-from trussflow.blocks.framework.types import Vector
+from trussflow.blocks.errors import DivergenceError, RunEndedError, SimulationError
+from trussflow.blocks.framework.run_state import StepDiscardedError
+from trussflow.blocks.support.types import Vector
 
 SAFETY_FACTOR = 0.8
 """Safety factor of the next step [-]."""

@@ -9,7 +9,7 @@ from trussflow.blocks.drawing.layering import by_flow, edges_of, into_layers, ra
 from trussflow.blocks.drawing.ordering import Ordering
 from trussflow.blocks.drawing.placing import Placing
 from trussflow.blocks.drawing.routing import route, tracks
-from trussflow.blocks.framework.telling import counted
+from trussflow.blocks.support.progress import counted
 
 BOX_GAP = 20.0
 """Vertical distance between boxes [px]."""

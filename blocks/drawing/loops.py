@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Collection, Iterator, Mapping
 
+from trussflow.blocks.errors import TrussflowError
 from trussflow.blocks.framework.block import Block
 from trussflow.blocks.framework.diagram import Diagram
-from trussflow.blocks.framework.errors import TrussflowError
 from trussflow.blocks.framework.port import Port
 from trussflow.blocks.framework.system import resolved, targets
 from trussflow.blocks.tracing.block_check import isolate, isolate_anew

@@ -8,13 +8,13 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from trussflow.blocks.errors import BlockError
 from trussflow.blocks.framework.block import Block, Values
-from trussflow.blocks.framework.call_site import call_site
 from trussflow.blocks.framework.declarations import Parameter, Signals
-from trussflow.blocks.framework.errors import BlockError
 from trussflow.blocks.framework.port import INFERRED, Input, Output, Port, Shape
-from trussflow.blocks.framework.types import Array
-from trussflow.blocks.framework.validation import as_shape, finite_array, one_sign_each, shown
+from trussflow.blocks.support.call_site import call_site
+from trussflow.blocks.support.types import Array
+from trussflow.blocks.support.validation import as_shape, finite_array, one_sign_each, shown
 
 OPERATOR_SYMBOLS: dict[str, np.ufunc] = {
     **{"+": np.add, "-": np.subtract, "*": np.multiply, "/": np.divide, "**": np.power, "@": np.matmul},

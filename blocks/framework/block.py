@@ -30,6 +30,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Self, final
 
 import numpy as np
 
+from trussflow.blocks.errors import BlockError, ParameterError
 from trussflow.blocks.framework.declarations import (
     REQUIRED,
     Attribute,
@@ -39,16 +40,15 @@ from trussflow.blocks.framework.declarations import (
     Signals,
     State,
 )
-from trussflow.blocks.framework.described import Described, Description, described_block
 from trussflow.blocks.framework.energy import EnergyAccount
 from trussflow.blocks.framework.equations import Equations
 from trussflow.blocks.framework.equations import Values as Values
-from trussflow.blocks.framework.errors import BlockError, ParameterError
 from trussflow.blocks.framework.port import INFERRED, Inferable, Input, Output, Port, Shape
 from trussflow.blocks.framework.port_owner import PortOwner
-from trussflow.blocks.framework.types import Vector
 from trussflow.blocks.framework.units import check_declared
-from trussflow.blocks.framework.validation import as_shape, by_name, shown
+from trussflow.blocks.support.summary import Described, Description, described_block
+from trussflow.blocks.support.types import Vector
+from trussflow.blocks.support.validation import as_shape, by_name, shown
 
 if TYPE_CHECKING:
     from trussflow.blocks.framework.diagram import Diagram

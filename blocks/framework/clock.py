@@ -8,8 +8,8 @@ from fractions import Fraction
 from functools import lru_cache
 from math import gcd, lcm, ulp
 
+from trussflow.blocks.errors import SimulationError
 from trussflow.blocks.framework.block import Block
-from trussflow.blocks.framework.errors import SimulationError
 
 SNAP = Fraction(1, 10**6)
 """Largest deviation of a time from a whole number of steps [steps]; callers add up times with round-off."""

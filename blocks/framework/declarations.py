@@ -7,10 +7,10 @@ from typing import TYPE_CHECKING, Any, Final, overload
 import numpy as np
 import numpy.typing as npt
 
-from trussflow.blocks.framework.errors import BlockError, NameLookupError, ParameterError
+from trussflow.blocks.errors import BlockError, NameLookupError, ParameterError
 from trussflow.blocks.framework.port import Axes, Shape
-from trussflow.blocks.framework.types import Array, Vector
-from trussflow.blocks.framework.validation import finite_array, first_element
+from trussflow.blocks.support.types import Array, Vector
+from trussflow.blocks.support.validation import finite_array, first_element
 
 if TYPE_CHECKING:
     from trussflow.blocks.framework.block import Block

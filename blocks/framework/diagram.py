@@ -9,16 +9,16 @@ from typing import Any, ClassVar, TypeVar, overload
 
 import numpy.typing as npt
 
+from trussflow.blocks.errors import BlockError, DiagramError, NameLookupError
 from trussflow.blocks.framework.block import Block
-from trussflow.blocks.framework.call_site import call_site
-from trussflow.blocks.framework.described import Description
-from trussflow.blocks.framework.errors import BlockError, DiagramError, NameLookupError
-from trussflow.blocks.framework.files import replaced
+from trussflow.blocks.framework.connection_check import same, unite
 from trussflow.blocks.framework.netlist import Netlist
 from trussflow.blocks.framework.port import Port, is_port
-from trussflow.blocks.framework.types import Vector
-from trussflow.blocks.framework.validation import as_path, finite_array, is_whole, one_of, shown
-from trussflow.blocks.framework.wiring import same, unite
+from trussflow.blocks.support.call_site import call_site
+from trussflow.blocks.support.files import replaced
+from trussflow.blocks.support.summary import Description
+from trussflow.blocks.support.types import Vector
+from trussflow.blocks.support.validation import as_path, finite_array, is_whole, one_of, shown
 
 MAX_NESTING = 100
 """Largest number of nested diagrams; beyond it, recursion exceeds Python's limit."""

@@ -6,9 +6,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from trussflow.blocks.framework.errors import BlockError
+from trussflow.blocks.errors import BlockError
 from trussflow.blocks.framework.units import mismatch
-from trussflow.blocks.framework.validation import shown
+from trussflow.blocks.support.validation import shown
 
 if TYPE_CHECKING:
     from trussflow.blocks.framework.block import Block

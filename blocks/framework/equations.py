@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import ClassVar
 
 from trussflow.blocks.framework.declarations import Signals
-from trussflow.blocks.framework.types import Array
+from trussflow.blocks.support.types import Array
 
 Values = dict[str, Array]
 """Results of equations: arrays by port or state name."""

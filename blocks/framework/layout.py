@@ -10,9 +10,9 @@ from typing import Any
 
 import numpy as np
 
+from trussflow.blocks.errors import NameLookupError
 from trussflow.blocks.framework.declarations import Signals
-from trussflow.blocks.framework.errors import NameLookupError
-from trussflow.blocks.framework.types import Array, Vector
+from trussflow.blocks.support.types import Array, Vector
 
 
 def spans(sizes: Iterable[int]) -> list[slice]:

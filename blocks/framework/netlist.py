@@ -9,20 +9,14 @@ from typing import Any
 
 import numpy as np
 
+from trussflow.blocks.errors import BlockError, NameLookupError, TrussflowError, WiringError, pictured
 from trussflow.blocks.framework.arithmetic import Operation, Sum, operation
 from trussflow.blocks.framework.block import Block
-from trussflow.blocks.framework.call_site import call_site, warn
-from trussflow.blocks.framework.errors import (
-    BlockError,
-    NameLookupError,
-    TrussflowError,
-    WiringError,
-    pictured,
-)
+from trussflow.blocks.framework.connection_check import fit, overlap, same, unite
 from trussflow.blocks.framework.port import Port, is_port
 from trussflow.blocks.framework.port_owner import PortOwner
-from trussflow.blocks.framework.validation import shown
-from trussflow.blocks.framework.wiring import fit, overlap, same, unite
+from trussflow.blocks.support.call_site import call_site, warn
+from trussflow.blocks.support.validation import shown
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -17,11 +17,11 @@ from typing import TYPE_CHECKING, Any, Final, overload
 
 import numpy as np
 
-from trussflow.blocks.framework.call_site import call_site
-from trussflow.blocks.framework.errors import WiringError
+from trussflow.blocks.errors import WiringError
+from trussflow.blocks.framework.signal_operators import Wired
 from trussflow.blocks.framework.units import Unit, per_element
-from trussflow.blocks.framework.validation import shown
-from trussflow.blocks.framework.wired import Wired
+from trussflow.blocks.support.call_site import call_site
+from trussflow.blocks.support.validation import shown
 
 if TYPE_CHECKING:
     from trussflow.blocks.framework.block import Block

@@ -6,10 +6,10 @@ from collections.abc import Mapping
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, TypeVar, final
 
+from trussflow.blocks.errors import NameLookupError
 from trussflow.blocks.framework.declarations import Event, State
-from trussflow.blocks.framework.errors import NameLookupError
 from trussflow.blocks.framework.port import Input, Output, Port
-from trussflow.blocks.framework.wired import Wired
+from trussflow.blocks.framework.signal_operators import Wired
 
 if TYPE_CHECKING:
     from trussflow.blocks.framework.block import Block

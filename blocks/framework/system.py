@@ -8,13 +8,13 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from trussflow.blocks.errors import DiagramError, NameLookupError, OpenInputError
 from trussflow.blocks.framework.block import Block
 from trussflow.blocks.framework.clock import Clock
 from trussflow.blocks.framework.diagram import Diagram
-from trussflow.blocks.framework.errors import DiagramError, NameLookupError, OpenInputError
-from trussflow.blocks.framework.external import External
+from trussflow.blocks.framework.external_inputs import External
 from trussflow.blocks.framework.port import Port
-from trussflow.blocks.framework.validation import shown
+from trussflow.blocks.support.validation import shown
 
 Indices = NDArray[np.int64]
 

@@ -8,8 +8,8 @@ from functools import cache
 from tokenize import TokenError
 from typing import TYPE_CHECKING
 
-from trussflow.blocks.framework.errors import BlockError
-from trussflow.blocks.framework.validation import shown
+from trussflow.blocks.errors import BlockError
+from trussflow.blocks.support.validation import shown
 
 if TYPE_CHECKING:
     import pint

@@ -8,15 +8,15 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from trussflow.blocks.errors import BlockError
 from trussflow.blocks.framework.arithmetic import Sum as Sum
 from trussflow.blocks.framework.block import Block, Values
 from trussflow.blocks.framework.declarations import Attribute, Parameter, Signals
-from trussflow.blocks.framework.errors import BlockError
 from trussflow.blocks.framework.port import INFERRED, Input, Output
-from trussflow.blocks.framework.types import Array
 from trussflow.blocks.framework.units import Unit, check_declared
-from trussflow.blocks.framework.validation import as_shape, finite_array, is_whole, one_sign_each, shown
 from trussflow.blocks.library.signals import Shaped, ShapeLike, WrappedFunction
+from trussflow.blocks.support.types import Array
+from trussflow.blocks.support.validation import as_shape, finite_array, is_whole, one_sign_each, shown
 
 
 class Gain(Shaped):

@@ -7,10 +7,10 @@ import numpy.typing as npt
 from trussflow.blocks.framework.block import Values
 from trussflow.blocks.framework.declarations import Attribute, Parameter, Signals, State
 from trussflow.blocks.framework.port import INFERRED, Input, Output
-from trussflow.blocks.framework.types import Array
 from trussflow.blocks.framework.units import Unit
 from trussflow.blocks.library.linear import Linear, realization
 from trussflow.blocks.library.signals import Shaped, ShapeLike, per_time
+from trussflow.blocks.support.types import Array
 
 
 class Integrator(Shaped):

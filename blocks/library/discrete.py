@@ -6,16 +6,16 @@ from typing import Unpack
 
 import numpy.typing as npt
 
+from trussflow.blocks.errors import BlockError
 from trussflow.blocks.framework.block import Values
 from trussflow.blocks.framework.clock import common_tick, exact
 from trussflow.blocks.framework.declarations import Parameter, Signals, State
 from trussflow.blocks.framework.diagram import Diagram
-from trussflow.blocks.framework.errors import BlockError
 from trussflow.blocks.framework.port import INFERRED, Input, Output
-from trussflow.blocks.framework.types import Array
 from trussflow.blocks.framework.units import Unit
 from trussflow.blocks.library.linear import Linear, LinearSettings, realization
 from trussflow.blocks.library.signals import Shaped, ShapeLike, finite
+from trussflow.blocks.support.types import Array
 
 MAX_DELAY_SAMPLES = 100
 """Largest number of unit delays in a sampled delay; more indicate an error in one of its times."""

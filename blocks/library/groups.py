@@ -13,14 +13,14 @@ from typing import Any
 
 import numpy as np
 
+from trussflow.blocks.errors import DiagramError
 from trussflow.blocks.framework.block import Block, Values
 from trussflow.blocks.framework.declarations import KINDS, Event, Mode, Signals, State
 from trussflow.blocks.framework.diagram import Diagram, leaves
 from trussflow.blocks.framework.equations import Equations
-from trussflow.blocks.framework.errors import DiagramError
 from trussflow.blocks.framework.port import INFERRED, Inferable, Input, Output, Port
-from trussflow.blocks.framework.types import Array, Vector
-from trussflow.blocks.framework.validation import one_of, shown
+from trussflow.blocks.support.types import Array, Vector
+from trussflow.blocks.support.validation import one_of, shown
 
 GROUP_EQUATIONS = ("initial_state", "output", "derivative", "update", "indicators", "on_event")
 """Equations of a block that those of a `GroupEquations` replace."""

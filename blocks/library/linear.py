@@ -8,13 +8,13 @@ from typing import Any, TypedDict
 import numpy as np
 import numpy.typing as npt
 
+from trussflow.blocks.errors import BlockError
 from trussflow.blocks.framework.block import Block, Values
 from trussflow.blocks.framework.declarations import Attribute, Parameter, Signals, State
-from trussflow.blocks.framework.errors import BlockError
 from trussflow.blocks.framework.port import Input, Output
-from trussflow.blocks.framework.types import Array, Vector
 from trussflow.blocks.framework.units import Unit
-from trussflow.blocks.framework.validation import finite_array
+from trussflow.blocks.support.types import Array, Vector
+from trussflow.blocks.support.validation import finite_array
 from trussflow.blocks.tracing.kernels import shape_of
 
 Labels = Sequence[str] | None

@@ -7,14 +7,14 @@ from math import exp, expm1, prod, sqrt
 import numpy as np
 import numpy.typing as npt
 
+from trussflow.blocks.errors import ParameterError
 from trussflow.blocks.framework.block import Block, Values
 from trussflow.blocks.framework.declarations import Attribute, Parameter, Signals, State
-from trussflow.blocks.framework.errors import ParameterError
 from trussflow.blocks.framework.port import Output
-from trussflow.blocks.framework.types import Array, Vector
 from trussflow.blocks.framework.units import Unit
-from trussflow.blocks.framework.validation import as_shape, finite_array
 from trussflow.blocks.library.signals import finite
+from trussflow.blocks.support.types import Array, Vector
+from trussflow.blocks.support.validation import as_shape, finite_array
 
 _M1, _M2 = 4294967087.0, 4294944443.0  # moduli of the two recurrences
 _A12, _A13, _A21, _A23 = 1403580.0, 810728.0, 527612.0, 1370589.0  # their multipliers

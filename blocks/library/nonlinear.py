@@ -8,9 +8,9 @@ import numpy.typing as npt
 from trussflow.blocks.framework.block import Values
 from trussflow.blocks.framework.declarations import Parameter, Signals, State
 from trussflow.blocks.framework.port import INFERRED, Input, Output
-from trussflow.blocks.framework.types import Array
 from trussflow.blocks.library.piecewise import limited
 from trussflow.blocks.library.signals import Shaped, ShapeLike
+from trussflow.blocks.support.types import Array
 
 
 class Limits(Shaped):

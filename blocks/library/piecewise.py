@@ -7,9 +7,9 @@ from collections.abc import Sequence
 import numpy as np
 import numpy.typing as npt
 
-from trussflow.blocks.framework.errors import BlockError
-from trussflow.blocks.framework.types import Array, Vector
-from trussflow.blocks.framework.validation import finite_array, shown
+from trussflow.blocks.errors import BlockError
+from trussflow.blocks.support.types import Array, Vector
+from trussflow.blocks.support.validation import finite_array, shown
 
 NO_LIMIT = 1e300
 """Magnitude of limits without effect [any]."""

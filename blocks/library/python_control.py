@@ -7,17 +7,17 @@ from typing import TYPE_CHECKING
 import numpy as np
 import numpy.typing as npt
 
+from trussflow.blocks.errors import BlockError, Explained
 from trussflow.blocks.framework.arithmetic import Operation
 from trussflow.blocks.framework.block import Block
 from trussflow.blocks.framework.diagram import Diagram
-from trussflow.blocks.framework.errors import BlockError, Explained
 from trussflow.blocks.framework.port import Input
 from trussflow.blocks.framework.units import Unit
-from trussflow.blocks.framework.validation import finite_array, shown
 from trussflow.blocks.library.algebra import Concatenate
 from trussflow.blocks.library.continuous import StateSpace
 from trussflow.blocks.library.discrete import DiscreteStateSpace
 from trussflow.blocks.library.linear import LinearSettings, realization
+from trussflow.blocks.support.validation import finite_array, shown
 
 if TYPE_CHECKING:
     import control

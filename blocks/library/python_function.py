@@ -10,13 +10,13 @@ from typing import Any, ClassVar, overload
 
 import numpy as np
 
+from trussflow.blocks.errors import BlockError, Explained, WiringError
 from trussflow.blocks.framework.block import Block
-from trussflow.blocks.framework.call_site import call_site
-from trussflow.blocks.framework.errors import BlockError, Explained, WiringError
 from trussflow.blocks.framework.port import INFERRED, Input, Output, is_port
-from trussflow.blocks.framework.validation import shown
 from trussflow.blocks.library.algebra import Function
 from trussflow.blocks.library.signals import WrappedFunction
+from trussflow.blocks.support.call_site import call_site
+from trussflow.blocks.support.validation import shown
 
 
 class PythonFunction(WrappedFunction):

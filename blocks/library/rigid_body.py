@@ -5,12 +5,12 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
+from trussflow.blocks.errors import ParameterError
 from trussflow.blocks.framework.block import Block, Values
 from trussflow.blocks.framework.declarations import Parameter, Signals, State
-from trussflow.blocks.framework.errors import ParameterError
 from trussflow.blocks.framework.port import Input, Output
-from trussflow.blocks.framework.types import Array
-from trussflow.blocks.framework.validation import finite_array
+from trussflow.blocks.support.types import Array
+from trussflow.blocks.support.validation import finite_array
 
 NORM_CORRECTION_RATE = 1.0
 """Rate at which the length of the quaternion returns to one [1/s]."""

@@ -9,14 +9,14 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from trussflow.blocks.errors import BlockError, ParameterError
 from trussflow.blocks.framework.block import Block, Values
-from trussflow.blocks.framework.call_site import call_site
 from trussflow.blocks.framework.declarations import Attribute, Parameter, Signals
-from trussflow.blocks.framework.errors import BlockError, ParameterError
 from trussflow.blocks.framework.port import Input, Output
-from trussflow.blocks.framework.types import Array, Vector
 from trussflow.blocks.framework.units import Unit, check_declared
-from trussflow.blocks.framework.validation import as_shape, by_name, shown
+from trussflow.blocks.support.call_site import call_site
+from trussflow.blocks.support.types import Array, Vector
+from trussflow.blocks.support.validation import as_shape, by_name, shown
 
 ShapeLike = int | tuple[int, ...] | None
 """A size, a shape, or None for a shape inferred from the wires."""

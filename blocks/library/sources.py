@@ -8,14 +8,14 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from trussflow.blocks.errors import BlockError, Explained
 from trussflow.blocks.framework.block import Block, Values
 from trussflow.blocks.framework.declarations import Attribute, Parameter, Signals
-from trussflow.blocks.framework.errors import BlockError, Explained
 from trussflow.blocks.framework.port import INFERRED, Output
-from trussflow.blocks.framework.types import Array
 from trussflow.blocks.framework.units import Unit
-from trussflow.blocks.framework.validation import finite_array, number_array, shown
 from trussflow.blocks.library.signals import Shaped, ShapeLike, finite
+from trussflow.blocks.support.types import Array
+from trussflow.blocks.support.validation import finite_array, number_array, shown
 
 
 class Source(Block):

@@ -6,12 +6,12 @@ from collections.abc import Mapping
 
 import numpy as np
 
+from trussflow.blocks.errors import BlockError
 from trussflow.blocks.framework.block import Block, Values
 from trussflow.blocks.framework.declarations import Signals, State
-from trussflow.blocks.framework.errors import BlockError
 from trussflow.blocks.framework.port import Input, Output
-from trussflow.blocks.framework.types import Array
-from trussflow.blocks.framework.validation import by_name, shown
+from trussflow.blocks.support.types import Array
+from trussflow.blocks.support.validation import by_name, shown
 
 
 class StateMachine(Block):

@@ -11,17 +11,17 @@ from typing import ClassVar
 import numpy as np
 import numpy.typing as npt
 
+from trussflow.blocks.errors import BlockError, ParameterError, RunStoppedError
 from trussflow.blocks.framework.block import Block, Values
 from trussflow.blocks.framework.declarations import Attribute, Event, Mode, Parameter, Signals
-from trussflow.blocks.framework.errors import BlockError, ParameterError, RunStoppedError
 from trussflow.blocks.framework.port import INFERRED, Input, Output
-from trussflow.blocks.framework.types import Array
 from trussflow.blocks.framework.units import Unit
-from trussflow.blocks.framework.validation import finite_array, one_of, shown, yes_or_no
 from trussflow.blocks.library.continuous import Integrator
 from trussflow.blocks.library.piecewise import NO_LIMIT, limited
 from trussflow.blocks.library.signals import Shaped, ShapeLike, finite, per_time
 from trussflow.blocks.library.sources import Source
+from trussflow.blocks.support.types import Array
+from trussflow.blocks.support.validation import finite_array, one_of, shown, yes_or_no
 
 
 class Relay(Shaped):

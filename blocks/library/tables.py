@@ -7,15 +7,15 @@ from collections.abc import Sequence
 import numpy as np
 import numpy.typing as npt
 
+from trussflow.blocks.errors import BlockError
 from trussflow.blocks.framework.block import Block, Values
 from trussflow.blocks.framework.declarations import Attribute, Signals
-from trussflow.blocks.framework.errors import BlockError
 from trussflow.blocks.framework.port import INFERRED, Input, Output
-from trussflow.blocks.framework.types import Array, Vector
 from trussflow.blocks.framework.units import Unit
-from trussflow.blocks.framework.validation import finite_array, yes_or_no
 from trussflow.blocks.library.algebra import listed, unit_of_each
 from trussflow.blocks.library.piecewise import limited, piece, row_for_each
+from trussflow.blocks.support.types import Array, Vector
+from trussflow.blocks.support.validation import finite_array, yes_or_no
 
 
 class Interpolation:

@@ -10,17 +10,17 @@ from typing import Any, ClassVar
 import numpy as np
 import numpy.typing as npt
 
+from trussflow.blocks.errors import BlockError
 from trussflow.blocks.framework.block import Block, Values
 from trussflow.blocks.framework.declarations import Attribute, Event, Parameter, Signals, State
-from trussflow.blocks.framework.errors import BlockError
 from trussflow.blocks.framework.port import Input, Output
-from trussflow.blocks.framework.running import Running
-from trussflow.blocks.framework.types import Array, Vector
+from trussflow.blocks.framework.run_state import Running
 from trussflow.blocks.framework.units import Unit
-from trussflow.blocks.framework.validation import finite_array, is_whole, shown
 from trussflow.blocks.library.linear import realization
 from trussflow.blocks.library.piecewise import NO_LIMIT
 from trussflow.blocks.library.signals import finite
+from trussflow.blocks.support.types import Array, Vector
+from trussflow.blocks.support.validation import finite_array, is_whole, shown
 
 TIME_TOLERANCE, JUMP_TOLERANCE = 1e-9, 1e-7
 """Tolerance of equal times, relative to the delay; smallest relative change at equal times that is a jump."""

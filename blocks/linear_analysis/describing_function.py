@@ -15,7 +15,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from trussflow.blocks.framework.types import Vector
+from trussflow.blocks.support.types import Vector
 
 SAMPLES_PER_PERIOD = 96
 """Points on one period. For |x|^0.9 the gain is then right to 2e-4, the error falling with the

@@ -9,15 +9,15 @@ from typing import TYPE_CHECKING, Any, Unpack
 
 import numpy as np
 
+from trussflow.blocks.errors import LinearAnalysisError
 from trussflow.blocks.framework.block import Block
-from trussflow.blocks.framework.errors import LinearAnalysisError
-from trussflow.blocks.framework.validation import by_name, finite_array, shown
 from trussflow.blocks.linear_analysis.linearize import Linearizer
 from trussflow.blocks.linear_analysis.operating_point import OperatingPoint, given_point, points_during
 from trussflow.blocks.linear_analysis.overrides import Override
 from trussflow.blocks.linear_analysis.references import References
 from trussflow.blocks.simulation.session import Session
 from trussflow.blocks.simulation.solver import SolverSettings, refuse_unknown, spelled_out
+from trussflow.blocks.support.validation import by_name, finite_array, shown
 
 if TYPE_CHECKING:
     import xarray as xr

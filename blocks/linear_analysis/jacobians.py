@@ -9,12 +9,12 @@ import numpy as np
 
 from trussflow.blocks.framework.port import Port
 from trussflow.blocks.framework.system import Indices
-from trussflow.blocks.framework.types import Array, Vector
 from trussflow.blocks.linear_analysis.lifting import Jump
 from trussflow.blocks.linear_analysis.python_derivatives import Equation
 from trussflow.blocks.simulation.block_instances import BlockCall
 from trussflow.blocks.simulation.prepared import Prepared
 from trussflow.blocks.simulation.solver import Solver
+from trussflow.blocks.support.types import Array, Vector
 from trussflow.blocks.tracing.evaluation import Evaluation
 from trussflow.blocks.tracing.plan import Plan
 from trussflow.blocks.tracing.program import Program

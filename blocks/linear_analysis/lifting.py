@@ -15,10 +15,10 @@ from math import lcm
 
 import numpy as np
 
+from trussflow.blocks.errors import LinearAnalysisError
 from trussflow.blocks.framework.clock import ticks
-from trussflow.blocks.framework.errors import LinearAnalysisError
-from trussflow.blocks.framework.types import Vector
 from trussflow.blocks.simulation.prepared import Prepared
+from trussflow.blocks.support.types import Vector
 
 MOST_INSTANTS = 100_000
 """Instants within a common period; each costs a product of matrices."""

@@ -7,13 +7,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from trussflow.blocks.errors import LinearAnalysisError, NameLookupError
 from trussflow.blocks.framework.block import Block
-from trussflow.blocks.framework.errors import LinearAnalysisError, NameLookupError
-from trussflow.blocks.framework.interrupts import interruptible
 from trussflow.blocks.framework.port import Port
 from trussflow.blocks.framework.system import Indices, flatten
-from trussflow.blocks.framework.types import Vector
-from trussflow.blocks.framework.validation import by_name, positive
 from trussflow.blocks.linear_analysis.jacobians import LocalJacobians, inner_places
 from trussflow.blocks.linear_analysis.lifting import Jump, lifted
 from trussflow.blocks.linear_analysis.opened_model import OpenedModel
@@ -31,6 +28,9 @@ from trussflow.blocks.linear_analysis.references import (
     split_index,
     state_places,
 )
+from trussflow.blocks.support.interrupts import interruptible
+from trussflow.blocks.support.types import Vector
+from trussflow.blocks.support.validation import by_name, positive
 from trussflow.blocks.tracing.plan import Plan
 
 if TYPE_CHECKING:

@@ -9,14 +9,11 @@ import numpy as np
 import numpy.typing as npt
 from numpy.typing import NDArray
 
-from trussflow.blocks.framework.call_site import warn
+from trussflow.blocks.errors import LinearAnalysisError
 from trussflow.blocks.framework.diagram import Diagram
-from trussflow.blocks.framework.errors import LinearAnalysisError
 from trussflow.blocks.framework.port import Port
-from trussflow.blocks.framework.rewiring import readers
+from trussflow.blocks.framework.signal_injection import readers
 from trussflow.blocks.framework.system import System, flatten
-from trussflow.blocks.framework.types import Vector
-from trussflow.blocks.framework.validation import frequencies
 from trussflow.blocks.linear_analysis.linearize import Amplitudes, Linearizer
 from trussflow.blocks.linear_analysis.margins import (
     Margins,
@@ -33,6 +30,9 @@ from trussflow.blocks.linear_analysis.margins import (
 from trussflow.blocks.linear_analysis.operating_point import OperatingPoint
 from trussflow.blocks.linear_analysis.overrides import Override
 from trussflow.blocks.linear_analysis.references import Reference, References, listed, named
+from trussflow.blocks.support.call_site import warn
+from trussflow.blocks.support.types import Vector
+from trussflow.blocks.support.validation import frequencies
 
 if TYPE_CHECKING:
     from trussflow.blocks.linear_analysis.linear_model import LinearModel

@@ -18,9 +18,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from trussflow.blocks.framework.call_site import warn
-from trussflow.blocks.framework.errors import LinearAnalysisError
-from trussflow.blocks.framework.types import Vector
+from trussflow.blocks.errors import LinearAnalysisError
+from trussflow.blocks.support.call_site import warn
+from trussflow.blocks.support.types import Vector
 
 if TYPE_CHECKING:
     import control

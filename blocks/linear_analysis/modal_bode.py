@@ -8,15 +8,15 @@ from typing import TYPE_CHECKING
 import numpy as np
 import numpy.typing as npt
 
+from trussflow.blocks.errors import LinearAnalysisError
 from trussflow.blocks.framework.diagram import Diagram
-from trussflow.blocks.framework.errors import LinearAnalysisError
 from trussflow.blocks.framework.system import flatten
-from trussflow.blocks.framework.types import Vector
 from trussflow.blocks.linear_analysis.linearize import linearize
 from trussflow.blocks.linear_analysis.loop_transfer import channels_of, loop_transfer
 from trussflow.blocks.linear_analysis.margins import channel_responses, frequencies_about, sensitivities
 from trussflow.blocks.linear_analysis.modal_table import OscillatingMode, oscillating_modes
 from trussflow.blocks.linear_analysis.references import Reference, named
+from trussflow.blocks.support.types import Vector
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -12,12 +12,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from trussflow.blocks.errors import LinearAnalysisError
 from trussflow.blocks.framework.block import Block
-from trussflow.blocks.framework.described import Described, Description
-from trussflow.blocks.framework.errors import LinearAnalysisError
 from trussflow.blocks.linear_analysis.linearize import linearize
 from trussflow.blocks.linear_analysis.operating_point import OperatingPoint
 from trussflow.blocks.linear_analysis.references import References
+from trussflow.blocks.support.summary import Described, Description
 
 if TYPE_CHECKING:
     import control

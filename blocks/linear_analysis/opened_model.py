@@ -8,13 +8,12 @@ from typing import Any
 
 import numpy as np
 
-from trussflow.blocks.framework.errors import LinearAnalysisError
-from trussflow.blocks.framework.external import External
+from trussflow.blocks.errors import LinearAnalysisError
+from trussflow.blocks.framework.external_inputs import External
 from trussflow.blocks.framework.layout import spans
 from trussflow.blocks.framework.port import Port
-from trussflow.blocks.framework.rewiring import injected, probed, readers
+from trussflow.blocks.framework.signal_injection import injected, probed, readers
 from trussflow.blocks.framework.system import Indices, System
-from trussflow.blocks.framework.types import Vector
 from trussflow.blocks.linear_analysis.describing_function import columns
 from trussflow.blocks.linear_analysis.jacobians import RATES_AND_OUTPUTS, Jacobians, LocalJacobians
 from trussflow.blocks.linear_analysis.lifting import Pattern, pattern
@@ -22,6 +21,7 @@ from trussflow.blocks.linear_analysis.operating_point import OperatingPoint
 from trussflow.blocks.linear_analysis.overrides import Override, overridden
 from trussflow.blocks.linear_analysis.python_derivatives import refuse_hidden
 from trussflow.blocks.linear_analysis.references import Named
+from trussflow.blocks.support.types import Vector
 from trussflow.blocks.tracing.plan import Plan
 
 

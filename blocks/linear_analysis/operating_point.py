@@ -9,20 +9,20 @@ from typing import Any, Unpack
 
 import numpy as np
 
+from trussflow.blocks.errors import LinearAnalysisError
 from trussflow.blocks.framework.block import Block
-from trussflow.blocks.framework.described import Described, Description
 from trussflow.blocks.framework.equations import Equations
-from trussflow.blocks.framework.errors import LinearAnalysisError
+from trussflow.blocks.framework.fixed_point import settle
 from trussflow.blocks.framework.port import Port
-from trussflow.blocks.framework.settling import settle
-from trussflow.blocks.framework.types import Array, Vector
-from trussflow.blocks.framework.validation import finite_array, positive, shown
 from trussflow.blocks.linear_analysis.trim_report import TrimReport
 from trussflow.blocks.simulation.executor import Executor
 from trussflow.blocks.simulation.prepared import Prepared
 from trussflow.blocks.simulation.python_blocks import PythonExecutor
 from trussflow.blocks.simulation.session import Session
 from trussflow.blocks.simulation.solver import Solver, SolverSettings, refuse_unknown, spelled_out
+from trussflow.blocks.support.summary import Described, Description
+from trussflow.blocks.support.types import Array, Vector
+from trussflow.blocks.support.validation import finite_array, positive, shown
 from trussflow.blocks.tracing.plan import Plan
 
 

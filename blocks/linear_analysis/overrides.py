@@ -17,15 +17,15 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from trussflow.blocks.errors import Explained, LinearAnalysisError, NameLookupError, ParameterError
 from trussflow.blocks.framework.block import Block, Values
 from trussflow.blocks.framework.declarations import Signals, State
-from trussflow.blocks.framework.errors import Explained, LinearAnalysisError, NameLookupError, ParameterError
-from trussflow.blocks.framework.external import External
+from trussflow.blocks.framework.external_inputs import External
 from trussflow.blocks.framework.layout import spans
 from trussflow.blocks.framework.port import Input, Output, Port
 from trussflow.blocks.framework.system import Driver, System, resolved, targets
-from trussflow.blocks.framework.types import Array, Vector
-from trussflow.blocks.framework.validation import by_name, finite_array, shown
+from trussflow.blocks.support.types import Array, Vector
+from trussflow.blocks.support.validation import by_name, finite_array, shown
 
 if TYPE_CHECKING:
     import control

@@ -17,14 +17,14 @@ from collections.abc import Callable
 
 import numpy as np
 
+from trussflow.blocks.errors import LinearAnalysisError
 from trussflow.blocks.framework.block import Block, Values
 from trussflow.blocks.framework.declarations import Signals
 from trussflow.blocks.framework.equations import Equations
-from trussflow.blocks.framework.errors import LinearAnalysisError
 from trussflow.blocks.framework.system import System
-from trussflow.blocks.framework.types import Vector
 from trussflow.blocks.simulation.block_instances import BlockCall
-from trussflow.blocks.tracing.calling import running_errors
+from trussflow.blocks.support.types import Vector
+from trussflow.blocks.tracing.call_checks import running_errors
 
 RELATIVE_TOLERANCE = 1e-8
 """Wanted of differences, of each derivative [-]."""

@@ -13,11 +13,11 @@ from typing import Any
 
 import numpy as np
 
-from trussflow.blocks.framework.errors import LinearAnalysisError, NameLookupError
+from trussflow.blocks.errors import LinearAnalysisError, NameLookupError
 from trussflow.blocks.framework.layout import Layout
 from trussflow.blocks.framework.port import Port
 from trussflow.blocks.framework.system import Indices, System, resolved, targets
-from trussflow.blocks.framework.validation import shown
+from trussflow.blocks.support.validation import shown
 from trussflow.blocks.tracing.plan import Plan
 
 Reference = str | Port

@@ -9,13 +9,10 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from trussflow.blocks.errors import LinearAnalysisError, TrimError
 from trussflow.blocks.framework.block import Block
-from trussflow.blocks.framework.errors import LinearAnalysisError, TrimError
-from trussflow.blocks.framework.interrupts import interruptible
 from trussflow.blocks.framework.port import Port
 from trussflow.blocks.framework.system import Indices, flatten
-from trussflow.blocks.framework.types import Vector
-from trussflow.blocks.framework.validation import by_name, finite_array, number_array, positive
 from trussflow.blocks.linear_analysis.jacobians import RATES_AND_OUTPUTS, LocalJacobians, inner_places
 from trussflow.blocks.linear_analysis.opened_model import OpenedModel
 from trussflow.blocks.linear_analysis.operating_point import OperatingPoint, Surroundings, as_named
@@ -30,6 +27,9 @@ from trussflow.blocks.linear_analysis.references import (
     state_places,
 )
 from trussflow.blocks.linear_analysis.trim_report import Bounds, TrimReport, output_lines, variable_lines
+from trussflow.blocks.support.interrupts import interruptible
+from trussflow.blocks.support.types import Vector
+from trussflow.blocks.support.validation import by_name, finite_array, number_array, positive
 
 MOST_LISTED = 8
 """Equations or variables that a message names."""

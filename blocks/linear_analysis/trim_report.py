@@ -11,10 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trussflow.blocks.framework.declarations import State
-from trussflow.blocks.framework.described import Described, Description
-from trussflow.blocks.framework.types import Array, Vector
 from trussflow.blocks.framework.units import per_element
 from trussflow.blocks.linear_analysis.references import Named
+from trussflow.blocks.support.summary import Described, Description
+from trussflow.blocks.support.types import Array, Vector
 from trussflow.blocks.tracing.plan import Plan
 
 Bounds = tuple[Any, Any]

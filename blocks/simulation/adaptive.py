@@ -10,10 +10,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from trussflow.blocks.framework.errors import TrussflowError
-from trussflow.blocks.framework.interrupts import uninterrupted
-from trussflow.blocks.framework.types import Vector
+from trussflow.blocks.errors import TrussflowError
 from trussflow.blocks.simulation.events import EventWatch
+from trussflow.blocks.support.interrupts import uninterrupted
+from trussflow.blocks.support.types import Vector
 
 if TYPE_CHECKING:
     from scipy.integrate import OdeSolver

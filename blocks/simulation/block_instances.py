@@ -11,15 +11,15 @@ from weakref import WeakSet
 import numpy as np
 from numpy.typing import NDArray
 
+from trussflow.blocks.errors import SimulationError, TrussflowError
 from trussflow.blocks.framework.block import Block
 from trussflow.blocks.framework.declarations import Event, Mode, Signals
 from trussflow.blocks.framework.equations import EVENTS, Equations, Values
-from trussflow.blocks.framework.errors import SimulationError, TrussflowError
 from trussflow.blocks.framework.layout import spans
-from trussflow.blocks.framework.running import Running, SelfStepping
-from trussflow.blocks.framework.types import Array, Vector
-from trussflow.blocks.framework.validation import number_array
-from trussflow.blocks.tracing.calling import checked, running_errors
+from trussflow.blocks.framework.run_state import Running, SelfStepping
+from trussflow.blocks.support.types import Array, Vector
+from trussflow.blocks.support.validation import number_array
+from trussflow.blocks.tracing.call_checks import checked, running_errors
 from trussflow.blocks.tracing.plan import Plan
 
 _opened: WeakSet[Running] = WeakSet()

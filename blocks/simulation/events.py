@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING, NoReturn
 
 import numpy as np
 
+from trussflow.blocks.errors import DivergenceError, SimulationError
 from trussflow.blocks.framework.declarations import EITHER, FALLING, RISING, TIMED
-from trussflow.blocks.framework.errors import DivergenceError, SimulationError
-from trussflow.blocks.framework.types import Vector
+from trussflow.blocks.support.types import Vector
 from trussflow.blocks.tracing.plan import Plan
 
 if TYPE_CHECKING:

@@ -18,11 +18,11 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
-from trussflow.blocks.framework.errors import DivergenceError, SimulationError
-from trussflow.blocks.framework.types import Vector
+from trussflow.blocks.errors import DivergenceError, SimulationError
 from trussflow.blocks.simulation.block_instances import OpenBlocks
 from trussflow.blocks.simulation.events import EventWatch, endless, not_a_number
 from trussflow.blocks.simulation.solver import fixed_step
+from trussflow.blocks.support.types import Vector
 from trussflow.blocks.tracing.codegen import c_sources, content
 from trussflow.blocks.tracing.compiler import compile_library
 from trussflow.blocks.tracing.plan import Plan

@@ -10,12 +10,12 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from trussflow.blocks.framework.types import Vector
+from trussflow.blocks.results.log import Log
 from trussflow.blocks.simulation.executor import CompiledExecutor, Progress
-from trussflow.blocks.simulation.log import Log
 from trussflow.blocks.simulation.prepared import Prepared
 from trussflow.blocks.simulation.run import Run
 from trussflow.blocks.simulation.simulator import Simulator
+from trussflow.blocks.support.types import Vector
 from trussflow.blocks.tracing.compiler import lanes
 
 if TYPE_CHECKING:

@@ -11,16 +11,13 @@ from typing import Any, Self
 import casadi as ca
 import numpy as np
 
-from trussflow.blocks.framework.call_site import warn_once
 from trussflow.blocks.framework.clock import common_tick, exact, ticks
-from trussflow.blocks.framework.described import Description
 from trussflow.blocks.framework.diagram import Diagram
-from trussflow.blocks.framework.interrupts import interruptible
 from trussflow.blocks.framework.system import System
-from trussflow.blocks.framework.types import Vector
+from trussflow.blocks.results.channels import Channel, Chosen, chosen_channels
+from trussflow.blocks.results.dataset import own_version
 from trussflow.blocks.simulation.adaptive import IMPLICIT
 from trussflow.blocks.simulation.block_instances import OpenBlocks
-from trussflow.blocks.simulation.channels import Channel, Chosen, chosen_channels
 from trussflow.blocks.simulation.executor import (
     CompiledExecutor,
     Executor,
@@ -33,9 +30,12 @@ from trussflow.blocks.simulation.python_blocks import (
     PythonExecutor,
     SampledPythonBlocks,
 )
-from trussflow.blocks.simulation.results import own_version
 from trussflow.blocks.simulation.schedule import Schedule
 from trussflow.blocks.simulation.solver import Solver
+from trussflow.blocks.support.call_site import warn_once
+from trussflow.blocks.support.interrupts import interruptible
+from trussflow.blocks.support.summary import Description
+from trussflow.blocks.support.types import Vector
 from trussflow.blocks.tracing.compile_cache import CompilationError
 from trussflow.blocks.tracing.plan import Plan
 from trussflow.blocks.tracing.program import Program

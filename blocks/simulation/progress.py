@@ -7,8 +7,8 @@ from typing import Any
 
 from tqdm import tqdm
 
-from trussflow.blocks.framework.errors import TimeLimitError
-from trussflow.blocks.framework.telling import DISPLAY
+from trussflow.blocks.errors import TimeLimitError
+from trussflow.blocks.support.progress import DISPLAY
 
 CHUNK_SECONDS = 0.1
 """Wall time [s] between two looks at the keyboard and the progress bar."""

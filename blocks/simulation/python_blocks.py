@@ -14,13 +14,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from trussflow.blocks.errors import AlgebraicLoopError, DivergenceError
 from trussflow.blocks.framework.block import Block
 from trussflow.blocks.framework.declarations import Signals
-from trussflow.blocks.framework.errors import AlgebraicLoopError, DivergenceError
-from trussflow.blocks.framework.types import Vector
 from trussflow.blocks.simulation.block_instances import BlockCall, OpenBlocks, SampledStepping
 from trussflow.blocks.simulation.executor import Executor, Progress, Span
-from trussflow.blocks.tracing.calling import running_errors
+from trussflow.blocks.support.types import Vector
+from trussflow.blocks.tracing.call_checks import running_errors
 from trussflow.blocks.tracing.plan import Plan
 from trussflow.blocks.tracing.quantities import Quantity, block_inputs
 from trussflow.blocks.tracing.sorted_order import Active, components, in_order, is_solved, reached_from

@@ -21,22 +21,17 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from trussflow.blocks.errors import DivergenceError, RunStoppedError, SimulationError, TrussflowError
 from trussflow.blocks.framework.clock import written
-from trussflow.blocks.framework.errors import (
-    DivergenceError,
-    RunStoppedError,
-    SimulationError,
-    TrussflowError,
-)
-from trussflow.blocks.framework.interrupts import interruptible
-from trussflow.blocks.framework.types import Vector
+from trussflow.blocks.results.log import Log
+from trussflow.blocks.results.state_file import Snapshot
 from trussflow.blocks.simulation.adaptive import AdaptiveError, integrate
 from trussflow.blocks.simulation.executor import Executor, NumPyExecutor, Progress, Span
-from trussflow.blocks.simulation.log import Log
 from trussflow.blocks.simulation.prepared import Prepared
 from trussflow.blocks.simulation.progress import ProgressBar, paced
-from trussflow.blocks.simulation.state_bytes import Snapshot
 from trussflow.blocks.simulation.step_size_warnings import breakpoints_of, warn_of_coarse_steps
+from trussflow.blocks.support.interrupts import interruptible
+from trussflow.blocks.support.types import Vector
 from trussflow.blocks.tracing.quantities import derivative
 
 if TYPE_CHECKING:

@@ -9,8 +9,8 @@ from math import gcd, lcm
 import numpy as np
 from numpy.typing import NDArray
 
+from trussflow.blocks.errors import SimulationError
 from trussflow.blocks.framework.clock import Clock, ticks
-from trussflow.blocks.framework.errors import SimulationError
 from trussflow.blocks.tracing.sorted_order import Active
 
 MAX_CLOCK_SETS = 1000

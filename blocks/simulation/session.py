@@ -22,19 +22,19 @@ from typing import Any, Unpack
 
 import numpy as np
 
+from trussflow.blocks.errors import SimulationError, TrussflowError
 from trussflow.blocks.framework.block import Block
 from trussflow.blocks.framework.clock import SNAP, exact, refuse_coarse_time, written
 from trussflow.blocks.framework.declarations import TIMED
-from trussflow.blocks.framework.described import Described, Description
-from trussflow.blocks.framework.errors import SimulationError, TrussflowError
 from trussflow.blocks.framework.system import System, flatten
-from trussflow.blocks.framework.types import Vector
-from trussflow.blocks.framework.validation import by_name, shown
-from trussflow.blocks.simulation.channels import Chosen
+from trussflow.blocks.results.channels import Chosen
+from trussflow.blocks.results.state_file import Snapshot, read_state, write_state
 from trussflow.blocks.simulation.prepared import Prepared
 from trussflow.blocks.simulation.run import Run
 from trussflow.blocks.simulation.solver import Solver, SolverSettings, spelled_out
-from trussflow.blocks.simulation.state_bytes import Snapshot, read_state, write_state
+from trussflow.blocks.support.summary import Described, Description
+from trussflow.blocks.support.types import Vector
+from trussflow.blocks.support.validation import by_name, shown
 
 TICK_TOLERANCE = float(SNAP)
 """Distance from a tick below which a time is that of the tick [ticks]."""

@@ -15,19 +15,19 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypedDict, Unpack
 
+from trussflow.blocks.errors import SimulationError
 from trussflow.blocks.framework.clock import exact, on_grid, refuse_coarse_time
-from trussflow.blocks.framework.described import Described, Description
 from trussflow.blocks.framework.diagram import Diagram
-from trussflow.blocks.framework.errors import SimulationError
 from trussflow.blocks.framework.system import System
-from trussflow.blocks.framework.validation import finite_array, positive, positive_if_given, yes_or_no
-from trussflow.blocks.simulation.channels import Chosen
+from trussflow.blocks.results.channels import Chosen
+from trussflow.blocks.results.dataset import provenance
+from trussflow.blocks.results.streamed_log import opened
 from trussflow.blocks.simulation.prepared import Prepared
-from trussflow.blocks.simulation.results import provenance
 from trussflow.blocks.simulation.run import Run
 from trussflow.blocks.simulation.solver import Solver, SolverSettings, refuse_unknown, spelled_out
 from trussflow.blocks.simulation.step_size_warnings import warn_of_missed_jumps
-from trussflow.blocks.simulation.streamed_log import opened
+from trussflow.blocks.support.summary import Described, Description
+from trussflow.blocks.support.validation import finite_array, positive, positive_if_given, yes_or_no
 
 if TYPE_CHECKING:
     import xarray as xr

@@ -9,9 +9,9 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, fields
 from typing import Any, Self, TypedDict, TypeVar
 
-from trussflow.blocks.framework.errors import SimulationError
-from trussflow.blocks.framework.validation import one_of, positive, positive_if_given
+from trussflow.blocks.errors import SimulationError
 from trussflow.blocks.simulation.adaptive import METHODS
+from trussflow.blocks.support.validation import one_of, positive, positive_if_given
 
 F = TypeVar("F", bound=Callable[..., Any])
 

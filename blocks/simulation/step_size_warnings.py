@@ -8,12 +8,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from trussflow.blocks.errors import SimulationError
 from trussflow.blocks.framework.block import Block
-from trussflow.blocks.framework.call_site import warn
 from trussflow.blocks.framework.clock import exact
 from trussflow.blocks.framework.declarations import Signals
-from trussflow.blocks.framework.errors import SimulationError
-from trussflow.blocks.framework.types import Vector
+from trussflow.blocks.support.call_site import warn
+from trussflow.blocks.support.types import Vector
 from trussflow.blocks.tracing.plan import Plan
 
 if TYPE_CHECKING:

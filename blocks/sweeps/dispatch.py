@@ -11,11 +11,11 @@ import numpy as np
 from numpy.typing import NDArray
 from tqdm import tqdm
 
-from trussflow.blocks.framework.errors import SimulationError
-from trussflow.blocks.framework.telling import DISPLAY
-from trussflow.blocks.framework.types import Vector
+from trussflow.blocks.errors import SimulationError
+from trussflow.blocks.support.progress import DISPLAY
+from trussflow.blocks.support.types import Vector
+from trussflow.blocks.sweeps.chunk_store import PIECE_SECONDS, Pieces
 from trussflow.blocks.sweeps.executors import WorkerLostError
-from trussflow.blocks.sweeps.pieces import PIECE_SECONDS, Pieces
 from trussflow.blocks.sweeps.samples import HUNG_EXIT_CODE, NotTakenOverError, Sample, run_samples
 
 TASK_SECONDS = 0.2

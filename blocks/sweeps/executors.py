@@ -12,8 +12,8 @@ from collections.abc import Callable
 from concurrent.futures import Executor, Future, ThreadPoolExecutor
 from typing import Any
 
-from trussflow.blocks.framework.errors import TrussflowError
-from trussflow.blocks.framework.processes import end
+from trussflow.blocks.errors import TrussflowError
+from trussflow.blocks.support.processes import end
 
 START_CODE = "from trussflow.blocks.sweeps.worker import main; main()"
 

@@ -18,23 +18,17 @@ from typing import Any, Unpack
 import casadi as ca
 import numpy as np
 
+from trussflow.blocks.errors import DivergenceError, Explained, NameLookupError, SimulationError, TracingError
 from trussflow.blocks.framework.clock import exact
 from trussflow.blocks.framework.diagram import Diagram
-from trussflow.blocks.framework.errors import (
-    DivergenceError,
-    Explained,
-    NameLookupError,
-    SimulationError,
-    TracingError,
-)
 from trussflow.blocks.framework.layout import spans
-from trussflow.blocks.framework.types import Array, Vector
-from trussflow.blocks.framework.validation import by_name, finite_array, positive
 from trussflow.blocks.simulation.prepared import Prepared
 from trussflow.blocks.simulation.simulator import Simulator, SimulatorSettings
 from trussflow.blocks.simulation.solver import fixed_step
+from trussflow.blocks.support.types import Array, Vector
+from trussflow.blocks.support.validation import by_name, finite_array, positive
 from trussflow.blocks.sweeps.tangents import TangentExecutor
-from trussflow.blocks.tracing.calling import brief
+from trussflow.blocks.tracing.call_checks import brief
 from trussflow.blocks.tracing.kernels import shape_of, symbol, to_expression, written_out
 
 AFFINITY_TOLERANCE = 1e-9

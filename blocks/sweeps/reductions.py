@@ -11,10 +11,10 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from trussflow.blocks.framework.errors import SimulationError
+from trussflow.blocks.errors import SimulationError
 from trussflow.blocks.framework.port import Port
-from trussflow.blocks.framework.types import Vector
-from trussflow.blocks.framework.validation import shown
+from trussflow.blocks.support.types import Vector
+from trussflow.blocks.support.validation import shown
 
 if TYPE_CHECKING:
     import xarray as xr

@@ -20,13 +20,13 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from trussflow.blocks.errors import NameLookupError, SimulationError, TrussflowError
 from trussflow.blocks.framework.diagram import Diagram
-from trussflow.blocks.framework.errors import NameLookupError, SimulationError, TrussflowError
 from trussflow.blocks.framework.system import System
-from trussflow.blocks.framework.types import Vector
+from trussflow.blocks.results.log import STATUS_BY_ERROR
 from trussflow.blocks.simulation.lanes import Lanes
-from trussflow.blocks.simulation.log import STATUS_BY_ERROR
 from trussflow.blocks.simulation.simulator import Simulator
+from trussflow.blocks.support.types import Vector
 from trussflow.blocks.sweeps.reductions import Function, reduced
 from trussflow.blocks.tracing.compile_cache import CompilationError
 from trussflow.blocks.tracing.plan import Plan

@@ -14,8 +14,14 @@ from typing import TYPE_CHECKING, Any, Unpack
 
 import cloudpickle
 
-from trussflow.blocks.framework.errors import Explained, SimulationError, SimulationInterrupted
-from trussflow.blocks.framework.validation import (
+from trussflow.blocks.errors import Explained, SimulationError, SimulationInterrupted
+from trussflow.blocks.results.channels import Chosen
+from trussflow.blocks.results.dataset import provenance
+from trussflow.blocks.results.log import NAN_POLICIES
+from trussflow.blocks.simulation.lanes import goes_in_lanes
+from trussflow.blocks.simulation.simulator import Simulator, SimulatorSettings
+from trussflow.blocks.simulation.solver import refuse_unknown
+from trussflow.blocks.support.validation import (
     by_name,
     is_whole,
     one_of,
@@ -24,15 +30,9 @@ from trussflow.blocks.framework.validation import (
     positive_whole,
     shown,
 )
-from trussflow.blocks.simulation.channels import Chosen
-from trussflow.blocks.simulation.lanes import goes_in_lanes
-from trussflow.blocks.simulation.log import NAN_POLICIES
-from trussflow.blocks.simulation.results import provenance
-from trussflow.blocks.simulation.simulator import Simulator, SimulatorSettings
-from trussflow.blocks.simulation.solver import refuse_unknown
+from trussflow.blocks.sweeps.chunk_store import Pieces
 from trussflow.blocks.sweeps.dispatch import Dispatch
 from trussflow.blocks.sweeps.executors import Processes, Serial
-from trussflow.blocks.sweeps.pieces import Pieces
 from trussflow.blocks.sweeps.reductions import code_of, understood
 from trussflow.blocks.sweeps.samples import Model, Recipe, Runs, digest, known, refuse_settings
 from trussflow.blocks.sweeps.variations import Vary, drawn

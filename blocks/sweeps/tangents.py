@@ -17,12 +17,12 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
+from trussflow.blocks.errors import DivergenceError, SimulationError
 from trussflow.blocks.framework.declarations import TIMED
-from trussflow.blocks.framework.errors import DivergenceError, SimulationError
-from trussflow.blocks.framework.types import Array, Vector
 from trussflow.blocks.simulation.executor import InPlace, InterpretedExecutor, Span
 from trussflow.blocks.simulation.prepared import Prepared
 from trussflow.blocks.simulation.solver import fixed_step
+from trussflow.blocks.support.types import Array, Vector
 
 SIMULTANEITY_TOLERANCE = 1e-9
 """Largest relative difference of the derivatives of two event times that count as one event [-]."""

@@ -11,16 +11,16 @@ from typing import Any, NamedTuple, Unpack
 
 import numpy as np
 
-from trussflow.blocks.framework.described import Described, Description
+from trussflow.blocks.errors import DivergenceError, SimulationError, SimulationInterrupted
 from trussflow.blocks.framework.diagram import Diagram
-from trussflow.blocks.framework.errors import DivergenceError, SimulationError, SimulationInterrupted
 from trussflow.blocks.framework.layout import spans
 from trussflow.blocks.framework.system import System
-from trussflow.blocks.framework.types import Array, Vector
-from trussflow.blocks.framework.validation import by_name, finite_array, positive_whole, shown, yes_or_no
 from trussflow.blocks.simulation.simulator import Simulator, SimulatorSettings
+from trussflow.blocks.support.summary import Described, Description
+from trussflow.blocks.support.types import Array, Vector
+from trussflow.blocks.support.validation import by_name, finite_array, positive_whole, shown, yes_or_no
+from trussflow.blocks.sweeps.objective import Becoming, DifferentiatedTrials, SweptTrials, Trials
 from trussflow.blocks.sweeps.samples import own_values, refuse_settings
-from trussflow.blocks.sweeps.trials import Becoming, DifferentiatedTrials, SweptTrials, Trials
 
 DIVERGED_COST_FACTOR = 10.0
 """Cost of a run that diverges, relative to the largest cost so far [-]."""

@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from trussflow.blocks.framework.errors import SimulationError
-from trussflow.blocks.framework.types import Vector
-from trussflow.blocks.framework.validation import by_name, is_whole, one_of, positive_whole, shown
+from trussflow.blocks.errors import SimulationError
+from trussflow.blocks.support.types import Vector
+from trussflow.blocks.support.validation import by_name, is_whole, one_of, positive_whole, shown
 
 MOST_SAMPLES = 100_000_000
 """Largest number of samples; a larger one is an error [-]."""

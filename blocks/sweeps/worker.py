@@ -8,7 +8,7 @@ import queue
 import threading
 from typing import Any, BinaryIO
 
-from trussflow.blocks.framework.errors import SimulationError
+from trussflow.blocks.errors import SimulationError
 from trussflow.blocks.sweeps import samples
 
 

@@ -11,24 +11,24 @@ from traceback import walk_tb
 import numpy as np
 import numpy.typing as npt
 
+from trussflow.blocks.errors import BlockError, NameLookupError, TracingError, TrussflowError
 from trussflow.blocks.framework.block import Block
 from trussflow.blocks.framework.declarations import Mode, Parameter, Signals, State
-from trussflow.blocks.framework.described import Described, Description
 from trussflow.blocks.framework.diagram import Diagram
 from trussflow.blocks.framework.equations import Equations
-from trussflow.blocks.framework.errors import BlockError, NameLookupError, TracingError, TrussflowError
 from trussflow.blocks.framework.port import Input, Output
 from trussflow.blocks.framework.system import flatten
-from trussflow.blocks.framework.types import Array
-from trussflow.blocks.framework.validation import by_name, finite_array, shown
 from trussflow.blocks.linear_analysis.python_derivatives import offered
 from trussflow.blocks.simulation.block_instances import open_block
 from trussflow.blocks.simulation.executor import NumPyExecutor
 from trussflow.blocks.simulation.prepared import Prepared
 from trussflow.blocks.simulation.solver import Solver
+from trussflow.blocks.support.summary import Described, Description
+from trussflow.blocks.support.types import Array
+from trussflow.blocks.support.validation import by_name, finite_array, shown
 from trussflow.blocks.testing.derivative_check import derivative_fault
 from trussflow.blocks.tracing import block_check
-from trussflow.blocks.tracing.calling import checked, running_errors
+from trussflow.blocks.tracing.call_checks import checked, running_errors
 from trussflow.blocks.tracing.compile_cache import CompilationError
 
 RANDOM_POINTS = 12

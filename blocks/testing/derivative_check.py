@@ -9,11 +9,11 @@ from typing import TYPE_CHECKING
 import casadi as ca
 import numpy as np
 
-from trussflow.blocks.framework.errors import SimulationError
-from trussflow.blocks.framework.types import Array, Vector
+from trussflow.blocks.errors import SimulationError
 from trussflow.blocks.linear_analysis.python_derivatives import offered
+from trussflow.blocks.support.types import Array, Vector
 from trussflow.blocks.tracing import block_check
-from trussflow.blocks.tracing.calling import running_errors
+from trussflow.blocks.tracing.call_checks import running_errors
 from trussflow.blocks.tracing.kernels import to_expression
 from trussflow.blocks.tracing.program import lower
 

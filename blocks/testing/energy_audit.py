@@ -8,20 +8,20 @@ from typing import TYPE_CHECKING, Any, Unpack
 
 import numpy as np
 
+from trussflow.blocks.errors import BlockError, SimulationError
 from trussflow.blocks.framework.block import Block, Values
 from trussflow.blocks.framework.declarations import Signals, State
-from trussflow.blocks.framework.described import Described, Description
 from trussflow.blocks.framework.diagram import Diagram
 from trussflow.blocks.framework.energy import EnergyAccount, PowerPair, check_pair
-from trussflow.blocks.framework.errors import BlockError, SimulationError
 from trussflow.blocks.framework.port import Input, Output, Port
-from trussflow.blocks.framework.rewiring import probed
+from trussflow.blocks.framework.signal_injection import probed
 from trussflow.blocks.framework.system import Driver, System, flatten
-from trussflow.blocks.framework.types import Array, Vector
 from trussflow.blocks.framework.units import mismatch
-from trussflow.blocks.framework.validation import by_name, positive, shown
 from trussflow.blocks.simulation.simulator import Simulator
 from trussflow.blocks.simulation.solver import SolverSettings, spelled_out
+from trussflow.blocks.support.summary import Described, Description
+from trussflow.blocks.support.types import Array, Vector
+from trussflow.blocks.support.validation import by_name, positive, shown
 
 if TYPE_CHECKING:
     import xarray as xr

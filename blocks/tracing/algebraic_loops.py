@@ -6,11 +6,11 @@ from typing import TYPE_CHECKING, NoReturn
 
 import numpy as np
 
-from trussflow.blocks.framework.errors import DiagramError, DivergenceError
+from trussflow.blocks.errors import DiagramError, DivergenceError
 from trussflow.blocks.framework.port import Port
 from trussflow.blocks.framework.system import resolved
-from trussflow.blocks.framework.types import Array, Vector
-from trussflow.blocks.framework.validation import finite_array
+from trussflow.blocks.support.types import Array, Vector
+from trussflow.blocks.support.validation import finite_array
 from trussflow.blocks.tracing.kernels import tracing
 from trussflow.blocks.tracing.newton import residual_left
 from trussflow.blocks.tracing.program import Program

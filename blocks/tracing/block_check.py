@@ -11,14 +11,14 @@ from weakref import WeakKeyDictionary
 import casadi as ca
 import numpy as np
 
+from trussflow.blocks.errors import BlockError, SimulationError, TrussflowError
 from trussflow.blocks.framework.block import Block, Values
 from trussflow.blocks.framework.declarations import Event, Mode, Signals
 from trussflow.blocks.framework.equations import EVENTS
-from trussflow.blocks.framework.errors import BlockError, SimulationError, TrussflowError
-from trussflow.blocks.framework.external import External
-from trussflow.blocks.framework.types import Array
+from trussflow.blocks.framework.external_inputs import External
+from trussflow.blocks.support.types import Array
 from trussflow.blocks.tracing.block_deduplication import anonymous_copy, constants, equations_key
-from trussflow.blocks.tracing.calling import brief, checked, refusal, running_errors, tracing_errors
+from trussflow.blocks.tracing.call_checks import brief, checked, refusal, running_errors, tracing_errors
 from trussflow.blocks.tracing.kernels import (
     Trace,
     dependencies,

@@ -22,7 +22,7 @@ import numpy as np
 from trussflow.blocks.framework.block import Block
 from trussflow.blocks.framework.declarations import Event, State
 from trussflow.blocks.framework.port import Input, Output
-from trussflow.blocks.framework.types import Array, Vector
+from trussflow.blocks.support.types import Array, Vector
 from trussflow.blocks.tracing.kernels import from_expression, symbol, to_expression
 
 UNSHARED_ATTRIBUTES = ("name", "parent", "parameters", "extra_ports")

@@ -25,7 +25,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from trussflow.blocks.framework.types import Array, Vector
+from trussflow.blocks.support.types import Array, Vector
 from trussflow.blocks.tracing.c_function import CFunction
 from trussflow.blocks.tracing.kernels import shape_of
 from trussflow.blocks.tracing.linear_algebra import block_diagonal

@@ -15,7 +15,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from trussflow.blocks.framework.types import Array, Vector
+from trussflow.blocks.support.types import Array, Vector
 from trussflow.blocks.tracing.kernels import (
     KERNEL_NAME,
     Kernel,

@@ -14,7 +14,7 @@ import numpy as np
 from trussflow.blocks.framework.clock import Clock, common_tick
 from trussflow.blocks.framework.layout import Layout
 from trussflow.blocks.framework.system import System
-from trussflow.blocks.framework.types import Array, Vector
+from trussflow.blocks.support.types import Array, Vector
 from trussflow.blocks.tracing.sorted_order import Feedthrough, cycles, dependence_graph
 
 MAX_SEPARATE_CLOCKS = 5

@@ -18,10 +18,10 @@ from pathlib import Path
 
 import platformdirs
 
-from trussflow.blocks.framework.call_site import warn_once
-from trussflow.blocks.framework.errors import TrussflowError
-from trussflow.blocks.framework.files import is_private, refuse_foreign, replaced
-from trussflow.blocks.framework.temporary import not_loaded, process_folder
+from trussflow.blocks.errors import TrussflowError
+from trussflow.blocks.support.call_site import warn_once
+from trussflow.blocks.support.files import is_private, refuse_foreign, replaced
+from trussflow.blocks.support.temporary_folders import not_loaded, process_folder
 
 MAX_BYTES = 500_000_000
 """Largest size of the cache [B]; above it, the least recently used files are deleted."""

@@ -13,9 +13,9 @@ from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
-from trussflow.blocks.framework.processes import end
-from trussflow.blocks.framework.telling import all_counted
-from trussflow.blocks.framework.temporary import process_folder, with_place
+from trussflow.blocks.support.processes import end
+from trussflow.blocks.support.progress import all_counted
+from trussflow.blocks.support.temporary_folders import process_folder, with_place
 from trussflow.blocks.tracing.compile_cache import CompilationError, cached
 
 FLAGS = (

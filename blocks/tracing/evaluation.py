@@ -14,15 +14,15 @@ from math import prod
 import casadi as ca
 import numpy as np
 
+from trussflow.blocks.errors import AlgebraicLoopError
 from trussflow.blocks.framework.block import Block, Values
 from trussflow.blocks.framework.clock import Clock
 from trussflow.blocks.framework.declarations import Signals
-from trussflow.blocks.framework.errors import AlgebraicLoopError
 from trussflow.blocks.framework.layout import spans
 from trussflow.blocks.framework.port import Port
 from trussflow.blocks.framework.system import Driver, System
-from trussflow.blocks.framework.types import Array
-from trussflow.blocks.tracing.calling import checked, running_errors, tracing_errors
+from trussflow.blocks.support.types import Array
+from trussflow.blocks.tracing.call_checks import checked, running_errors, tracing_errors
 from trussflow.blocks.tracing.kernels import from_expression, is_traced, symbol, to_expression, written_out
 from trussflow.blocks.tracing.newton import MAX_ITERATED_UNKNOWNS, solve
 from trussflow.blocks.tracing.sorted_order import Active, Feedthrough, Stage, holds

@@ -7,13 +7,13 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from trussflow.blocks.errors import NameLookupError
 from trussflow.blocks.framework.declarations import State
 from trussflow.blocks.framework.equations import Equations
-from trussflow.blocks.framework.errors import NameLookupError
-from trussflow.blocks.framework.settling import settle
-from trussflow.blocks.framework.types import Vector
-from trussflow.blocks.framework.validation import shown
-from trussflow.blocks.tracing.calling import checked, running_errors
+from trussflow.blocks.framework.fixed_point import settle
+from trussflow.blocks.support.types import Vector
+from trussflow.blocks.support.validation import shown
+from trussflow.blocks.tracing.call_checks import checked, running_errors
 from trussflow.blocks.tracing.sorted_order import Active, in_order, reached_from
 
 if TYPE_CHECKING:

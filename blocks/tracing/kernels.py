@@ -19,8 +19,8 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from trussflow.blocks.framework.errors import TracingError
-from trussflow.blocks.framework.types import Array
+from trussflow.blocks.errors import TracingError
+from trussflow.blocks.support.types import Array
 from trussflow.blocks.tracing.traced_array import owned
 
 Shapes = tuple[tuple[int, ...], ...]

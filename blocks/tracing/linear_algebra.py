@@ -8,7 +8,7 @@ from itertools import pairwise
 import casadi as ca
 import numpy as np
 
-from trussflow.blocks.framework.types import Array
+from trussflow.blocks.support.types import Array
 from trussflow.blocks.tracing.kernels import from_expression, is_traced, repeated, shape_of, to_expression
 
 PIVOT_TOLERANCE = 1e-11

@@ -30,7 +30,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from trussflow.blocks.framework.types import Vector
+from trussflow.blocks.support.types import Vector
 from trussflow.blocks.tracing.codegen import straight_line
 from trussflow.blocks.tracing.instructions import instructions_of
 from trussflow.blocks.tracing.kernels import KERNEL_NAME, Kernel, KernelCall, call_kernel, symbols_of

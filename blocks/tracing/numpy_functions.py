@@ -12,7 +12,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from trussflow.blocks.framework.types import Array
+from trussflow.blocks.support.types import Array
 
 MAX_FLOAT = float(np.finfo(float).max)
 MIN_ALL_INTEGERS = 2.0**52

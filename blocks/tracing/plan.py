@@ -13,18 +13,18 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
+from trussflow.blocks.errors import NameLookupError
 from trussflow.blocks.framework.block import Block
 from trussflow.blocks.framework.declarations import KINDS, Event, Mode, Signals
 from trussflow.blocks.framework.diagram import Diagram
 from trussflow.blocks.framework.equations import Equations
-from trussflow.blocks.framework.errors import NameLookupError
-from trussflow.blocks.framework.external import External
+from trussflow.blocks.framework.external_inputs import External
 from trussflow.blocks.framework.layout import Layout
 from trussflow.blocks.framework.port import Port
 from trussflow.blocks.framework.system import System, flatten
-from trussflow.blocks.framework.telling import told
-from trussflow.blocks.framework.types import Array, Vector
-from trussflow.blocks.framework.validation import by_name, finite_array
+from trussflow.blocks.support.progress import told
+from trussflow.blocks.support.types import Array, Vector
+from trussflow.blocks.support.validation import by_name, finite_array
 from trussflow.blocks.tracing.algebraic_loops import AlgebraicLoops
 from trussflow.blocks.tracing.block_check import check_kind, isolate_all
 from trussflow.blocks.tracing.clock_counters import ClockCounters, share_program

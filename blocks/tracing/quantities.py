@@ -10,7 +10,7 @@ import numpy as np
 
 from trussflow.blocks.framework.block import Block
 from trussflow.blocks.framework.port import Port
-from trussflow.blocks.framework.types import Array
+from trussflow.blocks.support.types import Array
 from trussflow.blocks.tracing.evaluation import Evaluation
 from trussflow.blocks.tracing.sorted_order import Active
 

@@ -17,9 +17,9 @@ from typing import NamedTuple, TypeVar
 
 import casadi as ca
 
+from trussflow.blocks.errors import AlgebraicLoopError
 from trussflow.blocks.framework.block import Block
 from trussflow.blocks.framework.clock import Clock
-from trussflow.blocks.framework.errors import AlgebraicLoopError
 from trussflow.blocks.framework.port import Port
 from trussflow.blocks.framework.system import System
 

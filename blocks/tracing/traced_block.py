@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 import casadi as ca
 
 from trussflow.blocks.framework.block import Values
-from trussflow.blocks.framework.types import Array
+from trussflow.blocks.support.types import Array
 from trussflow.blocks.tracing.kernels import KernelCall, call_kernel, from_expression, shape_of, to_expression
 
 

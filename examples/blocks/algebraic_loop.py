@@ -9,7 +9,8 @@ depend on each other at the same instant, so the equations are solved at every i
 import matplotlib.pyplot as plt
 import numpy as np
 
-from trussflow.blocks import Diagram, DivergenceError, Function, Input, Output, Ramp, linearize, simulate
+from trussflow.blocks import Diagram, Function, Input, Output, Ramp, linearize, simulate
+from trussflow.blocks.errors import DivergenceError
 
 bus = Diagram("power bus", loops="solve")
 power, load, battery = bus.add(

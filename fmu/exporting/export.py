@@ -8,11 +8,11 @@ from pathlib import Path
 from typing import Any
 
 from trussflow.blocks.framework.block import Block
-from trussflow.blocks.framework.interrupts import interruptible
-from trussflow.blocks.framework.temporary import with_place
-from trussflow.blocks.framework.validation import by_name, one_of, shown, yes_or_no
 from trussflow.blocks.simulation.adaptive import METHODS
 from trussflow.blocks.simulation.solver import FIXED_STEP
+from trussflow.blocks.support.interrupts import interruptible
+from trussflow.blocks.support.temporary_folders import with_place
+from trussflow.blocks.support.validation import by_name, one_of, shown, yes_or_no
 from trussflow.blocks.tracing.compile_cache import CompilationError
 from trussflow.fmu.errors import ExportError
 from trussflow.fmu.exporting.description.export_interface import DEFAULT_TOLERANCE, ExportInterface

@@ -8,8 +8,8 @@ from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 
-from trussflow.blocks.framework.files import destination, replaced
-from trussflow.blocks.framework.validation import as_path
+from trussflow.blocks.support.files import destination, replaced
+from trussflow.blocks.support.validation import as_path
 from trussflow.fmu.errors import ExportError
 
 ARCHIVE_SUFFIXES = (".fmu",)

@@ -9,8 +9,8 @@ from typing import Any, ClassVar
 
 from trussflow.blocks.framework.block import Block
 from trussflow.blocks.framework.declarations import Event, Signals, State
-from trussflow.blocks.framework.described import Description
-from trussflow.blocks.framework.validation import by_name, positive, yes_or_no
+from trussflow.blocks.support.summary import Description
+from trussflow.blocks.support.validation import by_name, positive, yes_or_no
 from trussflow.fmu.errors import FmuError
 from trussflow.fmu.importing.co_simulation_run import CoSimulationRun
 from trussflow.fmu.importing.fmu_run import FmuRun

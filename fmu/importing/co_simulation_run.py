@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from trussflow.blocks.framework.declarations import Signals
-from trussflow.blocks.framework.running import SelfStepping
-from trussflow.blocks.framework.types import Vector
+from trussflow.blocks.framework.run_state import SelfStepping
+from trussflow.blocks.support.types import Vector
 from trussflow.fmu.errors import FmuCallError, FmuDiscardError, FmuEndedStepError, FmuError
 from trussflow.fmu.importing.fmu_run import FmuRun
 from trussflow.fmu.runtime.description import REAL_TYPES

@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from trussflow.blocks.framework.declarations import Signals
-from trussflow.blocks.framework.running import Running
-from trussflow.blocks.framework.types import Vector
+from trussflow.blocks.framework.run_state import Running
+from trussflow.blocks.support.types import Vector
 from trussflow.fmu.errors import FmuEndedError, FmuError
 from trussflow.fmu.runtime.child_process import open_instance
 from trussflow.fmu.runtime.loaded_co_simulation import LoadedCoSimulation

@@ -10,8 +10,8 @@ import numpy as np
 
 from trussflow.blocks.framework.declarations import Parameter, Signals, State
 from trussflow.blocks.framework.port import Input, Output
-from trussflow.blocks.framework.types import Array, Vector
 from trussflow.blocks.framework.units import Unit
+from trussflow.blocks.support.types import Array, Vector
 from trussflow.fmu.errors import FmuError
 from trussflow.fmu.importing.unit_table import UnitTable
 from trussflow.fmu.runtime.array_ports import VariableGroup, gather, legal_names

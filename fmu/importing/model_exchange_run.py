@@ -9,7 +9,7 @@ import numpy as np
 
 from trussflow.blocks.framework.declarations import Signals
 from trussflow.blocks.framework.equations import Values
-from trussflow.blocks.framework.types import Array, Vector
+from trussflow.blocks.support.types import Array, Vector
 from trussflow.fmu.importing.fmu_run import FmuRun
 from trussflow.fmu.runtime.loaded_model_exchange import LoadedModelExchange
 from trussflow.fmu.runtime.saved_states import saved_state

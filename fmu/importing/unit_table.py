@@ -6,7 +6,7 @@ import re
 from collections.abc import Mapping
 from math import isclose
 
-from trussflow.blocks.framework.errors import BlockError
+from trussflow.blocks.errors import BlockError
 from trussflow.blocks.framework.units import parse
 from trussflow.fmu.errors import FmuUnitError
 from trussflow.fmu.fmi_units import FmiUnit, fmi_unit

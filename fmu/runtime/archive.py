@@ -12,9 +12,9 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path, PurePosixPath
 
-from trussflow.blocks.framework.files import reading
-from trussflow.blocks.framework.temporary import process_folder, with_place
-from trussflow.blocks.framework.validation import positive, shown
+from trussflow.blocks.support.files import reading
+from trussflow.blocks.support.temporary_folders import process_folder, with_place
+from trussflow.blocks.support.validation import positive, shown
 from trussflow.fmu.errors import FmuArchiveError
 
 MAX_BYTES = 2_000_000_000

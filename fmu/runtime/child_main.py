@@ -17,8 +17,8 @@ import fmpy.fmi2
 import fmpy.fmi3
 import fmpy.logging  # noqa: F401 - imported here, so that its time does not count as the FMU's
 
-from trussflow.blocks.framework.processes import end_marked
-from trussflow.blocks.simulation.state_bytes import encode
+from trussflow.blocks.results.state_file import encode
+from trussflow.blocks.support.processes import end_marked
 from trussflow.fmu.errors import FmuError
 from trussflow.fmu.runtime.messages import Messages
 

@@ -16,10 +16,10 @@ from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Any
 
-from trussflow.blocks.framework.errors import Explained
-from trussflow.blocks.framework.processes import end
-from trussflow.blocks.framework.temporary import process_folder
-from trussflow.blocks.simulation.state_bytes import decode
+from trussflow.blocks.errors import Explained
+from trussflow.blocks.results.state_file import decode
+from trussflow.blocks.support.processes import end
+from trussflow.blocks.support.temporary_folders import process_folder
 from trussflow.fmu import errors
 from trussflow.fmu.errors import FmuCallError, FmuCrashError, FmuError, FmuTimeoutError
 from trussflow.fmu.runtime.archive import unpack

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from trussflow.blocks.framework.types import Vector
+from trussflow.blocks.support.types import Vector
 from trussflow.fmu.runtime.description import REAL_TYPES, FmuVariable
 from trussflow.fmu.runtime.library import Library
 from trussflow.fmu.runtime.variable_buffers import VariableBuffers

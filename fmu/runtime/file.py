@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from trussflow.blocks.framework.validation import as_path
+from trussflow.blocks.support.validation import as_path
 from trussflow.fmu.errors import FmuArchiveError, FmuBinaryError, FmuDescriptionError, FmuError
 from trussflow.fmu.runtime.archive import DESCRIPTION_FILE, MAX_BYTES, read_description
 from trussflow.fmu.runtime.description import FmuDescription, Kind, parse_description

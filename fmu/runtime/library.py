@@ -8,8 +8,8 @@ from functools import partial
 from pathlib import Path
 from typing import Any, ClassVar, NamedTuple, NoReturn
 
-from trussflow.blocks.framework.temporary import not_loaded
-from trussflow.blocks.framework.types import Vector
+from trussflow.blocks.support.temporary_folders import not_loaded
+from trussflow.blocks.support.types import Vector
 from trussflow.fmu.errors import FmuBinaryError, FmuCallError, FmuError
 from trussflow.fmu.runtime.description import FmuDescription, Kind
 from trussflow.fmu.runtime.messages import Messages, status_name

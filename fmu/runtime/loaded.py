@@ -9,8 +9,8 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any, ClassVar, Self
 
-from trussflow.blocks.framework.errors import TrussflowError
-from trussflow.blocks.framework.types import Vector
+from trussflow.blocks.errors import TrussflowError
+from trussflow.blocks.support.types import Vector
 from trussflow.fmu.errors import FmuError
 from trussflow.fmu.runtime.archive import remove, unpack
 from trussflow.fmu.runtime.description import NUMERIC_TYPES, FmuDescription, FmuVariable, Kind

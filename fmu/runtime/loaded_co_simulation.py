@@ -8,7 +8,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from trussflow.blocks.framework.types import Vector
+from trussflow.blocks.support.types import Vector
 from trussflow.fmu.errors import FmuError
 from trussflow.fmu.runtime.description import REAL_TYPES, Kind
 from trussflow.fmu.runtime.discrete_inputs import DiscreteInputs

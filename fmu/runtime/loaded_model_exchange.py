@@ -9,7 +9,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from trussflow.blocks.framework.types import Vector
+from trussflow.blocks.support.types import Vector
 from trussflow.fmu.errors import FmuEndedError
 from trussflow.fmu.runtime.description import Kind
 from trussflow.fmu.runtime.discrete_inputs import DiscreteInputs, continuous_elements, is_continuous

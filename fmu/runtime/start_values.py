@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from trussflow.blocks.framework.types import Vector
+from trussflow.blocks.support.types import Vector
 from trussflow.fmu.errors import FmuError
 from trussflow.fmu.runtime.array_ports import gather
 from trussflow.fmu.runtime.description import (

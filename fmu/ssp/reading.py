@@ -12,9 +12,9 @@ from typing import Any
 from xml.etree import ElementTree
 from xml.etree.ElementTree import Element
 
+from trussflow.blocks.errors import Explained
 from trussflow.blocks.framework.diagram import Diagram
-from trussflow.blocks.framework.errors import Explained
-from trussflow.blocks.framework.validation import as_path, one_of, shown
+from trussflow.blocks.support.validation import as_path, one_of, shown
 from trussflow.fmu.errors import FmuArchiveError, SspError
 from trussflow.fmu.importing.block import Fmu
 from trussflow.fmu.runtime.archive import MAX_BYTES, remove, unpack

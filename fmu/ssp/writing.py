@@ -14,7 +14,7 @@ import numpy as np
 from trussflow.blocks.framework.block import Block
 from trussflow.blocks.framework.diagram import Diagram, leaves
 from trussflow.blocks.framework.port import Port
-from trussflow.blocks.framework.validation import positive
+from trussflow.blocks.support.validation import positive
 from trussflow.fmu.errors import ExportError
 from trussflow.fmu.exporting.description.xml_text import base_unit, filled, generation_tool
 from trussflow.fmu.exporting.packing import check_writable, write

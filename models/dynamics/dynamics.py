@@ -7,7 +7,7 @@ from functools import partial
 
 import numpy as np
 
-from trussflow.blocks.framework.types import Array, Vector
+from trussflow.blocks.support.types import Array, Vector
 from trussflow.blocks.tracing.kernels import repeated, shape_of
 from trussflow.models.dynamics.assembly import DynamicsTerms, assembled
 from trussflow.models.errors import ModelError

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from trussflow.blocks.framework.types import Array
+from trussflow.blocks.support.types import Array
 from trussflow.models.geometry.attitude import AttitudeCoordinates
 
 

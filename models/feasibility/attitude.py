@@ -19,8 +19,8 @@ import numpy.typing as npt
 import scipy
 
 from trussflow.blocks.control.trajectory import PEAK_ACCELERATION, Quintic
-from trussflow.blocks.framework.types import Vector
-from trussflow.blocks.framework.validation import is_whole
+from trussflow.blocks.support.types import Vector
+from trussflow.blocks.support.validation import is_whole
 from trussflow.models.dynamics.dynamics import TrussDynamics
 from trussflow.models.errors import ModelError
 from trussflow.models.feasibility.failures import Failure, single_failures

@@ -21,8 +21,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from trussflow.blocks.framework.types import Vector
-from trussflow.blocks.framework.validation import is_whole, shown
+from trussflow.blocks.support.types import Vector
+from trussflow.blocks.support.validation import is_whole, shown
 from trussflow.models.dynamics.task_space import task_drift, task_motion, to_body
 from trussflow.models.errors import ModelError
 from trussflow.models.feasibility.reach import LEAST_COSINE, SOLVED

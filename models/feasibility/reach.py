@@ -23,8 +23,8 @@ import numpy as np
 
 from trussflow.blocks.control.trajectory import Quintic, Trajectory
 from trussflow.blocks.framework.declarations import Signals
-from trussflow.blocks.framework.types import Vector
-from trussflow.blocks.framework.validation import is_whole, shown
+from trussflow.blocks.support.types import Vector
+from trussflow.blocks.support.validation import is_whole, shown
 from trussflow.models.dynamics.assembly import DynamicsTerms
 from trussflow.models.dynamics.dynamics import TrussDynamics
 from trussflow.models.dynamics.task_space import task_drift, to_body

@@ -10,7 +10,7 @@ from trussflow.blocks.control.trajectory import Trajectory, Waypoints
 from trussflow.blocks.framework.block import Values
 from trussflow.blocks.framework.declarations import Attribute, Signals
 from trussflow.blocks.framework.port import Output
-from trussflow.blocks.framework.types import Array, Vector
+from trussflow.blocks.support.types import Array, Vector
 from trussflow.models.dynamics.task_space import task_motion
 from trussflow.models.geometry.attitude import EULER, AttitudeCoordinates
 from trussflow.models.plant.space_truss import SpaceTruss

@@ -20,7 +20,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from trussflow.blocks.framework.types import Array, Vector
+from trussflow.blocks.support.types import Array, Vector
 from trussflow.models.errors import ModelError
 from trussflow.models.geometry.rotation import (
     cross_matrix,

@@ -15,7 +15,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from trussflow.blocks.framework.types import Array, Vector
+from trussflow.blocks.support.types import Array, Vector
 from trussflow.models.validation import frozen_array
 
 # cross_matrix(a)[i, j] = CROSS[i, j, k] a[k]: minus the Levi-Civita symbol.

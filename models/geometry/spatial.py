@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from trussflow.blocks.framework.types import Array
+from trussflow.blocks.support.types import Array
 from trussflow.models.geometry.rotation import cross, cross_matrix, matrix_of
 
 

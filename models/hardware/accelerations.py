@@ -7,7 +7,7 @@ import numpy as np
 from trussflow.blocks.framework.block import Values
 from trussflow.blocks.framework.declarations import Attribute, Signals, State
 from trussflow.blocks.framework.port import Input, Output
-from trussflow.blocks.framework.types import Array
+from trussflow.blocks.support.types import Array
 from trussflow.models.dynamics.dynamics import TrussDynamics
 from trussflow.models.geometry.rotation import stacked
 from trussflow.models.plant.truss_block import TrussBlock

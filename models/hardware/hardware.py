@@ -11,9 +11,9 @@ import numpy as np
 
 from trussflow.blocks.framework.diagram import Diagram
 from trussflow.blocks.framework.port import Input, Output
-from trussflow.blocks.framework.types import Array, Vector
 from trussflow.blocks.library.algebra import Function, Gain
 from trussflow.blocks.library.discrete import sampled_delay
+from trussflow.blocks.support.types import Array, Vector
 from trussflow.models.dynamics.task_space import normalized, task_velocity
 from trussflow.models.errors import ModelError
 from trussflow.models.hardware.accelerations import PointAccelerations

@@ -13,10 +13,10 @@ from trussflow.blocks.framework.arithmetic import Sum
 from trussflow.blocks.framework.block import Block
 from trussflow.blocks.framework.diagram import Diagram
 from trussflow.blocks.framework.units import Unit
-from trussflow.blocks.framework.validation import as_shape, is_whole, shown
 from trussflow.blocks.library.discrete import sampled_delay
 from trussflow.blocks.library.noise import Drift, Noise
 from trussflow.blocks.library.nonlinear import Quantizer
+from trussflow.blocks.support.validation import as_shape, is_whole, shown
 from trussflow.models.errors import ModelError
 from trussflow.models.validation import check_number
 

@@ -7,13 +7,13 @@ from collections.abc import Sequence
 import numpy as np
 import numpy.typing as npt
 
+from trussflow.blocks.errors import BlockError
 from trussflow.blocks.framework.block import Block, Values
 from trussflow.blocks.framework.declarations import Attribute, Parameter, Signals, State
-from trussflow.blocks.framework.errors import BlockError
 from trussflow.blocks.framework.port import Input, Output
-from trussflow.blocks.framework.types import Array
-from trussflow.blocks.framework.validation import finite_array, is_whole, shown
 from trussflow.blocks.library.piecewise import limited
+from trussflow.blocks.support.types import Array
+from trussflow.blocks.support.validation import finite_array, is_whole, shown
 from trussflow.models.errors import ModelError
 from trussflow.models.robots.joint import Joint
 from trussflow.models.validation import unit_vectors

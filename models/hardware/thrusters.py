@@ -12,11 +12,11 @@ from trussflow.blocks.framework.clock import exact
 from trussflow.blocks.framework.declarations import Parameter, Signals, State
 from trussflow.blocks.framework.diagram import Diagram
 from trussflow.blocks.framework.port import Input, Output
-from trussflow.blocks.framework.types import Array, Vector
 from trussflow.blocks.library.algebra import Function, MatrixGain, Sum
 from trussflow.blocks.library.continuous import Integrator
 from trussflow.blocks.library.discrete import UnitDelay
 from trussflow.blocks.library.nonlinear import Quantizer, Saturation
+from trussflow.blocks.support.types import Array, Vector
 from trussflow.models.errors import ModelError
 from trussflow.models.validation import check_number, frozen_array, unit_vectors
 

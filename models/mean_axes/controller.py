@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from trussflow.blocks.framework.diagram import Diagram
-from trussflow.blocks.framework.types import Vector
 from trussflow.blocks.library.algebra import Product
+from trussflow.blocks.support.types import Vector
 from trussflow.models.dynamics.dynamics import TrussDynamics
 from trussflow.models.mean_axes.allocation import MeanAxesAllocation
 from trussflow.models.mean_axes.design import MeanAxesDesign

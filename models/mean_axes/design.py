@@ -9,8 +9,8 @@ import numpy as np
 import scipy
 
 from trussflow.blocks.control.covariances import sampled_covariance, steady_covariance
-from trussflow.blocks.framework.types import Vector
-from trussflow.blocks.framework.validation import is_whole, shown
+from trussflow.blocks.support.types import Vector
+from trussflow.blocks.support.validation import is_whole, shown
 from trussflow.models.errors import ModelError
 from trussflow.models.layered_file import LayeredFile
 from trussflow.models.mean_axes.free_modes import FreeModes

@@ -7,7 +7,7 @@ import numpy as np
 from trussflow.blocks.framework.block import Values
 from trussflow.blocks.framework.declarations import Attribute, Parameter, Signals
 from trussflow.blocks.framework.port import Input, Output
-from trussflow.blocks.framework.types import Array
+from trussflow.blocks.support.types import Array
 from trussflow.models.dynamics.dynamics import TrussDynamics
 from trussflow.models.dynamics.task_space import seen_from, task_drift, task_velocity, to_body, way_to
 from trussflow.models.mean_axes.design import MeanAxesDesign

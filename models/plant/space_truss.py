@@ -11,7 +11,7 @@ from trussflow.blocks.framework.block import Values
 from trussflow.blocks.framework.declarations import Attribute, Parameter, Signals, State
 from trussflow.blocks.framework.energy import EnergyAccount
 from trussflow.blocks.framework.port import Input, Output
-from trussflow.blocks.framework.types import Array, Vector
+from trussflow.blocks.support.types import Array, Vector
 from trussflow.blocks.tracing.linear_algebra import solve_positive_definite
 from trussflow.blocks.tracing.memoized import memoized
 from trussflow.models.dynamics.assembly import DynamicsTerms

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from trussflow.blocks.framework.declarations import Parameter, Signals
-from trussflow.blocks.framework.types import Vector
+from trussflow.blocks.support.types import Vector
 from trussflow.models.dynamics.dynamics import TrussDynamics
 from trussflow.models.errors import ModelError
 from trussflow.models.plant.space_truss import SpaceTruss

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from trussflow.blocks.framework.types import Vector
+from trussflow.blocks.support.types import Vector
 
 LATE_WINDOW = 10.0
 """Length of the late part of a run, at its end [s]."""

@@ -17,7 +17,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from trussflow.blocks.framework.types import Array
+from trussflow.blocks.support.types import Array
 from trussflow.models.geometry.rotation import cross, matrix_of, stacked
 from trussflow.models.geometry.spatial import (
     combined,

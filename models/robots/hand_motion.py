@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from trussflow.blocks.framework.types import Array
+from trussflow.blocks.support.types import Array
 from trussflow.models.geometry.rotation import (
     cayley_bias_acceleration,
     cayley_rate_matrix,

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from trussflow.blocks.framework.types import Vector
+from trussflow.blocks.support.types import Vector
 from trussflow.models.errors import ModelError
 from trussflow.models.geometry.rotation import fixed_rotation
 from trussflow.models.geometry.spatial import SpatialInertia, combined, moved_inertia

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from trussflow.blocks.framework.types import Vector
+from trussflow.blocks.support.types import Vector
 from trussflow.models.geometry.rotation import rotation_about_z
 from trussflow.models.geometry.spatial import SpatialInertia, combined, moved_inertia
 from trussflow.models.parameter_files import ParameterTable

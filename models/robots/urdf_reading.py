@@ -12,8 +12,8 @@ from xml.parsers import expat
 
 import numpy as np
 
-from trussflow.blocks.framework.files import reading
-from trussflow.blocks.framework.types import Vector
+from trussflow.blocks.support.files import reading
+from trussflow.blocks.support.types import Vector
 from trussflow.models.errors import ModelError
 from trussflow.models.geometry.rotation import fixed_rotation
 from trussflow.models.geometry.spatial import SpatialInertia, moved_inertia

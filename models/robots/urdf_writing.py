@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from trussflow.blocks.framework.types import Array, Vector
+from trussflow.blocks.support.types import Array, Vector
 from trussflow.models.geometry.rotation import roll_pitch_yaw
 from trussflow.models.robots.joint import Joint
 from trussflow.models.validation import central_inertia

@@ -11,8 +11,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from trussflow.blocks.framework.errors import Explained
-from trussflow.blocks.framework.types import Vector
+from trussflow.blocks.errors import Explained
+from trussflow.blocks.support.types import Vector
 from trussflow.models.errors import ModelError
 from trussflow.models.robots.urdf_reading import Element, Pose
 

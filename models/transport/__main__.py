@@ -9,13 +9,13 @@ import time
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast
 
-from trussflow.blocks.framework.command_line import FAILED, Outcome, ended, json_of, parser_of
-from trussflow.blocks.framework.errors import DivergenceError, SimulationInterrupted
-from trussflow.blocks.framework.files import replaced
-from trussflow.blocks.framework.telling import told
+from trussflow.blocks.errors import DivergenceError, SimulationInterrupted
+from trussflow.blocks.framework.command_arguments import FAILED, Outcome, ended, json_of, parser_of
+from trussflow.blocks.results.dataset import save
 from trussflow.blocks.simulation.adaptive import METHODS
-from trussflow.blocks.simulation.results import save
 from trussflow.blocks.simulation.solver import FIXED_STEP
+from trussflow.blocks.support.files import replaced
+from trussflow.blocks.support.progress import told
 from trussflow.models.reporting.output_folder import prepared_folder
 from trussflow.models.transport.figures import draw
 from trussflow.models.transport.index import write_index

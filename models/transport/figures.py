@@ -5,8 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from trussflow.blocks.framework.telling import counted
 from trussflow.blocks.framework.units import readable
+from trussflow.blocks.support.progress import counted
 from trussflow.models.reporting.figures import Curve, Panel, drawing, save
 
 if TYPE_CHECKING:

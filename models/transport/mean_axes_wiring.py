@@ -9,8 +9,8 @@ import numpy as np
 from trussflow.blocks.control.trajectory import Trajectory
 from trussflow.blocks.framework.diagram import Diagram
 from trussflow.blocks.framework.port import Input, Output
-from trussflow.blocks.framework.types import Array, Vector
 from trussflow.blocks.library.algebra import Function
+from trussflow.blocks.support.types import Array, Vector
 from trussflow.models.dynamics.dynamics import TrussDynamics
 from trussflow.models.errors import ModelError
 from trussflow.models.hardware.hardware import Hardware

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from trussflow.blocks.framework.types import Vector
+from trussflow.blocks.support.types import Vector
 from trussflow.models.layered_file import LayeredFile
 from trussflow.models.parameter_files import shipped_file
 from trussflow.models.validation import check_choice, check_number

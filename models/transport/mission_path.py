@@ -8,7 +8,7 @@ import numpy as np
 
 from trussflow.blocks.control.input_shaping import SHAPERS, ShapedTrajectory
 from trussflow.blocks.control.trajectory import Quintic, Trajectory
-from trussflow.blocks.framework.types import Vector
+from trussflow.blocks.support.types import Vector
 from trussflow.models.dynamics.task_space import moved
 from trussflow.models.feasibility import TrussPath, fastest
 from trussflow.models.geometry.attitude import EULER

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from trussflow.blocks.framework.call_site import warn
 from trussflow.blocks.framework.diagram import Diagram
 from trussflow.blocks.framework.port import Port
+from trussflow.blocks.support.call_site import warn
 from trussflow.models.plant.space_truss import SpaceTruss
 from trussflow.models.truss.truss_modes import LINEAR_LIMIT
 

@@ -8,7 +8,7 @@ from trussflow.blocks.control.time_scaling import RetimedQuintic
 from trussflow.blocks.control.trajectory import Quintic
 from trussflow.blocks.framework.declarations import Attribute, Parameter
 from trussflow.blocks.framework.port import Output
-from trussflow.blocks.framework.types import Array
+from trussflow.blocks.support.types import Array
 from trussflow.models.dynamics.task_space import moved
 from trussflow.models.plant.space_truss import SpaceTruss
 

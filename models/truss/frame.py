@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 import scipy
 
-from trussflow.blocks.framework.types import Vector
+from trussflow.blocks.support.types import Vector
 from trussflow.models.errors import ModelError
 from trussflow.models.geometry.spatial import SpatialInertia, inertia_matrix, moved_inertia
 from trussflow.models.parameter_files import ParameterTable

@@ -12,8 +12,8 @@ from pathlib import Path
 
 import numpy as np
 
-from trussflow.blocks.framework.errors import Explained
-from trussflow.blocks.framework.files import destination
+from trussflow.blocks.errors import Explained
+from trussflow.blocks.support.files import destination
 from trussflow.models.errors import ModelError
 from trussflow.models.truss.structure import Structure
 from trussflow.models.validation import check_choice

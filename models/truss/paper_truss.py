@@ -8,7 +8,7 @@ from math import cos, fsum, pi, sin
 
 import numpy as np
 
-from trussflow.blocks.framework.types import Vector
+from trussflow.blocks.support.types import Vector
 from trussflow.models.errors import ModelError
 from trussflow.models.parameter_files import ParameterTable
 from trussflow.models.truss.frame import Frame, FrameMember, meshed

@@ -22,7 +22,7 @@ import numpy as np
 import numpy.typing as npt
 import scipy
 
-from trussflow.blocks.framework.types import Vector
+from trussflow.blocks.support.types import Vector
 from trussflow.models.errors import ModelError
 from trussflow.models.truss.structure import Structure
 from trussflow.models.truss.truss_modes import TrussModes

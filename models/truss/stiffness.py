@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from trussflow.blocks.framework.types import Vector
+from trussflow.blocks.support.types import Vector
 from trussflow.models.geometry.rotation import cross_matrix
 
 if TYPE_CHECKING:

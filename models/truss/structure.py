@@ -19,11 +19,11 @@ import numpy as np
 import numpy.typing as npt
 import scipy
 
-from trussflow.blocks.framework.errors import BlockError
-from trussflow.blocks.framework.files import reading
-from trussflow.blocks.framework.types import Vector
+from trussflow.blocks.errors import BlockError
 from trussflow.blocks.framework.units import parse
-from trussflow.blocks.framework.validation import MOST_ELEMENTS
+from trussflow.blocks.support.files import reading
+from trussflow.blocks.support.types import Vector
+from trussflow.blocks.support.validation import MOST_ELEMENTS
 from trussflow.models.errors import ModelError
 from trussflow.models.geometry.rotation import cross_matrix
 from trussflow.models.validation import check_choice, check_rotation, frozen_array

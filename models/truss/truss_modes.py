@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from trussflow.blocks.framework.types import Array, Vector
+from trussflow.blocks.support.types import Array, Vector
 from trussflow.models.errors import ModelError
 from trussflow.models.parameter_files import shipped_file
 from trussflow.models.truss.truss_modes_file import read_modes, write_modes

@@ -25,7 +25,7 @@ from typing import Any
 
 import numpy as np
 
-from trussflow.blocks.framework.files import reading, replaced
+from trussflow.blocks.support.files import reading, replaced
 from trussflow.models.errors import ModelError
 
 FILE_FORMAT = "trussflow truss modes 1"

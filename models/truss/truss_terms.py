@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from trussflow.blocks.framework.types import Array
+from trussflow.blocks.support.types import Array
 from trussflow.models.geometry.spatial import SpatialInertia, inertia_matrix
 from trussflow.models.truss.truss_modes import ModalData, axial
 

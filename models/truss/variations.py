@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 import scipy
 
-from trussflow.blocks.framework.types import Array
+from trussflow.blocks.support.types import Array
 from trussflow.models.errors import ModelError
 from trussflow.models.truss.truss_modes import TrussModes
 from trussflow.models.validation import check_number, frozen_array

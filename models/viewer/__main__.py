@@ -6,8 +6,8 @@ import argparse
 import sys
 from pathlib import Path
 
-from trussflow.blocks.framework.command_line import Outcome, ended, parser_of
-from trussflow.blocks.framework.telling import told
+from trussflow.blocks.framework.command_arguments import Outcome, ended, parser_of
+from trussflow.blocks.support.progress import told
 from trussflow.models.errors import ModelError
 from trussflow.models.viewer.page import replay
 from trussflow.models.viewer.scene import PLANTS

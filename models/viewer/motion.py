@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 
-from trussflow.blocks.framework.files import reading
-from trussflow.blocks.framework.types import Vector
 from trussflow.blocks.framework.units import readable
+from trussflow.blocks.support.files import reading
+from trussflow.blocks.support.types import Vector
 from trussflow.models.errors import ModelError
 from trussflow.models.plant.space_truss import SpaceTruss
 from trussflow.models.validation import frozen_array

@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from trussflow.blocks.framework.telling import all_counted
-from trussflow.blocks.framework.types import Vector
+from trussflow.blocks.support.progress import all_counted
+from trussflow.blocks.support.types import Vector
 
 PART_BYTES = 1_000_000
 """Size of a compressed part between two updates of the progress [byte]."""

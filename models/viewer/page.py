@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 
-from trussflow.blocks.framework.files import replaced
+from trussflow.blocks.support.files import replaced
 from trussflow.models.errors import ModelError
 from trussflow.models.plant.space_truss import SpaceTruss
 from trussflow.models.viewer.motion import Motion, opened

@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from trussflow.blocks.framework.errors import ParameterError
-from trussflow.blocks.framework.validation import number_array
+from trussflow.blocks.errors import ParameterError
+from trussflow.blocks.support.validation import number_array
 from trussflow.models.errors import ModelError
 from trussflow.models.geometry.attitude import QUATERNION
 from trussflow.models.plant.space_truss import SpaceTruss

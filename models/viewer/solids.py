@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from trussflow.blocks.framework.types import Vector
+from trussflow.blocks.support.types import Vector
 from trussflow.models.errors import ModelError
 from trussflow.models.robots.robot_arm import RobotArm
 from trussflow.models.robots.visuals import BOX_CORNERS, BOX_FACES, Triangles

@@ -10,7 +10,7 @@ import tempfile
 from pathlib import Path
 from urllib.parse import urlencode
 
-from trussflow.blocks.framework.files import replaced
+from trussflow.blocks.support.files import replaced
 from trussflow.models.errors import ModelError
 from trussflow.models.validation import check_choice
 

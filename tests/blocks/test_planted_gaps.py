@@ -7,7 +7,6 @@ import systems
 from trussflow.blocks import (
     Diagram,
     LimitedIntegrator,
-    ParameterError,
     Ramp,
     Session,
     TimeFunction,
@@ -15,6 +14,7 @@ from trussflow.blocks import (
     ZeroOrderHold,
     simulate,
 )
+from trussflow.blocks.errors import ParameterError
 from trussflow.blocks.framework.units import mismatch
 
 TICK = 0.01

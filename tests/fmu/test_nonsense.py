@@ -7,7 +7,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from trussflow.blocks import Integrator, TrussflowError
+from trussflow.blocks import Integrator
+from trussflow.blocks.errors import TrussflowError
 from trussflow.fmu import Fmu, export
 from trussflow.fmu.ssp import export_ssp, import_ssp
 

@@ -9,11 +9,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from trussflow.blocks.framework.errors import LinearAnalysisError
-from trussflow.blocks.framework.types import Vector
-from trussflow.blocks.framework.validation import finite_array, frequencies, is_whole, shown
+from trussflow.blocks.errors import LinearAnalysisError
 from trussflow.blocks.linear_analysis.lifting import held_flow
 from trussflow.blocks.linear_analysis.margins import stable_poles
+from trussflow.blocks.support.types import Vector
+from trussflow.blocks.support.validation import finite_array, frequencies, is_whole, shown
 
 if TYPE_CHECKING:
     import control

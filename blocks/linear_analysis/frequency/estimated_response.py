@@ -12,20 +12,10 @@ import numpy as np
 import numpy.typing as npt
 from numpy.typing import NDArray
 
+from trussflow.blocks.errors import LinearAnalysisError
 from trussflow.blocks.framework.block import Block
 from trussflow.blocks.framework.clock import common_tick, exact
-from trussflow.blocks.framework.errors import LinearAnalysisError
 from trussflow.blocks.framework.system import Indices, flatten
-from trussflow.blocks.framework.types import Vector
-from trussflow.blocks.framework.validation import (
-    finite_array,
-    frequencies,
-    is_whole,
-    one_of,
-    positive,
-    positive_whole,
-    shown,
-)
 from trussflow.blocks.linear_analysis.frequency.excitation import (
     SWEEP_MARGIN,
     Excitation,
@@ -36,6 +26,16 @@ from trussflow.blocks.linear_analysis.frequency.excitation import (
 from trussflow.blocks.linear_analysis.operating_point import OperatingPoint, Surroundings
 from trussflow.blocks.linear_analysis.references import References, all_named, distinct_labels
 from trussflow.blocks.simulation.simulator import Simulator
+from trussflow.blocks.support.types import Vector
+from trussflow.blocks.support.validation import (
+    finite_array,
+    frequencies,
+    is_whole,
+    one_of,
+    positive,
+    positive_whole,
+    shown,
+)
 from trussflow.blocks.tracing.plan import Plan
 
 if TYPE_CHECKING:

@@ -13,15 +13,15 @@ from dataclasses import replace
 
 import numpy as np
 
+from trussflow.blocks.errors import LinearAnalysisError
 from trussflow.blocks.framework.block import Block, Values
 from trussflow.blocks.framework.declarations import Attribute, Parameter, Signals
-from trussflow.blocks.framework.errors import LinearAnalysisError
 from trussflow.blocks.framework.port import Output, Port
-from trussflow.blocks.framework.rewiring import injected, readers
+from trussflow.blocks.framework.signal_injection import injected, readers
 from trussflow.blocks.framework.system import System
-from trussflow.blocks.framework.types import Array, Vector
 from trussflow.blocks.library.sources import Constant
 from trussflow.blocks.linear_analysis.operating_point import OperatingPoint
+from trussflow.blocks.support.types import Array, Vector
 
 SWEEP_MARGIN = 1.2
 """Factor by which a sweep exceeds the frequency range, because it excites half as much at its ends [-]."""

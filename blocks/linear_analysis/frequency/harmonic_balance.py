@@ -25,13 +25,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from trussflow.blocks.errors import LinearAnalysisError
 from trussflow.blocks.framework.block import Block
 from trussflow.blocks.framework.declarations import Signals
-from trussflow.blocks.framework.errors import LinearAnalysisError
-from trussflow.blocks.framework.interrupts import interruptible
 from trussflow.blocks.framework.system import flatten
-from trussflow.blocks.framework.types import Vector
-from trussflow.blocks.framework.validation import frequencies, positive
 from trussflow.blocks.library.transport_delay import DelayLine
 from trussflow.blocks.linear_analysis.describing_function import SAMPLE_PHASES, columns
 from trussflow.blocks.linear_analysis.linearize import Linearizer
@@ -40,6 +37,9 @@ from trussflow.blocks.linear_analysis.references import References
 from trussflow.blocks.simulation.executor import Executor
 from trussflow.blocks.simulation.prepared import Prepared
 from trussflow.blocks.simulation.solver import Solver
+from trussflow.blocks.support.interrupts import interruptible
+from trussflow.blocks.support.types import Vector
+from trussflow.blocks.support.validation import frequencies, positive
 from trussflow.blocks.tracing.quantities import derivative, outputs
 
 if TYPE_CHECKING:

@@ -19,7 +19,7 @@ from itertools import product
 
 import numpy as np
 
-from trussflow.blocks.framework.types import Array, Vector
+from trussflow.blocks.support.types import Array, Vector
 
 SERIES_ORDER = 4
 """Order up to which the series is exact; a bound covers the rest [-]."""

@@ -24,12 +24,12 @@ from typing import NamedTuple
 import numpy as np
 import scipy
 
-from trussflow.blocks.framework.errors import LinearAnalysisError
-from trussflow.blocks.framework.telling import told
-from trussflow.blocks.framework.types import Array, Vector
-from trussflow.blocks.framework.validation import finite_array, positive
+from trussflow.blocks.errors import LinearAnalysisError
 from trussflow.blocks.linear_analysis.margins import SUM_ROUND_OFF
 from trussflow.blocks.linear_analysis.uncertainty.uncertain_model import UncertainModel
+from trussflow.blocks.support.progress import told
+from trussflow.blocks.support.types import Array, Vector
+from trussflow.blocks.support.validation import finite_array, positive
 
 MAX_LOG_SPEEDUP = 300.0
 """Largest logarithm of the speed-up of a sampled model; beyond, only zero is stable [-]."""

@@ -16,14 +16,14 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import scipy
 
+from trussflow.blocks.errors import LinearAnalysisError
 from trussflow.blocks.framework.block import Block
-from trussflow.blocks.framework.errors import LinearAnalysisError
-from trussflow.blocks.framework.types import Array, Vector
-from trussflow.blocks.framework.validation import by_name, finite_array, shown
 from trussflow.blocks.linear_analysis.linearize import Linearizer
 from trussflow.blocks.linear_analysis.margins import on_the_border
 from trussflow.blocks.linear_analysis.operating_point import OperatingPoint, given_point
 from trussflow.blocks.linear_analysis.references import References
+from trussflow.blocks.support.types import Array, Vector
+from trussflow.blocks.support.validation import by_name, finite_array, shown
 
 if TYPE_CHECKING:
     from trussflow.blocks.linear_analysis.linear_model import LinearModel

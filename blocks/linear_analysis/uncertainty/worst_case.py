@@ -23,10 +23,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from trussflow.blocks.framework.call_site import warn
-from trussflow.blocks.framework.errors import LinearAnalysisError
-from trussflow.blocks.framework.types import Array, Vector
-from trussflow.blocks.framework.validation import finite_array, positive
+from trussflow.blocks.errors import LinearAnalysisError
 from trussflow.blocks.linear_analysis.margins import response
 from trussflow.blocks.linear_analysis.uncertainty.gain_series import (
     MAX_CORNER_PARAMETERS,
@@ -34,6 +31,9 @@ from trussflow.blocks.linear_analysis.uncertainty.gain_series import (
     corners,
 )
 from trussflow.blocks.linear_analysis.uncertainty.uncertain_model import UncertainModel
+from trussflow.blocks.support.call_site import warn
+from trussflow.blocks.support.types import Array, Vector
+from trussflow.blocks.support.validation import finite_array, positive
 
 if TYPE_CHECKING:
     from trussflow.blocks.linear_analysis.linear_model import LinearModel

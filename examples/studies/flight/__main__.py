@@ -12,8 +12,8 @@ from flight import comparison, report
 from flight.campaigns import all_campaigns
 from flight.loops import LAWS
 from flight.tuning import Tuning
-from trussflow.blocks.framework.command_line import FAILED, Outcome, ended, parser_of
-from trussflow.blocks.framework.validation import positive_whole
+from trussflow.blocks.framework.command_arguments import FAILED, Outcome, ended, parser_of
+from trussflow.blocks.support.validation import positive_whole
 
 PROG = "PYTHONPATH=examples/studies python -m flight"
 

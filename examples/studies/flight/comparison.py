@@ -27,7 +27,7 @@ from flight.samples import (
     sample_parameters,
 )
 from flight.sections import cumulative, displayed
-from trussflow.blocks.framework.files import replaced
+from trussflow.blocks.support.files import replaced
 from trussflow.models.reporting.figures import Panel, drawing, save
 from trussflow.models.reporting.metrics import DEFINITIONS, largest_component, late_part
 from trussflow.models.reporting.tables import markdown_table

@@ -17,9 +17,9 @@ import xarray as xr
 from flight.loops import LAWS
 from flight.sampled_loop import SampledLoop, spectral_radius
 from flight.samples import sample_parameters
-from trussflow.blocks.framework.types import Vector
 from trussflow.blocks.linear_analysis.margins import channel_disks, frequencies_about
 from trussflow.blocks.simulation.session import Session
+from trussflow.blocks.support.types import Vector
 from trussflow.models.plant.tunable_truss import TunableTruss
 from trussflow.models.transport.mean_axes_wiring import mean_axes_transport
 from trussflow.models.transport.mission import Mission

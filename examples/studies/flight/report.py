@@ -16,7 +16,7 @@ from flight.loops import LAWS
 from flight.margins import loop_session, margins_along
 from flight.samples import NOMINAL_SEED
 from flight.texts import HEAD
-from trussflow.blocks.framework.files import replaced
+from trussflow.blocks.support.files import replaced
 from trussflow.models.reporting.metrics import DEFINITIONS
 
 MARGIN_SEEDS = [NOMINAL_SEED, *range(FIRST_SEED, FIRST_SEED + 6)]

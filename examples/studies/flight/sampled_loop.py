@@ -21,12 +21,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 import numpy.typing as npt
 
-from trussflow.blocks.framework.errors import LinearAnalysisError
+from trussflow.blocks.errors import LinearAnalysisError
 from trussflow.blocks.framework.system import Indices
-from trussflow.blocks.framework.types import Vector
 from trussflow.blocks.linear_analysis.lifting import held_flow
 from trussflow.blocks.linear_analysis.references import state_places
 from trussflow.blocks.simulation.session import Session
+from trussflow.blocks.support.types import Vector
 
 if TYPE_CHECKING:
     import control

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from trussflow.blocks.framework.types import Vector
+from trussflow.blocks.support.types import Vector
 from trussflow.models.hardware.hardware import SENSOR_UNITS
 from trussflow.models.hardware.measurement import derived_seed
 from trussflow.models.plant.tunable_truss import TunableTruss

@@ -19,7 +19,7 @@ from flight.metrics import GOALS, METRICS, heading, run_metrics
 from flight.sampled_loop import spectral_radius
 from flight.samples import noise_parameters, sample_parameters
 from flight.sections import displayed
-from trussflow.blocks.framework.types import Vector
+from trussflow.blocks.support.types import Vector
 from trussflow.blocks.sweeps.sweep import sweep
 from trussflow.blocks.sweeps.tuning import tune
 from trussflow.models.mean_axes.design import MeanAxesDesign

@@ -16,7 +16,8 @@ from matplotlib.figure import Figure
 from spillover import least_damping, state_matrices, truss_with
 from truss_loop import CHANNELS, GROUPS, ROBOTS, TrussLoop
 
-from trussflow.blocks import LinearAnalysisError, modal_bode, modal_table
+from trussflow.blocks import modal_bode, modal_table
+from trussflow.blocks.errors import LinearAnalysisError
 from trussflow.blocks.linear_analysis.loop_transfer import margins_of
 from trussflow.blocks.linear_analysis.margins import Margins
 from trussflow.models import RobotArm, SpaceTruss, TrussDynamics, TrussModes

@@ -10,14 +10,8 @@ import control
 import numpy as np
 from numpy.typing import NDArray
 
-from trussflow.blocks import (
-    Diagram,
-    LinearAnalysisError,
-    delay_margin,
-    largest_sample_time,
-    linearize,
-    loop_transfer,
-)
+from trussflow.blocks import Diagram, delay_margin, largest_sample_time, linearize, loop_transfer
+from trussflow.blocks.errors import LinearAnalysisError
 from trussflow.blocks.linear_analysis.loop_transfer import LoopMargins, margins_of
 from trussflow.blocks.linear_analysis.margins import channel_responses, frequencies_about, sensitivities
 from trussflow.blocks.linear_analysis.modal_table import oscillating_modes

@@ -9,8 +9,8 @@ import sys
 from pathlib import Path
 
 from reproduction.report import EVIDENCE, fingerprints, reproduce
-from trussflow.blocks.framework.command_line import FAILED, Outcome, ended, parser_of
-from trussflow.blocks.framework.files import reading
+from trussflow.blocks.framework.command_arguments import FAILED, Outcome, ended, parser_of
+from trussflow.blocks.support.files import reading
 from trussflow.models.errors import ModelError
 
 PROG = "PYTHONPATH=examples/studies python -m reproduction"

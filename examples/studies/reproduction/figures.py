@@ -10,8 +10,8 @@ import numpy as np
 import xarray as xr
 
 from reproduction.measures import TORQUE_BOUNDS, observer_signals, of_robot
-from trussflow.blocks.framework.telling import counted
-from trussflow.blocks.framework.types import Vector
+from trussflow.blocks.support.progress import counted
+from trussflow.blocks.support.types import Vector
 from trussflow.models.geometry.rotation import euler_rate_matrix
 from trussflow.models.reporting.figures import Curve, Panel, drawing, save
 from trussflow.models.transport.figures import components

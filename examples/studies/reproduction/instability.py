@@ -16,11 +16,11 @@ import numpy as np
 
 from reproduction.trusses import truss_modes
 from trussflow.blocks.framework.diagram import Diagram
-from trussflow.blocks.framework.types import Vector
 from trussflow.blocks.linear_analysis.linearize import Linearizer
 from trussflow.blocks.linear_analysis.operating_point import OperatingPoint
 from trussflow.blocks.linear_analysis.references import layout_labels
 from trussflow.blocks.simulation.simulator import Simulator
+from trussflow.blocks.support.types import Vector
 from trussflow.blocks.sweeps.executors import Processes
 from trussflow.models.plant.space_truss import SpaceTruss
 from trussflow.models.reporting.figures import blank, draw_cells, save

@@ -7,7 +7,7 @@ import json
 import numpy as np
 import xarray as xr
 
-from trussflow.blocks.framework.types import Vector
+from trussflow.blocks.support.types import Vector
 from trussflow.models.geometry.rotation import euler_rate_matrix_inverse
 from trussflow.models.reporting.metrics import largest_component, late_part, tracking_metrics
 

@@ -19,9 +19,9 @@ from reproduction.figures import draw_paper_figures, draw_theorems
 from reproduction.report_numbers import Numbers
 from reproduction.runs import RUNS, changes, measure_all, mission, simulator
 from reproduction.trusses import PRINTED_MODES, frame_modes
-from trussflow.blocks.framework.files import replaced
-from trussflow.blocks.framework.telling import counted, told
 from trussflow.blocks.simulation.simulator import Simulator
+from trussflow.blocks.support.files import replaced
+from trussflow.blocks.support.progress import counted, told
 from trussflow.blocks.sweeps.samples import digest
 from trussflow.models.reporting.tables import markdown_table
 from trussflow.models.robots.robot_arm import RobotArm

@@ -20,9 +20,9 @@ import numpy as np
 from reproduction.figures import Results
 from reproduction.measures import envelope
 from reproduction.runs import mission
-from trussflow.blocks.framework.types import Vector
 from trussflow.blocks.linear_analysis.linear_model import LinearModel
 from trussflow.blocks.linear_analysis.linearize import linearize
+from trussflow.blocks.support.types import Vector
 from trussflow.models.reporting.figures import Curve, Panel, drawing, save
 from trussflow.models.transport.mission import CASES, Mission
 

@@ -8,8 +8,8 @@ from pathlib import Path
 
 import numpy as np
 
-from trussflow.blocks.framework.files import replaced
-from trussflow.blocks.framework.types import Array
+from trussflow.blocks.support.files import replaced
+from trussflow.blocks.support.types import Array
 from trussflow.models.truss.paper_truss import (
     CLAMPED_FACE,
     frame_parameters,

@@ -14,9 +14,9 @@ import numpy as np
 import numpy.typing as npt
 
 from study_tools.ledger import Ledger
-from trussflow.blocks.framework.files import reading, replaced
 from trussflow.blocks.simulation.session import Session
 from trussflow.blocks.simulation.simulator import Simulator
+from trussflow.blocks.support.files import reading, replaced
 from trussflow.models.errors import ModelError
 
 EVIDENCE = "evidence.json"

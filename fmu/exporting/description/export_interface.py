@@ -10,15 +10,15 @@ from typing import Any
 
 import numpy as np
 
+from trussflow.blocks.errors import SimulationError
 from trussflow.blocks.framework.block import Block
 from trussflow.blocks.framework.clock import exact
 from trussflow.blocks.framework.diagram import Diagram
-from trussflow.blocks.framework.errors import SimulationError
 from trussflow.blocks.framework.system import flatten, resolved
-from trussflow.blocks.framework.types import Vector
-from trussflow.blocks.framework.validation import by_name, positive
 from trussflow.blocks.library.transport_delay import DelayLine
 from trussflow.blocks.simulation.schedule import Schedule
+from trussflow.blocks.support.types import Vector
+from trussflow.blocks.support.validation import by_name, positive
 from trussflow.blocks.tracing.plan import Plan
 from trussflow.blocks.tracing.program import Program
 from trussflow.blocks.tracing.quantities import after_events, derivative, guesses, indicators, outputs, sample

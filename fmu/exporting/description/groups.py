@@ -6,15 +6,15 @@ from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import replace
 from typing import Any
 
+from trussflow.blocks.errors import ParameterError
 from trussflow.blocks.framework.block import Block
 from trussflow.blocks.framework.declarations import KINDS, TIMED, Event, State
 from trussflow.blocks.framework.diagram import Diagram
-from trussflow.blocks.framework.errors import ParameterError
 from trussflow.blocks.framework.layout import Entry, Layout
 from trussflow.blocks.framework.port import Port
 from trussflow.blocks.framework.system import resolved
-from trussflow.blocks.framework.types import Vector
-from trussflow.blocks.framework.validation import finite_array
+from trussflow.blocks.support.types import Vector
+from trussflow.blocks.support.validation import finite_array
 from trussflow.blocks.tracing.plan import Plan
 from trussflow.fmu.errors import ExportError
 from trussflow.fmu.exporting.description.dependencies import Pattern

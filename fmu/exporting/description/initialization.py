@@ -10,8 +10,8 @@ import numpy as np
 
 from trussflow.blocks.framework.block import Block
 from trussflow.blocks.framework.declarations import Signals
-from trussflow.blocks.framework.types import Array
-from trussflow.blocks.tracing.calling import tracing_errors
+from trussflow.blocks.support.types import Array
+from trussflow.blocks.tracing.call_checks import tracing_errors
 from trussflow.blocks.tracing.evaluation import Evaluation, Leaves
 from trussflow.blocks.tracing.kernels import from_expression, shape_of, to_expression, tracing
 from trussflow.blocks.tracing.plan import Plan

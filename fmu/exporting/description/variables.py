@@ -9,7 +9,7 @@ from itertools import product
 from math import prod
 from typing import Any
 
-from trussflow.blocks.framework.types import Vector
+from trussflow.blocks.support.types import Vector
 
 STRUCTURED_NAME = re.compile(
     r"(der\()?[A-Za-z_]\w*(\[\d+(,\d+)?\])?(\.[A-Za-z_]\w*(\[\d+(,\d+)?\])?)*(\))?", re.ASCII

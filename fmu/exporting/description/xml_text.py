@@ -8,7 +8,7 @@ from xml.etree.ElementTree import Element
 
 import numpy as np
 
-from trussflow.blocks.simulation.results import provenance
+from trussflow.blocks.results.dataset import provenance
 from trussflow.fmu.exporting.description.dependencies import Pattern
 from trussflow.fmu.exporting.description.export_interface import ExportInterface
 from trussflow.fmu.exporting.description.variables import Variable, VariableGroup

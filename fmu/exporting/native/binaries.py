@@ -13,9 +13,9 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
-from trussflow.blocks.framework.telling import all_counted
-from trussflow.blocks.framework.temporary import process_folder
-from trussflow.blocks.framework.validation import one_of
+from trussflow.blocks.support.progress import all_counted
+from trussflow.blocks.support.temporary_folders import process_folder
+from trussflow.blocks.support.validation import one_of
 from trussflow.blocks.tracing.compile_cache import cached
 from trussflow.blocks.tracing.compiler import compiled, find_compiler, identity
 from trussflow.fmu.errors import ExportError

@@ -11,12 +11,12 @@ from typing import Any
 
 import numpy as np
 
+from trussflow.blocks.errors import TrussflowError
 from trussflow.blocks.framework.clock import SNAP
 from trussflow.blocks.framework.declarations import TIMED
-from trussflow.blocks.framework.errors import TrussflowError
-from trussflow.blocks.framework.types import Vector
+from trussflow.blocks.results.state_file import Snapshot, decode, encode
 from trussflow.blocks.simulation.session import Session
-from trussflow.blocks.simulation.state_bytes import Snapshot, decode, encode
+from trussflow.blocks.support.types import Vector
 from trussflow.fmu.exporting.python.payload import Payload
 
 

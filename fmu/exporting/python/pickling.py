@@ -19,7 +19,7 @@ import cloudpickle
 
 from trussflow.blocks.framework.block import Block
 from trussflow.blocks.framework.diagram import leaves
-from trussflow.blocks.simulation.results import own_version
+from trussflow.blocks.results.dataset import own_version
 from trussflow.fmu.errors import ExportError
 
 OWN_PACKAGE = __name__.partition(".")[0]

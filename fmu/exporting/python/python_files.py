@@ -13,9 +13,9 @@ from typing import Any
 import numpy as np
 import pythonfmu
 
+from trussflow.blocks.errors import TrussflowError
 from trussflow.blocks.framework.block import Block
-from trussflow.blocks.framework.errors import TrussflowError
-from trussflow.blocks.simulation.results import own_version
+from trussflow.blocks.results.dataset import own_version
 from trussflow.fmu.errors import ExportError
 from trussflow.fmu.exporting.description.export_interface import ExportInterface
 from trussflow.fmu.exporting.description.model_description import Use, model_description

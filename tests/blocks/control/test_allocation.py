@@ -8,14 +8,8 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from numpy.testing import assert_allclose, assert_array_equal
 
-from trussflow.blocks import (
-    Constant,
-    Diagram,
-    SimulationError,
-    SimulationWarning,
-    WeightedAllocation,
-    simulate,
-)
+from trussflow.blocks import Constant, Diagram, WeightedAllocation, simulate
+from trussflow.blocks.errors import SimulationError, SimulationWarning
 
 ROUND_OFF = 1e-14  # relative: a few operations of 1e-16 each
 # Of the best weighted solution, relative to the demand, for condition numbers up to 1e4.

@@ -11,7 +11,6 @@ from trussflow.blocks import (
     BoundedAllocation,
     Constant,
     Diagram,
-    DivergenceError,
     Function,
     OperatingPoint,
     RateBoundedAllocation,
@@ -22,6 +21,7 @@ from trussflow.blocks import (
     linearize,
     simulate,
 )
+from trussflow.blocks.errors import DivergenceError
 from trussflow.blocks.tracing.bounded_least_squares import bounded_least_squares
 
 PROBLEM_COUNT = 100 * campaign.SIZE

@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 from systems import jacobian
 
-from trussflow.blocks import BlockError, ExtendedKalmanFilter, NonlinearProcess, ParameterError, TracingError
+from trussflow.blocks import ExtendedKalmanFilter, NonlinearProcess
+from trussflow.blocks.errors import BlockError, ParameterError, TracingError
 
 EVERY = 0.05  # s
 Q, R = np.diag([1e-6, 1e-3]), np.diag([1e-4, 4e-4])

@@ -11,23 +11,25 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from trussflow.blocks import (
-    BlockError,
     Diagram,
     ExtendedKalmanFilter,
     GaussMarkov,
     KalmanFilter,
-    LinearAnalysisError,
     LinearProcess,
-    NameLookupError,
-    ParameterError,
     Signals,
-    SimulationError,
     StateSpace,
-    TrussflowError,
     ZeroOrderHold,
     kalman_filter,
 )
 from trussflow.blocks.control.covariances import hidden
+from trussflow.blocks.errors import (
+    BlockError,
+    LinearAnalysisError,
+    NameLookupError,
+    ParameterError,
+    SimulationError,
+    TrussflowError,
+)
 
 
 def oscillator(**settings):

@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 import systems
 
-from trussflow.blocks import Block, SelfStepping, Session, StepDiscardedError
+from trussflow.blocks import Block, Session
 from trussflow.blocks.framework.port import Input, Output
+from trussflow.blocks.framework.run_state import SelfStepping, StepDiscardedError
 
 interpreted = pytest.fixture(scope="module", autouse=True)(systems.interpreted)
 

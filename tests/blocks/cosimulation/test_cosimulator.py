@@ -12,18 +12,12 @@ from trussflow.blocks import (
     Constant,
     CoSimulator,
     Diagram,
-    DivergenceError,
     Function,
     Gain,
     Input,
     Integrator,
-    NameLookupError,
-    OpenInputError,
     Output,
-    ParameterError,
     PythonFunction,
-    SimulationError,
-    SimulationInterrupted,
     StateSpace,
     StopWhen,
     ZeroOrderHold,
@@ -31,6 +25,14 @@ from trussflow.blocks import (
     simulate,
 )
 from trussflow.blocks.cosimulation.fixed_point import NotConvergedError, fixed_point
+from trussflow.blocks.errors import (
+    DivergenceError,
+    NameLookupError,
+    OpenInputError,
+    ParameterError,
+    SimulationError,
+    SimulationInterrupted,
+)
 
 ROUND_OFF = 1e-14  # relative: a few operations of 1e-16 each
 H = 0.0625  # s

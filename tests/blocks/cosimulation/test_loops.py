@@ -4,18 +4,8 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
-from trussflow.blocks import (
-    AlgebraicLoopError,
-    Diagram,
-    Gain,
-    Integrator,
-    SimulationError,
-    StateSpace,
-    Sum,
-    UnitDelay,
-    cosimulate,
-    simulate,
-)
+from trussflow.blocks import Diagram, Gain, Integrator, StateSpace, Sum, UnitDelay, cosimulate, simulate
+from trussflow.blocks.errors import AlgebraicLoopError, SimulationError
 
 H = 0.125  # s
 

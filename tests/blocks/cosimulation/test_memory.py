@@ -5,16 +5,9 @@ import pytest
 from numpy.testing import assert_allclose
 from systems import HiddenSum, HiddenSumRun
 
-from trussflow.blocks import (
-    Diagram,
-    DiscreteStateSpace,
-    Function,
-    Integrator,
-    Running,
-    SimulationError,
-    StateSpace,
-    cosimulate,
-)
+from trussflow.blocks import Diagram, DiscreteStateSpace, Function, Integrator, StateSpace, cosimulate
+from trussflow.blocks.errors import SimulationError
+from trussflow.blocks.framework.run_state import Running
 
 H = 0.125  # s
 

@@ -5,18 +5,9 @@ import pytest
 from numpy.testing import assert_array_equal
 from scipy.linalg import expm
 
-from trussflow.blocks import (
-    CoSimulator,
-    Diagram,
-    DivergenceError,
-    Function,
-    SimulationError,
-    StateSpace,
-    Step,
-    Sum,
-    cosimulate,
-)
+from trussflow.blocks import CoSimulator, Diagram, Function, StateSpace, Step, Sum, cosimulate
 from trussflow.blocks.cosimulation.step_control import StepControl
+from trussflow.blocks.errors import DivergenceError, SimulationError
 
 SMALLEST = 2.0**-14  # s
 END = 4.0  # s

@@ -13,7 +13,6 @@ import pytest
 from trussflow.blocks import (
     Constant,
     Diagram,
-    DiagramError,
     Gain,
     Integrator,
     MatrixGain,
@@ -24,6 +23,7 @@ from trussflow.blocks import (
 )
 from trussflow.blocks.drawing.loops import in_loops
 from trussflow.blocks.drawing.scene import HEAD_HEIGHT, breadth, scene_of
+from trussflow.blocks.errors import DiagramError
 
 LONG_NAME = "a_name_that_is_longer_than_any_picture_can_show_in_a_box"
 SVG = "{http://www.w3.org/2000/svg}"

@@ -9,17 +9,8 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 
-from trussflow.blocks import (
-    BlockError,
-    Constant,
-    Diagram,
-    Gain,
-    Input,
-    NameLookupError,
-    Operation,
-    WiringError,
-    simulate,
-)
+from trussflow.blocks import Constant, Diagram, Gain, Input, Operation, simulate
+from trussflow.blocks.errors import BlockError, NameLookupError, WiringError
 
 VALUES = {
     "a": 1.5,

@@ -5,10 +5,10 @@ import pytest
 from numpy.testing import assert_array_equal
 from systems import Counter, Lag
 
+from trussflow.blocks.errors import BlockError, NameLookupError, ParameterError, TrussflowError
 from trussflow.blocks.framework.block import Block
 from trussflow.blocks.framework.declarations import REQUIRED, Attribute, Parameter, State
 from trussflow.blocks.framework.diagram import Diagram
-from trussflow.blocks.framework.errors import BlockError, NameLookupError, ParameterError, TrussflowError
 from trussflow.blocks.framework.port import Input, Output
 from trussflow.blocks.simulation.simulator import simulate
 from trussflow.blocks.tracing.plan import Plan

@@ -5,8 +5,8 @@ from fractions import Fraction
 import numpy as np
 import pytest
 
+from trussflow.blocks.errors import SimulationError
 from trussflow.blocks.framework.clock import Clock, common_tick, exact, ticks
-from trussflow.blocks.framework.errors import SimulationError
 from trussflow.blocks.simulation.schedule import MAX_SCANNED_TICKS, Schedule
 
 

@@ -9,7 +9,6 @@ from trussflow.blocks import (
     Constant,
     CoSimulator,
     Diagram,
-    DiagramError,
     Gain,
     Input,
     Integrator,
@@ -18,7 +17,8 @@ from trussflow.blocks import (
     UnitDelay,
     simulate,
 )
-from trussflow.blocks.framework.described import MAX_LINE_LENGTH, Description
+from trussflow.blocks.errors import DiagramError
+from trussflow.blocks.support.summary import MAX_LINE_LENGTH, Description
 
 
 def loop():

@@ -7,9 +7,10 @@ import sys
 
 import pytest
 
-from trussflow.blocks import Constant, Diagram, Integrator, TrussflowError, save, simulate
-from trussflow.blocks.framework import temporary
-from trussflow.blocks.framework.files import replaced
+from trussflow.blocks import Constant, Diagram, Integrator, save, simulate
+from trussflow.blocks.errors import TrussflowError
+from trussflow.blocks.support import temporary_folders
+from trussflow.blocks.support.files import replaced
 from trussflow.fmu import export
 
 
@@ -54,7 +55,7 @@ def test_links_are_followed(tmp_path):
 
 def test_temporary_folders_are_named_and_made_anew():
     code = (
-        "import shutil, tempfile; from trussflow.blocks.framework.temporary import *\n"
+        "import shutil, tempfile; from trussflow.blocks.support.temporary_folders import *\n"
         "print(with_place(OSError('full')))\n"
         "shutil.rmtree(process_folder())\n"
         "print(process_folder().is_dir(), tempfile.gettempdir())"
@@ -65,6 +66,6 @@ def test_temporary_folders_are_named_and_made_anew():
 
 
 def test_libraries_that_cannot_be_mapped_say_what_may_be_why():
-    said = temporary.not_loaded(OSError("a.so: failed to map segment from shared object"))
+    said = temporary_folders.not_loaded(OSError("a.so: failed to map segment from shared object"))
     assert said.endswith("mounted noexec? TMPDIR and TRUSSFLOW_CACHE name another")
-    assert temporary.not_loaded(OSError("no such file")) == "no such file"
+    assert temporary_folders.not_loaded(OSError("no such file")) == "no such file"

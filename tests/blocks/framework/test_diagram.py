@@ -5,9 +5,9 @@ from functools import partial
 import pytest
 
 from trussflow.blocks import Constant, Gain, Sum
+from trussflow.blocks.errors import BlockError, DiagramError, WiringError
 from trussflow.blocks.framework.block import Block
 from trussflow.blocks.framework.diagram import Diagram
-from trussflow.blocks.framework.errors import BlockError, DiagramError, WiringError
 from trussflow.blocks.framework.port import Input
 from trussflow.blocks.simulation.simulator import simulate
 from trussflow.blocks.tracing.plan import Plan

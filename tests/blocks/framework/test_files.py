@@ -8,11 +8,11 @@ from concurrent.futures import ThreadPoolExecutor
 
 import pytest
 
-from trussflow.blocks.framework.files import LOCK_SUFFIX, deleted, locked, own_folder, replaced
+from trussflow.blocks.support.files import LOCK_SUFFIX, deleted, locked, own_folder, replaced
 
 KILLED_WRITER = """
 import os, sys
-from trussflow.blocks.framework.files import replaced
+from trussflow.blocks.support.files import replaced
 with replaced(sys.argv[1]) as partial:
     partial.write_text("half")
     os.kill(os.getpid(), 9)

@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 from trussflow.blocks import UnitDelay
+from trussflow.blocks.errors import WiringError
 from trussflow.blocks.framework.block import Block
 from trussflow.blocks.framework.diagram import Diagram
-from trussflow.blocks.framework.errors import WiringError
 from trussflow.blocks.framework.port import INFERRED, Input, Output
 from trussflow.blocks.framework.system import flatten
 from trussflow.blocks.simulation.simulator import simulate

@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 
 from trussflow.blocks import Diagram, Gain, Integrator, Session
-from trussflow.blocks.framework.interrupts import interruptible, uninterrupted
+from trussflow.blocks.support.interrupts import interruptible, uninterrupted
 
 
 def wait_until(end):

@@ -7,16 +7,8 @@ import warnings
 import numpy as np
 import pytest
 
-from trussflow.blocks import (
-    Constant,
-    Diagram,
-    Gain,
-    Integrator,
-    NameLookupError,
-    OpenInputError,
-    WiringError,
-    simulate,
-)
+from trussflow.blocks import Constant, Diagram, Gain, Integrator, simulate
+from trussflow.blocks.errors import NameLookupError, OpenInputError, WiringError
 
 
 def last(diagram, name):

@@ -7,9 +7,9 @@ from numpy.testing import assert_array_equal
 from trussflow.blocks import Constant
 from trussflow.blocks.framework.block import Block
 from trussflow.blocks.framework.diagram import Diagram
-from trussflow.blocks.framework.external import External
+from trussflow.blocks.framework.external_inputs import External
 from trussflow.blocks.framework.port import Input, Output
-from trussflow.blocks.framework.rewiring import Adder, injected, probed, readers
+from trussflow.blocks.framework.signal_injection import Adder, injected, probed, readers
 from trussflow.blocks.framework.system import flatten
 from trussflow.blocks.tracing.plan import Plan
 

@@ -3,7 +3,7 @@
 import pint
 import pytest
 
-from trussflow.blocks.framework.errors import BlockError
+from trussflow.blocks.errors import BlockError
 from trussflow.blocks.framework.units import mismatch, parse, readable
 
 

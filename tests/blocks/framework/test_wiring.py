@@ -6,15 +6,9 @@ import sys
 import numpy as np
 import pytest
 
+from trussflow.blocks.errors import BlockError, DiagramError, NameLookupError, OpenInputError, WiringError
 from trussflow.blocks.framework.block import Block
 from trussflow.blocks.framework.diagram import Diagram
-from trussflow.blocks.framework.errors import (
-    BlockError,
-    DiagramError,
-    NameLookupError,
-    OpenInputError,
-    WiringError,
-)
 from trussflow.blocks.framework.port import Input, Output
 from trussflow.blocks.framework.system import flatten
 from trussflow.blocks.library.algebra import Gain

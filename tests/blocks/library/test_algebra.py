@@ -5,7 +5,6 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 from trussflow.blocks import (
-    BlockError,
     Concatenate,
     Constant,
     Diagram,
@@ -18,9 +17,9 @@ from trussflow.blocks import (
     Select,
     Sum,
     Terminator,
-    WiringError,
     simulate,
 )
+from trussflow.blocks.errors import BlockError, WiringError
 
 ROUND_OFF = 1e-14  # relative: a few operations of 1e-16 each
 u = np.array([1.0, -2.0, 4.0])

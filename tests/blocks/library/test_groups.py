@@ -14,7 +14,6 @@ from trussflow.blocks import (
     Block,
     Constant,
     Diagram,
-    DiagramError,
     DiscretePID,
     Gain,
     Input,
@@ -37,6 +36,7 @@ from trussflow.blocks import (
     simulate,
     triggered,
 )
+from trussflow.blocks.errors import DiagramError
 
 TOLERANCE = 1e-9  # round-off, and times located to round-off
 

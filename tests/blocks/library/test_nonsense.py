@@ -20,7 +20,6 @@ import pytest
 import trussflow.blocks as library
 from trussflow.blocks import (
     Block,
-    BlockError,
     Constant,
     CoSimulator,
     Diagram,
@@ -33,7 +32,6 @@ from trussflow.blocks import (
     Session,
     Simulator,
     State,
-    TrussflowError,
     delay_margin,
     estimated_response,
     frequency_response,
@@ -42,9 +40,10 @@ from trussflow.blocks import (
     simulate,
     trim,
 )
-from trussflow.blocks.framework.validation import shown
+from trussflow.blocks.errors import BlockError, TrussflowError
 from trussflow.blocks.linear_analysis.linearize import Linearizer
-from trussflow.blocks.simulation.results import save
+from trussflow.blocks.results.dataset import save
+from trussflow.blocks.support.validation import shown
 
 CALL_COUNT = 300 * campaign.SIZE
 

@@ -8,7 +8,6 @@ from numpy.testing import assert_allclose, assert_array_equal
 from systems import ports
 
 from trussflow.blocks import (
-    BlockError,
     Constant,
     Diagram,
     Function,
@@ -19,11 +18,11 @@ from trussflow.blocks import (
     PythonFunction,
     Ramp,
     Session,
-    WiringError,
     as_block,
     linearize,
     simulate,
 )
+from trussflow.blocks.errors import BlockError, WiringError
 
 
 def decide(u, v):

@@ -29,7 +29,6 @@ from trussflow.blocks import (
     Diagram,
     DiscreteTransferFunction,
     DisturbanceObserver,
-    DivergenceError,
     Function,
     Gain,
     Ground,
@@ -54,11 +53,11 @@ from trussflow.blocks import (
     TimeTable,
     TransferFunction,
     Trapezoid,
-    TrussflowError,
     UnitDelay,
     Waypoints,
     ZeroOrderHold,
 )
+from trussflow.blocks.errors import DivergenceError, TrussflowError
 from trussflow.blocks.framework.system import flatten
 
 DIAGRAM_COUNT = 30 * campaign.SIZE

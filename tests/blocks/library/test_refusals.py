@@ -7,7 +7,6 @@ import pytest
 from trussflow.blocks import (
     PD,
     PID,
-    BlockError,
     BoundedAllocation,
     Chirp,
     Concatenate,
@@ -27,7 +26,6 @@ from trussflow.blocks import (
     MatrixGain,
     Noise,
     Output,
-    ParameterError,
     Product,
     Pulse,
     PythonFunction,
@@ -62,6 +60,7 @@ from trussflow.blocks import (
     lqr,
     sampled_delay,
 )
+from trussflow.blocks.errors import BlockError, ParameterError
 
 A, B, C = np.eye(3), np.ones((3, 2)), np.ones((2, 3))
 PLANT = control.ss(np.eye(2), np.eye(2), np.eye(2), 0.0)

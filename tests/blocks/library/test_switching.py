@@ -13,7 +13,6 @@ from trussflow.blocks import (
     Pulse,
     Ramp,
     Relay,
-    RunEndedError,
     Session,
     Sine,
     Step,
@@ -22,6 +21,7 @@ from trussflow.blocks import (
     TimeFunction,
     simulate,
 )
+from trussflow.blocks.errors import RunEndedError
 
 LOCATION_ERROR = 5e-8
 """Error of an integral over some switching times; DOP853 has rtol 1e-8 between them."""

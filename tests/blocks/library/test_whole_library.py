@@ -21,7 +21,6 @@ from trussflow.blocks import (
     ConventionalSlidingMode,
     DeadZone,
     Diagram,
-    DiagramError,
     DiscretePID,
     DiscreteStateSpace,
     DiscreteTransferFunction,
@@ -77,6 +76,7 @@ from trussflow.blocks import (
     simulate,
     triggered,
 )
+from trussflow.blocks.errors import DiagramError
 from trussflow.blocks.framework.system import flatten
 
 A = 0.3 * np.array([[-1.0, 2.0, 0.0], [-2.0, -1.0, 0.5], [0.0, 0.1, -0.5]])

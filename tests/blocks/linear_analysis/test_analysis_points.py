@@ -8,11 +8,9 @@ import pytest
 
 from trussflow.blocks import (
     Diagram,
-    DiagramError,
     Free,
     Gain,
     MatrixGain,
-    NameLookupError,
     StateSpace,
     Sum,
     estimated_response,
@@ -25,6 +23,7 @@ from trussflow.blocks import (
     simulate,
     trim,
 )
+from trussflow.blocks.errors import DiagramError, NameLookupError
 
 
 def attitude():

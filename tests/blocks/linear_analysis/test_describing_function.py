@@ -15,7 +15,6 @@ from trussflow.blocks import (
     Gain,
     IntegralSlidingMode,
     Integrator,
-    NameLookupError,
     OperatingPoint,
     Saturation,
     StateSpace,
@@ -27,7 +26,7 @@ from trussflow.blocks import (
     loop_transfer,
 )
 from trussflow.blocks.control.sliding_mode import signed_power
-from trussflow.blocks.framework.errors import LinearAnalysisError
+from trussflow.blocks.errors import LinearAnalysisError, NameLookupError
 
 LAW: dict[str, Any] = {
     "gamma": 1.0,

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from trussflow.blocks import Diagram, Function, Gain, Integrator, OperatingPoint, linearize_over
-from trussflow.blocks.framework.errors import LinearAnalysisError
+from trussflow.blocks.errors import LinearAnalysisError
 
 SETTINGS: dict[str, Any] = {"step": 0.01, "backend": "interpreted"}
 

@@ -24,7 +24,7 @@ from trussflow.blocks import (
     ZeroOrderHold,
     linearize,
 )
-from trussflow.blocks.framework.errors import LinearAnalysisError
+from trussflow.blocks.errors import LinearAnalysisError
 
 
 class Filter(Block):

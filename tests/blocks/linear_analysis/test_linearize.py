@@ -15,19 +15,16 @@ from trussflow.blocks import (
     Function,
     Input,
     Linearizer,
-    NameLookupError,
     OperatingPoint,
     Output,
     Parameter,
-    ParameterError,
     Signals,
     State,
     StateSpace,
-    WiringError,
     linearize,
     modal_table,
 )
-from trussflow.blocks.framework.errors import LinearAnalysisError
+from trussflow.blocks.errors import LinearAnalysisError, NameLookupError, ParameterError, WiringError
 
 ROUND_OFF = 1e-13
 POINT = OperatingPoint(states={"arm.q": [0.7, -0.4], "arm.v": [1.3, 0.2]}, inputs={"force": [2, 1]})

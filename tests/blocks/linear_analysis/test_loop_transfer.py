@@ -19,7 +19,6 @@ from trussflow.blocks import (
     Gain,
     Integrator,
     MatrixGain,
-    NameLookupError,
     OperatingPoint,
     Product,
     PythonFunction,
@@ -30,7 +29,7 @@ from trussflow.blocks import (
     loop_transfer,
     sensitivity,
 )
-from trussflow.blocks.framework.errors import LinearAnalysisError, SimulationWarning, TrussflowError
+from trussflow.blocks.errors import LinearAnalysisError, NameLookupError, SimulationWarning, TrussflowError
 from trussflow.blocks.linear_analysis.loop_transfer import margins_of
 from trussflow.blocks.linear_analysis.margins import frequencies_about, sensitivities, sensitivity_matrices
 

@@ -15,7 +15,7 @@ from trussflow.blocks import (
     loop_transfer,
     modal_bode,
 )
-from trussflow.blocks.framework.errors import LinearAnalysisError
+from trussflow.blocks.errors import LinearAnalysisError
 
 FREQUENCIES = np.array([1.0, 3.0])  # Hz
 OMEGA = 2.0 * np.pi * np.geomspace(0.5, 6.0, 50)

@@ -16,18 +16,17 @@ from trussflow.blocks import (
     Input,
     OperatingPoint,
     Output,
-    ParameterError,
     PythonFunction,
     Session,
-    SimulationError,
     StateSpace,
     ZeroOrderHold,
     linearize,
     operating_point_after,
     simulate,
 )
+from trussflow.blocks.errors import ParameterError, SimulationError
 from trussflow.blocks.framework.declarations import State
-from trussflow.blocks.framework.running import Running
+from trussflow.blocks.framework.run_state import Running
 
 ROUND_OFF = 1e-14  # relative: a few operations of 1e-16 each
 

@@ -10,7 +10,6 @@ from trussflow.blocks import (
     DiscreteStateSpace,
     Function,
     Gain,
-    NameLookupError,
     OperatingPoint,
     PythonFunction,
     Quantizer,
@@ -23,7 +22,7 @@ from trussflow.blocks import (
     loop_transfer,
     sensitivity,
 )
-from trussflow.blocks.framework.errors import LinearAnalysisError
+from trussflow.blocks.errors import LinearAnalysisError, NameLookupError
 
 OMEGA = np.geomspace(0.01, 100.0, 60)
 ROUND_OFF = 1e-12

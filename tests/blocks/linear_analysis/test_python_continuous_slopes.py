@@ -22,7 +22,7 @@ from trussflow.blocks import (
     loop_transfer,
     trim,
 )
-from trussflow.blocks.framework.errors import LinearAnalysisError
+from trussflow.blocks.errors import LinearAnalysisError
 from trussflow.blocks.linear_analysis.trim import _Problem
 
 

@@ -6,20 +6,18 @@ from systems import HiddenSum, ports
 
 from trussflow.blocks import (
     Block,
-    BlockError,
     Diagram,
     Input,
     Integrator,
     Output,
     Parameter,
     PythonFunction,
-    SimulationError,
     State,
     linearize,
     trim,
 )
-from trussflow.blocks.framework.errors import LinearAnalysisError
-from trussflow.blocks.framework.running import Running
+from trussflow.blocks.errors import BlockError, LinearAnalysisError, SimulationError
+from trussflow.blocks.framework.run_state import Running
 
 
 class Steps(Block):

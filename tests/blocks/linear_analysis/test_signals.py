@@ -18,7 +18,7 @@ from trussflow.blocks import (
     Product,
     linearize,
 )
-from trussflow.blocks.framework.errors import LinearAnalysisError
+from trussflow.blocks.errors import LinearAnalysisError
 
 
 def two_readers():

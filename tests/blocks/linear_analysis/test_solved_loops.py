@@ -8,12 +8,9 @@ from systems import ports
 
 from trussflow.blocks import (
     Diagram,
-    DivergenceError,
     Free,
     Function,
     Integrator,
-    LinearAnalysisError,
-    NameLookupError,
     OperatingPoint,
     Saturation,
     Sum,
@@ -23,6 +20,7 @@ from trussflow.blocks import (
     operating_point_after,
     trim,
 )
+from trussflow.blocks.errors import DivergenceError, LinearAnalysisError, NameLookupError
 
 ROUND_OFF = 1e-13
 

@@ -13,18 +13,15 @@ from trussflow.blocks import (
     Function,
     Gain,
     Integrator,
-    NameLookupError,
     OperatingPoint,
-    ParameterError,
     PythonFunction,
     StateSpace,
-    TrimError,
     UnitDelay,
     linearize,
     operating_point_after,
     trim,
 )
-from trussflow.blocks.framework.errors import LinearAnalysisError
+from trussflow.blocks.errors import LinearAnalysisError, NameLookupError, ParameterError, TrimError
 
 ROUND_OFF = 1e-14  # relative: a few operations of 1e-16 each
 SMALL = 1e-9

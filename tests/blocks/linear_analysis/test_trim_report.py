@@ -6,16 +6,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from trussflow.blocks import (
-    Diagram,
-    DiscreteStateSpace,
-    Free,
-    Gain,
-    TransferFunction,
-    TransportDelay,
-    TrimError,
-    trim,
-)
+from trussflow.blocks import Diagram, DiscreteStateSpace, Free, Gain, TransferFunction, TransportDelay, trim
+from trussflow.blocks.errors import TrimError
 
 
 def lines_of(point):

@@ -10,20 +10,17 @@ from numpy.testing import assert_allclose
 from trussflow.blocks import (
     Block,
     Diagram,
-    DivergenceError,
     Integrator,
     MatrixGain,
     Output,
     Parameter,
     Ramp,
-    SimulationError,
-    SimulationInterrupted,
     Sine,
     State,
     TimeFunction,
-    TimeLimitError,
     simulate,
 )
+from trussflow.blocks.errors import DivergenceError, SimulationError, SimulationInterrupted, TimeLimitError
 from trussflow.blocks.simulation import run as run_module
 from trussflow.blocks.simulation.adaptive import IMPLICIT, METHODS, integrate
 from trussflow.blocks.simulation.progress import ProgressBar

@@ -5,7 +5,6 @@ import sys
 import pytest
 
 from trussflow.blocks import (
-    AlgebraicLoopError,
     Block,
     Diagram,
     Function,
@@ -17,6 +16,7 @@ from trussflow.blocks import (
     State,
     simulate,
 )
+from trussflow.blocks.errors import AlgebraicLoopError
 
 
 class PythonGain(Gain):

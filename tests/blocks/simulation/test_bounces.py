@@ -5,7 +5,8 @@ import pytest
 import systems
 from numpy.testing import assert_allclose
 
-from trussflow.blocks import Diagram, Parameter, Session, SimulationError, Simulator, UnitDelay, simulate
+from trussflow.blocks import Diagram, Parameter, Session, Simulator, UnitDelay, simulate
+from trussflow.blocks.errors import SimulationError
 
 GRAVITY, RESTITUTION = 9.81, 0.7
 FALL_TIME = np.sqrt(2.0 / GRAVITY)

@@ -17,26 +17,28 @@ import xarray as xr
 
 from trussflow.blocks import (
     Block,
-    BlockError,
     Diagram,
-    DivergenceError,
     Input,
     Noise,
     Output,
-    ParameterError,
     Relay,
-    Running,
     Session,
-    SimulationError,
     Simulator,
     Sine,
-    TimeLimitError,
     TransferFunction,
     TransportDelay,
     UnitDelay,
 )
+from trussflow.blocks.errors import (
+    BlockError,
+    DivergenceError,
+    ParameterError,
+    SimulationError,
+    TimeLimitError,
+)
+from trussflow.blocks.framework.run_state import Running
+from trussflow.blocks.results.state_file import write_state
 from trussflow.blocks.simulation import log, streamed_log
-from trussflow.blocks.simulation.state_bytes import write_state
 
 SOLVERS = "rk4", "RK45", "LSODA"
 STEP, LENGTH, EVERY = 0.01, 2.0, 0.25

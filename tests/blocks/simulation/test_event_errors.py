@@ -4,19 +4,8 @@ import numpy as np
 import pytest
 from systems import Counter
 
-from trussflow.blocks import (
-    Block,
-    BlockError,
-    Diagram,
-    DivergenceError,
-    Event,
-    Mode,
-    Output,
-    ParameterError,
-    SimulationError,
-    State,
-    simulate,
-)
+from trussflow.blocks import Block, Diagram, Event, Mode, Output, State, simulate
+from trussflow.blocks.errors import BlockError, DivergenceError, ParameterError, SimulationError
 
 
 class Falling(Block):

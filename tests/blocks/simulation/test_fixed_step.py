@@ -5,7 +5,8 @@ import warnings
 import numpy as np
 import pytest
 
-from trussflow.blocks import Diagram, Integrator, Session, SimulationWarning, StateSpace, Step, simulate
+from trussflow.blocks import Diagram, Integrator, Session, StateSpace, Step, simulate
+from trussflow.blocks.errors import SimulationWarning
 
 
 @pytest.mark.parametrize("solver", ["rk4", "euler"])

@@ -15,14 +15,14 @@ from trussflow.blocks import (
     OperatingPoint,
     Output,
     Session,
-    SimulationError,
     State,
     StateSpace,
     cosimulate,
     linearize,
     simulate,
 )
-from trussflow.blocks.framework.running import SelfStepping
+from trussflow.blocks.errors import SimulationError
+from trussflow.blocks.framework.run_state import SelfStepping
 
 
 class Follower(Block):

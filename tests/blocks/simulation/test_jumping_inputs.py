@@ -16,7 +16,7 @@ from trussflow.blocks import (
     ZeroOrderHold,
     simulate,
 )
-from trussflow.blocks.framework.running import Running
+from trussflow.blocks.framework.run_state import Running
 
 
 class RelayRun(Running):

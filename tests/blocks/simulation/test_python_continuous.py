@@ -15,14 +15,14 @@ from trussflow.blocks import (
     Integrator,
     Output,
     PythonFunction,
-    Running,
     Session,
-    SimulationError,
     State,
     Sum,
     ZeroOrderHold,
     simulate,
 )
+from trussflow.blocks.errors import SimulationError
+from trussflow.blocks.framework.run_state import Running
 
 SOLVERS = ("rk4", "euler", "RK45", "DOP853", "LSODA", "BDF", "Radau")
 

@@ -7,19 +7,17 @@ from systems import Time
 
 from trussflow.blocks import (
     Block,
-    BlockError,
     Diagram,
-    DivergenceError,
     Input,
     MatrixGain,
     Output,
     Parameter,
-    SimulationError,
     Simulator,
     State,
     UnitDelay,
     simulate,
 )
+from trussflow.blocks.errors import BlockError, DivergenceError, SimulationError
 
 ROUND_OFF = 1e-12  # some hundred additions of numbers near one
 

@@ -17,25 +17,27 @@ from trussflow.blocks import (
     Block,
     Diagram,
     Input,
-    NameLookupError,
     Output,
     Parameter,
-    ParameterError,
     PythonFunction,
     Saturation,
     Session,
-    SimulationError,
     Simulator,
     State,
-    TrussflowError,
     UnitDelay,
-    WiringError,
     ZeroOrderHold,
     operating_point_after,
     simulate,
 )
+from trussflow.blocks.errors import (
+    NameLookupError,
+    ParameterError,
+    SimulationError,
+    TrussflowError,
+    WiringError,
+)
 from trussflow.blocks.framework.port import Inferable
-from trussflow.blocks.simulation.results import load, plot, save, to_control, to_pandas
+from trussflow.blocks.results.dataset import load, plot, save, to_control, to_pandas
 
 ROUND_OFF = 1e-12  # of times, sums of some hundred steps
 

@@ -9,22 +9,20 @@ from systems import Time
 
 from trussflow.blocks import (
     Block,
-    BlockError,
     Diagram,
     Input,
     Integrator,
     Output,
     Parameter,
-    Running,
-    SelfStepping,
     Session,
-    SimulationError,
     Simulator,
     StateSpace,
     cosimulate,
     estimated_response,
     simulate,
 )
+from trussflow.blocks.errors import BlockError, SimulationError
+from trussflow.blocks.framework.run_state import Running, SelfStepping
 
 ROUND_OFF = 1e-14  # relative: a few operations of 1e-16 each
 STEP = 0.01

@@ -5,17 +5,8 @@ from fractions import Fraction
 import numpy as np
 import pytest
 
-from trussflow.blocks import (
-    Block,
-    Diagram,
-    Function,
-    Input,
-    Output,
-    SimulationError,
-    Simulator,
-    Sine,
-    TimeLimitError,
-)
+from trussflow.blocks import Block, Diagram, Function, Input, Output, Simulator, Sine
+from trussflow.blocks.errors import SimulationError, TimeLimitError
 
 
 def test_runs_of_other_logged_equations_and_other_starts_of_loops_are_not_resumed(tmp_path):

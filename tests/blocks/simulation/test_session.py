@@ -7,20 +7,9 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal, assert_equal
 from systems import HiddenSum, Lag, Time
 
-from trussflow.blocks import (
-    Block,
-    Diagram,
-    Input,
-    NameLookupError,
-    Output,
-    Parameter,
-    ParameterError,
-    SelfStepping,
-    Session,
-    Simulator,
-    State,
-    TimeFunction,
-)
+from trussflow.blocks import Block, Diagram, Input, Output, Parameter, Session, Simulator, State, TimeFunction
+from trussflow.blocks.errors import NameLookupError, ParameterError
+from trussflow.blocks.framework.run_state import SelfStepping
 
 STEP, POINT, SAMPLE = 0.01, Fraction(1, 20), 0.04  # clocks that do and do not meet the points
 ADAPTIVE_TOLERANCE = 1e-7  # of the exact solution, with the default tolerances

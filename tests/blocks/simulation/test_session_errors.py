@@ -4,19 +4,13 @@ import numpy as np
 import pytest
 from numpy.testing import assert_array_equal
 
-from trussflow.blocks import (
-    Block,
-    Diagram,
+from trussflow.blocks import Block, Diagram, Function, Input, Output, Session, State
+from trussflow.blocks.errors import (
     DivergenceError,
-    Function,
-    Input,
     NameLookupError,
     OpenInputError,
-    Output,
     ParameterError,
-    Session,
     SimulationError,
-    State,
 )
 
 STEP = 0.01

@@ -10,27 +10,29 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 from trussflow.blocks import (
     Block,
-    BlockError,
     Constant,
     Diagram,
-    DivergenceError,
     Event,
     Function,
     Gain,
     Integrator,
     Mode,
-    ParameterError,
     Ramp,
     Saturation,
     Session,
-    SimulationError,
-    SimulationInterrupted,
     Simulator,
     Step,
     linearize,
     simulate,
 )
-from trussflow.blocks.framework.errors import SimulationWarning
+from trussflow.blocks.errors import (
+    BlockError,
+    DivergenceError,
+    ParameterError,
+    SimulationError,
+    SimulationInterrupted,
+    SimulationWarning,
+)
 from trussflow.blocks.simulation.run import Run
 
 SETTINGS = {"step": 0.1, "backend": "interpreted"}

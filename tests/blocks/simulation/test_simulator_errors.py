@@ -13,24 +13,26 @@ from numpy.testing import assert_allclose, assert_array_equal
 from trussflow.blocks import (
     Block,
     Diagram,
-    DiagramError,
-    DivergenceError,
     Function,
     Gain,
     Input,
     Integrator,
-    NameLookupError,
     Output,
     Parameter,
-    ParameterError,
     PythonFunction,
     Session,
-    SimulationError,
-    SimulationInterrupted,
     State,
     TimeFunction,
     cosimulate,
     simulate,
+)
+from trussflow.blocks.errors import (
+    DiagramError,
+    DivergenceError,
+    NameLookupError,
+    ParameterError,
+    SimulationError,
+    SimulationInterrupted,
 )
 
 ROUND_OFF = 1e-14  # relative: a few operations of 1e-16 each
@@ -234,7 +236,8 @@ def test_interrupted_run_keeps_its_log(solver):
 
 SCRIPT = """
 import sys
-from trussflow.blocks import Diagram, SimulationInterrupted, Simulator, StateSpace
+from trussflow.blocks import Diagram, Simulator, StateSpace
+from trussflow.blocks.errors import SimulationInterrupted
 
 diagram = Diagram("d")
 spring = diagram.add(spring=StateSpace([[0, 1], [-1, 0]], [0, 1], [1, 0], initial_value=[1, 0]))

@@ -8,19 +8,14 @@ from numpy.testing import assert_allclose, assert_array_equal
 from systems import Ball, ports
 
 from trussflow.blocks import (
-    AlgebraicLoopError,
     Block,
     Constant,
     Diagram,
-    DiagramError,
-    DivergenceError,
     Function,
     Gain,
     Input,
     Integrator,
-    NameLookupError,
     Output,
-    ParameterError,
     Ramp,
     Saturation,
     Session,
@@ -28,6 +23,13 @@ from trussflow.blocks import (
     Switch,
     ZeroOrderHold,
     simulate,
+)
+from trussflow.blocks.errors import (
+    AlgebraicLoopError,
+    DiagramError,
+    DivergenceError,
+    NameLookupError,
+    ParameterError,
 )
 from trussflow.blocks.tracing.bounded_least_squares import bounded_least_squares
 from trussflow.blocks.tracing.plan import Plan

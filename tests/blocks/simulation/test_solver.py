@@ -7,12 +7,12 @@ from trussflow.blocks import (
     Diagram,
     Integrator,
     Session,
-    SimulationError,
     Simulator,
     cosimulate,
     operating_point_after,
     simulate,
 )
+from trussflow.blocks.errors import SimulationError
 from trussflow.blocks.simulation.solver import Solver
 
 

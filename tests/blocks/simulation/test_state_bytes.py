@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from trussflow.blocks.simulation.state_bytes import decode, encode
+from trussflow.blocks.results.state_file import decode, encode
 
 OF = {"FMU": "an FMU", "step": 0.1}
 NUMBERS = np.random.default_rng(0).standard_normal((2, 3)) * 10.0 ** np.arange(-300, 300, 200)

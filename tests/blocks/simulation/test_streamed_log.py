@@ -17,7 +17,7 @@ import xarray as xr
 from numpy.testing import assert_allclose
 
 from trussflow.blocks import Diagram, Integrator, Simulator, Sine, recover, save
-from trussflow.blocks.framework.errors import SimulationError, SimulationInterrupted
+from trussflow.blocks.errors import SimulationError, SimulationInterrupted
 from trussflow.blocks.simulation import log, results, run, streamed_log
 
 STEP = 1e-3

@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from trussflow.blocks import Diagram, DivergenceError, Function, Input, Output, simulate
+from trussflow.blocks import Diagram, Function, Input, Output, simulate
+from trussflow.blocks.errors import DivergenceError
 
 
 def solution(function, n, backend, start=0.0):

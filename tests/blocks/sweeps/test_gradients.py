@@ -9,24 +9,21 @@ from trussflow.blocks import (
     Block,
     Constant,
     Diagram,
-    DivergenceError,
     Gain,
     Input,
     Integrator,
-    NameLookupError,
     Output,
     Parameter,
     PythonFunction,
-    SimulationError,
     Sine,
     State,
     StateSpace,
-    TracingError,
     UnitDelay,
     ZeroOrderHold,
     gradient,
     simulate,
 )
+from trussflow.blocks.errors import DivergenceError, NameLookupError, SimulationError, TracingError
 from trussflow.blocks.tracing.clock_counters import MAX_SEPARATE_CLOCKS
 from trussflow.models.plant.tunable_truss import TunableTruss
 

@@ -11,17 +11,8 @@ from numpy.testing import assert_allclose, assert_array_equal
 from scipy import stats
 from systems import decay, ports
 
-from trussflow.blocks import (
-    Diagram,
-    NameLookupError,
-    Noise,
-    PythonFunction,
-    SimulationError,
-    Simulator,
-    rerun,
-    simulate,
-    sweep,
-)
+from trussflow.blocks import Diagram, Noise, PythonFunction, Simulator, rerun, simulate, sweep
+from trussflow.blocks.errors import NameLookupError, SimulationError
 from trussflow.blocks.simulation.prepared import Prepared
 from trussflow.blocks.tracing import compile_cache
 

@@ -13,7 +13,7 @@ import pytest
 import xarray as xr
 
 from trussflow.__main__ import main
-from trussflow.blocks.framework.command_line import thing_of
+from trussflow.blocks.framework.command_arguments import thing_of
 
 pytest.importorskip("distributed")
 pytestmark = pytest.mark.skipif(os.name != "posix", reason="kill -9")

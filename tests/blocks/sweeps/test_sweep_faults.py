@@ -20,8 +20,9 @@ import xarray as xr
 from numpy.testing import assert_array_equal
 from systems import decay
 
-from trussflow.blocks import SimulationError, SimulationInterrupted, sweep
-from trussflow.blocks.sweeps import pieces
+from trussflow.blocks import sweep
+from trussflow.blocks.errors import SimulationError, SimulationInterrupted
+from trussflow.blocks.sweeps import chunk_store
 
 SWEEP_SCRIPT = """
 import sys, time
@@ -161,7 +162,7 @@ def test_two_sweeps_do_not_write_to_one_folder(tmp_path):
 
 
 def test_a_full_disk_is_one_error_and_nothing_that_was_written_is_lost(monkeypatch, tmp_path):
-    monkeypatch.setattr(pieces, "PIECE_SECONDS", 0.0)
+    monkeypatch.setattr(chunk_store, "PIECE_SECONDS", 0.0)
     left, original = itertools.count(), xr.Dataset.to_netcdf
 
     def keep(run):
@@ -185,8 +186,8 @@ def test_a_full_disk_is_one_error_and_nothing_that_was_written_is_lost(monkeypat
 
 
 def test_many_small_pieces_become_one(monkeypatch, tmp_path):
-    monkeypatch.setattr(pieces, "PIECE_SECONDS", 0.0)
-    monkeypatch.setattr(pieces, "SMALL_PIECES", 5)
+    monkeypatch.setattr(chunk_store, "PIECE_SECONDS", 0.0)
+    monkeypatch.setattr(chunk_store, "SMALL_PIECES", 5)
     found = swept(-np.arange(1.0, 31.0), end, path=tmp_path, executor="serial")
     assert len(list(tmp_path.glob("[0-9]*.nc"))) < 5
     xr.testing.assert_equal(found, swept(-np.arange(1.0, 31.0), end, executor="serial"))

@@ -18,13 +18,13 @@ from trussflow.blocks import (
     Parameter,
     Relay,
     Saturation,
-    SimulationError,
     Sine,
     State,
     UnitDelay,
     gradient,
     tune,
 )
+from trussflow.blocks.errors import SimulationError
 
 
 class Charge(Block):

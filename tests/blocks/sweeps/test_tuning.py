@@ -4,15 +4,8 @@ import numpy as np
 import pytest
 from systems import approach
 
-from trussflow.blocks import (
-    DivergenceError,
-    NameLookupError,
-    SimulationError,
-    Simulator,
-    linearize,
-    simulate,
-    tune,
-)
+from trussflow.blocks import Simulator, linearize, simulate, tune
+from trussflow.blocks.errors import DivergenceError, NameLookupError, SimulationError
 
 GAIN_RANGE = {"law.gain": (0.1, 8.0)}
 TIME_STEP = 0.01

@@ -4,19 +4,8 @@ import numpy as np
 import pytest
 from systems import approach, ports
 
-from trussflow.blocks import (
-    Constant,
-    Diagram,
-    Gain,
-    Integrator,
-    PythonFunction,
-    Relay,
-    SimulationError,
-    SimulationInterrupted,
-    Sum,
-    simulate,
-    tune,
-)
+from trussflow.blocks import Constant, Diagram, Gain, Integrator, PythonFunction, Relay, Sum, simulate, tune
+from trussflow.blocks.errors import SimulationError, SimulationInterrupted
 from trussflow.blocks.simulation.lanes import Lanes
 from trussflow.blocks.simulation.prepared import Prepared
 from trussflow.blocks.sweeps import sweep

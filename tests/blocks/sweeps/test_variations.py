@@ -12,7 +12,8 @@ from numpy.testing import assert_allclose, assert_array_equal
 from scipy import stats
 from systems import decay
 
-from trussflow.blocks import Gain, SimulationError, TrussflowError, sweep
+from trussflow.blocks import Gain, sweep
+from trussflow.blocks.errors import SimulationError, TrussflowError
 from trussflow.blocks.sweeps.sweep import sweep as function
 from trussflow.blocks.sweeps.variations import SAMPLING_METHODS, drawn
 

@@ -10,7 +10,6 @@ import pytest
 from trussflow.blocks import (
     INFERRED,
     Block,
-    BlockError,
     Diagram,
     Event,
     Function,
@@ -20,10 +19,11 @@ from trussflow.blocks import (
     Output,
     Parameter,
     PythonFunction,
-    Running,
     State,
     check_block,
 )
+from trussflow.blocks.errors import BlockError
+from trussflow.blocks.framework.run_state import Running
 
 ANY = "any random point, such as"
 

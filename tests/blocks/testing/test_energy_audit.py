@@ -7,7 +7,6 @@ from numpy.testing import assert_allclose
 
 from trussflow.blocks import (
     Block,
-    BlockError,
     Constant,
     Diagram,
     EnergyAccount,
@@ -15,13 +14,13 @@ from trussflow.blocks import (
     Mode,
     Output,
     Parameter,
-    SimulationError,
     Sine,
     State,
     Sum,
     ZeroOrderHold,
     energy_audit,
 )
+from trussflow.blocks.errors import BlockError, SimulationError
 
 
 class Mass(Block):

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 from scipy.special import expit
 
+from trussflow.blocks.errors import BlockError, OpenInputError, TracingError
 from trussflow.blocks.framework.block import Block
 from trussflow.blocks.framework.declarations import Parameter, State
 from trussflow.blocks.framework.diagram import Diagram
-from trussflow.blocks.framework.errors import BlockError, OpenInputError, TracingError
 from trussflow.blocks.framework.port import Input, Output
 from trussflow.blocks.framework.system import flatten
 from trussflow.blocks.library.algebra import Function

@@ -13,11 +13,11 @@ from trussflow.blocks import (
     Parameter,
     Saturation,
     StateSpace,
-    TracingError,
     TransferFunction,
     UnitDelay,
     simulate,
 )
+from trussflow.blocks.errors import TracingError
 from trussflow.blocks.framework.port import INFERRED
 from trussflow.blocks.tracing import block_check
 from trussflow.blocks.tracing.block_check import isolate

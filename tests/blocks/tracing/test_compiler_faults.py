@@ -193,7 +193,7 @@ def test_compilers_that_do_not_work(script, run, tmp_path, monkeypatch):
 # -- temporary folders --------------------------------------------------------------------------
 
 HOLDER_SCRIPT = (
-    "import sys, time; from trussflow.blocks.framework.temporary import process_folder\n"
+    "import sys, time; from trussflow.blocks.support.temporary_folders import process_folder\n"
     "(process_folder() / 'file').write_text('')\n"
     "print(process_folder(), flush=True)\n"
     "sys.stdin.readline()\n"

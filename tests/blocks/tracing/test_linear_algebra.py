@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
+from trussflow.blocks.errors import SimulationWarning
 from trussflow.blocks.framework.block import Block
 from trussflow.blocks.framework.declarations import Parameter
 from trussflow.blocks.framework.diagram import Diagram
-from trussflow.blocks.framework.errors import SimulationWarning
 from trussflow.blocks.framework.port import Output
 from trussflow.blocks.simulation.simulator import Simulator, simulate
 from trussflow.blocks.tracing.kernels import symbol, to_expression, tracing

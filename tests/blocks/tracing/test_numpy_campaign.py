@@ -14,8 +14,8 @@ import pytest
 from numpy.testing import assert_array_equal
 from systems import compiled_program
 
+from trussflow.blocks.errors import TrussflowError
 from trussflow.blocks.framework.diagram import Diagram
-from trussflow.blocks.framework.errors import TrussflowError
 from trussflow.blocks.framework.port import Input, Output
 from trussflow.blocks.library.algebra import Function
 from trussflow.blocks.tracing.block_check import isolate

@@ -5,10 +5,10 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 from trussflow.blocks import Constant
+from trussflow.blocks.errors import NameLookupError, ParameterError, SimulationError
 from trussflow.blocks.framework.block import Block
 from trussflow.blocks.framework.declarations import Parameter, State
 from trussflow.blocks.framework.diagram import Diagram
-from trussflow.blocks.framework.errors import NameLookupError, ParameterError, SimulationError
 from trussflow.blocks.framework.port import Input, Output
 from trussflow.blocks.simulation import executor as executor_module
 from trussflow.blocks.simulation.simulator import Simulator, simulate

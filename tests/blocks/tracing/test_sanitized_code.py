@@ -11,7 +11,7 @@ import numpy as np
 from trussflow.blocks.tracing import compiler
 compiler.FLAGS = (*compiler.FLAGS, "-fsanitize=address,undefined", "-fno-sanitize-recover=all")
 from trussflow.blocks import *
-from trussflow.blocks.framework.errors import DivergenceError
+from trussflow.blocks.errors import DivergenceError
 
 diagram = Diagram("all")
 state, table = diagram.add(state=Integrator(np.ones(3)), table=Table([0.0, 1.0, 2.0], [0.0, -2.0, 1.0]))

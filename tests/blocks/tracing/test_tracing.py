@@ -5,10 +5,10 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
+from trussflow.blocks.errors import TracingError
 from trussflow.blocks.framework.block import Block
 from trussflow.blocks.framework.declarations import Parameter, State
 from trussflow.blocks.framework.diagram import Diagram
-from trussflow.blocks.framework.errors import TracingError
 from trussflow.blocks.framework.port import Input, Output
 from trussflow.blocks.tracing.block_check import isolate
 from trussflow.blocks.tracing.kernels import repeated, shape_of, symbol, to_expression, tracing

@@ -8,17 +8,8 @@ import pytest
 from fmpy import read_model_description, simulate_fmu
 from fmpy.validation import validate_fmu
 
-from trussflow.blocks import (
-    Diagram,
-    Free,
-    OperatingPoint,
-    Session,
-    SimulationError,
-    cosimulate,
-    linearize,
-    simulate,
-    trim,
-)
+from trussflow.blocks import Diagram, Free, OperatingPoint, Session, cosimulate, linearize, simulate, trim
+from trussflow.blocks.errors import SimulationError
 from trussflow.fmu import Fmu, export
 
 REPOSITORY = Path(__file__).parents[3]

@@ -10,16 +10,8 @@ import numpy as np
 import pytest
 from pythonfmu.builder import FmuBuilder
 
-from trussflow.blocks import (
-    AlgebraicLoopError,
-    Constant,
-    CoSimulator,
-    Diagram,
-    SimulationError,
-    StateSpace,
-    cosimulate,
-    simulate,
-)
+from trussflow.blocks import Constant, CoSimulator, Diagram, StateSpace, cosimulate, simulate
+from trussflow.blocks.errors import AlgebraicLoopError, SimulationError
 from trussflow.fmu import Fmu, export
 from trussflow.fmu.runtime.loaded_co_simulation import LoadedCoSimulation
 

@@ -11,7 +11,6 @@ from trussflow.blocks import (
     Integrator,
     PythonFunction,
     Ramp,
-    RunEndedError,
     Session,
     Step,
     ZeroOrderHold,
@@ -20,6 +19,7 @@ from trussflow.blocks import (
     simulate,
     trim,
 )
+from trussflow.blocks.errors import RunEndedError
 from trussflow.fmu import Fmu, FmuError
 
 SOLVERS = ("rk4", "RK45", "DOP853", "LSODA", "BDF", "Radau")

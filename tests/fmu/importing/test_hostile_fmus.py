@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from trussflow.blocks import Diagram, Session
-from trussflow.blocks.framework.errors import TrussflowError
+from trussflow.blocks.errors import TrussflowError
 from trussflow.fmu import Fmu
 from trussflow.fmu.errors import FmuCrashError, FmuTimeoutError
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from trussflow.blocks import Constant, Diagram, Ramp, Session, simulate
-from trussflow.blocks.framework.errors import BlockError
+from trussflow.blocks.errors import BlockError
 from trussflow.fmu import Fmu, FmuError, FmuUnitError
 from trussflow.fmu.fmi_units import FmiUnit
 from trussflow.fmu.importing.unit_table import UnitTable

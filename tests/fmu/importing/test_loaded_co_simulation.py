@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from trussflow.blocks.framework.temporary import process_folder
+from trussflow.blocks.support.temporary_folders import process_folder
 from trussflow.fmu import Fmu, FmuBinaryError, FmuCallError, FmuError
 from trussflow.fmu.runtime.child_process import RemoteInstance, open_instance
 from trussflow.fmu.runtime.file import FmuFile

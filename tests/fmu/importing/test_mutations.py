@@ -18,7 +18,7 @@ import campaign
 import pytest
 
 from trussflow.blocks import Diagram, simulate
-from trussflow.blocks.framework.errors import TrussflowError
+from trussflow.blocks.errors import TrussflowError
 from trussflow.fmu import Fmu
 from trussflow.fmu.ssp import export_ssp, import_ssp
 

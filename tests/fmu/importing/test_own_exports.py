@@ -11,7 +11,6 @@ from trussflow.blocks import (
     Constant,
     Diagram,
     Gain,
-    OpenInputError,
     OperatingPoint,
     Pulse,
     Sine,
@@ -22,6 +21,7 @@ from trussflow.blocks import (
     simulate,
     trim,
 )
+from trussflow.blocks.errors import OpenInputError
 from trussflow.fmu import Fmu, export
 
 ROUND_OFF = 1e-12

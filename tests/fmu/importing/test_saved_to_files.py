@@ -6,8 +6,9 @@ from typing import Any
 import pytest
 import xarray as xr
 
-from trussflow.blocks import Diagram, Session, SimulationError, SimulationInterrupted, Simulator
-from trussflow.blocks.simulation.streamed_log import StreamedLog
+from trussflow.blocks import Diagram, Session, Simulator
+from trussflow.blocks.errors import SimulationError, SimulationInterrupted
+from trussflow.blocks.results.streamed_log import StreamedLog
 from trussflow.fmu import Fmu
 
 TIME_STEP = 0.01

@@ -5,7 +5,8 @@ import zipfile
 import numpy as np
 import pytest
 
-from trussflow.blocks import OpenInputError, StateSpace, cosimulate
+from trussflow.blocks import StateSpace, cosimulate
+from trussflow.blocks.errors import OpenInputError
 from trussflow.fmu import FmuError, SspError, export
 from trussflow.fmu.ssp import import_ssp
 from trussflow.fmu.ssp.names import XML_NAMESPACES

@@ -11,18 +11,8 @@ import numpy as np
 import pytest
 from fmpy.ssp.simulation import simulate_ssp
 
-from trussflow.blocks import (
-    Block,
-    Diagram,
-    Input,
-    Output,
-    Parameter,
-    State,
-    StateSpace,
-    Step,
-    WiringError,
-    cosimulate,
-)
+from trussflow.blocks import Block, Diagram, Input, Output, Parameter, State, StateSpace, Step, cosimulate
+from trussflow.blocks.errors import WiringError
 from trussflow.fmu import ExportError, Fmu, FmuArchiveError, SspError, export
 from trussflow.fmu.ssp import export_ssp, import_ssp
 

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 from systems import simulate_block
 
-from trussflow.blocks import BlockError, Constant, Signals
+from trussflow.blocks import Constant, Signals
+from trussflow.blocks.errors import BlockError
 from trussflow.models import Hardware, Measurement, SpaceTruss, arm_terms
 from trussflow.models.geometry.rotation import euler_rate_matrix, euler_rotation
 from trussflow.models.hardware.accelerations import PointAccelerations

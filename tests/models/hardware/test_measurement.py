@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 from systems import simulate_block
 
-from trussflow.blocks import Constant, Ramp, TrussflowError
+from trussflow.blocks import Constant, Ramp
+from trussflow.blocks.errors import TrussflowError
 from trussflow.models import JointDrives, Measurement
 
 

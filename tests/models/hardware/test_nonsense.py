@@ -8,7 +8,7 @@ import campaign
 import numpy as np
 import pytest
 
-from trussflow.blocks import TrussflowError
+from trussflow.blocks.errors import TrussflowError
 from trussflow.models import JointDrives, Measurement, Pulses, ReactionWheels, ThrusterSet
 
 NONSENSE = [

@@ -5,7 +5,8 @@ import pytest
 from scipy.spatial.transform import Rotation
 from systems import simulate_block
 
-from trussflow.blocks import Constant, Noise, Sine, TrussflowError
+from trussflow.blocks import Constant, Noise, Sine
+from trussflow.blocks.errors import TrussflowError
 from trussflow.models import ReactionWheels
 
 STEP = 0.1

@@ -7,7 +7,7 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 from systems import respond
 
-from trussflow.blocks import ParameterError
+from trussflow.blocks.errors import ParameterError
 from trussflow.models import FreeModes, MeanAxesDesign, SpaceTruss
 from trussflow.models.mean_axes.allocation import MeanAxesAllocation
 

@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 from numpy.testing import assert_array_equal
 
-from trussflow.blocks import ShapedTrajectory, SimulationWarning
+from trussflow.blocks import ShapedTrajectory
 from trussflow.blocks.control.trajectory import Trajectory
+from trussflow.blocks.errors import SimulationWarning
 from trussflow.models import FreeModes
 from trussflow.models.dynamics.task_space import to_body
 from trussflow.models.feasibility import FastestPath, actuator_limits, fastest

@@ -8,7 +8,8 @@ which that law is unstable, by its mode-neutral form.
 import numpy as np
 import pytest
 
-from trussflow.blocks import DivergenceError, Simulator
+from trussflow.blocks import Simulator
+from trussflow.blocks.errors import DivergenceError
 from trussflow.models import Hardware, SpaceTruss
 from trussflow.models.transport import Mission, transport_diagram
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from trussflow.blocks.simulation.results import save
+from trussflow.blocks.results.dataset import save
 from trussflow.models import SpaceTruss
 from trussflow.models.viewer import replay
 from trussflow.models.viewer.still import browser, launch_options

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
-from trussflow.blocks.simulation.results import save
+from trussflow.blocks.results.dataset import save
 from trussflow.models import ModelError, SpaceTruss
 from trussflow.models.robots.urdf_reading import Pose
 from trussflow.models.robots.visuals import Visual

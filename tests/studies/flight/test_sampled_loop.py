@@ -6,7 +6,7 @@ import pytest
 from flight.sampled_loop import SampledLoop, spectral_radius
 
 from trussflow.blocks import Diagram, DiscreteStateSpace, Gain, Session, StateSpace, linearize
-from trussflow.blocks.framework.errors import LinearAnalysisError
+from trussflow.blocks.errors import LinearAnalysisError
 from trussflow.blocks.linear_analysis.margins import channel_disks, frequencies_about
 
 H = 0.1

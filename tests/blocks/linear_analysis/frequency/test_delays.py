@@ -16,7 +16,7 @@ from trussflow.blocks import (
     largest_sample_time,
     linearize,
 )
-from trussflow.blocks.framework.errors import LinearAnalysisError
+from trussflow.blocks.errors import LinearAnalysisError
 from trussflow.blocks.linear_analysis.frequency.delays import sampled_loop_radius
 
 INTEGRATOR = control.ss([[0.0]], [[1.0]], [[1.0]], [[0.0]])

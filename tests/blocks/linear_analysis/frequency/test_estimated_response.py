@@ -25,7 +25,7 @@ from trussflow.blocks import (
     loop_transfer,
     trim,
 )
-from trussflow.blocks.framework.errors import LinearAnalysisError
+from trussflow.blocks.errors import LinearAnalysisError
 from trussflow.blocks.linear_analysis.frequency.excitation import Sweep
 
 OMEGA = np.geomspace(0.3, 20.0, 12)

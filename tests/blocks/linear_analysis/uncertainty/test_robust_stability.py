@@ -5,18 +5,8 @@ from itertools import product
 import numpy as np
 import pytest
 
-from trussflow.blocks import (
-    Block,
-    Gain,
-    Input,
-    LinearAnalysisError,
-    Output,
-    Parameter,
-    ParameterError,
-    State,
-    robust_stability,
-    uncertain,
-)
+from trussflow.blocks import Block, Gain, Input, Output, Parameter, State, robust_stability, uncertain
+from trussflow.blocks.errors import LinearAnalysisError, ParameterError
 
 
 class Chain(Block):

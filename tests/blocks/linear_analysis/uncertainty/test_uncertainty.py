@@ -8,17 +8,8 @@ import numpy as np
 import pytest
 from systems import Oscillator
 
-from trussflow.blocks import (
-    Diagram,
-    Gain,
-    LinearAnalysisError,
-    ParameterError,
-    SimulationWarning,
-    StateSpace,
-    ZeroOrderHold,
-    uncertain,
-    worst_gain,
-)
+from trussflow.blocks import Diagram, Gain, StateSpace, ZeroOrderHold, uncertain, worst_gain
+from trussflow.blocks.errors import LinearAnalysisError, ParameterError, SimulationWarning
 from trussflow.blocks.linear_analysis.uncertainty.gain_series import GainSeries, corners
 from trussflow.blocks.linear_analysis.uncertainty.worst_case import mu_bound
 from trussflow.models import TrussModes, TunableTruss

@@ -15,11 +15,11 @@ from trussflow.blocks import (
     Input,
     Integrator,
     Output,
-    ParameterError,
     PythonFunction,
     State,
     UnitDelay,
 )
+from trussflow.blocks.errors import ParameterError
 from trussflow.fmu.errors import ExportError
 from trussflow.fmu.exporting.description.export_interface import ExportInterface
 from trussflow.fmu.exporting.description.model_description import Use, model_description

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from trussflow.blocks import BoundedAllocation, Constant, Diagram, RateBoundedAllocation, Sine, simulate
-from trussflow.blocks.framework.types import Array
+from trussflow.blocks.support.types import Array
 from trussflow.fmu import ExportError, Fmu, export
 
 RANDOM = np.random.default_rng(4)

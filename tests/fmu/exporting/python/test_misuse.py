@@ -10,7 +10,7 @@ from fmpy.fmi1 import FMICallException
 from systems import ports
 
 from trussflow.blocks import Block, Function, Input, Output, PythonFunction
-from trussflow.blocks.simulation.results import own_version
+from trussflow.blocks.results.dataset import own_version
 from trussflow.fmu.errors import ExportError, FmuCallError
 from trussflow.fmu.runtime.loaded_co_simulation import LoadedCoSimulation
 

@@ -6,7 +6,8 @@ from fmpy import read_model_description
 from fmpy.fmi1 import FMICallException
 from systems import ports
 
-from trussflow.blocks import PythonFunction, Running
+from trussflow.blocks import PythonFunction
+from trussflow.blocks.framework.run_state import Running
 
 COMMUNICATION_STEP = 0.01
 

@@ -12,10 +12,10 @@ from typing import Any
 
 import cloudpickle
 
-from trussflow.blocks.framework.command_line import FAILED, Outcome, ended, parser_of, thing_of
-from trussflow.blocks.framework.errors import DiagramError, SimulationError
-from trussflow.blocks.framework.validation import shown
-from trussflow.blocks.simulation.results import save
+from trussflow.blocks.errors import DiagramError, SimulationError
+from trussflow.blocks.framework.command_arguments import FAILED, Outcome, ended, parser_of, thing_of
+from trussflow.blocks.results.dataset import save
+from trussflow.blocks.support.validation import shown
 from trussflow.blocks.sweeps.sweep import EXECUTORS
 
 

@@ -9,9 +9,9 @@ from typing import Any
 
 import numpy as np
 
+from trussflow.blocks.errors import BlockError, Explained, SimulationError, TracingError
 from trussflow.blocks.framework.block import Block, Values
 from trussflow.blocks.framework.declarations import Event, State
-from trussflow.blocks.framework.errors import BlockError, Explained, SimulationError, TracingError
 from trussflow.blocks.tracing.kernels import is_traced, shape_of
 from trussflow.blocks.tracing.traced_array import REFUSAL_MESSAGES, NeedsNumberError
 

@@ -14,10 +14,10 @@ import numpy as np
 
 from trussflow.blocks.framework.block import Block, Values
 from trussflow.blocks.framework.declarations import Attribute, Signals
-from trussflow.blocks.framework.external import External
+from trussflow.blocks.framework.external_inputs import External
 from trussflow.blocks.framework.port import Input, Output, Port
 from trussflow.blocks.framework.system import Driver, Indices, System, resolved, targets
-from trussflow.blocks.framework.types import Array
+from trussflow.blocks.support.types import Array
 
 
 class Adder(Block):

@@ -19,13 +19,13 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from trussflow.blocks.framework.errors import Explained, SimulationError, SimulationInterrupted
-from trussflow.blocks.framework.files import destination, locked, refuse_foreign, replaced
-from trussflow.blocks.framework.interrupts import uninterrupted
-from trussflow.blocks.simulation.channels import Channel
-from trussflow.blocks.simulation.log import Log
-from trussflow.blocks.simulation.results import WRITE_ERRORS, cannot_write, refuse_other_kinds, save
-from trussflow.blocks.simulation.state_bytes import Snapshot, read_state, write_state
+from trussflow.blocks.errors import Explained, SimulationError, SimulationInterrupted
+from trussflow.blocks.results.channels import Channel
+from trussflow.blocks.results.dataset import WRITE_ERRORS, cannot_write, refuse_other_kinds, save
+from trussflow.blocks.results.log import Log
+from trussflow.blocks.results.state_file import Snapshot, read_state, write_state
+from trussflow.blocks.support.files import destination, locked, refuse_foreign, replaced
+from trussflow.blocks.support.interrupts import uninterrupted
 
 if TYPE_CHECKING:
     import xarray as xr

@@ -17,9 +17,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from trussflow.blocks.errors import DiagramError, TrussflowError
 from trussflow.blocks.framework.block import Block
-from trussflow.blocks.framework.errors import DiagramError, TrussflowError
-from trussflow.blocks.framework.validation import shown
+from trussflow.blocks.support.validation import shown
 
 FAILED, MISUSED, STOPPED = 1, 2, 130
 """Exit codes: the command failed, its arguments or models are wrong, or Ctrl-C stopped it. 0 is success."""

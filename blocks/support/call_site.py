@@ -5,7 +5,7 @@ from __future__ import annotations
 import sys
 import warnings
 
-from trussflow.blocks.framework.errors import SimulationWarning
+from trussflow.blocks.errors import SimulationWarning
 
 _NOT_THE_USERS = ("trussflow.blocks", "trussflow.models", "trussflow.fmu", "functools", "contextlib")
 

@@ -9,9 +9,9 @@ from __future__ import annotations
 
 from typing import Any
 
+from trussflow.blocks.errors import SimulationError
 from trussflow.blocks.framework.equations import Equations
-from trussflow.blocks.framework.errors import SimulationError
-from trussflow.blocks.framework.types import Vector
+from trussflow.blocks.support.types import Vector
 
 
 class StepDiscardedError(SimulationError):

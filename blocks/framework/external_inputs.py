@@ -9,7 +9,7 @@ import numpy as np
 from trussflow.blocks.framework.block import Block
 from trussflow.blocks.framework.declarations import Attribute
 from trussflow.blocks.framework.port import Output, Port
-from trussflow.blocks.framework.types import Vector
+from trussflow.blocks.support.types import Vector
 
 
 class External(Block):

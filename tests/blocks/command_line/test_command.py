@@ -19,8 +19,8 @@ import xarray as xr
 import trussflow
 from trussflow.__main__ import COMMANDS, main
 from trussflow.blocks import TransferFunction
-from trussflow.blocks.framework import telling
-from trussflow.blocks.framework.command_line import ended, json_of
+from trussflow.blocks.framework.command_arguments import ended, json_of
+from trussflow.blocks.support import progress
 from trussflow.blocks.tracing import compiler
 from trussflow.blocks.tracing.compile_cache import cache_folder
 from trussflow.fmu import Fmu, export
@@ -279,17 +279,17 @@ def test_colours_are_for_terminals_only(plain, monkeypatch):
 
 
 def test_work_is_reported_with_the_time_left(monkeypatch):
-    monkeypatch.setattr(telling, "REFRESH_INTERVAL", 0.2)
+    monkeypatch.setattr(progress, "REFRESH_INTERVAL", 0.2)
     with redirect_stderr(Terminal()) as terminal:
-        for _ in telling.counted("drawing", range(4)):
+        for _ in progress.counted("drawing", range(4)):
             time.sleep(0.75)
     assert {"drawing: 0 s, 0 of 4", "drawing: 2 s, 2 of 4, 1 s left"} <= {*terminal.lines()}
 
 
 def test_inner_work_has_the_line_until_it_is_done(monkeypatch):
-    monkeypatch.setattr(telling, "REFRESH_INTERVAL", 0.1)
-    with redirect_stderr(Terminal()) as terminal, telling.told("writing"):
-        for _ in telling.counted("drawing", range(2)):
+    monkeypatch.setattr(progress, "REFRESH_INTERVAL", 0.1)
+    with redirect_stderr(Terminal()) as terminal, progress.told("writing"):
+        for _ in progress.counted("drawing", range(2)):
             time.sleep(0.5)
         time.sleep(0.5)
     said = [line.partition(":")[0] for line in terminal.lines()]
@@ -300,14 +300,14 @@ def test_inner_work_has_the_line_until_it_is_done(monkeypatch):
 
 
 def test_quick_work_is_not_reported():
-    with redirect_stderr(Terminal()) as terminal, telling.told("compiling"):
+    with redirect_stderr(Terminal()) as terminal, progress.told("compiling"):
         pass
     assert terminal.getvalue() == ""
 
 
 def test_work_is_reported_on_terminals_only(monkeypatch, capsys):
-    monkeypatch.setattr(telling, "REFRESH_INTERVAL", 0.01)
-    for _ in telling.counted("drawing", range(2)):
+    monkeypatch.setattr(progress, "REFRESH_INTERVAL", 0.01)
+    for _ in progress.counted("drawing", range(2)):
         time.sleep(0.05)
     assert capsys.readouterr().err == ""
 

@@ -3,7 +3,7 @@
 import numpy as np
 
 from trussflow.blocks import PD, Block, Constant, Diagram, Input, Output, Parameter, Signals, State, simulate
-from trussflow.blocks.framework.types import Array
+from trussflow.blocks.support.types import Array
 
 
 class Pendulum(Block):

@@ -8,18 +8,18 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from trussflow.blocks.framework.call_site import warn
-from trussflow.blocks.framework.errors import (
+from trussflow.blocks.errors import (
     DivergenceError,
     RunEndedError,
     SimulationInterrupted,
     TimeLimitError,
     TrussflowError,
 )
-from trussflow.blocks.framework.types import Vector
-from trussflow.blocks.framework.validation import one_of
-from trussflow.blocks.simulation.channels import Channel
-from trussflow.blocks.simulation.results import dataset
+from trussflow.blocks.results.channels import Channel
+from trussflow.blocks.results.dataset import dataset
+from trussflow.blocks.support.call_site import warn
+from trussflow.blocks.support.types import Vector
+from trussflow.blocks.support.validation import one_of
 
 if TYPE_CHECKING:
     import xarray as xr

@@ -6,7 +6,7 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from trussflow.blocks.framework.errors import WiringError
+from trussflow.blocks.errors import WiringError
 from trussflow.blocks.framework.port import INFERRED, Inferable, Port
 from trussflow.blocks.framework.units import mismatch
 

@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from trussflow.blocks.framework.call_site import call_site
-from trussflow.blocks.framework.errors import WiringError
+from trussflow.blocks.errors import WiringError
+from trussflow.blocks.support.call_site import call_site
 
 if TYPE_CHECKING:
     from trussflow.blocks.framework.diagram import Diagram

@@ -18,13 +18,13 @@ from typing import TYPE_CHECKING, Any
 import casadi as ca
 import numpy as np
 
-from trussflow.blocks.framework.errors import NameLookupError, SimulationError
-from trussflow.blocks.framework.files import reading, replaced
-from trussflow.blocks.framework.interrupts import uninterrupted
-from trussflow.blocks.framework.types import Vector
+from trussflow.blocks.errors import NameLookupError, SimulationError
 from trussflow.blocks.framework.units import readable
-from trussflow.blocks.framework.validation import as_path, shown
-from trussflow.blocks.simulation.channels import Channel
+from trussflow.blocks.results.channels import Channel
+from trussflow.blocks.support.files import reading, replaced
+from trussflow.blocks.support.interrupts import uninterrupted
+from trussflow.blocks.support.types import Vector
+from trussflow.blocks.support.validation import as_path, shown
 
 if TYPE_CHECKING:
     import pandas as pd

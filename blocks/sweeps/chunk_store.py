@@ -16,11 +16,11 @@ from typing import IO, TYPE_CHECKING, Any
 
 import numpy as np
 
-from trussflow.blocks.framework.errors import Explained, SimulationError
-from trussflow.blocks.framework.files import locked, reading, replaced
-from trussflow.blocks.framework.interrupts import uninterrupted
-from trussflow.blocks.framework.validation import as_path
-from trussflow.blocks.simulation.results import WRITE_ERRORS, cannot_write, save
+from trussflow.blocks.errors import Explained, SimulationError
+from trussflow.blocks.results.dataset import WRITE_ERRORS, cannot_write, save
+from trussflow.blocks.support.files import locked, reading, replaced
+from trussflow.blocks.support.interrupts import uninterrupted
+from trussflow.blocks.support.validation import as_path
 from trussflow.blocks.sweeps.samples import Sample
 
 if TYPE_CHECKING:

@@ -18,10 +18,10 @@ from typing import Any
 
 import numpy as np
 
-from trussflow.blocks.framework.errors import SimulationError
-from trussflow.blocks.framework.files import reading, replaced
-from trussflow.blocks.framework.types import Vector
-from trussflow.blocks.framework.validation import as_path, shown
+from trussflow.blocks.errors import SimulationError
+from trussflow.blocks.support.files import reading, replaced
+from trussflow.blocks.support.types import Vector
+from trussflow.blocks.support.validation import as_path, shown
 
 FORMAT_VERSION = 3
 """Version of the format of `encode`."""

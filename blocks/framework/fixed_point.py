@@ -6,8 +6,8 @@ from collections.abc import Callable
 
 import numpy as np
 
-from trussflow.blocks.framework.errors import SimulationError
-from trussflow.blocks.framework.types import Vector
+from trussflow.blocks.errors import SimulationError
+from trussflow.blocks.support.types import Vector
 
 MIN_ROUND_LIMIT = 500
 """Smallest limit of the number of iterations, which lets a contraction converge to the last bit."""

@@ -10,7 +10,7 @@ from contextlib import suppress
 from pathlib import Path
 from typing import IO
 
-from trussflow.blocks.framework.files import deleted, own_folder
+from trussflow.blocks.support.files import deleted, own_folder
 
 
 def process_folder() -> Path:

@@ -8,12 +8,12 @@ from itertools import chain, count
 
 import numpy as np
 
+from trussflow.blocks.errors import SimulationError
 from trussflow.blocks.framework.declarations import Mode, State
-from trussflow.blocks.framework.errors import SimulationError
 from trussflow.blocks.framework.port import Axes, Inferable, Output, Port
 from trussflow.blocks.framework.system import System
-from trussflow.blocks.framework.types import Vector
-from trussflow.blocks.framework.validation import shown
+from trussflow.blocks.support.types import Vector
+from trussflow.blocks.support.validation import shown
 
 Chosen = Mapping[str, Port | str] | Sequence[Port | str]
 """Ports, as ports or ``"block.port"``, or states, ``"block.state"``; optionally by a name for results."""

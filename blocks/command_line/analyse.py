@@ -6,9 +6,9 @@ import argparse
 from dataclasses import asdict
 from pathlib import Path
 
-from trussflow.blocks.framework.command_line import Outcome, block_of, ended, parser_of
+from trussflow.blocks.errors import DiagramError, LinearAnalysisError
+from trussflow.blocks.framework.command_arguments import Outcome, block_of, ended, parser_of
 from trussflow.blocks.framework.diagram import Diagram
-from trussflow.blocks.framework.errors import DiagramError, LinearAnalysisError
 from trussflow.run import picture
 
 

@@ -7,9 +7,9 @@ from dataclasses import asdict
 from pathlib import Path
 
 from trussflow.blocks.drawing import svg as svg  # registers the drawing function of Diagram
-from trussflow.blocks.framework.command_line import Outcome, block_of, ended, parser_of
+from trussflow.blocks.errors import DiagramError
+from trussflow.blocks.framework.command_arguments import Outcome, block_of, ended, parser_of
 from trussflow.blocks.framework.diagram import Diagram
-from trussflow.blocks.framework.errors import DiagramError
 
 
 def parser(prog: str) -> argparse.ArgumentParser:

@@ -12,9 +12,9 @@ from typing import Any, NamedTuple, Protocol
 import casadi as ca
 import numpy as np
 
-from trussflow.blocks.framework.errors import DivergenceError, SimulationError
-from trussflow.blocks.framework.types import Array
+from trussflow.blocks.errors import DivergenceError, SimulationError
 from trussflow.blocks.simulation.simulator import Simulator
+from trussflow.blocks.support.types import Array
 from trussflow.blocks.sweeps.gradients import DifferentiatedRun, explained
 from trussflow.blocks.sweeps.sweep import sweep
 from trussflow.blocks.tracing.kernels import shape_of, symbol, to_expression, written_out

@@ -12,15 +12,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from trussflow.blocks.framework.described import Described
-from trussflow.blocks.framework.errors import (
+from trussflow.blocks.errors import (
     BlockError,
     LinearAnalysisError,
     NameLookupError,
     ParameterError,
     SimulationError,
 )
-from trussflow.blocks.framework.types import Vector
+from trussflow.blocks.support.summary import Described
+from trussflow.blocks.support.types import Vector
 
 MOST_ELEMENTS = 10_000_000
 """Largest number of elements of a signal; a larger one is an error that would exhaust the memory."""

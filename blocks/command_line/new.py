@@ -6,9 +6,9 @@ import argparse
 from importlib.resources import files
 from pathlib import Path
 
-from trussflow.blocks.framework.command_line import Outcome, ended, parser_of
-from trussflow.blocks.framework.errors import DiagramError
-from trussflow.blocks.framework.files import replaced
+from trussflow.blocks.errors import DiagramError
+from trussflow.blocks.framework.command_arguments import Outcome, ended, parser_of
+from trussflow.blocks.support.files import replaced
 
 MISSION_TEMPLATE = "parameters/new_mission.toml"
 """Path of the mission template in the package `models`, which is found by name, not imported."""

@@ -18,8 +18,8 @@ from pathlib import Path
 from typing import IO
 from uuid import uuid4
 
-from trussflow.blocks.framework.errors import Explained, TrussflowError
-from trussflow.blocks.framework.validation import as_path
+from trussflow.blocks.errors import Explained, TrussflowError
+from trussflow.blocks.support.validation import as_path
 
 LOCK_SUFFIX = ".lock"
 """Suffix of the names of lock files."""

@@ -9,13 +9,13 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from trussflow.blocks.errors import DiagramError, NameLookupError
 from trussflow.blocks.framework.block import Block
-from trussflow.blocks.framework.command_line import Outcome, block_of, ended, parser_of, values_of
+from trussflow.blocks.framework.command_arguments import Outcome, block_of, ended, parser_of, values_of
 from trussflow.blocks.framework.diagram import Diagram
-from trussflow.blocks.framework.errors import DiagramError, NameLookupError
 from trussflow.blocks.library.sources import Constant
+from trussflow.blocks.results.dataset import plot, save, to_pandas
 from trussflow.blocks.simulation.adaptive import METHODS
-from trussflow.blocks.simulation.results import plot, save, to_pandas
 from trussflow.blocks.simulation.simulator import simulate
 from trussflow.blocks.simulation.solver import FIXED_STEP
 from trussflow.fmu.importing.block import Fmu

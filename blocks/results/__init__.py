@@ -1,0 +1,1 @@
+"""Logs, datasets, files of results and of states."""

@@ -1,0 +1,1 @@
+"""Files, processes, progress, validation and messages; nothing here knows a block."""
