@@ -1,21 +1,31 @@
 """Block-diagram modelling and simulation: the framework and the general blocks."""
 
 from trussflow.blocks.control.allocation import BoundedAllocation as BoundedAllocation
-from trussflow.blocks.control.allocation import RateBoundedAllocation as RateBoundedAllocation
+from trussflow.blocks.control.allocation import (
+    RateBoundedAllocation as RateBoundedAllocation,
+)
 from trussflow.blocks.control.allocation import WeightedAllocation as WeightedAllocation
-from trussflow.blocks.control.disturbance_observer import DisturbanceObserver as DisturbanceObserver
+from trussflow.blocks.control.disturbance_observer import (
+    DisturbanceObserver as DisturbanceObserver,
+)
 from trussflow.blocks.control.input_shaping import ShapedTrajectory as ShapedTrajectory
 from trussflow.blocks.control.kalman_design import GaussMarkov as GaussMarkov
 from trussflow.blocks.control.kalman_design import kalman_filter as kalman_filter
-from trussflow.blocks.control.kalman_filter import ExtendedKalmanFilter as ExtendedKalmanFilter
+from trussflow.blocks.control.kalman_filter import (
+    ExtendedKalmanFilter as ExtendedKalmanFilter,
+)
 from trussflow.blocks.control.kalman_filter import KalmanFilter as KalmanFilter
 from trussflow.blocks.control.pd import PD as PD
 from trussflow.blocks.control.pid import PID as PID
 from trussflow.blocks.control.pid import DiscretePID as DiscretePID
 from trussflow.blocks.control.process_models import LinearProcess as LinearProcess
 from trussflow.blocks.control.process_models import NonlinearProcess as NonlinearProcess
-from trussflow.blocks.control.sliding_mode import ConventionalSlidingMode as ConventionalSlidingMode
-from trussflow.blocks.control.sliding_mode import IntegralSlidingMode as IntegralSlidingMode
+from trussflow.blocks.control.sliding_mode import (
+    ConventionalSlidingMode as ConventionalSlidingMode,
+)
+from trussflow.blocks.control.sliding_mode import (
+    IntegralSlidingMode as IntegralSlidingMode,
+)
 from trussflow.blocks.control.time_scaling import RetimedQuintic as RetimedQuintic
 from trussflow.blocks.control.trajectory import Quintic as Quintic
 from trussflow.blocks.control.trajectory import Trapezoid as Trapezoid
@@ -50,7 +60,9 @@ from trussflow.blocks.library.continuous import Integrator as Integrator
 from trussflow.blocks.library.continuous import StateSpace as StateSpace
 from trussflow.blocks.library.continuous import TransferFunction as TransferFunction
 from trussflow.blocks.library.discrete import DiscreteStateSpace as DiscreteStateSpace
-from trussflow.blocks.library.discrete import DiscreteTransferFunction as DiscreteTransferFunction
+from trussflow.blocks.library.discrete import (
+    DiscreteTransferFunction as DiscreteTransferFunction,
+)
 from trussflow.blocks.library.discrete import UnitDelay as UnitDelay
 from trussflow.blocks.library.discrete import ZeroOrderHold as ZeroOrderHold
 from trussflow.blocks.library.discrete import sampled_delay as sampled_delay
@@ -87,8 +99,12 @@ from trussflow.blocks.library.tables import TimeTable as TimeTable
 from trussflow.blocks.library.transport_delay import TransportDelay as TransportDelay
 from trussflow.blocks.library.transport_delay import VariableDelay as VariableDelay
 from trussflow.blocks.linear_analysis.families import linearize_over as linearize_over
-from trussflow.blocks.linear_analysis.frequency.delays import delay_margin as delay_margin
-from trussflow.blocks.linear_analysis.frequency.delays import largest_sample_time as largest_sample_time
+from trussflow.blocks.linear_analysis.frequency.delays import (
+    delay_margin as delay_margin,
+)
+from trussflow.blocks.linear_analysis.frequency.delays import (
+    largest_sample_time as largest_sample_time,
+)
 from trussflow.blocks.linear_analysis.frequency.estimated_response import (
     estimated_response as estimated_response,
 )
@@ -98,17 +114,29 @@ from trussflow.blocks.linear_analysis.frequency.harmonic_balance import (
 from trussflow.blocks.linear_analysis.linearize import Linearizer as Linearizer
 from trussflow.blocks.linear_analysis.linearize import linearize as linearize
 from trussflow.blocks.linear_analysis.loop_transfer import loop_margins as loop_margins
-from trussflow.blocks.linear_analysis.loop_transfer import loop_transfer as loop_transfer
+from trussflow.blocks.linear_analysis.loop_transfer import (
+    loop_transfer as loop_transfer,
+)
 from trussflow.blocks.linear_analysis.loop_transfer import sensitivity as sensitivity
 from trussflow.blocks.linear_analysis.modal_bode import modal_bode as modal_bode
 from trussflow.blocks.linear_analysis.modal_table import modal_table as modal_table
-from trussflow.blocks.linear_analysis.operating_point import OperatingPoint as OperatingPoint
-from trussflow.blocks.linear_analysis.operating_point import operating_point_after as operating_point_after
+from trussflow.blocks.linear_analysis.operating_point import (
+    OperatingPoint as OperatingPoint,
+)
+from trussflow.blocks.linear_analysis.operating_point import (
+    operating_point_after as operating_point_after,
+)
 from trussflow.blocks.linear_analysis.trim import Free as Free
 from trussflow.blocks.linear_analysis.trim import trim as trim
-from trussflow.blocks.linear_analysis.uncertainty.robust_stability import robust_stability as robust_stability
-from trussflow.blocks.linear_analysis.uncertainty.uncertain_model import uncertain as uncertain
-from trussflow.blocks.linear_analysis.uncertainty.worst_case import worst_gain as worst_gain
+from trussflow.blocks.linear_analysis.uncertainty.robust_stability import (
+    robust_stability as robust_stability,
+)
+from trussflow.blocks.linear_analysis.uncertainty.uncertain_model import (
+    uncertain as uncertain,
+)
+from trussflow.blocks.linear_analysis.uncertainty.worst_case import (
+    worst_gain as worst_gain,
+)
 from trussflow.blocks.results.dataset import load as load
 from trussflow.blocks.results.dataset import plot as plot
 from trussflow.blocks.results.dataset import save as save
@@ -125,4 +153,6 @@ from trussflow.blocks.sweeps.tuning import tune as tune
 from trussflow.blocks.testing.check_block import check_block as check_block
 from trussflow.blocks.testing.energy_audit import energy_audit as energy_audit
 from trussflow.blocks.tracing.kernels import repeated as repeated
-from trussflow.blocks.tracing.linear_algebra import solve_positive_definite as solve_positive_definite
+from trussflow.blocks.tracing.linear_algebra import (
+    solve_positive_definite as solve_positive_definite,
+)

@@ -50,7 +50,9 @@ class DiagramError(TrussflowError, ValueError):
 
     def _render_traceback_(self) -> Any:
         """Show the picture, and return the lines of the traceback below it; notebooks call this method."""
-        shell, pictures = (importlib.import_module(name) for name in ("IPython", "IPython.display"))
+        shell, pictures = (
+            importlib.import_module(name) for name in ("IPython", "IPython.display")
+        )
         if self.diagram is not None:
             pictures.display(pictures.SVG(self.diagram.draw()))
         lines = shell.get_ipython().InteractiveTB.structured_traceback
@@ -58,7 +60,11 @@ class DiagramError(TrussflowError, ValueError):
 
     def __reduce__(self) -> tuple[Any, ...]:
         """Pickle the error without the diagram, which may contain objects that cannot be pickled."""
-        return type(self), self.args, {k: v for k, v in vars(self).items() if k != "diagram"}
+        return (
+            type(self),
+            self.args,
+            {k: v for k, v in vars(self).items() if k != "diagram"},
+        )
 
 
 def pictured(method: Callable[Concatenate[D, P], R]) -> Callable[Concatenate[D, P], R]:
@@ -160,7 +166,10 @@ class Explained:
     def __enter__(self) -> None: ...
 
     def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        traceback: TracebackType | None,
     ) -> None:
         if isinstance(error, Exception) and not isinstance(error, TrussflowError):
             raise self._explain(error) from error

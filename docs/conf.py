@@ -25,7 +25,12 @@ sys.path.insert(0, str(HERE))
 
 project, author, release = "trussflow", "trussflow developers", trussflow.__version__
 copyright = author
-extensions = ["sphinx.ext.autodoc", "numpydoc", "myst_parser", "sphinx_gallery.gen_gallery"]
+extensions = [
+    "sphinx.ext.autodoc",
+    "numpydoc",
+    "myst_parser",
+    "sphinx_gallery.gen_gallery",
+]
 exclude_patterns = ["*/evidence.json", "gallery/*.ipynb", "gallery/*.py"]
 html_theme = "furo"
 html_title = "trussflow"
@@ -54,19 +59,28 @@ def scrape(block, variables, settings):
     """Return the pictures and pages that a cell of an example wrote."""
     source = Path(variables["src_file"])
     folder, shown = source.parent, []
-    if not re.search(r"plt\.|draw\(", source.read_text(encoding="utf-8")):  # no picture of its own
-        for whole in [v for v in variables["example_globals"].values() if isinstance(v, Diagram)][-1:]:
+    if not re.search(r"plt\.|draw\(", source.read_text(encoding="utf-8")):
+        # no picture of its own
+        for whole in [
+            v for v in variables["example_globals"].values() if isinstance(v, Diagram)
+        ][-1:]:
             whole.draw(source.with_suffix(".svg"))
-    for file in sorted([*folder.glob("*.svg"), *folder.glob("*.html")], key=lambda f: f.stat().st_mtime):
+    for file in sorted(
+        [*folder.glob("*.svg"), *folder.glob("*.html")], key=lambda f: f.stat().st_mtime
+    ):
         if file.suffix == ".svg":
             picture = Path(next(variables["image_path_iterator"])).with_suffix(".svg")
             shutil.move(file, picture)
             name = picture.relative_to(HERE / "gallery").as_posix()
-            shown.append(f".. image:: /gallery/{name}\n   :class: diagram\n   :alt: {file.stem}\n")
+            shown.append(
+                f".. image:: /gallery/{name}\n   :class: diagram\n   :alt: {file.stem}\n"
+            )
         else:
             shutil.move(file, HERE / "pages" / file.name)
             up = "../" * len(source.relative_to(EXAMPLES).parts)
-            shown.append(f'.. raw:: html\n\n   <iframe class="replay" src="{up}{file.name}"></iframe>\n')
+            shown.append(
+                f'.. raw:: html\n\n   <iframe class="replay" src="{up}{file.name}"></iframe>\n'
+            )
     return "\n".join(shown)
 
 
@@ -97,8 +111,14 @@ def linked(text: str, folder: Path) -> str:
 
     def led(link: re.Match[str]) -> str:
         target, anchor = (folder / link.group(2)).resolve(), link.group(3) or ""
-        if target == EXAMPLES or (target.is_relative_to(EXAMPLES) and target.suffix == ".py"):
-            page = target.relative_to(EXAMPLES).with_suffix("") if target.suffix else Path("index")
+        if target == EXAMPLES or (
+            target.is_relative_to(EXAMPLES) and target.suffix == ".py"
+        ):
+            page = (
+                target.relative_to(EXAMPLES).with_suffix("")
+                if target.suffix
+                else Path("index")
+            )
             return f"[{link.group(1)}](/gallery/{page.as_posix()}.rst{anchor})"
         if target.is_relative_to(HERE) or not target.is_relative_to(ROOT):
             return link.group(0)
@@ -113,7 +133,9 @@ def relink(app, name, source) -> None:
         source[0] = linked(source[0], (HERE / name).parent)
     source[0] = source[0].replace(f"{ROOT}/", "")
     if name == "tutorial":
-        source[0] += '\n<a href="tutorial.ipynb" download>This tutorial as a Jupyter notebook</a>\n'
+        source[0] += (
+            '\n<a href="tutorial.ipynb" download>This tutorial as a Jupyter notebook</a>\n'
+        )
 
 
 # -- the reference ------------------------------------------------------------------------------
@@ -123,28 +145,51 @@ SUBJECTS = {
     "Simulation": ["blocks.simulation", "blocks.results", "blocks.testing"],
     "Errors": ["blocks.errors"],
     "Sweeps and tuning": ["blocks.sweeps"],
-    "Sources and tables": [f"blocks.library.{m}" for m in ("sources", "noise", "tables")],
+    "Sources and tables": [
+        f"blocks.library.{m}" for m in ("sources", "noise", "tables")
+    ],
     "Algebra and nonlinearities": [
-        f"blocks.library.{m}" for m in ("algebra", "nonlinear", "switching", "groups", "python_function")
+        f"blocks.library.{m}"
+        for m in ("algebra", "nonlinear", "switching", "groups", "python_function")
     ],
     "Continuous and discrete dynamics": [
         f"blocks.library.{m}"
-        for m in ("continuous", "discrete", "transport_delay", "rigid_body", "python_control")
+        for m in (
+            "continuous",
+            "discrete",
+            "transport_delay",
+            "rigid_body",
+            "python_control",
+        )
     ],
-    "Trajectories": [f"blocks.control.{m}" for m in ("trajectory", "time_scaling", "input_shaping")],
+    "Trajectories": [
+        f"blocks.control.{m}" for m in ("trajectory", "time_scaling", "input_shaping")
+    ],
     "Control laws and allocation": [
         "blocks.library.state_machine",
-        *(f"blocks.control.{m}" for m in ("pd", "pid", "sliding_mode", "disturbance_observer", "allocation")),
+        *(
+            f"blocks.control.{m}"
+            for m in ("pd", "pid", "sliding_mode", "disturbance_observer", "allocation")
+        ),
     ],
     "Kalman filters": [
-        f"blocks.control.{m}" for m in ("kalman_filter", "kalman_design", "process_models", "covariances")
+        f"blocks.control.{m}"
+        for m in ("kalman_filter", "kalman_design", "process_models", "covariances")
     ],
     "Linear analysis": ["blocks.linear_analysis"],
     "Co-simulation": ["blocks.cosimulation"],
     "FMUs": ["fmu"],
     "Truss, robots and plants": [
         f"models.{m}"
-        for m in ("geometry", "truss", "robots", "dynamics", "plant", "errors", "parameter_files")
+        for m in (
+            "geometry",
+            "truss",
+            "robots",
+            "dynamics",
+            "plant",
+            "errors",
+            "parameter_files",
+        )
     ],
     "Hardware": ["models.hardware"],
     "Feasibility": ["models.feasibility"],
@@ -177,14 +222,29 @@ def public() -> dict[str, list[tuple[str, object]]]:
                 continue
             seen.add(name)
             places = {
-                p: s for s, all_of in SUBJECTS.items() for p in all_of if f"{home}.".startswith(f"{p}.")
+                p: s
+                for s, all_of in SUBJECTS.items()
+                for p in all_of
+                if f"{home}.".startswith(f"{p}.")
             }
             if places:
-                found[places[max(places, key=len)]].append((f"trussflow.{facade}.{name}", thing))
+                found[places[max(places, key=len)]].append(
+                    (f"trussflow.{facade}.{name}", thing)
+                )
     return {subject: sorted(things, key=place) for subject, things in found.items()}
 
 
-ORDER = ("Diagram", "Block", "Input", "Output", "Parameter", "State", "simulate", "Simulator", "SpaceTruss")
+ORDER = (
+    "Diagram",
+    "Block",
+    "Input",
+    "Output",
+    "Parameter",
+    "State",
+    "simulate",
+    "Simulator",
+    "SpaceTruss",
+)
 """Names that come first on their page."""
 
 
@@ -200,8 +260,19 @@ def place(pair: tuple[str, object]) -> tuple[bool, int]:
 
 
 EQUATIONS = (
-    *(name for name, thing in vars(Equations).items() if callable(thing) and name[0] != "_"),
-    *("open", "check_parameters", "breakpoints", "feedthrough", "initial", "parameter_value"),
+    *(
+        name
+        for name, thing in vars(Equations).items()
+        if callable(thing) and name[0] != "_"
+    ),
+    *(
+        "open",
+        "check_parameters",
+        "breakpoints",
+        "feedthrough",
+        "initial",
+        "parameter_value",
+    ),
 )
 """Methods that every block has; `Block` and `Equations` document them."""
 
@@ -235,7 +306,9 @@ def reference_page(subject: str, things: list[tuple[str, object]]) -> str:
                 members += f"   :exclude-members: {', '.join(EQUATIONS)}\n"
             text += f".. auto{kind}:: {path}\n{members}\n"
     if errors:
-        text += "Errors\n------\n\n" + "".join(f".. autoexception:: {path}\n\n" for path in errors)
+        text += "Errors\n------\n\n" + "".join(
+            f".. autoexception:: {path}\n\n" for path in errors
+        )
     return text
 
 
@@ -246,9 +319,19 @@ def add_declarations(app, what, name, thing, options, lines) -> None:
     lines += ["", ".. list-table::", "   :header-rows: 1", "   :class: declared", ""]
     rows = [("", "name", "shape", "unit", "meaning")]
     for port, declared in thing._declared.items():
-        kind = {Input: "in", Output: "out"}.get(type(declared), type(declared).__name__.lower())
+        kind = {Input: "in", Output: "out"}.get(
+            type(declared), type(declared).__name__.lower()
+        )
         shape, unit = getattr(declared, "shape", ""), getattr(declared, "unit", None)
-        rows.append((kind, f"``{port}``", said(shape), said(unit), getattr(declared, "meaning", "") or ""))
+        rows.append(
+            (
+                kind,
+                f"``{port}``",
+                said(shape),
+                said(unit),
+                getattr(declared, "meaning", "") or "",
+            )
+        )
     for row in rows:
         lines += [f"   {'*' if k == 0 else ' '} - {cell}" for k, cell in enumerate(row)]
     lines += [""]
@@ -259,13 +342,23 @@ def said(value: object) -> str:
     if value is INFERRED:
         return "as wired"
     if value in (None, "", ()):
-        return "" if value is None else "scalar" if value == () else "set by the constructor"
+        return (
+            ""
+            if value is None
+            else "scalar"
+            if value == ()
+            else "set by the constructor"
+        )
     return f"``{value}``" if isinstance(value, str) else str(value).replace("'", "``")
 
 
 def skip_fields(app, what, name, thing, skipped, options) -> bool | None:
     """Skip the fields of a named tuple, which its docstring lists."""
-    return True if (getattr(thing, "__doc__", "") or "").startswith("Alias for field") else None
+    return (
+        True
+        if (getattr(thing, "__doc__", "") or "").startswith("Alias for field")
+        else None
+    )
 
 
 # -- formulas, without a network: the browser's own ----------------------------------------------
@@ -276,7 +369,9 @@ def mathml(text: str, display: str = "inline") -> str:
     text = re.sub(rf"(?<=[\w)}}])\s*(?=\\{FUNCTION})", r"\\,", text)
     text = re.sub(rf"(\\{FUNCTION})\s*(?=\w|\\(?!left|,|;))", r"\1\\,", text)
     bar = '<mo stretchy="false"{}>&#x0007C;</mo>'
-    found = convert(text, display=display).replace(bar.format(""), bar.format(' lspace="0" rspace="0"'))
+    found = convert(text, display=display).replace(
+        bar.format(""), bar.format(' lspace="0" rspace="0"')
+    )
     if re.search(r"<m[io]>(\\|&<)", found):
         raise ValueError(f"the formula converter does not support {text!r}")
     return re.sub("<mo>(min|max)</mo>", r"<mi>\1</mi>", found)
@@ -303,7 +398,9 @@ def formula(translator, node) -> None:
 def write_notebook(page: Path, file: Path) -> None:
     """Write a page as a Jupyter notebook, with its Python fences as code cells."""
     cells = notebook.jupyter_notebook_skeleton()
-    parts = re.split(r"```python\n(.*?)```\n", page.read_text(encoding="utf-8"), flags=re.DOTALL)
+    parts = re.split(
+        r"```python\n(.*?)```\n", page.read_text(encoding="utf-8"), flags=re.DOTALL
+    )
     for k, part in enumerate(parts):
         add = notebook.add_code_cell if k % 2 else notebook.add_markdown_cell
         add(cells, part)
@@ -319,14 +416,18 @@ def write_sources(app) -> None:
     subjects = public()
     (folder / "index.rst").write_text(reference_index(subjects), encoding="utf-8")
     for subject, things in subjects.items():
-        (folder / f"{slug(subject)}.rst").write_text(reference_page(subject, things), encoding="utf-8")
+        (folder / f"{slug(subject)}.rst").write_text(
+            reference_page(subject, things), encoding="utf-8"
+        )
 
 
 def setup(app) -> None:
     """Register the extensions above."""
     tqdm.display = lambda *_, **__: None  # no progress bars on pages
     app.add_html_math_renderer(
-        "mathml", inline_renderers=(inline_formula, None), block_renderers=(formula, None)
+        "mathml",
+        inline_renderers=(inline_formula, None),
+        block_renderers=(formula, None),
     )
     app.connect("builder-inited", write_sources, priority=1)
     app.connect("source-read", relink)

@@ -24,13 +24,21 @@ plant = SpaceTruss.published()
 units = plant.task_units  # three positions, three Euler angles, 28 joint angles
 displacement = np.zeros(plant.rigid)
 displacement[2] = 6.0  # m along z, everything else stays
-weights = [1, 1, 1, 2, 1.2, 1 / 6] * plant.robots + [1] * plant.joints  # forces, torques; joints
+weights = [1, 1, 1, 2, 1.2, 1 / 6] * plant.robots + [
+    1
+] * plant.joints  # forces, torques; joints
 
 loop = Diagram("transport")
 trajectory, control, observer, model, allocation, truss = loop.add(
     trajectory=Quintic(displacement, duration=60.0, unit=units),
     control=IntegralSlidingMode(
-        gamma=1.0, mu=0.25, beta=0.9, eta=0.001, sigma=0.3, boundary_layer=0.001, unit=units
+        gamma=1.0,
+        mu=0.25,
+        beta=0.9,
+        eta=0.001,
+        sigma=0.3,
+        boundary_layer=0.001,
+        unit=units,
     ),
     observer=DisturbanceObserver(4.0, unit=units),
     model=NominalModel(plant.dynamics),
@@ -62,7 +70,11 @@ log = [control.error, truss.coordinates, truss.base_force, truss.base_torque]
 result = simulate(loop, 80.0, step=1e-3, log=log, log_step=0.01)
 error = result["control.error"].sel(coordinate=["x", "y", "z"])
 print("largest position error  ", float(abs(error).max()), "m")
-print("largest base force      ", abs(result["truss.base_force"]).max(["time", "axis"]).values, "N")
+print(
+    "largest base force      ",
+    abs(result["truss.base_force"]).max(["time", "axis"]).values,
+    "N",
+)
 print("largest base torque     ", float(abs(result["truss.base_torque"]).max()), "N*m")
 
 # %%

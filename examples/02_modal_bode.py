@@ -32,6 +32,8 @@ plt.show()
 # %%
 # With 10 % of modal damping it is stable, and each mode has margins.
 
-damped = transport_diagram(law, SpaceTruss.consistent(damping=0.1), allocation="published")
+damped = transport_diagram(
+    law, SpaceTruss.consistent(damping=0.1), allocation="published"
+)
 modal_bode(damped, "truss.modal_force")
 plt.show()

@@ -40,7 +40,9 @@ print(f"fmpy:  z = {run['task_position'][-1][2]:.12e} m, {run['energy'][-1]:.6e}
 def moved(plant):
     """Return the final position along z [m]."""
     diagram = Diagram("pushed truss")
-    force, truss = diagram.add(force=Constant(push, unit=SpaceTruss.consistent().actuator_units), truss=plant)
+    force, truss = diagram.add(
+        force=Constant(push, unit=SpaceTruss.consistent().actuator_units), truss=plant
+    )
     force >> truss.actuation
     diagram.draw("truss_as_block.svg")
     result = simulate(diagram, STOP_TIME, step=TIME_STEP, log=["truss.task_position"])

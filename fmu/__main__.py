@@ -34,20 +34,29 @@ def parser(prog: str = PROGRAM_NAME) -> argparse.ArgumentParser:
         "inspect plant.fmu --json                                  # ports, parameters, states",
     )
     commands = whole.add_subparsers(required=True, metavar="export|inspect")
-    inspecting = commands.add_parser("inspect", help="list the contents of an FMU without running it")
+    inspecting = commands.add_parser(
+        "inspect", help="list the contents of an FMU without running it"
+    )
     inspecting.add_argument("path", type=Path, help="the FMU")
     inspecting.set_defaults(perform=_inspect)
     exporting = commands.add_parser("export", help="write a block or diagram as an FMU")
     exporting.set_defaults(perform=_export)
     exporting.add_argument(
-        "item", help="module:name or file.py:name of a block, or of a function that returns one"
+        "item",
+        help="module:name or file.py:name of a block, or of a function that returns one",
     )
     exporting.add_argument("path", type=Path, help="file to write")
     exporting.add_argument("--kind", choices=EXPORT_KINDS, default="native")
-    exporting.add_argument("--version", choices=VERSION_MODULES, default="2.0", help="version of FMI")
+    exporting.add_argument(
+        "--version", choices=VERSION_MODULES, default="2.0", help="version of FMI"
+    )
     exporting.add_argument("--step", type=float, default=1e-3, help="internal step [s]")
-    exporting.add_argument("--stop-time", type=float, default=10.0, help="default stop time [s]")
-    exporting.add_argument("--tolerance", type=float, default=DEFAULT_TOLERANCE, help="default tolerance")
+    exporting.add_argument(
+        "--stop-time", type=float, default=10.0, help="default stop time [s]"
+    )
+    exporting.add_argument(
+        "--tolerance", type=float, default=DEFAULT_TOLERANCE, help="default tolerance"
+    )
     exporting.add_argument(
         "--parameter",
         dest="parameters",
@@ -64,7 +73,8 @@ def parser(prog: str = PROGRAM_NAME) -> argparse.ArgumentParser:
         help="such as x86_64-windows, or all; may be repeated; by default this one",
     )
     for command in (inspecting, exporting):
-        add_json(command, default=argparse.SUPPRESS)  # keeps --json given before the subcommand
+        # keeps --json given before the subcommand
+        add_json(command, default=argparse.SUPPRESS)
     return whole
 
 
@@ -82,13 +92,24 @@ def main(words: Sequence[str] | None = None, prog: str = PROGRAM_NAME) -> int:
 
 
 def _performed(options: argparse.Namespace) -> Outcome:
-    given = {name: value for name, value in vars(options).items() if name not in ("perform", "json")}
+    given = {
+        name: value
+        for name, value in vars(options).items()
+        if name not in ("perform", "json")
+    }
     outcome: Outcome = options.perform(**given)
     return outcome
 
 
-def _export(item: str, path: Path, parameters: list[str], **settings: object) -> Outcome:
-    path = export(block_of(item), path, parameters=values_of("--parameter", parameters), **settings)  # type: ignore[arg-type]
+def _export(
+    item: str, path: Path, parameters: list[str], **settings: object
+) -> Outcome:
+    path = export(
+        block_of(item),
+        path,
+        parameters=values_of("--parameter", parameters),
+        **settings,
+    )  # type: ignore[arg-type]
     size = path.stat().st_size
     return Outcome({"file": path, "bytes": size}, f"{path}: {size / 1e6:.2f} MB")
 

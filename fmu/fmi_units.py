@@ -66,15 +66,25 @@ def fmi_unit(name: str) -> FmiUnit:
         zero, one = (quantity(value, unit).to_base_units() for value in (0.0, 1.0))
     except OverflowError:  # a power of the unit overflows
         return FmiUnit(name)
-    parts: dict[str, Any] = dict(one.unit_items())  # pint allows exponents of any numeric type
-    powers = {BASE_UNIT_NAMES.get(part, part): float(power) for part, power in parts.items() if power}
+    # pint allows exponents of any numeric type
+    parts: dict[str, Any] = dict(one.unit_items())
+    powers = {
+        BASE_UNIT_NAMES.get(part, part): float(power)
+        for part, power in parts.items()
+        if power
+    }
     display: tuple[tuple[str, float], ...] = ()
     if dict(quantity(1.0, unit).unit_items()).get("radian") == 1:
         display = ((name.replace("radian", "deg").replace("rad", "deg"), 180 / pi),)
     factor = float(one.magnitude - zero.magnitude)
     offset = float(zero.magnitude)
-    whole = all(power.is_integer() and abs(power) < 2**31 for power in powers.values())  # xs:int
-    if not (whole and set(powers) <= set(BASE_UNIT_NAMES.values()) and 0.0 < abs(factor) < inf):
+    # xs:int
+    whole = all(power.is_integer() and abs(power) < 2**31 for power in powers.values())
+    if not (
+        whole
+        and set(powers) <= set(BASE_UNIT_NAMES.values())
+        and 0.0 < abs(factor) < inf
+    ):
         return FmiUnit(name, None, display=display)
     exponents = {part: int(power) for part, power in powers.items()}
     return FmiUnit(name, exponents, _rounded(factor), offset, display)

@@ -5,15 +5,21 @@ from trussflow.models.dynamics.dynamics import TrussDynamics as TrussDynamics
 from trussflow.models.errors import ModelError as ModelError
 from trussflow.models.geometry.attitude import EULER as EULER
 from trussflow.models.geometry.attitude import QUATERNION as QUATERNION
-from trussflow.models.geometry.attitude import AttitudeCoordinates as AttitudeCoordinates
+from trussflow.models.geometry.attitude import (
+    AttitudeCoordinates as AttitudeCoordinates,
+)
 from trussflow.models.hardware.hardware import Hardware as Hardware
 from trussflow.models.hardware.measurement import Measurement as Measurement
 from trussflow.models.hardware.motors import JointDrives as JointDrives
 from trussflow.models.hardware.motors import ReactionWheels as ReactionWheels
 from trussflow.models.hardware.thrusters import Pulses as Pulses
 from trussflow.models.hardware.thrusters import ThrusterSet as ThrusterSet
-from trussflow.models.mean_axes.allocation import MeanAxesAllocation as MeanAxesAllocation
-from trussflow.models.mean_axes.controller import mean_axes_controller as mean_axes_controller
+from trussflow.models.mean_axes.allocation import (
+    MeanAxesAllocation as MeanAxesAllocation,
+)
+from trussflow.models.mean_axes.controller import (
+    mean_axes_controller as mean_axes_controller,
+)
 from trussflow.models.mean_axes.design import MeanAxesDesign as MeanAxesDesign
 from trussflow.models.mean_axes.economy import ActuatorEconomy as ActuatorEconomy
 from trussflow.models.mean_axes.estimator import MeanAxesEstimator as MeanAxesEstimator
@@ -23,7 +29,9 @@ from trussflow.models.mean_axes.monitor import ActuatorMonitor as ActuatorMonito
 from trussflow.models.mean_axes.probe import ActuatorProbe as ActuatorProbe
 from trussflow.models.parameter_files import ParameterTable as ParameterTable
 from trussflow.models.parameter_files import shipped_file as shipped_file
-from trussflow.models.plant.nominal_model import NominalAcceleration as NominalAcceleration
+from trussflow.models.plant.nominal_model import (
+    NominalAcceleration as NominalAcceleration,
+)
 from trussflow.models.plant.nominal_model import NominalModel as NominalModel
 from trussflow.models.plant.nominal_model import TaskErrors as TaskErrors
 from trussflow.models.plant.space_truss import SpaceTruss as SpaceTruss
@@ -35,7 +43,9 @@ from trussflow.models.robots.robot_arm import RobotArm as RobotArm
 from trussflow.models.truss.frame import Frame as Frame
 from trussflow.models.truss.frame import FrameMass as FrameMass
 from trussflow.models.truss.frame import FrameMember as FrameMember
-from trussflow.models.truss.nastran import structure_from_nastran as structure_from_nastran
+from trussflow.models.truss.nastran import (
+    structure_from_nastran as structure_from_nastran,
+)
 from trussflow.models.truss.reduction import reduced_modes as reduced_modes
 from trussflow.models.truss.stiffness import Rigidity as Rigidity
 from trussflow.models.truss.structure import Structure as Structure

@@ -72,7 +72,10 @@ class LayeredFile:
 
     @classmethod
     def read(
-        cls, path: str | Path, before: Iterable[ParameterTable] = (), otherwise: str = ""
+        cls,
+        path: str | Path,
+        before: Iterable[ParameterTable] = (),
+        otherwise: str = "",
     ) -> LayeredFile:
         """Read a file, and those that it extends.
 
@@ -93,7 +96,9 @@ class LayeredFile:
         layers, seen, place = list(before), [], Path(path)
         while True:
             if place.resolve() in seen:
-                raise ModelError(f"{Path(path).name}: {EXTENDS!r} is a cycle back to {place.name}")
+                raise ModelError(
+                    f"{Path(path).name}: {EXTENDS!r} is a cycle back to {place.name}"
+                )
             seen.append(place.resolve())
             layers.append(ParameterTable.read(place))
             if EXTENDS in layers[-1]:
@@ -122,10 +127,16 @@ class LayeredFile:
             given = _part(each, table)
             unknown = [k for k in given.content if (table, k) not in self.known]
             for key in keys:
-                if near := difflib.get_close_matches(key, unknown, 1, MISSPELLING_SIMILARITY):
-                    return given.error(near[0], f"is an unknown key; did you mean {key!r}?")
+                if near := difflib.get_close_matches(
+                    key, unknown, 1, MISSPELLING_SIMILARITY
+                ):
+                    return given.error(
+                        near[0], f"is an unknown key; did you mean {key!r}?"
+                    )
         places = ", ".join(layer.place for layer in self.layers if layer.content)
-        return ModelError(f"[{table}] has no {' and no '.join(map(repr, keys))} in any of {places}")
+        return ModelError(
+            f"[{table}] has no {' and no '.join(map(repr, keys))} in any of {places}"
+        )
 
     def layer_of(self, table: str, key: str) -> ParameterTable | None:
         """Return the first file with a `key` in its `table`, or None."""
@@ -140,11 +151,14 @@ class LayeredFile:
         ModelError
             If an array has another number of tables.
         """
-        arrays = [layer for layer in self.layers if isinstance(layer.content.get(name), list)]
+        arrays = [
+            layer for layer in self.layers if isinstance(layer.content.get(name), list)
+        ]
         for layer in arrays:
             if (given := len(layer.tables(name))) != count:
                 raise layer.error(
-                    name, f"has {given} tables; write [[{name}]] {count} times, or [{name}] once for all"
+                    name,
+                    f"has {given} tables; write [[{name}]] {count} times, or [{name}] once for all",
                 )
         return [self.table(f"{name}[{k}]" if arrays else name) for k in range(count)]
 
@@ -162,13 +176,16 @@ class LayeredFile:
             yield
         except ModelError as error:
             said = str(error)
-            if _PLACED.match(said) or any(said.startswith(layer.place) for layer in self.layers):
+            if _PLACED.match(said) or any(
+                said.startswith(layer.place) for layer in self.layers
+            ):
                 raise
             words = _QUOTED.sub("", said)
             found = [
                 (-len(k), at.start(), t, k)
                 for t, k in self.told
-                if (t == table or f"{t}:" in words) and (at := re.search(rf"\b{k.removesuffix('s')}", words))
+                if (t == table or f"{t}:" in words)
+                and (at := re.search(rf"\b{k.removesuffix('s')}", words))
             ]
             if not (found or key):
                 raise
@@ -180,7 +197,10 @@ class LayeredFile:
         for layer in self.layers:
             for name in layer.content:
                 if name not in tables:
-                    raise layer.error(name, f"is not a key or table of a mission{_proposal(name, tables)}")
+                    raise layer.error(
+                        name,
+                        f"is not a key or table of a mission{_proposal(name, tables)}",
+                    )
 
     def refuse_others(self) -> None:
         """Raise `ModelError` for a key that was not requested; propose the nearest, or list all."""
@@ -211,7 +231,11 @@ def _part(layer: ParameterTable, name: str) -> ParameterTable:
 def _proposal(word: str, words: Collection[str]) -> str:
     """Return the end of a message about an unknown word: the nearest of `words`, or all of them."""
     near = difflib.get_close_matches(word, words, 1)
-    return f"; did you mean {near[0]!r}?" if near else f"; there are {', '.join(sorted(words))}"
+    return (
+        f"; did you mean {near[0]!r}?"
+        if near
+        else f"; there are {', '.join(sorted(words))}"
+    )
 
 
 @dataclass(frozen=True, slots=True)
@@ -258,7 +282,10 @@ class LayeredTable(TableReader):
         entry = _part(layer, place).content[key]
         value, source = str(entry), ""
         if isinstance(entry, dict) and "value" in entry:
-            value, source = f"{entry['value']} {entry.get('unit')}", entry.get("source", "")
+            value, source = (
+                f"{entry['value']} {entry.get('unit')}",
+                entry.get("source", ""),
+            )
         self.file.told[place, key] = Told(f"{place}.{key}", value, layer.place, source)
         return entry
 

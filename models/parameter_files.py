@@ -50,8 +50,12 @@ def shipped_file(name: str) -> Path:
     folder = Path(str(files("trussflow.models"))) / "parameters"
     path = folder / name
     if not os.path.isfile(path):
-        there = ", ".join(sorted(p.name for p in folder.iterdir() if p.suffix in (".toml", ".json")))
-        raise ModelError(f"no parameter file {name!r} comes with trussflow; there are: {there}")
+        there = ", ".join(
+            sorted(p.name for p in folder.iterdir() if p.suffix in (".toml", ".json"))
+        )
+        raise ModelError(
+            f"no parameter file {name!r} comes with trussflow; there are: {there}"
+        )
     return path
 
 
@@ -153,8 +157,14 @@ class TableReader:
         """
         found = self.find(key)
         several = [found] if isinstance(found, str) else found
-        if not isinstance(several, list) or not several or not all(isinstance(one, str) for one in several):
-            raise self.error(key, f"must be text in quotes, or a list of such, got {found!r}")
+        if (
+            not isinstance(several, list)
+            or not several
+            or not all(isinstance(one, str) for one in several)
+        ):
+            raise self.error(
+                key, f"must be text in quotes, or a list of such, got {found!r}"
+            )
         return several
 
     def rows(self, key: str) -> list[list[int]]:
@@ -171,9 +181,18 @@ class TableReader:
             If the key is missing, or its value is not a list of whole numbers and lists of them.
         """
         found = self.find(key)
-        rows = [one if isinstance(one, list) else [one] for one in found] if isinstance(found, list) else []
-        if not rows or not all(row and all(type(n) is int for n in row) for row in rows):
-            raise self.error(key, f"must be a list of whole numbers, or of lists of them, got {found!r}")
+        rows = (
+            [one if isinstance(one, list) else [one] for one in found]
+            if isinstance(found, list)
+            else []
+        )
+        if not rows or not all(
+            row and all(type(n) is int for n in row) for row in rows
+        ):
+            raise self.error(
+                key,
+                f"must be a list of whole numbers, or of lists of them, got {found!r}",
+            )
         return rows
 
     def choice(self, key: str, choices: Iterable[str]) -> str:
@@ -248,13 +267,18 @@ class TableReader:
             return self._checked(key, self._converted(key, entry, unit), shape)
         if not isinstance(entry, Mapping):
             raise self.error(
-                key, f"must read {{value = ..., unit = ..., source = ...}}, or text such as '1.5 {unit}'"
+                key,
+                f"must read {{value = ..., unit = ..., source = ...}}, or text such as '1.5 {unit}'",
             )
         for part in ("value", "unit", "source"):
             if part not in entry:
-                raise self.error(key, f"has no {part!r}; each value states value, unit, source")
+                raise self.error(
+                    key, f"has no {part!r}; each value states value, unit, source"
+                )
         if entry["unit"] != unit:
-            raise self.error(key, f"is given in {entry['unit']!r}; it must be in {unit!r}")
+            raise self.error(
+                key, f"is given in {entry['unit']!r}; it must be in {unit!r}"
+            )
         return self._checked(key, entry["value"], shape)
 
     def _checked(self, key: str, value: Any, shape: tuple[int | None, ...]) -> Vector:
@@ -272,8 +296,14 @@ class TableReader:
             return values if given == unit else np.multiply(values, factor(given, unit))
         except (ValueError, TypeError, BlockError) as error:
             why = f": {error}" if isinstance(error, BlockError) else ""
-            form = f"text such as '1.5 {unit}'" if unit != "1" else "text such as '1.5' or '3 %'"
-            raise self.error(key, f"is {text!r}; it must be {form}, or [1, 2] for several{why}") from error
+            form = (
+                f"text such as '1.5 {unit}'"
+                if unit != "1"
+                else "text such as '1.5' or '3 %'"
+            )
+            raise self.error(
+                key, f"is {text!r}; it must be {form}, or [1, 2] for several{why}"
+            ) from error
 
 
 @dataclass(frozen=True, slots=True)
@@ -315,7 +345,9 @@ class ParameterTable(TableReader):
         ModelError
             If the file does not exist or is not TOML.
         """
-        with reading(path, ModelError, "cannot read parameter file", "it is not TOML ({})") as file:
+        with reading(
+            path, ModelError, "cannot read parameter file", "it is not TOML ({})"
+        ) as file:
             text = file.read_text(encoding="utf-8")
             return cls(tomllib.loads(text), Path(path).name, text)
 
@@ -339,7 +371,9 @@ class ParameterTable(TableReader):
         """
         for key in self.content:
             if key not in keys:
-                raise ModelError(f"{self.place}: unknown key {key!r}; there are: {', '.join(keys)}")
+                raise ModelError(
+                    f"{self.place}: unknown key {key!r}; there are: {', '.join(keys)}"
+                )
 
     def table(self, key: str) -> ParameterTable:
         """Return a sub-table.
@@ -362,7 +396,9 @@ class ParameterTable(TableReader):
         if not isinstance(found, Mapping):
             raise self.error(key, "must be a table")
         above = r"[\w.]*\b" if "," in self.place else ""
-        return self._below(found, f"{self.place}, {key}", rf"\[{above}{re.escape(key)}\]", 0)
+        return self._below(
+            found, f"{self.place}, {key}", rf"\[{above}{re.escape(key)}\]", 0
+        )
 
     def tables(self, key: str) -> list[ParameterTable]:
         """Return the tables of an array of tables with the heads ``[[key]]``.
@@ -382,17 +418,27 @@ class ParameterTable(TableReader):
             If no array of tables has that name.
         """
         found = self.find(key)
-        if not isinstance(found, list) or not all(isinstance(t, Mapping) for t in found):
+        if not isinstance(found, list) or not all(
+            isinstance(t, Mapping) for t in found
+        ):
             raise self.error(key, f"must be an array of tables, each headed [[{key}]]")
         head = rf"\[\[{re.escape(key)}\]\]"
-        return [self._below(t, f"{self.place}, {key}[{i}]", head, i) for i, t in enumerate(found)]
+        return [
+            self._below(t, f"{self.place}, {key}[{i}]", head, i)
+            for i, t in enumerate(found)
+        ]
 
-    def _below(self, content: Mapping[str, Any], place: str, head: str, number: int) -> ParameterTable:
+    def _below(
+        self, content: Mapping[str, Any], place: str, head: str, number: int
+    ) -> ParameterTable:
         """Return a sub-table by the pattern of its `head` and the `number` of that head."""
         heads = list(re.finditer(rf"^[ \t]*{head}", self.written, re.MULTILINE))
         start = heads[number].start() if len(heads) > number else len(self.written)
         return ParameterTable(
-            content, place, self.written[start:], self.line + self.written[:start].count("\n")
+            content,
+            place,
+            self.written[start:],
+            self.line + self.written[:start].count("\n"),
         )
 
     def line_of(self, key: str) -> str:
@@ -404,17 +450,32 @@ class ParameterTable(TableReader):
             Name of the key.
         """
         name = rf"[\"']?{re.escape(key)}[\"']?[ \t]*"
-        found = re.search(rf"^[ \t]*({name}=|\[+[ \t]*{name}\])", self.written, re.MULTILINE)
-        return f" (line {self.line + self.written[: found.start()].count(chr(10)) + 1})" if found else ""
+        found = re.search(
+            rf"^[ \t]*({name}=|\[+[ \t]*{name}\])", self.written, re.MULTILINE
+        )
+        return (
+            f" (line {self.line + self.written[: found.start()].count(chr(10)) + 1})"
+            if found
+            else ""
+        )
 
     def listed(self) -> list[tuple[str, ...]]:
         """Return place, value, unit and source of all values, sub-tables included, as text."""
         found: list[tuple[str, ...]] = []
         for key, entry in self.content.items():
             if isinstance(entry, Mapping) and "value" in entry:
-                found.append((f"{self.place}, {key}", *(str(entry[k]) for k in ("value", "unit", "source"))))
+                found.append(
+                    (
+                        f"{self.place}, {key}",
+                        *(str(entry[k]) for k in ("value", "unit", "source")),
+                    )
+                )
             elif isinstance(entry, Mapping | list):
-                below = [self.table(key)] if isinstance(entry, Mapping) else self.tables(key)
+                below = (
+                    [self.table(key)]
+                    if isinstance(entry, Mapping)
+                    else self.tables(key)
+                )
                 found += [row for table in below for row in table.listed()]
         return found
 

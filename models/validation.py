@@ -46,7 +46,10 @@ def frozen_array(what: str, values: Array, shape: tuple[int | None, ...]) -> Vec
         array = finite_array(what, values).copy()
     except ParameterError as error:
         raise ModelError(str(error)) from None
-    wanted = tuple(have if want is None else want for want, have in zip(shape, array.shape, strict=False))
+    wanted = tuple(
+        have if want is None else want
+        for want, have in zip(shape, array.shape, strict=False)
+    )
     # Unlike parameters of blocks, values are not broadcast: one number for a whole table is an error.
     if len(wanted) != len(shape) or wanted != array.shape:
         sizes = tuple("any" if n is None else n for n in shape)
@@ -74,7 +77,9 @@ def check_choice(kind: str, name: object, known: Iterable[object]) -> None:
     """
     names = list(known)
     if name not in names:
-        raise ModelError(f"no {kind} {name!r}; choose from: {', '.join(map(str, names))}")
+        raise ModelError(
+            f"no {kind} {name!r}; choose from: {', '.join(map(str, names))}"
+        )
 
 
 def check_number(owner: str, *, zero: bool = False, **values: Any) -> None:
@@ -97,7 +102,9 @@ def check_number(owner: str, *, zero: bool = False, **values: Any) -> None:
     for name, value in values.items():
         number = frozen_array(f"{owner}: {name}", value, ())
         if number < 0.0 or (number == 0.0 and not zero):
-            raise ModelError(f"{owner}: {name} is {number:g}; it must be {'at least' if zero else 'above'} 0")
+            raise ModelError(
+                f"{owner}: {name} is {number:g}; it must be {'at least' if zero else 'above'} 0"
+            )
 
 
 def unit_vectors(what: str, values: npt.ArrayLike) -> Vector:
@@ -122,7 +129,9 @@ def unit_vectors(what: str, values: npt.ArrayLike) -> Vector:
         raise ModelError(f"{what}: there are none; give at least one")
     if wrong.max() > _ROTATION_SLACK:
         k = int(wrong.argmax())
-        raise ModelError(f"{what} {k} has length {lengths[k]:g}; it must be a unit vector")
+        raise ModelError(
+            f"{what} {k} has length {lengths[k]:g}; it must be a unit vector"
+        )
     return vectors
 
 
@@ -169,11 +178,19 @@ def check_rotation(owner: str, name: str, matrix: Vector) -> None:
             f"{owner}: {name} is not a rotation matrix but left-handed: its determinant is -1, it must be 1"
         )
     if error > _ROTATION_SLACK:
-        raise ModelError(f"{owner}: {name} is not a rotation matrix (R^T R differs from I by {error:.2g})")
+        raise ModelError(
+            f"{owner}: {name} is not a rotation matrix (R^T R differs from I by {error:.2g})"
+        )
 
 
 def check_body(
-    owner: str, name: str, mass: float, static_moment: Vector, inertia: Vector, *, thin: bool = False
+    owner: str,
+    name: str,
+    mass: float,
+    static_moment: Vector,
+    inertia: Vector,
+    *,
+    thin: bool = False,
 ) -> None:
     """Raise `ModelError` unless mass, static moment and inertia are physically possible.
 
@@ -198,9 +215,13 @@ def check_body(
     """
     if not mass > 0.0:
         raise ModelError(f"{owner}: mass of {name} is {mass} kg; it must be positive")
-    if not np.allclose(inertia, inertia.T, rtol=0.0, atol=1e-12 * np.max(np.abs(inertia))):
+    if not np.allclose(
+        inertia, inertia.T, rtol=0.0, atol=1e-12 * np.max(np.abs(inertia))
+    ):
         raise ModelError(f"{owner}: inertia of {name} is not symmetric")
-    small, middle, large = np.linalg.eigvalsh(central_inertia(mass, static_moment, inertia))
+    small, middle, large = np.linalg.eigvalsh(
+        central_inertia(mass, static_moment, inertia)
+    )
     if not (small > 0.0 or (thin and small >= -_TRIANGLE_SLACK * large)):
         raise ModelError(
             f"{owner}: inertia of {name} about its centre of mass is not positive definite: "

@@ -30,7 +30,15 @@ settings.register_profile(
 )
 settings.load_profile("dev")
 
-LONGEST_FIRST = ("test_", "studies", "models", "fmu", "blocks/sweeps", "blocks/simulation", "")
+LONGEST_FIRST = (
+    "test_",
+    "studies",
+    "models",
+    "fmu",
+    "blocks/sweeps",
+    "blocks/simulation",
+    "",
+)
 """Files and folders in the order in which the workers take them; short files at the end keep all busy."""
 
 
@@ -39,6 +47,8 @@ def pytest_collection_modifyitems(items):
 
     def place(item):
         path = item.path.relative_to(ROOT / "tests").as_posix()
-        return next(k for k, prefix in enumerate(LONGEST_FIRST) if path.startswith(prefix))
+        return next(
+            k for k, prefix in enumerate(LONGEST_FIRST) if path.startswith(prefix)
+        )
 
     items.sort(key=place)

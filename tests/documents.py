@@ -12,7 +12,10 @@ FENCE = re.compile(r"^```(\w*)\n(.*?)^```$", re.DOTALL | re.MULTILINE)
 def is_source(path):
     """Return whether a Markdown file is written by hand, not made when the site is built."""
     folder, *below = path.relative_to(ROOT).parts
-    return folder in ("blocks", "models", "fmu", "docs", "examples") and below[0] not in GENERATED
+    return (
+        folder in ("blocks", "models", "fmu", "docs", "examples")
+        and below[0] not in GENERATED
+    )
 
 
 def heads(text):
@@ -20,9 +23,15 @@ def heads(text):
     return set(re.findall(r"^(\|.*)\n\| ---", text, re.MULTILINE))
 
 
-FILES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *filter(is_source, sorted(ROOT.glob("*/**/*.md")))]
+FILES = [
+    ROOT / "README.md",
+    ROOT / "CONTRIBUTING.md",
+    *filter(is_source, sorted(ROOT.glob("*/**/*.md"))),
+]
 TEXTS = {path: path.read_text(encoding="utf-8") for path in FILES}
-FENCES = [(path, *fence) for path, text in TEXTS.items() for fence in FENCE.findall(text)]
+FENCES = [
+    (path, *fence) for path, text in TEXTS.items() for fence in FENCE.findall(text)
+]
 SAMPLES = {
     f"{path.relative_to(ROOT).as_posix()}-{number}": text
     for number, (path, language, text) in enumerate(FENCES)

@@ -14,10 +14,15 @@ def pins():
     """Return ``name==version``, or ``name==version; where``, for what trussflow and its tests depend on."""
     project = tomllib.loads(PYPROJECT.read_text())["project"]
     found = []
-    for requirement in (*project["dependencies"], *project["optional-dependencies"]["test"]):
+    for requirement in (
+        *project["dependencies"],
+        *project["optional-dependencies"]["test"],
+    ):
         bound = BOUNDED.fullmatch(requirement)
         if bound is None:
-            raise SystemExit(f"pyproject.toml: '{requirement}' names no oldest version; write name>=version")
+            raise SystemExit(
+                f"pyproject.toml: '{requirement}' names no oldest version; write name>=version"
+            )
         found.append(f"{bound[1]}=={bound[2]}{bound[3] or ''}")
     return found
 

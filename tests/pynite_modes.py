@@ -11,8 +11,14 @@ def pynite_modes(frame, count, added=()):
 
     `added` holds point masses: index of the mesh point, and mass [kg].
     """
-    program = pytest.importorskip("Pynite", reason="Pynite is a second opinion on the modes")
-    structure, model, rod = frame.structure(), program.FEModel3D(), frame.members[0].rigidity
+    program = pytest.importorskip(
+        "Pynite", reason="Pynite is a second opinion on the modes"
+    )
+    structure, model, rod = (
+        frame.structure(),
+        program.FEModel3D(),
+        frame.members[0].rigidity,
+    )
     masses = structure.mass.diagonal()[::6]
     for node, mass in added:
         masses[node] += mass
@@ -32,12 +38,22 @@ def pynite_modes(frame, count, added=()):
     model.analyze_modal(count, mass_combo_name="mass", gravity=1.0)
     frequencies = np.asarray(model.frequencies, dtype=float)
     order = np.argsort(frequencies)
-    combinations, nodes = [f"Mode {k + 1}" for k in order], [model.nodes[name] for name in names]
+    combinations, nodes = (
+        [f"Mode {k + 1}" for k in order],
+        [model.nodes[name] for name in names],
+    )
     translations, rotations = (
-        np.array([[[getattr(node, f)[c] for c in combinations] for f in fields] for node in nodes])
+        np.array(
+            [
+                [[getattr(node, f)[c] for c in combinations] for f in fields]
+                for node in nodes
+            ]
+        )
         for fields in (("DX", "DY", "DZ"), ("RX", "RY", "RZ"))
     )
     # Pynite gives massless freedoms a small mass, so its modes are orthonormal to 1e-6 only.
-    values, vectors = np.linalg.eigh(np.einsum("n,nia,nib->ab", masses, translations, translations))
+    values, vectors = np.linalg.eigh(
+        np.einsum("n,nia,nib->ab", masses, translations, translations)
+    )
     normalize = (vectors / np.sqrt(values)) @ vectors.T
     return frequencies[order], translations @ normalize, rotations @ normalize

@@ -8,14 +8,22 @@ import sys
 TIME_LIMIT = 300  # s; for scripts that hang, not for slow ones
 CONTEXT = multiprocessing.get_context("forkserver" if os.name == "posix" else "spawn")
 CONTEXT.set_forkserver_preload(
-    ["matplotlib.pyplot", "control", "trussflow.blocks", "trussflow.models", "trussflow.fmu"]
+    [
+        "matplotlib.pyplot",
+        "control",
+        "trussflow.blocks",
+        "trussflow.models",
+        "trussflow.fmu",
+    ]
 )
 
 
 def run(program, folder, arguments=()):
     """Run a script (a path) or a module (its name) in a folder; return its standard output."""
     outputs = [folder / "stdout.txt", folder / "stderr.txt"]
-    process = CONTEXT.Process(target=_run, args=(program, folder, list(arguments), outputs))
+    process = CONTEXT.Process(
+        target=_run, args=(program, folder, list(arguments), outputs)
+    )
     process.start()
     process.join(TIME_LIMIT)
     if process.is_alive():

@@ -6,7 +6,9 @@ import tomllib
 from pathlib import Path
 
 ROOT = Path(__file__).parents[1]
-SETUPTOOLS = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["tool"]["setuptools"]
+SETUPTOOLS = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))[
+    "tool"
+]["setuptools"]
 
 
 def python_files(*folders):
@@ -17,7 +19,8 @@ def python_files(*folders):
 def module_of(path):
     """Return the import name of a file of one of the packages."""
     parts = path.relative_to(ROOT).with_suffix("").parts
-    if parts[:2] == ("blocks", "command_line"):  # the folder of the package `trussflow` itself
+    if parts[:2] == ("blocks", "command_line"):
+        # the folder of the package `trussflow` itself
         parts = parts[2:]
     return ".".join(("trussflow", *parts)).removesuffix(".__init__")
 
@@ -25,7 +28,9 @@ def module_of(path):
 PACKAGE_FILES = python_files("blocks", "models", "fmu")
 ALL_FILES = PACKAGE_FILES + python_files("tests", "examples")
 MODULES = {module_of(path): path for path in PACKAGE_FILES}
-PUBLIC_MODULES = sorted(name for name, path in MODULES.items() if path.name != "__main__.py")
+PUBLIC_MODULES = sorted(
+    name for name, path in MODULES.items() if path.name != "__main__.py"
+)
 
 
 @functools.cache

@@ -174,7 +174,9 @@ def ports(**shapes):
 
 def jacobian(function, x):
     """Return the Jacobian of an analytic function by complex steps, exact to round-off."""
-    return np.column_stack([function(x + 1e-30j * e).imag / 1e-30 for e in np.eye(x.size)])
+    return np.column_stack(
+        [function(x + 1e-30j * e).imag / 1e-30 for e in np.eye(x.size)]
+    )
 
 
 def interpreted(request):
@@ -182,7 +184,9 @@ def interpreted(request):
 
     Folders make an automatic fixture of it. The campaign compiles.
     """
-    backend = "interpreted" if request.config.option.markexpr == "not campaign" else "auto"
+    backend = (
+        "interpreted" if request.config.option.markexpr == "not campaign" else "auto"
+    )
     with mock.patch.dict(Solver.__init__.__kwdefaults__, backend=backend):
         yield
 
@@ -194,15 +198,22 @@ def relative_error(found, expected):
 
 def respond(block, t=0.0, **inputs):
     """Return the outputs of a block without states; missing inputs have their defaults, or zero."""
-    u = {port.name: np.full(port.whole_shape, port.declaration.default or 0.0) for port in block.inputs()}
+    u = {
+        port.name: np.full(port.whole_shape, port.declaration.default or 0.0)
+        for port in block.inputs()
+    }
     nothing = Signals("x", {})
-    return block.output(t, nothing, Signals("u", u | inputs), Signals("p", block.parameters))
+    return block.output(
+        t, nothing, Signals("u", u | inputs), Signals("p", block.parameters)
+    )
 
 
 def approach(gain=1.0):
     """Return a diagram with y' = gain (1 - y), from 0."""
     diagram = Diagram("approach")
-    goal, law, level = diagram.add(goal=Constant(1.0), law=Gain(gain), level=Integrator())
+    goal, law, level = diagram.add(
+        goal=Constant(1.0), law=Gain(gain), level=Integrator()
+    )
     (goal.y - level.y) >> law
     law >> level
     return diagram
@@ -219,21 +230,34 @@ def decay(order=1, rate=1.0):
 def differences(diagram, duration, function, at, change, **settings):
     """Return a function of a run, and its central differences by parameters and initial states."""
     simulator = Simulator(diagram, **settings)
-    states = {f"{block.path}.{name}" for block in diagram.blocks.values() for name in block.states()}
+    states = {
+        f"{block.path}.{name}"
+        for block in diagram.blocks.values()
+        for name in block.states()
+    }
 
     def value(values):
-        parameters = {name: number for name, number in values.items() if name not in states}
+        parameters = {
+            name: number for name, number in values.items() if name not in states
+        }
         initial = {name: values[name] for name in states & {*values}}
-        run = simulator.run(duration, parameters=parameters, initial=initial, progress=False)
-        return np.asarray(function({str(name): variable.values for name, variable in run.items()}))
+        run = simulator.run(
+            duration, parameters=parameters, initial=initial, progress=False
+        )
+        return np.asarray(
+            function({str(name): variable.values for name, variable in run.items()})
+        )
 
     slopes = {}
     for name, number in at.items():
         columns = [
-            (value(at | {name: number + e}) - value(at | {name: number - e})) / (2.0 * change)
+            (value(at | {name: number + e}) - value(at | {name: number - e}))
+            / (2.0 * change)
             for e in change * np.eye(np.size(number)).reshape(-1, *np.shape(number))
         ]
-        slopes[name] = np.stack(columns, axis=-1).reshape(columns[0].shape + np.shape(number))
+        slopes[name] = np.stack(columns, axis=-1).reshape(
+            columns[0].shape + np.shape(number)
+        )
     return value(at), slopes
 
 
@@ -242,7 +266,9 @@ def compiled_program(expressions, x, trace=None):
     inputs = [ca.SX.sym("t"), to_expression(x), ca.SX(0, 1), ca.SX(0, 1)]
     program = lower("derivative", inputs, ca.vertcat(*expressions), trace or Trace())
     executor = CompiledExecutor([program])
-    return program, lambda values: executor.call("derivative", 0.0, values, np.zeros(0), np.zeros(0))
+    return program, lambda values: executor.call(
+        "derivative", 0.0, values, np.zeros(0), np.zeros(0)
+    )
 
 
 def simulate_block(block, duration, sources, **settings):

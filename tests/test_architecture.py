@@ -3,21 +3,60 @@
 import ast
 from graphlib import TopologicalSorter
 
-from sources import ALL_FILES, MODULES, PACKAGE_FILES, SETUPTOOLS, module_of, place, tree_of
+from sources import (
+    ALL_FILES,
+    MODULES,
+    PACKAGE_FILES,
+    SETUPTOOLS,
+    module_of,
+    place,
+    tree_of,
+)
 
 # Packages that the modules of a package may import, besides their own, `blocks.errors`, `blocks.support` and
 # the loose modules of their top package. `__init__` and `__main__` may import everything below them.
-FRAMEWORK, TRACING, RESULTS, SIMULATION, LIBRARY, COSIMULATION, LINEAR, CONTROL, DRAWING, SWEEPS, TESTING = (
+(
+    FRAMEWORK,
+    TRACING,
+    RESULTS,
+    SIMULATION,
+    LIBRARY,
+    COSIMULATION,
+    LINEAR,
+    CONTROL,
+    DRAWING,
+    SWEEPS,
+    TESTING,
+) = (
     f"trussflow.blocks.{name}"
     for name in (
-        *("framework", "tracing", "results", "simulation", "library", "cosimulation", "linear_analysis"),
+        *(
+            "framework",
+            "tracing",
+            "results",
+            "simulation",
+            "library",
+            "cosimulation",
+            "linear_analysis",
+        ),
         *("control", "drawing", "sweeps", "testing"),
     )
 )
-BLOCKS = (FRAMEWORK, TRACING, SIMULATION, LIBRARY, COSIMULATION, LINEAR, f"{LINEAR}.frequency", CONTROL)
+BLOCKS = (
+    FRAMEWORK,
+    TRACING,
+    SIMULATION,
+    LIBRARY,
+    COSIMULATION,
+    LINEAR,
+    f"{LINEAR}.frequency",
+    CONTROL,
+)
 ERRORS, SUPPORT = "trussflow.blocks.errors", "trussflow.blocks.support"
 FMU, MODELS = "trussflow.fmu", "trussflow.models"
-PHYSICS = tuple(f"{MODELS}.{name}" for name in ("geometry", "truss", "robots", "dynamics", "plant"))
+PHYSICS = tuple(
+    f"{MODELS}.{name}" for name in ("geometry", "truss", "robots", "dynamics", "plant")
+)
 EXPORTING = (FRAMEWORK, TRACING, RESULTS, SIMULATION, f"{FMU}.exporting.description")
 PACKAGES = {
     "trussflow": (
@@ -53,7 +92,10 @@ PACKAGES = {
     ),
     f"{FMU}.ssp": (
         FRAMEWORK,
-        *(f"{FMU}.{name}" for name in ("runtime", "importing", "exporting", "exporting.description")),
+        *(
+            f"{FMU}.{name}"
+            for name in ("runtime", "importing", "exporting", "exporting.description")
+        ),
     ),
     MODELS: (FRAMEWORK,),
     f"{MODELS}.reporting": ("trussflow.blocks", FRAMEWORK, SIMULATION),
@@ -69,7 +111,10 @@ PACKAGES = {
     f"{MODELS}.transport": (
         *BLOCKS,
         *PHYSICS,
-        *(f"{MODELS}.{name}" for name in ("feasibility", "hardware", "mean_axes", "reporting", "viewer")),
+        *(
+            f"{MODELS}.{name}"
+            for name in ("feasibility", "hardware", "mean_axes", "reporting", "viewer")
+        ),
     ),
 }
 
@@ -91,7 +136,12 @@ def import_nodes(tree):
         elif isinstance(node, ast.ImportFrom):
             for alias in node.names:
                 member = f"{node.module}.{alias.name}"
-                yield node.lineno, member if member in MODULES else "." * node.level + (node.module or "")
+                yield (
+                    node.lineno,
+                    member
+                    if member in MODULES
+                    else "." * node.level + (node.module or ""),
+                )
 
 
 def runtime_imports(path):
@@ -101,12 +151,16 @@ def runtime_imports(path):
         if isinstance(node, ast.If) and ast.unparse(node.test) == "TYPE_CHECKING":
             typing_only.update(range(node.lineno, node.end_lineno + 1))
     imports = import_nodes(tree_of(path))
-    return {name for line, name in imports if name in MODULES and line not in typing_only}
+    return {
+        name for line, name in imports if name in MODULES and line not in typing_only
+    }
 
 
 def package_of(module):
     """Return the package that a module lies in."""
-    return module if MODULES[module].name == "__init__.py" else module.rpartition(".")[0]
+    return (
+        module if MODULES[module].name == "__init__.py" else module.rpartition(".")[0]
+    )
 
 
 def top_of(module):
@@ -130,7 +184,11 @@ def test_packages_import_only_what_they_may():
         imported = runtime_imports(path)
         if path.name in ("__init__.py", "__main__.py"):
             forbidden = {MODELS, FMU} - {top_of(module)}
-            wrong += [f"{module} imports {name}" for name in imported if top_of(name) in forbidden]
+            wrong += [
+                f"{module} imports {name}"
+                for name in imported
+                if top_of(name) in forbidden
+            ]
         else:
             package = package_of(module)
             allowed = {package, top_of(package), ERRORS, SUPPORT, *PACKAGES[package]}
@@ -143,7 +201,9 @@ def test_packages_import_only_what_they_may():
 
 
 def test_every_package_has_its_rule():
-    assert set(PACKAGES) == {package_of(name) for name, path in MODULES.items() if path.name[:2] != "__"}
+    assert set(PACKAGES) == {
+        package_of(name) for name, path in MODULES.items() if path.name[:2] != "__"
+    }
 
 
 def test_no_module_imports_itself_in_a_circle():
@@ -154,7 +214,9 @@ def test_no_module_imports_itself_in_a_circle():
 def test_every_package_is_listed():
     packages = {module_of(path) for path in PACKAGE_FILES if path.name == "__init__.py"}
     assert set(SETUPTOOLS["packages"]) == packages
-    assert [path for path in PACKAGE_FILES if module_of(path.parent) not in packages] == []
+    assert [
+        path for path in PACKAGE_FILES if module_of(path.parent) not in packages
+    ] == []
 
 
 def test_tolerances_are_stated():
@@ -164,7 +226,11 @@ def test_tolerances_are_stated():
         for node in ast.walk(tree_of(path)):
             if isinstance(node, ast.Call):
                 called = ast.unparse(node.func)
-                needed = TOLERANCES.get(called, TOLERANCES.get(called.rpartition(".")[2], set()))
+                needed = TOLERANCES.get(
+                    called, TOLERANCES.get(called.rpartition(".")[2], set())
+                )
                 if needed - {keyword.arg for keyword in node.keywords}:
-                    wrong.append(f"{place(path, node.lineno)}: {called} without {', '.join(needed)}")
+                    wrong.append(
+                        f"{place(path, node.lineno)}: {called} without {', '.join(needed)}"
+                    )
     assert wrong == []

@@ -36,7 +36,11 @@ def defined(module_name):
                 function = getattr(member, "__func__", member)
                 if inspect.isfunction(function) and not member_name.startswith("_"):
                     versions = [vars(base).get(member_name) for base in item.__mro__]
-                    yield f"{name}.{member_name}", function, docstrings(*versions) + of_class
+                    yield (
+                        f"{name}.{member_name}",
+                        function,
+                        docstrings(*versions) + of_class,
+                    )
 
 
 def is_protocol(item):
@@ -46,14 +50,20 @@ def is_protocol(item):
 
 def docstrings(*items):
     """Return the docstrings of those items that have one."""
-    return [inspect.cleandoc(item.__doc__) for item in items if item is not None and item.__doc__]
+    return [
+        inspect.cleandoc(item.__doc__)
+        for item in items
+        if item is not None and item.__doc__
+    ]
 
 
 def parameters_of(function):
     """Return the annotation of each public parameter, as text."""
     named = inspect.signature(function).parameters
     return {
-        name: kind.annotation if isinstance(kind.annotation, str) else str(kind.annotation)
+        name: kind.annotation
+        if isinstance(kind.annotation, str)
+        else str(kind.annotation)
         for name, kind in named.items()
         if name not in ("self", "cls") and not name.startswith("_")
     }
@@ -85,7 +95,9 @@ def test_parameters_are_documented():
             parameters = parameters_of(function)
             if len(parameters) > 1 or inspect.isclass(function):
                 documented = explanations(docs)
-                missing += [f"{module}.{name}({p})" for p in parameters if p not in documented]
+                missing += [
+                    f"{module}.{name}({p})" for p in parameters if p not in documented
+                ]
     assert missing == []
 
 
@@ -104,6 +116,9 @@ def test_numeric_parameters_have_units():
 
 def test_examples_in_docstrings_print_as_shown():
     flags = doctest.ELLIPSIS | doctest.NORMALIZE_WHITESPACE
-    results = {name: doctest.testmod(import_module(name), optionflags=flags) for name in PUBLIC_MODULES}
+    results = {
+        name: doctest.testmod(import_module(name), optionflags=flags)
+        for name in PUBLIC_MODULES
+    }
     assert [name for name, result in results.items() if result.failed] == []
     assert sum(result.attempted for result in results.values()) > 0

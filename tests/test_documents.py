@@ -19,12 +19,23 @@ def test_fences_are_of_languages_that_are_checked_here():
 def test_targets_of_make_exist():
     lines = [line for line in COMMANDS if line.startswith("make ")]
     targets = {line.split()[1] for line in lines}
-    targets.update(name for text in TEXTS.values() for name in re.findall(r"`make ([\w-]+)", text))
-    subprocess.run(["make", "--dry-run", *sorted(targets)], cwd=ROOT, capture_output=True, check=True)
+    targets.update(
+        name for text in TEXTS.values() for name in re.findall(r"`make ([\w-]+)", text)
+    )
+    subprocess.run(
+        ["make", "--dry-run", *sorted(targets)],
+        cwd=ROOT,
+        capture_output=True,
+        check=True,
+    )
 
 
 def test_modules_named_as_commands_exist():
-    for module in {name for text in TEXTS.values() for name in re.findall(r"`python3? -m ([\w.]+)", text)}:
+    for module in {
+        name
+        for text in TEXTS.values()
+        for name in re.findall(r"`python3? -m ([\w.]+)", text)
+    }:
         spec = find_spec(module)
         assert spec is not None, module
         if spec.submodule_search_locations is not None:
@@ -38,7 +49,9 @@ def test_links_lead_somewhere():
     for path, text in TEXTS.items():
         for target in LINK.findall(text):
             file = (path.parent / target).resolve()
-            if not file.exists() or any(file.is_relative_to(folder) for folder in generated):
+            if not file.exists() or any(
+                file.is_relative_to(folder) for folder in generated
+            ):
                 dead.append(f"{path.relative_to(ROOT)}: {target}")
     assert dead == []
 
@@ -57,9 +70,15 @@ def test_links_to_examples_lead_to_pages_of_the_site():
 
 def test_every_page_is_in_the_contents():
     contents = (DOCS / "index.md").read_text(encoding="utf-8")
-    pages = [path.relative_to(DOCS).with_suffix("") for path in FILES if path.is_relative_to(DOCS)]
+    pages = [
+        path.relative_to(DOCS).with_suffix("")
+        for path in FILES
+        if path.is_relative_to(DOCS)
+    ]
     listed = {line.rpartition("<")[2].rstrip(">") for line in contents.splitlines()}
-    assert [page for page in pages if page.name != "index" and page.as_posix() not in listed] == []
+    assert [
+        page for page in pages if page.name != "index" and page.as_posix() not in listed
+    ] == []
 
 
 def test_reference_shows_each_public_name_once():
@@ -70,6 +89,10 @@ def test_reference_shows_each_public_name_once():
     assert len(paths) == len(set(paths))
     for package in ("blocks", "models", "fmu"):
         text = (ROOT / package / "__init__.py").read_text(encoding="utf-8")
-        public = {name for name in re.findall(r" as (\w+)$", text, re.MULTILINE) if not name.isupper()}
+        public = {
+            name
+            for name in re.findall(r" as (\w+)$", text, re.MULTILINE)
+            if not name.isupper()
+        }
         missing = public - {path.rpartition(".")[2] for path in paths}
         assert not missing, f"docs/conf.py has no subject for {missing}"

@@ -11,7 +11,9 @@ from sources import ROOT, tree_of
 
 FOLDER = ROOT / "examples"
 EXAMPLES = sorted(
-    path for path in FOLDER.glob("**/*.py") if path.relative_to(FOLDER).parts[0] not in ("peers", "studies")
+    path
+    for path in FOLDER.glob("**/*.py")
+    if path.relative_to(FOLDER).parts[0] not in ("peers", "studies")
 )
 PEERS = sorted(FOLDER.glob("peers/[0-9]*.py"))
 DATA = (".toml", ".urdf", ".bdf", ".op4")
@@ -23,14 +25,20 @@ def code_lines(path):
     """Return the number of lines of code of a script, without blank lines, comments and docstrings."""
     documented = set()
     for node in ast.walk(tree_of(path)):
-        if isinstance(node, ast.Module | ast.ClassDef | ast.FunctionDef) and ast.get_docstring(node):
+        if isinstance(
+            node, ast.Module | ast.ClassDef | ast.FunctionDef
+        ) and ast.get_docstring(node):
             documented.update(range(node.body[0].lineno, node.body[0].end_lineno + 1))
     lines = enumerate(path.read_text(encoding="utf-8").splitlines(), 1)
-    return sum(k not in documented and line.strip()[:1] not in ("", "#") for k, line in lines)
+    return sum(
+        k not in documented and line.strip()[:1] not in ("", "#") for k, line in lines
+    )
 
 
 def test_examples_are_short():
-    assert [path.name for path in EXAMPLES + PEERS if code_lines(path) >= MAX_LINES] == []
+    assert [
+        path.name for path in EXAMPLES + PEERS if code_lines(path) >= MAX_LINES
+    ] == []
 
 
 def test_examples_begin_with_a_title():
@@ -58,7 +66,12 @@ def test_other_peoples_system_agrees_as_it_asserts(path):
 
 def test_table_of_other_peoples_systems_is_true():
     table = (ROOT / "docs" / "peers.md").read_text(encoding="utf-8")
-    row = re.compile(r"^\| \[(\d\d_\w+)\]\(\.\./examples/peers/\1\.py\) \| (\d+) \| (\d+) \|", re.MULTILINE)
+    row = re.compile(
+        r"^\| \[(\d\d_\w+)\]\(\.\./examples/peers/\1\.py\) \| (\d+) \| (\d+) \|",
+        re.MULTILINE,
+    )
     rows = [(name, int(ours), int(theirs)) for name, ours, theirs in row.findall(table)]
-    assert [(name, ours) for name, ours, _ in rows] == [(path.stem, code_lines(path)) for path in PEERS]
+    assert [(name, ours) for name, ours, _ in rows] == [
+        (path.stem, code_lines(path)) for path in PEERS
+    ]
     assert [name for name, ours, theirs in rows if ours > theirs] == []

@@ -25,7 +25,10 @@ from trussflow.blocks.tracing import compile_cache
 from trussflow.fmu import Fmu, export
 from trussflow.models.transport.__main__ import main
 
-pytestmark = [pytest.mark.campaign, pytest.mark.skipif(os.name != "posix", reason="kill -9")]
+pytestmark = [
+    pytest.mark.campaign,
+    pytest.mark.skipif(os.name != "posix", reason="kill -9"),
+]
 
 
 def exports(k):
@@ -96,7 +99,11 @@ def left(folder):
         elif "trussflow-" in path.name:
             if not path.with_suffix(LOCK_SUFFIX).exists():
                 yield path
-        elif path.is_file() and path.suffix not in KEPT and "trussflow-" not in str(path.parent):
+        elif (
+            path.is_file()
+            and path.suffix not in KEPT
+            and "trussflow-" not in str(path.parent)
+        ):
             yield path
 
 
@@ -127,10 +134,13 @@ def forked():
 
 @pytest.mark.parametrize("number", range(campaign.SIZE))
 @pytest.mark.parametrize("job", JOBS)
-def test_nothing_half_written_is_taken_for_whole_and_nothing_stays(job, number, forked, tmp_path):
+def test_nothing_half_written_is_taken_for_whole_and_nothing_stays(
+    job, number, forked, tmp_path
+):
     (tmp_path / "temporary").mkdir()
     if job is flies:
-        (tmp_path / "cache").symlink_to(compile_cache.cache_folder())  # compiling takes minutes
+        # compiling takes minutes
+        (tmp_path / "cache").symlink_to(compile_cache.cache_folder())
     seconds = np.random.default_rng([campaign.SEED, number]).uniform(0.0, JOBS[job])
     begun, _ = forked(job.__name__, tmp_path, [], seconds)
     for path in itertools.chain(tmp_path.glob("*.*"), tmp_path.glob("out/*.*")):

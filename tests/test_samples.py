@@ -49,7 +49,9 @@ def test_sample_prints_what_its_comments_state(text, folder):
     assert run(script, folder).splitlines() == PRINTED.findall(text)
 
 
-@pytest.mark.parametrize("line", [line for line in COMMANDS if not line.startswith("make ")])
+@pytest.mark.parametrize(
+    "line", [line for line in COMMANDS if not line.startswith("make ")]
+)
 def test_command_in_a_shell_works(line, tmp_path):
     """Commands that take long or need the network are only parsed."""
     program, *arguments = shlex.split(line, comments=True)
@@ -60,7 +62,9 @@ def test_command_in_a_shell_works(line, tmp_path):
     assert arguments[0] == "-m"
     module, *options = arguments[1:]
     if module in ("venv", "pip"):
-        subprocess.run([sys.executable, *arguments, "--help"], capture_output=True, check=True)
+        subprocess.run(
+            [sys.executable, *arguments, "--help"], capture_output=True, check=True
+        )
     elif module == "trussflow" and options[0] in LONG:
         command = import_module(trussflow.__main__.COMMANDS[options[0]].module)
         command.parser("").parse_args(options[1:])

@@ -25,20 +25,33 @@ class Version(argparse.Action):
 
     def __call__(self, parser: argparse.ArgumentParser, *_: Any) -> None:
         """Print, and end with exit code 0."""
-        from trussflow.blocks.tracing.compile_cache import cache_folder, cache_size  # slow to import
+        # slow to import
+        from trussflow.blocks.tracing.compile_cache import cache_folder, cache_size
 
-        print(f"trussflow {__version__}\ncompiled code: {cache_size() / 1e6:.1f} MB in {cache_folder()}")
+        print(
+            f"trussflow {__version__}\ncompiled code: {cache_size() / 1e6:.1f} MB in {cache_folder()}"
+        )
         parser.exit()
 
 
 COMMANDS = {
     "new": Command("write an example script or mission file", "trussflow.new"),
     "run": Command("simulate a diagram or an FMU", "trussflow.run"),
-    "sweep": Command("run a diagram many times, here or on a cluster", "trussflow.sweep"),
+    "sweep": Command(
+        "run a diagram many times, here or on a cluster", "trussflow.sweep"
+    ),
     "draw": Command("draw a diagram", "trussflow.draw"),
-    "fmu": Command("export a diagram as an FMU, describe an FMU", "trussflow.fmu.__main__"),
-    "fly": Command("simulate a mission: result, figures, page", "trussflow.models.transport.__main__"),
-    "view": Command("write a page with the animation of a result", "trussflow.models.viewer.__main__"),
+    "fmu": Command(
+        "export a diagram as an FMU, describe an FMU", "trussflow.fmu.__main__"
+    ),
+    "fly": Command(
+        "simulate a mission: result, figures, page",
+        "trussflow.models.transport.__main__",
+    ),
+    "view": Command(
+        "write a page with the animation of a result",
+        "trussflow.models.viewer.__main__",
+    ),
     "analyse": Command("modes, margins and Bode plot of any loop", "trussflow.analyse"),
 }
 """Subcommands by name; a module is imported only when its command is called."""
@@ -65,7 +78,9 @@ def parser(*, whole: bool) -> argparse.ArgumentParser:
         epilog=HELP_EXAMPLES,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
-    found.add_argument("--version", action=Version, nargs=0, help="print version and size of the cache")
+    found.add_argument(
+        "--version", action=Version, nargs=0, help="print version and size of the cache"
+    )
     shtab.add_argument_to(found, help="print the completion script of a shell")
     commands = found.add_subparsers(metavar="command", required=True, title="commands")
     for name, command in COMMANDS.items():
@@ -80,7 +95,9 @@ def main(words: list[str] | None = None) -> int:
     command = COMMANDS.get(words[0]) if words else None
     if command is None:
         # Help, version, completion or misuse: all of these exit.
-        parser(whole=words[:1] == ["--print-completion"]).parse_args(words or ["--help"])
+        parser(whole=words[:1] == ["--print-completion"]).parse_args(
+            words or ["--help"]
+        )
         return 0
     # Imports and expressions make no cyclic garbage, and its collection took a tenth of the start.
     usual = gc.get_threshold()

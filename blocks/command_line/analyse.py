@@ -7,7 +7,12 @@ from dataclasses import asdict
 from pathlib import Path
 
 from trussflow.blocks.errors import DiagramError, LinearAnalysisError
-from trussflow.blocks.framework.command_arguments import Outcome, block_of, ended, parser_of
+from trussflow.blocks.framework.command_arguments import (
+    Outcome,
+    block_of,
+    ended,
+    parser_of,
+)
 from trussflow.blocks.framework.diagram import Diagram
 from trussflow.run import picture
 
@@ -21,7 +26,8 @@ def parser(prog: str) -> argparse.ArgumentParser:
         "loop.py:loop --at truss.modal_force --plot m.png  # with the Bode plot",
     )
     found.add_argument(
-        "item", help="module:name or file.py:name of a diagram, or of a function returning one"
+        "item",
+        help="module:name or file.py:name of a diagram, or of a function returning one",
     )
     found.add_argument("--at", required=True, help="port where the loop is opened")
     found.add_argument("--plot", type=Path, help="picture to write")
@@ -30,12 +36,20 @@ def parser(prog: str) -> argparse.ArgumentParser:
 
 def analyse(options: argparse.Namespace) -> Outcome:
     """Analyse the loop that the `options` name."""
-    from trussflow.blocks import loop_transfer, modal_bode, modal_table  # slow to import
+    # slow to import
+    from trussflow.blocks import loop_transfer, modal_bode, modal_table
     from trussflow.blocks.linear_analysis.loop_transfer import margins_of
 
-    plotted, diagram, margins, unstable = picture(options.plot), block_of(options.item), None, None
+    plotted, diagram, margins, unstable = (
+        picture(options.plot),
+        block_of(options.item),
+        None,
+        None,
+    )
     if not isinstance(diagram, Diagram):
-        raise DiagramError(f"cannot analyse '{options.item}': it is a single block, not a diagram")
+        raise DiagramError(
+            f"cannot analyse '{options.item}': it is a single block, not a diagram"
+        )
     loop, table = loop_transfer(diagram, options.at), modal_table(diagram, options.at)
     try:
         margins = asdict(margins_of(loop))
@@ -50,7 +64,10 @@ def analyse(options: argparse.Namespace) -> Outcome:
     if plotted is not None:
         modal_bode(diagram, options.at, loop=loop).savefig(plotted)
         lines.append(f"written to {plotted}")
-    modes = [{"frequency": m.frequency, "damping_ratio": m.damping_ratio} for m in table.modes]
+    modes = [
+        {"frequency": m.frequency, "damping_ratio": m.damping_ratio}
+        for m in table.modes
+    ]
     facts = {"modes": modes, "margins": margins, "unstable": unstable, "file": plotted}
     return Outcome(facts, "\n".join([str(table), *lines]))
 

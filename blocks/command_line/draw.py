@@ -6,9 +6,15 @@ import argparse
 from dataclasses import asdict
 from pathlib import Path
 
-from trussflow.blocks.drawing import svg as svg  # registers the drawing function of Diagram
+# registers the drawing function of Diagram
+from trussflow.blocks.drawing import svg as svg
 from trussflow.blocks.errors import DiagramError
-from trussflow.blocks.framework.command_arguments import Outcome, block_of, ended, parser_of
+from trussflow.blocks.framework.command_arguments import (
+    Outcome,
+    block_of,
+    ended,
+    parser_of,
+)
 from trussflow.blocks.framework.diagram import Diagram
 
 
@@ -22,10 +28,15 @@ def parser(prog: str) -> argparse.ArgumentParser:
         "loop.py:loop loop.svg --depth 1   # with nested diagrams open",
     )
     found.add_argument(
-        "item", help="module:name or file.py:name of a diagram, or of a function returning one"
+        "item",
+        help="module:name or file.py:name of a diagram, or of a function returning one",
     )
-    found.add_argument("path", type=Path, nargs="?", help="file to write, with the suffix .svg")
-    found.add_argument("--depth", type=int, default=0, help="levels of nested diagrams to draw open")
+    found.add_argument(
+        "path", type=Path, nargs="?", help="file to write, with the suffix .svg"
+    )
+    found.add_argument(
+        "--depth", type=int, default=0, help="levels of nested diagrams to draw open"
+    )
     return found
 
 
@@ -39,9 +50,15 @@ def draw(options: argparse.Namespace) -> Outcome:
         diagram.draw(options.path, depth=options.depth)
         text = f"{options.path}: {len(diagram.blocks)} blocks"
     else:
-        raise DiagramError(f"cannot draw '{options.item}': it is a single block, not a diagram")
-    ends = [[port.full_path for port in wire.ends] for wire in wires]  # a grounded input has no source
-    return Outcome({"file": options.path, "tree": asdict(diagram._described()), "wires": ends}, text)
+        raise DiagramError(
+            f"cannot draw '{options.item}': it is a single block, not a diagram"
+        )
+    # a grounded input has no source
+    ends = [[port.full_path for port in wire.ends] for wire in wires]
+    return Outcome(
+        {"file": options.path, "tree": asdict(diagram._described()), "wires": ends},
+        text,
+    )
 
 
 def main(words: list[str], prog: str) -> int:

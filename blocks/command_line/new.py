@@ -23,7 +23,9 @@ def parser(prog: str) -> argparse.ArgumentParser:
         "loop.py         # then: python loop.py",
         "mission.toml    # then: trussflow fly mission.toml",
     )
-    found.add_argument("path", type=Path, help="file to write, named .py or .toml; it must not exist")
+    found.add_argument(
+        "path", type=Path, help="file to write, named .py or .toml; it must not exist"
+    )
     return found
 
 
@@ -35,9 +37,15 @@ def new(options: argparse.Namespace) -> Outcome:
         raise DiagramError(
             f"cannot write '{path}': its name must end with .toml, or be a module name with .py"
         )
-    package, file = ("trussflow.models", MISSION_TEMPLATE) if mission else ("trussflow", "starter.py")
+    package, file = (
+        ("trussflow.models", MISSION_TEMPLATE)
+        if mission
+        else ("trussflow", "starter.py")
+    )
     if path.exists():
-        raise DiagramError(f"cannot write '{path}': it exists already; name another file")
+        raise DiagramError(
+            f"cannot write '{path}': it exists already; name another file"
+        )
     try:
         with replaced(path) as partial:
             partial.write_bytes(files(package).joinpath(file).read_bytes())

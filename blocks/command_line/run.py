@@ -11,7 +11,13 @@ import numpy as np
 
 from trussflow.blocks.errors import DiagramError, NameLookupError
 from trussflow.blocks.framework.block import Block
-from trussflow.blocks.framework.command_arguments import Outcome, block_of, ended, parser_of, values_of
+from trussflow.blocks.framework.command_arguments import (
+    Outcome,
+    block_of,
+    ended,
+    parser_of,
+    values_of,
+)
 from trussflow.blocks.framework.diagram import Diagram
 from trussflow.blocks.library.sources import Constant
 from trussflow.blocks.results.dataset import plot, save, to_pandas
@@ -37,12 +43,22 @@ def parser(prog: str) -> argparse.ArgumentParser:
         "loop.py:loop 10 --parameter pendulum.mass=2 --json  # another mass, output as JSON",
         "plant.fmu 5 --input u=1.5 --output plant.nc         # an FMU under a constant input",
     )
-    found.add_argument("item", help="file.py:name or module:name of a diagram or block, or an FMU")
+    found.add_argument(
+        "item", help="file.py:name or module:name of a diagram or block, or an FMU"
+    )
     found.add_argument("duration", type=float, help="time to simulate [s]")
-    found.add_argument("--step", type=float, help="step of fixed-step solvers and FMUs [s]; default: 0.001")
+    found.add_argument(
+        "--step",
+        type=float,
+        help="step of fixed-step solvers and FMUs [s]; default: 0.001",
+    )
     found.add_argument("--solver", choices=(*FIXED_STEP, *METHODS), default="rk4")
-    found.add_argument("--log", nargs="+", metavar="BLOCK.PORT", help="by default every output")
-    found.add_argument("--log-step", type=float, help="time between logged instants [s]")
+    found.add_argument(
+        "--log", nargs="+", metavar="BLOCK.PORT", help="by default every output"
+    )
+    found.add_argument(
+        "--log-step", type=float, help="time between logged instants [s]"
+    )
     for option, what in (
         ("parameter", "value of a parameter"),
         ("input", "constant input of a block or FMU"),
@@ -56,23 +72,35 @@ def parser(prog: str) -> argparse.ArgumentParser:
             help=f"{what}, arrays as [1, 2]; may be repeated",
         )
     found.add_argument("--output", type=Path, help="netCDF file to write")
-    found.add_argument("--plot", type=Path, help=f"picture of all logged signals: {', '.join(PICTURES)}")
+    found.add_argument(
+        "--plot",
+        type=Path,
+        help=f"picture of all logged signals: {', '.join(PICTURES)}",
+    )
     return found
 
 
 def picture(path: Path | None) -> Path | None:
     """Return the `path` of a picture to write; raise `DiagramError` unless it can be written."""
     if path and not (path.suffix.lower() in PICTURES and path.parent.is_dir()):
-        raise DiagramError(f"cannot draw to '{path}': use {', '.join(PICTURES)} in an existing folder")
+        raise DiagramError(
+            f"cannot draw to '{path}': use {', '.join(PICTURES)} in an existing folder"
+        )
     return path
 
 
 def run(options: argparse.Namespace) -> Outcome:
     """Simulate the diagram, block or FMU of the `options`."""
     picture(options.plot)
-    step = 1e-3 if options.step is None and options.solver in FIXED_STEP else options.step
+    step = (
+        1e-3 if options.step is None and options.solver in FIXED_STEP else options.step
+    )
     item = options.item
-    block = Fmu(item, step=step or 1e-3) if item.lower().endswith(".fmu") else block_of(item)
+    block = (
+        Fmu(item, step=step or 1e-3)
+        if item.lower().endswith(".fmu")
+        else block_of(item)
+    )
     result = simulate(
         driven(block, values_of("--input", options.inputs)),
         options.duration,
@@ -88,9 +116,13 @@ def run(options: argparse.Namespace) -> Outcome:
         plot(result).savefig(options.plot)
     rows = list(figures(result))
     width = max((len(row["signal"]) for row in rows), default=0)
-    lines = [f"{'signal':{width}}  {'unit':10} {'end':>12} {'least':>12} {'greatest':>12}"]
+    lines = [
+        f"{'signal':{width}}  {'unit':10} {'end':>12} {'least':>12} {'greatest':>12}"
+    ]
     for row in rows:
-        numbers = " ".join(f"{row[name]:12.5g}" for name in ("end", "least", "greatest"))
+        numbers = " ".join(
+            f"{row[name]:12.5g}" for name in ("end", "least", "greatest")
+        )
         lines.append(f"{row['signal']:{width}}  {row['unit']:10} {numbers}")
     return Outcome(rows, "\n".join(lines))
 

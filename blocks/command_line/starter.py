@@ -2,7 +2,18 @@
 
 import numpy as np
 
-from trussflow.blocks import PD, Block, Constant, Diagram, Input, Output, Parameter, Signals, State, simulate
+from trussflow.blocks import (
+    PD,
+    Block,
+    Constant,
+    Diagram,
+    Input,
+    Output,
+    Parameter,
+    Signals,
+    State,
+    simulate,
+)
 from trussflow.blocks.support.types import Array
 
 
@@ -21,10 +32,15 @@ class Pendulum(Block):
         """Return what can be measured."""
         return {"angle": x.q, "rate": x.w}
 
-    def derivative(self, t: Array, x: Signals, u: Signals, p: Signals) -> dict[str, Array]:
+    def derivative(
+        self, t: Array, x: Signals, u: Signals, p: Signals
+    ) -> dict[str, Array]:
         """Return rate and acceleration."""
         gravity = 9.81  # m/s^2
-        return {"q": x.w, "w": gravity / p.length * np.sin(x.q) + u.torque / (p.mass * p.length**2)}
+        return {
+            "q": x.w,
+            "w": gravity / p.length * np.sin(x.q) + u.torque / (p.mass * p.length**2),
+        }
 
 
 loop = Diagram("upright")

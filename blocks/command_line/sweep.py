@@ -13,7 +13,13 @@ from typing import Any
 import cloudpickle
 
 from trussflow.blocks.errors import DiagramError, SimulationError
-from trussflow.blocks.framework.command_arguments import FAILED, Outcome, ended, parser_of, thing_of
+from trussflow.blocks.framework.command_arguments import (
+    FAILED,
+    Outcome,
+    ended,
+    parser_of,
+    thing_of,
+)
 from trussflow.blocks.results.dataset import save
 from trussflow.blocks.support.validation import shown
 from trussflow.blocks.sweeps.sweep import EXECUTORS
@@ -33,8 +39,12 @@ def parser(prog: str) -> argparse.ArgumentParser:
     found.add_argument("--path", type=Path, help="folder of the finished samples")
     found.add_argument("--samples", type=int, help="number of samples of distributions")
     found.add_argument("--executor", choices=EXECUTORS, help="default: processes")
-    found.add_argument("--workers", type=int, help="number of parallel samples; default: one per core")
-    found.add_argument("--scheduler", metavar="ADDRESS", help="scheduler of a Dask cluster")
+    found.add_argument(
+        "--workers", type=int, help="number of parallel samples; default: one per core"
+    )
+    found.add_argument(
+        "--scheduler", metavar="ADDRESS", help="scheduler of a Dask cluster"
+    )
     found.add_argument("--output", type=Path, help="netCDF file of all samples")
     return found
 
@@ -43,12 +53,18 @@ def run(options: argparse.Namespace) -> Outcome:
     """Run the sweep of the `options`."""
     campaign = thing_of(options.campaign)
     if not callable(campaign):
-        raise DiagramError(f"'{options.campaign}' is {shown(campaign)}; write functools.partial(sweep, ...)")
+        raise DiagramError(
+            f"'{options.campaign}' is {shown(campaign)}; write functools.partial(sweep, ...)"
+        )
     file = options.campaign.partition(":")[0]
     if file.endswith(".py"):  # workers on other machines do not have the script
         cloudpickle.register_pickle_by_value(sys.modules[Path(file).stem])
     names = ("path", "samples", "executor", "workers")
-    given = {name: getattr(options, name) for name in names if getattr(options, name) is not None}
+    given = {
+        name: getattr(options, name)
+        for name in names
+        if getattr(options, name) is not None
+    }
     with _cluster(options.scheduler) as more:
         swept = campaign(**(more | given))
     if options.output is not None:
@@ -58,8 +74,12 @@ def run(options: argparse.Namespace) -> Outcome:
     ended_as = told.groupby(["status", "message"]).size()
     complete = told[told["status"] == "complete"].drop(columns=["status", "message"])
     figures = complete.describe([0.05, 0.5, 0.95]).T if complete.size else complete
-    rows = [{"status": s, "message": m, "samples": int(n)} for (s, m), n in ended_as.items()]
-    text = "\n\n".join([ended_as.to_string(), *([figures.to_string()] if complete.size else [])])
+    rows = [
+        {"status": s, "message": m, "samples": int(n)} for (s, m), n in ended_as.items()
+    ]
+    text = "\n\n".join(
+        [ended_as.to_string(), *([figures.to_string()] if complete.size else [])]
+    )
     code = FAILED if complete.empty and len(told) else 0
     return Outcome({"ended": rows, "figures": figures.to_dict("index")}, text, code)
 
@@ -73,11 +93,15 @@ def _cluster(address: str | None) -> Iterator[dict[str, Any]]:
     try:
         distributed: Any = importlib.import_module("distributed")
     except ImportError:
-        raise SimulationError("--scheduler needs Dask: pip install 'trussflow[cluster]'") from None
+        raise SimulationError(
+            "--scheduler needs Dask: pip install 'trussflow[cluster]'"
+        ) from None
     try:
         client = distributed.Client(address, timeout=10.0)
     except (OSError, ValueError) as error:
-        raise SimulationError(f"there is no scheduler at '{address}': {error}") from None
+        raise SimulationError(
+            f"there is no scheduler at '{address}': {error}"
+        ) from None
     with client:
         workers = sum(client.nthreads().values())
         yield {"executor": client.get_executor(), "workers": max(1, workers)}

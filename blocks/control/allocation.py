@@ -16,7 +16,11 @@ from trussflow.blocks.library.piecewise import limited
 from trussflow.blocks.support.types import Array
 from trussflow.blocks.support.validation import finite_array, is_whole, shown
 from trussflow.blocks.tracing.bounded_least_squares import bounded_least_squares
-from trussflow.blocks.tracing.linear_algebra import block_diagonal, solve_positive_definite, weighted_gramian
+from trussflow.blocks.tracing.linear_algebra import (
+    block_diagonal,
+    solve_positive_definite,
+    weighted_gramian,
+)
 
 
 class Allocation(Block):
@@ -39,20 +43,36 @@ class Allocation(Block):
         If there is no demand, or weights are no vector.
     """
 
-    demand = Input("demands", unit=Attribute("demand_unit"), meaning="what is to be achieved")
-    effectiveness = Input(("demands", "actuators"), meaning="what each actuator contributes to each demand")
-    command = Output("actuators", unit=Attribute("command_unit"), meaning="actuator commands")
+    demand = Input(
+        "demands", unit=Attribute("demand_unit"), meaning="what is to be achieved"
+    )
+    effectiveness = Input(
+        ("demands", "actuators"),
+        meaning="what each actuator contributes to each demand",
+    )
+    command = Output(
+        "actuators", unit=Attribute("command_unit"), meaning="actuator commands"
+    )
     weights = Parameter(shape="actuators", above=0.0, meaning="cost of each actuator")
 
     def __init__(
-        self, demands: int, weights: npt.ArrayLike, demand_unit: Unit, command_unit: Unit, **parameters: Any
+        self,
+        demands: int,
+        weights: npt.ArrayLike,
+        demand_unit: Unit,
+        command_unit: Unit,
+        **parameters: Any,
     ) -> None:
         owner = type(self).__name__
         shape = finite_array(f"parameter 'weights' of {owner}", weights).shape
         if len(shape) != 1 or shape == (0,):
-            raise BlockError(f"{owner} needs one weight per actuator; got weights of shape {shape}")
+            raise BlockError(
+                f"{owner} needs one weight per actuator; got weights of shape {shape}"
+            )
         if not is_whole(demands) or demands < 1:
-            raise BlockError(f"{owner} cannot meet {shown(demands)} demands: there must be at least one")
+            raise BlockError(
+                f"{owner} cannot meet {shown(demands)} demands: there must be at least one"
+            )
         self.demands, (self.actuators,) = demands, shape
         self.demand_unit, self.command_unit = demand_unit, command_unit
         super().__init__(weights=weights, **parameters)
@@ -90,7 +110,12 @@ class WeightedAllocation(Allocation):
     """
 
     def __init__(
-        self, demands: int, weights: npt.ArrayLike, *, demand_unit: Unit = None, command_unit: Unit = None
+        self,
+        demands: int,
+        weights: npt.ArrayLike,
+        *,
+        demand_unit: Unit = None,
+        command_unit: Unit = None,
     ) -> None:
         super().__init__(demands, weights, demand_unit, command_unit)
         if demands > self.actuators:
@@ -153,15 +178,31 @@ class BoundedAllocation(Allocation):
 
     spread = Input(("demands", "demands"), meaning="G: errors count by its inverse")
     soft_demand = Input(
-        "softs", unit=Attribute("soft_unit"), default=0.0, meaning="what gives way before the demand"
+        "softs",
+        unit=Attribute("soft_unit"),
+        default=0.0,
+        meaning="what gives way before the demand",
     )
-    soft_effectiveness = Input(("softs", "actuators"), default=0.0, meaning="S: likewise for soft demands")
-    preferred = Input("actuators", unit=Attribute("command_unit"), default=0.0, meaning="command of no cost")
+    soft_effectiveness = Input(
+        ("softs", "actuators"), default=0.0, meaning="S: likewise for soft demands"
+    )
+    preferred = Input(
+        "actuators",
+        unit=Attribute("command_unit"),
+        default=0.0,
+        meaning="command of no cost",
+    )
     lower = Input("actuators", unit=Attribute("command_unit"), meaning="lower limits")
     upper = Input("actuators", unit=Attribute("command_unit"), meaning="upper limits")
-    missed = Output("demands", unit=Attribute("demand_unit"), meaning="demand less what is achieved")
-    saturated = Output("actuators", unit="1", meaning="1 where a command is at a limit, 0 elsewhere")
-    soft_weights = Parameter(shape="softs", above=0.0, meaning="cost of each error in a soft demand")
+    missed = Output(
+        "demands", unit=Attribute("demand_unit"), meaning="demand less what is achieved"
+    )
+    saturated = Output(
+        "actuators", unit="1", meaning="1 where a command is at a limit, 0 elsewhere"
+    )
+    soft_weights = Parameter(
+        shape="softs", above=0.0, meaning="cost of each error in a soft demand"
+    )
 
     def __init__(
         self,
@@ -177,9 +218,18 @@ class BoundedAllocation(Allocation):
         owner = type(self).__name__
         shape = finite_array(f"parameter 'soft_weights' of {owner}", soft_weights).shape
         if len(shape) != 1:
-            raise BlockError(f"{owner} needs one weight per soft demand; got soft_weights of shape {shape}")
+            raise BlockError(
+                f"{owner} needs one weight per soft demand; got soft_weights of shape {shape}"
+            )
         (self.softs,), self.soft_unit = shape, soft_unit
-        super().__init__(demands, weights, demand_unit, command_unit, soft_weights=soft_weights, **parameters)
+        super().__init__(
+            demands,
+            weights,
+            demand_unit,
+            command_unit,
+            soft_weights=soft_weights,
+            **parameters,
+        )
 
     def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
         """Return the commands, what they miss, and which of them are at limits."""
@@ -191,9 +241,17 @@ class BoundedAllocation(Allocation):
             matrix = np.vstack([matrix, u.soft_effectiveness])
             spread = block_diagonal(spread, np.diag(p.soft_weights**-2.0))
             target = np.concatenate([target, u.soft_demand])
-        command, missed = bounded_least_squares(matrix, spread, target, p.weights, u.preferred, lower, upper)
-        saturated = np.where(np.logical_or(command <= lower, command >= upper), 1.0, 0.0)
-        return {"command": command, "missed": missed[: self.demands], "saturated": saturated}
+        command, missed = bounded_least_squares(
+            matrix, spread, target, p.weights, u.preferred, lower, upper
+        )
+        saturated = np.where(
+            np.logical_or(command <= lower, command >= upper), 1.0, 0.0
+        )
+        return {
+            "command": command,
+            "missed": missed[: self.demands],
+            "saturated": saturated,
+        }
 
 
 class RateBoundedAllocation(BoundedAllocation):
@@ -224,11 +282,20 @@ class RateBoundedAllocation(BoundedAllocation):
         If a weight is not above 0, or a rate below 0.
     """
 
-    rates = Parameter(shape="actuators", minimum=0.0, meaning="largest change of each command per second")
+    rates = Parameter(
+        shape="actuators",
+        minimum=0.0,
+        meaning="largest change of each command per second",
+    )
     previous = State("actuators", meaning="commands of the sample before")
 
     def __init__(
-        self, demands: int, weights: npt.ArrayLike, rates: npt.ArrayLike, sample_time: float, **others: Any
+        self,
+        demands: int,
+        weights: npt.ArrayLike,
+        rates: npt.ArrayLike,
+        sample_time: float,
+        **others: Any,
     ) -> None:
         super().__init__(demands, weights, rates=rates, **others)
         self.sampled(sample_time)
@@ -236,7 +303,9 @@ class RateBoundedAllocation(BoundedAllocation):
     def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
         """Return the commands, what they miss, and which of them are at limits."""
         reach = p.rates * self.sample_time
-        lower, upper = (limited(x.previous + r, u.lower, u.upper) for r in (-reach, reach))
+        lower, upper = (
+            limited(x.previous + r, u.lower, u.upper) for r in (-reach, reach)
+        )
         return self._allocated(u, p, lower, upper)
 
     def update(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:

@@ -16,7 +16,9 @@ ROUND_OFF = 1e-10
 """Relative tolerance below which asymmetry, eigenvalues and couplings of states count as zero [-]."""
 
 
-def covariance(what: str, value: npt.ArrayLike, size: int, *, definite: bool = False) -> Vector:
+def covariance(
+    what: str, value: npt.ArrayLike, size: int, *, definite: bool = False
+) -> Vector:
     """Return a covariance matrix, checked.
 
     Parameters
@@ -49,7 +51,9 @@ def covariance(what: str, value: npt.ArrayLike, size: int, *, definite: bool = F
     scale = np.sqrt(np.where(np.diag(matrix) > 0, np.diag(matrix), 1.0))
     smallest = np.linalg.eigvalsh(matrix / np.outer(scale, scale)).min(initial=1.0)
     if smallest < (ROUND_OFF if definite else -ROUND_OFF):
-        raise ParameterError(f"{what} is not positive {'' if definite else 'semi'}definite: it must be")
+        raise ParameterError(
+            f"{what} is not positive {'' if definite else 'semi'}definite: it must be"
+        )
     return (matrix + matrix.T) / 2
 
 
@@ -76,7 +80,9 @@ def sampled_covariance(A: Vector, density: Vector, time: float) -> Vector:
 
     doublings = max(0, ceil(log2(max(float(np.linalg.norm(A, 1)) * time, 1.0))))
     n = len(A)
-    flow = expm(np.block([[-A, density], [np.zeros((n, n)), A.T]]) * (time / 2**doublings))
+    flow = expm(
+        np.block([[-A, density], [np.zeros((n, n)), A.T]]) * (time / 2**doublings)
+    )
     turned = flow[n:, n:].T
     added = turned @ flow[:n, n:]
     for _ in range(doublings):
@@ -84,7 +90,9 @@ def sampled_covariance(A: Vector, density: Vector, time: float) -> Vector:
     return np.asarray((added + added.T) / 2)
 
 
-def steady_covariance(A: Vector, C: Vector, Q: Vector, R: Vector, names: Sequence[str]) -> Vector:
+def steady_covariance(
+    A: Vector, C: Vector, Q: Vector, R: Vector, names: Sequence[str]
+) -> Vector:
     r"""Return the steady-state covariance of the one-sample prediction of a Kalman filter.
 
     It is the stabilizing solution of
@@ -119,7 +127,9 @@ def steady_covariance(A: Vector, C: Vector, Q: Vector, R: Vector, names: Sequenc
     noise, shown = float(np.linalg.norm(Q)), float(np.linalg.norm(seen))
     unit = (noise / max(shown**2, 1e-99)) ** 0.25 or 1.0
     try:
-        P = unit**2 * solve_discrete_are(A.T, unit * seen.T, Q / unit**2, np.eye(len(R)))
+        P = unit**2 * solve_discrete_are(
+            A.T, unit * seen.T, Q / unit**2, np.eye(len(R))
+        )
     except (np.linalg.LinAlgError, ValueError) as error:
         raise LinearAnalysisError(
             f"no solution of the Riccati equation of the Kalman filter can be found: {error}; noises, or "
@@ -128,7 +138,9 @@ def steady_covariance(A: Vector, C: Vector, Q: Vector, R: Vector, names: Sequenc
     return np.asarray((P + P.T) / 2)
 
 
-def refuse_unobserved(A: Vector, C: Vector, names: Sequence[str], *, allow_decaying: bool) -> None:
+def refuse_unobserved(
+    A: Vector, C: Vector, names: Sequence[str], *, allow_decaying: bool
+) -> None:
     """Raise `LinearAnalysisError` for states that are not observable.
 
     Parameters
@@ -146,11 +158,17 @@ def refuse_unobserved(A: Vector, C: Vector, names: Sequence[str], *, allow_decay
         If a state is unobservable; the message names it.
     """
     yes_or_no("a Kalman filter", "allow_unobserved", allow_decaying)
-    if unseen := hidden(A, C, names, slowest=1.0 - ROUND_OFF if allow_decaying else 0.0):
+    if unseen := hidden(
+        A, C, names, slowest=1.0 - ROUND_OFF if allow_decaying else 0.0
+    ):
         raise LinearAnalysisError(
             f"cannot estimate {unseen}: what is measured never shows them, or not apart from each other; "
             "measure more, or leave them out of the model"
-            + ("" if allow_decaying else " (allow_unobserved=True leaves those that decay to the model)")
+            + (
+                ""
+                if allow_decaying
+                else " (allow_unobserved=True leaves those that decay to the model)"
+            )
         )
 
 
@@ -173,7 +191,9 @@ def hidden(A: Vector, C: Vector, names: Sequence[str], slowest: float) -> str:
 
     # Balance the couplings. Chains of integrators have no return path; a small coupling provides one.
     couplings = np.abs(A - np.eye(len(A)))
-    _, (units, _) = matrix_balance(couplings + 1e-6 * couplings.max(), permute=False, separate=True)
+    _, (units, _) = matrix_balance(
+        couplings + 1e-6 * couplings.max(), permute=False, separate=True
+    )
     rates, C = (A - np.eye(len(A))) * units / units[:, None], C * units
     largest = np.linalg.norm(C, axis=1, keepdims=True)
     basis = _null_space(C / np.where(largest > 0, largest, 1.0), 1.0)
@@ -188,7 +208,9 @@ def hidden(A: Vector, C: Vector, names: Sequence[str], slowest: float) -> str:
     # The stubs know no sorting by one complex number.
     _, modes, number = schur(within, "complex", sort=lambda z: abs(z) >= slowest)  # type: ignore[call-overload]
     share = np.linalg.norm(basis @ modes[:, :number], axis=1)
-    return ", ".join(f"'{name}'" for name, s in zip(names, share, strict=True) if s > 0.01)
+    return ", ".join(
+        f"'{name}'" for name, s in zip(names, share, strict=True) if s > 0.01
+    )
 
 
 def _null_space(matrix: Vector, largest: float) -> Vector:

@@ -50,14 +50,18 @@ class DisturbanceObserver(Shaped):
     """
 
     velocity = Input(INFERRED, unit=VELOCITY_UNIT, meaning="measured velocity")
-    nominal_acceleration = Input(INFERRED, unit=ACCELERATION_UNIT, meaning="known part of the acceleration")
+    nominal_acceleration = Input(
+        INFERRED, unit=ACCELERATION_UNIT, meaning="known part of the acceleration"
+    )
     disturbance_estimate = Output(
         INFERRED, unit=ACCELERATION_UNIT, meaning="estimated disturbance acceleration"
     )
     z = State(INFERRED, meaning="estimate less gain times velocity")
     gain = Parameter(shape=None, above=0.0, unit="1/s", meaning="L: bandwidth")
 
-    def __init__(self, gain: npt.ArrayLike, *, unit: Unit = None, shape: ShapeLike = None) -> None:
+    def __init__(
+        self, gain: npt.ArrayLike, *, unit: Unit = None, shape: ShapeLike = None
+    ) -> None:
         set_motion_units(self, unit)
         super().__init__(shape, gain=gain)
 

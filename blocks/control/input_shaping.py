@@ -49,14 +49,21 @@ class ShapedTrajectory(Trajectory):
     """
 
     def __init__(
-        self, trajectory: Block, frequency: float, *, damping: float = 0.0, kind: str = "ZVD"
+        self,
+        trajectory: Block,
+        frequency: float,
+        *,
+        damping: float = 0.0,
+        kind: str = "ZVD",
     ) -> None:
         if (
             not isinstance(trajectory, Trajectory)
             or trajectory.inputs()
             or trajectory.sample_time is not None
         ):
-            raise BlockError("ShapedTrajectory: it shapes trajectories that depend on time alone")
+            raise BlockError(
+                "ShapedTrajectory: it shapes trajectories that depend on time alone"
+            )
         f = finite("ShapedTrajectory", "frequency", frequency, above=0.0)
         ratio = finite("ShapedTrajectory", "damping", damping, minimum=0.0, below=1.0)
         one_of("kind of ShapedTrajectory", kind, SHAPERS, BlockError)
@@ -72,13 +79,20 @@ class ShapedTrajectory(Trajectory):
     def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
         """Return position, velocity and acceleration."""
         inner = Signals("trajectory", self._trajectory.parameters)
-        each = [self._trajectory.output(t - delay, inner, inner, inner) for delay in self._delays]
+        each = [
+            self._trajectory.output(t - delay, inner, inner, inner)
+            for delay in self._delays
+        ]
         return {
-            name: sum(share * one[name] for share, one in zip(self._shares, each, strict=True))
+            name: sum(
+                share * one[name] for share, one in zip(self._shares, each, strict=True)
+            )
             for name in ("position", "velocity", "acceleration")
         }
 
     def breakpoints(self) -> tuple[float, ...]:
         """Return those of the trajectory, once for each share."""
         times = self._trajectory.breakpoints()
-        return tuple(sorted({float(time + delay) for time in times for delay in self._delays}))
+        return tuple(
+            sorted({float(time + delay) for time in times for delay in self._delays})
+        )

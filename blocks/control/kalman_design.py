@@ -63,7 +63,9 @@ class GaussMarkov:
     time_constant: float
 
     def __post_init__(self) -> None:
-        positive(standard_deviation=self.standard_deviation, time_constant=self.time_constant)
+        positive(
+            standard_deviation=self.standard_deviation, time_constant=self.time_constant
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -179,7 +181,9 @@ def kalman_filter(
     slow = by_name("disturbances", disturbances)
     names = [*(process_noise if isinstance(process_noise, Mapping) else ()), *slow]
     if isinstance(plant, Block):
-        opened = _of_block(plant, measured, inputs, names, at, linear=kind != "extended")
+        opened = _of_block(
+            plant, measured, inputs, names, at, linear=kind != "extended"
+        )
     else:
         opened = _of_model(plant, measured, inputs, linear=kind != "extended")
     sampling = {"every": every, "noise": measurement_noise, "steps": steps}
@@ -199,9 +203,15 @@ def kalman_filter(
             f"a filter of kind '{kind}' needs initial_covariance: how good is its first estimate?"
         )
     if linear:
-        refuse_unobserved(linear.A, linear.C, linear.state_names, allow_decaying=allow_unobserved)
-    rows, matrix = _assembled("initial_covariance", initial_covariance, process.state_names, z.size)
-    return ExtendedKalmanFilter(linear or process, initial_covariance=rows @ matrix @ rows.T, **settings)
+        refuse_unobserved(
+            linear.A, linear.C, linear.state_names, allow_decaying=allow_unobserved
+        )
+    rows, matrix = _assembled(
+        "initial_covariance", initial_covariance, process.state_names, z.size
+    )
+    return ExtendedKalmanFilter(
+        linear or process, initial_covariance=rows @ matrix @ rows.T, **settings
+    )
 
 
 def _of_block(
@@ -215,22 +225,36 @@ def _of_block(
 ) -> Plant:
     """Open a diagram at its commands, its measurements and the inputs of noise and disturbances."""
     system = flatten(plant, external=True)
-    commands, seen = all_named(system, inputs, plant.inputs()), all_named(system, measured, plant.outputs())
+    commands, seen = (
+        all_named(system, inputs, plant.inputs()),
+        all_named(system, measured, plant.outputs()),
+    )
     known, put_in = set(all_labels([*commands, *seen])), [*commands]
     for name in names:
-        with contextlib.suppress(NameLookupError):  # a state, or an unknown name, which is reported later
+        with contextlib.suppress(NameLookupError):
+            # a state, or an unknown name, which is reported later
             one = named(system, name)
-            put_in += [one] if one.port.is_input and not known.issuperset(one.labels()) else []
+            put_in += (
+                [one]
+                if one.port.is_input and not known.issuperset(one.labels())
+                else []
+            )
     driven = [one.port for one in commands if one.port.block is not plant]
-    linearizer = Linearizer(plant, [one.port for one in put_in], [one.port for one in seen], cut=driven)
+    linearizer = Linearizer(
+        plant, [one.port for one in put_in], [one.port for one in seen], cut=driven
+    )
     opened, point, (x, d, p) = linearizer.opened(at)
     faults = {
         "sampled blocks": opened.instants is not None,
-        "Python blocks, without exact Jacobians": opened.plan.python_blocks and not linear,
-        "algebraic loops that are solved by iteration": opened.plan.guesses.size and not linear,
+        "Python blocks, without exact Jacobians": opened.plan.python_blocks
+        and not linear,
+        "algebraic loops that are solved by iteration": opened.plan.guesses.size
+        and not linear,
     }
     if what := next((what for what, there in faults.items() if there), ""):
-        raise LinearAnalysisError(f"cannot make this Kalman filter of '{plant.name}': it has {what}")
+        raise LinearAnalysisError(
+            f"cannot make this Kalman filter of '{plant.name}': it has {what}"
+        )
     rows = [*range(x.size), *opened.output_rows.tolist()]
     columns = np.eye(d.size)[:, opened.input_columns - x.size]
     v = columns.T @ d
@@ -251,7 +275,13 @@ def _of_block(
         each = [unit for one in ones for unit in one.port.element_units()]
         units[what] = None if None in each else tuple(map(str, each))
     labels = layout_labels(opened.plan.x), all_labels(put_in), all_labels(seen)
-    return Plant(model, *labels, list(range(len(all_labels(commands)))), (point.time, x, v), units)
+    return Plant(
+        model,
+        *labels,
+        list(range(len(all_labels(commands)))),
+        (point.time, x, v),
+        units,
+    )
 
 
 def _of_model(system: Any, measured: Any, inputs: Any, *, linear: bool) -> Plant:
@@ -263,14 +293,34 @@ def _of_model(system: Any, measured: Any, inputs: Any, *, linear: bool) -> Plant
         )
 
     def chosen(labels: Sequence[str], given: Any) -> list[int]:
-        names = labels if given is None else given if isinstance(given, list | tuple) else [given]
+        names = (
+            labels
+            if given is None
+            else given
+            if isinstance(given, list | tuple)
+            else [given]
+        )
         return [int(i) for name in names for i in label_places(labels, name).ravel()]
 
-    rows, commands = chosen(system.output_labels, measured), chosen(system.input_labels, inputs)
+    rows, commands = (
+        chosen(system.output_labels, measured),
+        chosen(system.input_labels, inputs),
+    )
     matrix = np.block([[system.A, system.B], [system.C[rows], system.D[rows]]])
     x, v = np.zeros(system.nstates), np.zeros(system.ninputs)
-    model, outputs = _linear(matrix, x, v, np.zeros(len(matrix))), [system.output_labels[i] for i in rows]
-    return Plant(model, system.state_labels, system.input_labels, outputs, commands, (0.0, x, v), {})
+    model, outputs = (
+        _linear(matrix, x, v, np.zeros(len(matrix))),
+        [system.output_labels[i] for i in rows],
+    )
+    return Plant(
+        model,
+        system.state_labels,
+        system.input_labels,
+        outputs,
+        commands,
+        (0.0, x, v),
+        {},
+    )
 
 
 def _linear(matrix: Vector, x0: Vector, v0: Vector, rest: Vector) -> Model:
@@ -280,7 +330,10 @@ def _linear(matrix: Vector, x0: Vector, v0: Vector, rest: Vector) -> Model:
 
 
 def _with_disturbances(
-    plant: Plant, process_noise: Any, slow: Mapping[str, Any], sampling: Mapping[str, Any]
+    plant: Plant,
+    process_noise: Any,
+    slow: Mapping[str, Any],
+    sampling: Mapping[str, Any],
 ) -> tuple[NonlinearProcess, Vector, Vector]:
     """Return a plant with its disturbances as states, and state and command of the operating point."""
     n, k = len(plant.states), len(plant.states) + len(plant.inputs)
@@ -289,9 +342,14 @@ def _with_disturbances(
     by_w, density = _assembled("process_noise", process_noise, labels[:k], n)
     by_w = np.eye(len(labels), k) @ by_w
     markov = {name: one for name, one in slow.items() if isinstance(one, GaussMarkov)}
-    stationary = {name: 2 * one.standard_deviation**2 / one.time_constant for name, one in markov.items()}
+    stationary = {
+        name: 2 * one.standard_deviation**2 / one.time_constant
+        for name, one in markov.items()
+    }
     by_d, wandering = _assembled("disturbances", {**slow, **stationary}, labels, 0)
-    forgets = {name: 1 / markov[name].time_constant if name in markov else 0.0 for name in slow}
+    forgets = {
+        name: 1 / markov[name].time_constant if name in markov else 0.0 for name in slow
+    }
     _, decay = _assembled("disturbances", forgets, labels, 0)
     by_u = np.eye(k - n)[:, plant.commands]
     (time, x0, v0), quiet, size = plant.at, np.zeros(len(density)), n + len(decay)
@@ -300,7 +358,9 @@ def _with_disturbances(
     def whole(t: Array, z: Array, u: Array, w: Array) -> Array:
         added = by_d @ z[n:] + by_w @ w
         found = plant.model(t, z[:n], v0 + by_u @ (u - u0) + added[n:k])
-        return np.concatenate([found[:n] + added[:n], -(decay @ z[n:]), found[n:] + added[k:]])
+        return np.concatenate(
+            [found[:n] + added[:n], -(decay @ z[n:]), found[n:] + added[k:]]
+        )
 
     slopes = ArrayFunction.of(whole, ((), (size,), u0.shape, quiet.shape)).jacobian(3)
     fast = slopes(time, z, u0, quiet)[size:].any(axis=1)
@@ -321,13 +381,18 @@ def _with_disturbances(
         measurements=len(plant.outputs),
         commands=u0.size,
         density=spread,
-        state_names=[*plant.states, *(f"disturbance/{labels[i]}" for i in by_d.argmax(axis=0))],
+        state_names=[
+            *plant.states,
+            *(f"disturbance/{labels[i]}" for i in by_d.argmax(axis=0)),
+        ],
         **sampling,
     )
     return process, z, u0
 
 
-def _assembled(what: str, given: Any, labels: Sequence[str], whole: int) -> tuple[Vector, Vector]:
+def _assembled(
+    what: str, given: Any, labels: Sequence[str], whole: int
+) -> tuple[Vector, Vector]:
     """Return the columns of the identity of the signals with a covariance, and this covariance.
 
     A mapping gives a block-diagonal matrix. An array is the covariance of the first `whole` signals [-].
@@ -339,6 +404,9 @@ def _assembled(what: str, given: Any, labels: Sequence[str], whole: int) -> tupl
         return unit[:, :whole], covariance(what, given, whole)
     named = by_name(what, given)
     found = {name: label_places(labels, name).ravel() for name in named}
-    parts = [covariance(f"{what} of '{name}'", named[name], where.size) for name, where in found.items()]
+    parts = [
+        covariance(f"{what} of '{name}'", named[name], where.size)
+        for name, where in found.items()
+    ]
     columns = np.concatenate([np.zeros(0, dtype=np.int64), *found.values()])
     return unit[:, columns], block_diag(np.zeros((0, 0)), *parts)

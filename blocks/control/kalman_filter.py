@@ -8,7 +8,11 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from trussflow.blocks.control.covariances import covariance, refuse_unobserved, steady_covariance
+from trussflow.blocks.control.covariances import (
+    covariance,
+    refuse_unobserved,
+    steady_covariance,
+)
 from trussflow.blocks.control.process_models import LinearProcess, Process
 from trussflow.blocks.errors import BlockError
 from trussflow.blocks.framework.block import Block, Values
@@ -55,19 +59,29 @@ class Filter(Block):
     """
 
     measurement = Input(
-        "measurements", unit=Attribute("measurement_unit"), meaning="measurements of the sensors"
+        "measurements",
+        unit=Attribute("measurement_unit"),
+        meaning="measurements of the sensors",
     )
     estimate = Output("order", meaning="state now, from all measurements so far")
     prediction = Output("order", meaning="state when the current command begins to act")
     innovation = Output("measurements", meaning="measurement minus its prediction")
-    predicted = State("order", initial="initial_estimate", meaning="predicted state at the next measurement")
+    predicted = State(
+        "order",
+        initial="initial_estimate",
+        meaning="predicted state at the next measurement",
+    )
     sent = State(
         ("late", "commands"),
         initial="initial_command",
         meaning="commands that have not acted yet, oldest first",
     )
-    initial_estimate = Parameter(shape="order", meaning="estimate before the first measurement")
-    initial_command = Parameter(shape=("late", "commands"), meaning="commands before the start")
+    initial_estimate = Parameter(
+        shape="order", meaning="estimate before the first measurement"
+    )
+    initial_command = Parameter(
+        shape=("late", "commands"), meaning="commands before the start"
+    )
 
     def __init__(
         self,
@@ -82,14 +96,26 @@ class Filter(Block):
         **parameters: npt.ArrayLike,
     ) -> None:
         self.process, self.state_names = process, process.state_names
-        self.order, self.measurements, self.commands = process.order, process.measurements, process.commands
+        self.order, self.measurements, self.commands = (
+            process.order,
+            process.measurements,
+            process.commands,
+        )
         self.ahead = self._samples("command_delay", command_delay)
         self.behind = self._samples("measurement_delay", measurement_delay)
         self.late = self.ahead + self.behind
         self.measurement_unit, self.command_unit = measurement_unit, command_unit
-        command = Input("commands", unit=Attribute("command_unit"), meaning="commands of the actuators")
+        command = Input(
+            "commands",
+            unit=Attribute("command_unit"),
+            meaning="commands of the actuators",
+        )
         self.extra_ports = {"command": command} if self.commands else {}
-        super().__init__(initial_estimate=initial_estimate, initial_command=initial_command, **parameters)
+        super().__init__(
+            initial_estimate=initial_estimate,
+            initial_command=initial_command,
+            **parameters,
+        )
         self.sampled(process.every)
 
     def _samples(self, name: str, given: float) -> int:
@@ -97,8 +123,15 @@ class Filter(Block):
         owner = type(self).__name__
         delay, what = finite(owner, name, given), f"{name} of {owner}"
         if delay < 0:
-            raise BlockError(f"{what} is {delay:g} s: nothing is known before it happens")
-        return ticks(exact(delay), exact(self.process.every), what, "take a sample time that divides it")
+            raise BlockError(
+                f"{what} is {delay:g} s: nothing is known before it happens"
+            )
+        return ticks(
+            exact(delay),
+            exact(self.process.every),
+            what,
+            "take a sample time that divides it",
+        )
 
     def of(self, name: str, output: str = "estimate") -> Port:
         """Return the port of one state of an output, such as ``of("plant.position[0:3]")``.
@@ -140,7 +173,10 @@ class Filter(Block):
         state, spread = self._later(then, state, spread, given[: self.behind])
         ahead, _ = self._later(t, state, None, given[self.behind : self.late])
         outputs |= {"estimate": state, "prediction": ahead, "innovation": innovation}
-        states = {"predicted": predicted, "sent": np.stack(given[1:]) if self.late else x.sent}
+        states = {
+            "predicted": predicted,
+            "sent": np.stack(given[1:]) if self.late else x.sent,
+        }
         if spread is not None:
             outputs["covariance"], states["predicted_covariance"] = spread, wider
         return outputs, states
@@ -151,7 +187,10 @@ class Filter(Block):
         """Propagate the state and its covariance by one sample per command."""
         for command in commands:
             x, by_x, added = self.process.step(t, x, command)
-            P, t = None if P is None else by_x @ P @ by_x.T + added, t + self.process.every
+            P, t = (
+                None if P is None else by_x @ P @ by_x.T + added,
+                t + self.process.every,
+            )
         return x, P
 
     def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
@@ -202,9 +241,17 @@ class KalmanFilter(Filter):
     Anderson, Moore (1979), *Optimal Filtering*, sections 3.1 and 4.4.
     """
 
-    def __init__(self, process: LinearProcess, *, allow_unobserved: bool = False, **settings: Any) -> None:
+    def __init__(
+        self, process: LinearProcess, *, allow_unobserved: bool = False, **settings: Any
+    ) -> None:
         _check_process("KalmanFilter", process, LinearProcess)
-        A, C, Q, R, names = process.A, process.C, process.covariance, process.noise, process.state_names
+        A, C, Q, R, names = (
+            process.A,
+            process.C,
+            process.covariance,
+            process.noise,
+            process.state_names,
+        )
         refuse_unobserved(A, C, names, allow_decaying=allow_unobserved)
         P = steady_covariance(A, C, Q, R, names)
         self.innovation_covariance = C @ P @ C.T + R
@@ -216,7 +263,9 @@ class KalmanFilter(Filter):
     def covariance(self) -> Vector:
         """Covariance of the error of the estimate [any]."""
         nothing = [np.zeros(self.commands)] * self.behind
-        return np.asarray(self._later(0.0, np.zeros(self.order), self._measured, nothing)[1])
+        return np.asarray(
+            self._later(0.0, np.zeros(self.order), self._measured, nothing)[1]
+        )
 
     def weighted(self, x: Signals, H: Array) -> tuple[Array, Array | None, Values]:
         """Return the constant gain."""
@@ -254,21 +303,35 @@ class ExtendedKalmanFilter(Filter):
     sections 5.2 and 10.3.3; the covariance update is in Joseph form.
     """
 
-    covariance = Output(("order", "order"), meaning="covariance of the error of the estimate")
-    innovation_covariance = Output(("measurements", "measurements"), meaning="covariance of the innovation")
-    predicted_covariance = State(
-        ("order", "order"), initial="initial_covariance", meaning="covariance of the predicted state"
+    covariance = Output(
+        ("order", "order"), meaning="covariance of the error of the estimate"
     )
-    initial_covariance = Parameter(shape=("order", "order"), meaning="covariance of the initial estimate")
+    innovation_covariance = Output(
+        ("measurements", "measurements"), meaning="covariance of the innovation"
+    )
+    predicted_covariance = State(
+        ("order", "order"),
+        initial="initial_covariance",
+        meaning="covariance of the predicted state",
+    )
+    initial_covariance = Parameter(
+        shape=("order", "order"), meaning="covariance of the initial estimate"
+    )
 
-    def __init__(self, process: Process, *, initial_covariance: npt.ArrayLike, **settings: Any) -> None:
+    def __init__(
+        self, process: Process, *, initial_covariance: npt.ArrayLike, **settings: Any
+    ) -> None:
         _check_process("ExtendedKalmanFilter", process, Process)
         first = covariance("initial_covariance", initial_covariance, process.order)
         super().__init__(process, initial_covariance=first, **settings)
 
     def check_parameters(self, p: Signals) -> None:
         """Raise `ParameterError` for an invalid initial covariance."""
-        covariance(f"parameter 'initial_covariance' of {p.owner}", p.initial_covariance, self.order)
+        covariance(
+            f"parameter 'initial_covariance' of {p.owner}",
+            p.initial_covariance,
+            self.order,
+        )
 
     def weighted(self, x: Signals, H: Array) -> tuple[Array, Array | None, Values]:
         """Return the gain and the covariance after the measurement."""
@@ -280,8 +343,14 @@ class ExtendedKalmanFilter(Filter):
 
 def _check_process(owner: str, process: object, kind: type[Process]) -> None:
     if not isinstance(process, kind):
-        what = "a LinearProcess" if kind is LinearProcess else "a LinearProcess or a NonlinearProcess"
-        raise BlockError(f"{owner} needs {what}, not {shown(process)}; kalman_filter makes one of a diagram")
+        what = (
+            "a LinearProcess"
+            if kind is LinearProcess
+            else "a LinearProcess or a NonlinearProcess"
+        )
+        raise BlockError(
+            f"{owner} needs {what}, not {shown(process)}; kalman_filter makes one of a diagram"
+        )
 
 
 def _joseph(P: Array, K: Array, H: Array, R: Vector) -> Array:

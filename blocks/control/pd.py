@@ -51,7 +51,12 @@ class PD(Tracking):
         shape: ShapeLike = None,
     ) -> None:
         self.force_unit = force_unit
-        super().__init__(shape, unit, proportional_gain=proportional_gain, derivative_gain=derivative_gain)
+        super().__init__(
+            shape,
+            unit,
+            proportional_gain=proportional_gain,
+            derivative_gain=derivative_gain,
+        )
 
     def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
         """Return force and errors."""

@@ -50,11 +50,15 @@ class PIDLaw(Shaped):
         Shape of all signals [-].
     """
 
-    reference = Input(INFERRED, unit=Attribute("unit"), meaning="r: what the measurement is to be")
+    reference = Input(
+        INFERRED, unit=Attribute("unit"), meaning="r: what the measurement is to be"
+    )
     measurement = Input(INFERRED, unit=Attribute("unit"), meaning="z: what it is")
     y = Output(INFERRED, unit=Attribute("output_unit"), meaning="y: limited output")
     integral = State(INFERRED, meaning="I: what the integral part adds to the output")
-    smooth = State(INFERRED, meaning="f: filtered signal whose rate the derivative part takes")
+    smooth = State(
+        INFERRED, meaning="f: filtered signal whose rate the derivative part takes"
+    )
     kp = Parameter(shape=None, meaning="proportional gain")
     ki = Parameter(shape=None, meaning="integral gain")
     kd = Parameter(shape=None, meaning="derivative gain")
@@ -84,12 +88,19 @@ class PIDLaw(Shaped):
         shape: ShapeLike = None,
     ) -> None:
         gains = {"kp": kp, "ki": ki, "kd": kd}
-        p, i, d = (finite_array(f"parameter '{name}' of PID", gain) for name, gain in gains.items())
+        p, i, d = (
+            finite_array(f"parameter '{name}' of PID", gain)
+            for name, gain in gains.items()
+        )
         if len({gain.shape for gain in (p, i, d) if gain.ndim}) > 1:
             raise ParameterError(
                 f"the gains of PID have shapes {p.shape}, {i.shape} and {d.shape}; one fits all"
             )
-        self.unit, self.output_unit, self.bumpless = unit, output_unit, start is not None
+        self.unit, self.output_unit, self.bumpless = (
+            unit,
+            output_unit,
+            start is not None,
+        )
         divisor = np.where(p == 0.0, 1.0, np.abs(p))
         super().__init__(
             shape,
@@ -101,7 +112,9 @@ class PIDLaw(Shaped):
             filter_time=np.where(d == 0.0, 1.0, 0.1 * np.abs(d) / divisor)
             if filter_time is None
             else filter_time,
-            back_calculation=np.abs(i) / divisor if back_calculation is None else back_calculation,
+            back_calculation=np.abs(i) / divisor
+            if back_calculation is None
+            else back_calculation,
             reference_weight=reference_weight,
             reference_rate_weight=reference_rate_weight,
             first_output=0.0 if start is None else start,
@@ -115,8 +128,12 @@ class PIDLaw(Shaped):
 
     def _parts(self, x: Signals, u: Signals, p: Signals) -> tuple[Array, Array]:
         """Return the output before it is limited, and the rate of the filtered signal."""
-        rate = self._gain(p) * (p.reference_rate_weight * u.reference - u.measurement - x.smooth)
-        return p.kp * (p.reference_weight * u.reference - u.measurement) + x.integral + p.kd * rate, rate
+        rate = self._gain(p) * (
+            p.reference_rate_weight * u.reference - u.measurement - x.smooth
+        )
+        return p.kp * (
+            p.reference_weight * u.reference - u.measurement
+        ) + x.integral + p.kd * rate, rate
 
     def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
         """Return the limited output."""
@@ -127,7 +144,8 @@ class PIDLaw(Shaped):
         wanted, rate = self._parts(x, u, p)
         excess = wanted - limited(wanted, p.lower, p.upper)
         return {
-            "integral": p.ki * (u.reference - u.measurement) - p.back_calculation * excess,
+            "integral": p.ki * (u.reference - u.measurement)
+            - p.back_calculation * excess,
             "smooth": rate,
         }
 
@@ -248,4 +266,7 @@ class DiscretePID(PIDLaw):
 
     def update(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
         """Return the states one sample further."""
-        return {name: x[name] + self.sample_time * rate for name, rate in self._rates(x, u, p).items()}
+        return {
+            name: x[name] + self.sample_time * rate
+            for name, rate in self._rates(x, u, p).items()
+        }

@@ -16,9 +16,19 @@ from trussflow.blocks.errors import BlockError, Explained, TracingError
 from trussflow.blocks.library.linear import matrices
 from trussflow.blocks.linear_analysis.lifting import held_flow
 from trussflow.blocks.support.types import Array, Vector
-from trussflow.blocks.support.validation import as_shape, finite_array, positive, positive_whole
+from trussflow.blocks.support.validation import (
+    as_shape,
+    finite_array,
+    positive,
+    positive_whole,
+)
 from trussflow.blocks.tracing.call_checks import brief
-from trussflow.blocks.tracing.kernels import from_expression, is_traced, symbol, to_expression
+from trussflow.blocks.tracing.kernels import (
+    from_expression,
+    is_traced,
+    symbol,
+    to_expression,
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,7 +47,9 @@ class ArrayFunction:
     shape: tuple[int, ...]
 
     @classmethod
-    def of(cls, function: Callable[..., Array], shapes: Sequence[tuple[int, ...]]) -> ArrayFunction:
+    def of(
+        cls, function: Callable[..., Array], shapes: Sequence[tuple[int, ...]]
+    ) -> ArrayFunction:
         """Trace a function that returns a vector.
 
         Parameters
@@ -50,19 +62,26 @@ class ArrayFunction:
         arguments = [symbol(f"a{i}", shape) for i, shape in enumerate(shapes)]
         value = to_expression(function(*arguments))
         columns = [to_expression(a) for a in arguments]
-        return cls(ca.Function("array", columns, ca.cse([ca.densify(value)])), (value.numel(),))
+        return cls(
+            ca.Function("array", columns, ca.cse([ca.densify(value)])), (value.numel(),)
+        )
 
     def __call__(self, *arguments: Array) -> Array:
         """Return the value for arguments of the traced shapes."""
         if any(map(is_traced, arguments)):
-            return from_expression(self.function(*map(to_expression, arguments)), self.shape)
+            return from_expression(
+                self.function(*map(to_expression, arguments)), self.shape
+            )
         return np.reshape(self.function(*map(np.ravel, arguments)).full(), self.shape)
 
     def jacobian(self, number: int) -> ArrayFunction:
         """Return the function of the exact Jacobian with respect to the argument with this index."""
         symbols = self.function.sx_in()
         matrix = ca.jacobian(self.function(*symbols), symbols[number])
-        return ArrayFunction(ca.Function("jacobian", symbols, [ca.densify(ca.vec(matrix.T))]), matrix.shape)
+        return ArrayFunction(
+            ca.Function("jacobian", symbols, [ca.densify(ca.vec(matrix.T))]),
+            matrix.shape,
+        )
 
 
 class Process:
@@ -91,14 +110,22 @@ class Process:
     """
 
     def __init__(
-        self, every: float, noise: npt.ArrayLike, sizes: Sequence[int], state_names: Sequence[str] | None
+        self,
+        every: float,
+        noise: npt.ArrayLike,
+        sizes: Sequence[int],
+        state_names: Sequence[str] | None,
     ) -> None:
         positive(every=every)
         self.every, (self.order, self.measurements, self.commands) = every, sizes
-        self.noise = checked("measurement noise", noise, self.measurements, definite=True)
+        self.noise = checked(
+            "measurement noise", noise, self.measurements, definite=True
+        )
         self.state_names = tuple(state_names or (f"x[{i}]" for i in range(self.order)))
         if len(self.state_names) != self.order:
-            raise BlockError(f"a process of {self.order} states cannot have {len(self.state_names)} names")
+            raise BlockError(
+                f"a process of {self.order} states cannot have {len(self.state_names)} names"
+            )
 
     def step(self, t: Array, x: Array, u: Array) -> tuple[Array, Array, Array]:
         """Return the state one sample later, its Jacobian, and the covariance added by noise.
@@ -170,7 +197,10 @@ class LinearProcess(Process):
         self.D = D.reshape(m, -1)
         super().__init__(every, noise, (n, m, self.B.shape[1]), state_names)
         self.covariance = checked("process noise", covariance, n)
-        self.drift, self.bias = finite_array("drift", drift, (n,)), finite_array("bias", bias, (m,))
+        self.drift, self.bias = (
+            finite_array("drift", drift, (n,)),
+            finite_array("bias", bias, (m,)),
+        )
 
     def step(self, t: Array, x: Array, u: Array) -> tuple[Array, Array, Array]:
         """Return A x + B u + a of `x` and `u` [as declared], A and the covariance of w, at any `t` [s]."""
@@ -239,10 +269,16 @@ class NonlinearProcess(Process):
         self._steps, self._shapes = steps, ((), (states,), (commands,))
         self._rates = self._traced("rates", rates, states)
         self._outputs = self._traced("outputs", outputs, measurements)
-        matrix = np.zeros(0) if callable(density) else checked("process noise", density, states)
+        matrix = (
+            np.zeros(0)
+            if callable(density)
+            else checked("process noise", density, states)
+        )
         self._density = density if callable(density) else lambda *_: matrix
 
-    def _traced(self, name: str, function: Callable[..., Array], size: int) -> ArrayFunction:
+    def _traced(
+        self, name: str, function: Callable[..., Array], size: int
+    ) -> ArrayFunction:
         with Explained(
             lambda error: TracingError(
                 f"'{name}' of a Kalman filter is called with (t, x, u) and cannot be traced: {brief(error)}\n"
@@ -251,13 +287,17 @@ class NonlinearProcess(Process):
         ):
             found = ArrayFunction.of(function, self._shapes)
         if found.shape != (size,):
-            raise BlockError(f"'{name}' of a Kalman filter must return {size} elements, not {found.shape[0]}")
+            raise BlockError(
+                f"'{name}' of a Kalman filter must return {size} elements, not {found.shape[0]}"
+            )
         return found
 
     @cached_property
     def _parts(self) -> tuple[ArrayFunction, ...]:
         """Half a step, its Jacobian, and the Jacobian of the outputs."""
-        half = ArrayFunction.of(partial(_rk4, self._rates, self.every / self._steps / 2), self._shapes)
+        half = ArrayFunction.of(
+            partial(_rk4, self._rates, self.every / self._steps / 2), self._shapes
+        )
         return half, half.jacobian(1), self._outputs.jacobian(1)
 
     def step(self, t: Array, x: Array, u: Array) -> tuple[Array, Array, Array]:
@@ -268,7 +308,10 @@ class NonlinearProcess(Process):
             middle, first = half(t, x, u), by_x(t, x, u)
             end, second = half(t + h / 2, middle, u), by_x(t + h / 2, middle, u)
             both = second @ first
-            added = both @ Q(t, x, u) @ both.T + 4 * second @ Q(t + h / 2, middle, u) @ second.T
+            added = (
+                both @ Q(t, x, u) @ both.T
+                + 4 * second @ Q(t + h / 2, middle, u) @ second.T
+            )
             spread = both @ spread @ both.T + h / 6 * (added + Q(t + h, end, u))
             whole, t, x = both @ whole, t + h, end
         return x, whole, spread

@@ -65,14 +65,26 @@ class SlidingMode(Tracking):
     reference_acceleration = Input(
         INFERRED, unit=ACCELERATION_UNIT, meaning="second derivative of the reference"
     )
-    acceleration = Output(INFERRED, unit=ACCELERATION_UNIT, meaning="commanded: feedforward + feedback")
-    feedforward = Output(INFERRED, unit=ACCELERATION_UNIT, meaning="acceleration of the reference")
-    feedback = Output(INFERRED, unit=ACCELERATION_UNIT, meaning="what the errors add to it")
-    sliding_variable = Output(INFERRED, unit=VELOCITY_UNIT, meaning="zero on the sliding surface")
+    acceleration = Output(
+        INFERRED, unit=ACCELERATION_UNIT, meaning="commanded: feedforward + feedback"
+    )
+    feedforward = Output(
+        INFERRED, unit=ACCELERATION_UNIT, meaning="acceleration of the reference"
+    )
+    feedback = Output(
+        INFERRED, unit=ACCELERATION_UNIT, meaning="what the errors add to it"
+    )
+    sliding_variable = Output(
+        INFERRED, unit=VELOCITY_UNIT, meaning="zero on the sliding surface"
+    )
 
 
 def _commanded(
-    u: Signals, feedback: Array, sliding_variable: Array, error: Array, error_rate: Array
+    u: Signals,
+    feedback: Array,
+    sliding_variable: Array,
+    error: Array,
+    error_rate: Array,
 ) -> Values:
     """Return all outputs of a law that adds `feedback` to the reference."""
     return {
@@ -134,7 +146,9 @@ class IntegralSlidingMode(SlidingMode):
     mu = Parameter(shape=None, above=0.0, meaning="μ: gain of the error")
     beta = Parameter(above=0.0, maximum=1.0, meaning="β: exponent")
     eta = Parameter(shape=None, minimum=0.0, meaning="η: reaching gain")
-    sigma = Parameter(shape=None, minimum=0.0, unit="1/s", meaning="σ: linear reaching gain")
+    sigma = Parameter(
+        shape=None, minimum=0.0, unit="1/s", meaning="σ: linear reaching gain"
+    )
     boundary_layer = Parameter(above=0.0, meaning="ι: boundary layer")
 
     def __init__(
@@ -150,7 +164,14 @@ class IntegralSlidingMode(SlidingMode):
         shape: ShapeLike = None,
     ) -> None:
         super().__init__(
-            shape, unit, gamma=gamma, mu=mu, beta=beta, eta=eta, sigma=sigma, boundary_layer=boundary_layer
+            shape,
+            unit,
+            gamma=gamma,
+            mu=mu,
+            beta=beta,
+            eta=eta,
+            sigma=sigma,
+            boundary_layer=boundary_layer,
         )
 
     def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
@@ -207,7 +228,9 @@ class ConventionalSlidingMode(SlidingMode):
     Li, Wei, Chen (2026), section 4.4, the comparison: λ = 2, η = 0.001, no boundary layer.
     """
 
-    slope = Parameter(shape=None, above=0.0, unit="1/s", meaning="λ: slope of the surface")
+    slope = Parameter(
+        shape=None, above=0.0, unit="1/s", meaning="λ: slope of the surface"
+    )
     eta = Parameter(shape=None, minimum=0.0, meaning="η: switching gain")
     boundary_layer = Parameter(shape=None, minimum=0.0, meaning="ι: boundary layer")
 
@@ -220,7 +243,9 @@ class ConventionalSlidingMode(SlidingMode):
         unit: Unit = None,
         shape: ShapeLike = None,
     ) -> None:
-        super().__init__(shape, unit, slope=slope, eta=eta, boundary_layer=boundary_layer)
+        super().__init__(
+            shape, unit, slope=slope, eta=eta, boundary_layer=boundary_layer
+        )
 
     def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
         """Return the commanded acceleration and its parts, and the errors."""

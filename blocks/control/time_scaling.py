@@ -5,7 +5,11 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-from trussflow.blocks.control.trajectory import PEAK_ACCELERATION, Quintic, from_rest_to_rest
+from trussflow.blocks.control.trajectory import (
+    PEAK_ACCELERATION,
+    Quintic,
+    from_rest_to_rest,
+)
 from trussflow.blocks.framework.block import Values
 from trussflow.blocks.framework.declarations import Signals, State
 from trussflow.blocks.framework.port import Input, Output
@@ -69,7 +73,9 @@ class RetimedQuintic(Quintic):
 
     share = Input(default=1.0, meaning="f: available share of the peak acceleration")
     arrival = Output(unit="s", meaning="time at which the path rests at the goal")
-    overshoot = Output(meaning="overshoot of the plan beyond the goal, as a share of the displacement")
+    overshoot = Output(
+        meaning="overshoot of the plan beyond the goal, as a share of the displacement"
+    )
 
     began = State(initial="start_time", unit="s", meaning="t_0 of the plan")
     lasts = State(initial="duration", unit="s", meaning="T' of the plan")
@@ -88,7 +94,9 @@ class RetimedQuintic(Quintic):
         start_time: float = 0.0,
         unit: Unit = None,
     ) -> None:
-        super().__init__(displacement, duration, start=start, start_time=start_time, unit=unit)
+        super().__init__(
+            displacement, duration, start=start, start_time=start_time, unit=unit
+        )
         self.sampled(sample_time)
 
     def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
@@ -96,7 +104,9 @@ class RetimedQuintic(Quintic):
         s, ds, dds = _planned(t, x)
         beyond = x.passed + x.speed * x.lasts / 2.0 + x.way - 1.0
         beyond = np.where(np.abs(beyond) > DISTANCE_TOLERANCE, beyond, 0.0)
-        back = p.duration * np.sqrt(np.maximum(np.abs(beyond), DISTANCE_TOLERANCE) / x.allowed)
+        back = p.duration * np.sqrt(
+            np.maximum(np.abs(beyond), DISTANCE_TOLERANCE) / x.allowed
+        )
         return {
             "position": self.moved(p.start, p.displacement * s),
             "velocity": p.displacement * ds,
@@ -111,12 +121,22 @@ class RetimedQuintic(Quintic):
         share = np.where(u.share < MIN_SHARE, MIN_SHARE, u.share)
         worse, ended = share < x.allowed, t >= x.began + x.lasts
         allowed = np.where(worse, share, x.allowed)
-        a, left, speed = allowed * PEAK_ACCELERATION / p.duration**2, 1.0 - s, np.abs(ds)
+        a, left, speed = (
+            allowed * PEAK_ACCELERATION / p.duration**2,
+            1.0 - s,
+            np.abs(ds),
+        )
         stop = PEAK_BRAKING * speed / a
         gain = (PEAK_ACCELERATION / 2.0 - PEAK_BRAKING) * speed
         # The square root has no derivative at a distance of zero.
         go = (
-            np.sqrt(gain**2 + 4.0 * a * PEAK_ACCELERATION * np.maximum(np.abs(left), DISTANCE_TOLERANCE))
+            np.sqrt(
+                gain**2
+                + 4.0
+                * a
+                * PEAK_ACCELERATION
+                * np.maximum(np.abs(left), DISTANCE_TOLERANCE)
+            )
             - gain
         ) / (2.0 * a)
         reaches = (left - ds * stop / 2.0) * ds >= 0.0

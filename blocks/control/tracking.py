@@ -5,7 +5,12 @@ from __future__ import annotations
 from trussflow.blocks.framework.declarations import Attribute, Signals
 from trussflow.blocks.framework.port import INFERRED, Input, Output
 from trussflow.blocks.framework.units import Unit
-from trussflow.blocks.library.signals import VELOCITY_UNIT, Shaped, ShapeLike, set_motion_units
+from trussflow.blocks.library.signals import (
+    VELOCITY_UNIT,
+    Shaped,
+    ShapeLike,
+    set_motion_units,
+)
 from trussflow.blocks.support.types import Array
 
 
@@ -29,7 +34,9 @@ class Tracking(Shaped):
     position = Input(INFERRED, unit=Attribute("unit"), meaning="measured position")
     velocity = Input(INFERRED, unit=VELOCITY_UNIT, meaning="measured velocity")
     error = Output(INFERRED, unit=Attribute("unit"), meaning="position minus reference")
-    error_rate = Output(INFERRED, unit=VELOCITY_UNIT, meaning="velocity minus reference")
+    error_rate = Output(
+        INFERRED, unit=VELOCITY_UNIT, meaning="velocity minus reference"
+    )
 
     def __init__(self, shape: ShapeLike, unit: Unit, **parameters: object) -> None:
         set_motion_units(self, unit)

@@ -42,9 +42,13 @@ class Trajectory(Block):
 
     position = Output("shape", unit=Attribute("unit"), meaning="where to be")
     velocity = Output("shape", unit=VELOCITY_UNIT, meaning="rate of the position")
-    acceleration = Output("shape", unit=ACCELERATION_UNIT, meaning="rate of the velocity")
+    acceleration = Output(
+        "shape", unit=ACCELERATION_UNIT, meaning="rate of the velocity"
+    )
 
-    def __init__(self, shape: tuple[int, ...], unit: Unit, **parameters: object) -> None:
+    def __init__(
+        self, shape: tuple[int, ...], unit: Unit, **parameters: object
+    ) -> None:
         self.shape = shape
         set_motion_units(self, unit)
         super().__init__(**parameters)
@@ -60,7 +64,11 @@ def from_rest_to_rest(tau: Array) -> tuple[Array, Array, Array]:
     """
     s = tau**3 * (10.0 - 15.0 * tau + 6.0 * tau**2)
     # Factored, so that both are exactly zero where the motion ends.
-    return s, 30.0 * tau**2 * (1.0 - tau) ** 2, 60.0 * tau * (1.0 - tau) * (1.0 - 2.0 * tau)
+    return (
+        s,
+        30.0 * tau**2 * (1.0 - tau) ** 2,
+        60.0 * tau * (1.0 - tau) * (1.0 - 2.0 * tau),
+    )
 
 
 class Quintic(Trajectory):
@@ -122,7 +130,9 @@ class Quintic(Trajectory):
 
     def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
         """Return position, velocity and acceleration."""
-        s, ds, dds = from_rest_to_rest(np.clip((t - p.start_time) / p.duration, 0.0, 1.0))
+        s, ds, dds = from_rest_to_rest(
+            np.clip((t - p.start_time) / p.duration, 0.0, 1.0)
+        )
         return {
             "position": self.moved(p.start, p.displacement * s),
             "velocity": p.displacement * (ds / p.duration),
@@ -197,7 +207,9 @@ class Trapezoid(Trajectory):
         delta = finite_array("parameter 'displacement' of Trapezoid", displacement)
         owner, shape = type(self).__name__, delta.shape
         velocity = structural(owner, "max_velocity", max_velocity, shape, above=0.0)
-        acceleration = structural(owner, "max_acceleration", max_acceleration, shape, above=0.0)
+        acceleration = structural(
+            owner, "max_acceleration", max_acceleration, shape, above=0.0
+        )
         # One distance s is planned: that of the element with the longest way.
         way = float(np.max(np.abs(delta), initial=0.0))
         self._direction = delta / way if way else delta
@@ -220,7 +232,9 @@ class Trapezoid(Trajectory):
         s = rate * (up**2 / 2 + ramp * cruise - down**2 / 2)
         ds = rate * (up - down)
         elapsed = t - self._start_time
-        slowing = np.where(elapsed < end, np.where(elapsed < end - ramp, 0.0, -rate), 0.0)
+        slowing = np.where(
+            elapsed < end, np.where(elapsed < end - ramp, 0.0, -rate), 0.0
+        )
         dds = np.where(elapsed < 0.0, 0.0, np.where(elapsed < ramp, rate, slowing))
         return {
             "position": p.start + self._direction * s,
@@ -261,9 +275,16 @@ class Waypoints(Trajectory):
     """
 
     def __init__(
-        self, times: npt.ArrayLike, positions: npt.ArrayLike, *, stop: bool = True, unit: Unit = None
+        self,
+        times: npt.ArrayLike,
+        positions: npt.ArrayLike,
+        *,
+        stop: bool = True,
+        unit: Unit = None,
     ) -> None:
-        self._times, points = row_for_each("Waypoints", times=times, positions=positions)
+        self._times, points = row_for_each(
+            "Waypoints", times=times, positions=positions
+        )
         yes_or_no("Waypoints", "stop", stop)
         self._coefficients = (_stopping if stop else _flowing)(self._times, points)
         super().__init__(points.shape[1:], unit)
@@ -271,12 +292,20 @@ class Waypoints(Trajectory):
     def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
         """Return position, velocity and acceleration."""
         time = np.clip(t, self._times[0], self._times[-1])
-        start, *c = piece(time, self._times[:-1], [self._times[:-1], *self._coefficients])
+        start, *c = piece(
+            time, self._times[:-1], [self._times[:-1], *self._coefficients]
+        )
         local = time - start
-        moving = np.where(t < self._times[0], 0.0, np.where(t > self._times[-1], 0.0, 1.0))
+        moving = np.where(
+            t < self._times[0], 0.0, np.where(t > self._times[-1], 0.0, 1.0)
+        )
         ds = polynomial(local, [k * c[k] for k in range(1, 6)])
         dds = polynomial(local, [k * (k - 1) * c[k] for k in range(2, 6)])
-        return {"position": polynomial(local, c), "velocity": moving * ds, "acceleration": moving * dds}
+        return {
+            "position": polynomial(local, c),
+            "velocity": moving * ds,
+            "acceleration": moving * dds,
+        }
 
     def breakpoints(self) -> tuple[float, ...]:
         """Return the times of the waypoints, where the jerk may jump."""
@@ -288,7 +317,11 @@ def _stopping(times: Vector, points: Vector) -> list[Vector]:
     step = np.diff(points, axis=0)
     span = np.diff(times).reshape(-1, *(1,) * (points.ndim - 1))
     zero = np.zeros_like(step)
-    cubic, quartic, quintic = 10 * step / span**3, -15 * step / span**4, 6 * step / span**5
+    cubic, quartic, quintic = (
+        10 * step / span**3,
+        -15 * step / span**4,
+        6 * step / span**5,
+    )
     return [points[:-1], zero, zero, cubic, quartic, quintic]
 
 

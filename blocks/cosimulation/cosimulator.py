@@ -28,7 +28,14 @@ from trussflow.blocks.simulation.progress import ProgressBar
 from trussflow.blocks.simulation.solver import Solver
 from trussflow.blocks.support.interrupts import interruptible
 from trussflow.blocks.support.summary import Described, Description
-from trussflow.blocks.support.validation import by_name, one_of, positive, positive_if_given, shown, yes_or_no
+from trussflow.blocks.support.validation import (
+    by_name,
+    one_of,
+    positive,
+    positive_if_given,
+    shown,
+    yes_or_no,
+)
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -148,12 +155,22 @@ class CoSimulator(Described):
         **settings: Unpack[MemberSettings],
     ) -> None:
         positive(step=step)
-        of_chosen = {"absolute_tolerance": absolute_tolerance, "largest_step": largest_step}
-        positive_if_given(tolerance=tolerance, log_step=log_step, solver_step=solver_step, **of_chosen)
+        of_chosen = {
+            "absolute_tolerance": absolute_tolerance,
+            "largest_step": largest_step,
+        }
+        positive_if_given(
+            tolerance=tolerance, log_step=log_step, solver_step=solver_step, **of_chosen
+        )
         one_of("coupling", coupling, COUPLINGS)
-        for name, given in (("members", members), ("order", () if order is None else order)):
+        for name, given in (
+            ("members", members),
+            ("order", () if order is None else order),
+        ):
             if isinstance(given, str) or not isinstance(given, Collection):
-                raise SimulationError(f"{name} = {shown(given)} must be a list: {name}=[{shown(given)}]")
+                raise SimulationError(
+                    f"{name} = {shown(given)} must be a list: {name}=[{shown(given)}]"
+                )
         self._step = self._grid = exact(step)
         self._tolerances: tuple[float, float] | None = None
         if tolerance is not None:
@@ -162,10 +179,16 @@ class CoSimulator(Described):
                     "log_step and tolerance exclude each other: with a tolerance, the log contains "
                     "the communication points of the step control"
                 )
-            absolute = 1e-3 * tolerance if absolute_tolerance is None else absolute_tolerance
+            absolute = (
+                1e-3 * tolerance if absolute_tolerance is None else absolute_tolerance
+            )
             self._tolerances = float(tolerance), float(absolute)
             self._grid = self._step / 2
-        elif unused := [f"{name} = {value!r}" for name, value in of_chosen.items() if value is not None]:
+        elif unused := [
+            f"{name} = {value!r}"
+            for name, value in of_chosen.items()
+            if value is not None
+        ]:
             raise SimulationError(
                 f"{unused[0]} has no meaning without tolerance=..., which enables the step control"
             )
@@ -173,14 +196,20 @@ class CoSimulator(Described):
             raise SimulationError(
                 f"largest_step = {largest_step!r} must be at least step = {step!r}, the smallest step"
             )
-        self._longest = None if largest_step is None else int(exact(largest_step) / self._grid)
+        self._longest = (
+            None if largest_step is None else int(exact(largest_step) / self._grid)
+        )
         self._log_every = (
-            1 if log_step is None else ticks(exact(log_step), self._step, "log_step", DIVISOR_ADVICE)
+            1
+            if log_step is None
+            else ticks(exact(log_step), self._step, "log_step", DIVISOR_ADVICE)
         )
         inner = self._grid if solver_step is None else exact(solver_step)
         ticks(self._grid, inner, "the smallest communication step", DIVISOR_ADVICE)
         self._settings = Settings(
-            solver=Solver.of({**settings, "step": float(inner)}, *CoSimulatorSettings.__annotations__),
+            solver=Solver.of(
+                {**settings, "step": float(inner)}, *CoSimulatorSettings.__annotations__
+            ),
             parameters=by_name("parameters", parameters),
             initial=by_name("initial states", initial),
         )
@@ -280,7 +309,9 @@ class CoSimulator(Described):
             messages = coupled.messages  # FMUs discard them when they are closed
             coupled.close()
             counts = control.steps | {"iterations": coupled.iterations}
-            return log.complete(messages, wall_time=time.perf_counter() - started, **counts)
+            return log.complete(
+                messages, wall_time=time.perf_counter() - started, **counts
+            )
         except BaseException as error:
             messages = coupled.messages
             with contextlib.suppress(Exception):  # the first error is reported
@@ -301,7 +332,11 @@ class CoSimulator(Described):
     def _attributes(self, duration: float) -> dict[str, Any]:
         scheme = self._scheme
         members = self.network.members
-        parameters = {name: value for member in members for name, value in member.parameters.items()}
+        parameters = {
+            name: value
+            for member in members
+            for name, value in member.parameters.items()
+        }
         return provenance() | {
             "diagram": self.name,
             "diagram_hash": " ".join(member.fingerprint for member in members),

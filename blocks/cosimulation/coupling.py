@@ -26,7 +26,12 @@ import numpy as np
 
 from trussflow.blocks.cosimulation.fixed_point import NotConvergedError, fixed_point
 from trussflow.blocks.cosimulation.network import Network
-from trussflow.blocks.errors import AlgebraicLoopError, DivergenceError, Explained, SimulationError
+from trussflow.blocks.errors import (
+    AlgebraicLoopError,
+    DivergenceError,
+    Explained,
+    SimulationError,
+)
 from trussflow.blocks.framework.fixed_point import settle
 from trussflow.blocks.framework.run_state import SelfStepping
 from trussflow.blocks.simulation.block_instances import check_outputs
@@ -122,7 +127,11 @@ class Coupled:
         return self._names([one.varies for one in self._stepping])
 
     def _names(self, able: Sequence[bool]) -> list[str]:
-        return [f"'{m.name}'" for m, fine in zip(self.network.members, able, strict=True) if not fine]
+        return [
+            f"'{m.name}'"
+            for m, fine in zip(self.network.members, able, strict=True)
+            if not fine
+        ]
 
     @property
     def time(self) -> float:
@@ -193,14 +202,18 @@ class Coupled:
         # Outputs that depend on unknown inputs may have any value.
         one.start(0.0, np.where(np.isfinite(inputs), inputs, np.nan))
         outputs = one.outputs()
-        check_outputs(outputs, self.signals[network.outs[i]].size, network.members[i].name)
+        check_outputs(
+            outputs, self.signals[network.outs[i]].size, network.members[i].name
+        )
         self.signals[network.outs[i]] = outputs
 
     @property
     def messages(self) -> dict[str, list[str]]:
         """Messages of the members in this run, by name."""
         pairs = zip(self.network.members, self._stepping, strict=False)
-        return {member.name: list(one.messages) for member, one in pairs if one.messages}
+        return {
+            member.name: list(one.messages) for member, one in pairs if one.messages
+        }
 
     def close(self) -> None:
         """Close all members; an error of one of them is raised after all are closed."""
@@ -241,7 +254,8 @@ class Coupled:
     def _one_by_one(self, inputs: Vector, now: float, until: float) -> None:
         network = self.network
         sequential = self.scheme.coupling == "gauss-seidel"
-        known = np.zeros(len(self._stepping) + 1, dtype=bool)  # the last element is for inputs without source
+        # the last element is for inputs without source
+        known = np.zeros(len(self._stepping) + 1, dtype=bool)
         for i in self.scheme.order:
             own = network.ins[i]
             values = inputs[own]
@@ -291,7 +305,9 @@ class Coupled:
         if held.any():
             self._read_again()
 
-    def _iterate(self, implied: Callable[[Vector], Vector], guess: Vector, limit: int) -> None:
+    def _iterate(
+        self, implied: Callable[[Vector], Vector], guess: Vector, limit: int
+    ) -> None:
         """Repeat a step, or the start, until all inputs are equal to the outputs that drive them."""
         try:
             _, number = fixed_point(implied, guess, ITERATION_TOLERANCE, limit)

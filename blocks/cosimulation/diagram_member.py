@@ -47,11 +47,16 @@ class DiagramMember(SelfStepping):
         Settings of the integration.
     """
 
-    def __init__(self, session: Session, sources: list[External], settings: Settings) -> None:
+    def __init__(
+        self, session: Session, sources: list[External], settings: Settings
+    ) -> None:
         self._session = session
         self._settings = settings
         sizes = [source.y.size for source in sources]
-        self._places = [(s.name, place, s.extent) for s, place in zip(sources, spans(sizes), strict=True)]
+        self._places = [
+            (s.name, place, s.extent)
+            for s, place in zip(sources, spans(sizes), strict=True)
+        ]
         self._has_clocks = session.prepared.has_clocks
         self._begun: tuple[float, Vector] | None = None
 
@@ -64,7 +69,9 @@ class DiagramMember(SelfStepping):
     def messages(self) -> tuple[str, ...]:
         """Messages of the Python blocks in this run."""
         said = self._session.messages if self._session.started else {}
-        return tuple(f"{path}: {text}" for path, texts in said.items() for text in texts)
+        return tuple(
+            f"{path}: {text}" for path, texts in said.items() for text in texts
+        )
 
     def start(self, time: float, inputs: Vector) -> None:
         """Start the session; unknown inputs, on which initial states may depend, are zero."""
@@ -76,7 +83,10 @@ class DiagramMember(SelfStepping):
         self._session.start(
             parameters=self._settings.parameters,
             initial=self._settings.initial,
-            inputs={name: inputs[place].reshape(shape) for name, place, shape in self._places},
+            inputs={
+                name: inputs[place].reshape(shape)
+                for name, place, shape in self._places
+            },
             time=time,
         )
 

@@ -85,6 +85,8 @@ def _combined(values: list[Vector], residuals: list[Vector], scale: Vector) -> V
     used = lengths > 0.0
     if not used.any():
         return values[-1]
-    weights = np.linalg.lstsq(changes[:, used] / lengths[used], residuals[-1] / scale, rcond=1e-12)[0]
+    weights = np.linalg.lstsq(
+        changes[:, used] / lengths[used], residuals[-1] / scale, rcond=1e-12
+    )[0]
     step: Vector = np.diff(values, axis=0).T[:, used] @ (weights / lengths[used])
     return values[-1] - step

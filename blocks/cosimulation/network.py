@@ -112,7 +112,9 @@ class Network:
         self.members = list(members)
         self._start: dict[Key, int] = {}
         self._node: dict[Key, Node] = {}
-        self.outs = spans(sum(port.size for port in member.outlets) for member in members)
+        self.outs = spans(
+            sum(port.size for port in member.outlets) for member in members
+        )
         position = 0
         for number, member in enumerate(members):
             for outlet, port in enumerate(member.outlets):
@@ -125,7 +127,9 @@ class Network:
         places = {value: position + i for i, value in enumerate(constants)}
         parts = [self._places(inlet, places) for inlet in inlets]
         self.gather = np.concatenate([np.zeros(0, dtype=np.int64), *parts])
-        self.ins = spans(sum(inlet.size for inlet in member.inlets) for member in members)
+        self.ins = spans(
+            sum(inlet.size for inlet in member.inlets) for member in members
+        )
         unit_of = np.full(self.start.size, -1)
         held = np.zeros(self.start.size, dtype=bool)
         for number, member in enumerate(members):
@@ -135,7 +139,8 @@ class Network:
         self.source = unit_of[self.gather]
         self.held = held[self.gather]
         self._inputs = {
-            (inlet.port.block.path, inlet.port.name): part for inlet, part in zip(inlets, parts, strict=True)
+            (inlet.port.block.path, inlet.port.name): part
+            for inlet, part in zip(inlets, parts, strict=True)
         }
         self._graph = {
             (i, o): self._needed(member, o)
@@ -146,7 +151,9 @@ class Network:
 
     def _places(self, inlet: Inlet, constants: dict[float, int]) -> NDArray[np.int64]:
         """Return the indices of the elements of an input in `signals`."""
-        found = np.full(inlet.size, constants[inlet.default if not inlet.drivers else 0.0])
+        found = np.full(
+            inlet.size, constants[inlet.default if not inlet.drivers else 0.0]
+        )
         for driver in inlet.drivers:
             if driver.source is not None:
                 start = self._start[driver.source.block.path, driver.source.name]
@@ -162,7 +169,10 @@ class Network:
 
     def describe(self, place: int) -> str:
         """Return the name of one element of `signals`, for messages."""
-        key = max((k for k in self._start if self._start[k] <= place), key=self._start.__getitem__)
+        key = max(
+            (k for k in self._start if self._start[k] <= place),
+            key=self._start.__getitem__,
+        )
         member, outlet = self._node[key]
         port = self.members[member].outlets[outlet]
         element = f" (element {place - self._start[key]})" if port.whole_shape else ""
@@ -202,14 +212,22 @@ class Network:
             always do.
         """
         waiting = {
-            node: set(sources) for node, sources in self._graph.items() if sources and follows[node[0]]
+            node: set(sources)
+            for node, sources in self._graph.items()
+            if sources and follows[node[0]]
         }
         visits: list[int] = []
         while waiting:
-            ready = {node for node, sources in waiting.items() if not sources & waiting.keys()}
+            ready = {
+                node
+                for node, sources in waiting.items()
+                if not sources & waiting.keys()
+            }
             if not ready:
                 return []  # a loop
-            best = max({n[0] for n in ready}, key=lambda i: sum(n[0] == i for n in ready))
+            best = max(
+                {n[0] for n in ready}, key=lambda i: sum(n[0] == i for n in ready)
+            )
             visits.append(best)
             for node in [n for n in ready if n[0] == best]:
                 del waiting[node]

@@ -30,7 +30,10 @@ Key = tuple[str, str]
 
 
 def partition(
-    system: System, names: Sequence[str | Block], logged: Sequence[Port], settings: Settings
+    system: System,
+    names: Sequence[str | Block],
+    logged: Sequence[Port],
+    settings: Settings,
 ) -> list[Member]:
     """Partition a diagram into members.
 
@@ -117,7 +120,10 @@ def _check_names(system: System, settings: Settings) -> None:
     NameLookupError
         If a block does not exist, or steps itself and has no such states.
     """
-    for kind, references in (("parameter", settings.parameters), ("state", settings.initial)):
+    for kind, references in (
+        ("parameter", settings.parameters),
+        ("state", settings.initial),
+    ):
         for reference in references:
             path = reference.rpartition(".")[0]
             if path not in system.blocks:
@@ -139,23 +145,37 @@ def _own_member(system: System, block: Block, settings: Settings) -> Member:
     outlets = block.outputs()
     needed = block.feedthrough()
     inlets = tuple(
-        Inlet(port, tuple(system.drivers[block.path, port.name]), port.declaration.default or 0.0)
+        Inlet(
+            port,
+            tuple(system.drivers[block.path, port.name]),
+            port.declaration.default or 0.0,
+        )
         for port in inputs
     )
 
     def route(inlet: int, outlet: int) -> list[str]:
-        source, where = next((d.source.path, d.where) for d in inlets[inlet].drivers if d.source is not None)
+        source, where = next(
+            (d.source.path, d.where)
+            for d in inlets[inlet].drivers
+            if d.source is not None
+        )
         through = f"{inputs[inlet].path} ==feedthrough==> {outlets[outlet].path}"
         return [f"{source} --wire--> {through}   [{where}]"]
 
     return Member(
         name=block.path,
-        open=lambda: cast(SelfStepping, open_block(block, values)),  # the block steps itself
+        # the block steps itself
+        open=lambda: cast(SelfStepping, open_block(block, values)),
         inlets=inlets,
         outlets=tuple(outlets),
-        needs=tuple(frozenset(i for i, p in enumerate(inputs) if p.name in needed[o.name]) for o in outlets),
+        needs=tuple(
+            frozenset(i for i, p in enumerate(inputs) if p.name in needed[o.name])
+            for o in outlets
+        ),
         route=route,
-        parameters={f"{block.path}.{n}": np.ravel(v).tolist() for n, v in values.items()},
+        parameters={
+            f"{block.path}.{n}": np.ravel(v).tolist() for n, v in values.items()
+        },
         fingerprint=block.fingerprint,
     )
 
@@ -180,16 +200,24 @@ def _values(block: Block, settings: Settings) -> Signals:
 
 
 def _part(
-    system: System, name: str, blocks: list[Block], logged: Sequence[Port], settings: Settings
+    system: System,
+    name: str,
+    blocks: list[Block],
+    logged: Sequence[Port],
+    settings: Settings,
 ) -> Member:
     """Return the member of blocks that are compiled together."""
     inside = {block.path: block for block in blocks}
     part, drivers = part_of(system, inside)
     outlets = _outlets(system, inside, logged)
     own = replace(
-        settings, parameters=_of(inside, settings.parameters), initial=_of(inside, settings.initial)
+        settings,
+        parameters=_of(inside, settings.parameters),
+        initial=_of(inside, settings.initial),
     )
-    prepared = Session(part, outputs={port.path: port for port in outlets}, **asdict(settings.solver))
+    prepared = Session(
+        part, outputs={port.path: port for port in outlets}, **asdict(settings.solver)
+    )
     plan = prepared.prepared.plan
     back = [inputs_behind(part, plan.feedthrough, port) for port in outlets]
     names = [external.name for external in drivers]
@@ -198,9 +226,13 @@ def _part(
         open=lambda: DiagramMember(prepared.twin(), list(drivers), own),
         inlets=tuple(_inlet(external, driver) for external, driver in drivers.items()),
         outlets=tuple(outlets),
-        needs=tuple(frozenset(i for i, n in enumerate(names) if n in found) for found in back),
+        needs=tuple(
+            frozenset(i for i, n in enumerate(names) if n in found) for found in back
+        ),
         held=frozenset(
-            i for i, o in enumerate(outlets) if o.block.sample_time is not None and not o.is_input
+            i
+            for i, o in enumerate(outlets)
+            if o.block.sample_time is not None and not o.is_input
         ),
         route=lambda inlet, outlet: back[outlet][names[inlet]],
         parameters=plan.p.listed(plan.parameters(own.parameters)),
@@ -221,13 +253,19 @@ def _of(inside: dict[str, Block], values: Mapping[str, Any]) -> dict[str, Any]:
     return {k: v for k, v in values.items() if k.rpartition(".")[0] in inside}
 
 
-def _outlets(system: System, inside: dict[str, Block], logged: Sequence[Port]) -> list[Port]:
+def _outlets(
+    system: System, inside: dict[str, Block], logged: Sequence[Port]
+) -> list[Port]:
     """Return the ports of a part that other members read, or that are logged."""
     found: dict[Key, Port] = {}
     for (path, _), drivers in system.drivers.items():
         for driver in drivers:
             source = driver.source
-            if source is not None and source.block.path in inside and path not in inside:
+            if (
+                source is not None
+                and source.block.path in inside
+                and path not in inside
+            ):
                 found[source.block.path, source.name] = source.block.port(source.name)
     for port in logged:
         if port.block.path in inside:
@@ -257,13 +295,19 @@ def ordered(names: list[str], order: Sequence[str | Block] | None) -> list[int]:
     wanted = [_path(item) for item in order]
     for name in wanted:
         if name not in names:
-            raise NameLookupError(f"no member '{name}' for the order; the members are: {', '.join(names)}")
+            raise NameLookupError(
+                f"no member '{name}' for the order; the members are: {', '.join(names)}"
+            )
     if sorted(wanted) != sorted(names):
-        raise SimulationError(f"the order must name each member once; the members are: {', '.join(names)}")
+        raise SimulationError(
+            f"the order must name each member once; the members are: {', '.join(names)}"
+        )
     return [names.index(name) for name in wanted]
 
 
-def inputs_behind(system: System, feedthrough: Feedthrough, port: Port) -> dict[str, list[str]]:
+def inputs_behind(
+    system: System, feedthrough: Feedthrough, port: Port
+) -> dict[str, list[str]]:
     """Return the external inputs with direct feedthrough to a port, and the path from each to the port.
 
     Sampled blocks have direct feedthrough at their instants, so paths through them are included.
@@ -287,7 +331,11 @@ def inputs_behind(system: System, feedthrough: Feedthrough, port: Port) -> dict[
             continue
         for source, through, where in _sources(system, feedthrough, at):
             if source not in routes:
-                origin = source.block.name if isinstance(source.block, External) else source.path
+                origin = (
+                    source.block.name
+                    if isinstance(source.block, External)
+                    else source.path
+                )
                 hop = f"{origin} --wire--> {through}"
                 if not at.is_input:
                     hop += f" ==feedthrough==> {at.path}"
@@ -296,7 +344,9 @@ def inputs_behind(system: System, feedthrough: Feedthrough, port: Port) -> dict[
     return found
 
 
-def _sources(system: System, feedthrough: Feedthrough, port: Port) -> list[tuple[Port, str, str]]:
+def _sources(
+    system: System, feedthrough: Feedthrough, port: Port
+) -> list[tuple[Port, str, str]]:
     """Return the outputs on which a port depends directly, each with the input and the line of the wire."""
     path = port.block.path
     block = port.block

@@ -66,7 +66,11 @@ class FixedSteps:
 
     def __init__(self, coupled: Coupled) -> None:
         self.coupled = coupled
-        self.steps = {"communication_steps": 0, "rejected_steps": 0, "discarded_steps": 0}
+        self.steps = {
+            "communication_steps": 0,
+            "rejected_steps": 0,
+            "discarded_steps": 0,
+        }
 
     def run(self, last: int, reached: Callable[[], None]) -> None:
         """Advance to a point of the grid.
@@ -113,7 +117,9 @@ class StepControl(FixedSteps):
         Longest step, in multiples of the grid [-].
     """
 
-    def __init__(self, coupled: Coupled, relative: float, absolute: float, *, longest: int) -> None:
+    def __init__(
+        self, coupled: Coupled, relative: float, absolute: float, *, longest: int
+    ) -> None:
         super().__init__(coupled)
         self.relative = relative
         self.absolute = absolute
@@ -156,7 +162,9 @@ class StepControl(FixedSteps):
                 number = _even(number // 2)
                 continue
             np.maximum(size, np.abs(coupled.signals), out=size)
-            spent = np.abs(coupled.signals - whole) / (self.absolute + self.relative * size)
+            spent = np.abs(coupled.signals - whole) / (
+                self.absolute + self.relative * size
+            )
             share = (1.0 - RESERVE_SHARE) * number / last
             ratios = spent / (share + RESERVE_DRAW * reserve)
             ratio = float(ratios.max(initial=0.0))
@@ -167,7 +175,9 @@ class StepControl(FixedSteps):
                 if number == 2:
                     raise self._too_inaccurate(int(np.argmax(ratios)), ratio)
                 self.steps["rejected_steps"] += 1
-                number = _even(min(int(number * max(factor, MIN_SHRINKAGE)), number - 2))
+                number = _even(
+                    min(int(number * max(factor, MIN_SHRINKAGE)), number - 2)
+                )
                 continue
             self.steps["communication_steps"] += 2
             reserve += share - spent
@@ -192,7 +202,9 @@ class StepControl(FixedSteps):
                     "use a fixed step"
                 )
 
-    def _twice(self, saved: tuple[object, ...], number: int) -> tuple[tuple[int, Vector], Vector]:
+    def _twice(
+        self, saved: tuple[object, ...], number: int
+    ) -> tuple[tuple[int, Vector], Vector]:
         """Take one step, then two halves; return the middle point, and the result of the one step."""
         coupled = self.coupled
         coupled.step(number)
@@ -210,7 +222,9 @@ class StepControl(FixedSteps):
     def _too_short(self, error: Exception) -> Exception:
         if isinstance(error, DivergenceError | RunEndedError):
             return error
-        return SimulationError(f"{error}; this was {self._smallest()}: shorter steps need a smaller step=...")
+        return SimulationError(
+            f"{error}; this was {self._smallest()}: shorter steps need a smaller step=..."
+        )
 
     def _too_inaccurate(self, place: int, error: float) -> SimulationError:
         return SimulationError(

@@ -99,7 +99,10 @@ class Rail:
 
     def measure(self, *, ranked: bool) -> None:
         """Store the vertical positions of the pins and ends, in ranks if `ranked`."""
-        left, right = ([p.rank if ranked else p.y for p in pins] for pins in (self.left, self.right))
+        left, right = (
+            [p.rank if ranked else p.y for p in pins]
+            for pins in (self.left, self.right)
+        )
         self.span = left, right, min(left + right), max(left + right)
 
 

@@ -15,7 +15,11 @@ def edges_of(nets: list[Net]) -> Edges:
     edges = Edges()
     for net in nets:
         own = net.source.box
-        edges.update((own, box) for box in dict.fromkeys(pin.box for pin in net.targets) if box is not own)
+        edges.update(
+            (own, box)
+            for box in dict.fromkeys(pin.box for pin in net.targets)
+            if box is not own
+        )
     return edges
 
 
@@ -57,14 +61,20 @@ def into_layers(order: list[Box], edges: Edges) -> list[list[Box]]:
         near[b].append(a)
     first = int(any(box.edge < 0 for box in order))
     for box in order:
-        box.layer = 0 if box.edge < 0 else max((a.layer + 1 for a in before[box]), default=first)
+        box.layer = (
+            0
+            if box.edge < 0
+            else max((a.layer + 1 for a in before[box]), default=first)
+        )
     last = max((box.layer for box in order if box.edge <= 0), default=0)
     for box in order:
         box.layer = last + 1 if box.edge > 0 else box.layer
     for box in [box for box in reversed(order) if not box.edge] * 4:
         low = max((a.layer + 1 for a in before[box]), default=first)
         high = min((b.layer - 1 for b in after[box]), default=last)
-        pull = sum((other.layer > box.layer) - (other.layer < box.layer) for other in near[box])
+        pull = sum(
+            (other.layer > box.layer) - (other.layer < box.layer) for other in near[box]
+        )
         box.layer = high if pull > 0 else low if pull < 0 else box.layer
     used = sorted({box.layer for box in order})
     for box in order:

@@ -27,7 +27,9 @@ MAX_COMPARED_BOXES, MAX_ARRANGEMENTS = 240, 4
 """Largest number of boxes in all compared arrangements, and largest number of arrangements."""
 
 
-def layout(boxes: list[Box], nets: list[Net], width: float = 0.0, top: float = 0.0) -> tuple[float, float]:
+def layout(
+    boxes: list[Box], nets: list[Net], width: float = 0.0, top: float = 0.0
+) -> tuple[float, float]:
     """Place boxes and wires; return the size of the picture [px].
 
     Parameters
@@ -64,7 +66,11 @@ def layout(boxes: list[Box], nets: list[Net], width: float = 0.0, top: float = 0
                 rail.x = x + track * WIRE_GAP
             x += WIRE_GAP * (1 + max(verticals.values(), default=-1))
             if k < len(layers):
-                x += max(pin.note for box in layers[k] for pin in (*box.sides[0], Pin(box, 0.0)))
+                x += max(
+                    pin.note
+                    for box in layers[k]
+                    for pin in (*box.sides[0], Pin(box, 0.0))
+                )
                 column = max(box.width for box in layers[k])
                 for box in layers[k]:
                     box.x = x + (0.0 if box.edge < 0 else (column - box.width) / 2)
@@ -72,15 +78,22 @@ def layout(boxes: list[Box], nets: list[Net], width: float = 0.0, top: float = 0
         for box in boxes:
             box.x = max(width, x) - box.width if box.edge > 0 else box.x
         scores[variant] = crossings, route(nets, channels)
-        return max(width, x), max(box.y + box.height for layer in layers for box in layer)
+        return max(width, x), max(
+            box.y + box.height for layer in layers for box in layer
+        )
 
-    for variant in counted("drawing", range(max(1, min(MAX_ARRANGEMENTS, MAX_COMPARED_BOXES // len(boxes))))):
+    for variant in counted(
+        "drawing",
+        range(max(1, min(MAX_ARRANGEMENTS, MAX_COMPARED_BOXES // len(boxes)))),
+    ):
         size = attempt(variant)
     best = min(scores, key=scores.__getitem__)
     return size if best == variant else attempt(best)
 
 
-def ordered(boxes: list[Box], nets: list[Net], variant: int, top: float) -> tuple[list[list[Box]], Channels]:
+def ordered(
+    boxes: list[Box], nets: list[Net], variant: int, top: float
+) -> tuple[list[list[Box]], Channels]:
     """Return layers and channels of `boxes` and `nets` below `top` [px]; a `variant` > 0 is shuffled [-]."""
     edges, mixed, chance = edges_of(nets), list(boxes), Random(variant)
     if variant:

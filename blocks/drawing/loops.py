@@ -19,7 +19,9 @@ def wires_in(diagram: Diagram) -> Iterator[tuple[Port, Port]]:
     """Yield the connections between leaf blocks, in this diagram and in nested ones."""
     for wire in diagram.wires:
         if wire.source is not None:
-            yield from ((resolved(wire.source), target) for target in targets(wire.target))
+            yield from (
+                (resolved(wire.source), target) for target in targets(wire.target)
+            )
     for block in diagram.blocks.values():
         if isinstance(block, Diagram):
             yield from wires_in(block)
@@ -32,7 +34,9 @@ def in_loops(diagram: Diagram) -> set[Block]:
     """
     # Only blocks in a cycle of connections are traced, as tracing is slow.
     wires = list(wires_in(diagram))
-    near: dict[Block, set[Block]] = {target.block: set() for pair in wires for target in pair}
+    near: dict[Block, set[Block]] = {
+        target.block: set() for pair in wires for target in pair
+    }
     for source, target in wires:
         near[target.block].add(source.block)
     through = {block: feedthrough(block) for cycle in cycles(near) for block in cycle}
@@ -52,7 +56,11 @@ def feedthrough(block: Block) -> Mapping[str, Collection[str]]:
     """
     if block.sample_time is None and not block.traced:
         return {}
-    shapes = [port.inferable_shape.root() for port in block.ports.values() if port.inferable_shape.is_open]
+    shapes = [
+        port.inferable_shape.root()
+        for port in block.ports.values()
+        if port.inferable_shape.is_open
+    ]
     for shape in shapes:
         shape.fix((), "")
     try:

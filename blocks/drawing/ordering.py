@@ -53,15 +53,25 @@ class Ordering:
 
     def __init__(self, layers: list[list[Box]], channels: Channels) -> None:
         self.layers, self.channels = layers, channels
-        self.rails = {pin: rail for channel in channels for rail in channel for pin in rail.left + rail.right}
-        self.sides: dict[Box, Sides] = {b: tuple(map(self._rails, b.sides)) for la in layers for b in la}
+        self.rails = {
+            pin: rail
+            for channel in channels
+            for rail in channel
+            for pin in rail.left + rail.right
+        }
+        self.sides: dict[Box, Sides] = {
+            b: tuple(map(self._rails, b.sides)) for la in layers for b in la
+        }
 
     def _rails(self, pins: Iterable[Pin]) -> list[Rail]:
         return list(dict.fromkeys(self.rails[pin] for pin in pins if pin in self.rails))
 
     def sort(self) -> None:
         """Sweep in both directions, select the best order, and swap neighbours in it."""
-        sorts: list[list[Any]] = [*self.layers, *(side for box in self.sides for side in box.sides)]
+        sorts: list[list[Any]] = [
+            *self.layers,
+            *(side for box in self.sides for side in box.sides),
+        ]
         best, found = math.inf, sorts
         for layer in self.layers:
             rank(layer)
@@ -69,7 +79,9 @@ class Ordering:
             if turn:
                 self._sweep(turn % 2)
             self._measure()
-            number = sum(crossings([a], c[:i]) for c in self.channels for i, a in enumerate(c))
+            number = sum(
+                crossings([a], c[:i]) for c in self.channels for i, a in enumerate(c)
+            )
             if number < best:
                 best, found = number, [list(items) for items in sorts]
         for items, kept in zip(sorts, found, strict=True):
@@ -96,7 +108,11 @@ class Ordering:
     def _wanted(self, box: Box, side: int) -> float:
         """Return the mean position of a box for straight wires at one side, or the other, or its own."""
         for pins in (box.sides[side], box.sides[1 - side]):
-            if shifts := [self._drawn_to(pin) - (pin.rank - box.rank) for pin in pins if pin in self.rails]:
+            if shifts := [
+                self._drawn_to(pin) - (pin.rank - box.rank)
+                for pin in pins
+                if pin in self.rails
+            ]:
                 return sum(shifts) / len(shifts)
         return box.rank
 
@@ -105,7 +121,9 @@ class Ordering:
         rail = self.rails.get(pin)
         if rail is None:
             return pin.rank
-        facing, beside = (rail.left, rail.right) if pin in rail.right else (rail.right, rail.left)
+        facing, beside = (
+            (rail.left, rail.right) if pin in rail.right else (rail.right, rail.left)
+        )
         others = [p.rank for p in facing or beside if p.box is not pin.box]
         return sum(others) / len(others) if others else pin.rank
 
@@ -116,7 +134,9 @@ class Ordering:
             swapped = False
             for layer in self.layers:
                 swapped |= self._swap(layer, self.sides.__getitem__, exchange)
-                for side in (side for box in layer if not box.fixed for side in box.sides):
+                for side in (
+                    side for box in layer if not box.fixed for side in box.sides
+                ):
                     swapped |= self._swap(side, lambda pin: (self._rails([pin]),), flip)
             if not swapped:
                 break
@@ -125,7 +145,10 @@ class Ordering:
                 pin.dy = dy
 
     def _swap(
-        self, items: list[Any], rails: Callable[[Any], Sides], exchanged: Callable[[Any, Any], None]
+        self,
+        items: list[Any],
+        rails: Callable[[Any], Sides],
+        exchanged: Callable[[Any, Any], None],
     ) -> bool:
         swapped = False
         for i, _ in enumerate(pairwise(items)):

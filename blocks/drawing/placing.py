@@ -23,8 +23,12 @@ class Placing:
     """
 
     def __init__(self, layers: list[list[Box]], gap: float) -> None:
-        self.limits: dict[Box, list[tuple[Box, float]]] = {b: [] for layer in layers for b in layer}
-        self.above: dict[Box, list[tuple[Box, float]]] = {box: [] for box in self.limits}
+        self.limits: dict[Box, list[tuple[Box, float]]] = {
+            b: [] for layer in layers for b in layer
+        }
+        self.above: dict[Box, list[tuple[Box, float]]] = {
+            box: [] for box in self.limits
+        }
         self.tied = {box: [box] for box in self.limits}
         for layer in layers:
             layer[0].y = 0.0
@@ -49,7 +53,9 @@ class Placing:
             for rail in channel:
                 for a in rail.left:
                     for b in rail.right:
-                        weights[a.box, b.box, a.dy - b.dy] += 1 + (not a.box.width) + (not b.box.width)
+                        weights[a.box, b.box, a.dy - b.dy] += (
+                            1 + (not a.box.width) + (not b.box.width)
+                        )
         for (upper, lower, shift), _ in weights.most_common():
             self._tie(upper, lower, shift)
 
@@ -98,10 +104,27 @@ class Placing:
         for turn in range(12):
             for group in groups if turn % 2 else reversed(groups):
                 own = set(group)
-                pulls = [b.y - a.y - shift for a in group for b, shift in wires[a] if b not in own]
-                room = [b.y - a.y - distance for a in group for b, distance in self.limits[a] if b not in own]
-                back = [b.y + distance - a.y for a in group for b, distance in self.above[a] if b not in own]
+                pulls = [
+                    b.y - a.y - shift
+                    for a in group
+                    for b, shift in wires[a]
+                    if b not in own
+                ]
+                room = [
+                    b.y - a.y - distance
+                    for a in group
+                    for b, distance in self.limits[a]
+                    if b not in own
+                ]
+                back = [
+                    b.y + distance - a.y
+                    for a in group
+                    for b, distance in self.above[a]
+                    if b not in own
+                ]
                 if pulls:
-                    shift = max(min([median_low(sorted(pulls)), *room]), max(back, default=-1e9))
+                    shift = max(
+                        min([median_low(sorted(pulls)), *room]), max(back, default=-1e9)
+                    )
                     for box in group:
                         box.y += shift

@@ -14,7 +14,9 @@ HEIGHT_TOLERANCE = 4.0
 
 def cost(a: Rail, b: Rail) -> int:
     """Return the cost of crossings and overlaps if `a` is left of `b`."""
-    same = a.net is not b.net and any(abs(y - z) < HEIGHT_TOLERANCE for y in a.span[1] for z in b.span[0])
+    same = a.net is not b.net and any(
+        abs(y - z) < HEIGHT_TOLERANCE for y in a.span[1] for z in b.span[0]
+    )
     return cuts(a.span, b.span) + OVERLAP_COST * same
 
 
@@ -29,7 +31,9 @@ def tracks(channel: list[Rail]) -> tuple[dict[Rail, int], int]:
     costs = {(a, b): cost(a, b) for a in bent for b in bent}
     place: dict[Rail, int] = {}
     while waiting := [rail for rail in bent if rail not in place]:
-        regret = {a: sum(max(0, costs[a, b] - costs[b, a]) for b in waiting) for a in waiting}
+        regret = {
+            a: sum(max(0, costs[a, b] - costs[b, a]) for b in waiting) for a in waiting
+        }
         rail = min(regret, key=regret.__getitem__)
         if any(costs[rail, other] >= OVERLAP_COST for other in waiting):
             _split(rail, channel)
@@ -38,7 +42,8 @@ def tracks(channel: list[Rail]) -> tuple[dict[Rail, int], int]:
         near = [
             place[b]
             for b in place
-            if b.span[2] - HEIGHT_TOLERANCE <= high and low <= b.span[3] + HEIGHT_TOLERANCE
+            if b.span[2] - HEIGHT_TOLERANCE <= high
+            and low <= b.span[3] + HEIGHT_TOLERANCE
         ]
         place[rail] = max(near, default=-1) + 1
     flat = [rail.span[2] for rail in channel if rail not in place]
@@ -60,7 +65,12 @@ def _split(rail: Rail, channel: list[Rail]) -> None:
 
 def route(nets: list[Net], channels: Channels) -> int:
     """Route the wires of `nets` through `channels`, from each target back; return the number of bends."""
-    rails = {pin: rail for channel in channels for rail in channel for pin in rail.left + rail.right}
+    rails = {
+        pin: rail
+        for channel in channels
+        for rail in channel
+        for pin in rail.left + rail.right
+    }
     for net in nets:
         net.paths = []
         for target in net.targets:
@@ -71,10 +81,16 @@ def route(nets: list[Net], channels: Channels) -> int:
                 if net.source in rail.left:
                     pin = net.source
                 else:
-                    pin = rail.left[0] if ahead else next(p for p in rail.right if not p.box.width)
+                    pin = (
+                        rail.left[0]
+                        if ahead
+                        else next(p for p in rail.right if not p.box.width)
+                    )
                 path += [(rail.x, old.y), (rail.x, pin.y)]
                 pin = pin if pin is net.source else pin.box.sides[not ahead][0]
-            net.paths.append(_simplified([*path, (pin.box.x + pin.box.width, pin.y)])[::-1])
+            net.paths.append(
+                _simplified([*path, (pin.box.x + pin.box.width, pin.y)])[::-1]
+            )
     return sum(len(path) - 2 for net in nets for path in net.paths)
 
 

@@ -75,7 +75,9 @@ def brief(name: str) -> str:
 
 def breadth(text: str) -> float:
     """Return the width of a text of 11 px [px]; letters of some scripts have twice the width."""
-    return LETTER_WIDTH * sum(1 + (unicodedata.east_asian_width(letter) in "WF") for letter in text)
+    return LETTER_WIDTH * sum(
+        1 + (unicodedata.east_asian_width(letter) in "WF") for letter in text
+    )
 
 
 def part_of(port: Port) -> str:
@@ -93,19 +95,27 @@ def rows(diagram: Diagram, block: Block) -> tuple[list[Row], list[Row]]:
             if wire.target.block is block and wire.target.name == port.name:
                 source = wire.source
                 end = "0" if source is None else part_of(source)
-                ends.setdefault("" if source is None else source.path, []).append((part_of(wire.target), end))
+                ends.setdefault("" if source is None else source.path, []).append(
+                    (part_of(wire.target), end)
+                )
         if any(port in inner for inner in diagram.exposed.values()):
             ends["outside"] = [("", "")]
         if not ends:
             ends[""] = [("", "open" if port.declaration.default is None else "")]
         for key, parts in ends.items():
-            inner, outer = ("".join(dict.fromkeys(texts)) for texts in zip(*parts, strict=True))
+            inner, outer = (
+                "".join(dict.fromkeys(texts)) for texts in zip(*parts, strict=True)
+            )
             inputs.append(Row(port, key, brief(port.name + inner), brief(outer)))
     return inputs, [Row(port, "", brief(port.name)) for port in block.outputs()]
 
 
 def scene_of(
-    diagram: Diagram, depth: int, width: float = 0.0, taken: Counter[str] | None = None, top: float = 0.0
+    diagram: Diagram,
+    depth: int,
+    width: float = 0.0,
+    taken: Counter[str] | None = None,
+    top: float = 0.0,
 ) -> Scene:
     """Return the scene of a diagram.
 
@@ -125,37 +135,59 @@ def scene_of(
     scene, pins = Scene(), dict[tuple[str, str, str], Pin]()
     for block in diagram.blocks.values():
         sides = rows(diagram, block)
-        least = max(breadth(brief(block.name)) * 12 / 11, breadth(brief(type(block).__name__))) + 16
+        least = (
+            max(
+                breadth(brief(block.name)) * 12 / 11,
+                breadth(brief(type(block).__name__)),
+            )
+            + 16
+        )
         inner = None
         if isinstance(block, Diagram) and depth > 0:
             number = Counter[str](row.port.name for side in sides for row in side)
             inner = scene_of(block, depth - 1, least, number, HEAD_HEIGHT)
             box = Box(inner.width, inner.height + FOOT_HEIGHT, fixed=True)
         else:
-            names = sum(max((breadth(row.name) for row in side), default=0.0) for side in sides)
-            box = Box(max(least, names + 24), HEAD_HEIGHT + max(map(len, sides)) * PIN_PITCH + FOOT_HEIGHT)
+            names = sum(
+                max((breadth(row.name) for row in side), default=0.0) for side in sides
+            )
+            box = Box(
+                max(least, names + 24),
+                HEAD_HEIGHT + max(map(len, sides)) * PIN_PITCH + FOOT_HEIGHT,
+            )
         scene.blocks.append((block, box, inner))
         for side, found in enumerate(sides):
             used = Counter[str]()
             for i, row in enumerate(found):
                 dy = HEAD_HEIGHT + (i + 0.5) * PIN_PITCH
                 if inner:
-                    dy = inner.edges[row.port.name].y + (used[row.port.name] + 0.5) * PIN_PITCH
+                    dy = (
+                        inner.edges[row.port.name].y
+                        + (used[row.port.name] + 0.5) * PIN_PITCH
+                    )
                     used[row.port.name] += 1
-                pin = box.pin(side, dy, breadth(row.note) * 9 / 11 + 6 if row.note else 0.0)
+                pin = box.pin(
+                    side, dy, breadth(row.note) * 9 / 11 + 6 if row.note else 0.0
+                )
                 pins[block.name, row.port.name, row.key] = pin
-                scene.pins.append((Row(row.port, row.key, "" if inner else row.name, row.note), pin))
+                scene.pins.append(
+                    (Row(row.port, row.key, "" if inner else row.name, row.note), pin)
+                )
             box.sides[side].sort(key=lambda pin: pin.dy)
     nets: dict[Pin, tuple[Net, Port]] = {}
     for name, inside in diagram.exposed.items():
         port, wired = diagram.ports[name], 1 if taken is None else taken[name]
         box = scene.edges[name] = Box(
-            breadth(brief(name)) + 12, PIN_PITCH * wired, edge=-1 if port.is_input else 1
+            breadth(brief(name)) + 12,
+            PIN_PITCH * wired,
+            edge=-1 if port.is_input else 1,
         )
         pin = box.pin(int(port.is_input), box.height / 2)
         scene.pins.append((Row(port, "", brief(name)), pin))
         if port.is_input:
-            targets = [pins[target.block.name, target.name, "outside"] for target in inside]
+            targets = [
+                pins[target.block.name, target.name, "outside"] for target in inside
+            ]
             nets[pin] = Net(pin, targets), port
         else:
             source = pins[inside[0].block.name, inside[0].name, ""]
@@ -163,12 +195,16 @@ def scene_of(
     for wire in diagram.wires:
         if wire.source is not None:
             source = pins[wire.source.block.name, wire.source.name, ""]
-            net = nets.setdefault(source, (Net(source, []), wire.source.block.ports[wire.source.name]))[0]
+            net = nets.setdefault(
+                source, (Net(source, []), wire.source.block.ports[wire.source.name])
+            )[0]
             target = pins[wire.target.block.name, wire.target.name, wire.source.path]
             net.targets += [target] if target not in net.targets else []
     scene.wires = list(nets.values())
     boxes = [*(box for _, box, _ in scene.blocks), *scene.edges.values()]
     scene.width, scene.height = (
-        layout(boxes, [net for net, _ in scene.wires], width, top) if boxes else (width, top)
+        layout(boxes, [net for net, _ in scene.wires], width, top)
+        if boxes
+        else (width, top)
     )
     return scene

@@ -25,20 +25,39 @@ PICTURE_MARGIN = 12
 def svg_of(diagram: Diagram, depth: int) -> str:
     """Return the picture of a `diagram`, with `depth` levels of nested diagrams open [-]."""
     scene, red = scene_of(diagram, depth), in_loops(diagram)
-    style = files("trussflow.blocks.drawing").joinpath("picture.css").read_text(encoding="utf-8")
-    rates = {clock: f"rate{i % RATE_COLOURS}" for i, clock in enumerate(sorted(clocks_of(diagram)))}
+    style = (
+        files("trussflow.blocks.drawing")
+        .joinpath("picture.css")
+        .read_text(encoding="utf-8")
+    )
+    rates = {
+        clock: f"rate{i % RATE_COLOURS}"
+        for i, clock in enumerate(sorted(clocks_of(diagram)))
+    }
 
     def colour(block: Block) -> str:
         own = clocks_of(block)
-        return "loop" if red & {*leaves(block)} else rates[own.pop()] if len(own) == 1 else ""
+        return (
+            "loop"
+            if red & {*leaves(block)}
+            else rates[own.pop()]
+            if len(own) == 1
+            else ""
+        )
 
-    legend = {every(float(clock.period), float(clock.offset)): rate for clock, rate in rates.items()}
+    legend = {
+        every(float(clock.period), float(clock.offset)): rate
+        for clock, rate in rates.items()
+    }
     keys, x, y = "", float(PICTURE_MARGIN), scene.height + PICTURE_MARGIN + 16
     for text, kind in (legend | ({"algebraic loop": "loop"} if red else {})).items():
         keys += f'<rect class="box {kind}" x="{x:g}" y="{y:g}" width="12" height="12"/>'
         keys += f'<text class="faint" x="{x + 17:g}" y="{y + 10:g}">{text}</text>'
         x += breadth(text) + 34
-    width, height = max(scene.width + 2 * PICTURE_MARGIN, x), y + PICTURE_MARGIN * (2 if keys else 0) - 4
+    width, height = (
+        max(scene.width + 2 * PICTURE_MARGIN, x),
+        y + PICTURE_MARGIN * (2 if keys else 0) - 4,
+    )
     return (
         f'<svg xmlns="http://www.w3.org/2000/svg" class="tf" width="{width:g}" height="{height:g}" '
         f'viewBox="0 0 {width:g} {height:g}"><title>{escape(diagram.name)}</title><style>{style}</style>'
@@ -61,9 +80,15 @@ def clocks_of(block: Block) -> set[Clock]:
 def drawn(scene: Scene, colour: Callable[[Block], str]) -> Iterator[str]:
     """Yield the SVG elements of a `scene`; `colour` returns the class of a block."""
     for net, source in scene.wires:
-        line = "".join("M" + "L".join(f"{x:g} {y:g}" for x, y in path) for path in net.paths)
-        tips = "".join(f"M{x:g} {y:g}l-7 -3.5v7z" for x, y in (path[-1] for path in net.paths))
-        dots = "".join(f"M{x - 2.5:g} {y:g}a2.5 2.5 0 1 1 0 .01z" for x, y in forks(net))
+        line = "".join(
+            "M" + "L".join(f"{x:g} {y:g}" for x, y in path) for path in net.paths
+        )
+        tips = "".join(
+            f"M{x:g} {y:g}l-7 -3.5v7z" for x, y in (path[-1] for path in net.paths)
+        )
+        dots = "".join(
+            f"M{x - 2.5:g} {y:g}a2.5 2.5 0 1 1 0 .01z" for x, y in forks(net)
+        )
         kind = "wire scalar" if source.whole_shape == () else "wire"
         yield f'<g>{title(source)}<path class="near" d="{line}"/><path class="{kind}" d="{line}"/>'
         yield f'<path class="tip" d="{tips}{dots}"/></g>'
@@ -80,7 +105,11 @@ def drawn(scene: Scene, colour: Callable[[Block], str]) -> Iterator[str]:
         yield from ("" if inner is None else drawn(inner, colour))
         yield "</g>"
     for row, pin in scene.pins:
-        x, end = (pin.box.x + 6, "") if row.port.is_input else (pin.box.x + pin.box.width - 6, ' class="end"')
+        x, end = (
+            (pin.box.x + 6, "")
+            if row.port.is_input
+            else (pin.box.x + pin.box.width - 6, ' class="end"')
+        )
         if row.name:
             yield f'<text{end} x="{x:g}" y="{pin.y + 4:g}">{title(row.port)}{escape(row.name)}</text>'
         if row.note:
@@ -92,9 +121,16 @@ def title(port: Port) -> str:
     """Return the tooltip of a `port`."""
     block, facts = (
         port.block,
-        [f"{port.path}{port.summary.removeprefix(port.name)}", port.declaration.meaning],
+        [
+            f"{port.path}{port.summary.removeprefix(port.name)}",
+            port.declaration.meaning,
+        ],
     )
-    facts += [] if block.sample_time is None else [every(block.sample_time, block.sample_offset)]
+    facts += (
+        []
+        if block.sample_time is None
+        else [every(block.sample_time, block.sample_offset)]
+    )
     return f"<title>{escape(chr(10).join(filter(None, facts)))}</title>"
 
 
@@ -106,7 +142,10 @@ def forks(net: Net) -> list[Point]:
         ways = set()
         for (x1, y1), (x2, y2) in lines:
             if min(x1, x2) <= x <= max(x1, x2) and min(y1, y2) <= y <= max(y1, y2):
-                ways |= {((a > x) - (a < x), (b > y) - (b < y)) for a, b in ((x1, y1), (x2, y2))}
+                ways |= {
+                    ((a > x) - (a < x), (b > y) - (b < y))
+                    for a, b in ((x1, y1), (x2, y2))
+                }
         if len(ways - {(0, 0)}) > 2:
             found.append((x, y))
     return found

@@ -14,26 +14,63 @@ from trussflow.blocks.framework.declarations import Parameter, Signals
 from trussflow.blocks.framework.port import INFERRED, Input, Output, Port, Shape
 from trussflow.blocks.support.call_site import call_site
 from trussflow.blocks.support.types import Array
-from trussflow.blocks.support.validation import as_shape, finite_array, one_sign_each, shown
+from trussflow.blocks.support.validation import (
+    as_shape,
+    finite_array,
+    one_sign_each,
+    shown,
+)
 
 OPERATOR_SYMBOLS: dict[str, np.ufunc] = {
-    **{"+": np.add, "-": np.subtract, "*": np.multiply, "/": np.divide, "**": np.power, "@": np.matmul},
+    **{
+        "+": np.add,
+        "-": np.subtract,
+        "*": np.multiply,
+        "/": np.divide,
+        "**": np.power,
+        "@": np.matmul,
+    },
     **{"<": np.less, "<=": np.less_equal, ">": np.greater, ">=": np.greater_equal},
     **{"==": np.equal, "!=": np.not_equal, "and": np.logical_and, "or": np.logical_or},
-    **{"xor": np.logical_xor, "not": np.logical_not, "min": np.minimum, "max": np.maximum},
+    **{
+        "xor": np.logical_xor,
+        "not": np.logical_not,
+        "min": np.minimum,
+        "max": np.maximum,
+    },
 }
 """NumPy function of each operator symbol."""
 
 SUM_SIGNS = {np.add: "++", np.subtract: "+-", np.negative: "-"}
 """Signs of the sum junction for each operation that becomes one if all operands are signals."""
 
-UNIT_PRESERVING = (*SUM_SIGNS, np.maximum, np.minimum, np.absolute, np.hypot, np.remainder, np.rint)
+UNIT_PRESERVING = (
+    *SUM_SIGNS,
+    np.maximum,
+    np.minimum,
+    np.absolute,
+    np.hypot,
+    np.remainder,
+    np.rint,
+)
 """Operations on signals of one unit whose result has the same unit."""
 
-COMPARISONS = (np.less, np.less_equal, np.greater, np.greater_equal, np.equal, np.not_equal)
+COMPARISONS = (
+    np.less,
+    np.less_equal,
+    np.greater,
+    np.greater_equal,
+    np.equal,
+    np.not_equal,
+)
 """Operations on signals of one unit whose result is 0 or 1."""
 
-RESULT_UNITS = {np.multiply: "{}*{}", np.divide: "{}/{}", np.sqrt: "{}**0.5", np.square: "{}**2"}
+RESULT_UNITS = {
+    np.multiply: "{}*{}",
+    np.divide: "{}/{}",
+    np.sqrt: "{}**0.5",
+    np.square: "{}**2",
+}
 """Unit of the result of other operations, if each operand has a unit."""
 
 
@@ -55,13 +92,17 @@ class Sum(Block):
         If `signs` contains other characters.
     """
 
-    y = Output(INFERRED, unit=INFERRED, frame=INFERRED, meaning="signed sum of the inputs")
+    y = Output(
+        INFERRED, unit=INFERRED, frame=INFERRED, meaning="signed sum of the inputs"
+    )
 
     def __init__(self, signs: str = "++") -> None:
         one_sign_each("Sum", signs, "+-", "signs such as '++-'")
         self.signs = self.computes = signs
         self.extra_ports = {
-            f"u{i}": Input(INFERRED, unit=INFERRED, frame=INFERRED, meaning=f"counts {sign}")
+            f"u{i}": Input(
+                INFERRED, unit=INFERRED, frame=INFERRED, meaning=f"counts {sign}"
+            )
             for i, sign in enumerate(signs, 1)
         }
         super().__init__()
@@ -103,52 +144,87 @@ class Operation(Block):
     <input 'Operation.u1' (shape (3,), unit m)>
     """
 
-    def __init__(self, function: str | np.ufunc, *operands: Input | npt.ArrayLike) -> None:
-        known = OPERATOR_SYMBOLS.get(function) if isinstance(function, str) else function
+    def __init__(
+        self, function: str | np.ufunc, *operands: Input | npt.ArrayLike
+    ) -> None:
+        known = (
+            OPERATOR_SYMBOLS.get(function) if isinstance(function, str) else function
+        )
         if not isinstance(known, np.ufunc) or known.nout != 1 or known.nin > 2:
             raise BlockError(
                 f"Operation has no function {shown(function)}; give one of {' '.join(OPERATOR_SYMBOLS)}, "
                 "or a universal function of NumPy of one or two arrays. For other functions, use Function"
             )
         self.function, given = known, operands or (Input(INFERRED),) * known.nin
-        inputs = {f"u{i}": each for i, each in enumerate(given, 1) if isinstance(each, Input)}
+        inputs = {
+            f"u{i}": each for i, each in enumerate(given, 1) if isinstance(each, Input)
+        }
         if len(given) != known.nin or not inputs:
             raise BlockError(
                 f"Operation '{known.__name__}' takes {known.nin} operands, at least one of them an "
                 f"Input(...), not {shown(operands)}"
             )
         numbers = [
-            finite_array("the constant operand", each) for each in given if not isinstance(each, Input)
+            finite_array("the constant operand", each)
+            for each in given
+            if not isinstance(each, Input)
         ]
         if numbers:
-            self._declared = {"constant": Parameter(shape=None, meaning="the number among the operands")}
-        shape = _shape(known, [each.shape if isinstance(each, Input) else numbers[0].shape for each in given])
+            self._declared = {
+                "constant": Parameter(
+                    shape=None, meaning="the number among the operands"
+                )
+            }
+        shape = _shape(
+            known,
+            [
+                each.shape if isinstance(each, Input) else numbers[0].shape
+                for each in given
+            ],
+        )
         # A constant factor or divisor has no unit, so the result has the unit of the signal.
         keeps = known in UNIT_PRESERVING or (known is np.multiply and bool(numbers))
         keeps = keeps or (known is np.divide and "u2" not in inputs)
         shared = INFERRED if keeps or known in COMPARISONS else None
         units = [each.unit for each in inputs.values()]
         result = None
-        if known in RESULT_UNITS and not numbers and all(isinstance(unit, str) for unit in units):
+        if (
+            known in RESULT_UNITS
+            and not numbers
+            and all(isinstance(unit, str) for unit in units)
+        ):
             result = RESULT_UNITS[known].format(
                 *(u if u.isalnum() else f"({u or 1})" for u in map(str, units))
             )
         self.extra_ports = {
-            **{n: Input(each.shape, unit=shared or each.unit, frame=shared) for n, each in inputs.items()},
-            "y": Output(shape, unit=INFERRED if keeps else result, frame=INFERRED if keeps else None),
+            **{
+                n: Input(each.shape, unit=shared or each.unit, frame=shared)
+                for n, each in inputs.items()
+            },
+            "y": Output(
+                shape,
+                unit=INFERRED if keeps else result,
+                frame=INFERRED if keeps else None,
+            ),
         }
         self.computes = known, [*inputs], [number.tolist() for number in numbers]
         super().__init__(**dict(zip(["constant"], numbers, strict=False)))
         if shared and units[0] not in (None, INFERRED):
-            self.port("u1" if "u1" in inputs else "u2").inferable_unit.fix(units[0], call_site(), own=True)
+            self.port("u1" if "u1" in inputs else "u2").inferable_unit.fix(
+                units[0], call_site(), own=True
+            )
         if shape is INFERRED and numbers and numbers[0].ndim:
             self.inferred_shape.fix(numbers[0].shape, call_site(), own=True)
 
     def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
         """Return the function of the operands."""
-        operands = [u.get(f"u{i}", p.get("constant")) for i in range(1, self.function.nin + 1)]
+        operands = [
+            u.get(f"u{i}", p.get("constant")) for i in range(1, self.function.nin + 1)
+        ]
         result = self.function(*operands)
-        truth = self.function in COMPARISONS or self.function.__name__.startswith("logical")
+        truth = self.function in COMPARISONS or self.function.__name__.startswith(
+            "logical"
+        )
         return {"y": np.where(result, 1.0, 0.0) if truth else result}
 
 
@@ -157,9 +233,13 @@ def _shape(function: np.ufunc, shapes: list[Any]) -> Shape:
     if INFERRED in shapes:
         if function.signature is None:
             return INFERRED
-        raise BlockError(f"'{function.__name__}' needs operands of known shape: connect them first")
+        raise BlockError(
+            f"'{function.__name__}' needs operands of known shape: connect them first"
+        )
     try:
-        found: tuple[int, ...] = np.shape(function(*(np.ones(as_shape("Operation", s)) for s in shapes)))
+        found: tuple[int, ...] = np.shape(
+            function(*(np.ones(as_shape("Operation", s)) for s in shapes))
+        )
         return found
     except ValueError as error:
         raise BlockError(
@@ -185,8 +265,15 @@ def operation(function: np.ufunc, operands: Sequence[Any]) -> Sum | Operation:
     shapes = [port.shape for port in operands if isinstance(port, Port)]
 
     def declared(port: Port) -> Input:
-        shape = INFERRED if port.shape is None or (None in shapes and port.shape) else port.shape
+        shape = (
+            INFERRED
+            if port.shape is None or (None in shapes and port.shape)
+            else port.shape
+        )
         units = {port.unit} if port.shape is None else {*port.element_units()}
         return Input(shape, unit=units.pop() if len(units) == 1 else None)
 
-    return Operation(function, *(declared(each) if isinstance(each, Port) else each for each in operands))
+    return Operation(
+        function,
+        *(declared(each) if isinstance(each, Port) else each for each in operands),
+    )

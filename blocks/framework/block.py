@@ -43,7 +43,14 @@ from trussflow.blocks.framework.declarations import (
 from trussflow.blocks.framework.energy import EnergyAccount
 from trussflow.blocks.framework.equations import Equations
 from trussflow.blocks.framework.equations import Values as Values
-from trussflow.blocks.framework.port import INFERRED, Inferable, Input, Output, Port, Shape
+from trussflow.blocks.framework.port import (
+    INFERRED,
+    Inferable,
+    Input,
+    Output,
+    Port,
+    Shape,
+)
 from trussflow.blocks.framework.port_owner import PortOwner
 from trussflow.blocks.framework.units import check_declared
 from trussflow.blocks.support.summary import Described, Description, described_block
@@ -70,7 +77,9 @@ def _explained(init: Callable[..., None]) -> Callable[..., None]:
                 signature.bind(self, *values, **named)
             except TypeError as fault:
                 names, reason = [*signature.parameters][1:], str(fault)
-                takes_others = any(p.kind is p.VAR_KEYWORD for p in signature.parameters.values())
+                takes_others = any(
+                    p.kind is p.VAR_KEYWORD for p in signature.parameters.values()
+                )
                 if unknown := [n for n in named if n not in names and not takes_others]:
                     near = difflib.get_close_matches(unknown[0].lower(), names, n=1)
                     reason = f"it has no argument '{unknown[0]}'"
@@ -140,7 +149,10 @@ class Block(PortOwner, Equations, Described):
         cls._declared = declared
         if "__init__" in vars(cls):
             cls.__init__ = _explained(cls.__init__)  # type: ignore[method-assign]
-        if cls.derivative is not Equations.derivative and cls.update is not Equations.update:
+        if (
+            cls.derivative is not Equations.derivative
+            and cls.update is not Equations.update
+        ):
             raise BlockError(
                 f"{cls.__name__} has both derivative() and update(): a block is continuous or "
                 "sampled; make it two blocks"
@@ -151,7 +163,9 @@ class Block(PortOwner, Equations, Described):
         extra = values["extra_ports"] = by_name(
             f"extra_ports of {type(self).__name__}", values.get("extra_ports")
         )
-        values.update(name=type(self).__name__, parent=None, sample_time=None, sample_offset=0.0)
+        values.update(
+            name=type(self).__name__, parent=None, sample_time=None, sample_offset=0.0
+        )
         declared = {**self._declared, **extra}
         shape, unit, frame, labels = (Inferable() for _ in range(4))
         values["inferred_shape"] = shape
@@ -168,7 +182,10 @@ class Block(PortOwner, Equations, Described):
                     "that name; choose another name"
                 )
             own_unit = self._resolved(declaration.unit)
-            check_declared(f"{type(self).__name__}.{name}", None if own_unit is INFERRED else own_unit)
+            check_declared(
+                f"{type(self).__name__}.{name}",
+                None if own_unit is INFERRED else own_unit,
+            )
             if isinstance(declaration, Input | Output):
                 declaration.name = declaration.name or name
                 is_inferred = declaration.shape is INFERRED
@@ -176,10 +193,14 @@ class Block(PortOwner, Equations, Described):
                     self,
                     name,
                     declaration,
-                    shape if is_inferred else Inferable(self._shape(declaration.shape, name), fixed=True),
+                    shape
+                    if is_inferred
+                    else Inferable(self._shape(declaration.shape, name), fixed=True),
                     self._inferable(declaration.unit, unit),
                     self._inferable(declaration.frame, frame),
-                    self._inferable(declaration.labels, labels if is_inferred else Inferable()),
+                    self._inferable(
+                        declaration.labels, labels if is_inferred else Inferable()
+                    ),
                 )
         self._set_parameters(declared, parameters)
         values["ports"] = ports
@@ -198,8 +219,14 @@ class Block(PortOwner, Equations, Described):
         for name, declaration in known.items():
             value = given.get(name, declaration.default)
             if value is REQUIRED:
-                raise ParameterError(f"{owner} needs a value for its parameter '{name}'")
-            shape = None if declaration.shape is None else self._shape(declaration.shape, name)
+                raise ParameterError(
+                    f"{owner} needs a value for its parameter '{name}'"
+                )
+            shape = (
+                None
+                if declaration.shape is None
+                else self._shape(declaration.shape, name)
+            )
             stored[name] = declaration.convert(value, shape, owner)
         self.__dict__["parameters"] = stored
         self.check_parameters(Signals(owner, stored))
@@ -249,7 +276,9 @@ class Block(PortOwner, Equations, Described):
             If it is not a number, not finite, of the wrong shape or out of bounds.
         """
         declaration: Parameter = self._declared[name]
-        return declaration.convert(value, self.parameters[name].shape, f"block '{self.path}'")
+        return declaration.convert(
+            value, self.parameters[name].shape, f"block '{self.path}'"
+        )
 
     # -- names --------------------------------------------------------------------------
 
@@ -261,8 +290,12 @@ class Block(PortOwner, Equations, Described):
                 else "; set it before super().__init__(), build a new block with the new value, or keep "
                 "data that change in a run in the object that open() returns"
             )
-            raise BlockError(f"cannot set '{name}' of '{self.path}': blocks are frozen{hint}")
-        if (hasattr(Block, name) or name in Block.__annotations__) and name not in SETTABLE_ATTRIBUTES:
+            raise BlockError(
+                f"cannot set '{name}' of '{self.path}': blocks are frozen{hint}"
+            )
+        if (
+            hasattr(Block, name) or name in Block.__annotations__
+        ) and name not in SETTABLE_ATTRIBUTES:
             raise BlockError(
                 f"{type(self).__name__} sets '{name}', but every block has Block.{name}; choose another name"
             )
@@ -329,7 +362,9 @@ class Block(PortOwner, Equations, Described):
             If the block has continuous states, or a time is not allowed.
         """
         if self.continuous:
-            raise BlockError(f"cannot sample '{self.path}': it has continuous states; discretize it first")
+            raise BlockError(
+                f"cannot sample '{self.path}': it has continuous states; discretize it first"
+            )
         try:
             every, offset = float(every), float(offset)
             sensible = np.isfinite(every) and every > 0 and 0 <= offset < every
@@ -390,7 +425,9 @@ class Block(PortOwner, Equations, Described):
     @final
     def states(self) -> dict[str, State]:
         """Return the declared states by name."""
-        return {n: d for n, d in self.declared(State).items() if not isinstance(d, Mode)}
+        return {
+            n: d for n, d in self.declared(State).items() if not isinstance(d, Mode)
+        }
 
     def state_shape(self, name: str) -> tuple[int, ...]:
         """Return the shape of a state, mode or event; an inferred one is known after the connection."""
@@ -407,7 +444,9 @@ class Block(PortOwner, Equations, Described):
         """Return the initial value of the state or mode `name`, with the parameters `p`."""
         value = self._declared[name].initial
         shape = self.state_shape(name)
-        given = np.asarray(getattr(p, value) if isinstance(value, str) else value, dtype=float)
+        given = np.asarray(
+            getattr(p, value) if isinstance(value, str) else value, dtype=float
+        )
         if given.ndim and given.shape != shape and prod(given.shape) != 1:
             raise ParameterError(
                 f"initial value of state '{name}' of '{self.path}' has shape {given.shape}; "
@@ -421,7 +460,9 @@ class Block(PortOwner, Equations, Described):
         A Python block without direct feedthrough is allowed in a feedback loop. For traced blocks, the
         feedthrough is found by tracing.
         """
-        return {port.name: tuple(p.name for p in self.inputs()) for port in self.outputs()}
+        return {
+            port.name: tuple(p.name for p in self.inputs()) for port in self.outputs()
+        }
 
     def breakpoints(self) -> tuple[float, ...]:
         """Return times [s] at which an output is not smooth; adaptive solvers stop there."""

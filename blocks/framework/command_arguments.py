@@ -33,20 +33,27 @@ class Outcome(NamedTuple):
     code: int = 0
 
 
-def ended(command: Callable[[argparse.Namespace], Outcome], options: argparse.Namespace) -> int:
+def ended(
+    command: Callable[[argparse.Namespace], Outcome], options: argparse.Namespace
+) -> int:
     """Run a `command` with its `options`, print the result, and return the exit code.
 
     With ``--json``, standard output contains only the facts: other output of the command and of the user's
     code is redirected to standard error. An error that the user can correct is one line, not a traceback.
     """
     try:
-        with contextlib.redirect_stdout(sys.stderr) if options.json else contextlib.nullcontext():
+        with (
+            contextlib.redirect_stdout(sys.stderr)
+            if options.json
+            else contextlib.nullcontext()
+        ):
             facts, text, code = command(options)
         if told := json_of(facts) if options.json else text:
             print(told, flush=True)
         return code
     except BrokenPipeError:  # the reader, such as head, has closed the pipe
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # Python flushes stdout at exit
+        # Python flushes stdout at exit
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return FAILED
     except TrussflowError as error:
         print(f"{_coloured('error:')} {error}", file=sys.stderr)
@@ -82,7 +89,10 @@ def parser_of(prog: str, description: str, *examples: str) -> argparse.ArgumentP
 def add_json(parser: argparse.ArgumentParser, **settings: Any) -> None:
     """Add the option ``--json``, which `ended` evaluates, to a `parser`, with `settings` of argparse."""
     parser.add_argument(
-        "--json", action="store_true", help="print the result as JSON, for other programs", **settings
+        "--json",
+        action="store_true",
+        help="print the result as JSON, for other programs",
+        **settings,
     )
 
 
@@ -175,7 +185,9 @@ def values_of(option: str, texts: Iterable[str]) -> dict[str, Any]:
         try:
             found[name] = json.loads(value)
         except json.JSONDecodeError as error:
-            raise DiagramError(f"{option} {text}: write name=number, or name=[number, number]") from error
+            raise DiagramError(
+                f"{option} {text}: write name=number, or name=[number, number]"
+            ) from error
     return found
 
 
@@ -191,13 +203,21 @@ def _loaded(module: str, reference: str) -> Any:
         assert spec.loader is not None
         loaded = importlib.util.module_from_spec(spec)
         sys.path.insert(0, str(file.parent))
-        sys.modules[file.stem] = loaded  # pickle and dataclasses look up the module of a class
+        sys.modules[file.stem] = (
+            loaded  # pickle and dataclasses look up the module of a class
+        )
         spec.loader.exec_module(loaded)
     except (ImportError, SyntaxError, ValueError, OSError) as error:
-        raise DiagramError(f"cannot import '{module}' for '{reference}': {error}") from error
+        raise DiagramError(
+            f"cannot import '{module}' for '{reference}': {error}"
+        ) from error
     return loaded
 
 
 def _coloured(text: str) -> str:
     """Return a `text` in red if standard error is a terminal with colours."""
-    return f"\033[31m{text}\033[0m" if sys.stderr.isatty() and not os.environ.get("NO_COLOR") else text
+    return (
+        f"\033[31m{text}\033[0m"
+        if sys.stderr.isatty() and not os.environ.get("NO_COLOR")
+        else text
+    )

@@ -13,7 +13,12 @@ from trussflow.blocks.framework.units import mismatch
 
 def same(first: Port | None, second: Port | None) -> bool:
     """Return whether `first` and `second` are the same slice of one port, or both None."""
-    if first is None or second is None or first.block is not second.block or first.name != second.name:
+    if (
+        first is None
+        or second is None
+        or first.block is not second.block
+        or first.name != second.name
+    ):
         return first is second
     if first.index is None or second.index is None:
         return first.index is second.index
@@ -28,7 +33,9 @@ def overlap(first: Port, second: Port) -> bool:
     return whole or bool(np.intersect1d(first.elements(), second.elements()).size)
 
 
-def fit(source: Port, target: Port, where: str, candidates: Iterable[Port] = ()) -> None:
+def fit(
+    source: Port, target: Port, where: str, candidates: Iterable[Port] = ()
+) -> None:
     """Check that two ports fit, and infer open properties of one from the other.
 
     Parameters
@@ -62,7 +69,9 @@ def fit(source: Port, target: Port, where: str, candidates: Iterable[Port] = ())
     if faults:
         better = [c.describe() for c in candidates if _would_fit(c, target)]
         if better:
-            faults.append(f"outputs that fit {target.describe()}: {', '.join(better[:3])}")
+            faults.append(
+                f"outputs that fit {target.describe()}: {', '.join(better[:3])}"
+            )
         raise WiringError(_message(source, target, faults, where))
 
 
@@ -95,19 +104,34 @@ def unite(first: Port, second: Port, where: str) -> None:
 def _infer(source: Port, target: Port, where: str) -> None:
     """Infer shape, unit, frame and labels of one port from the other."""
     if source.index is None and target.index is None:
-        for name in ("inferable_shape", "inferable_unit", "inferable_frame", "inferable_labels"):
+        for name in (
+            "inferable_shape",
+            "inferable_unit",
+            "inferable_frame",
+            "inferable_labels",
+        ):
             getattr(source, name).unify(getattr(target, name), where)
         return
     _infer_from_slice(source.inferable_shape, target, source.shape, where)
     _infer_from_slice(target.inferable_shape, source, target.shape, where)
-    if source.index is not None and target.index is None and target.inferable_unit.is_open:
+    if (
+        source.index is not None
+        and target.index is None
+        and target.inferable_unit.is_open
+    ):
         units = source.element_units()
         target.inferable_unit.fix(units[0] if len(set(units)) == 1 else units, where)
-    if target.index is None and target.inferable_labels.is_open and (axes := source.axes()):
+    if (
+        target.index is None
+        and target.inferable_labels.is_open
+        and (axes := source.axes())
+    ):
         target.inferable_labels.fix(axes, where)
 
 
-def _infer_from_slice(known: Inferable, other: Port, shape: tuple[int, ...] | None, where: str) -> None:
+def _infer_from_slice(
+    known: Inferable, other: Port, shape: tuple[int, ...] | None, where: str
+) -> None:
     """Fix the open shape of a whole port from the slice at the other end of the wire."""
     if other.index is None and other.inferable_shape.is_open and not known.is_open:
         other.inferable_shape.fix(shape, where)
@@ -116,7 +140,11 @@ def _infer_from_slice(known: Inferable, other: Port, shape: tuple[int, ...] | No
 def _faults(source: Port, target: Port) -> list[str]:
     """Return the list of all properties that do not fit."""
     faults = []
-    if source.shape is not None and target.shape is not None and source.shape != target.shape:
+    if (
+        source.shape is not None
+        and target.shape is not None
+        and source.shape != target.shape
+    ):
         fault = f"shape {source.shape} does not fit {target.shape}"
         faults.append(fault + _origins(source, target, "shape"))
     elif source.shape is not None and target.shape is not None:
@@ -134,9 +162,17 @@ def _faults(source: Port, target: Port) -> list[str]:
     ):
         faults.append(why + _origins(source, target, "unit"))
     if source.declaration.dtype != target.declaration.dtype:
-        faults.append(f"dtype {source.declaration.dtype} does not fit {target.declaration.dtype}")
-    if source.frame is not None and target.frame is not None and source.frame != target.frame:
-        fault = f"frame {source.frame!r} does not fit {target.frame!r}; rotate the vector"
+        faults.append(
+            f"dtype {source.declaration.dtype} does not fit {target.declaration.dtype}"
+        )
+    if (
+        source.frame is not None
+        and target.frame is not None
+        and source.frame != target.frame
+    ):
+        fault = (
+            f"frame {source.frame!r} does not fit {target.frame!r}; rotate the vector"
+        )
         faults.append(fault + _origins(source, target, "frame"))
     return faults
 
@@ -148,7 +184,9 @@ def _origins(source: Port, target: Port, what: str) -> str:
         for port in (source, target)
         if getattr(port.declaration, what) is INFERRED
     ]
-    return "".join(f"\n    {path} has its {what} from {line}" for path, line in found if line)
+    return "".join(
+        f"\n    {path} has its {what} from {line}" for path, line in found if line
+    )
 
 
 def _message(source: Port, target: Port, faults: list[str], where: str) -> str:

@@ -36,7 +36,12 @@ class Attribute(str):
     __slots__ = ()
 
 
-VIOLATED = {"at least": np.less, "above": np.less_equal, "at most": np.greater, "below": np.greater_equal}
+VIOLATED = {
+    "at least": np.less,
+    "above": np.less_equal,
+    "at most": np.greater,
+    "below": np.greater_equal,
+}
 """Comparison of a value with a bound that is true if the value is not allowed."""
 
 
@@ -74,8 +79,18 @@ class Parameter:
         maximum: float | None = None,
         below: float | None = None,
     ) -> None:
-        self.default, self.shape, self.unit, self.meaning = default, shape, unit, meaning
-        self.bounds = {"at least": minimum, "above": above, "at most": maximum, "below": below}
+        self.default, self.shape, self.unit, self.meaning = (
+            default,
+            shape,
+            unit,
+            meaning,
+        )
+        self.bounds = {
+            "at least": minimum,
+            "above": above,
+            "at most": maximum,
+            "below": below,
+        }
         self.name = ""
 
     def __set_name__(self, owner: type, name: str) -> None:
@@ -99,7 +114,9 @@ class Parameter:
         """
         where = f"parameter '{self.name}' of {owner}"
         array = finite_array(where, value, shape).copy()
-        bounds = {word: bound for word, bound in self.bounds.items() if bound is not None}
+        bounds = {
+            word: bound for word, bound in self.bounds.items() if bound is not None
+        }
         bad = np.zeros(array.shape, dtype=bool)
         for word, bound in bounds.items():
             bad |= VIOLATED[word](array, bound)
@@ -148,8 +165,15 @@ class State:
         labels: tuple[str | int, ...] | Axes | str | None = None,
     ) -> None:
         if isinstance(shape, float):
-            raise BlockError(f"{shape} is no shape of a state; its initial value is State(initial={shape})")
-        self.shape, self.initial, self.unit, self.meaning = shape, initial, unit, meaning
+            raise BlockError(
+                f"{shape} is no shape of a state; its initial value is State(initial={shape})"
+            )
+        self.shape, self.initial, self.unit, self.meaning = (
+            shape,
+            initial,
+            unit,
+            meaning,
+        )
         self.labels, self.name = labels, ""
 
     def __set_name__(self, owner: type, name: str) -> None:
@@ -175,7 +199,12 @@ class Mode(State):
     """
 
     def __init__(
-        self, initial: npt.ArrayLike = 0.0, shape: Shape = (), *, unit: str = "", meaning: str = ""
+        self,
+        initial: npt.ArrayLike = 0.0,
+        shape: Shape = (),
+        *,
+        unit: str = "",
+        meaning: str = "",
     ) -> None:
         super().__init__(shape, initial=initial, unit=unit, meaning=meaning)
 
@@ -213,9 +242,18 @@ class Event:
         If there is no such kind.
     """
 
-    def __init__(self, kind: str = "both", shape: Shape = (), *, unit: str = "", meaning: str = "") -> None:
+    def __init__(
+        self,
+        kind: str = "both",
+        shape: Shape = (),
+        *,
+        unit: str = "",
+        meaning: str = "",
+    ) -> None:
         if kind not in KINDS:
-            raise BlockError(f"cannot declare an event of kind {kind!r}; the kinds are: {', '.join(KINDS)}")
+            raise BlockError(
+                f"cannot declare an event of kind {kind!r}; the kinds are: {', '.join(KINDS)}"
+            )
         self.kind, self.shape, self.unit, self.meaning = kind, shape, unit, meaning
 
 

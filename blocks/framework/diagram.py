@@ -18,7 +18,13 @@ from trussflow.blocks.support.call_site import call_site
 from trussflow.blocks.support.files import replaced
 from trussflow.blocks.support.summary import Description
 from trussflow.blocks.support.types import Vector
-from trussflow.blocks.support.validation import as_path, finite_array, is_whole, one_of, shown
+from trussflow.blocks.support.validation import (
+    as_path,
+    finite_array,
+    is_whole,
+    one_of,
+    shown,
+)
 
 MAX_NESTING = 100
 """Largest number of nested diagrams; beyond it, recursion exceeds Python's limit."""
@@ -94,13 +100,21 @@ class Diagram(Netlist):
         try:
             return super().port(name)
         except NameLookupError as error:
-            points = f"; analysis points: {', '.join(self.analysis_points)}" if self.analysis_points else ""
+            points = (
+                f"; analysis points: {', '.join(self.analysis_points)}"
+                if self.analysis_points
+                else ""
+            )
             blocks = ", ".join(self.blocks) or "none"
             raise NameLookupError(f"{error}{points}; blocks: {blocks}") from None
 
     def __dir__(self) -> list[str]:
         own = self.__dict__
-        return [*super().__dir__(), *own.get("blocks", ()), *own.get("analysis_points", ())]
+        return [
+            *super().__dir__(),
+            *own.get("blocks", ()),
+            *own.get("analysis_points", ()),
+        ]
 
     @overload
     def add(self, name: str, block: B, /) -> B: ...
@@ -130,7 +144,9 @@ class Diagram(Netlist):
         DiagramError
             If a name cannot be used, a block is already in a diagram, or it is not a block.
         """
-        named: dict[Any, Any] = dict([one]) if len(one) == 2 and isinstance(one[0], str) else {}
+        named: dict[Any, Any] = (
+            dict([one]) if len(one) == 2 and isinstance(one[0], str) else {}
+        )
         if one and not named:
             what = (one[0] if isinstance(one[0], type) else type(one[0])).__name__
             raise DiagramError(
@@ -145,7 +161,9 @@ class Diagram(Netlist):
                 self._check_name(name)
             fault = ""
             if isinstance(block, type) and issubclass(block, Block):
-                fault = f"{block.__name__} is a class; write {name}={block.__name__}(...)"
+                fault = (
+                    f"{block.__name__} is a class; write {name}={block.__name__}(...)"
+                )
             elif not isinstance(block, Block):
                 fault = f"{shown(block)} is not a block"
             elif block.parent is not None:
@@ -155,17 +173,25 @@ class Diagram(Netlist):
                 )
             elif block in self._surroundings():
                 fault = "a diagram cannot contain itself"
-            elif isinstance(block, Diagram) and len(self._surroundings()) + block.levels > MAX_NESTING:
+            elif (
+                isinstance(block, Diagram)
+                and len(self._surroundings()) + block.levels > MAX_NESTING
+            ):
                 fault = f"diagrams can be nested at most {MAX_NESTING} deep"
             if fault:
-                raise DiagramError(f"cannot add '{name}' to diagram '{self.name}': {fault}")
+                raise DiagramError(
+                    f"cannot add '{name}' to diagram '{self.name}': {fault}"
+                )
             self._put(name, block)
         added = tuple(named.values())
         return added[0] if len(added) == 1 else added
 
     def _check_name(self, name: str) -> None:
         """Raise `DiagramError` if a name is taken, or cannot be used as an attribute."""
-        taken: dict[str, Collection[str]] = {"a block": self.blocks, "a port": self.ports}
+        taken: dict[str, Collection[str]] = {
+            "a block": self.blocks,
+            "a port": self.ports,
+        }
         taken["an analysis point"] = self.analysis_points
         if what := next((what for what, names in taken.items() if name in names), ""):
             fault = f"it already has {what} of that name"
@@ -175,12 +201,16 @@ class Diagram(Netlist):
             fault = "names consist of letters, digits and underscores"
         else:
             return
-        raise DiagramError(f"diagram '{self.name}' cannot have a '{name}': {fault}; choose another name")
+        raise DiagramError(
+            f"diagram '{self.name}' cannot have a '{name}': {fault}; choose another name"
+        )
 
     @property
     def levels(self) -> int:
         """Depth of nested diagrams, this one included."""
-        inner = (block.levels for block in self.blocks.values() if isinstance(block, Diagram))
+        inner = (
+            block.levels for block in self.blocks.values() if isinstance(block, Diagram)
+        )
         return 1 + max(inner, default=0)
 
     def _surroundings(self) -> list[Diagram]:
@@ -210,16 +240,22 @@ class Diagram(Netlist):
             if (
                 there
                 and len(there) == len(inner)
-                and all(is_port(p) and same(p, q) for p, q in zip(inner, there, strict=True))
+                and all(
+                    is_port(p) and same(p, q) for p, q in zip(inner, there, strict=True)
+                )
             ):
                 continue
             self._check_name(name)
             for port in inner:
                 if fault := self._exposure_fault(port, inner):
                     what = port.describe() if is_port(port) else shown(port)
-                    raise DiagramError(f"cannot expose {what} as '{name}': {fault}   [{where}]")
+                    raise DiagramError(
+                        f"cannot expose {what} as '{name}': {fault}   [{where}]"
+                    )
             if not inner:
-                raise DiagramError(f"cannot expose an empty tuple as '{name}'   [{where}]")
+                raise DiagramError(
+                    f"cannot expose an empty tuple as '{name}'   [{where}]"
+                )
             first = inner[0]
             for port in inner[1:]:
                 unite(first, port, where)
@@ -283,9 +319,16 @@ class Diagram(Netlist):
         ParameterError
             If the value is not finite.
         """
-        if not is_port(port) or port.is_input or port.block.parent is not self or port.index is not None:
+        if (
+            not is_port(port)
+            or port.is_input
+            or port.block.parent is not self
+            or port.index is not None
+        ):
             what = port.describe() if is_port(port) else shown(port)
-            raise DiagramError(f"cannot guess {what}: give a whole output of a block in '{self.name}'")
+            raise DiagramError(
+                f"cannot guess {what}: give a whole output of a block in '{self.name}'"
+            )
         guessed = finite_array(f"the guess of '{port.path}'", value)
         self.loop_starts[port.block.name, port.name] = guessed
 
@@ -340,12 +383,16 @@ class Diagram(Netlist):
         '<svg'
         """
         if not is_whole(depth) or depth < 0:
-            raise DiagramError(f"cannot draw '{self.name}' with depth {shown(depth)}: give 0, 1, 2...")
+            raise DiagramError(
+                f"cannot draw '{self.name}' with depth {shown(depth)}: give 0, 1, 2..."
+            )
         picture = Picture(type(self)._artist(self, depth))
         if path is not None:
             cannot = f"cannot draw diagram '{self.name}' to"
             if as_path(DiagramError, cannot, path).suffix.lower() != ".svg":
-                raise DiagramError(f"{cannot} '{path}': pictures are SVG; name the file .svg")
+                raise DiagramError(
+                    f"{cannot} '{path}': pictures are SVG; name the file .svg"
+                )
             try:
                 with replaced(path) as partial:
                     partial.write_text(picture, encoding="utf-8")
@@ -378,7 +425,9 @@ class Diagram(Netlist):
         BlockError
             Always; the message gives the remedy.
         """
-        raise BlockError(f"cannot sample diagram '{self.path}': sample the blocks in it one by one")
+        raise BlockError(
+            f"cannot sample diagram '{self.path}': sample the blocks in it one by one"
+        )
 
 
 def leaves(item: Block) -> list[Block]:

@@ -52,13 +52,19 @@ class EnergyAccount:
         given: tuple[object, ...] = (*self.supplied, *self.delivered)
         for pair in given:
             if not (isinstance(pair, tuple) and len(pair) == 2):
-                raise BlockError(f"{shown(pair)} is no pair of ports; give tuples: [('force', 'velocity')]")
+                raise BlockError(
+                    f"{shown(pair)} is no pair of ports; give tuples: [('force', 'velocity')]"
+                )
 
     def of(self, block: Block) -> EnergyAccount:
         """Return the account with the ports of a `block` instead of their names."""
         return EnergyAccount(
-            supplied=[(block.port(str(e)), block.port(str(f))) for e, f in self.supplied],
-            delivered=[(block.port(str(e)), block.port(str(f))) for e, f in self.delivered],
+            supplied=[
+                (block.port(str(e)), block.port(str(f))) for e, f in self.supplied
+            ],
+            delivered=[
+                (block.port(str(e)), block.port(str(f))) for e, f in self.delivered
+            ],
             stored=self.stored and block.port(str(self.stored)),
             dissipated=self.dissipated and block.port(str(self.dissipated)),
         )
@@ -80,8 +86,14 @@ def check_pair(effort: Port, flow: Port) -> None:
     cannot = f"{effort.describe()} and {flow.describe()} are no power pair:"
     units = effort.element_units(), flow.element_units()
     if len(units[0]) != len(units[1]):
-        raise BlockError(f"{cannot} they have {len(units[0])} and {len(units[1])} elements")
+        raise BlockError(
+            f"{cannot} they have {len(units[0])} and {len(units[1])} elements"
+        )
     for first, second in zip(*units, strict=True):
         product = f"({first or 1})*({second or 1})"
-        if first is not None and second is not None and (fault := mismatch(product, "W")):
+        if (
+            first is not None
+            and second is not None
+            and (fault := mismatch(product, "W"))
+        ):
             raise BlockError(f"{cannot} of their product, {fault}")

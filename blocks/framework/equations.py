@@ -70,7 +70,9 @@ class Equations:
         """
         return {}
 
-    def on_event(self, t: Array, x: Signals, u: Signals, p: Signals, fired: Signals) -> Values:
+    def on_event(
+        self, t: Array, x: Signals, u: Signals, p: Signals, fired: Signals
+    ) -> Values:
         """Handle events of this block; return the new values of the states and modes that change.
 
         The method is called when at least one event is triggered. Simultaneous events are handled
@@ -93,7 +95,9 @@ class Equations:
 
     def states_own(self, name: str) -> bool:
         """Return whether the class, or the object itself, overrides the equation of that `name`."""
-        return name in vars(self) or getattr(type(self), name) is not getattr(Equations, name)
+        return name in vars(self) or getattr(type(self), name) is not getattr(
+            Equations, name
+        )
 
 
 EVENTS = ("indicators", "on_event", "on_step")

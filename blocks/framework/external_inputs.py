@@ -29,13 +29,17 @@ class External(Block):
 
     y = Output("extent", unit=Attribute("own_unit"), frame=Attribute("own_frame"))
 
-    def __init__(self, port: Port, name: str | None = None, *, start: float | None = None) -> None:
+    def __init__(
+        self, port: Port, name: str | None = None, *, start: float | None = None
+    ) -> None:
         self.extent = port.shape or ()
         self.own_frame = port.frame
         units = port.element_units()
         self.own_unit = units[0] if len(set(units)) == 1 else units or None
         self.meaning = port.declaration.meaning
-        self.start: float = (port.declaration.default or 0.0) if start is None else start
+        self.start: float = (
+            (port.declaration.default or 0.0) if start is None else start
+        )
         super().__init__()
         self.named(name or port.name)
 

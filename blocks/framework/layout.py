@@ -17,7 +17,9 @@ from trussflow.blocks.support.types import Array, Vector
 
 def spans(sizes: Iterable[int]) -> list[slice]:
     """Return the slices of a vector for consecutive arrays of these `sizes` [-]."""
-    return [slice(start, stop) for start, stop in pairwise(accumulate(sizes, initial=0))]
+    return [
+        slice(start, stop) for start, stop in pairwise(accumulate(sizes, initial=0))
+    ]
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,7 +38,9 @@ class Entry:
 
     def describe(self, element: int) -> str:
         """Return the name of one element, for messages."""
-        return f"'{self.path}.{self.name}'" + (f" (element {element})" if self.shape else "")
+        return f"'{self.path}.{self.name}'" + (
+            f" (element {element})" if self.shape else ""
+        )
 
 
 class Layout:
@@ -57,7 +61,9 @@ class Layout:
         Slice of the vector that contains the arrays.
     """
 
-    def __init__(self, arrays: Iterable[tuple[str, str, tuple[int, ...]]], start: int = 0) -> None:
+    def __init__(
+        self, arrays: Iterable[tuple[str, str, tuple[int, ...]]], start: int = 0
+    ) -> None:
         self.entries: dict[tuple[str, str], Entry] = {}
         self._of: dict[str, list[Entry]] = {}
         first = start
@@ -85,7 +91,9 @@ class Layout:
         """Return the array that contains the element of the vector with index `place`."""
         return next(e for e in self if e.start <= place < e.stop)
 
-    def unpack(self, flat: Array, make: Callable[[Array, tuple[int, ...]], Array]) -> dict[str, Any]:
+    def unpack(
+        self, flat: Array, make: Callable[[Array, tuple[int, ...]], Array]
+    ) -> dict[str, Any]:
         """Return the arrays in `flat` by block path, as `Signals`.
 
         Parameters
@@ -114,8 +122,13 @@ class Layout:
         for layout in layouts:
             if (path, name) in layout.entries:
                 return layout.entries[path, name]
-        names = ", ".join(f"{e.path}.{e.name}" for layout in layouts for e in layout) or "none"
-        raise NameLookupError(f"no {what} '{reference}'{hint}; the {what}s are: {names}")
+        names = (
+            ", ".join(f"{e.path}.{e.name}" for layout in layouts for e in layout)
+            or "none"
+        )
+        raise NameLookupError(
+            f"no {what} '{reference}'{hint}; the {what}s are: {names}"
+        )
 
     def put(self, flat: Vector, path: str, name: str, value: Any) -> None:
         """Write the `value` of one array into the vector."""
@@ -124,11 +137,16 @@ class Layout:
 
     def named(self, flat: Vector) -> dict[str, Array]:
         """Return copies of the arrays by ``"block.name"``."""
-        return {f"{e.path}.{e.name}": np.reshape(flat[e.start : e.stop], e.shape).copy() for e in self}
+        return {
+            f"{e.path}.{e.name}": np.reshape(flat[e.start : e.stop], e.shape).copy()
+            for e in self
+        }
 
     def signals(self, path: str, flat: Vector) -> Signals:
         """Return the arrays of one block as read-only views, which show later changes of the vector."""
-        arrays = {e.name: flat[e.start : e.stop].reshape(e.shape) for e in self.of(path)}
+        arrays = {
+            e.name: flat[e.start : e.stop].reshape(e.shape) for e in self.of(path)
+        }
         for array in arrays.values():
             array.flags.writeable = False
         return Signals(f"block '{path}'", arrays)

@@ -9,7 +9,13 @@ from typing import Any
 
 import numpy as np
 
-from trussflow.blocks.errors import BlockError, NameLookupError, TrussflowError, WiringError, pictured
+from trussflow.blocks.errors import (
+    BlockError,
+    NameLookupError,
+    TrussflowError,
+    WiringError,
+    pictured,
+)
 from trussflow.blocks.framework.arithmetic import Operation, Sum, operation
 from trussflow.blocks.framework.block import Block
 from trussflow.blocks.framework.connection_check import fit, overlap, same, unite
@@ -39,7 +45,9 @@ class Wire:
     def present(self) -> Wire:
         """Return the wire between the present ports of its blocks."""
         return replace(
-            self, source=None if self.source is None else present(self.source), target=present(self.target)
+            self,
+            source=None if self.source is None else present(self.source),
+            target=present(self.target),
         )
 
 
@@ -67,12 +75,17 @@ class Netlist(Block):
         """Return the wires to a port, or to parts of it, from an index of all wires."""
         if not self._into:
             for wire in self.wires:
-                self._into.setdefault((wire.target.block, wire.target.name), []).append(wire)
+                self._into.setdefault((wire.target.block, wire.target.name), []).append(
+                    wire
+                )
         return self._into.get((target.block, target.name), [])
 
     def _add_wire(self, wire: Wire) -> None:
-        if self._into or not self.wires:  # an empty index of existing wires is built on demand
-            self._into.setdefault((wire.target.block, wire.target.name), []).append(wire)
+        if self._into or not self.wires:
+            # an empty index of existing wires is built on demand
+            self._into.setdefault((wire.target.block, wire.target.name), []).append(
+                wire
+            )
         self.wires.append(wire)
 
     @pictured
@@ -99,14 +112,21 @@ class Netlist(Block):
                     "connect a constant by the block Constant(value)"
                 )
             if port.block.parent is not self:
-                home = "no diagram" if port.block.parent is None else f"'{port.block.parent.name}'"
+                home = (
+                    "no diagram"
+                    if port.block.parent is None
+                    else f"'{port.block.parent.name}'"
+                )
                 raise WiringError(
                     f"cannot wire '{port.path}' in diagram '{self.name}': its block is in {home}   "
                     f"[{where}]\n  add the block here, or expose the port of the inner diagram"
                 )
         source, target = present(source), present(target)
         there = self._wires_into(target)
-        if any(w.source is not None and same(w.source, source) and same(w.target, target) for w in there):
+        if any(
+            w.source is not None and same(w.source, source) and same(w.target, target)
+            for w in there
+        ):
             return
         if target.is_input:
             self._check_free(target, where)
@@ -130,17 +150,25 @@ class Netlist(Block):
                     f"cannot ground {what}: it is not an input of a block in diagram '{self.name}'   "
                     f"[{where}]"
                 )
-            if not any(w.source is None and same(w.target, port) for w in self._wires_into(port)):
+            if not any(
+                w.source is None and same(w.target, port)
+                for w in self._wires_into(port)
+            ):
                 self._check_free(port, where)
                 self._add_wire(Wire(None, port, where))
 
     def _check_free(self, target: Port, where: str) -> None:
         """Check that no element gets a second driver; remove wires that were kept to these elements."""
-        if target.index is not None and np.unique(target.elements()).size < target.elements().size:
+        if (
+            target.index is not None
+            and np.unique(target.elements()).size < target.elements().size
+        ):
             raise WiringError(
                 f"cannot drive input {target.describe()}: the index selects an element twice   [{where}]"
             )
-        there = [other for other in self._wires_into(target) if overlap(other.target, target)]
+        there = [
+            other for other in self._wires_into(target) if overlap(other.target, target)
+        ]
         for other in there:
             if not other.kept:
                 by = "ground" if other.source is None else f"'{other.source.path}'"
@@ -177,7 +205,9 @@ class Netlist(Block):
                     f"cannot disconnect {what}: it is no port of a block in diagram '{self.name}'   "
                     f"[{call_site()}]"
                 )
-        self._cut(lambda wire: any(overlap(end, port) for end in wire.ends for port in ports))
+        self._cut(
+            lambda wire: any(overlap(end, port) for end in wire.ends for port in ports)
+        )
 
     def remove(self, *items: str | Block) -> None:
         """Remove blocks with their wires and exposed ports, or remove exposed ports.
@@ -193,11 +223,15 @@ class Netlist(Block):
             If there is no such block or exposed port.
         """
         for item in items:
-            name = item.name if isinstance(item, Block) and item.parent is self else item
+            name = (
+                item.name if isinstance(item, Block) and item.parent is self else item
+            )
             there = [*self.blocks, *self.exposed]
             if name not in there:
                 named = ", ".join(there) or "nothing"
-                raise NameLookupError(f"cannot remove {shown(item)} from '{self.name}': there is {named}")
+                raise NameLookupError(
+                    f"cannot remove {shown(item)} from '{self.name}': there is {named}"
+                )
             if name in self.exposed:
                 self._cover(name)
             else:
@@ -233,7 +267,9 @@ class Netlist(Block):
             if target is not None and (source is None) == (wire.source is None):
                 self.wires.insert(k, Wire(source, target, wire.where, kept=True))
         for name, inner in [*self.exposed.items()]:
-            self.exposed[name] = tuple(port for port in map(moved, inner) if port is not None)
+            self.exposed[name] = tuple(
+                port for port in map(moved, inner) if port is not None
+            )
             if not self.exposed[name]:
                 self._cover(name)
 
@@ -243,8 +279,14 @@ class Netlist(Block):
         del self.exposed[name]
         if around is not None:
             around._into.clear()
-            around.wires[:] = [w for w in around.wires if not any(overlap(port, end) for end in w.ends)]
-            for outer in [n for n, inner in around.exposed.items() if any(same(port, p) for p in inner)]:
+            around.wires[:] = [
+                w for w in around.wires if not any(overlap(port, end) for end in w.ends)
+            ]
+            for outer in [
+                n
+                for n, inner in around.exposed.items()
+                if any(same(port, p) for p in inner)
+            ]:
                 around._cover(outer)
 
     def _cut(self, gone: Callable[[Wire], bool]) -> None:
@@ -265,7 +307,10 @@ class Netlist(Block):
         for diagram in [*reversed([*root._within()]), root]:
             if isinstance(diagram, Netlist):
                 for fault in diagram._fit_anew():
-                    warn(f"a wire no longer fits its ports, and is removed: {fault}", RuntimeWarning)
+                    warn(
+                        f"a wire no longer fits its ports, and is removed: {fault}",
+                        RuntimeWarning,
+                    )
 
     def _within(self) -> Iterator[Block]:
         """Yield all blocks in this diagram and in nested ones, each diagram before its blocks."""
@@ -281,7 +326,10 @@ class Netlist(Block):
             self.ports[name] = replace(first, block=self, name=name)
             for port in others:
                 unite(first, port, "exposed")
-        waiting, faults = sorted(self.wires, key=lambda wire: wire.kept), dict[Wire, str]()
+        waiting, faults = (
+            sorted(self.wires, key=lambda wire: wire.kept),
+            dict[Wire, str](),
+        )
         while waiting:  # a slice may need a shape that a later wire determines
             faults = {}
             for wire in waiting:
@@ -296,7 +344,9 @@ class Netlist(Block):
         self.wires[:] = [wire.present() for wire in self.wires if wire not in faults]
         return [*faults.values()]
 
-    def add_operation(self, function: np.ufunc, operands: Sequence[Any], *, where: str) -> Port:
+    def add_operation(
+        self, function: np.ufunc, operands: Sequence[Any], *, where: str
+    ) -> Port:
         """Add the block of a function, and return its output; port arithmetic calls this method.
 
         An existing block for the same function and operands is reused.
@@ -315,7 +365,10 @@ class Netlist(Block):
         WiringError
             If the operands do not fit.
         """
-        given = [each.only_output() if isinstance(each, PortOwner) else each for each in operands]
+        given = [
+            each.only_output() if isinstance(each, PortOwner) else each
+            for each in operands
+        ]
         try:
             block = operation(function, given)
         except BlockError as error:
@@ -325,15 +378,26 @@ class Netlist(Block):
         ports = {f"u{i}": each for i, each in enumerate(given, 1) if is_port(each)}
         for other in self.blocks.values():
             if isinstance(other, Sum | Operation) and other.computes == block.computes:
-                ends = {w.target.name: w.source for w in self.wires if w.target.block is other}
+                ends = {
+                    w.target.name: w.source
+                    for w in self.wires
+                    if w.target.block is other
+                }
                 if ends.keys() == ports.keys() and all(
                     same(ends[name], port) for name, port in ports.items()
                 ):
                     return other.port("y")
-        self.add_wired("sum" if isinstance(block, Sum) else function.__name__, block, ports, where=where)
+        self.add_wired(
+            "sum" if isinstance(block, Sum) else function.__name__,
+            block,
+            ports,
+            where=where,
+        )
         return block.port("y")
 
-    def add_wired(self, stem: str, block: Block, ports: Mapping[str, Port], *, where: str) -> None:
+    def add_wired(
+        self, stem: str, block: Block, ports: Mapping[str, Port], *, where: str
+    ) -> None:
         """Add a block under the first free name, and connect its inputs.
 
         Parameters
@@ -352,12 +416,17 @@ class Netlist(Block):
         WiringError
             If a port does not fit; the block is then not added.
         """
-        name = next(name for i in count(1) if (name := f"{stem}_{i}") not in {**self.blocks, **self.ports})
+        name = next(
+            name
+            for i in count(1)
+            if (name := f"{stem}_{i}") not in {**self.blocks, **self.ports}
+        )
         self._put(name, block)
         try:
             for end, port in ports.items():
                 self.connect(port, block.port(end), where=where)
-        except WiringError:  # a partly connected block would be reused by the next attempt
+        except WiringError:
+            # a partly connected block would be reused by the next attempt
             self.remove(block)
             raise
 

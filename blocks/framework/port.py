@@ -110,7 +110,9 @@ class Input(_Declaration):
         Unit, frame, dtype, meaning and labels.
     """
 
-    def __init__(self, shape: Shape = (), *, default: float | None = None, **about: Any) -> None:
+    def __init__(
+        self, shape: Shape = (), *, default: float | None = None, **about: Any
+    ) -> None:
         super().__init__(shape, **about)
         self.default = default
 
@@ -232,7 +234,11 @@ class Port(Wired):
     @property
     def full_path(self) -> str:
         """Path, with the index if this is a slice."""
-        return self.path if self.index is None else f"{self.path}[{_index_text(self.index)}]"
+        return (
+            self.path
+            if self.index is None
+            else f"{self.path}[{_index_text(self.index)}]"
+        )
 
     @property
     def whole_shape(self) -> tuple[int, ...] | None:
@@ -291,7 +297,9 @@ class Port(Wired):
         """
         units = per_element(self.unit, self.size)
         if len(units) != self.size:
-            raise WiringError(f"'{self.path}' has {len(units)} units for {self.size} elements")
+            raise WiringError(
+                f"'{self.path}' has {len(units)} units for {self.size} elements"
+            )
         return tuple(units[i] for i in self.elements().ravel())
 
     def axes(self) -> Axes:
@@ -308,20 +316,28 @@ class Port(Wired):
         axes = labels if isinstance(labels, dict) else {VECTOR_AXIS: labels}
         sizes = tuple(map(len, axes.values()))
         if (sum(sizes),) != shape and sizes != shape:
-            raise WiringError(f"'{self.path}' has labels for {sizes} elements, but its shape is {shape}")
+            raise WiringError(
+                f"'{self.path}' has labels for {sizes} elements, but its shape is {shape}"
+            )
         if len(shape) > 1:
             return axes if self.index is None else {}
         each = [(axis, label) for axis, part in axes.items() for label in part]
         each = [each[i] for i in self.elements().ravel()]
         parts = {axis for axis, _ in each} or {*axes}
-        return {parts.pop() if len(parts) == 1 else VECTOR_AXIS: tuple(label for _, label in each)}
+        return {
+            parts.pop() if len(parts) == 1 else VECTOR_AXIS: tuple(
+                label for _, label in each
+            )
+        }
 
     def describe(self) -> str:
         """Return path, shape, unit and frame as text for messages."""
         shape = "open" if self.shape is None else self.shape
         facts = [f"shape {shape}"]
         if self.unit is not None:
-            facts.append(f"unit {self.unit if isinstance(self.unit, str) else 'per element'}")
+            facts.append(
+                f"unit {self.unit if isinstance(self.unit, str) else 'per element'}"
+            )
         if self.frame is not None:
             facts.append(f"frame {self.frame}")
         return f"'{self.full_path}' ({', '.join(facts)})"
@@ -343,7 +359,9 @@ class Port(Wired):
         """Return the slice of this port that a NumPy index selects."""
         where = call_site()
         if self.index is not None:
-            raise WiringError(f"'{self.path}' is already a slice; give one index   [{where}]")
+            raise WiringError(
+                f"'{self.path}' is already a slice; give one index   [{where}]"
+            )
         if self.whole_shape is None:
             raise WiringError(
                 f"cannot index '{self.path}': its shape is not known yet   [{where}]\n  "
@@ -365,7 +383,8 @@ class Port(Wired):
 
     def __iter__(self) -> Iterator[Port]:
         """Return the elements of a vector, or the rows of a matrix."""
-        return (self[i] for i in range((self.shape or (1,))[0]))  # index 0 of a scalar raises
+        # index 0 of a scalar raises
+        return (self[i] for i in range((self.shape or (1,))[0]))
 
     def __rshift__(self, other: Port | Block) -> Block:
         """Connect this output to an input (or to the only input of a block); return that block."""
@@ -383,7 +402,9 @@ class Port(Wired):
         return self.block.diagram("wire")
 
     def __bool__(self) -> bool:
-        raise WiringError(f"'{self.path}' is a port, not a number: it has no truth value while wiring")
+        raise WiringError(
+            f"'{self.path}' is a port, not a number: it has no truth value while wiring"
+        )
 
 
 def is_port(value: object) -> bool:

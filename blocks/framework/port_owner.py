@@ -59,8 +59,13 @@ class PortOwner(Wired):
         try:
             port: Port = self.ports[name]
         except KeyError:
-            inputs = ", ".join(p.name for p in self.ports.values() if p.is_input) or "none"
-            outputs = ", ".join(p.name for p in self.ports.values() if not p.is_input) or "none"
+            inputs = (
+                ", ".join(p.name for p in self.ports.values() if p.is_input) or "none"
+            )
+            outputs = (
+                ", ".join(p.name for p in self.ports.values() if not p.is_input)
+                or "none"
+            )
             hint = f", it is a state: log it as '{self.path}.{name}'; to connect it, add an output"
             hint = hint if name in self.declared(State) else ""
             raise NameLookupError(

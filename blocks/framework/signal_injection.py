@@ -37,7 +37,9 @@ class Adder(Block):
     def __init__(self, port: Port) -> None:
         self.extent, self.own_unit = port.whole_shape or (), port.unit
         default = port.declaration.default
-        self.extra_ports = {"u": Input("extent", unit=Attribute("own_unit"), default=default)}
+        self.extra_ports = {
+            "u": Input("extent", unit=Attribute("own_unit"), default=default)
+        }
         super().__init__()
 
     def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
@@ -73,8 +75,14 @@ def injected(system: System, port: Port, source: Block, *, cut: bool = False) ->
         # If some elements of an input without a driver are cut, the others keep its default.
         passed = np.arange(target.size)
         passed = passed[~np.isin(passed, given)] if cut else passed
-        drivers[adder.path, "u"], drivers[adder.path, "w"] = before, [] if cut else [injection]
-        drivers[key] = [Driver(adder.y, passed, passed, "injected"), *([injection] if cut else [])]
+        drivers[adder.path, "u"], drivers[adder.path, "w"] = (
+            before,
+            [] if cut else [injection],
+        )
+        drivers[key] = [
+            Driver(adder.y, passed, passed, "injected"),
+            *([injection] if cut else []),
+        ]
     return replace(system, blocks=blocks, drivers=drivers)
 
 
@@ -97,7 +105,8 @@ def probed(system: System, port: Port) -> tuple[System, Port]:
     if not leaf.is_input:
         return system, leaf
     taken = sum(path.startswith(f"(at {leaf.path}") for path in system.blocks)
-    probe = Adder(leaf).named(f"(at {leaf.path}, {taken + 1})")  # a signal may have several probes
+    # a signal may have several probes
+    probe = Adder(leaf).named(f"(at {leaf.path}, {taken + 1})")
     drivers = dict(system.drivers)
     drivers[probe.path, "u"] = drivers[leaf.block.path, leaf.name]
     drivers[probe.path, "w"] = []
@@ -132,7 +141,9 @@ def readers(system: System, port: Port) -> list[tuple[Port, Indices, Indices]]:
             hits = np.array([int(e) in place for e in driver.taken], dtype=bool)
             if hits.any():
                 taken = np.array([place[int(e)] for e in driver.taken[hits]])
-                found.append((system.blocks[path].port(name), driver.given[hits], taken))
+                found.append(
+                    (system.blocks[path].port(name), driver.given[hits], taken)
+                )
     return found
 
 
@@ -144,11 +155,15 @@ def _without(drivers: list[Driver], elements: Indices) -> list[Driver]:
         if driver.source is None:
             kept.append(replace(driver, given=driver.given[stays]))
         elif stays.any():
-            kept.append(replace(driver, taken=driver.taken[stays], given=driver.given[stays]))
+            kept.append(
+                replace(driver, taken=driver.taken[stays], given=driver.given[stays])
+            )
     return kept
 
 
-def part_of(system: System, paths: Collection[str]) -> tuple[System, dict[External, Driver]]:
+def part_of(
+    system: System, paths: Collection[str]
+) -> tuple[System, dict[External, Driver]]:
     """Return some blocks of a system as a new system, whose open inputs are external inputs.
 
     Parameters

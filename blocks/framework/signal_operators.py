@@ -20,7 +20,11 @@ def _of(function: np.ufunc, *, swapped: bool = False) -> Callable[..., Port]:
 
     def operator(*operands: Any) -> Port:
         given = operands[::-1] if swapped else operands
-        found: Port = operands[0].wiring_diagram().add_operation(function, given, where=call_site())
+        found: Port = (
+            operands[0]
+            .wiring_diagram()
+            .add_operation(function, given, where=call_site())
+        )
         return found
 
     return operator
@@ -55,16 +59,25 @@ class Wired:
     __matmul__, __rmatmul__ = _of(np.matmul), _of(np.matmul, swapped=True)
     __pow__, __rpow__ = _of(np.power), _of(np.power, swapped=True)
     __mod__, __rmod__ = _of(np.remainder), _of(np.remainder, swapped=True)
-    __floordiv__, __rfloordiv__ = _of(np.floor_divide), _of(np.floor_divide, swapped=True)
+    __floordiv__, __rfloordiv__ = (
+        _of(np.floor_divide),
+        _of(np.floor_divide, swapped=True),
+    )
     __and__, __rand__ = _of(np.logical_and), _of(np.logical_and, swapped=True)
     __or__, __ror__ = _of(np.logical_or), _of(np.logical_or, swapped=True)
-    __lt__, __le__, __gt__, __ge__ = map(_of, (np.less, np.less_equal, np.greater, np.greater_equal))
+    __lt__, __le__, __gt__, __ge__ = map(
+        _of, (np.less, np.less_equal, np.greater, np.greater_equal)
+    )
     __neg__, __abs__, __invert__ = map(_of, (np.negative, np.absolute, np.logical_not))
 
-    def __array_ufunc__(self, function: np.ufunc, method: str, *operands: Any, **more: Any) -> Any:
+    def __array_ufunc__(
+        self, function: np.ufunc, method: str, *operands: Any, **more: Any
+    ) -> Any:
         """Add the block of a function of NumPy; an array on the left of ``>>`` raises `WiringError`."""
         if function is np.right_shift:
             return getattr(self, "__rrshift__", self._refused)(operands[0])
         if method != "__call__" or more or function.nout != 1 or function.nin > 2:
             return self._refused()
-        return self.wiring_diagram().add_operation(function, operands, where=call_site())
+        return self.wiring_diagram().add_operation(
+            function, operands, where=call_site()
+        )

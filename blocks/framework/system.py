@@ -63,7 +63,9 @@ class System:
     @cached_property
     def clocks(self) -> list[Clock]:
         """Distinct clocks of the sampled blocks."""
-        return sorted({Clock.of(b) for b in self.blocks.values() if b.sample_time is not None})
+        return sorted(
+            {Clock.of(b) for b in self.blocks.values() if b.sample_time is not None}
+        )
 
     def clock(self, block: Block) -> Clock | None:
         """Return the clock of a sampled block."""
@@ -84,7 +86,9 @@ class System:
         """
         if name not in self.external:
             known = ", ".join(self.external) or "none"
-            raise NameLookupError(f"no input '{name}'; the external inputs are: {known}")
+            raise NameLookupError(
+                f"no input '{name}'; the external inputs are: {known}"
+            )
         return self.external[name]
 
     def port(self, reference: str | Port) -> Port:
@@ -114,10 +118,16 @@ class System:
             If there is no such block or port; the message lists the valid names.
         """
         path, _, own = name.rpartition(".")
-        block = self.blocks.get(path) or self.diagrams.get(path) or (None if path else self.root)
+        block = (
+            self.blocks.get(path)
+            or self.diagrams.get(path)
+            or (None if path else self.root)
+        )
         if block is None:
             blocks = ", ".join(b for b in self.blocks if not b.startswith("("))
-            raise NameLookupError(f"no block '{path}' for '{reference}'; the blocks are: {blocks}")
+            raise NameLookupError(
+                f"no block '{path}' for '{reference}'; the blocks are: {blocks}"
+            )
         return block.port(own)
 
 
@@ -162,7 +172,9 @@ def flatten(item: Block, *, external: bool = False) -> System:
     faults = []
     for path, block in system.blocks.items():
         for port in block.inputs():
-            fault = _open(port, system.drivers.setdefault((path, port.name), []), system)
+            fault = _open(
+                port, system.drivers.setdefault((path, port.name), []), system
+            )
             faults += [fault] if fault and fault not in faults else []
     if faults:
         error = OpenInputError(
@@ -210,7 +222,9 @@ def _collect(diagram: Diagram, system: System) -> None:
     for wire in diagram.wires:
         source = None if wire.source is None else resolved(wire.source)
         given = wire.target.elements().ravel()
-        taken = np.zeros(0, dtype=np.int64) if source is None else source.elements().ravel()
+        taken = (
+            np.zeros(0, dtype=np.int64) if source is None else source.elements().ravel()
+        )
         for target in targets(wire.target):
             system.drivers.setdefault((target.block.path, target.name), []).append(
                 Driver(source, taken, given, wire.where)
@@ -248,7 +262,9 @@ def _open(port: Port, drivers: list[Driver], system: System) -> str:
     for diagram in [*system.diagrams.values()][
         :0:-1
     ]:  # from inside out; inputs of the outermost one cannot be connected
-        names = ((p, t.block.path, t.name) for p in diagram.inputs() for t in targets(p))
+        names = (
+            (p, t.block.path, t.name) for p in diagram.inputs() for t in targets(p)
+        )
         port = next((p for p, *leaf in names if (*leaf,) == inner), port)
     if not driven.any():
         meaning = port.declaration.meaning

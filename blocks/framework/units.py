@@ -15,7 +15,25 @@ if TYPE_CHECKING:
     import pint
 
 COMMON_UNITS = {
-    *("m", "mm", "km", "s", "ms", "min", "h", "rad", "deg", "kg", "g", "N", "mN", "kN", "Pa", "kPa", "MPa"),
+    *(
+        "m",
+        "mm",
+        "km",
+        "s",
+        "ms",
+        "min",
+        "h",
+        "rad",
+        "deg",
+        "kg",
+        "g",
+        "N",
+        "mN",
+        "kN",
+        "Pa",
+        "kPa",
+        "MPa",
+    ),
     *("bar", "J", "kJ", "W", "kW", "A", "mA", "V", "mV", "K", "degC", "Hz", "kHz"),
 }
 """Units that are recognized without pint, whose import takes a second."""
@@ -63,15 +81,27 @@ def parse(unit: str) -> pint.Unit:
 
     registry = _registry()
     # Exceptions of pint for "foo", "3 m", "m**s", "m/", "1/0" and "(", in that order.
-    bad = pint.PintError, ValueError, TypeError, AssertionError, ZeroDivisionError, TokenError
+    bad = (
+        pint.PintError,
+        ValueError,
+        TypeError,
+        AssertionError,
+        ZeroDivisionError,
+        TokenError,
+    )
     try:
         if "Nm" in _names(unit):
-            raise ValueError("a newton metre is 'N*m'")  # "Nm" is a unit of textile yarn in pint
+            # "Nm" is a unit of textile yarn in pint
+            raise ValueError("a newton metre is 'N*m'")
         found = registry.Unit("" if unit == "1" else unit)
         found.dimensionality  # noqa: B018 - raises if a level, such as dB, is in a product
     except bad as error:
         known = [*registry, *COMMON_UNITS]
-        close = (difflib.get_close_matches(name, known) for name in _names(unit) if name not in known)
+        close = (
+            difflib.get_close_matches(name, known)
+            for name in _names(unit)
+            if name not in known
+        )
         near = dict.fromkeys(n for names in close for n in names)  # without duplicates
         reason = str(error) or "it cannot be parsed"
         if "delta_" in reason:

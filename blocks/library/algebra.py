@@ -16,7 +16,13 @@ from trussflow.blocks.framework.port import INFERRED, Input, Output
 from trussflow.blocks.framework.units import Unit, check_declared
 from trussflow.blocks.library.signals import Shaped, ShapeLike, WrappedFunction
 from trussflow.blocks.support.types import Array
-from trussflow.blocks.support.validation import as_shape, finite_array, is_whole, one_sign_each, shown
+from trussflow.blocks.support.validation import (
+    as_shape,
+    finite_array,
+    is_whole,
+    one_sign_each,
+    shown,
+)
 
 
 class Gain(Shaped):
@@ -40,8 +46,15 @@ class Gain(Shaped):
         If gain and shape disagree.
     """
 
-    u = Input(INFERRED, unit=Attribute("input_unit"), frame=INFERRED, meaning="signal to multiply")
-    y = Output(INFERRED, unit=Attribute("output_unit"), frame=INFERRED, meaning="the product")
+    u = Input(
+        INFERRED,
+        unit=Attribute("input_unit"),
+        frame=INFERRED,
+        meaning="signal to multiply",
+    )
+    y = Output(
+        INFERRED, unit=Attribute("output_unit"), frame=INFERRED, meaning="the product"
+    )
     gain = Parameter(shape=None, meaning="k: factor")
 
     def __init__(
@@ -88,7 +101,9 @@ class MatrixGain(Block):
     y = Output("rows", unit=Attribute("output_unit"), meaning="the product")
     gain = Parameter(shape=None, meaning="K: matrix")
 
-    def __init__(self, gain: npt.ArrayLike, *, input_unit: Unit = None, output_unit: Unit = None) -> None:
+    def __init__(
+        self, gain: npt.ArrayLike, *, input_unit: Unit = None, output_unit: Unit = None
+    ) -> None:
         matrix = finite_array("parameter 'gain' of MatrixGain", gain)
         if matrix.ndim != 2:
             raise BlockError(
@@ -127,16 +142,26 @@ class Product(Shaped):
     y = Output(INFERRED, unit=Attribute("output_unit"), meaning="product of the inputs")
 
     def __init__(
-        self, operations: str = "**", *, units: Sequence[str] | None = None, shape: ShapeLike = None
+        self,
+        operations: str = "**",
+        *,
+        units: Sequence[str] | None = None,
+        shape: ShapeLike = None,
     ) -> None:
         one_sign_each("Product", operations, "*/", "operations such as '**/'")
         each = unit_of_each("Product", units, len(operations))
         self.operations = operations
         factors = list(zip(operations, each, strict=True))
-        product = "1" + "".join(f"{operation}({unit or '1'})" for operation, unit in factors)
+        product = "1" + "".join(
+            f"{operation}({unit or '1'})" for operation, unit in factors
+        )
         self.output_unit = None if units is None else product
         self.extra_ports = {
-            f"u{i}": Input(INFERRED, unit=unit, meaning="multiplies" if operation == "*" else "divides")
+            f"u{i}": Input(
+                INFERRED,
+                unit=unit,
+                meaning="multiplies" if operation == "*" else "divides",
+            )
             for i, (operation, unit) in enumerate(factors, 1)
         }
         super().__init__(shape)
@@ -151,7 +176,9 @@ class Product(Shaped):
 
 def listed(given: object) -> list[Any]:
     """Return the elements of `given` as a list; it is empty if the argument is not a sequence."""
-    if isinstance(given, Sequence) or (isinstance(given, np.ndarray) and given.ndim > 0):
+    if isinstance(given, Sequence) or (
+        isinstance(given, np.ndarray) and given.ndim > 0
+    ):
         return list(given)
     return []
 
@@ -161,7 +188,9 @@ def unit_of_each(owner: str, units: Any, count: int) -> Sequence[str | None]:
     if units is None:
         return [None] * count
     if not isinstance(units, Sequence) or isinstance(units, str) or len(units) != count:
-        raise BlockError(f"{owner} has {count} inputs; give a list of as many units, not {shown(units)}")
+        raise BlockError(
+            f"{owner} has {count} inputs; give a list of as many units, not {shown(units)}"
+        )
     for unit in units:
         check_declared(owner, unit)
     return list(units)
@@ -188,10 +217,14 @@ class Select(Shaped):
     u = Input(INFERRED, meaning="vector to select from")
     y = Output("count", unit=Attribute("unit"), meaning="the selected elements")
 
-    def __init__(self, indices: Sequence[int], *, size: int | None = None, unit: Unit = None) -> None:
+    def __init__(
+        self, indices: Sequence[int], *, size: int | None = None, unit: Unit = None
+    ) -> None:
         numbers = listed(indices)
         if not numbers or not all(map(is_whole, numbers)):
-            raise BlockError(f"Select needs at least one index, a list of integers; got {shown(indices)}")
+            raise BlockError(
+                f"Select needs at least one index, a list of integers; got {shown(indices)}"
+            )
         self.indices = tuple(int(i) for i in numbers)
         if size is not None:
             self._check(*as_shape("Select", size))
@@ -210,7 +243,9 @@ class Select(Shaped):
         """Return the elements."""
         shape = self.u.whole_shape or ()
         if len(shape) != 1:
-            raise BlockError(f"'{self.path}' picks elements of a vector; its input has shape {shape}")
+            raise BlockError(
+                f"'{self.path}' picks elements of a vector; its input has shape {shape}"
+            )
         self._check(shape[0])
         return {"y": u.u[list(self.indices)]}
 
@@ -233,15 +268,26 @@ class Concatenate(Block):
 
     y = Output("size", unit=Attribute("unit"), meaning="all inputs in order")
 
-    def __init__(self, sizes: Sequence[int], *, units: Sequence[str] | None = None) -> None:
+    def __init__(
+        self, sizes: Sequence[int], *, units: Sequence[str] | None = None
+    ) -> None:
         lengths = as_shape("Concatenate", listed(sizes))
         if not lengths:
-            raise BlockError(f"Concatenate needs the size of at least one input, a list; got {shown(sizes)}")
-        parts = list(zip(lengths, unit_of_each("Concatenate", units, len(lengths)), strict=True))
+            raise BlockError(
+                f"Concatenate needs the size of at least one input, a list; got {shown(sizes)}"
+            )
+        parts = list(
+            zip(lengths, unit_of_each("Concatenate", units, len(lengths)), strict=True)
+        )
         self.size = sum(lengths)
-        self.unit = None if units is None else tuple(unit for n, unit in parts for _ in range(n))
+        self.unit = (
+            None
+            if units is None
+            else tuple(unit for n, unit in parts for _ in range(n))
+        )
         self.extra_ports = {
-            f"u{i}": Input(n, unit=unit, meaning=f"part {i}") for i, (n, unit) in enumerate(parts, 1)
+            f"u{i}": Input(n, unit=unit, meaning=f"part {i}")
+            for i, (n, unit) in enumerate(parts, 1)
         }
         super().__init__()
 
@@ -295,7 +341,9 @@ class Function(WrappedFunction):
         if inputs is None:
             first = getattr(getattr(function, "__code__", None), "co_varnames", ())[:1]
             hint = (
-                "argument 't' is not the time: TimeFunction is for functions of it" if first == ("t",) else ""
+                "argument 't' is not the time: TimeFunction is for functions of it"
+                if first == ("t",)
+                else ""
             )
             inputs = {"u": Input(INFERRED, unit=unit, meaning=hint)}
         outputs = {"y": Output(INFERRED, unit=unit)} if outputs is None else outputs

@@ -37,7 +37,11 @@ class Integrator(Shaped):
     initial_value = Parameter(0.0, shape=None, meaning="integral at time 0")
 
     def __init__(
-        self, initial_value: npt.ArrayLike = 0.0, *, unit: Unit = None, shape: ShapeLike = None
+        self,
+        initial_value: npt.ArrayLike = 0.0,
+        *,
+        unit: Unit = None,
+        shape: ShapeLike = None,
     ) -> None:
         self.unit, self.rate_unit = unit, per_time(unit)
         super().__init__(shape, initial_value=initial_value)

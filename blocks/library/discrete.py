@@ -46,8 +46,12 @@ class UnitDelay(Shaped):
     """
 
     u = Input(INFERRED, unit=INFERRED, frame=INFERRED, meaning="signal to delay")
-    y = Output(INFERRED, unit=INFERRED, frame=INFERRED, meaning="input of the sample before")
-    previous = State(INFERRED, initial="initial_value", meaning="input of the sample before")
+    y = Output(
+        INFERRED, unit=INFERRED, frame=INFERRED, meaning="input of the sample before"
+    )
+    previous = State(
+        INFERRED, initial="initial_value", meaning="input of the sample before"
+    )
     initial_value = Parameter(shape=None, meaning="y_0: output of the first sample")
 
     def __init__(
@@ -89,9 +93,13 @@ class ZeroOrderHold(Shaped):
     """
 
     u = Input(INFERRED, unit=INFERRED, frame=INFERRED, meaning="signal to sample")
-    y = Output(INFERRED, unit=INFERRED, frame=INFERRED, meaning="last sample of the input")
+    y = Output(
+        INFERRED, unit=INFERRED, frame=INFERRED, meaning="last sample of the input"
+    )
 
-    def __init__(self, sample_time: float, *, offset: float = 0.0, shape: ShapeLike = None) -> None:
+    def __init__(
+        self, sample_time: float, *, offset: float = 0.0, shape: ShapeLike = None
+    ) -> None:
         super().__init__(shape)
         self.sampled(sample_time, offset)
 
@@ -101,7 +109,11 @@ class ZeroOrderHold(Shaped):
 
 
 def sampled_delay(
-    sample_time: float, delay: float, initial_value: npt.ArrayLike = 0.0, *, shape: ShapeLike = None
+    sample_time: float,
+    delay: float,
+    initial_value: npt.ArrayLike = 0.0,
+    *,
+    shape: ShapeLike = None,
 ) -> Diagram:
     r"""Return a diagram that samples a signal and delays each sample, as a computer does.
 
@@ -140,7 +152,9 @@ def sampled_delay(
     diagram = Diagram("sampled delay")
     hold = last = diagram.add(hold=ZeroOrderHold(period, shape=shape))
     for k in range(1, samples + 1):
-        last = last.y >> diagram.add(**{f"delay_{k}": UnitDelay(float(tick), initial_value, shape=shape)})
+        last = last.y >> diagram.add(
+            **{f"delay_{k}": UnitDelay(float(tick), initial_value, shape=shape)}
+        )
     diagram.expose(u=hold.u, y=last.y)
     return diagram
 
@@ -228,5 +242,9 @@ class DiscreteTransferFunction(DiscreteStateSpace):
     ) -> None:
         matrices = realization("DiscreteTransferFunction", numerator, denominator)
         super().__init__(
-            *matrices, sample_time=sample_time, input_unit=input_unit, output_unit=output_unit, offset=offset
+            *matrices,
+            sample_time=sample_time,
+            input_unit=input_unit,
+            output_unit=output_unit,
+            offset=offset,
         )

@@ -22,7 +22,14 @@ from trussflow.blocks.framework.port import INFERRED, Inferable, Input, Output, 
 from trussflow.blocks.support.types import Array, Vector
 from trussflow.blocks.support.validation import one_of, shown
 
-GROUP_EQUATIONS = ("initial_state", "output", "derivative", "update", "indicators", "on_event")
+GROUP_EQUATIONS = (
+    "initial_state",
+    "output",
+    "derivative",
+    "update",
+    "indicators",
+    "on_event",
+)
 """Equations of a block that those of a `GroupEquations` replace."""
 
 ENABLE_THRESHOLD = 0.5
@@ -74,8 +81,12 @@ def enabled(group: Diagram, *, states: str = "held", outputs: str = "held") -> D
     >>> float(simulate(plant, 1.0, step=0.1)["timer.count.y"][-1].round(9))
     0.8
     """
-    one_of("way to treat the states of a group", states, ("held", "reset"), DiagramError)
-    one_of("way to treat the outputs of a group", outputs, ("held", "reset"), DiagramError)
+    one_of(
+        "way to treat the states of a group", states, ("held", "reset"), DiagramError
+    )
+    one_of(
+        "way to treat the outputs of a group", outputs, ("held", "reset"), DiagramError
+    )
     for block in _members(group, "enable"):
         if block.declared(State):
             kind = EnabledStates if block.sample_time is None else EnabledUpdates
@@ -138,11 +149,17 @@ class Gate(Block):
 
     def indicators(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
         """Return the excess of the input over the threshold."""
-        return dict.fromkeys(("group_starts", "group_stops"), u.group_enable - ENABLE_THRESHOLD)
+        return dict.fromkeys(
+            ("group_starts", "group_stops"), u.group_enable - ENABLE_THRESHOLD
+        )
 
-    def on_event(self, t: Array, x: Signals, u: Signals, p: Signals, fired: Signals) -> Values:
+    def on_event(
+        self, t: Array, x: Signals, u: Signals, p: Signals, fired: Signals
+    ) -> Values:
         """Return whether the group runs after an edge of the input."""
-        runs = np.where(fired.group_starts, 1.0, np.where(fired.group_stops, 0.0, x.group_runs))
+        runs = np.where(
+            fired.group_starts, 1.0, np.where(fired.group_stops, 0.0, x.group_runs)
+        )
         return {"group_runs": runs}
 
 
@@ -167,7 +184,9 @@ class GroupOutput(Gate):
         """Return the signal, or the held value."""
         return {"y": np.where(x.group_runs > ENABLE_THRESHOLD, u.u, x.kept)}
 
-    def on_event(self, t: Array, x: Signals, u: Signals, p: Signals, fired: Signals) -> Values:
+    def on_event(
+        self, t: Array, x: Signals, u: Signals, p: Signals, fired: Signals
+    ) -> Values:
         """Hold the signal when the group stops."""
         kept = np.where(fired.group_stops, self.keeps * u.u, x.kept)
         return super().on_event(t, x, u, p, fired) | {"kept": kept}
@@ -181,7 +200,9 @@ class Trigger(Block):
 
     def indicators(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
         """Return the excess of the input over the threshold."""
-        return dict.fromkeys(("group_rises", "group_falls"), u.group_trigger - ENABLE_THRESHOLD)
+        return dict.fromkeys(
+            ("group_rises", "group_falls"), u.group_trigger - ENABLE_THRESHOLD
+        )
 
 
 def edge_of(kind: str, fired: Signals) -> Array:
@@ -211,7 +232,9 @@ class GroupLatch(Trigger):
         """Return the held value."""
         return {"y": x.kept}
 
-    def on_event(self, t: Array, x: Signals, u: Signals, p: Signals, fired: Signals) -> Values:
+    def on_event(
+        self, t: Array, x: Signals, u: Signals, p: Signals, fired: Signals
+    ) -> Values:
         """Hold the signal at an edge."""
         return {"kept": np.where(edge_of(self.edge, fired), u.u, x.kept)}
 
@@ -220,7 +243,11 @@ def _members(group: Diagram, name: str) -> list[Block]:
     """Return the blocks of a diagram that becomes a group with the input `name`."""
     given: object = group
     if not isinstance(given, Diagram) or name in group.ports:
-        why = f"it has a port '{name}' already" if isinstance(given, Diagram) else "it is no Diagram"
+        why = (
+            f"it has a port '{name}' already"
+            if isinstance(given, Diagram)
+            else "it is no Diagram"
+        )
         raise DiagramError(f"cannot make a group of {shown(given)}: {why}")
     blocks = list(leaves(group))
     for block in blocks:
@@ -230,7 +257,9 @@ def _members(group: Diagram, name: str) -> list[Block]:
                 "give it an input for the signal, and read it in its equations"
             )
         if not block.ports.keys().isdisjoint(("group_enable", "group_trigger")):
-            raise DiagramError(f"cannot put '{block.path}' into a group: it is in one; join their conditions")
+            raise DiagramError(
+                f"cannot put '{block.path}' into a group: it is in one; join their conditions"
+            )
     return blocks
 
 
@@ -303,7 +332,9 @@ class GroupEquations(Equations):
 
     def initial(self, name: str, p: Signals) -> Vector:
         """Return the initial value of the state `name`; the class of the block knows its own states only."""
-        return (self.kind if name in self.states else Block).initial(self.block, name, p)
+        return (self.kind if name in self.states else Block).initial(
+            self.block, name, p
+        )
 
 
 class Enabled(GroupEquations):
@@ -331,7 +362,9 @@ class Enabled(GroupEquations):
 
     def initial(self, name: str, p: Signals) -> Vector:
         """Return the initial value of the state `name`, or of the state that stores it."""
-        return super().initial(name.removesuffix("_at_start") if name in self.starts.values() else name, p)
+        return super().initial(
+            name.removesuffix("_at_start") if name in self.starts.values() else name, p
+        )
 
     def first(self, x: Signals, u: Signals, p: Signals) -> Values:
         """Return the states and modes from which the block starts at an enabling."""
@@ -349,7 +382,11 @@ class EnabledStates(Enabled):
 
     def __init__(self, block: Block, *, resets: bool) -> None:
         super().__init__(block, resets=resets)
-        self.sides = {n: f"{n}_side_at_stop" for n, event in self.events.items() if event.kind != "time"}
+        self.sides = {
+            n: f"{n}_side_at_stop"
+            for n, event in self.events.items()
+            if event.kind != "time"
+        }
 
     def declarations(self) -> dict[str, Any]:
         """Return the declarations of `Gate`, and modes."""
@@ -365,20 +402,32 @@ class EnabledStates(Enabled):
     def derivative(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
         """Return the derivatives of the states, which are zero while the group does not run."""
         rates = self.kind.derivative(self.block, t, x, u, p)
-        return {n: np.where(x.group_runs > ENABLE_THRESHOLD, rate, 0.0) for n, rate in rates.items()}
+        return {
+            n: np.where(x.group_runs > ENABLE_THRESHOLD, rate, 0.0)
+            for n, rate in rates.items()
+        }
 
     def initial_state(self, u: Signals, p: Signals) -> Values:
         """Return the initial states, and whether the group runs."""
-        return self.kind.initial_state(self.block, u, p) | Gate.initial_state(self.block, u, p)
+        return self.kind.initial_state(self.block, u, p) | Gate.initial_state(
+            self.block, u, p
+        )
 
     def indicators(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
         """Return the indicators, which are constant while the group does not run."""
         now = self.kind.indicators(self.block, t, x, u, p)
-        still = {n: x[self.sides[n]] if n in self.sides else np.inf for n in self.events}
-        values = {n: np.where(x.group_runs > ENABLE_THRESHOLD, now[n], still[n]) for n in self.events}
+        still = {
+            n: x[self.sides[n]] if n in self.sides else np.inf for n in self.events
+        }
+        values = {
+            n: np.where(x.group_runs > ENABLE_THRESHOLD, now[n], still[n])
+            for n in self.events
+        }
         return values | Gate.indicators(self.block, t, x, u, p)
 
-    def on_event(self, t: Array, x: Signals, u: Signals, p: Signals, fired: Signals) -> Values:
+    def on_event(
+        self, t: Array, x: Signals, u: Signals, p: Signals, fired: Signals
+    ) -> Values:
         """Return the states after events of the block, and after the group starts or stops."""
         values: Values = {n: x[n] for n in self.states}
         if self.events:
@@ -386,10 +435,16 @@ class EnabledStates(Enabled):
             after = self.kind.on_event(self.block, t, x, u, p, fired)
             now = self.kind.indicators(self.block, t, x, u, p)
             values |= {n: np.where(happened, value, x[n]) for n, value in after.items()}
-            values |= {side: np.where(fired.group_stops, now[n], x[side]) for n, side in self.sides.items()}
+            values |= {
+                side: np.where(fired.group_stops, now[n], x[side])
+                for n, side in self.sides.items()
+            }
         if self.resets:
             first = self.first(x, u, p)
-            values |= {n: np.where(fired.group_starts, value, values[n]) for n, value in first.items()}
+            values |= {
+                n: np.where(fired.group_starts, value, values[n])
+                for n, value in first.items()
+            }
         return values | Gate.on_event(self.block, t, x, u, p, fired)
 
 
@@ -398,16 +453,23 @@ class EnabledUpdates(Enabled):
 
     def declarations(self) -> dict[str, Any]:
         """Return the input for the signal, and states."""
-        starts = {start: State(self.states[name].shape) for name, start in self.starts.items()}
+        starts = {
+            start: State(self.states[name].shape) for name, start in self.starts.items()
+        }
         return {"group_enable": Input(), "group_ran": State(), **starts}
 
     def _start(self, x: Signals, u: Signals, p: Signals) -> Signals:
         """Return the states with which the block computes: the initial ones at an enabling that resets."""
         if not self.resets:
             return x
-        anew = np.logical_and(u.group_enable > ENABLE_THRESHOLD, x.group_ran < ENABLE_THRESHOLD)
+        anew = np.logical_and(
+            u.group_enable > ENABLE_THRESHOLD, x.group_ran < ENABLE_THRESHOLD
+        )
         first = self.first(x, u, p)
-        return Signals(x.owner, {n: np.where(anew, first[n], v) if n in first else v for n, v in x.items()})
+        return Signals(
+            x.owner,
+            {n: np.where(anew, first[n], v) if n in first else v for n, v in x.items()},
+        )
 
     def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
         """Return the outputs."""
@@ -455,7 +517,9 @@ class TriggeredUpdates(TriggeredOutputs):
     def declarations(self) -> dict[str, Any]:
         """Return the declarations of `Trigger`, and modes that replace the states."""
         modes = {
-            name: Mode(state.initial, state.shape, unit=state.unit, meaning=state.meaning)
+            name: Mode(
+                state.initial, state.shape, unit=state.unit, meaning=state.meaning
+            )
             for name, state in self.states.items()
         }
         return {**Trigger._declared, **modes}
@@ -464,7 +528,9 @@ class TriggeredUpdates(TriggeredOutputs):
         """Return the indicators of the edges."""
         return Trigger.indicators(self.block, t, x, u, p)
 
-    def on_event(self, t: Array, x: Signals, u: Signals, p: Signals, fired: Signals) -> Values:
+    def on_event(
+        self, t: Array, x: Signals, u: Signals, p: Signals, fired: Signals
+    ) -> Values:
         """Return the states after an edge."""
         following = self.kind.update(self.sampled(), t, x, u, p)
         happened = edge_of(self.edge, fired)

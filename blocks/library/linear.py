@@ -70,10 +70,16 @@ class Linear(Block):
         self.input_unit, self.output_unit = input_unit, output_unit
         names: dict[str, Any] = {}
         if input_names:
-            names["u"] = Input("input_shape", unit=Attribute("input_unit"), meaning=", ".join(input_names))
+            names["u"] = Input(
+                "input_shape",
+                unit=Attribute("input_unit"),
+                meaning=", ".join(input_names),
+            )
         if output_names:
             names["y"] = Output(
-                "output_shape", unit=Attribute("output_unit"), meaning=", ".join(output_names)
+                "output_shape",
+                unit=Attribute("output_unit"),
+                meaning=", ".join(output_names),
             )
         self.extra_ports = names
         super().__init__(initial_value=initial_value)
@@ -113,12 +119,16 @@ def matrices(
         If sizes do not fit, or an element is not finite.
     """
     given = zip("ABCD", (A, B, C, D), strict=True)
-    a, b, c, d = found = [finite_array(f"{name} of {owner}", value) for name, value in given]
+    a, b, c, d = found = [
+        finite_array(f"{name} of {owner}", value) for name, value in given
+    ]
     for matrix in found:
         matrix.setflags(write=False)
     n = len(a) if a.ndim else 0
     if a.shape != (n, n) or not n:
-        raise BlockError(f"{owner}: A has shape {a.shape}; it must be square, with at least one state")
+        raise BlockError(
+            f"{owner}: A has shape {a.shape}; it must be square, with at least one state"
+        )
     if b.ndim not in (1, 2) or b.shape[0] != n:
         raise BlockError(
             f"{owner}: B has shape {b.shape}; with {n} states it must have shape ({n}, inputs), "

@@ -83,7 +83,9 @@ class Noise(Block):
     y = Output("shape", unit=Attribute("unit"), meaning="noise")
     first = State((3, "size"), meaning="first recurrence of the generator")
     second = State((3, "size"), meaning="second recurrence of the generator")
-    standard_deviation = Parameter(shape="shape", minimum=0.0, meaning="σ: standard deviation")
+    standard_deviation = Parameter(
+        shape="shape", minimum=0.0, meaning="σ: standard deviation"
+    )
     mean = Parameter(shape="shape", meaning="mean value")
     seed = Parameter(minimum=0.0, meaning="seed of the random numbers")
 
@@ -96,7 +98,9 @@ class Noise(Block):
         mean: npt.ArrayLike = 0.0,
         unit: Unit = None,
     ) -> None:
-        deviation = finite_array("parameter 'standard_deviation' of Noise", standard_deviation)
+        deviation = finite_array(
+            "parameter 'standard_deviation' of Noise", standard_deviation
+        )
         self.shape, self.unit = deviation.shape, unit
         self.size = prod(self.shape)
         super().__init__(standard_deviation=deviation, mean=mean, seed=seed)
@@ -105,11 +109,17 @@ class Noise(Block):
     def check_parameters(self, p: Signals) -> None:
         """Check that the seed is a whole number."""
         if p.seed != np.floor(p.seed):
-            raise ParameterError(f"parameter 'seed' of {p.owner} is {p.seed}; it must be a whole number")
+            raise ParameterError(
+                f"parameter 'seed' of {p.owner} is {p.seed}; it must be a whole number"
+            )
 
     def _start(self, seed: Vector) -> tuple[Vector, Vector]:
         """Return the states of the generator for a seed."""
-        words = np.random.SeedSequence(int(seed)).generate_state(6 * self.size).astype(float)
+        words = (
+            np.random.SeedSequence(int(seed))
+            .generate_state(6 * self.size)
+            .astype(float)
+        )
         first, second = words.reshape(2, 3, self.size)
         return first % _M1, second % _M2
 
@@ -189,10 +199,14 @@ class Drift(Noise):
         self.initial_deviation = finite("Drift", "initial_deviation", initial_deviation)
         decay = 0.0
         if correlation_time is not None:
-            decay = step / finite("Drift", "correlation_time", correlation_time, above=0.0)
+            decay = step / finite(
+                "Drift", "correlation_time", correlation_time, above=0.0
+            )
         self.memory = exp(-decay)
         growth = sqrt(step * -expm1(-2.0 * decay) / (2.0 * decay) if decay else step)
-        super().__init__(np.full(as_shape("Drift", shape), walk * growth), step, seed=seed, unit=unit)
+        super().__init__(
+            np.full(as_shape("Drift", shape), walk * growth), step, seed=seed, unit=unit
+        )
 
     def initial(self, name: str, p: Signals) -> Vector:
         """Return the initial state of the generator, or the bias at time 0."""

@@ -28,7 +28,9 @@ class Limits(Shaped):
     lower = Parameter(shape=None, meaning="lower limit")
     upper = Parameter(shape=None, meaning="upper limit")
 
-    def __init__(self, lower: npt.ArrayLike, upper: npt.ArrayLike, *, shape: ShapeLike = None) -> None:
+    def __init__(
+        self, lower: npt.ArrayLike, upper: npt.ArrayLike, *, shape: ShapeLike = None
+    ) -> None:
         super().__init__(shape, lower=lower, upper=upper)
 
 
@@ -71,7 +73,12 @@ class DeadZone(Limits):
         If a lower limit exceeds the upper one, or shapes disagree.
     """
 
-    y = Output(INFERRED, unit=INFERRED, frame=INFERRED, meaning="distance of the input from the zone")
+    y = Output(
+        INFERRED,
+        unit=INFERRED,
+        frame=INFERRED,
+        meaning="distance of the input from the zone",
+    )
 
     def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
         """Return the signed distance of the input from the zone."""
@@ -124,7 +131,9 @@ class RateLimiter(Remembering):
     """
 
     u = Input(INFERRED, unit=INFERRED, frame=INFERRED, meaning="signal to follow")
-    y = Output(INFERRED, unit=INFERRED, frame=INFERRED, meaning="signal of limited rate")
+    y = Output(
+        INFERRED, unit=INFERRED, frame=INFERRED, meaning="signal of limited rate"
+    )
     rising = Parameter(shape=None, minimum=0.0, meaning="r: largest rate of increase")
     falling = Parameter(shape=None, minimum=0.0, meaning="f: largest rate of decrease")
 
@@ -136,7 +145,9 @@ class RateLimiter(Remembering):
         falling: npt.ArrayLike | None = None,
         shape: ShapeLike = None,
     ) -> None:
-        super().__init__(shape, rising=rising, falling=rising if falling is None else falling)
+        super().__init__(
+            shape, rising=rising, falling=rising if falling is None else falling
+        )
         self.sampled(sample_time)
 
     def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
@@ -179,7 +190,9 @@ class Backlash(Remembering):
     y = Output(INFERRED, unit=INFERRED, frame=INFERRED, meaning="driven side")
     width = Parameter(shape=None, minimum=0.0, meaning="w: the whole gap")
 
-    def __init__(self, width: npt.ArrayLike, sample_time: float, *, shape: ShapeLike = None) -> None:
+    def __init__(
+        self, width: npt.ArrayLike, sample_time: float, *, shape: ShapeLike = None
+    ) -> None:
         super().__init__(shape, width=width)
         self.sampled(sample_time)
 
@@ -228,10 +241,16 @@ class Quantizer(Remembering):
     """
 
     u = Input(INFERRED, unit=INFERRED, frame=INFERRED, meaning="signal to round")
-    y = Output(INFERRED, unit=INFERRED, frame=INFERRED, meaning="multiple of the quantum")
+    y = Output(
+        INFERRED, unit=INFERRED, frame=INFERRED, meaning="multiple of the quantum"
+    )
     quantum = Parameter(shape=None, above=0.0, meaning="q: step between outputs")
-    hysteresis = Parameter(shape=None, minimum=0.0, meaning="h: beyond the middle of a step, in quanta")
-    smallest = Parameter(shape=None, minimum=0.0, meaning="smallest output that is not 0")
+    hysteresis = Parameter(
+        shape=None, minimum=0.0, meaning="h: beyond the middle of a step, in quanta"
+    )
+    smallest = Parameter(
+        shape=None, minimum=0.0, meaning="smallest output that is not 0"
+    )
 
     def __init__(
         self,
@@ -242,7 +261,9 @@ class Quantizer(Remembering):
         smallest: npt.ArrayLike = 0.0,
         shape: ShapeLike = None,
     ) -> None:
-        super().__init__(shape, quantum=quantum, hysteresis=hysteresis, smallest=smallest)
+        super().__init__(
+            shape, quantum=quantum, hysteresis=hysteresis, smallest=smallest
+        )
         self.sampled(sample_time)
 
     def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:

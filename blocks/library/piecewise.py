@@ -31,9 +31,13 @@ def row_for_each(owner: str, **table: npt.ArrayLike) -> tuple[Vector, Vector]:
     BlockError
         If the points do not increase, or the values do not match them.
     """
-    (at, points), (what, values) = [(n, finite_array(f"{n} of {owner}", v)) for n, v in table.items()]
+    (at, points), (what, values) = [
+        (n, finite_array(f"{n} of {owner}", v)) for n, v in table.items()
+    ]
     if points.ndim != 1 or points.size < 2 or not np.all(np.diff(points) > 0):
-        raise BlockError(f"{owner} needs at least two increasing {at}; got {shown(points.tolist())}")
+        raise BlockError(
+            f"{owner} needs at least two increasing {at}; got {shown(points.tolist())}"
+        )
     if values.ndim not in (1, 2) or len(values) != points.size:
         raise BlockError(
             f"{owner} has {points.size} {at}, but {what} of shape {values.shape}; give a number, or a "
@@ -72,7 +76,10 @@ def piece(x: Array, starts: Vector, tables: Sequence[Vector]) -> list[Array]:
     rows: list[Array] = [table[0] for table in tables]
     for k in range(1, len(starts)):
         inside = x >= starts[k]
-        rows = [np.where(inside, table[k], row) for table, row in zip(tables, rows, strict=True)]
+        rows = [
+            np.where(inside, table[k], row)
+            for table, row in zip(tables, rows, strict=True)
+        ]
     return rows
 
 

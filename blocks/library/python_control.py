@@ -92,7 +92,11 @@ def from_control(
 
 
 def lqr(
-    system: control.StateSpace, Q: npt.ArrayLike, R: npt.ArrayLike, *, integral: npt.ArrayLike | None = None
+    system: control.StateSpace,
+    Q: npt.ArrayLike,
+    R: npt.ArrayLike,
+    *,
+    integral: npt.ArrayLike | None = None,
 ) -> Block:
     r"""Return the linear-quadratic regulator of a system as a block, on wish with integral action (LQI).
 
@@ -129,13 +133,23 @@ def lqr(
         raise BlockError(
             f"lqr needs a control.StateSpace, with its sample time if discrete, not {shown(system)}"
         )
-    given = [finite_array(f"{name} of lqr", value) for name, value in (("Q", Q), ("R", R))]
+    given = [
+        finite_array(f"{name} of lqr", value) for name, value in (("Q", Q), ("R", R))
+    ]
     follow = np.zeros((0, system.nstates))
     if integral is not None:
         follow = np.atleast_2d(finite_array("integral of lqr", integral))
     design = control.lqr if system.isctime() else control.dlqr
-    with Explained(lambda error: BlockError(f"lqr cannot regulate this system: {error}")):
-        K = np.asarray(design(system, *given, **({} if integral is None else {"integral_action": follow}))[0])
+    with Explained(
+        lambda error: BlockError(f"lqr cannot regulate this system: {error}")
+    ):
+        K = np.asarray(
+            design(
+                system,
+                *given,
+                **({} if integral is None else {"integral_action": follow}),
+            )[0]
+        )
     K = K[0] if len(K) == 1 else K
     n, p = system.nstates, len(follow)
     if not p:

@@ -70,7 +70,11 @@ def as_block(
     *, traced: bool = True, sample_time: float | None = None, **ports: Input | Output
 ) -> Callable[[Callable[..., Any]], Callable[..., WrappedFunction]]: ...
 def as_block(
-    function: Any = None, *, traced: bool = True, sample_time: float | None = None, **ports: Input | Output
+    function: Any = None,
+    *,
+    traced: bool = True,
+    sample_time: float | None = None,
+    **ports: Input | Output,
 ) -> Any:
     """Convert a function to a constructor of blocks: a decorator.
 
@@ -114,31 +118,49 @@ def as_block(
     <output 'power_1.power' (shape (), unit W)>
     """
     if function is None:
-        settings: dict[str, Any] = {"traced": traced, "sample_time": sample_time, **ports}
+        settings: dict[str, Any] = {
+            "traced": traced,
+            "sample_time": sample_time,
+            **ports,
+        }
         return lambda function: as_block(function, **settings)
     if not callable(function):
-        raise BlockError(f"as_block makes blocks of functions, not of {shown(function)}")
-    arguments, name = inspect.signature(function).parameters.values(), getattr(function, "__name__", "")
+        raise BlockError(
+            f"as_block makes blocks of functions, not of {shown(function)}"
+        )
+    arguments, name = (
+        inspect.signature(function).parameters.values(),
+        getattr(function, "__name__", ""),
+    )
     name = name if name.isidentifier() else "function"
     inputs = {a.name: Input(INFERRED) for a in arguments if a.default is a.empty}
-    inputs |= {name: port for name, port in ports.items() if not isinstance(port, Output)}
-    outputs = {name: port for name, port in ports.items() if isinstance(port, Output)} or {
-        "value" if "y" in inputs else "y": Output(INFERRED)
+    inputs |= {
+        name: port for name, port in ports.items() if not isinstance(port, Output)
     }
+    outputs = {
+        name: port for name, port in ports.items() if isinstance(port, Output)
+    } or {"value" if "y" in inputs else "y": Output(INFERRED)}
 
     def new(*sources: Any) -> WrappedFunction:
-        given = [each.only_output() if isinstance(each, Block) else each for each in sources]
+        given = [
+            each.only_output() if isinstance(each, Block) else each for each in sources
+        ]
         if given and (len(given) != len(inputs) or not all(map(is_port, given))):
             raise WiringError(
                 f"{name} takes {len(inputs)} ports ({', '.join(inputs)}), or none, not {shown(sources)}   "
                 f"[{call_site()}]\n  wire a constant with the block Constant(value)"
             )
         if not traced:
-            block: WrappedFunction = PythonFunction(function, sample_time, inputs=inputs, outputs=outputs)
+            block: WrappedFunction = PythonFunction(
+                function, sample_time, inputs=inputs, outputs=outputs
+            )
         else:
             shapes = [port.shape for port in given if port.shape is not None]
             known = given and not ports and len(shapes) == len(given)
-            block = Function(function, *(_declared(function, inputs, shapes) if known else (inputs, outputs)))
+            block = Function(
+                function,
+                *(_declared(function, inputs, shapes) if known else (inputs, outputs)),
+            )
             if sample_time is not None:
                 block.sampled(sample_time)
         if given:
@@ -153,13 +175,19 @@ def as_block(
 
 
 def _declared(
-    function: Callable[..., Any], names: Iterable[str], shapes: Sequence[tuple[int, ...]]
+    function: Callable[..., Any],
+    names: Iterable[str],
+    shapes: Sequence[tuple[int, ...]],
 ) -> tuple[dict[str, Input], dict[str, Output]]:
     """Return the ports of a function of arrays of these shapes; a call gives the shape of the output."""
     some = np.random.default_rng(0).random  # arrays of ones would be singular matrices
     with (
         np.errstate(all="ignore"),
-        Explained(lambda error: BlockError(f"{function.__name__} of arrays of shapes {shapes}: {error}")),
+        Explained(
+            lambda error: BlockError(
+                f"{function.__name__} of arrays of shapes {shapes}: {error}"
+            )
+        ),
     ):
         result = np.shape(function(*(np.asarray(some(shape)) for shape in shapes)))
     inputs = dict(zip(names, map(Input, shapes), strict=True))

@@ -47,7 +47,9 @@ class RigidBody(Block):
     Stevens, Lewis and Johnson (2016), *Aircraft Control and Simulation*, section 1.8.
     """
 
-    force = Input(3, unit="N", frame="body", default=0.0, meaning="f: force at the center of mass")
+    force = Input(
+        3, unit="N", frame="body", default=0.0, meaning="f: force at the center of mass"
+    )
     torque = Input(3, unit="N*m", frame="body", default=0.0, meaning="τ: torque")
     position = Output(3, unit="m", frame="world", meaning="r: center of mass")
     velocity = Output(3, unit="m/s", frame="world", meaning="v: its velocity")
@@ -96,16 +98,26 @@ class RigidBody(Block):
                 f"the inertia of {p.owner} must be symmetric and positive definite; it is {J.tolist()}"
             )
         if abs(np.linalg.norm(p.initial_attitude) - 1.0) > 1e-6:
-            raise ParameterError(f"the attitude of {p.owner} must be a unit quaternion (w, x, y, z)")
+            raise ParameterError(
+                f"the attitude of {p.owner} must be a unit quaternion (w, x, y, z)"
+            )
 
     def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
         """Return the motion."""
-        return {"position": x.r, "velocity": x.v, "attitude": x.q, "rate": x.w, "rotation": _matrix(x.q)}
+        return {
+            "position": x.r,
+            "velocity": x.v,
+            "attitude": x.q,
+            "rate": x.w,
+            "rotation": _matrix(x.q),
+        }
 
     def derivative(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
         """Return the rates of the motion."""
         momentum = p.inertia @ x.w
-        spin = np.concatenate([np.stack([-x.q[1:] @ x.w]), x.q[0] * x.w + np.cross(x.q[1:], x.w)])
+        spin = np.concatenate(
+            [np.stack([-x.q[1:] @ x.w]), x.q[0] * x.w + np.cross(x.q[1:], x.w)]
+        )
         return {
             "r": x.v,
             "v": _matrix(x.q) @ u.force / p.mass + p.gravity,
@@ -118,8 +130,26 @@ def _matrix(q: Array) -> Array:
     """Return the rotation matrix of a quaternion of any length."""
     w, x, y, z = q[0], q[1], q[2], q[3]
     rows = [
-        np.stack([w * w + x * x - y * y - z * z, 2.0 * (x * y - w * z), 2.0 * (x * z + w * y)]),
-        np.stack([2.0 * (x * y + w * z), w * w - x * x + y * y - z * z, 2.0 * (y * z - w * x)]),
-        np.stack([2.0 * (x * z - w * y), 2.0 * (y * z + w * x), w * w - x * x - y * y + z * z]),
+        np.stack(
+            [
+                w * w + x * x - y * y - z * z,
+                2.0 * (x * y - w * z),
+                2.0 * (x * z + w * y),
+            ]
+        ),
+        np.stack(
+            [
+                2.0 * (x * y + w * z),
+                w * w - x * x + y * y - z * z,
+                2.0 * (y * z - w * x),
+            ]
+        ),
+        np.stack(
+            [
+                2.0 * (x * z - w * y),
+                2.0 * (y * z + w * x),
+                w * w - x * x - y * y + z * z,
+            ]
+        ),
     ]
     return np.stack(rows) / (q @ q)

@@ -86,11 +86,17 @@ def per_time(unit: Unit, power: int = 1) -> Unit:
     if unit is None:
         return None
     time = "s" if power == 1 else f"s**{power}"
-    rates = tuple(f"{each or '1'}/{time}" for each in (unit if isinstance(unit, tuple) else (unit,)))
+    rates = tuple(
+        f"{each or '1'}/{time}"
+        for each in (unit if isinstance(unit, tuple) else (unit,))
+    )
     return rates if isinstance(unit, tuple) else rates[0]
 
 
-VELOCITY_UNIT, ACCELERATION_UNIT = Attribute("velocity_unit"), Attribute("acceleration_unit")
+VELOCITY_UNIT, ACCELERATION_UNIT = (
+    Attribute("velocity_unit"),
+    Attribute("acceleration_unit"),
+)
 """Units of ports, which `set_motion_units` sets."""
 
 
@@ -104,7 +110,11 @@ def set_motion_units(block: Block, unit: Unit) -> None:
     unit : str, tuple of str or None
         Unit of the position, or one per element.
     """
-    block.unit, block.velocity_unit, block.acceleration_unit = unit, per_time(unit), per_time(unit, 2)
+    block.unit, block.velocity_unit, block.acceleration_unit = (
+        unit,
+        per_time(unit),
+        per_time(unit, 2),
+    )
 
 
 class WrappedFunction(Block):
@@ -126,19 +136,28 @@ class WrappedFunction(Block):
     """
 
     def __init__(
-        self, function: Callable[..., Any], inputs: Mapping[str, Input], outputs: Mapping[str, Output]
+        self,
+        function: Callable[..., Any],
+        inputs: Mapping[str, Input],
+        outputs: Mapping[str, Output],
     ) -> None:
         owner = type(self).__name__
         if not callable(function):
-            raise BlockError(f"{owner} needs a function that it can call, not {shown(function)}")
-        inputs, outputs = (by_name(f"ports of {owner}", declared) for declared in (inputs, outputs))
+            raise BlockError(
+                f"{owner} needs a function that it can call, not {shown(function)}"
+            )
+        inputs, outputs = (
+            by_name(f"ports of {owner}", declared) for declared in (inputs, outputs)
+        )
         for kind, declared in ((Input, inputs), (Output, outputs)):
             for name, port in declared.items():
                 if not isinstance(port, kind):
                     what = f"{kind.__name__.lower()} '{name}' must be an {kind.__name__}(...)"
                     raise BlockError(f"{owner}: {what}, not {shown(port)}")
         if both := sorted(set(inputs) & set(outputs)):
-            raise BlockError(f"{owner}: '{both[0]}' is declared as an input and as an output")
+            raise BlockError(
+                f"{owner}: '{both[0]}' is declared as an input and as an output"
+            )
         if not outputs:
             raise BlockError(f"{owner} needs at least one output")
         self._function = function
@@ -161,7 +180,11 @@ class WrappedFunction(Block):
         if len(names) == 1:
             return {names[0]: results}
         if not isinstance(results, tuple) or len(results) != len(names):
-            got = f"{len(results)}" if isinstance(results, tuple) else f"one {type(results).__name__}"
+            got = (
+                f"{len(results)}"
+                if isinstance(results, tuple)
+                else f"one {type(results).__name__}"
+            )
             raise BlockError(
                 f"the function of '{self.path}' must return a tuple of {len(names)} arrays, for: "
                 f"{', '.join(names)}; it returned {got}"
@@ -171,12 +194,21 @@ class WrappedFunction(Block):
 
 def _described(function: Callable[..., Any]) -> str:
     """Return the name of a function, and its file and line."""
-    name, code = getattr(function, "__name__", repr(function)), getattr(function, "__code__", None)
-    return name if code is None else f"{name} ({code.co_filename}:{code.co_firstlineno})"
+    name, code = (
+        getattr(function, "__name__", repr(function)),
+        getattr(function, "__code__", None),
+    )
+    return (
+        name if code is None else f"{name} ({code.co_filename}:{code.co_firstlineno})"
+    )
 
 
 def structural(
-    owner: str, name: str, value: npt.ArrayLike, shape: tuple[int, ...] = (), **bounds: Any
+    owner: str,
+    name: str,
+    value: npt.ArrayLike,
+    shape: tuple[int, ...] = (),
+    **bounds: Any,
 ) -> Vector:
     """Return a checked number or array that determines the structure of a block, so is no parameter.
 

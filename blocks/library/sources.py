@@ -31,11 +31,18 @@ class Source(Block):
         Parameters of the source.
     """
 
-    y = Output("shape", unit=Attribute("unit"), frame=Attribute("frame"), meaning="the signal")
+    y = Output(
+        "shape", unit=Attribute("unit"), frame=Attribute("frame"), meaning="the signal"
+    )
 
-    def __init__(self, unit: Unit, frame: str | None = None, **parameters: npt.ArrayLike) -> None:
+    def __init__(
+        self, unit: Unit, frame: str | None = None, **parameters: npt.ArrayLike
+    ) -> None:
         owner = type(self).__name__
-        shapes = [finite_array(f"parameter '{n}' of {owner}", v).shape for n, v in parameters.items()]
+        shapes = [
+            finite_array(f"parameter '{n}' of {owner}", v).shape
+            for n, v in parameters.items()
+        ]
         # The first of the largest; a parameter that does not fit is then refused by name.
         self.shape = max(shapes, key=len, default=())
         self.unit, self.frame = unit, frame
@@ -57,7 +64,9 @@ class Constant(Source):
 
     value = Parameter(shape="shape", meaning="the value")
 
-    def __init__(self, value: npt.ArrayLike, *, unit: Unit = None, frame: str | None = None) -> None:
+    def __init__(
+        self, value: npt.ArrayLike, *, unit: Unit = None, frame: str | None = None
+    ) -> None:
         super().__init__(unit, frame, value=value)
 
     def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
@@ -202,11 +211,15 @@ class Sine(Source):
         bias: npt.ArrayLike = 0.0,
         unit: Unit = None,
     ) -> None:
-        super().__init__(unit, amplitude=amplitude, frequency=frequency, phase=phase, bias=bias)
+        super().__init__(
+            unit, amplitude=amplitude, frequency=frequency, phase=phase, bias=bias
+        )
 
     def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
         """Return the value."""
-        return {"y": p.bias + p.amplitude * np.sin(2.0 * np.pi * p.frequency * t + p.phase)}
+        return {
+            "y": p.bias + p.amplitude * np.sin(2.0 * np.pi * p.frequency * t + p.phase)
+        }
 
 
 class Chirp(Source):
@@ -234,8 +247,12 @@ class Chirp(Source):
         If the duration is not above 0.
     """
 
-    start_frequency = Parameter(shape="shape", unit="Hz", meaning="f_0: frequency at time 0")
-    final_frequency = Parameter(shape="shape", unit="Hz", meaning="f_1: frequency at the end")
+    start_frequency = Parameter(
+        shape="shape", unit="Hz", meaning="f_0: frequency at time 0"
+    )
+    final_frequency = Parameter(
+        shape="shape", unit="Hz", meaning="f_1: frequency at the end"
+    )
     amplitude = Parameter(shape="shape", meaning="A: amplitude")
 
     def __init__(
@@ -249,7 +266,10 @@ class Chirp(Source):
     ) -> None:
         self.duration = finite("Chirp", "duration", duration, above=0.0)
         super().__init__(
-            unit, start_frequency=start_frequency, final_frequency=final_frequency, amplitude=amplitude
+            unit,
+            start_frequency=start_frequency,
+            final_frequency=final_frequency,
+            amplitude=amplitude,
         )
 
     def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
@@ -291,15 +311,24 @@ class TimeFunction(Source):
     """
 
     def __init__(
-        self, function: Callable[[Any], Any], *, breakpoints: Sequence[float] = (), unit: Unit = None
+        self,
+        function: Callable[[Any], Any],
+        *,
+        breakpoints: Sequence[float] = (),
+        unit: Unit = None,
     ) -> None:
         if not callable(function):
-            raise BlockError(f"TimeFunction needs a function of time, not {shown(function)}")
+            raise BlockError(
+                f"TimeFunction needs a function of time, not {shown(function)}"
+            )
         self._function = function
         self._breaks = tuple(
-            float(t) for t in finite_array("breakpoints of TimeFunction", breakpoints).ravel()
+            float(t)
+            for t in finite_array("breakpoints of TimeFunction", breakpoints).ravel()
         )
-        with Explained(lambda error: BlockError(f"TimeFunction needs a function of time: {error}")):
+        with Explained(
+            lambda error: BlockError(f"TimeFunction needs a function of time: {error}")
+        ):
             self.shape = number_array(
                 "what the function of TimeFunction returns", function(np.zeros(()))
             ).shape

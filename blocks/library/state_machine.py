@@ -53,28 +53,40 @@ class StateMachine(Block):
     present = State(meaning="number of the mode")
 
     def __init__(
-        self, transitions: Mapping[str, Mapping[str, str]], sample_time: float, *, offset: float = 0.0
+        self,
+        transitions: Mapping[str, Mapping[str, str]],
+        sample_time: float,
+        *,
+        offset: float = 0.0,
     ) -> None:
         given = {
             mode: by_name(f"transitions from '{mode}'", t)
             for mode, t in by_name("modes", transitions).items()
         }
         self.modes, self.number = tuple(given), len(given)
-        conditions = dict.fromkeys(condition for leads in given.values() for condition in leads)
-        unknown = [m for leads in given.values() for m in leads.values() if m not in self.modes]
+        conditions = dict.fromkeys(
+            condition for leads in given.values() for condition in leads
+        )
+        unknown = [
+            m for leads in given.values() for m in leads.values() if m not in self.modes
+        ]
         if taken := sorted({*conditions} & {*self._declared}):
             raise BlockError(
                 f"StateMachine cannot have a condition '{taken[0]}': it has a {taken[0]} already"
             )
         if not given or unknown:
             what = f"no mode {shown(unknown[0])}" if unknown else "no modes"
-            raise BlockError(f"StateMachine has {what}; its modes are: {', '.join(self.modes) or 'none'}")
+            raise BlockError(
+                f"StateMachine has {what}; its modes are: {', '.join(self.modes) or 'none'}"
+            )
         self._leads = [
             (source, condition, self.modes.index(target))
             for source, leads in enumerate(given.values())
             for condition, target in reversed([*leads.items()])
         ]
-        self.extra_ports = {name: Input(meaning="condition: holds above 0.5") for name in conditions}
+        self.extra_ports = {
+            name: Input(meaning="condition: holds above 0.5") for name in conditions
+        }
         super().__init__()
         self.sampled(sample_time, offset)
 
@@ -89,7 +101,10 @@ class StateMachine(Block):
     def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
         """Return the mode."""
         mode = self._next(x, u)
-        return {"mode": mode, "active": np.where(np.arange(self.number) == mode, 1.0, 0.0)}
+        return {
+            "mode": mode,
+            "active": np.where(np.arange(self.number) == mode, 1.0, 0.0),
+        }
 
     def update(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
         """Go there."""

@@ -13,7 +13,13 @@ import numpy.typing as npt
 
 from trussflow.blocks.errors import BlockError, ParameterError, RunStoppedError
 from trussflow.blocks.framework.block import Block, Values
-from trussflow.blocks.framework.declarations import Attribute, Event, Mode, Parameter, Signals
+from trussflow.blocks.framework.declarations import (
+    Attribute,
+    Event,
+    Mode,
+    Parameter,
+    Signals,
+)
 from trussflow.blocks.framework.port import INFERRED, Input, Output
 from trussflow.blocks.framework.units import Unit
 from trussflow.blocks.library.continuous import Integrator
@@ -73,7 +79,9 @@ class Relay(Shaped):
     ) -> None:
         yes_or_no("Relay", "start_on", start_on)
         self.unit, self.start_on = unit, bool(start_on)
-        super().__init__(shape, upper=upper, lower=upper if lower is None else lower, on=on, off=off)
+        super().__init__(
+            shape, upper=upper, lower=upper if lower is None else lower, on=on, off=off
+        )
 
     def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
         """Return the value of the on or off state."""
@@ -81,15 +89,23 @@ class Relay(Shaped):
 
     def initial_state(self, u: Signals, p: Signals) -> Values:
         """Return the initial mode from the input."""
-        return {"is_on": np.where(u.u >= p.upper, 1.0, np.where(u.u <= p.lower, 0.0, float(self.start_on)))}
+        return {
+            "is_on": np.where(
+                u.u >= p.upper, 1.0, np.where(u.u <= p.lower, 0.0, float(self.start_on))
+            )
+        }
 
     def indicators(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
         """Return the distance of the input above the levels."""
         return {"rises": u.u - p.upper, "falls": u.u - p.lower}
 
-    def on_event(self, t: Array, x: Signals, u: Signals, p: Signals, fired: Signals) -> Values:
+    def on_event(
+        self, t: Array, x: Signals, u: Signals, p: Signals, fired: Signals
+    ) -> Values:
         """Switch."""
-        return {"is_on": np.where(fired.rises, 1.0, np.where(fired.falls, 0.0, x.is_on))}
+        return {
+            "is_on": np.where(fired.rises, 1.0, np.where(fired.falls, 0.0, x.is_on))
+        }
 
 
 class Switch(Shaped):
@@ -121,13 +137,19 @@ class Switch(Shaped):
     reached = Mode(0.0, "number", meaning="whether each threshold is reached")
     rises, falls = Event("rising", "number"), Event("falling", "number")
 
-    def __init__(self, thresholds: float | Sequence[float] = 0.5, *, shape: ShapeLike = None) -> None:
+    def __init__(
+        self, thresholds: float | Sequence[float] = 0.5, *, shape: ShapeLike = None
+    ) -> None:
         levels = np.atleast_1d(finite_array("thresholds of Switch", thresholds))
         if levels.ndim != 1 or not levels.size or np.any(np.diff(levels) <= 0):
-            raise BlockError(f"Switch needs increasing thresholds; got {shown(thresholds)}")
+            raise BlockError(
+                f"Switch needs increasing thresholds; got {shown(thresholds)}"
+            )
         self.thresholds, self.number = levels, levels.size
         self.extra_ports = {
-            f"u{i}": Input(INFERRED, unit=INFERRED, frame=INFERRED, meaning=f"signal {i}")
+            f"u{i}": Input(
+                INFERRED, unit=INFERRED, frame=INFERRED, meaning=f"signal {i}"
+            )
             for i in range(1, levels.size + 2)
         }
         super().__init__(shape)
@@ -145,11 +167,18 @@ class Switch(Shaped):
 
     def indicators(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
         """Return the distance of the control above the thresholds."""
-        return {"rises": u.control - self.thresholds, "falls": u.control - self.thresholds}
+        return {
+            "rises": u.control - self.thresholds,
+            "falls": u.control - self.thresholds,
+        }
 
-    def on_event(self, t: Array, x: Signals, u: Signals, p: Signals, fired: Signals) -> Values:
+    def on_event(
+        self, t: Array, x: Signals, u: Signals, p: Signals, fired: Signals
+    ) -> Values:
         """Switch."""
-        return {"reached": np.where(fired.rises, 1.0, np.where(fired.falls, 0.0, x.reached))}
+        return {
+            "reached": np.where(fired.rises, 1.0, np.where(fired.falls, 0.0, x.reached))
+        }
 
 
 class Pulse(Source):
@@ -209,14 +238,18 @@ class Pulse(Source):
 
     def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
         """Return the value; before the first event it is computed from the time."""
-        is_high: Array = np.where(x.next_edge > -NO_LIMIT, x.is_high, self._at(t)["is_high"])
+        is_high: Array = np.where(
+            x.next_edge > -NO_LIMIT, x.is_high, self._at(t)["is_high"]
+        )
         return {"y": np.where(is_high > 0.5, p.high, p.low)}
 
     def indicators(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
         """Return the time of the next edge."""
         return {"edge": x.next_edge}
 
-    def on_event(self, t: Array, x: Signals, u: Signals, p: Signals, fired: Signals) -> Values:
+    def on_event(
+        self, t: Array, x: Signals, u: Signals, p: Signals, fired: Signals
+    ) -> Values:
         """Return the modes after an edge."""
         return self._at(t)
 
@@ -252,7 +285,9 @@ class LimitedIntegrator(Integrator):
         If there is no such reset.
     """
 
-    side = Mode(0.0, INFERRED, meaning="1 while at the upper limit, -1 while at the lower one")
+    side = Mode(
+        0.0, INFERRED, meaning="1 while at the upper limit, -1 while at the lower one"
+    )
     high, low = Event("rising", INFERRED), Event("falling", INFERRED)
     leaves_high, leaves_low = Event("falling", INFERRED), Event("rising", INFERRED)
     lower = Parameter(shape=None, meaning="l: lower limit")
@@ -273,18 +308,30 @@ class LimitedIntegrator(Integrator):
         self.extra_ports, self.has_reset = {}, reset is not None
         if reset is not None:
             one_of("reset", reset, ("rising", "falling", "both"), BlockError)
-            self.extra_ports["reset"] = Input(meaning="resets the integral when it crosses zero")
+            self.extra_ports["reset"] = Input(
+                meaning="resets the integral when it crosses zero"
+            )
             self._declared = {**self._declared, "again": Event(reset)}
         if start_from_input:
-            self.extra_ports["start"] = Input(INFERRED, unit=Attribute("unit"), meaning="y_0")
-        self.start_from_input, self.unit, self.rate_unit = bool(start_from_input), unit, per_time(unit)
-        Shaped.__init__(self, shape, initial_value=initial_value, lower=lower, upper=upper)
+            self.extra_ports["start"] = Input(
+                INFERRED, unit=Attribute("unit"), meaning="y_0"
+            )
+        self.start_from_input, self.unit, self.rate_unit = (
+            bool(start_from_input),
+            unit,
+            per_time(unit),
+        )
+        Shaped.__init__(
+            self, shape, initial_value=initial_value, lower=lower, upper=upper
+        )
 
     def check_parameters(self, p: Signals) -> None:
         """Check that each lower limit is below the upper one."""
         super().check_parameters(p)
         if np.any(p.lower == p.upper):
-            raise ParameterError(f"the lower limit of {p.owner} must be below the upper one, {p.upper}")
+            raise ParameterError(
+                f"the lower limit of {p.owner} must be below the upper one, {p.upper}"
+            )
 
     def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
         """Return the limited integral, as the interpolation of a solver may exceed a limit."""
@@ -297,8 +344,14 @@ class LimitedIntegrator(Integrator):
 
     def _start(self, u: Signals, p: Signals) -> Values:
         """Return the initial integral and mode."""
-        begin = limited(u.start if self.start_from_input else p.initial_value + 0.0 * u.u, p.lower, p.upper)
-        outwards = np.where(begin >= p.upper, u.u > 0.0, np.logical_and(begin <= p.lower, u.u < 0.0))
+        begin = limited(
+            u.start if self.start_from_input else p.initial_value + 0.0 * u.u,
+            p.lower,
+            p.upper,
+        )
+        outwards = np.where(
+            begin >= p.upper, u.u > 0.0, np.logical_and(begin <= p.lower, u.u < 0.0)
+        )
         return {"integral": begin, "side": np.where(outwards, np.sign(u.u), 0.0)}
 
     def initial_state(self, u: Signals, p: Signals) -> Values:
@@ -315,11 +368,20 @@ class LimitedIntegrator(Integrator):
             "leaves_low": u.u,
         }
 
-    def on_event(self, t: Array, x: Signals, u: Signals, p: Signals, fired: Signals) -> Values:
+    def on_event(
+        self, t: Array, x: Signals, u: Signals, p: Signals, fired: Signals
+    ) -> Values:
         """Stop at a limit, leave it, or reset."""
-        high, low = np.logical_and(fired.high, u.u > 0.0), np.logical_and(fired.low, u.u < 0.0)
+        high, low = (
+            np.logical_and(fired.high, u.u > 0.0),
+            np.logical_and(fired.low, u.u < 0.0),
+        )
         integral = np.where(high, p.upper, np.where(low, p.lower, x.integral))
-        leaves = np.where(x.side > 0.5, fired.leaves_high, np.logical_and(x.side < -0.5, fired.leaves_low))
+        leaves = np.where(
+            x.side > 0.5,
+            fired.leaves_high,
+            np.logical_and(x.side < -0.5, fired.leaves_low),
+        )
         side = np.where(high, 1.0, np.where(low, -1.0, np.where(leaves, 0.0, x.side)))
         if not self.has_reset:
             return {"integral": integral, "side": side}
@@ -358,7 +420,9 @@ class StopWhen(Block):
         """Return the input."""
         return {"ends": u.u}
 
-    def on_event(self, t: Array, x: Signals, u: Signals, p: Signals, fired: Signals) -> Values:
+    def on_event(
+        self, t: Array, x: Signals, u: Signals, p: Signals, fired: Signals
+    ) -> Values:
         """End the run.
 
         Raises
@@ -366,4 +430,6 @@ class StopWhen(Block):
         RunStoppedError
             Always.
         """
-        raise RunStoppedError(f"'{self.path}' ended the run at t = {float(t):.12g} s{self.message}")
+        raise RunStoppedError(
+            f"'{self.path}' ended the run at t = {float(t):.12g} s{self.message}"
+        )

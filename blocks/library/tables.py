@@ -41,8 +41,16 @@ class Interpolation:
         If the points do not increase, or the values do not match them.
     """
 
-    def __init__(self, owner: str, points: npt.ArrayLike, values: npt.ArrayLike, extrapolate: bool) -> None:
-        self.points, self.values = p, v = row_for_each(owner, points=points, values=values)
+    def __init__(
+        self,
+        owner: str,
+        points: npt.ArrayLike,
+        values: npt.ArrayLike,
+        extrapolate: bool,
+    ) -> None:
+        self.points, self.values = p, v = row_for_each(
+            owner, points=points, values=values
+        )
         yes_or_no(owner, "extrapolate", extrapolate)
         self.extrapolate = extrapolate
         span = np.diff(p).reshape(-1, *(1,) * (v.ndim - 1))
@@ -52,7 +60,9 @@ class Interpolation:
         """Return the interpolated values; rows need a scalar `x`."""
         if not self.extrapolate:
             x = limited(x, self.points[0], self.points[-1])
-        start, value, slope = piece(x, self.points[:-1], [self.points[:-1], self.values[:-1], self.slopes])
+        start, value, slope = piece(
+            x, self.points[:-1], [self.points[:-1], self.values[:-1], self.slopes]
+        )
         return value + slope * (x - start)
 
 
@@ -138,15 +148,27 @@ class GridTable(Block):
         units: Sequence[str] | None = None,
         output_unit: Unit = None,
     ) -> None:
-        points = [np.atleast_1d(finite_array("axes of GridTable", each)) for each in listed(axes)]
-        self.values, sizes = finite_array("values of GridTable", values), tuple(map(len, points))
+        points = [
+            np.atleast_1d(finite_array("axes of GridTable", each))
+            for each in listed(axes)
+        ]
+        self.values, sizes = (
+            finite_array("values of GridTable", values),
+            tuple(map(len, points)),
+        )
         if not points or self.values.shape[: len(points)] != sizes:
-            raise BlockError(f"GridTable has axes of {sizes} points, but values of shape {self.values.shape}")
-        self._hats = [Interpolation("GridTable", each, np.eye(len(each)), extrapolate) for each in points]
+            raise BlockError(
+                f"GridTable has axes of {sizes} points, but values of shape {self.values.shape}"
+            )
+        self._hats = [
+            Interpolation("GridTable", each, np.eye(len(each)), extrapolate)
+            for each in points
+        ]
         each_unit = unit_of_each("GridTable", units, len(points))
         self.shape, self.output_unit = self.values.shape[len(points) :], output_unit
         self.extra_ports = {
-            f"u{i}": Input(unit=unit, meaning=f"variable {i}") for i, unit in enumerate(each_unit, 1)
+            f"u{i}": Input(unit=unit, meaning=f"variable {i}")
+            for i, unit in enumerate(each_unit, 1)
         }
         super().__init__()
 
@@ -182,7 +204,12 @@ class TimeTable(Block):
     y = Output("shape", unit=Attribute("unit"), meaning="interpolated value")
 
     def __init__(
-        self, times: npt.ArrayLike, values: npt.ArrayLike, *, extrapolate: bool = False, unit: Unit = None
+        self,
+        times: npt.ArrayLike,
+        values: npt.ArrayLike,
+        *,
+        extrapolate: bool = False,
+        unit: Unit = None,
     ) -> None:
         self._table = Interpolation("TimeTable", times, values, extrapolate)
         self.shape, self.unit = self._table.values.shape[1:], unit

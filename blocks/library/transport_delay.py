@@ -12,7 +12,13 @@ import numpy.typing as npt
 
 from trussflow.blocks.errors import BlockError
 from trussflow.blocks.framework.block import Block, Values
-from trussflow.blocks.framework.declarations import Attribute, Event, Parameter, Signals, State
+from trussflow.blocks.framework.declarations import (
+    Attribute,
+    Event,
+    Parameter,
+    Signals,
+    State,
+)
 from trussflow.blocks.framework.port import Input, Output
 from trussflow.blocks.framework.run_state import Running
 from trussflow.blocks.framework.units import Unit
@@ -65,13 +71,27 @@ class DelayLine(Block):
     initial_value = Parameter(shape="shape", meaning="y_0")
 
     def __init__(
-        self, shortest: float, longest: float, initial_value: npt.ArrayLike, pade: int, unit: Unit
+        self,
+        shortest: float,
+        longest: float,
+        initial_value: npt.ArrayLike,
+        pade: int,
+        unit: Unit,
     ) -> None:
         name = type(self).__name__
         if not is_whole(pade) or not 1 <= pade <= 10:
-            raise BlockError(f"'pade' of {name} must be whole, from 1 to 10, not {shown(pade)}")
-        self.shortest, self.longest, self.pade, self.unit = shortest, longest, int(pade), unit
-        self.shape = finite_array(f"parameter 'initial_value' of {name}", initial_value).shape
+            raise BlockError(
+                f"'pade' of {name} must be whole, from 1 to 10, not {shown(pade)}"
+            )
+        self.shortest, self.longest, self.pade, self.unit = (
+            shortest,
+            longest,
+            int(pade),
+            unit,
+        )
+        self.shape = finite_array(
+            f"parameter 'initial_value' of {name}", initial_value
+        ).shape
         self.size = prod(self.shape)
         # In units of the delay, so that the matrices are of moderate size; lowest power first.
         n, whole = self.pade, factorial(2 * self.pade - 1)
@@ -142,7 +162,12 @@ class TransportDelay(DelayLine):
     """
 
     def __init__(
-        self, delay: float, initial_value: npt.ArrayLike = 0.0, *, pade: int = 6, unit: Unit = None
+        self,
+        delay: float,
+        initial_value: npt.ArrayLike = 0.0,
+        *,
+        pade: int = 6,
+        unit: Unit = None,
     ) -> None:
         self.delay = finite("TransportDelay", "delay", delay, above=0.0)
         super().__init__(self.delay, self.delay, initial_value, pade, unit)
@@ -230,7 +255,8 @@ class History(Running):
             times.append(t)
             values.append(u.copy())
         times, values = self._pieces[0]
-        out = bisect_right(times, t - 2.0 * self._block.longest) - 2  # rows of this step are logged later
+        # rows of this step are logged later
+        out = bisect_right(times, t - 2.0 * self._block.longest) - 2
         if out > 100:
             del times[:out], values[:out]
         while self._past[1:] and self._past[1][0][0] < t - 2.0 * self._block.longest:
@@ -241,7 +267,10 @@ class History(Running):
         times, values = self._pieces[-1]
         size = np.abs(values[-4:]).max(initial=0.0)
         moved = np.abs(u - values[-1]).max(initial=0.0)
-        return bool(t - times[-1] <= TIME_TOLERANCE * self._block.shortest and moved > JUMP_TOLERANCE * size)
+        return bool(
+            t - times[-1] <= TIME_TOLERANCE * self._block.shortest
+            and moved > JUMP_TOLERANCE * size
+        )
 
     def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
         """Return the delayed input, by cubic Lagrange interpolation of the four nearest points."""
@@ -279,7 +308,11 @@ class History(Running):
 
     def _next_jump(self, u: Signals) -> float:
         """Return the time at which the next piece replaces the first [s]."""
-        return self._pieces[0][0][-1] + self._block.length(u) if self._pieces[1:] else math.inf
+        return (
+            self._pieces[0][0][-1] + self._block.length(u)
+            if self._pieces[1:]
+            else math.inf
+        )
 
     def _is_in(self, then: float, times: list[float]) -> bool:
         """Return whether a time is not before the first of these times of a piece."""
@@ -287,10 +320,14 @@ class History(Running):
 
     def _go_back(self, now: float, u: Signals) -> None:
         """Restore earlier pieces if the delay has grown faster than time."""
-        while self._past and not self._is_in(now - self._block.length(u), self._pieces[0][0]):
+        while self._past and not self._is_in(
+            now - self._block.length(u), self._pieces[0][0]
+        ):
             self._pieces.insert(0, self._past.pop())
 
-    def on_event(self, t: Array, x: Signals, u: Signals, p: Signals, fired: Signals) -> Values:
+    def on_event(
+        self, t: Array, x: Signals, u: Signals, p: Signals, fired: Signals
+    ) -> Values:
         """Store the input, and set the approximant to the steady state of the output."""
         now = float(t)
         if not self._pieces:

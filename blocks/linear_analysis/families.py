@@ -12,11 +12,19 @@ import numpy as np
 from trussflow.blocks.errors import LinearAnalysisError
 from trussflow.blocks.framework.block import Block
 from trussflow.blocks.linear_analysis.linearize import Linearizer
-from trussflow.blocks.linear_analysis.operating_point import OperatingPoint, given_point, points_during
+from trussflow.blocks.linear_analysis.operating_point import (
+    OperatingPoint,
+    given_point,
+    points_during,
+)
 from trussflow.blocks.linear_analysis.overrides import Override
 from trussflow.blocks.linear_analysis.references import References
 from trussflow.blocks.simulation.session import Session
-from trussflow.blocks.simulation.solver import SolverSettings, refuse_unknown, spelled_out
+from trussflow.blocks.simulation.solver import (
+    SolverSettings,
+    refuse_unknown,
+    spelled_out,
+)
 from trussflow.blocks.support.validation import by_name, finite_array, shown
 
 if TYPE_CHECKING:
@@ -89,9 +97,15 @@ def linearize_over(
             )
         axes[name] = [*values]
     instants = (
-        [begin.time] if times is None else finite_array("times to linearize at", times).ravel().tolist()
+        [begin.time]
+        if times is None
+        else finite_array("times to linearize at", times).ravel().tolist()
     )
-    if not instants or not np.all(np.diff([begin.time, *instants])[1:] > 0) or instants[0] < begin.time:
+    if (
+        not instants
+        or not np.all(np.diff([begin.time, *instants])[1:] > 0)
+        or instants[0] < begin.time
+    ):
         raise LinearAnalysisError(
             f"cannot linearize at the times {shown(times)}: they must increase, from {begin.time:g} s on"
         )
@@ -99,10 +113,15 @@ def linearize_over(
     session = None if times is None else Session(item, **settings)
     models = []
     for values in product(*axes.values()):
-        point = replace(begin, parameters={**begin.parameters, **dict(zip(axes, values, strict=True))})
+        point = replace(
+            begin,
+            parameters={**begin.parameters, **dict(zip(axes, values, strict=True))},
+        )
         points = [point] if session is None else points_during(session, point, instants)
         models += [linearizer.at(one) for one in points]
-    coordinates: dict[str, Any] = {n: v for n, v in axes.items() if all(np.ndim(one) == 0 for one in v)}
+    coordinates: dict[str, Any] = {
+        n: v for n, v in axes.items() if all(np.ndim(one) == 0 for one in v)
+    }
     shape = [len(v) for v in axes.values()]
     if times is not None:
         coordinates["time"] = ("time", instants, {"units": "s"})

@@ -136,7 +136,9 @@ class LocalJacobians:
         """
         equations = self.executor.blocks.equations[call.path]
         u = self.values(quantity.name, x, d)
-        equation = Equation(call, equations, kind, self.t, self.p[call.parameters], d[call.modes], u)
+        equation = Equation(
+            call, equations, kind, self.t, self.p[call.parameters], d[call.modes], u
+        )
         by_inputs = self.matrix(quantity.name, x, d)[equation.inputs]
         first = 0 if call.block.continuous else x.size
         states = np.arange(first + call.states.start, first + call.states.stop)
@@ -146,7 +148,9 @@ class LocalJacobians:
         if error is None:
             self.derivatives[call.path] = "its own"
         else:
-            error = self._errors[call.path] = max(error, self._errors.get(call.path, 0.0))
+            error = self._errors[call.path] = max(
+                error, self._errors.get(call.path, 0.0)
+            )
             self.derivatives[call.path] = f"differences, relative error {error:.1e}"
         by_states = np.zeros((states.size, x.size + d.size))
         by_states[np.arange(states.size), states] = 1.0
@@ -175,7 +179,9 @@ class LocalJacobians:
             rows.append(self.python(call, "output", quantity, x, d)[1])
         direct = np.vstack(rows)
         # The outputs w = D_z z + D_w w; D_w is nilpotent but for loops that are solved.
-        by_all = np.asarray(np.linalg.solve(np.eye(where.size) - direct[:, where], direct), dtype=float)
+        by_all = np.asarray(
+            np.linalg.solve(np.eye(where.size) - direct[:, where], direct), dtype=float
+        )
         by_all[:, where] = 0.0
         return by_all
 
@@ -202,7 +208,9 @@ class LocalJacobians:
             if call.block.outputs():
                 after[where] = self.python_outputs(x, d) @ after
                 values, slopes = self.python(call, "output", quantity, x, d)
-                after[x.size + call.outputs.start : x.size + call.outputs.stop] = slopes @ after
+                after[x.size + call.outputs.start : x.size + call.outputs.stop] = (
+                    slopes @ after
+                )
                 d[call.outputs] = values
         after[where] = self.python_outputs(x, d) @ after
         # Updates are simultaneous: all see the outputs just made and the states before.
@@ -235,7 +243,9 @@ class Tangents:
         self._forward = self._function.forward(1)
         self._jacobian = cache(partial(program.jacobian, 1, 2))
 
-    def __call__(self, t: float, x: Vector, d: Vector, p: Vector, directions: Vector) -> Vector:
+    def __call__(
+        self, t: float, x: Vector, d: Vector, p: Vector, directions: Vector
+    ) -> Vector:
         """Return the derivatives along directions in (x, d), one for each column.
 
         Parameters
@@ -268,7 +278,9 @@ def inner_places(plan: Plan) -> Indices:
     """Return where (x, memory, held) of a `plan` are in (x, d): modes and events stay as they are."""
     size = plan.x.size
     sampled = plan.sampled
-    return np.array(np.r_[:size, size + sampled.start : size + sampled.stop], dtype=np.int64)
+    return np.array(
+        np.r_[:size, size + sampled.start : size + sampled.stop], dtype=np.int64
+    )
 
 
 def _rates_and_outputs(ports: Sequence[Port]) -> Quantity:

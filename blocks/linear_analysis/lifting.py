@@ -67,7 +67,8 @@ def pattern(assembly: Prepared) -> Pattern | None:
             f"only after {float(length * tick):g} s, {length} ticks; take sample times that are "
             "multiples of each other"
         )
-    due = assembly.schedule.due(0, length)  # offsets are below periods: no clock starts any later
+    # offsets are below periods: no clock starts any later
+    due = assembly.schedule.due(0, length)
     found = [(int(k) * tick, int(due[k])) for k in np.flatnonzero(due)]
     if due[0] == 0:
         found.insert(0, (Fraction(0), 0))

@@ -14,7 +14,10 @@ from trussflow.blocks.framework.system import Indices, flatten
 from trussflow.blocks.linear_analysis.jacobians import LocalJacobians, inner_places
 from trussflow.blocks.linear_analysis.lifting import Jump, lifted
 from trussflow.blocks.linear_analysis.opened_model import OpenedModel
-from trussflow.blocks.linear_analysis.operating_point import OperatingPoint, Surroundings
+from trussflow.blocks.linear_analysis.operating_point import (
+    OperatingPoint,
+    Surroundings,
+)
 from trussflow.blocks.linear_analysis.overrides import Override
 from trussflow.blocks.linear_analysis.references import (
     Named,
@@ -111,7 +114,9 @@ def linearize(
     >>> float(model.poles()[0].real)
     -2.0
     """
-    return Linearizer(item, inputs, outputs, cut=cut, override=override).at(at, amplitude=amplitude)
+    return Linearizer(item, inputs, outputs, cut=cut, override=override).at(
+        at, amplitude=amplitude
+    )
 
 
 class Linearizer:
@@ -159,7 +164,12 @@ class Linearizer:
         key = tuple(one.key for one in wires)
         if key not in self._models:
             self._models[key] = OpenedModel(
-                self._system, self._inputs, self._outputs, self._cuts, wires, self._override
+                self._system,
+                self._inputs,
+                self._outputs,
+                self._cuts,
+                wires,
+                self._override,
             )
         return self._models[key]
 
@@ -183,7 +193,9 @@ class Linearizer:
         return self.opened(at)[1]
 
     @interruptible()
-    def at(self, at: OperatingPoint | None = None, *, amplitude: Amplitudes | None = None) -> LinearModel:
+    def at(
+        self, at: OperatingPoint | None = None, *, amplitude: Amplitudes | None = None
+    ) -> LinearModel:
         """Return the linear model at an operating point.
 
         Parameters
@@ -227,7 +239,9 @@ class Linearizer:
 
     # -- describing functions -----------------------------------------------------------------
 
-    def _oscillating(self, amplitude: Amplitudes) -> tuple[dict[Reference, float], list[tuple[Named, float]]]:
+    def _oscillating(
+        self, amplitude: Amplitudes
+    ) -> tuple[dict[Reference, float], list[tuple[Named, float]]]:
         """Return the amplitudes of states and inputs from outside, and the wires that have amplitudes."""
         stored: dict[Reference, float] = {}
         wires = []
@@ -239,7 +253,9 @@ class Linearizer:
             try:
                 one = named(self._system, reference)
             except NameLookupError as error:
-                states = ", ".join(f"{e.path}.{e.name}" for e in self._surroundings.plan.x)
+                states = ", ".join(
+                    f"{e.path}.{e.name}" for e in self._surroundings.plan.x
+                )
                 raise NameLookupError(f"{error}; states: {states or 'none'}") from None
             if not one.port.is_input:
                 raise LinearAnalysisError(

@@ -29,7 +29,12 @@ from trussflow.blocks.linear_analysis.margins import (
 )
 from trussflow.blocks.linear_analysis.operating_point import OperatingPoint
 from trussflow.blocks.linear_analysis.overrides import Override
-from trussflow.blocks.linear_analysis.references import Reference, References, listed, named
+from trussflow.blocks.linear_analysis.references import (
+    Reference,
+    References,
+    listed,
+    named,
+)
 from trussflow.blocks.support.call_site import warn
 from trussflow.blocks.support.types import Vector
 from trussflow.blocks.support.validation import frequencies
@@ -87,14 +92,22 @@ def loop_transfer(
     system = flatten(diagram, external=True)
     one = named(system, port)
     looping = _looping(system)
-    read = {(reader.block.path, reader.name) for reader, _, _ in readers(system, one.port)}
+    read = {
+        (reader.block.path, reader.name) for reader, _, _ in readers(system, one.port)
+    }
     if read.isdisjoint({(path, name) for _, path, name in looping}):
         through = sorted({f"'{source.path}'" for source, _, _ in looping})
         raise LinearAnalysisError(
             f"no loop passes through '{one.port.full_path}'; "
-            + (f"loops pass through: {', '.join(through)}" if through else "there is no loop")
+            + (
+                f"loops pass through: {', '.join(through)}"
+                if through
+                else "there is no loop"
+            )
         )
-    linearizer = Linearizer(diagram, [port], [port], cut=[port, *listed(openings)], override=override)
+    linearizer = Linearizer(
+        diagram, [port], [port], cut=[port, *listed(openings)], override=override
+    )
     model = linearizer.at(at, amplitude=amplitude).returned()
     if not _passes(model):
         warn(
@@ -226,7 +239,9 @@ def loop_margins(
         If the diagram has unstable poles that the loop hides: its margins are those of the other poles.
     """
     given = None if omega is None else frequencies(np.unique(frequencies(omega)), 2)
-    return margins_of(loop_transfer(diagram, port, openings=openings, at=at, override=override), given)
+    return margins_of(
+        loop_transfer(diagram, port, openings=openings, at=at, override=override), given
+    )
 
 
 def margins_of(loop: LinearModel, omega: Vector | None = None) -> LoopMargins:
@@ -246,7 +261,9 @@ def margins_of(loop: LinearModel, omega: Vector | None = None) -> LoopMargins:
     """
     channels, grid, S = _channels(loop, omega)
     disk, gain, phase, frequency = disk_margin(loop, grid, S)
-    return LoopMargins(channels=channels, disk=disk, gain=gain, phase=phase, frequency=frequency)
+    return LoopMargins(
+        channels=channels, disk=disk, gain=gain, phase=phase, frequency=frequency
+    )
 
 
 def channels_of(loop: LinearModel) -> dict[str, Margins]:
@@ -297,4 +314,6 @@ def _looping(system: System) -> list[tuple[Port, str, str]]:
     size = len(numbers)
     graph = coo_array((np.ones(len(ends)), (rows, columns)), shape=(size, size))
     group = connected_components(graph, connection="strong")[1]
-    return [wire for wire, (a, b) in zip(wires, ends, strict=True) if group[a] == group[b]]
+    return [
+        wire for wire, (a, b) in zip(wires, ends, strict=True) if group[a] == group[b]
+    ]

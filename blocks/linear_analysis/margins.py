@@ -81,7 +81,9 @@ class Margins:
     disk: float = 2.0
 
 
-def frequencies_about(poles: Complex, low: float = 1e-2, high: float = 1e4, points: int = 600) -> Vector:
+def frequencies_about(
+    poles: Complex, low: float = 1e-2, high: float = 1e4, points: int = 600
+) -> Vector:
     """Return frequencies that show a loop: even in logarithm, and close about each resonance.
 
     Parameters
@@ -116,7 +118,9 @@ def response(model: control.StateSpace, omega: Vector) -> Complex:
     omega : array, shape (k,)
         Frequencies [rad/s].
     """
-    return np.asarray(np.moveaxis(model(on_the_border(model, omega), squeeze=False), 2, 0))
+    return np.asarray(
+        np.moveaxis(model(on_the_border(model, omega), squeeze=False), 2, 0)
+    )
 
 
 def sensitivities(model: control.StateSpace, omega: Vector) -> Complex:
@@ -151,7 +155,9 @@ def channel_responses(sensitivity: Complex) -> Complex:
         return np.asarray(np.where(S == 0.0, np.inf, 1.0 / S - 1.0))
 
 
-def sensitivity_matrices(model: control.StateSpace) -> tuple[Vector, Vector, Vector, Vector]:
+def sensitivity_matrices(
+    model: control.StateSpace,
+) -> tuple[Vector, Vector, Vector, Vector]:
     """Return A, B, C and D of the sensitivity function (I + L)^-1 of a loop gain L.
 
     Parameters
@@ -200,11 +206,15 @@ def stable_poles(model: control.StateSpace, loop: str) -> Complex:
     overlap = np.abs(np.sum(lefts.conj() * rights, axis=0))
     unstable = growth * overlap > SUM_ROUND_OFF * len(A) * np.linalg.norm(A)
     B, C = B / scale[:, None], C * scale
-    excited = np.linalg.norm(lefts.conj().T @ B, axis=1) > HIDDEN_SHARE * np.linalg.norm(B)
+    excited = np.linalg.norm(
+        lefts.conj().T @ B, axis=1
+    ) > HIDDEN_SHARE * np.linalg.norm(B)
     seen = np.linalg.norm(C @ rights, axis=0) > HIDDEN_SHARE * np.linalg.norm(C)
 
     def listed(of: NDArray[np.bool_]) -> str:
-        return ", ".join(f"{pole if pole.imag else pole.real:.4g}" for pole in poles[unstable & of])
+        return ", ".join(
+            f"{pole if pole.imag else pole.real:.4g}" for pole in poles[unstable & of]
+        )
 
     if named := listed(excited & seen):
         raise LinearAnalysisError(
@@ -236,10 +246,14 @@ def real_sensitivities(model: control.StateSpace, slowest: float) -> Vector:
         return np.diagonal(D + C @ np.linalg.solve(z * np.eye(len(A)) - A, B))
 
     (first,) = on_the_border(model, np.array([LOW_FREQUENCY_RATIO * slowest]))
-    return np.real([at(first), at(-1.0) if model.isdtime(strict=True) else np.diagonal(D)])
+    return np.real(
+        [at(first), at(-1.0) if model.isdtime(strict=True) else np.diagonal(D)]
+    )
 
 
-def channel_margins(gain: Complex, omega: Vector, channel: str, ends: Vector, disk: float) -> Margins:
+def channel_margins(
+    gain: Complex, omega: Vector, channel: str, ends: Vector, disk: float
+) -> Margins:
     """Return the margins of one channel of a stable loop.
 
     Parameters
@@ -280,7 +294,9 @@ def channel_margins(gain: Complex, omega: Vector, channel: str, ends: Vector, di
     )
 
 
-def _least(margin: Callable[[float], float], values: Vector, omega: Vector) -> tuple[float, float]:
+def _least(
+    margin: Callable[[float], float], values: Vector, omega: Vector
+) -> tuple[float, float]:
     """Return the least value of a margin, and its frequency: all low minima of the grid are refined.
 
     Parameters
@@ -295,7 +311,11 @@ def _least(margin: Callable[[float], float], values: Vector, omega: Vector) -> t
     from scipy.optimize import minimize_scalar
 
     padded = np.concatenate([[np.inf], values, [np.inf]])
-    minima = (values < padded[:-2]) & (values <= padded[2:]) & (values <= REFINED_SHARE * values.min())
+    minima = (
+        (values < padded[:-2])
+        & (values <= padded[2:])
+        & (values <= REFINED_SHARE * values.min())
+    )
     best = float(values.min()), float(omega[values.argmin()])
     for k in np.flatnonzero(minima).tolist():
         low, high = omega[max(k - 1, 0)], omega[min(k + 1, len(omega) - 1)]
@@ -347,7 +367,9 @@ def disk_margin(
 
     def margin(frequencies: Vector) -> Vector:
         try:
-            return np.asarray(control.disk_margins(model, frequencies, returnall=True)[0])
+            return np.asarray(
+                control.disk_margins(model, frequencies, returnall=True)[0]
+            )
         except control.ControlMIMONotImplemented:
             raise LinearAnalysisError(
                 f"the disk margin of {model.ninputs} channels at once needs slycot: install it, or name one "
@@ -360,7 +382,9 @@ def disk_margin(
     near = np.sort(order[: np.searchsorted(bounds[order], limit)])
     margins[near] = margin(omega[near])
     _, best = _least(lambda w: float(margin(np.array([w]))[0]), margins, omega)
-    disk, gain, phase = (float(value) for value in control.disk_margins(model, np.array([best])))
+    disk, gain, phase = (
+        float(value) for value in control.disk_margins(model, np.array([best]))
+    )
     return disk, gain, phase, best
 
 
@@ -406,4 +430,6 @@ def on_the_border(model: control.StateSpace, omega: Vector) -> Complex:
     omega : array
         Frequencies [rad/s].
     """
-    return np.asarray(np.exp(1j * omega * model.dt) if model.isdtime(strict=True) else 1j * omega)
+    return np.asarray(
+        np.exp(1j * omega * model.dt) if model.isdtime(strict=True) else 1j * omega
+    )

@@ -13,8 +13,15 @@ from trussflow.blocks.framework.diagram import Diagram
 from trussflow.blocks.framework.system import flatten
 from trussflow.blocks.linear_analysis.linearize import linearize
 from trussflow.blocks.linear_analysis.loop_transfer import channels_of, loop_transfer
-from trussflow.blocks.linear_analysis.margins import channel_responses, frequencies_about, sensitivities
-from trussflow.blocks.linear_analysis.modal_table import OscillatingMode, oscillating_modes
+from trussflow.blocks.linear_analysis.margins import (
+    channel_responses,
+    frequencies_about,
+    sensitivities,
+)
+from trussflow.blocks.linear_analysis.modal_table import (
+    OscillatingMode,
+    oscillating_modes,
+)
 from trussflow.blocks.linear_analysis.references import Reference, named
 from trussflow.blocks.support.types import Vector
 
@@ -25,7 +32,11 @@ if TYPE_CHECKING:
 
 
 def modal_bode(
-    diagram: Diagram, port: Reference, *, loop: LinearModel | None = None, omega: npt.ArrayLike | None = None
+    diagram: Diagram,
+    port: Reference,
+    *,
+    loop: LinearModel | None = None,
+    omega: npt.ArrayLike | None = None,
 ) -> Figure:
     r"""Return the Bode plot of the loop through each element of a port, the other elements closed.
 
@@ -77,7 +88,9 @@ def modal_bode(
         margins = channels_of(loop)
     except LinearAnalysisError as error:
         title = fill(str(error), 90)
-    figure, (upper, lower) = plt.subplots(2, 1, sharex=True, figsize=(9.0, 7.0), layout="constrained")
+    figure, (upper, lower) = plt.subplots(
+        2, 1, sharex=True, figsize=(9.0, 7.0), layout="constrained"
+    )
     for k, label in enumerate(loop.input_labels):
         text = label
         if modes:
@@ -86,8 +99,12 @@ def modal_bode(
             text += f": mode {number + 1}, {mode.frequency:.3g} Hz, ζ = {mode.damping_ratio:z.2%}"
         if label in margins:
             text += f"; margins {20.0 * np.log10(margins[label].gain_up):.1f} dB, {margins[label].phase:.0f}°"
-        upper.semilogx(grid / (2.0 * np.pi), 20.0 * np.log10(np.abs(gains[:, k])), label=text)
-        lower.semilogx(grid / (2.0 * np.pi), np.degrees(np.unwrap(np.angle(gains[:, k]))))
+        upper.semilogx(
+            grid / (2.0 * np.pi), 20.0 * np.log10(np.abs(gains[:, k])), label=text
+        )
+        lower.semilogx(
+            grid / (2.0 * np.pi), np.degrees(np.unwrap(np.angle(gains[:, k])))
+        )
     upper.axhline(0.0, color="grey", linewidth=0.8)
     upper.set(title=title, ylabel="magnitude [dB]")
     lower.set(xlabel="frequency [Hz]", ylabel="phase [deg]")

@@ -76,8 +76,12 @@ class ModalTable(Described):
     def _described(self) -> Description:
         facts = {}
         for number, mode in enumerate(self.modes, 1):
-            strongest = sorted(mode.shares.items(), key=lambda item: -item[1])[:SHOWN_INPUTS]
-            driven = ", ".join(f"{name} {share:.0%}" for name, share in strongest if share >= 0.005)
+            strongest = sorted(mode.shares.items(), key=lambda item: -item[1])[
+                :SHOWN_INPUTS
+            ]
+            driven = ", ".join(
+                f"{name} {share:.0%}" for name, share in strongest if share >= 0.005
+            )
             facts[f"mode {number}"] = (
                 f"{mode.frequency:10.4g} Hz, damping {mode.damping_ratio:z7.3%}, "
                 f"driven by {driven or 'no input'}"
@@ -86,7 +90,10 @@ class ModalTable(Described):
 
 
 def modal_table(
-    item: Block | control.StateSpace, inputs: References = None, *, at: OperatingPoint | None = None
+    item: Block | control.StateSpace,
+    inputs: References = None,
+    *,
+    at: OperatingPoint | None = None,
 ) -> ModalTable:
     """Return the oscillating modes of a plant or a closed loop.
 
@@ -135,7 +142,9 @@ def modal_table(
     return ModalTable(model.name, tuple(modes))
 
 
-def oscillating_modes(model: control.StateSpace) -> list[tuple[complex, Complex, Complex]]:
+def oscillating_modes(
+    model: control.StateSpace,
+) -> list[tuple[complex, Complex, Complex]]:
     """Return the oscillating poles, one of each pair, by frequency, with left and right eigenvectors.
 
     Parameters

@@ -15,7 +15,11 @@ from trussflow.blocks.framework.port import Port
 from trussflow.blocks.framework.signal_injection import injected, probed, readers
 from trussflow.blocks.framework.system import Indices, System
 from trussflow.blocks.linear_analysis.describing_function import columns
-from trussflow.blocks.linear_analysis.jacobians import RATES_AND_OUTPUTS, Jacobians, LocalJacobians
+from trussflow.blocks.linear_analysis.jacobians import (
+    RATES_AND_OUTPUTS,
+    Jacobians,
+    LocalJacobians,
+)
 from trussflow.blocks.linear_analysis.lifting import Pattern, pattern
 from trussflow.blocks.linear_analysis.operating_point import OperatingPoint
 from trussflow.blocks.linear_analysis.overrides import Override, overridden
@@ -72,14 +76,19 @@ class OpenedModel:
 
         outputs = [now(one) for one in outputs]
         inputs, cuts, wires = (
-            [one if _outside(system, one) else now(one) for one in ones] for ones in (inputs, cuts, wires)
+            [one if _outside(system, one) else now(one) for one in ones]
+            for ones in (inputs, cuts, wires)
         )
         refuse_hidden(system)
-        _refuse_overlaps(cuts, [*inputs, *cuts, *(one for one in outputs if one.port.is_input)])
+        _refuse_overlaps(
+            cuts, [*inputs, *cuts, *(one for one in outputs if one.port.is_input)]
+        )
         cut = {one.key for one in cuts}
         taps: list[Port] = []
         for one in outputs:
-            system, tap = probed(system, one.port) if one.key in cut else (system, one.leaf)
+            system, tap = (
+                probed(system, one.port) if one.key in cut else (system, one.leaf)
+            )
             taps.append(tap)
         sources: dict[Any, str] = {}
         for one in [*inputs, *cuts]:
@@ -98,7 +107,9 @@ class OpenedModel:
             ports = [*stand_in.inner.values(), *stand_in.outer.values()]
             place = np.r_[self.plan.place(point.path, "y")].astype(np.int64)
             parts = spans(port.size for port in ports)
-            self._replaced += [(port, place[part]) for port, part in zip(ports, parts, strict=True)]
+            self._replaced += [
+                (port, place[part]) for port, part in zip(ports, parts, strict=True)
+            ]
         self.input_columns = self._columns([(one, sources[one.key]) for one in inputs])
         self.wire_columns = self._columns([(one, sources[one.key]) for one in wires])
         self.jacobians = Jacobians(self.plan, [*taps, *closings])
@@ -118,7 +129,8 @@ class OpenedModel:
         for one, path in found:
             place = self.plan.place(path, "y")
             elements = one.port.elements().ravel()
-            if _outside(self.plan.system, one) is None:  # a source of its own, for these elements
+            if _outside(self.plan.system, one) is None:
+                # a source of its own, for these elements
                 elements = np.arange(elements.size)
             parts.append(place.start + elements)
         return np.concatenate(parts)
@@ -145,10 +157,16 @@ class OpenedModel:
                     f"cannot {purpose}: it has {what}; use estimated_response() instead"
                 )
 
-    def vectors(self, point: OperatingPoint, values: Sequence[Vector]) -> tuple[Vector, Vector, Vector]:
+    def vectors(
+        self, point: OperatingPoint, values: Sequence[Vector]
+    ) -> tuple[Vector, Vector, Vector]:
         """Return x, d, p at a `point` where the replaced signals have these `values` [as declared]."""
         kept: dict[str, Any] = {
-            what: {name: value for name, value in named.items() if self._override.keeps(name)}
+            what: {
+                name: value
+                for name, value in named.items()
+                if self._override.keeps(name)
+            }
             for what, named in (
                 ("states", point.states),
                 ("held", point.held),
@@ -159,7 +177,9 @@ class OpenedModel:
         for (_, where), value in zip(self._replaced, values, strict=True):
             d[where - x.size] = np.ravel(value)
         for external, stand_in in self._override.points:
-            for (path, name), value in stand_in.at_rest(self.plan.u.signals(external.path, d)["y"]).items():
+            for (path, name), value in stand_in.at_rest(
+                self.plan.u.signals(external.path, d)["y"]
+            ).items():
                 if (path, name) in self.plan.held.entries:
                     self.plan.held.put(d, path, name, value)
         return x, d, p
@@ -188,14 +208,18 @@ class OpenedModel:
         matrix = local.matrix(RATES_AND_OUTPUTS, x, d)
         for call, quantity in local.assembly.continuous.ordered:
             if call.size:
-                matrix[call.states] = local.python(call, "derivative", quantity, x, d)[1]
+                matrix[call.states] = local.python(call, "derivative", quantity, x, d)[
+                    1
+                ]
         matrix += matrix[:, where] @ by_all
         matrix[:, where] = 0.0
 
         def function(z: Vector) -> Vector:
             return local.values(RATES_AND_OUTPUTS, z[: x.size], z[x.size :])
 
-        for number, column in columns(function, np.concatenate([x, d]), amplitudes).items():
+        for number, column in columns(
+            function, np.concatenate([x, d]), amplitudes
+        ).items():
             matrix[:, number] = column
         wires = self.wire_columns
         closings = matrix[self._closing_rows]

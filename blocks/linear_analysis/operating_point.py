@@ -19,7 +19,12 @@ from trussflow.blocks.simulation.executor import Executor
 from trussflow.blocks.simulation.prepared import Prepared
 from trussflow.blocks.simulation.python_blocks import PythonExecutor
 from trussflow.blocks.simulation.session import Session
-from trussflow.blocks.simulation.solver import Solver, SolverSettings, refuse_unknown, spelled_out
+from trussflow.blocks.simulation.solver import (
+    Solver,
+    SolverSettings,
+    refuse_unknown,
+    spelled_out,
+)
 from trussflow.blocks.support.summary import Described, Description
 from trussflow.blocks.support.types import Array, Vector
 from trussflow.blocks.support.validation import finite_array, positive, shown
@@ -76,9 +81,16 @@ class OperatingPoint(Described):
     def _described(self) -> Description:
         if self.report:
             return self.report._described()
-        kinds = {"state": self.states, "held": self.held, "input": self.inputs, "output": self.outputs}
+        kinds = {
+            "state": self.states,
+            "held": self.held,
+            "input": self.inputs,
+            "output": self.outputs,
+        }
         facts = {
-            f"{kind} {name}": np.array2string(np.asarray(value), precision=6, threshold=20)
+            f"{kind} {name}": np.array2string(
+                np.asarray(value), precision=6, threshold=20
+            )
             for kind, values in (kinds | {"parameter": self.parameters}).items()
             for name, value in values.items()
         }
@@ -106,7 +118,10 @@ class OperatingPoint(Described):
         return cls(time=float(now.now), parameters=changed, **found)
 
     def vectors(
-        self, plan: Plan, p: Vector | None = None, opened: Mapping[str, Equations] | None = None
+        self,
+        plan: Plan,
+        p: Vector | None = None,
+        opened: Mapping[str, Equations] | None = None,
     ) -> tuple[Vector, Vector, Vector]:
         """Return x, d and p of a plan; what this point does not name is as at the start.
 
@@ -150,12 +165,20 @@ class OperatingPoint(Described):
         """
         for reference, value in self.held.items():
             e = plan.held.find(reference, "held output")
-            plan.held.put(d, e.path, e.name, finite_array(f"held output '{reference}'", value, e.shape))
+            plan.held.put(
+                d,
+                e.path,
+                e.name,
+                finite_array(f"held output '{reference}'", value, e.shape),
+            )
         for reference, value in self.loops.items():
             path, _, name = reference.rpartition(".")
             if found := plan.guesses.entries.get((path, name)):  # a loop may be cut
                 plan.guesses.put(
-                    d, path, name, finite_array(f"loop signal '{reference}'", value, found.shape)
+                    d,
+                    path,
+                    name,
+                    finite_array(f"loop signal '{reference}'", value, found.shape),
                 )
 
 
@@ -173,7 +196,10 @@ class Surroundings:
         self._assembly = Prepared(self.plan, [], Solver(solver="RK45", backend="numpy"))
 
     def complete(
-        self, at: OperatingPoint | None, ports: Sequence[Port], outputs: Mapping[str, Port]
+        self,
+        at: OperatingPoint | None,
+        ports: Sequence[Port],
+        outputs: Mapping[str, Port],
     ) -> tuple[OperatingPoint, list[Vector]]:
         """Return a point with nothing left out, and the values of ports there.
 
@@ -204,7 +230,9 @@ class Surroundings:
         evaluation = plan.evaluate(at.time, x, d, p)
 
         def value(port: Port) -> Vector:
-            return np.asarray(np.ravel(evaluation.value(port))[port.elements()], dtype=float)
+            return np.asarray(
+                np.ravel(evaluation.value(port))[port.elements()], dtype=float
+            )
 
         point = OperatingPoint(
             time=at.time,
@@ -215,7 +243,9 @@ class Surroundings:
         )
         return point, [value(port) for port in ports]
 
-    def _settled(self, executor: Executor, t: float, x: Vector, d: Vector, p: Vector) -> Vector:
+    def _settled(
+        self, executor: Executor, t: float, x: Vector, d: Vector, p: Vector
+    ) -> Vector:
         """Return d with held outputs computed, discrete states as they were."""
         memory = d[self.plan.memory.span].copy()
         d = d.copy()
@@ -231,7 +261,8 @@ class Surroundings:
             "what sampled blocks hold at this operating point does not settle: their outputs depend "
             "on each other in a circle; say in the point, with held={...}, what they hold"
         )
-        settle(sweep, len(self.plan.held.entries), fault)  # one may hold what the next one reads
+        # one may hold what the next one reads
+        settle(sweep, len(self.plan.held.entries), fault)
         return d
 
 
@@ -271,7 +302,11 @@ def given_point(at: Any) -> OperatingPoint:
 
 @spelled_out(SolverSettings)
 def operating_point_after(
-    item: Block, duration: float, *, at: OperatingPoint | None = None, **settings: Unpack[SolverSettings]
+    item: Block,
+    duration: float,
+    *,
+    at: OperatingPoint | None = None,
+    **settings: Unpack[SolverSettings],
 ) -> OperatingPoint:
     """Simulate, and return the operating point at the end, to linearize there.
 
@@ -306,7 +341,9 @@ def operating_point_after(
     return point
 
 
-def points_during(session: Session, begin: OperatingPoint, times: Sequence[float]) -> list[OperatingPoint]:
+def points_during(
+    session: Session, begin: OperatingPoint, times: Sequence[float]
+) -> list[OperatingPoint]:
     """Return where a run is that begins at a point, at some times.
 
     Parameters
@@ -319,7 +356,12 @@ def points_during(session: Session, begin: OperatingPoint, times: Sequence[float
         Increasing [s].
     """
     initial = {**begin.states, **begin.loops}
-    session.start(parameters=begin.parameters, initial=initial, inputs=begin.inputs, time=begin.time)
+    session.start(
+        parameters=begin.parameters,
+        initial=initial,
+        inputs=begin.inputs,
+        time=begin.time,
+    )
     points = []
     with session:
         for time in times:

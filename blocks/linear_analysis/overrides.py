@@ -17,7 +17,12 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from trussflow.blocks.errors import Explained, LinearAnalysisError, NameLookupError, ParameterError
+from trussflow.blocks.errors import (
+    Explained,
+    LinearAnalysisError,
+    NameLookupError,
+    ParameterError,
+)
 from trussflow.blocks.framework.block import Block, Values
 from trussflow.blocks.framework.declarations import Signals, State
 from trussflow.blocks.framework.external_inputs import External
@@ -49,7 +54,9 @@ class Gains(Block):
         The matrices [any].
     """
 
-    def __init__(self, block: Block, A: Vector, B: Vector, C: Vector, D: Vector) -> None:
+    def __init__(
+        self, block: Block, A: Vector, B: Vector, C: Vector, D: Vector
+    ) -> None:
         self.A = A
         self.B = B
         self.C = C
@@ -58,11 +65,18 @@ class Gains(Block):
         self.inner, self.outer = _inner(block.inputs()), _inner(block.outputs())
         self.extra_ports = {
             **{
-                name: Input(port.whole_shape or (), unit=port.unit, default=port.declaration.default)
+                name: Input(
+                    port.whole_shape or (),
+                    unit=port.unit,
+                    default=port.declaration.default,
+                )
                 for name, port in self.inner.items()
             },
             POINT_PORT: Input(sum(D.shape)),
-            **{name: Output(port.whole_shape or (), unit=port.unit) for name, port in self.outer.items()},
+            **{
+                name: Output(port.whole_shape or (), unit=port.unit)
+                for name, port in self.outer.items()
+            },
         }
         super().__init__()
         self.named(block.path)
@@ -84,7 +98,10 @@ class Gains(Block):
 
     def at_rest(self, point: Vector) -> dict[tuple[str, str], Array]:
         """Return y_0 by path and port, of a `point` (u_0, y_0) [as declared]."""
-        return {(self.path, name): value for name, value in self._apart(point[self.D.shape[1] :]).items()}
+        return {
+            (self.path, name): value
+            for name, value in self._apart(point[self.D.shape[1] :]).items()
+        }
 
     def _apart(self, y: Array) -> Values:
         """Return the outputs that stand one after the other."""
@@ -180,9 +197,15 @@ def overridden(system: System, override: Override | None) -> Overridden:
     result = Overridden(system, frozenset(), {}, [])
     for reference, value in by_name("override", override, str | Block).items():
         block = _block(system, reference)
-        inside = {path for path, leaf in system.blocks.items() if leaf is block or _within(leaf, block)}
+        inside = {
+            path
+            for path, leaf in system.blocks.items()
+            if leaf is block or _within(leaf, block)
+        }
         if inside & result.paths:
-            raise LinearAnalysisError(f"'{block.path}' is overridden twice, or within another override")
+            raise LinearAnalysisError(
+                f"'{block.path}' is overridden twice, or within another override"
+            )
         stand_in = _stand_in(block, value)
         for ports in (stand_in.inner, stand_in.outer):
             for name, leaf in ports.items():
@@ -194,22 +217,38 @@ def overridden(system: System, override: Override | None) -> Overridden:
                     result.places[each.block.path, each.name] = stand_in.port(name)
         result.paths |= inside
         result.points.append(
-            (External(stand_in.port(POINT_PORT), f"point of {block.path}", start=0.0), stand_in)
+            (
+                External(
+                    stand_in.port(POINT_PORT), f"point of {block.path}", start=0.0
+                ),
+                stand_in,
+            )
         )
     if not result.points:
         return result
-    blocks = {path: block for path, block in system.blocks.items() if path not in result.paths}
-    drivers = {key: found for key, found in system.drivers.items() if key[0] not in result.paths}
+    blocks = {
+        path: block for path, block in system.blocks.items() if path not in result.paths
+    }
+    drivers = {
+        key: found
+        for key, found in system.drivers.items()
+        if key[0] not in result.paths
+    }
     for point, stand_in in result.points:
         blocks |= {stand_in.path: stand_in, point.path: point}
         everything = np.arange(point.y.size)
-        drivers[stand_in.path, POINT_PORT] = [Driver(point.y, everything, everything, "override")]
+        drivers[stand_in.path, POINT_PORT] = [
+            Driver(point.y, everything, everything, "override")
+        ]
         for name, leaf in stand_in.inner.items():
             drivers[stand_in.path, name] = system.drivers[leaf.block.path, leaf.name]
 
     def now(driver: Driver) -> Driver:
         source = driver.source
-        if source is None or (key := (source.block.path, source.name)) not in result.places:
+        if (
+            source is None
+            or (key := (source.block.path, source.name)) not in result.places
+        ):
             return driver
         return replace(driver, source=result.places[key])
 
@@ -237,22 +276,34 @@ def _block(system: System, reference: str | Block) -> Block:
     found = system.blocks.get(path) or system.diagrams.get(path)
     wrong = isinstance(reference, Block) and found is not reference
     if found is None or wrong or not path or isinstance(found, External):
-        known = ", ".join(p for p in (*system.blocks, *system.diagrams) if p and not p.startswith("("))
-        raise NameLookupError(f"no block '{path}' to override; blocks and groups are: {known}")
+        known = ", ".join(
+            p for p in (*system.blocks, *system.diagrams) if p and not p.startswith("(")
+        )
+        raise NameLookupError(
+            f"no block '{path}' to override; blocks and groups are: {known}"
+        )
     return found
 
 
 def _stand_in(block: Block, value: Any) -> Gains:
     """Return what stands for a block."""
     system = _state_space(block, value)
-    sizes = tuple(sum(port.size for port in ports) for ports in (block.outputs(), block.inputs()))
+    sizes = tuple(
+        sum(port.size for port in ports) for ports in (block.outputs(), block.inputs())
+    )
     if (system.noutputs, system.ninputs) != sizes:
-        inputs, outputs = (", ".join(p.name for p in ports) for ports in (block.inputs(), block.outputs()))
+        inputs, outputs = (
+            ", ".join(p.name for p in ports)
+            for ports in (block.inputs(), block.outputs())
+        )
         raise LinearAnalysisError(
             f"cannot override '{block.path}' by a system with {system.ninputs} inputs and {system.noutputs} "
             f"outputs: its ports have {sizes[1]} elements ({inputs}) and {sizes[0]} elements ({outputs})"
         )
-    matrices = [np.asarray(matrix, dtype=float) for matrix in (system.A, system.B, system.C, system.D)]
+    matrices = [
+        np.asarray(matrix, dtype=float)
+        for matrix in (system.A, system.B, system.C, system.D)
+    ]
     if system.isdtime(strict=True):
         return SampledSystem(block, *matrices).sampled(system.dt)  # type: ignore[return-value]
     return (ContinuousSystem if system.nstates else Gains)(block, *matrices)
@@ -263,11 +314,15 @@ def _state_space(block: Block, value: Any) -> control.StateSpace:
     import control
 
     def explain(error: Exception) -> LinearAnalysisError:
-        return LinearAnalysisError(f"cannot override '{block.path}' by {shown(value)}: {error}")
+        return LinearAnalysisError(
+            f"cannot override '{block.path}' by {shown(value)}: {error}"
+        )
 
     if isinstance(value, control.StateSpace | control.TransferFunction):
         with Explained(explain):
-            system = value if isinstance(value, control.StateSpace) else control.ss(value)
+            system = (
+                value if isinstance(value, control.StateSpace) else control.ss(value)
+            )
     else:
         try:
             gains = finite_array("what stands for it", value)

@@ -38,10 +38,14 @@ MIN_RELATIVE_CHANGE = 1e-4
 told from zero: differences have round-off [-]."""
 
 
-def offered(block: Block, equations: Equations | None = None) -> Callable[..., Values] | None:
+def offered(
+    block: Block, equations: Equations | None = None
+) -> Callable[..., Values] | None:
     """Return the directional derivatives of a `block` itself, or of its `equations` in a run."""
     for item in (equations, block):
-        own: Callable[..., Values] | None = getattr(type(item), "directional_derivative", None)
+        own: Callable[..., Values] | None = getattr(
+            type(item), "directional_derivative", None
+        )
         if own is not None:
             bound: Callable[..., Values] = own.__get__(item)
             return bound
@@ -50,7 +54,11 @@ def offered(block: Block, equations: Equations | None = None) -> Callable[..., V
 
 def hiding(system: System) -> list[Block]:
     """Return the sampled Python blocks whose response to their inputs is not in what they declare."""
-    return [b for b in system.blocks.values() if b.hides and b.outputs() and not b.continuous]
+    return [
+        b
+        for b in system.blocks.values()
+        if b.hides and b.outputs() and not b.continuous
+    ]
 
 
 def refuse_hidden(system: System) -> None:
@@ -70,7 +78,9 @@ def refuse_hidden(system: System) -> None:
             )
 
 
-def differences(block: Block, function: Callable[[Vector], Vector], point: Vector) -> tuple[Vector, float]:
+def differences(
+    block: Block, function: Callable[[Vector], Vector], point: Vector
+) -> tuple[Vector, float]:
     """Return the Jacobian of a function by central differences of rising order.
 
     Parameters
@@ -105,11 +115,17 @@ def differences(block: Block, function: Callable[[Vector], Vector], point: Vecto
 
     steps = np.maximum(np.abs(point), 1.0) * 1e-2
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore", RuntimeWarning)  # of 0 / 0 where a derivative is zero
+        # of 0 / 0 where a derivative is zero
+        warnings.simplefilter("ignore", RuntimeWarning)
         found = jacobian(
-            each, point, initial_step=steps, tolerances={"rtol": RELATIVE_TOLERANCE, "atol": 1e-14}
+            each,
+            point,
+            initial_step=steps,
+            tolerances={"rtol": RELATIVE_TOLERANCE, "atol": 1e-14},
         )
-    scale = np.maximum(np.abs(found.df).max(axis=1), MIN_RELATIVE_CHANGE * np.abs(base) + 1e-300)
+    scale = np.maximum(
+        np.abs(found.df).max(axis=1), MIN_RELATIVE_CHANGE * np.abs(base) + 1e-300
+    )
     error = float(np.nan_to_num(found.error / scale[:, None], nan=np.inf).max())
     if not np.isfinite(found.df).all() or error > REFUSE_ABOVE:
         raise LinearAnalysisError(
@@ -143,9 +159,22 @@ class Equation:
     """
 
     def __init__(
-        self, call: BlockCall, equations: Equations, kind: str, t: float, p: Vector, modes: Vector, u: Vector
+        self,
+        call: BlockCall,
+        equations: Equations,
+        kind: str,
+        t: float,
+        p: Vector,
+        modes: Vector,
+        u: Vector,
     ) -> None:
-        self.call, self._equations, self._kind, self._t, self._p = call, equations, kind, t, p
+        self.call, self._equations, self._kind, self._t, self._p = (
+            call,
+            equations,
+            kind,
+            t,
+            p,
+        )
         self._modes = modes
         needed = call.needed if kind == "output" else np.ones_like(call.needed)
         self.inputs = np.flatnonzero(needed)
@@ -154,7 +183,9 @@ class Equation:
 
     def __call__(self, z: Vector) -> Vector:
         """Return what the equation returns."""
-        return self.call(self._equations, self._kind, self._t, *self._split(z, self._others), self._p)
+        return self.call(
+            self._equations, self._kind, self._t, *self._split(z, self._others), self._p
+        )
 
     def along(self, z: Vector, direction: Vector) -> Vector:
         """Return the block's own derivative at `z` [as declared] along a `direction` of the same units."""

@@ -95,7 +95,9 @@ def named(system: System, reference: Reference) -> Named:
         system.port(reference)  # refuses ports of other diagrams
         port = reference
     elif not isinstance(reference, str):
-        raise NameLookupError(f"name a port, as a port or as 'block.port'; not {reference!r}")
+        raise NameLookupError(
+            f"name a port, as a port or as 'block.port'; not {reference!r}"
+        )
     else:
         name, index = split_index(reference)
         port = system.port_of(name, reference)
@@ -105,7 +107,9 @@ def named(system: System, reference: Reference) -> Named:
     return Named(port, port.name if outermost else label_of(name or port.path), apart)
 
 
-def all_named(system: System, given: References, default: Sequence[Reference]) -> list[Named]:
+def all_named(
+    system: System, given: References, default: Sequence[Reference]
+) -> list[Named]:
     """Return the ports that a user names, one or several, or the default where none are given.
 
     Parameters
@@ -115,14 +119,21 @@ def all_named(system: System, given: References, default: Sequence[Reference]) -
     given, default : sequence of str or Port
         References from the user, and the ports that replace None.
     """
-    return [named(system, reference) for reference in listed(default if given is None else given)]
+    return [
+        named(system, reference)
+        for reference in listed(default if given is None else given)
+    ]
 
 
 def listed(given: References) -> list[Reference]:
     """Return what a user gave, one reference or several, as a list."""
     if given is None:
         return []
-    return [given] if isinstance(given, str) or not isinstance(given, Sequence) else [*given]
+    return (
+        [given]
+        if isinstance(given, str) or not isinstance(given, Sequence)
+        else [*given]
+    )
 
 
 def all_labels(found: Iterable[Named]) -> list[str]:
@@ -250,21 +261,30 @@ def label_places(labels: Sequence[str], reference: str) -> Indices:
         If none or several are meant; the message lists those there are.
     """
     if not isinstance(reference, str):
-        raise NameLookupError(f"name a state or signal as 'block.name', not {shown(reference)}")
-    if label_of(reference) in labels:  # one element, maybe of an array that is not all there
+        raise NameLookupError(
+            f"name a state or signal as 'block.name', not {shown(reference)}"
+        )
+    if label_of(reference) in labels:
+        # one element, maybe of an array that is not all there
         return np.asarray(labels.index(label_of(reference)))
     text, index = split_index(reference)
     wanted = label_of(text)
     arrays = dict[str, list[int]]()
     for i, label in enumerate(labels):
         arrays.setdefault(label.partition("[")[0], []).append(i)
-    found = [wanted] if wanted in arrays else [name for name in arrays if name.endswith(f"/{wanted}")]
+    found = (
+        [wanted]
+        if wanted in arrays
+        else [name for name in arrays if name.endswith(f"/{wanted}")]
+    )
     if len(found) == 1:
         elements = arrays[found[0]]
         last = labels[elements[-1]].partition("[")[2].rstrip("]")
         shape = tuple(int(i) + 1 for i in last.split(",")) if last else ()
         with contextlib.suppress(IndexError, ValueError):
-            return np.asarray(np.reshape(elements, shape)[() if index is None else index])
+            return np.asarray(
+                np.reshape(elements, shape)[() if index is None else index]
+            )
     raise NameLookupError(
         f"{f'{len(found)} arrays are' if len(found) > 1 else 'nothing is'} called '{reference}'; there are: "
         f"{', '.join(label.replace('/', '.') for label in labels)}"
@@ -292,7 +312,9 @@ def selected(shape: tuple[int, ...], index: Any, reference: str, kind: str) -> I
     try:
         return np.ravel(whole if index is None else whole[index])
     except IndexError as error:
-        raise NameLookupError(f"'{reference}' does not fit the {kind}'s shape {shape}: {error}") from None
+        raise NameLookupError(
+            f"'{reference}' does not fit the {kind}'s shape {shape}: {error}"
+        ) from None
 
 
 def layout_labels(layout: Layout) -> list[str]:

@@ -13,9 +13,17 @@ from trussflow.blocks.errors import LinearAnalysisError, TrimError
 from trussflow.blocks.framework.block import Block
 from trussflow.blocks.framework.port import Port
 from trussflow.blocks.framework.system import Indices, flatten
-from trussflow.blocks.linear_analysis.jacobians import RATES_AND_OUTPUTS, LocalJacobians, inner_places
+from trussflow.blocks.linear_analysis.jacobians import (
+    RATES_AND_OUTPUTS,
+    LocalJacobians,
+    inner_places,
+)
 from trussflow.blocks.linear_analysis.opened_model import OpenedModel
-from trussflow.blocks.linear_analysis.operating_point import OperatingPoint, Surroundings, as_named
+from trussflow.blocks.linear_analysis.operating_point import (
+    OperatingPoint,
+    Surroundings,
+    as_named,
+)
 from trussflow.blocks.linear_analysis.python_derivatives import hiding
 from trussflow.blocks.linear_analysis.references import (
     all_labels,
@@ -26,10 +34,20 @@ from trussflow.blocks.linear_analysis.references import (
     split_index,
     state_places,
 )
-from trussflow.blocks.linear_analysis.trim_report import Bounds, TrimReport, output_lines, variable_lines
+from trussflow.blocks.linear_analysis.trim_report import (
+    Bounds,
+    TrimReport,
+    output_lines,
+    variable_lines,
+)
 from trussflow.blocks.support.interrupts import interruptible
 from trussflow.blocks.support.types import Vector
-from trussflow.blocks.support.validation import by_name, finite_array, number_array, positive
+from trussflow.blocks.support.validation import (
+    by_name,
+    finite_array,
+    number_array,
+    positive,
+)
 
 MOST_LISTED = 8
 """Equations or variables that a message names."""
@@ -118,7 +136,9 @@ def trim(
     """
     positive(LinearAnalysisError, tolerance=tolerance)
     given = {"states": states, "inputs": inputs, "outputs": outputs, "rates": rates}
-    states, inputs, outputs, rates = (by_name(what, each, str | Port) for what, each in given.items())
+    states, inputs, outputs, rates = (
+        by_name(what, each, str | Port) for what, each in given.items()
+    )
     problem = _Problem(item, states, inputs, outputs, rates, at)
     return problem.solve(tolerance)
 
@@ -160,7 +180,11 @@ class _Problem:
         self._free[inner_places(plan)] = True
         self._bounds = np.full(size, -np.inf), np.full(size, np.inf)
         for reference, value in states.items():
-            self._set(state_places(plan, [*plan.stored], reference), f"state '{reference}'", value)
+            self._set(
+                state_places(plan, [*plan.stored], reference),
+                f"state '{reference}'",
+                value,
+            )
         for reference, value in inputs.items():
             self._set(self._input(reference), f"input '{reference}'", value)
         self._labels = [
@@ -175,19 +199,27 @@ class _Problem:
         for reference, value in rates.items():
             where = state_places(plan, [plan.x], reference)
             self._wanted_rates[where] = (
-                np.nan if value is None else finite_array(f"rate of '{reference}'", value, where.shape)
+                np.nan
+                if value is None
+                else finite_array(f"rate of '{reference}'", value, where.shape)
             )
         self._wanted = [
             finite_array(f"output '{r}'", v, one.port.elements().shape).ravel()
             for (r, v), one in zip(outputs.items(), self._outputs, strict=True)
         ]
-        instants = self._model.instants.instants if self._model.instants is not None else []
+        instants = (
+            self._model.instants.instants if self._model.instants is not None else []
+        )
         self._sets = sorted({number for _, number in instants if number})
         stays = self._labels[plan.x.size :][plan.sampled]
         self._names = [
             *(f"d({label})/dt" for label in self._labels[: plan.x.size]),
             *all_labels(self._outputs),
-            *(f"change of {label} at an instant" for _ in self._sets for label in stays),
+            *(
+                f"change of {label} at an instant"
+                for _ in self._sets
+                for label in stays
+            ),
         ]
 
     # -- what the user said -------------------------------------------------------------------
@@ -210,9 +242,14 @@ class _Problem:
         self._free[where] = free is not None
         if free is None:
             return
-        lower, upper = _filled(what, free.lower, where), _filled(what, free.upper, where)
+        lower, upper = (
+            _filled(what, free.lower, where),
+            _filled(what, free.upper, where),
+        )
         if not np.all(lower < upper):
-            raise LinearAnalysisError(f"{what}: the lower bound must be below the upper one")
+            raise LinearAnalysisError(
+                f"{what}: the lower bound must be below the upper one"
+            )
         self._bounds[0][where], self._bounds[1][where] = lower, upper
         self._z[where] = np.clip(self._z[where], lower, upper)
 
@@ -220,7 +257,8 @@ class _Problem:
 
     def _residual(self, local: LocalJacobians, z: Vector) -> Vector:
         size = self._plan.x.size
-        x, d = z[:size], z[size:].copy()  # outputs of continuous Python blocks change in it
+        # outputs of continuous Python blocks change in it
+        x, d = (z[:size], z[size:].copy())
         model = local.values(RATES_AND_OUTPUTS, x, d)
         wanted = self._wanted_rates
         parts = [np.where(np.isnan(wanted), 0.0, model[:size] - wanted)]
@@ -242,7 +280,10 @@ class _Problem:
             by_inner, by_u = local.discrete_update(number, x, d)
             inner = inner_places(plan)
             change = np.zeros((inner.size - size, z.size))
-            change[:, inner], change[:, size + plan.u_start :] = by_inner[size:], by_u[size:]
+            change[:, inner], change[:, size + plan.u_start :] = (
+                by_inner[size:],
+                by_u[size:],
+            )
             change -= np.eye(z.size)[inner[size:]]
             # Outputs of continuous Python blocks follow at once.
             change[local.python_places - size - plan.sampled.start] = 0.0
@@ -298,7 +339,9 @@ class _Problem:
             if not violation <= tolerance:
                 complaint = self._complaint(local, best, residual, tolerance)
             rates = local.values(
-                RATES_AND_OUTPUTS, best[: self._plan.x.size], best[self._plan.x.size :].copy()
+                RATES_AND_OUTPUTS,
+                best[: self._plan.x.size],
+                best[self._plan.x.size :].copy(),
             )
         point = self._as_point(best, residual, rates, tolerance)
         if complaint:
@@ -315,12 +358,17 @@ class _Problem:
                 "give a start or bounds that keep clear of there"
             )
 
-    def _as_point(self, z: Vector, residual: Vector, rates: Vector, tolerance: float) -> OperatingPoint:
+    def _as_point(
+        self, z: Vector, residual: Vector, rates: Vector, tolerance: float
+    ) -> OperatingPoint:
         plan = self._plan
         size = self._plan.x.size
         found: dict[str, Any] = as_named(plan, z[:size], z[size:])
         violation = float(np.abs(residual).max(initial=0.0))
-        outputs = {one.label: one for one in all_named(plan.system, plan.system.root.outputs(), [])}
+        outputs = {
+            one.label: one
+            for one in all_named(plan.system, plan.system.root.outputs(), [])
+        }
         outputs |= {one.label: one for one in self._outputs}
         point = self._surroundings.complete(
             replace(self._point, residual=violation, **found),
@@ -333,10 +381,14 @@ class _Problem:
         own[:size] = np.where(np.isnan(self._wanted_rates), np.nan, residual[:size])
         if self._sets:  # of several sets of clocks, the worst
             changes = residual[wanted:].reshape(len(self._sets), -1)
-            own[sampled] = np.take_along_axis(changes, np.abs(changes).argmax(0)[None], 0)[0]
+            own[sampled] = np.take_along_axis(
+                changes, np.abs(changes).argmax(0)[None], 0
+            )[0]
         off = dict(zip(all_labels(self._outputs), residual[size:wanted], strict=True))
         bounds = self._bounds, self._at_bounds(z)
-        variables = variable_lines(plan, self._labels, z, self._free, *bounds, rates, own)
+        variables = variable_lines(
+            plan, self._labels, z, self._free, *bounds, rates, own
+        )
         lines = [*variables, *output_lines(outputs.values(), point.outputs, off)]
         report = TrimReport(plan.name, point.time, tolerance, violation, tuple(lines))
         object.__setattr__(point, "report", report)
@@ -344,26 +396,42 @@ class _Problem:
 
     def _at_bounds(self, z: Vector) -> Bounds:
         """Return which variables are at their lower and at their upper bound."""
-        lower, upper = (np.isclose(z, bound, rtol=AT_BOUND, atol=AT_BOUND) for bound in self._bounds)
+        lower, upper = (
+            np.isclose(z, bound, rtol=AT_BOUND, atol=AT_BOUND) for bound in self._bounds
+        )
         return lower, upper
 
-    def _complaint(self, local: LocalJacobians, z: Vector, residual: Vector, tolerance: float) -> str:
-        worst = [int(i) for i in np.argsort(-np.abs(residual)) if abs(residual[i]) > tolerance]
-        lines = [f"{self._names[i]} is off by {residual[i]:.3g}" for i in worst[:MOST_LISTED]]
+    def _complaint(
+        self, local: LocalJacobians, z: Vector, residual: Vector, tolerance: float
+    ) -> str:
+        worst = [
+            int(i)
+            for i in np.argsort(-np.abs(residual))
+            if abs(residual[i]) > tolerance
+        ]
+        lines = [
+            f"{self._names[i]} is off by {residual[i]:.3g}" for i in worst[:MOST_LISTED]
+        ]
         if len(worst) > MOST_LISTED:
             lines.append(f"and {len(worst) - MOST_LISTED} more")
         acting = np.abs(self._jacobian(local, z)[worst]).max(axis=0, initial=0.0) > 0
         lower, upper = self._at_bounds(z)
         reasons = [
-            f"{label} is fixed at {z[i]:.4g}" if not self._free[i] else f"{label} is at its bound {z[i]:.4g}"
+            f"{label} is fixed at {z[i]:.4g}"
+            if not self._free[i]
+            else f"{label} is at its bound {z[i]:.4g}"
             for i, label in enumerate(self._labels)
             if acting[i] and (not self._free[i] or lower[i] or upper[i])
         ]
-        text = "found no operating point that meets all conditions:\n  " + "\n  ".join(lines)
+        text = "found no operating point that meets all conditions:\n  " + "\n  ".join(
+            lines
+        )
         if reasons:
             more = len(reasons) - MOST_LISTED
             text += "\nwhat acts on them but may not change:\n  "
-            text += "\n  ".join(reasons[:MOST_LISTED]) + (f"\n  and {more} more" if more > 0 else "")
+            text += "\n  ".join(reasons[:MOST_LISTED]) + (
+                f"\n  and {more} more" if more > 0 else ""
+            )
             return text + "\nfree one of these, or give up a condition"
         return text + (
             "\nnothing that acts on them is fixed or at a bound: give up a condition, or try another start"

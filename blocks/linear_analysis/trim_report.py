@@ -63,12 +63,17 @@ class TrimLine:
         parts = [f"{self.value:.6g}{unit}"]
         if self.role:
             bounded = math.isfinite(self.lower) or math.isfinite(self.upper)
-            parts.append(self.role + f", within {self.lower:.6g} to {self.upper:.6g}{unit}" * bounded)
+            parts.append(
+                self.role
+                + f", within {self.lower:.6g} to {self.upper:.6g}{unit}" * bounded
+            )
         if not math.isnan(self.rate):
             parts.append(f"rate {self.rate:.2g} {self.unit or '1'}/s")
         if not math.isnan(self.residual) and self.residual != self.rate:
             sampled = self.kind in ("discrete state", "held output")
-            parts.append(f"{'changes at an instant by' if sampled else 'off by'} {self.residual:.2g}")
+            parts.append(
+                f"{'changes at an instant by' if sampled else 'off by'} {self.residual:.2g}"
+            )
         parts += ["VIOLATED"] if abs(self.residual) > tolerance else []
         return "; ".join(parts)
 
@@ -106,7 +111,11 @@ class TrimReport(Described):
         outcome = "all conditions met" if self.met else "CONDITIONS VIOLATED"
         title = f"trim of {self.name} at {self.time:g} s: {outcome}, largest residual {self.residual:.2g}"
         return Description(
-            title, {f"{line.kind} {line.name}": line._text(self.tolerance) for line in self.lines}
+            title,
+            {
+                f"{line.kind} {line.name}": line._text(self.tolerance)
+                for line in self.lines
+            },
         )
 
 
@@ -176,7 +185,10 @@ def output_lines(
     """
     for one in outputs:
         for label, value, unit in zip(
-            one.labels(), np.ravel(values[one.label]), one.port.element_units(), strict=True
+            one.labels(),
+            np.ravel(values[one.label]),
+            one.port.element_units(),
+            strict=True,
         ):
             yield TrimLine(
                 kind="output",

@@ -54,11 +54,16 @@ class Channel:
 
     def attributes(self) -> dict[str, str]:
         """Return unit, frame and meaning."""
-        found = {"long_name": self.port.declaration.meaning or self.port.path, "source": self.port.path}
+        found = {
+            "long_name": self.port.declaration.meaning or self.port.path,
+            "source": self.port.path,
+        }
         units = self.port.element_units()
         if units and any(u is not None for u in units):
             same = len(set(units)) == 1
-            found["units"] = str(units[0]) if same else ", ".join(u or "" for u in units)
+            found["units"] = (
+                str(units[0]) if same else ", ".join(u or "" for u in units)
+            )
         if self.port.frame is not None:
             found["frame"] = self.port.frame
         return found
@@ -87,11 +92,18 @@ def channels(ports: Mapping[str, Port]) -> list[Channel]:
             )
         shape, declared, axes = port.shape or (), port.axes(), Axes()
         if len(declared) != len(shape):
-            axes = {f"element_{n}" + "_" * shape[:i].count(n): () for i, n in enumerate(shape)}
+            axes = {
+                f"element_{n}" + "_" * shape[:i].count(n): ()
+                for i, n in enumerate(shape)
+            }
         else:
             for axis, labels in declared.items():
                 names = chain([axis], (f"{axis}_{k}" for k in count(2)))
-                free = (n for n in names if n not in ports and known.setdefault(n, labels) == labels)
+                free = (
+                    n
+                    for n in names
+                    if n not in ports and known.setdefault(n, labels) == labels
+                )
                 axes[next(free)] = labels
         found.append(Channel(name, port, slice(start, start + port.size), axes))
         start += port.size
@@ -100,7 +112,9 @@ def channels(ports: Mapping[str, Port]) -> list[Channel]:
 
 def _signal(system: System, reference: Port | str) -> Port:
     """Return the port of a leaf block that is meant, or what stands for a state."""
-    path, _, own = reference.rpartition(".") if isinstance(reference, str) else ("", "", "")
+    path, _, own = (
+        reference.rpartition(".") if isinstance(reference, str) else ("", "", "")
+    )
     block = system.blocks.get(path if path or system.diagrams else system.root.path)
     if block is None or own not in block.declared(State) or own in block.ports:
         return system.port(reference)
@@ -108,7 +122,10 @@ def _signal(system: System, reference: Port | str) -> Port:
     unit, labels = block._resolved(state.unit) or None, block._resolved(state.labels)
     declared = Output(shape, unit=unit, meaning=state.meaning)
     return Port(
-        block, own, declared, *(Inferable(known, fixed=True) for known in (shape, unit, None, labels))
+        block,
+        own,
+        declared,
+        *(Inferable(known, fixed=True) for known in (shape, unit, None, labels)),
     )
 
 
@@ -123,21 +140,35 @@ def chosen_channels(system: System, chosen: Chosen | None) -> list[Channel]:
         If a port is named twice, there is text in place of a list, or a name cannot be used.
     """
     if isinstance(chosen, str | Port):
-        raise SimulationError(f"the ports to log, {chosen!r}, must be a list: [{chosen!r}]")
+        raise SimulationError(
+            f"the ports to log, {chosen!r}, must be a list: [{chosen!r}]"
+        )
     if chosen is None:
-        return channels({p.path: p for b in system.blocks.values() for p in b.outputs()})
+        return channels(
+            {p.path: p for b in system.blocks.values() for p in b.outputs()}
+        )
     given: object = chosen
     if not isinstance(given, Sequence | Set | Mapping):
-        raise SimulationError(f"the ports to log must be a list or a dict, not {shown(chosen)}")
+        raise SimulationError(
+            f"the ports to log must be a list or a dict, not {shown(chosen)}"
+        )
     for reference in chosen.values() if isinstance(chosen, Mapping) else chosen:
         if not isinstance(reference, str | Port):
             raise SimulationError(
                 f"cannot log {shown(reference)}: give ports, such as block.y, or names, such as 'block.y'"
             )
     if isinstance(chosen, Mapping):
-        return channels({name: _signal(system, reference) for name, reference in chosen.items()})
+        return channels(
+            {name: _signal(system, reference) for name, reference in chosen.items()}
+        )
     names = [r if isinstance(r, str) else r.full_path for r in chosen]
     twice = sorted({name for name in names if names.count(name) > 1})
     if twice:
         raise SimulationError(f"ports are to be logged twice: {', '.join(twice)}")
-    return channels(dict(zip(names, (_signal(system, reference) for reference in chosen), strict=True)))
+    return channels(
+        dict(
+            zip(
+                names, (_signal(system, reference) for reference in chosen), strict=True
+            )
+        )
+    )

@@ -54,7 +54,10 @@ def provenance() -> dict[str, str]:
 
 
 def dataset(
-    channels: Sequence[Channel], times: Vector, rows: Sequence[Vector], attributes: Mapping[str, Any]
+    channels: Sequence[Channel],
+    times: Vector,
+    rows: Sequence[Vector],
+    attributes: Mapping[str, Any],
 ) -> xr.Dataset:
     """Build the dataset of pieces of `rows` [as declared] logged at `times` [s] in `channels`.
 
@@ -66,11 +69,18 @@ def dataset(
 
     # Of an array xarray would ask pint, dask and others whether it is theirs, and import them for that.
     variables = {
-        c.name: xr.Variable(("time", *c.axes), c.values(*rows), c.attributes(), fastpath=True)
+        c.name: xr.Variable(
+            ("time", *c.axes), c.values(*rows), c.attributes(), fastpath=True
+        )
         for c in channels
     }
     time = ("time", pd.Index(times), {"units": "s", "long_name": "time"})
-    axes = {axis: pd.Index(labels) for c in channels for axis, labels in c.axes.items() if labels}
+    axes = {
+        axis: pd.Index(labels)
+        for c in channels
+        for axis, labels in c.axes.items()
+        if labels
+    }
     return xr.Dataset(variables, {"time": time, **axes}, dict(attributes))
 
 
@@ -78,13 +88,21 @@ WRITE_ERRORS = OSError, RuntimeError, UnicodeError
 """Exceptions of the netCDF library; a full disk raises a RuntimeError "HDF error" without a number."""
 
 
-def cannot_write(path: str | Path, error: BaseException, more: str = "") -> SimulationError:
+def cannot_write(
+    path: str | Path, error: BaseException, more: str = ""
+) -> SimulationError:
     """Return what to raise if a result cannot be written to `path`, because of an `error`; say `more`."""
     reason = str(error)
     with contextlib.suppress(OSError):
         free = shutil.disk_usage(Path(path).parent).free
-        reason += f" (is the disk full? {free / 1e6:.1f} MB are free)" * isinstance(error, RuntimeError)
-    return SimulationError("; ".join(filter(None, [f"cannot write the result to '{path}': {reason}", more])))
+        reason += f" (is the disk full? {free / 1e6:.1f} MB are free)" * isinstance(
+            error, RuntimeError
+        )
+    return SimulationError(
+        "; ".join(
+            filter(None, [f"cannot write the result to '{path}': {reason}", more])
+        )
+    )
 
 
 def refuse_other_kinds(path: str | Path, doing: str = "write the result to") -> None:
@@ -101,7 +119,18 @@ def refuse_other_kinds(path: str | Path, doing: str = "write the result to") -> 
         raise SimulationError(
             f"cannot {doing} '{path}': to netCDF a backslash parts folders everywhere; write /"
         )
-    if suffix in {".csv", ".txt", ".json", ".mat", ".npy", ".npz", ".parquet", ".pkl", ".xlsx", ".zarr"}:
+    if suffix in {
+        ".csv",
+        ".txt",
+        ".json",
+        ".mat",
+        ".npy",
+        ".npz",
+        ".parquet",
+        ".pkl",
+        ".xlsx",
+        ".zarr",
+    }:
         raise SimulationError(
             f"cannot {doing} '{path}': results are netCDF files, named .nc, and load() reads no others; "
             "save() writes .csv and .mat, too; pandas writes more, as in to_pandas(result).to_excel(...)"
@@ -111,11 +140,15 @@ def refuse_other_kinds(path: str | Path, doing: str = "write the result to") -> 
 def _signals(result: Any, doing: str, names: Sequence[str] = ()) -> xr.Dataset:
     """Return the signals of those `names`, or all, of a `result`, which is to be one when `doing` that."""
     if not hasattr(result, "to_netcdf"):
-        raise SimulationError(f"cannot {doing} {shown(result)}: it is no result of a run")
+        raise SimulationError(
+            f"cannot {doing} {shown(result)}: it is no result of a run"
+        )
     for name in names:
         if name not in result.data_vars:
             there = ", ".join(map(str, result.data_vars)) or "none"
-            raise NameLookupError(f"cannot {doing} {shown(name)}: the signals of the result are: {there}")
+            raise NameLookupError(
+                f"cannot {doing} {shown(name)}: the signals of the result are: {there}"
+            )
     chosen: xr.Dataset = result[[*names]] if names else result
     return chosen
 
@@ -148,13 +181,26 @@ def save(result: xr.Dataset, path: str | Path) -> Path:
             elif suffix == ".mat":
                 from scipy.io import savemat
 
-                names = {name: re.sub(r"\W", "_", str(name)) for name in result.variables}
+                names = {
+                    name: re.sub(r"\W", "_", str(name)) for name in result.variables
+                }
                 if len({*names.values()}) < len(names):
-                    names = {name: f"{text}_{k}" for k, (name, text) in enumerate(names.items())}
-                savemat(partial, {names[n]: v.values for n, v in result.variables.items()}, appendmat=False)
+                    names = {
+                        name: f"{text}_{k}"
+                        for k, (name, text) in enumerate(names.items())
+                    }
+                savemat(
+                    partial,
+                    {names[n]: v.values for n, v in result.variables.items()},
+                    appendmat=False,
+                )
             else:
                 # With pandas 3, older versions of xarray cannot write labels of type object.
-                texts = {name: c.astype(str) for name, c in result.coords.items() if c.dtype == object}
+                texts = {
+                    name: c.astype(str)
+                    for name, c in result.coords.items()
+                    if c.dtype == object
+                }
                 with _without_cluster():
                     result.assign_coords(texts).to_netcdf(partial, engine="netcdf4")
     except WRITE_ERRORS as error:
@@ -165,7 +211,11 @@ def save(result: xr.Dataset, path: str | Path) -> Path:
 def _without_cluster() -> contextlib.AbstractContextManager[Any]:
     """Keep xarray from asking a Dask cluster for its lock: a scheduler that is lost never gives it."""
     dask = sys.modules.get("dask")  # without it there is no cluster
-    return contextlib.nullcontext() if dask is None else dask.config.set(scheduler="synchronous")
+    return (
+        contextlib.nullcontext()
+        if dask is None
+        else dask.config.set(scheduler="synchronous")
+    )
 
 
 def load(path: str | Path) -> xr.Dataset:
@@ -204,14 +254,21 @@ def to_pandas(result: xr.Dataset) -> pd.DataFrame:
 
     columns = {}
     for name, signal in _signals(result, "tabulate").data_vars.items():
-        labels = [signal[d].values if d in signal.coords else range(signal.sizes[d]) for d in signal.dims[1:]]
-        for index, label in zip(np.ndindex(signal.shape[1:]), product(*labels), strict=True):
+        labels = [
+            signal[d].values if d in signal.coords else range(signal.sizes[d])
+            for d in signal.dims[1:]
+        ]
+        for index, label in zip(
+            np.ndindex(signal.shape[1:]), product(*labels), strict=True
+        ):
             element = f"[{', '.join(map(str, label))}]" if index else ""
             columns[f"{name}{element}"] = signal.values[:, *index]
     return pd.DataFrame(columns, index=pd.Index(result["time"].values, name="time"))
 
 
-def to_control(result: xr.Dataset, outputs: Sequence[str], inputs: Sequence[str] = ()) -> TimeResponseData:
+def to_control(
+    result: xr.Dataset, outputs: Sequence[str], inputs: Sequence[str] = ()
+) -> TimeResponseData:
     """Return signals of a result as the `control.TimeResponseData` of python-control.
 
     Parameters
@@ -229,7 +286,8 @@ def to_control(result: xr.Dataset, outputs: Sequence[str], inputs: Sequence[str]
     from control import TimeResponseData
 
     given, driving = (
-        to_pandas(_signals(result, "hand over", names)) if names else None for names in (outputs, inputs)
+        to_pandas(_signals(result, "hand over", names)) if names else None
+        for names in (outputs, inputs)
     )
     if given is None:
         raise SimulationError("cannot hand over nothing: name the outputs")
@@ -268,7 +326,9 @@ def plot(result: xr.Dataset, *names: str) -> Figure:
     groups: dict[str, list[str]] = {}
     for name, signal in _signals(result, "plot", names).data_vars.items():
         groups.setdefault(signal.attrs.get("units", ""), []).append(str(name))
-    figure, rows = plt.subplots(max(1, len(groups)), sharex=True, squeeze=False, layout="constrained")
+    figure, rows = plt.subplots(
+        max(1, len(groups)), sharex=True, squeeze=False, layout="constrained"
+    )
     for axes, (unit, group) in zip(rows[:, 0], groups.items(), strict=False):
         to_pandas(result[group]).plot(
             ax=axes, xlabel="time [s]", ylabel=f"[{readable(unit)}]" if unit else ""

@@ -76,7 +76,10 @@ class Log:
     finished = False
 
     def __init__(
-        self, channels: Sequence[Channel], attributes: Mapping[str, Any], not_finite: str = "ignore"
+        self,
+        channels: Sequence[Channel],
+        attributes: Mapping[str, Any],
+        not_finite: str = "ignore",
     ) -> None:
         one_of("way to treat what is not finite", not_finite, NAN_POLICIES)
         self.channels, self._policy, self._fault = channels, not_finite, ""
@@ -119,7 +122,11 @@ class Log:
             return
         self._kept[first] = times[: self._used], rows[: self._used]
         # One statement without a call: Ctrl-C does not come in between.
-        self._first, self._used, self._buffer = first + self._used, 0, (times[:0], rows[:0])
+        self._first, self._used, self._buffer = (
+            first + self._used,
+            0,
+            (times[:0], rows[:0]),
+        )
         if self._policy != "ignore" and not self._fault:
             self._look(first)
 
@@ -133,7 +140,8 @@ class Log:
         """
         times, rows = self._kept[first]
         with np.errstate(all="ignore"):
-            if np.isfinite(rows.sum()):  # a third of the time that it takes to look at each
+            if np.isfinite(rows.sum()):
+                # a third of the time that it takes to look at each
                 return
         bad = ~np.isfinite(rows)
         for channel in self.channels:
@@ -143,9 +151,13 @@ class Log:
         if not bad.any():
             return
         row = int(np.argmax(bad.any(axis=1)))
-        names = [c.port.path for c in self.channels if c.values(bad[row : row + 1]).any()]
+        names = [
+            c.port.path for c in self.channels if c.values(bad[row : row + 1]).any()
+        ]
         others = f", and {len(names) - 1} others" if len(names) > 1 else ""
-        self._fault = f"'{names[0]}'{others} stopped being finite at t = {times[row]:g} s"
+        self._fault = (
+            f"'{names[0]}'{others} stopped being finite at t = {times[row]:g} s"
+        )
         if self._policy == "stop":
             self._kept[first] = times[:row], rows[:row]
             raise DivergenceError(f"{self._fault}; the log up to there is kept")
@@ -156,7 +168,9 @@ class Log:
 
     def _collected(self) -> xr.Dataset:
         """Return what was put aside."""
-        times, rows = zip((np.zeros(0), np.zeros((0, self.width))), *self._kept.values(), strict=True)
+        times, rows = zip(
+            (np.zeros(0), np.zeros((0, self.width))), *self._kept.values(), strict=True
+        )
         return dataset(self.channels, np.concatenate(times), rows, self.attributes)
 
     def complete(self, messages: Messages, **attributes: Any) -> xr.Dataset:
@@ -190,7 +204,9 @@ class Log:
         self._put_aside()
         return self._collected()
 
-    def abandon(self, error: BaseException, t: float, messages: Messages, **attributes: Any) -> None:
+    def abandon(
+        self, error: BaseException, t: float, messages: Messages, **attributes: Any
+    ) -> None:
         """Finish after an error; ours gets what was logged as its `result`.
 
         Parameters
@@ -214,16 +230,21 @@ class Log:
         if isinstance(error, SimulationInterrupted) and error.result is None:
             return  # it was being finished
         try:
-            Log._put_aside(self)  # now, so that it does not raise while the log is finished
+            # now, so that it does not raise while the log is finished
+            Log._put_aside(self)
         except DivergenceError as earlier:
             if isinstance(error, TrussflowError):
                 self.abandon(earlier, t, messages, **attributes)
                 raise earlier from error
-        status = next((word for kind, word in STATUS_BY_ERROR.items() if isinstance(error, kind)), "failed")
+        status = next(
+            (word for kind, word in STATUS_BY_ERROR.items() if isinstance(error, kind)),
+            "failed",
+        )
         result = self.finish(messages, status=status, **attributes)
         if isinstance(error, KeyboardInterrupt):
             raise SimulationInterrupted(
-                f"stopped at t = {max(t, self.last):g} s; the result of this exception holds the log", result
+                f"stopped at t = {max(t, self.last):g} s; the result of this exception holds the log",
+                result,
             ) from None
         if isinstance(error, TrussflowError):
             error.result = result

@@ -71,7 +71,11 @@ def encode(state: Any, of: Mapping[str, Any]) -> bytes:
         If there is anything else in it.
     """
     body = json.dumps(_plain(state)).encode("ascii")
-    head = {"trussflow state": FORMAT_VERSION, "sha256": sha256(body).hexdigest(), "of": of}
+    head = {
+        "trussflow state": FORMAT_VERSION,
+        "sha256": sha256(body).hexdigest(),
+        "of": of,
+    }
     return json.dumps(head).encode("ascii") + b"\n" + body
 
 
@@ -97,23 +101,35 @@ def decode(data: bytes, of: Mapping[str, Any]) -> Any:
         digest = content["sha256"]
         there = {**content["of"]}
     except (ValueError, KeyError, TypeError, RecursionError):
-        raise ValueError(f"it is no saved state, or a part of one ({len(data)} bytes)") from None
+        raise ValueError(
+            f"it is no saved state, or a part of one ({len(data)} bytes)"
+        ) from None
     if version != FORMAT_VERSION:
         raise ValueError(
             f"it was written in format {shown(version)}; this version of trussflow reads {FORMAT_VERSION}"
         )
     here = json.loads(json.dumps(of))  # as it was written
-    if other := [name for name in {**here, **there} if there.get(name) != here.get(name)]:
+    if other := [
+        name for name in {**here, **there} if there.get(name) != here.get(name)
+    ]:
         more = f"; {len(other) - 3} more differ" if len(other) > 3 else ""
         told = (
-            f"{name} is {shown(there.get(name))} there, {shown(here.get(name))} here" for name in other[:3]
+            f"{name} is {shown(there.get(name))} there, {shown(here.get(name))} here"
+            for name in other[:3]
         )
         raise ValueError(f"it is the state of something else: {'; '.join(told)}{more}")
     if sha256(body).hexdigest() != digest:
         raise ValueError(f"it is damaged or cut off ({len(data)} bytes)")
     try:
         return _rebuilt(json.loads(body))
-    except (ValueError, LookupError, TypeError, AttributeError, ArithmeticError, RecursionError) as error:
+    except (
+        ValueError,
+        LookupError,
+        TypeError,
+        AttributeError,
+        ArithmeticError,
+        RecursionError,
+    ) as error:
         raise ValueError(f"it is damaged: {error}") from None
 
 
@@ -168,7 +184,9 @@ def _plain(value: Any) -> Any:
     if isinstance(value, bytes):
         return {"bytes": base64.b64encode(value).decode("ascii")}
     if isinstance(value, np.ndarray) and value.dtype.kind in "biufc":
-        content = base64.b64encode(np.ascontiguousarray(value).tobytes()).decode("ascii")
+        content = base64.b64encode(np.ascontiguousarray(value).tobytes()).decode(
+            "ascii"
+        )
         return {"array": [value.dtype.str, list(value.shape), content]}
     if isinstance(value, Fraction):
         return {"fraction": [value.numerator, value.denominator]}
@@ -185,7 +203,11 @@ def _plain(value: Any) -> Any:
                 hidden.append([path, _plain(kept)])
             except TypeError as error:
                 raise TypeError(f"block '{path}' keeps {error}") from None
-        known = {f.name: _plain(getattr(value, f.name)) for f in fields(value) if f.name != "hidden"}
+        known = {
+            f.name: _plain(getattr(value, f.name))
+            for f in fields(value)
+            if f.name != "hidden"
+        }
         return {"snapshot": known | {"hidden": {"dict": hidden}}}
     raise TypeError(
         f"{shown(value)}, which cannot be written as bytes: a state consists of numbers, strings, "

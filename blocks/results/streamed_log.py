@@ -21,7 +21,12 @@ import numpy as np
 
 from trussflow.blocks.errors import Explained, SimulationError, SimulationInterrupted
 from trussflow.blocks.results.channels import Channel
-from trussflow.blocks.results.dataset import WRITE_ERRORS, cannot_write, refuse_other_kinds, save
+from trussflow.blocks.results.dataset import (
+    WRITE_ERRORS,
+    cannot_write,
+    refuse_other_kinds,
+    save,
+)
 from trussflow.blocks.results.log import Log
 from trussflow.blocks.results.state_file import Snapshot, read_state, write_state
 from trussflow.blocks.support.files import destination, locked, refuse_foreign, replaced
@@ -94,13 +99,19 @@ class StreamedLog(Log):
         """Go on from a checkpoint, if that is wanted and there is one; delete what was written after it."""
         pieces = 0
         if resumes is not None and self._saved.exists():
-            with Explained(lambda e: SimulationError(f"cannot go on from the folder '{self._folder}': {e}")):
+            with Explained(
+                lambda e: SimulationError(
+                    f"cannot go on from the folder '{self._folder}': {e}"
+                )
+            ):
                 refuse_foreign(self._folder.resolve())
             match read_state(self._saved, resumes):
                 case (int(), int(pieces), str(), Snapshot()) as found:
                     self._first, _, self._fault, self.resumed = found
                 case _:
-                    raise SimulationError(f"cannot go on from '{self._saved}': it is no checkpoint")
+                    raise SimulationError(
+                        f"cannot go on from '{self._saved}': it is no checkpoint"
+                    )
         else:
             self._saved.unlink(missing_ok=True)
             self.finished = resumes is not None and self._is_result()
@@ -130,7 +141,9 @@ class StreamedLog(Log):
     def _put_aside(self) -> None:
         """Let go of the buffer; rows reach the disk in large pieces, or after a while."""
         super()._put_aside()
-        waiting = (self._first - min(self._kept, default=self._first)) * (1 + self.width)
+        waiting = (self._first - min(self._kept, default=self._first)) * (
+            1 + self.width
+        )
         if waiting > PIECE_NUMBERS or time.monotonic() - self._written > PIECE_SECONDS:
             self._write_piece()
 
@@ -157,7 +170,11 @@ class StreamedLog(Log):
         self._put_aside()
         if self._kept:
             self._write_piece()
-        write_state(self._saved, (self._first, len(_pieces(self._folder)), self._fault, state), of)
+        write_state(
+            self._saved,
+            (self._first, len(_pieces(self._folder)), self._fault, state),
+            of,
+        )
 
     def _dataset(self) -> xr.Dataset:
         """Make one file of the pieces, and return it, opened lazily."""
@@ -182,12 +199,18 @@ class StreamedLog(Log):
             with replaced(self.path) as target:
                 self._join(target)
         except KeyboardInterrupt:
-            raise SimulationInterrupted(str(self._left(KeyboardInterrupt("Ctrl-C came")))) from None
+            raise SimulationInterrupted(
+                str(self._left(KeyboardInterrupt("Ctrl-C came")))
+            ) from None
         with uninterrupted():
             self.finished = True
-            if self._saved.exists() and self.attributes["status"] not in FINISHED_STATUSES:
+            if (
+                self._saved.exists()
+                and self.attributes["status"] not in FINISHED_STATUSES
+            ):
                 return  # the run can be resumed
-            self._saved.unlink(missing_ok=True)  # first: it is nothing without the others
+            # first: it is nothing without the others
+            self._saved.unlink(missing_ok=True)
             shutil.rmtree(self._folder, ignore_errors=True)
 
     def _join(self, target: Path) -> None:
@@ -197,19 +220,28 @@ class StreamedLog(Log):
         with netCDF4.Dataset(str(target), "w") as file:
             file.setncatts({k: _text(v) for k, v in self.attributes.items()})
             file.createDimension("time", None)
-            time = file.createVariable("time", "f8", ("time",), chunksizes=(CHUNK_ROWS,))
+            time = file.createVariable(
+                "time", "f8", ("time",), chunksizes=(CHUNK_ROWS,)
+            )
             time.setncatts({"units": "s", "long_name": "time"})
             for channel in self.channels:
                 sizes = channel.port.shape or ()
-                for (name, labels), size in zip(channel.axes.items(), sizes, strict=True):
+                for (name, labels), size in zip(
+                    channel.axes.items(), sizes, strict=True
+                ):
                     if name not in file.dimensions:
                         file.createDimension(name, size)
                         if labels:
-                            values = np.array(labels, dtype=object if isinstance(labels[0], str) else "i8")
+                            values = np.array(
+                                labels,
+                                dtype=object if isinstance(labels[0], str) else "i8",
+                            )
                             kind = str if values.dtype == object else "i8"
                             file.createVariable(name, kind, (name,))[:] = values
                 chunks = [max(1, n) for n in (CHUNK_ROWS, *sizes)]
-                variable = file.createVariable(channel.name, "f8", ("time", *channel.axes), chunksizes=chunks)
+                variable = file.createVariable(
+                    channel.name, "f8", ("time", *channel.axes), chunksizes=chunks
+                )
                 variable.setncatts(channel.attributes())
                 # Rows come in order: room for two chunks does, where the library takes 16 MB.
                 variable.set_var_chunk_cache(size=2 * 8 * math.prod(chunks))
@@ -284,7 +316,9 @@ def recover(path: str | Path) -> xr.Dataset:
     with cannot, suppress(FileNotFoundError):  # the run may come to its end meanwhile
         for piece in _pieces(_folder(path)):
             with uninterrupted():  # xarray takes locks
-                parts.append(xr.load_dataset(piece, engine="netcdf4", decode_timedelta=False))
+                parts.append(
+                    xr.load_dataset(piece, engine="netcdf4", decode_timedelta=False)
+                )
         if parts:
             return xr.concat(parts, "time", data_vars="minimal")
     nothing = f"there is nothing to recover for '{path}': no rows in '{_folder(path)}'"

@@ -80,7 +80,8 @@ def integrate(
         If the solver gives up or the state stops being finite.
     """
     now, end = span
-    if not x.size:  # nothing bounds a step: events are looked for from one time to the next
+    if not x.size:
+        # nothing bounds a step: events are looked for from one time to the next
         for t in chain(times, [end]):
             if watch is not None:
                 watch.executor.between("euler", (now, t, t - now), x, watch.d, watch.p)
@@ -98,7 +99,9 @@ def integrate(
         if not np.isfinite(derivative(now, x)).all():
             raise AdaptiveError("no step can be taken", now, x)
         stop = end if watch is None else min(end, watch.next_time())
-        for before, solver in _steps(method, derivative, (now, stop), x, tolerances, options):
+        for before, solver in _steps(
+            method, derivative, (now, stop), x, tolerances, options
+        ):
             states = _dense(solver)
             now = float(solver.t)
             x = solver.y
@@ -140,7 +143,13 @@ def _steps(
         from scipy import integrate as solvers  # takes a third of a second
 
     solver = getattr(solvers, method)(
-        derivative, span[0], x, span[1], rtol=tolerances[0], atol=tolerances[1], **options
+        derivative,
+        span[0],
+        x,
+        span[1],
+        rtol=tolerances[0],
+        atol=tolerances[1],
+        **options,
     )
     while solver.status == "running":
         before = float(solver.t), solver.y.copy()
@@ -157,7 +166,11 @@ def _step(solver: OdeSolver) -> str:
             fault = solver.step()
     except TrussflowError:
         raise
-    except (ValueError, ArithmeticError, np.linalg.LinAlgError) as error:  # of not finite matrices
+    except (
+        ValueError,
+        ArithmeticError,
+        np.linalg.LinAlgError,
+    ) as error:  # of not finite matrices
         return str(error)
     if solver.status == "failed":
         return str(fault or "no step is small enough")

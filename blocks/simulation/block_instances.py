@@ -36,19 +36,31 @@ def open_block(block: Block, p: Signals) -> Equations:
     """
     with running_errors(block, "open", None):
         opened: object = block.open(p)
-    where = f"open() of block '{block.path}' ({type(block).__name__}) returned {opened!r}; "
+    where = (
+        f"open() of block '{block.path}' ({type(block).__name__}) returned {opened!r}; "
+    )
     if isinstance(opened, SelfStepping) != block.steps_itself:
-        must = "must be a" if block.steps_itself else "must say steps_itself = True to be a"
+        must = (
+            "must be a"
+            if block.steps_itself
+            else "must say steps_itself = True to be a"
+        )
         raise SimulationError(
-            where + f"the block says steps_itself = {block.steps_itself}; it {must} SelfStepping"
+            where
+            + f"the block says steps_itself = {block.steps_itself}; it {must} SelfStepping"
         )
     if not isinstance(opened, Running) and opened is not block:
         raise SimulationError(where + "it must be a Running, or the block itself")
     if isinstance(opened, Running):
         if opened in _opened:
-            raise SimulationError(where + "it was opened before; each run needs a new one")
+            raise SimulationError(
+                where + "it was opened before; each run needs a new one"
+            )
         if any(map(opened.states_own, EVENTS)) and not block.has_events:
-            raise SimulationError(where + "it has events, so the block must declare them, as hit = Event()")
+            raise SimulationError(
+                where
+                + "it has events, so the block must declare them, as hit = Event()"
+            )
         _opened.add(opened)
     return opened
 
@@ -80,10 +92,13 @@ class OpenBlocks:
                 opened = open_block(block, p)
                 self._blocks[block.path] = block
                 self.equations[block.path] = (
-                    SampledStepping(opened, block) if isinstance(opened, SelfStepping) else opened
+                    SampledStepping(opened, block)
+                    if isinstance(opened, SelfStepping)
+                    else opened
                 )
         except BaseException:
-            with contextlib.suppress(TrussflowError):  # the first error is the one to see
+            with contextlib.suppress(TrussflowError):
+                # the first error is the one to see
                 self.close()
             raise
 
@@ -94,7 +109,11 @@ class OpenBlocks:
     @property
     def messages(self) -> dict[str, list[str]]:
         """Messages of this run, keyed by path."""
-        return {path: list(running.messages) for path, running in self.kept().items() if running.messages}
+        return {
+            path: list(running.messages)
+            for path, running in self.kept().items()
+            if running.messages
+        }
 
     @property
     def unrestorable(self) -> list[str]:
@@ -110,7 +129,9 @@ class OpenBlocks:
         found = {}
         for path, running in self.kept().items():
             with running_errors(self._blocks[path], what, None):
-                found[path] = getattr(running, what)(*([] if each is None else [each[path]]))
+                found[path] = getattr(running, what)(
+                    *([] if each is None else [each[path]])
+                )
         return found
 
     def save(self) -> dict[str, Any]:
@@ -208,7 +229,9 @@ class SampledStepping(Running):
         outputs = self._block.outputs()
         return {
             port.name: found[place].reshape(port.whole_shape or ())
-            for port, place in zip(outputs, spans(port.size for port in outputs), strict=True)
+            for port, place in zip(
+                outputs, spans(port.size for port in outputs), strict=True
+            )
         }
 
     def reach(self, t: float, u: Vector) -> Vector:
@@ -221,7 +244,8 @@ class SampledStepping(Running):
         u : Vector
             All inputs [units as declared]; those that no output depends on at once do not matter.
         """
-        if self._time is None or (self._first and t == self._time):  # perhaps again, with other inputs
+        if self._time is None or (self._first and t == self._time):
+            # perhaps again, with other inputs
             # Inputs that the outputs do not depend on may themselves still depend on these outputs.
             self._held = np.where(self._needed, u, np.nan)
             self._inner.start(t, self._held)
@@ -308,15 +332,28 @@ class BlockCall:
         self.modes = plan.modes.span_of(block.path)
         self.fired = plan.fired.span_of(block.path)
         first = plan.fired.span.start
-        self.events = slice(max(self.fired.start - first, 0), max(self.fired.stop - first, 0))
-        self._events, _ = _laid_out({name: block.state_shape(name) for name in block.declared(Event)})
-        shapes = {name: block.state_shape(name) for name in [*block.states(), *block.declared(Mode)]}
+        self.events = slice(
+            max(self.fired.start - first, 0), max(self.fired.stop - first, 0)
+        )
+        self._events, _ = _laid_out(
+            {name: block.state_shape(name) for name in block.declared(Event)}
+        )
+        shapes = {
+            name: block.state_shape(name)
+            for name in [*block.states(), *block.declared(Mode)]
+        }
         self._stored, _ = _laid_out(shapes)
         self._states = self._stored[: len(block.states())]
         self.size = self.states.stop - self.states.start
-        self._inputs, number = _laid_out({p.name: p.whole_shape or () for p in block.inputs()})
-        self._outputs, _ = _laid_out({p.name: p.whole_shape or () for p in block.outputs()})
-        self._parameters, _ = _laid_out({name: v.shape for name, v in block.parameters.items()})
+        self._inputs, number = _laid_out(
+            {p.name: p.whole_shape or () for p in block.inputs()}
+        )
+        self._outputs, _ = _laid_out(
+            {p.name: p.whole_shape or () for p in block.outputs()}
+        )
+        self._parameters, _ = _laid_out(
+            {name: v.shape for name, v in block.parameters.items()}
+        )
         needed = frozenset().union(*plan.feedthrough[block.path].values())
         self.needed = np.zeros(number, dtype=bool)
         for name, place, _ in self._inputs:
@@ -325,7 +362,9 @@ class BlockCall:
 
     def own(self, x: Vector, d: Vector) -> Vector:
         """Return the block's own states, then its modes, of all `x` and `d` [as declared]; a copy."""
-        return np.concatenate([(x if self.block.continuous else d)[self.states], d[self.modes]])
+        return np.concatenate(
+            [(x if self.block.continuous else d)[self.states], d[self.modes]]
+        )
 
     def places(self, size: int) -> NDArray[np.int64]:
         """Return where states and modes of a continuous block are in (x, modes); x has that `size` [-]."""
@@ -334,14 +373,24 @@ class BlockCall:
 
     def happened(self, flags: NDArray[np.bool_]) -> Signals:
         """Return by name which of the block's events happen, of the `flags` of all of them [-]."""
-        return Signals(self._owner, {n: flags[place].reshape(shape) for n, place, shape in self._events})
+        return Signals(
+            self._owner,
+            {n: flags[place].reshape(shape) for n, place, shape in self._events},
+        )
 
     def seen(self, u: Vector) -> Vector:
         """Return the inputs `u` [as declared] as `output` sees them: NaN where none depends on them."""
         return u if self._all_needed else np.where(self.needed, u, np.nan)
 
     def ask(
-        self, equations: Equations, kind: str, t: float, s: Vector, u: Vector, p: Vector, *more: Signals
+        self,
+        equations: Equations,
+        kind: str,
+        t: float,
+        s: Vector,
+        u: Vector,
+        p: Vector,
+        *more: Signals,
     ) -> Any:
         """Return what an equation returns, unchecked.
 
@@ -359,18 +408,27 @@ class BlockCall:
             Further arguments of the equation.
         """
         with running_errors(self.block, kind, t):
-            return getattr(equations, kind)(np.float64(t), *self.signals(s, u, p), *more)
+            return getattr(equations, kind)(
+                np.float64(t), *self.signals(s, u, p), *more
+            )
 
-    def signals(self, s: Vector, u: Vector, p: Vector) -> tuple[Signals, Signals, Signals]:
+    def signals(
+        self, s: Vector, u: Vector, p: Vector
+    ) -> tuple[Signals, Signals, Signals]:
         """Return the block's own states and modes `s`, inputs `u`, parameters `p` [as declared] by name."""
         vectors = ((self._stored, s), (self._inputs, u), (self._parameters, p))
         x, given, own = (
-            Signals(self._owner, {name: flat[place].reshape(shape) for name, place, shape in arrays})
+            Signals(
+                self._owner,
+                {name: flat[place].reshape(shape) for name, place, shape in arrays},
+            )
             for arrays, flat in vectors
         )
         return x, given, own
 
-    def __call__(self, equations: Equations, kind: str, t: float, s: Vector, u: Vector, p: Vector) -> Vector:
+    def __call__(
+        self, equations: Equations, kind: str, t: float, s: Vector, u: Vector, p: Vector
+    ) -> Vector:
         """Return what an equation returns, checked, in one vector; arguments as for `ask`."""
         return self.flat(kind, self.ask(equations, kind, t, s, u, p), s)
 
@@ -381,11 +439,20 @@ class BlockCall:
         """
         if isinstance(values, dict):
             where = f"what {kind}() of Python block '{self.path}' returned as"
-            values = {name: number_array(f"{where} '{name}'", value) for name, value in values.items()}
+            values = {
+                name: number_array(f"{where} '{name}'", value)
+                for name, value in values.items()
+            }
         arrays = checked(self.block, kind, values)
         if kind == "on_event":
-            arrays = {name: arrays.get(name, s[place]) for name, place, _ in self._stored}
-        kinds = {"output": self._outputs, "indicators": self._events, "on_event": self._stored}
+            arrays = {
+                name: arrays.get(name, s[place]) for name, place, _ in self._stored
+            }
+        kinds = {
+            "output": self._outputs,
+            "indicators": self._events,
+            "on_event": self._stored,
+        }
         order = kinds.get(kind, self._states)
         parts = [np.ravel(arrays[name]) for name, _, _ in order]
         return np.concatenate(parts) if parts else np.zeros(0)

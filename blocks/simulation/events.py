@@ -121,11 +121,18 @@ class EventWatch:
         sides = self._sides
         # What turned back at an event is beyond zero by round-off, and was handled at this very time.
         self._quiet = (np.abs(sides) == TURNED_SIDE) & (t == self._last)
-        falls = self._may_fall & (sides > 0.0) & ((g < 0.0) | ((g == 0.0) & (sides == 1.0)))
-        rises = self._may_rise & (sides < 0.0) & ((g > 0.0) | ((g == 0.0) & (sides == -1.0)))
+        falls = (
+            self._may_fall & (sides > 0.0) & ((g < 0.0) | ((g == 0.0) & (sides == 1.0)))
+        )
+        rises = (
+            self._may_rise
+            & (sides < 0.0)
+            & ((g > 0.0) | ((g == 0.0) & (sides == -1.0)))
+        )
         self._fired[:] = ((falls | rises) & ~self._quiet) | (
             self._timed
-            & (g <= t + LOCATION_TOLERANCE * abs(t))  # a sample instant may be an event but for round-off
+            # a sample instant may be an event but for round-off
+            & (g <= t + LOCATION_TOLERANCE * abs(t))
         )
         return bool(self._fired.any())
 
@@ -134,7 +141,11 @@ class EventWatch:
         sides = self._sides
         others = (self._fired == 0.0) & ~self._quiet
         # Zero belongs to where it was going; at the start, to where an event leaves it.
-        at_zero = np.where(np.abs(sides) == 1.0, -0.5 * sides, np.where(sides == 0.0, self._first, sides))
+        at_zero = np.where(
+            np.abs(sides) == 1.0,
+            -0.5 * sides,
+            np.where(sides == 0.0, self._first, sides),
+        )
         sides[others] = np.where(self._g != 0.0, np.sign(self._g), at_zero)[others]
 
     def _settle(self, t: float, x: Vector, step: float | None = None) -> Vector:
@@ -158,7 +169,8 @@ class EventWatch:
             self._number = self._number + 1 if close else 1
             # An arc that is too short to be located ends where it began, still on its way up.
             short = (
-                t - last <= 2 * LOCATION_TOLERANCE * abs(t) and (fired * np.abs(sides) == TURNED_SIDE).any()
+                t - last <= 2 * LOCATION_TOLERANCE * abs(t)
+                and (fired * np.abs(sides) == TURNED_SIDE).any()
             )
             if self._number > MAX_EVENTS or short:
                 endless(t)
@@ -166,7 +178,9 @@ class EventWatch:
             after = executor.call("on_event", float(times.max(initial=t)), x, d, p)
             self._asked = False
             x, self._modes[:] = after[: x.size], after[x.size :]
-            if fault := self._plan.x.fault(x) or self._plan.modes.fault(np.where(np.isinf(d), 0.0, d)):
+            if fault := self._plan.x.fault(x) or self._plan.modes.fault(
+                np.where(np.isinf(d), 0.0, d)
+            ):
                 raise DivergenceError(
                     f"{fault} stopped being finite at t = {t:g} s: on_event() of that block returned it; the "
                     "log up to there is kept"
@@ -176,19 +190,30 @@ class EventWatch:
             old = np.where(sides > 0.0, 1.0, -1.0)
             own = fired > 0.0
             if step is not None:  # where do they go from here?
-                soon = x + DIRECTION_STEP * step * executor.call("derivative", t, x, d, p)
-                ahead = executor.call("indicators", t + DIRECTION_STEP * step, soon, d, p)
+                soon = x + DIRECTION_STEP * step * executor.call(
+                    "derivative", t, x, d, p
+                )
+                ahead = executor.call(
+                    "indicators", t + DIRECTION_STEP * step, soon, d, p
+                )
                 near = own & self._directed & (g * old <= 0.0)
                 on = np.where(ahead == g, g * old < 0.0, ahead * old < g * old)
                 sides[near] = np.where(on, -0.5 * old, TURNED_SIDE * old)[near]
                 own &= ~near
-            sides[own] = np.where(g * old > 0.0, old, np.where(g == 0.0, -0.5 * old, -old))[own]
+            sides[own] = np.where(
+                g * old > 0.0, old, np.where(g == 0.0, -0.5 * old, -old)
+            )[own]
             step = None
 
     # -- when --------------------------------------------------------------------------------
 
     def _locate(
-        self, begin: float, end: float, x: Vector, state: Callable[[float], Vector], start: Vector
+        self,
+        begin: float,
+        end: float,
+        x: Vector,
+        state: Callable[[float], Vector],
+        start: Vector,
     ) -> tuple[float, Vector]:
         """Find the first of the marked events in a step: by Illinois' variant of the false position.
 
@@ -198,20 +223,27 @@ class EventWatch:
         if not crossing.size:
             return end, x
         old = np.sign(self._sides[crossing])
-        strict = np.abs(self._sides[crossing]) < 1.0  # what is at zero already has to leave it
+        # what is at zero already has to leave it
+        strict = np.abs(self._sides[crossing]) < 1.0
         low = begin
         high = end
         a = float(np.min(old * start[crossing]))
         b = float(np.min(old * self._g[crossing]))
         width = LOCATION_TOLERANCE * max(abs(begin), abs(end))
-        kept, turn = 0, 1  # which end of the bracket moved last (1: the upper), and the iteration
+        # which end of the bracket moved last (1: the upper), and the iteration
+        kept, turn = (0, 1)
         while high - low > width:
             middle = low + (high - low) / 2
             if turn % 4 and a > 0.0 > b:
                 middle = low + (high - low) * (a / (a - b))
                 middle = min(max(middle, low + width / 2), high - width / 2)
             there = state(middle)
-            beyond = old * self.executor.call("indicators", middle, there, self.d, self.p)[crossing]
+            beyond = (
+                old
+                * self.executor.call("indicators", middle, there, self.d, self.p)[
+                    crossing
+                ]
+            )
             nearest = float(beyond.min())
             if nearest < 0.0 or ((beyond == 0.0) & ~strict).any():
                 high = middle
@@ -228,7 +260,9 @@ class EventWatch:
         return high, x
 
 
-def not_a_number(plan: Plan, g: Vector, t: float, x: Vector, d: Vector, p: Vector) -> NoReturn:
+def not_a_number(
+    plan: Plan, g: Vector, t: float, x: Vector, d: Vector, p: Vector
+) -> NoReturn:
     """Refuse indicators `g` of a `plan`, of which one is not a number.
 
     They are those at time `t` [s] with `x`, `d` and `p` [as declared].

@@ -107,7 +107,14 @@ class Executor:
         return other
 
     def instant(
-        self, number: int, t: float, x: Vector, d: Vector, p: Vector, *, update: bool = True
+        self,
+        number: int,
+        t: float,
+        x: Vector,
+        d: Vector,
+        p: Vector,
+        *,
+        update: bool = True,
     ) -> Vector:
         """Return d after the sampled blocks of the set of that number have computed.
 
@@ -146,7 +153,9 @@ class Executor:
         """End the run: Python blocks release what they took."""
         self.blocks.close()
 
-    def advance(self, span: Span, x: Vector, d: Vector, p: Vector, log: Vector) -> Progress:
+    def advance(
+        self, span: Span, x: Vector, d: Vector, p: Vector, log: Vector
+    ) -> Progress:
         """Take the steps of a span in place; rows of `log` [as declared] are filled in order."""
         row = 0
         k = 0
@@ -167,7 +176,9 @@ class Executor:
                     log[row] = self.call("outputs", t, x, d, p)
                     row += 1
                 fault = "x"
-                state = self.between(span.method, (t, following, float(span.tick)), x, d, p)
+                state = self.between(
+                    span.method, (t, following, float(span.tick)), x, d, p
+                )
                 if not np.isfinite(state).all():
                     return Progress(k, fault, state)
                 x[:] = state
@@ -176,7 +187,12 @@ class Executor:
         return Progress(span.end - span.begin)
 
     def between(
-        self, method: str, times: tuple[float, float, float], x: Vector, d: Vector, p: Vector
+        self,
+        method: str,
+        times: tuple[float, float, float],
+        x: Vector,
+        d: Vector,
+        p: Vector,
     ) -> Vector:
         """Return the state after a step of any length, by ``"rk4"`` or ``"euler"``, with the events in it.
 
@@ -211,7 +227,12 @@ class Executor:
         return x
 
     def _step(
-        self, method: str, times: tuple[float, float, float], x: Vector, d: Vector, p: Vector
+        self,
+        method: str,
+        times: tuple[float, float, float],
+        x: Vector,
+        d: Vector,
+        p: Vector,
     ) -> Vector:
         """Return the state after a step without events; its twin in C is ``tracing/fixed_step.h``."""
         t, following, h = times
@@ -237,7 +258,9 @@ class NumPyExecutor(Executor):
     def call(self, name: str, t: float, x: Vector, d: Vector, p: Vector) -> Vector:
         """Return the quantity of that name."""
         quantity = self._quantities[name]
-        arrays = quantity.collect(self._plan, self._plan.evaluate(t, x, d, p, quantity.active))
+        arrays = quantity.collect(
+            self._plan, self._plan.evaluate(t, x, d, p, quantity.active)
+        )
         return np.concatenate([np.zeros(0), *(np.ravel(a) for a in arrays)])
 
 
@@ -297,13 +320,17 @@ class CompiledExecutor(Executor):
 
     name = "compiled"
 
-    def __init__(self, programs: Sequence[Program], plan: Plan | None = None, lanes: int = 1) -> None:
+    def __init__(
+        self, programs: Sequence[Program], plan: Plan | None = None, lanes: int = 1
+    ) -> None:
         self.plan = plan
         self._lanes = lanes
         self._kinds = np.zeros(1, dtype=np.int8) if plan is None else plan.kinds
         self._sides = 0 if plan is None else plan.sides.span.start
         functions = ("tf_work_size", "tf_advance", "tf_evaluate")
-        made = compile_library(content(programs, lanes), partial(c_sources, programs, lanes), functions)
+        made = compile_library(
+            content(programs, lanes), partial(c_sources, programs, lanes), functions
+        )
         library = ctypes.CDLL(str(made))
         pointer = ctypes.c_void_p
         whole = ctypes.c_longlong
@@ -324,11 +351,17 @@ class CompiledExecutor(Executor):
 
     def _take_memory(self) -> None:
         raw = np.zeros(self._work_size + 64, dtype=np.uint8)
-        self._work = raw[-raw.ctypes.data % 64 :]  # on a 64-byte boundary, for aligned vector moves
+        # on a 64-byte boundary, for aligned vector moves
+        self._work = raw[-raw.ctypes.data % 64 :]
         self._bad = np.zeros(self._bad_size * self._lanes)
         self._fault = ctypes.c_int(0)
-        self._own = self._work.ctypes.data, ctypes.addressof(self._fault), self._bad.ctypes.data
-        self._addresses = [_Address() for _ in range(6)]  # looking one up takes longer than a call
+        self._own = (
+            self._work.ctypes.data,
+            ctypes.addressof(self._fault),
+            self._bad.ctypes.data,
+        )
+        # looking one up takes longer than a call
+        self._addresses = [_Address() for _ in range(6)]
         self._results = {}
         for name, (number, size) in self._programs.items():
             result = np.empty(size if self._lanes == 1 else (size, self._lanes))
@@ -347,7 +380,9 @@ class CompiledExecutor(Executor):
         self._evaluate(number, t, to_x(x), to_d(d), to_p(p), address)
         return result.copy()
 
-    def advance(self, span: Span, x: Vector, d: Vector, p: Vector, log: Vector) -> Progress:
+    def advance(
+        self, span: Span, x: Vector, d: Vector, p: Vector, log: Vector
+    ) -> Progress:
         """Take the steps of a span in place; rows of `log` [as declared] are filled in order."""
         to_x, to_d, to_p, to_due, to_logged, to_log = self._addresses
         work, fault, bad = self._own
@@ -374,7 +409,9 @@ class CompiledExecutor(Executor):
             return Progress(steps)
         if self._fault.value <= 2:
             which = "x" if self._fault.value == 1 else "d"
-            return Progress(steps, which, self._bad[: (x if which == "x" else d).size].copy())
+            return Progress(
+                steps, which, self._bad[: (x if which == "x" else d).size].copy()
+            )
         assert self.plan is not None
         try:
             if self._fault.value == 3:

@@ -30,7 +30,11 @@ def goes_in_lanes(prepared: Prepared) -> bool:
     """
     plan = prepared.plan
     alone = bool(plan.python_blocks or plan.has_events or plan.guesses.size)
-    return prepared.solver.is_fixed and prepared.traced.name == CompiledExecutor.name and not alone
+    return (
+        prepared.solver.is_fixed
+        and prepared.traced.name == CompiledExecutor.name
+        and not alone
+    )
 
 
 class Lanes:
@@ -59,7 +63,10 @@ class Lanes:
         self._executor = CompiledExecutor(prepared.programs, prepared.plan, self.count)
 
     def run(
-        self, duration: float, each: Sequence[tuple[Mapping[str, Any], Mapping[str, Any]]], not_finite: str
+        self,
+        duration: float,
+        each: Sequence[tuple[Mapping[str, Any], Mapping[str, Any]]],
+        not_finite: str,
     ) -> list[xr.Dataset | None]:
         """Run to the end.
 
@@ -80,7 +87,9 @@ class Lanes:
             runs: dict[int, Run] = {}
             for lane, (parameters, initial) in enumerate(each):
                 with contextlib.suppress(Exception):
-                    opened = self._simulator.opened(duration, parameters, initial, not_finite=not_finite)
+                    opened = self._simulator.opened(
+                        duration, parameters, initial, not_finite=not_finite
+                    )
                     runs[lane] = stack.enter_context(opened)
             if runs:
                 with contextlib.suppress(_AllFailedError):
@@ -96,7 +105,9 @@ class Lanes:
         number = len(runs)
         first = next(iter(runs.values()))
         columns = [runs.get(lane, first) for lane in range(self.count)]
-        x, d, p = (np.stack([getattr(run, name) for run in columns], axis=-1) for name in "xdp")
+        x, d, p = (
+            np.stack([getattr(run, name) for run in columns], axis=-1) for name in "xdp"
+        )
         together = _RunsTogether(
             first.prepared,
             self._executor.fresh(),
@@ -127,7 +138,9 @@ class _LogOfEach(Log):
         super().__init__([], {})
         self._runs = runs
         self._count = count
-        (self._row_width,) = {run.log.width for run in runs.values() if run.log is not None}
+        (self._row_width,) = {
+            run.log.width for run in runs.values() if run.log is not None
+        }
         self.width = self._row_width * count
 
     def reserve(self, number: int) -> Vector:
@@ -166,4 +179,5 @@ class _RunsTogether(Run):
         if not self.runs:
             raise _AllFailedError
         self.go_to(self.origin + k * self.prepared.tick)
-        self.sampled = k if progress.fault == "x" else None  # what was sampled there is not sampled again
+        # what was sampled there is not sampled again
+        self.sampled = k if progress.fault == "x" else None

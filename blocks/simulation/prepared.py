@@ -58,7 +58,11 @@ def _numbers(value: Any) -> Any:
         return [_numbers(v) for v in value]
     if isinstance(value, dict):
         return [(_numbers(k), _numbers(v)) for k, v in value.items()]
-    return value if isinstance(value, bool | int | float | complex | str | bytes | Fraction) else None
+    return (
+        value
+        if isinstance(value, bool | int | float | complex | str | bytes | Fraction)
+        else None
+    )
 
 
 def _hash(text: str) -> str:
@@ -97,13 +101,19 @@ class Prepared:
     """
 
     def __init__(
-        self, plan: Plan, quantities: Sequence[Quantity], solver: Solver, channels: Sequence[Channel] = ()
+        self,
+        plan: Plan,
+        quantities: Sequence[Quantity],
+        solver: Solver,
+        channels: Sequence[Channel] = (),
     ) -> None:
         self.plan = plan
         self.solver = solver
         self.channels = channels
         clocks = plan.system.clocks
-        self.step = exact(solver.step) if solver.step is not None and solver.is_fixed else None
+        self.step = (
+            exact(solver.step) if solver.step is not None and solver.is_fixed else None
+        )
         self.tick = self.step or common_tick(
             [t for c in clocks for t in (c.period, c.offset)] or [Fraction(1)]
         )
@@ -125,7 +135,9 @@ class Prepared:
 
     @classmethod
     @interruptible()
-    def of(cls, diagram: Diagram | System, solver: Solver, chosen: Chosen | None) -> Self:
+    def of(
+        cls, diagram: Diagram | System, solver: Solver, chosen: Chosen | None
+    ) -> Self:
         """Return a diagram that is traced, and compiled where there is a compiler.
 
         Parameters
@@ -149,7 +161,9 @@ class Prepared:
         plan = Plan(diagram)
         plan.loops.refuse_idle_starts()
         channels = chosen_channels(plan.system, chosen)
-        prepared = cls(plan, [derivative(), outputs([c.port for c in channels])], solver, channels)
+        prepared = cls(
+            plan, [derivative(), outputs([c.port for c in channels])], solver, channels
+        )
         prepared.traced  # noqa: B018 - compilation takes long, so it does not wait for the first run
         return prepared
 
@@ -185,7 +199,10 @@ class Prepared:
         traced = self.traced.fresh()
         if not self.plan.python_blocks:
             return traced
-        blocks = OpenBlocks((block, self.plan.p.signals(block.path, p)) for block in self.plan.python_blocks)
+        blocks = OpenBlocks(
+            (block, self.plan.p.signals(block.path, p))
+            for block in self.plan.python_blocks
+        )
         return PythonExecutor(traced, self.sampled, self.continuous, blocks)
 
     def described(self, what: str, state: str = "") -> Description:
@@ -193,14 +210,30 @@ class Prepared:
         solver = self.solver
         plan = self.plan
         accuracy = (
-            f"step {float(self.step):g} s" if self.step else f"rtol {solver.rtol:g}, atol {solver.atol:g}"
+            f"step {float(self.step):g} s"
+            if self.step
+            else f"rtol {solver.rtol:g}, atol {solver.atol:g}"
         )
-        names = "x", "modes", "memory", "held", "clocks", "events", "marks of these", "loops", "inputs"
+        names = (
+            "x",
+            "modes",
+            "memory",
+            "held",
+            "clocks",
+            "events",
+            "marks of these",
+            "loops",
+            "inputs",
+        )
         sizes = zip((*names, "parameters"), plan.layouts, strict=True)
         facts = {
             "solver": f"{solver.solver}, {accuracy}, backend {solver.backend}",
-            "numbers": ", ".join(f"{layout.size} in {name}" for name, layout in sizes if layout.size),
-            "rates": ", ".join(f"{float(clock.period):g} s" for clock in plan.system.clocks),
+            "numbers": ", ".join(
+                f"{layout.size} in {name}" for name, layout in sizes if layout.size
+            ),
+            "rates": ", ".join(
+                f"{float(clock.period):g} s" for clock in plan.system.clocks
+            ),
             "inputs": ", ".join(plan.system.external),
             "shows": ", ".join(channel.name for channel in self.channels),
         }
@@ -228,7 +261,10 @@ class Prepared:
         It does not cover the code of Python blocks.
         """
         codes = [p.code for p in self.programs if p.name != "outputs"]
-        codes += [f"{path} {self.plan.system.clock(b)}" for path, b in self.plan.system.blocks.items()]
+        codes += [
+            f"{path} {self.plan.system.clock(b)}"
+            for path, b in self.plan.system.blocks.items()
+        ]
         for block in self.plan.python_blocks:
             state: Any = object.__getstate__(block)
             own, slots = state if isinstance(state, tuple) else (state, {})
@@ -246,8 +282,13 @@ class Prepared:
     def layout(self) -> str:
         """A hash of what x, d and p consist of, and of the sample times."""
         plan = self.plan
-        arrays = [[(e.path, e.name, e.shape) for e in layout] for layout in plan.layouts]
-        clocks = [(path, plan.system.clock(block)) for path, block in plan.system.blocks.items()]
+        arrays = [
+            [(e.path, e.name, e.shape) for e in layout] for layout in plan.layouts
+        ]
+        clocks = [
+            (path, plan.system.clock(block))
+            for path, block in plan.system.blocks.items()
+        ]
         return _hash(repr((arrays, clocks, self.tick)))
 
     @functools.cached_property
@@ -264,7 +305,11 @@ class Prepared:
     @property
     def has_jacobian(self) -> bool:
         """Whether the solver is given the exact derivative."""
-        return self.solver.solver in IMPLICIT and self.solver.backend != "numpy" and not self.continuous
+        return (
+            self.solver.solver in IMPLICIT
+            and self.solver.backend != "numpy"
+            and not self.continuous
+        )
 
     def ticks(self, time: Fraction, what: str) -> int:
         """Return how many ticks a `time` [s] is; `what` it is, for messages.

@@ -35,7 +35,9 @@ class ProgressBar(tqdm):  # type: ignore[type-arg]
         Wall time that the run may take [s].
     """
 
-    def __init__(self, name: str, duration: float, shown: bool, time_limit: float | None = None) -> None:
+    def __init__(
+        self, name: str, duration: float, shown: bool, time_limit: float | None = None
+    ) -> None:
         self._limit = time_limit
         self._begun = time.monotonic()
         super().__init__(
@@ -59,7 +61,9 @@ class ProgressBar(tqdm):  # type: ignore[type-arg]
             If that took longer than it may.
         """
         if self._limit is not None and time.monotonic() - self._begun > self._limit:
-            raise TimeLimitError(f"the run takes longer than {self._limit:g} s; what was logged is kept")
+            raise TimeLimitError(
+                f"the run takes longer than {self._limit:g} s; what was logged is kept"
+            )
         return super().update(n)
 
     @property

@@ -17,13 +17,23 @@ from numpy.typing import NDArray
 from trussflow.blocks.errors import AlgebraicLoopError, DivergenceError
 from trussflow.blocks.framework.block import Block
 from trussflow.blocks.framework.declarations import Signals
-from trussflow.blocks.simulation.block_instances import BlockCall, OpenBlocks, SampledStepping
+from trussflow.blocks.simulation.block_instances import (
+    BlockCall,
+    OpenBlocks,
+    SampledStepping,
+)
 from trussflow.blocks.simulation.executor import Executor, Progress, Span
 from trussflow.blocks.support.types import Vector
 from trussflow.blocks.tracing.call_checks import running_errors
 from trussflow.blocks.tracing.plan import Plan
 from trussflow.blocks.tracing.quantities import Quantity, block_inputs
-from trussflow.blocks.tracing.sorted_order import Active, components, in_order, is_solved, reached_from
+from trussflow.blocks.tracing.sorted_order import (
+    Active,
+    components,
+    in_order,
+    is_solved,
+    reached_from,
+)
 
 MAX_NEWTON_ROUNDS = 20
 """Rounds of Newton's method after which a loop is given up."""
@@ -38,7 +48,9 @@ Pair = tuple[BlockCall, Quantity]
 """A Python block, and the quantity that holds its inputs."""
 
 
-def sorted_stages(plan: Plan, blocks: list[Block], active: Active) -> list[tuple[list[Block], bool]]:
+def sorted_stages(
+    plan: Plan, blocks: list[Block], active: Active
+) -> list[tuple[list[Block], bool]]:
     """Return `blocks` of a `plan` in sorted order: each after those that reach it while `active` clocks tick.
 
     Blocks in a loop that is to be solved form one stage, all others stages of one block. With each stage
@@ -53,12 +65,16 @@ def sorted_stages(plan: Plan, blocks: list[Block], active: Active) -> list[tuple
     graph: dict[str, list[str]] = {}
     for path in by_path:
         needed = frozenset().union(*plan.feedthrough[path].values())
-        graph[path] = reached_from(plan.system, plan.feedthrough, path, needed, active, by_path)
+        graph[path] = reached_from(
+            plan.system, plan.feedthrough, path, needed, active, by_path
+        )
     stages = []
     for paths in components(graph):
         is_loop = len(paths) > 1 or paths[0] in graph[paths[0]]
         if is_loop and (active or not is_solved(plan.system, paths)):
-            _, cycle = in_order({path: [p for p in graph[path] if p in paths] for path in paths})
+            _, cycle = in_order(
+                {path: [p for p in graph[path] if p in paths] for path in paths}
+            )
             raise AlgebraicLoopError(
                 f"algebraic loop through Python blocks: {' -> '.join(cycle)}; each needs the "
                 "output of the one before at the same instant. Break it with a UnitDelay, make a "
@@ -95,11 +111,17 @@ class SampledPythonBlocks:
 
     def __init__(self, plan: Plan, sets: list[Active]) -> None:
         self.plan = plan
-        calls = {b.path: BlockCall(plan, b) for b in plan.python_blocks if b.sample_time is not None}
+        calls = {
+            b.path: BlockCall(plan, b)
+            for b in plan.python_blocks
+            if b.sample_time is not None
+        }
         self.ordered: list[list[Pair]] = []
         for number, active in enumerate(sets):
             ticking = [b for b in plan.python_blocks if plan.system.clock(b) in active]
-            blocks = [b for stage, _ in sorted_stages(plan, ticking, active) for b in stage]
+            blocks = [
+                b for stage, _ in sorted_stages(plan, ticking, active) for b in stage
+            ]
             self.ordered.append(
                 [
                     (calls[b.path], block_inputs(f"inputs_{number}_{i}", b, active))
@@ -107,7 +129,8 @@ class SampledPythonBlocks:
                 ]
             )
         traced = {plan.system.clock(b) for b in plan.system.blocks.values() if b.traced}
-        if plan.counters.size:  # the shared program also counts ticks of clocks without traced blocks
+        if plan.counters.size:
+            # the shared program also counts ticks of clocks without traced blocks
             traced |= {*plan.system.clocks}
         self.with_traced = [bool(active & traced) for active in sets]
         self._computes = np.array([bool(pairs) for pairs in self.ordered])
@@ -121,7 +144,11 @@ class SampledPythonBlocks:
 
         That is where a sampled Python block computes.
         """
-        return np.flatnonzero(self._computes[due]).tolist() if self.plan.python_blocks else []
+        return (
+            np.flatnonzero(self._computes[due]).tolist()
+            if self.plan.python_blocks
+            else []
+        )
 
 
 class ContinuousPythonBlocks:
@@ -152,7 +179,10 @@ class ContinuousPythonBlocks:
         for stage, is_loop in sorted_stages(plan, blocks, frozenset()):
             first = len(self.ordered)
             pairs = [
-                (BlockCall(plan, block), block_inputs(f"continuous_{i}", block, frozenset()))
+                (
+                    BlockCall(plan, block),
+                    block_inputs(f"continuous_{i}", block, frozenset()),
+                )
                 for i, block in enumerate(stage, first)
             ]
             self.stages.append((pairs, is_loop))
@@ -213,23 +243,40 @@ class PythonExecutor(Executor):
             self._handle(t, x, d, p, values)
         return values
 
-    def advance(self, span: Span, x: Vector, d: Vector, p: Vector, log: Vector) -> Progress:
+    def advance(
+        self, span: Span, x: Vector, d: Vector, p: Vector, log: Vector
+    ) -> Progress:
         """Take the steps of a span in place; rows of `log` [as declared] are filled in order."""
         if self._has_continuous:
             return super().advance(span, x, d, p, log)
         return self._inner.advance(span, x, d, p, log)
 
     def instant(
-        self, number: int, t: float, x: Vector, d: Vector, p: Vector, *, update: bool = True
+        self,
+        number: int,
+        t: float,
+        x: Vector,
+        d: Vector,
+        p: Vector,
+        *,
+        update: bool = True,
     ) -> Vector:
         """Return d after an instant: Python blocks first, then the traced ones."""
         waiting = self._sampled.plan.counters.waiting(d)
         clock = self._sampled.plan.system.clock
-        ticking = [pair for pair in self._sampled.ordered[number] if clock(pair[0].block) not in waiting]
+        ticking = [
+            pair
+            for pair in self._sampled.ordered[number]
+            if clock(pair[0].block) not in waiting
+        ]
         for call, quantity in ticking:
             d[call.outputs] = self._sampled_output(call, quantity, t, x, d, p)
         # All outputs are there by now: no state is updated before all have seen it.
-        staged = [self._updated(call, quantity, t, x, d, p) for call, quantity in ticking] if update else []
+        staged = (
+            [self._updated(call, quantity, t, x, d, p) for call, quantity in ticking]
+            if update
+            else []
+        )
         # Where Python blocks alone are sampled there is nothing to evaluate.
         traced = self._sampled.with_traced[number]
         after = self.call(f"sample_{number}", t, x, d, p) if traced else d.copy()
@@ -240,22 +287,42 @@ class PythonExecutor(Executor):
     # -- sampled blocks -----------------------------------------------------------------------
 
     def _sampled_output(
-        self, call: BlockCall, quantity: Quantity, t: float, x: Vector, d: Vector, p: Vector
+        self,
+        call: BlockCall,
+        quantity: Quantity,
+        t: float,
+        x: Vector,
+        d: Vector,
+        p: Vector,
     ) -> Vector:
         """Return the outputs of a sampled block at an instant."""
         own = self._equations[call.path]
-        u = np.full(call.needed.size, np.nan)  # without feedthrough, inputs may be unknown
+        # without feedthrough, inputs may be unknown
+        u = np.full(call.needed.size, np.nan)
         if call.direct:
             u = self.call(quantity.name, t, x, d, p)
         if isinstance(own, SampledStepping):
             with running_errors(call.block, "advance", t):
                 outputs = own.reach(t, u)
         else:
-            outputs = call(own, "output", t, d[call.states].copy(), call.seen(u), p[call.parameters])
+            outputs = call(
+                own,
+                "output",
+                t,
+                d[call.states].copy(),
+                call.seen(u),
+                p[call.parameters],
+            )
         return self._finite(call, "output", outputs, t)
 
     def _updated(
-        self, call: BlockCall, quantity: Quantity, t: float, x: Vector, d: Vector, p: Vector
+        self,
+        call: BlockCall,
+        quantity: Quantity,
+        t: float,
+        x: Vector,
+        d: Vector,
+        p: Vector,
     ) -> tuple[slice, Vector]:
         """Return the new states of a sampled block after an instant, and where in d they belong."""
         own = self._equations[call.path]
@@ -264,7 +331,9 @@ class PythonExecutor(Executor):
                 own.hold(self.call(quantity.name, t, x, d, p))
         elif call.size or own.states_own("update"):
             u = self.call(quantity.name, t, x, d, p)
-            states = call(own, "update", t, d[call.states].copy(), u, p[call.parameters])
+            states = call(
+                own, "update", t, d[call.states].copy(), u, p[call.parameters]
+            )
             return call.states, self._finite(call, "update", states, t)
         return slice(0), np.zeros(0)
 
@@ -274,7 +343,9 @@ class PythonExecutor(Executor):
             return values
         plan = self._sampled.plan
         layout = plan.held if kind == "output" else plan.memory
-        entry = layout.at(layout.span_of(call.path).start + int(np.argmin(np.isfinite(values))))
+        entry = layout.at(
+            layout.span_of(call.path).start + int(np.argmin(np.isfinite(values)))
+        )
         raise DivergenceError(
             f"'{entry.path}.{entry.name}' stopped being finite at t = {t:g} s: {kind}() of that Python "
             "block returned it; the log up to there is kept"
@@ -296,12 +367,16 @@ class PythonExecutor(Executor):
             else:
                 self._show(pairs, t, x, d, p)
 
-    def _show(self, pairs: list[Pair], t: float, x: Vector, d: Vector, p: Vector) -> None:
+    def _show(
+        self, pairs: list[Pair], t: float, x: Vector, d: Vector, p: Vector
+    ) -> None:
         for call, quantity in pairs:  # each sees what those before put into d
             values = self._ask(call, quantity, "output", t, x, d, p)
             d[call.outputs] = call.flat("output", values, np.zeros(0))
 
-    def _solve(self, pairs: list[Pair], t: float, x: Vector, d: Vector, p: Vector) -> None:
+    def _solve(
+        self, pairs: list[Pair], t: float, x: Vector, d: Vector, p: Vector
+    ) -> None:
         """Put outputs into d that reproduce themselves."""
         places = np.concatenate([np.r_[call.outputs] for call, _ in pairs])
 
@@ -321,7 +396,10 @@ class PythonExecutor(Executor):
                 return
             before = size
             steps = DIFFERENCE_STEP * np.maximum(1.0, np.abs(outputs))
-            slopes = [(residual(outputs + step) - left) / step.max() for step in np.diag(steps)]
+            slopes = [
+                (residual(outputs + step) - left) / step.max()
+                for step in np.diag(steps)
+            ]
             if not np.isfinite([*slopes, left]).all():
                 break
             change, _, rank, _ = np.linalg.lstsq(np.transpose(slopes), left)
@@ -334,7 +412,9 @@ class PythonExecutor(Executor):
             "method finds no single solution; break it with a state, a UnitDelay, or other wiring"
         )
 
-    def add(self, kind: str, t: float, x: Vector, d: Vector, p: Vector, into: Vector) -> None:
+    def add(
+        self, kind: str, t: float, x: Vector, d: Vector, p: Vector, into: Vector
+    ) -> None:
         """Put derivatives or indicators, by `kind`, of the blocks `into` those of all [as declared]."""
         for call, quantity in self._continuous.ordered:
             if kind != "derivative" or call.size:
@@ -355,8 +435,12 @@ class PythonExecutor(Executor):
         for call, quantity in self._continuous.ordered:
             fired = d[call.fired] > 0.0
             if fired.any() or call.path in self._asking:
-                values = self._ask(call, quantity, "on_event", t, x, d, p, call.happened(fired))
-                into[call.places(x.size)] = call.flat("on_event", values, call.own(x, d))
+                values = self._ask(
+                    call, quantity, "on_event", t, x, d, p, call.happened(fired)
+                )
+                into[call.places(x.size)] = call.flat(
+                    "on_event", values, call.own(x, d)
+                )
         self._asking.clear()
 
     def _ask(
@@ -373,5 +457,7 @@ class PythonExecutor(Executor):
         """Return what an equation of a continuous block returns, unchecked."""
         own = self._equations[call.path]
         before = kind == "on_step" and not own.sees_jumps
-        u = self._inner.call(quantity.name, np.nextafter(t, -np.inf) if before else t, x, d, p)
+        u = self._inner.call(
+            quantity.name, np.nextafter(t, -np.inf) if before else t, x, d, p
+        )
         return call.ask(own, kind, t, call.own(x, d), u, p[call.parameters], *more)

@@ -21,7 +21,12 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from trussflow.blocks.errors import DivergenceError, RunStoppedError, SimulationError, TrussflowError
+from trussflow.blocks.errors import (
+    DivergenceError,
+    RunStoppedError,
+    SimulationError,
+    TrussflowError,
+)
 from trussflow.blocks.framework.clock import written
 from trussflow.blocks.results.log import Log
 from trussflow.blocks.results.state_file import Snapshot
@@ -29,7 +34,10 @@ from trussflow.blocks.simulation.adaptive import AdaptiveError, integrate
 from trussflow.blocks.simulation.executor import Executor, NumPyExecutor, Progress, Span
 from trussflow.blocks.simulation.prepared import Prepared
 from trussflow.blocks.simulation.progress import ProgressBar, paced
-from trussflow.blocks.simulation.step_size_warnings import breakpoints_of, warn_of_coarse_steps
+from trussflow.blocks.simulation.step_size_warnings import (
+    breakpoints_of,
+    warn_of_coarse_steps,
+)
 from trussflow.blocks.support.interrupts import interruptible
 from trussflow.blocks.support.types import Vector
 from trussflow.blocks.tracing.quantities import derivative
@@ -150,7 +158,13 @@ class Run:
         plan = self.prepared.plan
         # A loop that can never be solved is refused here; of inputs the right ones may still come.
         if plan.loops and not plan.python_blocks and not plan.system.external:
-            plan.evaluate(self.time, self.x, self.d, self.p, self.prepared.schedule.sets[self.due()])
+            plan.evaluate(
+                self.time,
+                self.x,
+                self.d,
+                self.p,
+                self.prepared.schedule.sets[self.due()],
+            )
 
     @property
     def now(self) -> Fraction:
@@ -201,7 +215,8 @@ class Run:
         """Raise `SimulationError` if a field of a snapshot `found` in a file cannot be of this run."""
         plan = self.prepared.plan
         kept = self.executor.blocks.kept()
-        latest = 2**53 * self.prepared.tick  # from there on floats do not tell ticks apart
+        # from there on floats do not tell ticks apart
+        latest = 2**53 * self.prepared.tick
         fits = {
             name: isinstance(value := getattr(found, name), np.ndarray)
             and (value.dtype, value.shape) == (own.dtype, own.shape)
@@ -211,7 +226,9 @@ class Run:
         times = found.origin, found.now
         are_times = all(isinstance(time, Fraction) for time in times)
         fits["origin, now"] = are_times and -latest < found.origin <= found.now < latest
-        fits["hidden"] = isinstance(found.hidden, dict) and found.hidden.keys() == kept.keys()
+        fits["hidden"] = (
+            isinstance(found.hidden, dict) and found.hidden.keys() == kept.keys()
+        )
         fits["sampled"] = isinstance(found.sampled, bool)
         if wrong := [name for name, fit in fits.items() if not fit]:
             raise SimulationError(
@@ -298,7 +315,9 @@ class Run:
             )
         self.restore(checkpoint)
 
-    def _advance_with_checkpoints(self, log: Log, every: Fraction, bar: ProgressBar) -> None:
+    def _advance_with_checkpoints(
+        self, log: Log, every: Fraction, bar: ProgressBar
+    ) -> None:
         """Advance to the end, and keep the state on the disk at each multiple of a time `every` [s]."""
         if log.resumed is None:
             self.sample()  # all blocks have begun: what cannot be saved is reported at once
@@ -333,7 +352,8 @@ class Run:
                 if every:
                     logged[-base % every :: every] = 1
                 asked = prepared.sampled.needed(due) if has_python else []
-                needed = [*(base + i for i in asked), stop][::-1]  # ticks at which Python computes
+                # ticks at which Python computes
+                needed = [*(base + i for i in asked), stop][::-1]
                 if self.sampled == base:
                     due[0] = 0
             if needed[-1] == k:
@@ -344,14 +364,29 @@ class Run:
             flags = logged[k - base : end - base]
             number = int(np.count_nonzero(flags)) if every else 0
             rows = log.reserve(number) if log is not None and number else NO_ROWS
-            span = Span(prepared.solver.solver, tick, self.first + k, k - base, end - base, due, logged)
+            span = Span(
+                prepared.solver.solver,
+                tick,
+                self.first + k,
+                k - base,
+                end - base,
+                due,
+                logged,
+            )
             started = time.perf_counter() if end - k == chunk else 0.0
             progress = self.executor.advance(span, self.x, self.d, self.p, rows)
             taken = np.flatnonzero(flags[: progress.steps])
             if log is not None and taken.size:
-                log.keep((self.first + k + taken) * tick.numerator / tick.denominator, taken.size)
+                log.keep(
+                    (self.first + k + taken) * tick.numerator / tick.denominator,
+                    taken.size,
+                )
             if progress.fault:
-                self._failed(progress, k + progress.steps, bool(logged[k - base + progress.steps]))
+                self._failed(
+                    progress,
+                    k + progress.steps,
+                    bool(logged[k - base + progress.steps]),
+                )
                 stop = self.k
                 continue
             self.k = end
@@ -366,7 +401,9 @@ class Run:
         if end == self.now:
             return
         times = (self.time, float(end), float(end - self.now))
-        state = self.executor.between(self.prepared.solver.solver, times, self.x, self.d, self.p)
+        state = self.executor.between(
+            self.prepared.solver.solver, times, self.x, self.d, self.p
+        )
         if not np.isfinite(state).all():
             raise self._divergence("x", state, times[1])
         self.x[:] = state
@@ -381,7 +418,9 @@ class Run:
         if progress.bad is None:
             assert progress.error is not None
             raise progress.error
-        after = float((self.first + k + 1) * tick) if progress.fault == "x" else self.time
+        after = (
+            float((self.first + k + 1) * tick) if progress.fault == "x" else self.time
+        )
         raise self._divergence(progress.fault, progress.bad, after)
 
     def _divergence(self, fault: str, bad: Vector, after: float) -> DivergenceError:
@@ -391,7 +430,9 @@ class Run:
         cause = self._cause(after) if fault == "x" else ""
         # Held outputs first: they may be the cause of a bad update, never the other way round. No instant
         # changes modes, which may be infinite.
-        layouts = [plan.x] if fault == "x" else [plan.u, plan.held, plan.memory, plan.guesses]
+        layouts = (
+            [plan.x] if fault == "x" else [plan.u, plan.held, plan.memory, plan.guesses]
+        )
         name = next(filter(None, (layout.fault(bad) for layout in layouts)))
         return DivergenceError(
             f"{name} stopped being finite at t = {after:g} s{cause}; the last good step "
@@ -417,7 +458,9 @@ class Run:
         for t in (self.time, (self.time + after) / 2, after):
             with np.errstate(all="ignore"), contextlib.suppress(TrussflowError):
                 evaluation = plan.evaluate(t, self.x, self.d, self.p)
-                for port in (port for stage in plan.order(frozenset()) for port in stage.ports):
+                for port in (
+                    port for stage in plan.order(frozenset()) for port in stage.ports
+                ):
                     if not np.isfinite(evaluation.output(port)).all():
                         return f", because '{port.path}' did"
         return ""
@@ -434,7 +477,9 @@ class Run:
     def _log_now(self, t: float) -> None:
         if self.log is None:
             return
-        self.log.reserve(1)[0] = self.executor.call("outputs", t, self.x, self.d, self.p)
+        self.log.reserve(1)[0] = self.executor.call(
+            "outputs", t, self.x, self.d, self.p
+        )
         self.log.keep(t)
 
     # -- adaptive -------------------------------------------------------------------------
@@ -454,7 +499,9 @@ class Run:
                 stop = -((self.origin - end) // every)
                 times = (float(self.origin + i * every) for i in range(first, stop))
             try:
-                for t, x in self._integrate((float(start), float(end)), times, length, bar):
+                for t, x in self._integrate(
+                    (float(start), float(end)), times, length, bar
+                ):
                     self._reach(t, x, bar)
                     if t < float(end):
                         self._log_now(t)
@@ -476,7 +523,11 @@ class Run:
         self.time = t
 
     def _integrate(
-        self, span: tuple[float, float], times: Iterator[float], length: float, bar: ProgressBar | None
+        self,
+        span: tuple[float, float],
+        times: Iterator[float],
+        length: float,
+        bar: ProgressBar | None,
     ) -> Iterator[tuple[float, Vector]]:
         """Yield the `times` in a `span`, and its end, with the states; the run has a `length` [s]."""
         prepared = self.prepared
@@ -490,7 +541,9 @@ class Run:
         last = float(np.nextafter(span[1], span[0]))
 
         def derivative(t: float, x: Vector) -> Vector:
-            rate = self.executor.call("derivative", min(t, last), np.ascontiguousarray(x), d, p)
+            rate = self.executor.call(
+                "derivative", min(t, last), np.ascontiguousarray(x), d, p
+            )
             if not np.isfinite(rate).all() and np.isfinite(x).all():
                 self.failed = min(t, last), x.copy()
             return rate
@@ -542,7 +595,9 @@ class Run:
             else:
                 low = middle
                 before = between
-        if abs(after[i] - before[i]) <= max(change[i] / 2, JUMP_TOLERANCE * abs(after[i])):
+        if abs(after[i] - before[i]) <= max(
+            change[i] / 2, JUMP_TOLERANCE * abs(after[i])
+        ):
             return ""
         entry = self.prepared.plan.x.at(i)
         return f"{entry.describe(i - entry.start)} jumps between {before[i]:.3g} and {after[i]:.3g}"
@@ -558,7 +613,8 @@ class Run:
         """Name the state that changes fastest, relative to its size, where the solver gave up."""
         plan = self.prepared.plan
         if plan.loops and self.failed is not None:
-            plan.evaluate(*self.failed, self.d, self.p)  # raises what tells of an algebraic loop
+            # raises what tells of an algebraic loop
+            plan.evaluate(*self.failed, self.d, self.p)
         rate = self.executor.call("derivative", error.t, error.x, self.d, self.p)
         if not np.isfinite(rate).all():
             fault = f"the derivative of {plan.x.fault(rate)} is not finite"
@@ -583,7 +639,9 @@ class Run:
         breaks = {b for block in blocks for b in breakpoints_of(block)}
         now = self.now
         pending = sorted(b for b in breaks if now < b < until)
-        clocks = [(self.origin + c.offset, c.period) for c in self.prepared.plan.system.clocks]
+        clocks = [
+            (self.origin + c.offset, c.period) for c in self.prepared.plan.system.clocks
+        ]
         while now < until:
             following = [
                 first if now < first else first + ((now - first) // period + 1) * period

@@ -50,9 +50,14 @@ class Schedule:
         If a sample time or offset is not a whole number of ticks, or there are too many sets.
     """
 
-    def __init__(self, clocks: Sequence[Clock], tick: Fraction, *, shared: bool = False) -> None:
+    def __init__(
+        self, clocks: Sequence[Clock], tick: Fraction, *, shared: bool = False
+    ) -> None:
         self._clocks = [
-            (ticks(c.period, tick, "the sample time"), ticks(c.offset, tick, "the sample offset"))
+            (
+                ticks(c.period, tick, "the sample time"),
+                ticks(c.offset, tick, "the sample offset"),
+            )
             for c in clocks
         ]
         if any(max(clock) > MAX_PERIOD_TICKS for clock in self._clocks):
@@ -65,11 +70,16 @@ class Schedule:
             return
         codes = sorted({0} | (self._scanned() or self._possible()))
         self._sorted_codes = np.array(codes, dtype=np.int64)
-        self.sets = [frozenset(c for i, c in enumerate(clocks) if code >> i & 1) for code in codes]
+        self.sets = [
+            frozenset(c for i, c in enumerate(clocks) if code >> i & 1)
+            for code in codes
+        ]
 
     def _scanned(self) -> set[int]:
         """Return the sets that occur, as bits, by looking through the repeating pattern."""
-        pattern = lcm(*(p for p, _ in self._clocks)) + max((o for _, o in self._clocks), default=0)
+        pattern = lcm(*(p for p, _ in self._clocks)) + max(
+            (o for _, o in self._clocks), default=0
+        )
         if pattern > MAX_SCANNED_TICKS:
             return set()
         return {int(code) for code in np.unique(self._codes(0, pattern))}
@@ -96,7 +106,9 @@ class Schedule:
         k = np.arange(first, first + number, dtype=np.int64)
         codes = np.zeros(number, dtype=np.int64)
         for i, (period, offset) in enumerate(self._clocks):
-            codes |= ((k >= offset) & ((k - offset) % period == 0)).astype(np.int64) << i
+            codes |= ((k >= offset) & ((k - offset) % period == 0)).astype(
+                np.int64
+            ) << i
         return codes
 
     def _any(self, first: int, number: int) -> NDArray[np.uint16]:

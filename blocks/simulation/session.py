@@ -80,12 +80,20 @@ class Session(Described):
 
     @spelled_out(SolverSettings)
     def __init__(
-        self, item: Block | System, *, outputs: Chosen | None = None, **settings: Unpack[SolverSettings]
+        self,
+        item: Block | System,
+        *,
+        outputs: Chosen | None = None,
+        **settings: Unpack[SolverSettings],
     ) -> None:
         solver = Solver.of(settings, "outputs")
         self._rebuild = partial(Session, item, outputs=outputs, **settings)
         system = item if isinstance(item, System) else flatten(item, external=True)
-        chosen = [port.name for port in system.root.outputs()] if outputs is None else outputs
+        chosen = (
+            [port.name for port in system.root.outputs()]
+            if outputs is None
+            else outputs
+        )
         self.prepared = Prepared.of(system, solver, chosen)
         self._is_fixed = solver.is_fixed
         self._u_start = self.prepared.plan.u_start
@@ -108,7 +116,9 @@ class Session(Described):
         return self._rebuild, ()
 
     def _described(self) -> Description:
-        return self.prepared.described("Session", f" at {self.time:g} s" if self.started else ", not started")
+        return self.prepared.described(
+            "Session", f" at {self.time:g} s" if self.started else ", not started"
+        )
 
     @property
     def started(self) -> bool:
@@ -170,9 +180,12 @@ class Session(Described):
         p = prepared.plan.parameters(parameters)
         executor = prepared.open(p)
         try:
-            x, d = prepared.plan.initial(p, initial, inputs, float(begin), executor.blocks.equations)
+            x, d = prepared.plan.initial(
+                p, initial, inputs, float(begin), executor.blocks.equations
+            )
         except BaseException:
-            with contextlib.suppress(TrussflowError):  # the first error is the one to see
+            with contextlib.suppress(TrussflowError):
+                # the first error is the one to see
                 executor.close()
             raise
         self._run = Run(prepared, executor, x, d, p, origin=begin)
@@ -195,9 +208,13 @@ class Session(Described):
         return self
 
     def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        traceback: TracebackType | None,
     ) -> None:
-        with contextlib.suppress(*([] if error is None else [TrussflowError])):  # the first one is to be seen
+        with contextlib.suppress(*([] if error is None else [TrussflowError])):
+            # the first one is to be seen
             self.stop()
 
     def set(self, values: Mapping[str, Any] | None = None, /, **inputs: Any) -> None:
@@ -313,7 +330,9 @@ class Session(Described):
         """Return the exact time that a float stands for."""
         tick = self._tick_at(time)
         has_grid = self._is_fixed or self.prepared.has_clocks
-        return exact(time) if tick is None or not has_grid else tick * self.prepared.tick
+        return (
+            exact(time) if tick is None or not has_grid else tick * self.prepared.tick
+        )
 
     @property
     def outputs(self) -> dict[str, Vector]:
@@ -336,14 +355,18 @@ class Session(Described):
     def events(self) -> Vector:
         """Return all modes, then the indicators of events that are not known in advance."""
         plan = self.prepared.plan
-        found = self._computed("indicators")[plan.kinds != TIMED] if plan.kinds.size else []
+        found = (
+            self._computed("indicators")[plan.kinds != TIMED] if plan.kinds.size else []
+        )
         return np.concatenate([self._running().d[plan.modes.span], found])
 
     def _computed(self, quantity: str) -> Vector:
         run = self._running()
         d = run.d
         if number := run.due():  # what will be sampled here, if nothing is set any more
-            d = run.executor.instant(number, run.time, run.x, d.copy(), run.p, update=False)
+            d = run.executor.instant(
+                number, run.time, run.x, d.copy(), run.p, update=False
+            )
         return run.executor.call(quantity, run.time, run.x, d, run.p)
 
     # -- going back ---------------------------------------------------------------------------
@@ -391,7 +414,10 @@ class Session(Described):
         is_file = isinstance(snapshot, str | Path)
         if isinstance(snapshot, str | Path):
             snapshot = read_state(snapshot, self.prepared.identity)
-        if not isinstance(snapshot, Snapshot) or snapshot.layout != self.prepared.layout:
+        if (
+            not isinstance(snapshot, Snapshot)
+            or snapshot.layout != self.prepared.layout
+        ):
             raise SimulationError(
                 f"cannot restore '{self.prepared.plan.name}': the snapshot is of a diagram with other "
                 "blocks, states, inputs or parameters, or it is none; give what save() returned"

@@ -24,10 +24,20 @@ from trussflow.blocks.results.dataset import provenance
 from trussflow.blocks.results.streamed_log import opened
 from trussflow.blocks.simulation.prepared import Prepared
 from trussflow.blocks.simulation.run import Run
-from trussflow.blocks.simulation.solver import Solver, SolverSettings, refuse_unknown, spelled_out
+from trussflow.blocks.simulation.solver import (
+    Solver,
+    SolverSettings,
+    refuse_unknown,
+    spelled_out,
+)
 from trussflow.blocks.simulation.step_size_warnings import warn_of_missed_jumps
 from trussflow.blocks.support.summary import Described, Description
-from trussflow.blocks.support.validation import finite_array, positive, positive_if_given, yes_or_no
+from trussflow.blocks.support.validation import (
+    finite_array,
+    positive,
+    positive_if_given,
+    yes_or_no,
+)
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -82,8 +92,12 @@ class Simulator(Described):
         **settings: Unpack[SolverSettings],
     ) -> None:
         positive_if_given(log_step=log_step)
-        self._rebuild = partial(Simulator, diagram, log=log, log_step=log_step, **settings)
-        self.prepared = Prepared.of(diagram, Solver.of(settings, "log", "log_step"), log)
+        self._rebuild = partial(
+            Simulator, diagram, log=log, log_step=log_step, **settings
+        )
+        self.prepared = Prepared.of(
+            diagram, Solver.of(settings, "log", "log_step"), log
+        )
         self.log_step = exact(log_step) if log_step is not None else self.prepared.step
         if self.prepared.step is not None and self.log_step is not None:
             self.prepared.ticks(self.log_step, "log_step")
@@ -162,13 +176,22 @@ class Simulator(Described):
         positive_if_given(time_limit=time_limit, checkpoint_every=checkpoint_every)
         yes_or_no("a run", "progress", progress)
         yes_or_no("a run", "resume", resume)
-        if (stream_to is None and checkpoint_every is not None) or (resume and checkpoint_every is None):
+        if (stream_to is None and checkpoint_every is not None) or (
+            resume and checkpoint_every is None
+        ):
             raise SimulationError(
                 "a run is resumed from checkpoints, which are kept beside the file that it streams to: give "
                 'stream_to="file.nc", and checkpoint_every=..., in seconds of simulated time'
             )
         opened_run = self.opened(
-            duration, parameters, initial, start, stream_to, checkpoint_every, resume, not_finite
+            duration,
+            parameters,
+            initial,
+            start,
+            stream_to,
+            checkpoint_every,
+            resume,
+            not_finite,
         )
         with opened_run as run:
             return run.to_end(progress, time_limit)
@@ -203,7 +226,9 @@ class Simulator(Described):
         begin = exact(finite_array("start", start, ()).item())
         every = None if checkpoint_every is None else exact(checkpoint_every)
         log_step = self.log_step or length / 1000
-        shortest = min(log_step, prepared.tick if prepared.step or prepared.has_clocks else length)
+        shortest = min(
+            log_step, prepared.tick if prepared.step or prepared.has_clocks else length
+        )
         refuse_coarse_time(abs(float(begin)) + float(length), shortest)
         p = plan.parameters(parameters)
         if prepared.step is not None:
@@ -216,7 +241,9 @@ class Simulator(Described):
                 prepared.ticks(every, "checkpoint_every")
             warn_of_missed_jumps(plan, prepared.step, (begin, begin + length), p)
         with contextlib.closing(prepared.open(p)) as executor:
-            x, d = plan.initial(p, initial, None, float(begin), executor.blocks.equations)
+            x, d = plan.initial(
+                p, initial, None, float(begin), executor.blocks.equations
+            )
             values = plan.p.listed(p)
             states = plan.x.listed(x)
             for layout in (plan.memory, plan.modes, plan.guesses):
@@ -246,7 +273,9 @@ class Simulator(Described):
                 x,
                 d,
                 p,
-                log=opened(prepared.channels, attributes, stream_to, not_finite, resumes),
+                log=opened(
+                    prepared.channels, attributes, stream_to, not_finite, resumes
+                ),
                 log_step=log_step,
                 origin=begin,
                 end=begin + length,
@@ -274,7 +303,9 @@ class SimulateSettings(RunSettings, SimulatorSettings, total=False):
 
 
 @spelled_out(SimulateSettings, Simulator.run)
-def simulate(diagram: Diagram | System, duration: float, **settings: Unpack[SimulateSettings]) -> xr.Dataset:
+def simulate(
+    diagram: Diagram | System, duration: float, **settings: Unpack[SimulateSettings]
+) -> xr.Dataset:
     """Simulate a diagram once; see `Simulator` and `Simulator.run` for the arguments.
 
     Parameters
@@ -296,7 +327,15 @@ def simulate(diagram: Diagram | System, duration: float, **settings: Unpack[Simu
         What was logged.
     """
     positive(duration=duration)
-    refuse_unknown(settings, [*SimulatorSettings.__annotations__, *RunSettings.__annotations__])
-    of_run: Any = {name: value for name, value in settings.items() if name in RunSettings.__annotations__}
-    of_simulator: Any = {name: value for name, value in settings.items() if name not in of_run}
+    refuse_unknown(
+        settings, [*SimulatorSettings.__annotations__, *RunSettings.__annotations__]
+    )
+    of_run: Any = {
+        name: value
+        for name, value in settings.items()
+        if name in RunSettings.__annotations__
+    }
+    of_simulator: Any = {
+        name: value for name, value in settings.items() if name not in of_run
+    }
     return Simulator(diagram, **of_simulator).run(duration, **of_run)

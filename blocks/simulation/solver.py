@@ -76,7 +76,9 @@ class Solver:
         one_of("solver", self.solver, (*FIXED_STEP, *METHODS))
         one_of("backend", self.backend, BACKENDS)
         if self.is_fixed and self.step is None:
-            raise SimulationError(f"solver '{self.solver}' needs a step, such as step=1e-3")
+            raise SimulationError(
+                f"solver '{self.solver}' needs a step, such as step=1e-3"
+            )
 
     @property
     def is_fixed(self) -> bool:
@@ -103,7 +105,9 @@ class Solver:
         return cls(**settings)
 
 
-def spelled_out(settings: Any, method: Callable[..., Any] | None = None) -> Callable[[F], F]:
+def spelled_out(
+    settings: Any, method: Callable[..., Any] | None = None
+) -> Callable[[F], F]:
     """Let `inspect.signature`, so `help` and completion, show the ``**settings`` of a function one by one.
 
     Parameters
@@ -115,14 +119,19 @@ def spelled_out(settings: Any, method: Callable[..., Any] | None = None) -> Call
     """
     defaults = {field.name: field.default for field in fields(Solver)}
     if method is not None:
-        defaults |= {name: p.default for name, p in inspect.signature(method).parameters.items()}
+        defaults |= {
+            name: p.default for name, p in inspect.signature(method).parameters.items()
+        }
 
     def decorated(function: F) -> F:
         there = inspect.signature(function)
         own = [p for p in there.parameters.values() if p.kind is not p.VAR_KEYWORD]
         more = [
             inspect.Parameter(
-                name, inspect.Parameter.KEYWORD_ONLY, default=defaults.get(name), annotation=kind
+                name,
+                inspect.Parameter.KEYWORD_ONLY,
+                default=defaults.get(name),
+                annotation=kind,
             )
             for name, kind in settings.__annotations__.items()
         ]
@@ -145,10 +154,14 @@ def refuse_unknown(settings: Mapping[str, Any], known: Iterable[str]) -> None:
         if name not in names:
             close = difflib.get_close_matches(name, names, n=1)
             meant = f"; did you mean '{close[0]}'?" if close else ";"
-            raise SimulationError(f"unknown setting '{name}'{meant} there are: {', '.join(names)}")
+            raise SimulationError(
+                f"unknown setting '{name}'{meant} there are: {', '.join(names)}"
+            )
 
 
-def fixed_step(method: str, rate: Callable[[Any, Any], Any], times: Sequence[Any], h: Any, x: Any) -> Any:
+def fixed_step(
+    method: str, rate: Callable[[Any, Any], Any], times: Sequence[Any], h: Any, x: Any
+) -> Any:
     """Return the state after a step of a fixed-step `method`, of numbers or of expressions.
 
     The `rate` is a function of time and state, `times` are the beginning, middle and end of a step [s] of

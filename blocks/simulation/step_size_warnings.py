@@ -30,7 +30,9 @@ MAX_RELATIVE_CHANGE = 2.0
 of stability of RK4 it is 2.8, of Euler's method 2. What grows by itself and is followed changes far less."""
 
 
-def warn_of_missed_jumps(plan: Plan, step: Fraction, span: tuple[Fraction, Fraction], p: Vector) -> None:
+def warn_of_missed_jumps(
+    plan: Plan, step: Fraction, span: tuple[Fraction, Fraction], p: Vector
+) -> None:
     """Warn if a source of a `plan` with parameters `p` jumps between two steps of a fixed-step solver.
 
     Parameters
@@ -47,11 +49,22 @@ def warn_of_missed_jumps(plan: Plan, step: Fraction, span: tuple[Fraction, Fract
     if not plan.x.size:
         return
     sources = [d.source for drivers in plan.system.drivers.values() for d in drivers]
-    read = {(source.block.path, source.name) for source in sources if source is not None}
+    read = {
+        (source.block.path, source.name) for source in sources if source is not None
+    }
     for path, block in plan.system.blocks.items():
-        if block.inputs() or block.states() or not block.traced or block.sample_time is not None:
+        if (
+            block.inputs()
+            or block.states()
+            or not block.traced
+            or block.sample_time is not None
+        ):
             continue
-        off = [b for b in breakpoints_of(block) if span[0] < b < span[1] and (b / step).denominator != 1]
+        off = [
+            b
+            for b in breakpoints_of(block)
+            if span[0] < b < span[1] and (b / step).denominator != 1
+        ]
         for time in off[:MAX_CHECKED_BREAKPOINTS]:
             name = _jumping(block, float(time), plan.p.signals(path, p))
             if (path, name) in read:
@@ -67,11 +80,16 @@ def _jumping(block: Block, time: float, p: Signals) -> str:
     """Return the first output of a source that jumps at a time; empty if none does."""
     nothing = Signals(p.owner, {})
     before, after = (
-        block.output(np.asarray(t), nothing, nothing, p) for t in (math.nextafter(time, -math.inf), time)
+        block.output(np.asarray(t), nothing, nothing, p)
+        for t in (math.nextafter(time, -math.inf), time)
     )
     for name, value in after.items():
-        scale = max(np.abs(value).max(initial=0.0), np.abs(before[name]).max(initial=0.0))
-        if not np.allclose(before[name], value, rtol=0.0, atol=1e-9 * scale, equal_nan=True):
+        scale = max(
+            np.abs(value).max(initial=0.0), np.abs(before[name]).max(initial=0.0)
+        )
+        if not np.allclose(
+            before[name], value, rtol=0.0, atol=1e-9 * scale, equal_nan=True
+        ):
             return name
     return ""
 
@@ -97,7 +115,11 @@ def warn_of_coarse_steps(run: Run) -> None:
     """Warn if the largest state at the end of a `run` is huge, and would change by more than itself."""
     step = run.prepared.step
     sizes = np.abs(run.x)
-    if step is None or not sizes.size or (size := float(sizes.max())) < MIN_CHECKED_SIZE:
+    if (
+        step is None
+        or not sizes.size
+        or (size := float(sizes.max())) < MIN_CHECKED_SIZE
+    ):
         return
     worst = int(sizes.argmax())
     rate = run.executor.call("derivative", run.time, run.x, run.d, run.p)[worst]

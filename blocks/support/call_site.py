@@ -7,7 +7,13 @@ import warnings
 
 from trussflow.blocks.errors import SimulationWarning
 
-_NOT_THE_USERS = ("trussflow.blocks", "trussflow.models", "trussflow.fmu", "functools", "contextlib")
+_NOT_THE_USERS = (
+    "trussflow.blocks",
+    "trussflow.models",
+    "trussflow.fmu",
+    "functools",
+    "contextlib",
+)
 
 _said: set[str] = set()
 """Subjects of the warnings that this process shows only once."""
@@ -16,7 +22,9 @@ _said: set[str] = set()
 def call_site() -> str:
     """Return ``file:line`` of the innermost call in the user's code."""
     frame = sys._getframe(1)
-    while frame.f_back is not None and str(frame.f_globals.get("__name__", "")).startswith(_NOT_THE_USERS):
+    while frame.f_back is not None and str(
+        frame.f_globals.get("__name__", "")
+    ).startswith(_NOT_THE_USERS):
         frame = frame.f_back
     return f"{frame.f_code.co_filename}:{frame.f_lineno}"
 

@@ -50,12 +50,17 @@ def reading(
     """
 
     def explained(fault: Exception) -> TrussflowError:
-        if isinstance(fault, OSError) and (fault.errno or 0) >= 0:  # negative numbers are netCDF's
+        if isinstance(fault, OSError) and (fault.errno or 0) >= 0:
+            # negative numbers are netCDF's
             why = fault.strerror or str(fault)
         elif isinstance(fault, MemoryError):
             why = "it needs more memory than there is"
         else:
-            why = damaged.format("it is nested too deeply" if isinstance(fault, RecursionError) else fault)
+            why = damaged.format(
+                "it is nested too deeply"
+                if isinstance(fault, RecursionError)
+                else fault
+            )
         return error(f"{cannot} '{path}': {why}")
 
     file = as_path(error, cannot, path)
@@ -82,8 +87,11 @@ def replaced(path: str | Path) -> Iterator[Path]:
         If there is no such folder, or the file cannot be moved to its place.
     """
     path = destination(path)
-    if not path.parent.is_dir():  # checked here, as some libraries report "permission denied" instead
-        raise FileNotFoundError(errno.ENOENT, os.strerror(errno.ENOENT), str(path.parent))
+    if not path.parent.is_dir():
+        # checked here, as some libraries report "permission denied" instead
+        raise FileNotFoundError(
+            errno.ENOENT, os.strerror(errno.ENOENT), str(path.parent)
+        )
     folder, lock = own_folder(path.parent, ".trussflow-")
     try:
         partial = folder / path.name
@@ -111,10 +119,12 @@ def own_folder(place: Path, prefix: str) -> tuple[Path, IO[str]]:
     OSError
         If the folder cannot be made.
     """
-    seldom = 1 + place.stat().st_size // 20_000  # bytes; about a thousand files on most file systems
+    # bytes; about a thousand files on most file systems
+    seldom = 1 + place.stat().st_size // 20_000
     looks = os.name != "nt" and next(_calls(place)) % seldom == 0  # no locks on Windows
     for left in place.glob(f"{prefix}*{LOCK_SUFFIX}") if looks else ():
-        with contextlib.suppress(OSError):  # another process has the lock, or has deleted the folder
+        with contextlib.suppress(OSError):
+            # another process has the lock, or has deleted the folder
             if is_private(left, stat.S_IFREG):
                 deleted(left.with_suffix(""), locked(left))
     folder = place / f"{prefix}{uuid4().hex[:12]}"
@@ -122,9 +132,11 @@ def own_folder(place: Path, prefix: str) -> tuple[Path, IO[str]]:
     file.touch(0o600)
     try:
         lock = locked(file)
-    except BlockingIOError:  # another process has taken the new file for one left behind, and deletes it
+    except BlockingIOError:
+        # another process has taken the new file for one left behind, and deletes it
         return own_folder(place, prefix)
-    except OSError:  # the file system has no locks, so other processes cannot lock the file either
+    except OSError:
+        # the file system has no locks, so other processes cannot lock the file either
         lock = file.open("w")
     folder.mkdir(0o700)
     return folder, lock
@@ -202,7 +214,9 @@ def locked(path: Path) -> IO[str]:
 def refuse_foreign(folder: Path) -> None:
     """Raise PermissionError unless a `folder` belongs to the user, and no one else has write permission."""
     if not is_private(folder, stat.S_IFDIR):
-        raise PermissionError("it is another user's, or others may write to it (chmod go-w removes that)")
+        raise PermissionError(
+            "it is another user's, or others may write to it (chmod go-w removes that)"
+        )
 
 
 def is_private(path: Path, kind: int) -> bool:
@@ -221,6 +235,11 @@ def is_private(path: Path, kind: int) -> bool:
         If the path does not exist.
     """
     status = path.lstat()
-    if os.name == "nt":  # user folders are private on Windows, and mode bits have no meaning
+    if os.name == "nt":
+        # user folders are private on Windows, and mode bits have no meaning
         return stat.S_IFMT(status.st_mode) == kind
-    return (stat.S_IFMT(status.st_mode), status.st_uid, status.st_mode & 0o022) == (kind, os.geteuid(), 0)
+    return (stat.S_IFMT(status.st_mode), status.st_uid, status.st_mode & 0o022) == (
+        kind,
+        os.geteuid(),
+        0,
+    )

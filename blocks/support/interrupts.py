@@ -38,7 +38,9 @@ def interruptible() -> Iterator[None]:
     def when_possible(number: int, frame: FrameType | None) -> None:
         """Raise KeyboardInterrupt, now or after a delay, and again later in case that it gets lost."""
         waits = _is_casadi_above(frame)
-        again = threading.Timer(RETRY_INTERVAL if waits else REPEAT_INTERVAL, _thread.interrupt_main)
+        again = threading.Timer(
+            RETRY_INTERVAL if waits else REPEAT_INTERVAL, _thread.interrupt_main
+        )
         again.daemon = True
         again.start()
         if waits:
@@ -67,7 +69,9 @@ def uninterrupted() -> Iterator[None]:
     files. It has no effect outside the main thread, or if the signal handler is not callable.
     """
     before = signal.getsignal(signal.SIGINT)
-    if threading.current_thread() is not threading.main_thread() or not callable(before):
+    if threading.current_thread() is not threading.main_thread() or not callable(
+        before
+    ):
         yield
         return
     came: list[int] = []

@@ -30,7 +30,8 @@ def end(process: subprocess.Popen[Any], mark: str = "") -> None:
     if sys.platform == "win32":
         process.kill()
     else:
-        with suppress(ProcessLookupError, PermissionError):  # macOS reports PermissionError for zombies
+        with suppress(ProcessLookupError, PermissionError):
+            # macOS reports PermissionError for zombies
             os.killpg(process.pid, signal.SIGKILL)
         end_marked(mark)
     process.wait()
@@ -46,7 +47,9 @@ def end_marked(mark: str) -> None:
     """
     deadline = time.monotonic() + END_TIMEOUT
     # Repeated, as a process may start others during the search.
-    while mark and (found := list(_marked(mark.encode()))) and time.monotonic() < deadline:
+    while (
+        mark and (found := list(_marked(mark.encode()))) and time.monotonic() < deadline
+    ):
         for number in found:
             with suppress(OSError):
                 os.kill(number, signal.SIGKILL)
@@ -56,5 +59,7 @@ def _marked(mark: bytes) -> Iterator[int]:
     """Yield the numbers of the processes with a mark; zombies have no environment."""
     for folder in Path("/proc").glob("[0-9]*"):
         with suppress(OSError):
-            if mark in (folder / "environ").read_bytes() and folder.name != str(os.getpid()):
+            if mark in (folder / "environ").read_bytes() and folder.name != str(
+                os.getpid()
+            ):
                 yield int(folder.name)

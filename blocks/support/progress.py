@@ -73,7 +73,12 @@ def told(what: str, more: Callable[[float], str] = lambda _: "") -> Iterator[Non
                 continue
             said.set()
             took = time.perf_counter() - begun
-            print(f"\r\033[K{what}: {took:.0f} s{more(took)}", end="", file=DISPLAY, flush=True)
+            print(
+                f"\r\033[K{what}: {took:.0f} s{more(took)}",
+                end="",
+                file=DISPLAY,
+                flush=True,
+            )
 
     teller = threading.Thread(target=tell, daemon=True)
     _telling.append(done)
@@ -111,7 +116,9 @@ def counted(what: str, items: Collection[Item]) -> Iterator[Item]:
             done, ready = done + 1, time.perf_counter() - begun
 
 
-def all_counted(what: str, work: Callable[[Item], Made], items: Collection[Item]) -> list[Made]:
+def all_counted(
+    what: str, work: Callable[[Item], Made], items: Collection[Item]
+) -> list[Made]:
     """Return the results of `work` for all `items`; display `what` and the progress as `counted` does."""
     made = []
     # A comprehension would continue the display after an error while its traceback is referenced.

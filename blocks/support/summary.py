@@ -27,7 +27,14 @@ class Description:
         """Text without the parts, with one fact per line."""
         margin = max(map(len, self.facts), default=0) + 2
         return "\n".join(
-            [self.title, *(f"  {name:{margin}}{fact}" for name, fact in self.facts.items() if fact)]
+            [
+                self.title,
+                *(
+                    f"  {name:{margin}}{fact}"
+                    for name, fact in self.facts.items()
+                    if fact
+                ),
+            ]
         )
 
     def tree(self, indent: str = "") -> Iterator[str]:
@@ -35,14 +42,24 @@ class Description:
         for i, part in enumerate(self.parts, 1):
             fork, below = ("├─", "│  ") if i < len(self.parts) else ("└─", "   ")
             line = f"{indent}{fork} {part.title}"
-            line += "".join(f"; {name} {fact}" for name, fact in part.facts.items() if fact)
-            yield line if len(line) <= MAX_LINE_LENGTH else f"{line[: MAX_LINE_LENGTH - 1]}…"
+            line += "".join(
+                f"; {name} {fact}" for name, fact in part.facts.items() if fact
+            )
+            yield (
+                line
+                if len(line) <= MAX_LINE_LENGTH
+                else f"{line[: MAX_LINE_LENGTH - 1]}…"
+            )
             yield from part.tree(indent + below)
 
     def html(self, *, unfolded: bool = True) -> str:
         """Return the summary as HTML, `unfolded` or not; the parts are folded."""
         cell = '<td style="text-align:left">'
-        rows = (f"<tr>{cell}{escape(n)}</td>{cell}{escape(f)}</td></tr>" for n, f in self.facts.items() if f)
+        rows = (
+            f"<tr>{cell}{escape(n)}</td>{cell}{escape(f)}</td></tr>"
+            for n, f in self.facts.items()
+            if f
+        )
         inner = "".join(part.html(unfolded=False) for part in self.parts)
         unfold = ' open=""' * unfolded
         return (
@@ -74,10 +91,14 @@ def described_block(block: Block) -> Description:
         return Description(f"{kind}, not built yet")
     offset = f" from {block.sample_offset:g} s" if block.sample_offset else ""
     facts = {
-        "sampled": "" if block.sample_time is None else f"every {block.sample_time:g} s{offset}",
+        "sampled": ""
+        if block.sample_time is None
+        else f"every {block.sample_time:g} s{offset}",
         "in": ", ".join(port.summary for port in block.inputs()),
         "out": ", ".join(port.summary for port in block.outputs()),
-        "states": ", ".join(n + (f" [{s.unit}]" if s.unit else "") for n, s in block.states().items()),
+        "states": ", ".join(
+            n + (f" [{s.unit}]" if s.unit else "") for n, s in block.states().items()
+        ),
         "parameters": ", ".join(
             f"{name} {value.shape}" if value.ndim else f"{name} = {value:g}"
             for name, value in block.parameters.items()

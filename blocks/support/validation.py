@@ -45,7 +45,9 @@ def number_array(what: str, value: Any) -> Vector:
     """
     try:
         given = np.asarray(value)
-        no_none = given.dtype.kind == "O" and all(element is not None for element in given.flat)
+        no_none = given.dtype.kind == "O" and all(
+            element is not None for element in given.flat
+        )
         if (given.dtype.kind in "biuf" or no_none) and not np.ma.is_masked(value):
             return given.astype(float)
     except (TypeError, ValueError, OverflowError):
@@ -56,7 +58,11 @@ def number_array(what: str, value: Any) -> Vector:
 
 
 def finite_array(
-    what: str, value: Any, shape: tuple[int, ...] | None = None, *, infinite: bool = False
+    what: str,
+    value: Any,
+    shape: tuple[int, ...] | None = None,
+    *,
+    infinite: bool = False,
 ) -> Vector:
     """Return a value as a float array of the required shape, finite by default.
 
@@ -80,7 +86,9 @@ def finite_array(
     try:
         array = given if shape is None else np.broadcast_to(given, shape)
     except ValueError:
-        raise ParameterError(f"{what} has shape {given.shape}; it must have shape {shape}") from None
+        raise ParameterError(
+            f"{what} has shape {given.shape}; it must have shape {shape}"
+        ) from None
     bad = np.isnan(array) if infinite else ~np.isfinite(array)
     if bad.any():
         place, element = first_element(bad)
@@ -122,7 +130,12 @@ def positive_if_given(**values: float | None) -> None:
     positive(**{name: value for name, value in values.items() if value is not None})
 
 
-def one_of(what: str, name: Any, allowed: Sequence[str], error: type[Exception] = SimulationError) -> None:
+def one_of(
+    what: str,
+    name: Any,
+    allowed: Sequence[str],
+    error: type[Exception] = SimulationError,
+) -> None:
     """Check that a `name` of the kind `what` is among those `allowed`.
 
     Raises
@@ -144,7 +157,9 @@ def positive_whole(**values: Any) -> None:
     """
     for name, value in values.items():
         if not is_whole(value) or value < 1:
-            raise SimulationError(f"{name} = {shown(value)} must be a positive whole number")
+            raise SimulationError(
+                f"{name} = {shown(value)} must be a positive whole number"
+            )
 
 
 def is_whole(value: object) -> bool:
@@ -169,7 +184,9 @@ def as_shape(what: str, shape: Any) -> tuple[int, ...]:
     """
     sizes = tuple(shape) if isinstance(shape, tuple | list) else (shape,)
     if not all(is_whole(n) and n >= 0 for n in sizes):
-        raise BlockError(f"{what} cannot have shape {shown(shape)}: sizes are non-negative whole numbers")
+        raise BlockError(
+            f"{what} cannot have shape {shown(shape)}: sizes are non-negative whole numbers"
+        )
     if math.prod(sizes) > MOST_ELEMENTS:
         raise BlockError(
             f"{what} cannot have shape {shown(shape)}: a signal has at most {MOST_ELEMENTS:,} elements"
@@ -186,7 +203,9 @@ def yes_or_no(owner: str, name: str, value: object) -> None:
         If it is neither.
     """
     if not isinstance(value, bool | np.bool_):
-        raise BlockError(f"{owner} needs {name}=True or {name}=False, not {shown(value)}")
+        raise BlockError(
+            f"{owner} needs {name}=True or {name}=False, not {shown(value)}"
+        )
 
 
 def one_sign_each(owner: str, signs: Any, allowed: str, such: str) -> None:
@@ -198,7 +217,9 @@ def one_sign_each(owner: str, signs: Any, allowed: str, such: str) -> None:
         If it is empty, not text, or has other characters.
     """
     if not isinstance(signs, str) or not signs or set(signs) - set(allowed):
-        raise BlockError(f"{owner} needs {such}, one for each input; got {shown(signs)}")
+        raise BlockError(
+            f"{owner} needs {such}, one for each input; got {shown(signs)}"
+        )
 
 
 def by_name(what: str, values: Any, names: type | UnionType = str) -> Mapping[Any, Any]:
@@ -220,10 +241,14 @@ def by_name(what: str, values: Any, names: type | UnionType = str) -> Mapping[An
     """
     given = {} if values is None else values
     if not isinstance(given, Mapping):
-        raise NameLookupError(f"{what} must be given by name, as a dict, not as {shown(values)}")
+        raise NameLookupError(
+            f"{what} must be given by name, as a dict, not as {shown(values)}"
+        )
     for name in given:
         if not isinstance(name, names):
-            raise NameLookupError(f"{what} must be given by name: {shown(name)} is no name")
+            raise NameLookupError(
+                f"{what} must be given by name: {shown(name)} is no name"
+            )
     return given
 
 
@@ -253,7 +278,9 @@ def as_path(error: type[Exception], cannot: str, path: Any) -> Path:
     except (TypeError, ValueError, OSError):  # not text, contains NUL, or too long
         good = False
     if not good:
-        raise error(f"{cannot} {shown(path)}: give the path of a file as text, not too long and without NUL")
+        raise error(
+            f"{cannot} {shown(path)}: give the path of a file as text, not too long and without NUL"
+        )
     return found
 
 
@@ -269,7 +296,9 @@ def frequencies(omega: Any, fewest: int = 1) -> Vector:
     """
     found = np.atleast_1d(number_array("omega", omega))
     if found.ndim > 1 or found.size < fewest:
-        raise LinearAnalysisError(f"omega = {shown(omega)} must be a list of {fewest} or more frequencies")
+        raise LinearAnalysisError(
+            f"omega = {shown(omega)} must be a list of {fewest} or more frequencies"
+        )
     for each in found.tolist():
         positive(LinearAnalysisError, omega=each)
     return found

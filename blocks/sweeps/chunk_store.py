@@ -64,7 +64,11 @@ class Pieces:
     """
 
     def __init__(
-        self, path: str | Path | None, identity: Mapping[str, Any], count: int, watched: Sequence[str]
+        self,
+        path: str | Path | None,
+        identity: Mapping[str, Any],
+        count: int,
+        watched: Sequence[str],
     ) -> None:
         self.path, self._watched = path, watched
         self._lock: IO[str] | None = None
@@ -86,13 +90,22 @@ class Pieces:
         file = folder / "sweep.json"
         try:
             folder.mkdir(parents=True, exist_ok=True)
-            if not file.exists() and any(f.name != "lock" for f in folder.glob("[!.]*")):
-                raise SimulationError(f"'{folder}' is no folder of a sweep, and not empty; give another path")
+            if not file.exists() and any(
+                f.name != "lock" for f in folder.glob("[!.]*")
+            ):
+                raise SimulationError(
+                    f"'{folder}' is no folder of a sweep, and not empty; give another path"
+                )
             self._lock = locked(folder / "lock")
             if not file.exists():
                 with replaced(file) as partial:
                     partial.write_text(json.dumps(identity, indent=1), encoding="utf-8")
-            with reading(file, SimulationError, "cannot go on with the sweep of", "it is damaged ({})"):
+            with reading(
+                file,
+                SimulationError,
+                "cannot go on with the sweep of",
+                "it is damaged ({})",
+            ):
                 other = dict(json.loads(file.read_text(encoding="utf-8")))
         except BlockingIOError:
             raise SimulationError(
@@ -110,7 +123,10 @@ class Pieces:
         for piece in self._pieces():
             found = self._read(piece)
             which = found["sample"].values
-            self.finished[which], self.failed[which] = True, found["status"] != "complete"
+            self.finished[which], self.failed[which] = (
+                True,
+                found["status"] != "complete",
+            )
             for k, name in enumerate(self._watched):
                 if name in found:
                     self.numbers[which, k] = found[name]
@@ -124,7 +140,9 @@ class Pieces:
             If the name of a result is reserved, or that of a varied value.
         """
         for sample in samples:
-            if taken := sorted({*sample.values} & {*sample.varied, "sample", "status", "message"}):
+            if taken := sorted(
+                {*sample.values} & {*sample.varied, "sample", "status", "message"}
+            ):
                 raise SimulationError(
                     f"'{taken[0]}' cannot be kept by that name, which is varied, or is sample, status or "
                     f"message: give another one, as in keep={{'last': ('{taken[0]}', 'final')}}"
@@ -133,7 +151,9 @@ class Pieces:
             self._bytes += sum(value.nbytes for value in sample.values.values())
             self.finished[sample.number] = True
             self.failed[sample.number] = sample.status != "complete"
-            self.numbers[sample.number] = [np.sum(sample.values.get(name, np.nan)) for name in self._watched]
+            self.numbers[sample.number] = [
+                np.sum(sample.values.get(name, np.nan)) for name in self._watched
+            ]
         self.write(force=False)
 
     def write(self, *, force: bool) -> None:
@@ -144,7 +164,10 @@ class Pieces:
         SimulationError
             If it cannot be written.
         """
-        due = time.monotonic() - self._written > PIECE_SECONDS or self._bytes > PIECE_BYTES
+        due = (
+            time.monotonic() - self._written > PIECE_SECONDS
+            or self._bytes > PIECE_BYTES
+        )
         if not self._waiting or not (force or (due and self.path is not None)):
             return
         piece = _piece(self._waiting)
@@ -162,7 +185,11 @@ class Pieces:
     def whole(self, wanted: int) -> xr.Dataset:
         """Return the first `wanted` [-] samples in their order."""
         self.write(force=True)
-        parts = map(self._read, self._pieces()) if self.path is not None else iter(self._parts)
+        parts = (
+            map(self._read, self._pieces())
+            if self.path is not None
+            else iter(self._parts)
+        )
         found = _joined(parts)
         return found.isel(sample=found["sample"].values < wanted)
 
@@ -180,9 +207,7 @@ class Pieces:
         try:
             save(piece, Path(self.path or "") / f"{next(self._next):09d}.nc")
         except SimulationError as error:
-            left = (
-                f"{error}; samples written before are kept there, and the same call goes on with the others"
-            )
+            left = f"{error}; samples written before are kept there, and the same call goes on with the others"
             raise SimulationError(left) from error
 
     def _read(self, piece: Path) -> xr.Dataset:
@@ -191,7 +216,11 @@ class Pieces:
         again = "without it, the same call runs its samples again"
         with (
             uninterrupted(),  # an interrupt could leave a lock of xarray taken
-            Explained(lambda error: SimulationError(f"cannot read '{piece}' ({error}); {again}")),
+            Explained(
+                lambda error: SimulationError(
+                    f"cannot read '{piece}' ({error}); {again}"
+                )
+            ),
         ):
             return xr.load_dataset(piece, engine="netcdf4", decode_timedelta=False)
 
@@ -204,17 +233,29 @@ def _piece(samples: Sequence[Sample]) -> xr.Dataset:
     varied = {}
     for name in samples[0].varied:
         values = np.array([s.varied[name] for s in samples])
-        varied[name] = (["sample", *(f"{name}_{k}" for k in range(values.ndim - 1))], values)
+        varied[name] = (
+            ["sample", *(f"{name}_{k}" for k in range(values.ndim - 1))],
+            values,
+        )
     found = xr.Dataset(coords=varied | {"sample": numbers})
     for name in dict.fromkeys(name for s in samples for name in s.values):
         there = {s.number: s.values[name] for s in samples if name in s.values}
-        if all(isinstance(value, np.ndarray) and not value.ndim for value in there.values()):
-            found[name] = "sample", [float(there.get(number, np.nan)) for number in numbers]
+        if all(
+            isinstance(value, np.ndarray) and not value.ndim for value in there.values()
+        ):
+            found[name] = (
+                "sample",
+                [float(there.get(number, np.nan)) for number in numbers],
+            )
             continue
         arrays = [_with_coordinates(name, value) for value in there.values()]
         index = xr.DataArray(list(there), dims="sample", name="sample")
-        whole = xr.concat(arrays, index, join="outer", coords="minimal", compat="override")
-        found = found.merge(whole.reindex(sample=numbers), join="outer", compat="override")
+        whole = xr.concat(
+            arrays, index, join="outer", coords="minimal", compat="override"
+        )
+        found = found.merge(
+            whole.reindex(sample=numbers), join="outer", compat="override"
+        )
     for key in ("status", "message"):
         found[key] = "sample", np.array([getattr(s, key) for s in samples], str)
     return found
@@ -235,9 +276,13 @@ def _joined(parts: Iterable[xr.Dataset]) -> xr.Dataset:
     """Return chunks as one dataset, sorted and without duplicate samples."""
     import xarray as xr
 
-    found = xr.concat(parts, "sample", data_vars="all", coords="all", compat="override", join="outer")
+    found = xr.concat(
+        parts, "sample", data_vars="all", coords="all", compat="override", join="outer"
+    )
     _, first = np.unique(found["sample"].values, return_index=True)
     found = found.isel(sample=first)
-    for name in [name for name, values in found.variables.items() if values.dtype.kind == "O"]:
+    for name in [
+        name for name, values in found.variables.items() if values.dtype.kind == "O"
+    ]:
         found[name] = found[name].astype(str)
     return found

@@ -16,7 +16,12 @@ from trussflow.blocks.support.progress import DISPLAY
 from trussflow.blocks.support.types import Vector
 from trussflow.blocks.sweeps.chunk_store import PIECE_SECONDS, Pieces
 from trussflow.blocks.sweeps.executors import WorkerLostError
-from trussflow.blocks.sweeps.samples import HUNG_EXIT_CODE, NotTakenOverError, Sample, run_samples
+from trussflow.blocks.sweeps.samples import (
+    HUNG_EXIT_CODE,
+    NotTakenOverError,
+    Sample,
+    run_samples,
+)
 
 TASK_SECONDS = 0.2
 """Wall time of one task, if samples are short [s]."""
@@ -56,7 +61,12 @@ class Dispatch:
         until: dict[str, float],
         together: int = 1,
     ) -> None:
-        self._pool, self._recipe, self._columns, self._pieces = pool, recipe, columns, pieces
+        self._pool, self._recipe, self._columns, self._pieces = (
+            pool,
+            recipe,
+            columns,
+            pieces,
+        )
         self._until, self._looked, self._together = until, 0, together
         self.total = len(next(iter(columns.values())))
         self._fresh = deque(np.flatnonzero(~pieces.finished).tolist())
@@ -95,7 +105,9 @@ class Dispatch:
             dynamic_ncols=True,
         ) as bar:
             try:
-                while (wanted := self._enough()) is None and (self._fresh or self._again or self._running):
+                while (wanted := self._enough()) is None and (
+                    self._fresh or self._again or self._running
+                ):
                     while (self._fresh or self._again) and len(self._running) < room:
                         self._submit(room)
                     done, _ = wait(self._running, PIECE_SECONDS, FIRST_COMPLETED)
@@ -115,10 +127,14 @@ class Dispatch:
         if again:
             numbers = [self._again.popleft()]
         else:
-            size = int(TASK_SECONDS * self._timed / self._seconds) if self._seconds else 1
+            size = (
+                int(TASK_SECONDS * self._timed / self._seconds) if self._seconds else 1
+            )
             groups = min(size, TASK_SAMPLES, len(self._fresh) // room) // self._together
             size = max(1, groups) * self._together
-            numbers = [self._fresh.popleft() for _ in range(min(size, len(self._fresh)))]
+            numbers = [
+                self._fresh.popleft() for _ in range(min(size, len(self._fresh)))
+            ]
         task = [(n, self._values(n)) for n in numbers]
         try:
             future = self._pool.submit(run_samples, self._recipe, task)
@@ -137,7 +153,11 @@ class Dispatch:
         except NotTakenOverError:
             raise
         except (Exception, CancelledError) as error:
-            if not isinstance(error, WorkerLostError) and type(error).__name__ != "KilledWorker":  # of Dask
+            if (
+                not isinstance(error, WorkerLostError)
+                and type(error).__name__ != "KilledWorker"
+            ):
+                # of Dask
                 raise self._broken(error) from error
             hung = getattr(error, "code", None) == HUNG_EXIT_CODE
             if len(numbers) > 1 or not (again or hung):
@@ -145,8 +165,13 @@ class Dispatch:
                 return
             status, message = "lost", f"its worker ended twice: {error}"
             if hung:
-                status, message = "timeout", "it did not stop at its time limit, so its process was ended"
-            self._pieces.add([Sample(numbers[0], self._values(numbers[0]), status, message)])
+                status, message = (
+                    "timeout",
+                    "it did not stop at its time limit, so its process was ended",
+                )
+            self._pieces.add(
+                [Sample(numbers[0], self._values(numbers[0]), status, message)]
+            )
             return
         self._pieces.add(samples)
         self._seconds += seconds
@@ -159,7 +184,9 @@ class Dispatch:
             if self._pieces.path
             else "and lost without path=..."
         )
-        return SimulationError(f"the workers cannot go on: {type(error).__name__}: {error}; {kept} {goes_on}")
+        return SimulationError(
+            f"the workers cannot go on: {type(error).__name__}: {error}; {kept} {goes_on}"
+        )
 
     def _enough(self) -> int | None:
         """Return the number of first samples that meet the stopping criterion, or None.
@@ -167,10 +194,17 @@ class Dispatch:
         Only complete prefixes of the samples count, so the number does not depend on the executor.
         """
         finished = self._pieces.finished
-        while self._until and finished[: self._looked + UNTIL_SAMPLES].all() and self._looked < self.total:
+        while (
+            self._until
+            and finished[: self._looked + UNTIL_SAMPLES].all()
+            and self._looked < self.total
+        ):
             self._looked = min(self._looked + UNTIL_SAMPLES, self.total)
             rows = self._pieces.numbers[: self._looked]
-            if all(half_width(rows[:, k]) <= most for k, most in enumerate(self._until.values())):
+            if all(
+                half_width(rows[:, k]) <= most
+                for k, most in enumerate(self._until.values())
+            ):
                 return self._looked
         return None
 

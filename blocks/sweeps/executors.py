@@ -38,7 +38,9 @@ class Serial(Executor):
     def __init__(self, _workers: int) -> None:
         self._max_workers = 1  # the attribute of the executors of the standard library
 
-    def submit(self, fn: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:
+    def submit(
+        self, fn: Callable[..., Any], /, *args: Any, **kwargs: Any
+    ) -> Future[Any]:
         """Return the completed future of `fn` with `args` and `kwargs` [any]."""
         future: Future[Any] = Future()
         try:
@@ -65,7 +67,9 @@ class Processes(ThreadPoolExecutor):
         self._own = threading.local()
         self._all: set[subprocess.Popen[bytes]] = set()
 
-    def submit(self, fn: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:
+    def submit(
+        self, fn: Callable[..., Any], /, *args: Any, **kwargs: Any
+    ) -> Future[Any]:
         """Submit `fn` with `args` to a worker process; `kwargs` must be empty [any]."""
         return super().submit(self._remote, fn, *args, **kwargs)
 
@@ -88,7 +92,9 @@ class Processes(ThreadPoolExecutor):
 
     def _start(self) -> subprocess.Popen[bytes]:
         # One thread per library, as the workers use all cores already; the same import path as here.
-        one = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
+        one = dict.fromkeys(
+            ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1"
+        )
         path = os.pathsep.join(os.path.abspath(entry) for entry in sys.path)
         self._own.process = process = subprocess.Popen(
             [sys.executable, "-P", "-c", START_CODE],

@@ -18,7 +18,13 @@ from typing import Any, Unpack
 import casadi as ca
 import numpy as np
 
-from trussflow.blocks.errors import DivergenceError, Explained, NameLookupError, SimulationError, TracingError
+from trussflow.blocks.errors import (
+    DivergenceError,
+    Explained,
+    NameLookupError,
+    SimulationError,
+    TracingError,
+)
 from trussflow.blocks.framework.clock import exact
 from trussflow.blocks.framework.diagram import Diagram
 from trussflow.blocks.framework.layout import spans
@@ -29,7 +35,12 @@ from trussflow.blocks.support.types import Array, Vector
 from trussflow.blocks.support.validation import by_name, finite_array, positive
 from trussflow.blocks.sweeps.tangents import TangentExecutor
 from trussflow.blocks.tracing.call_checks import brief
-from trussflow.blocks.tracing.kernels import shape_of, symbol, to_expression, written_out
+from trussflow.blocks.tracing.kernels import (
+    shape_of,
+    symbol,
+    to_expression,
+    written_out,
+)
 
 AFFINITY_TOLERANCE = 1e-9
 """Largest deviation of initial states from affine functions of q, relative to their change [-]."""
@@ -42,7 +53,9 @@ class _Rows(dict[str, Array]):
     """Logged signals by name; the error for another name lists them."""
 
     def __missing__(self, name: str) -> Array:
-        raise NameLookupError(f"no signal '{name}' is logged; there are: {', '.join(self)}")
+        raise NameLookupError(
+            f"no signal '{name}' is logged; there are: {', '.join(self)}"
+        )
 
 
 class DifferentiatedRun:
@@ -87,49 +100,80 @@ class DifferentiatedRun:
         prepared = simulator.prepared
         _refuse(prepared)
         self._plan = plan = prepared.plan
-        entries = {name: plan.p.find(name, "parameter or state", plan.x, plan.memory) for name in names}
+        entries = {
+            name: plan.p.find(name, "parameter or state", plan.x, plan.memory)
+            for name in names
+        }
         if not entries:
-            raise SimulationError("nothing varies: name parameters or initial states, such as 'block.name'")
+            raise SimulationError(
+                "nothing varies: name parameters or initial states, such as 'block.name'"
+            )
         self.shapes = {name: e.shape for name, e in entries.items()}
-        self._parameters = {n: e for n, e in entries.items() if (e.path, e.name) in plan.p.entries}
-        self._places = dict(zip(self.shapes, spans(map(prod, self.shapes.values())), strict=True))
+        self._parameters = {
+            n: e for n, e in entries.items() if (e.path, e.name) in plan.p.entries
+        }
+        self._places = dict(
+            zip(self.shapes, spans(map(prod, self.shapes.values())), strict=True)
+        )
         every = prepared.ticks(simulator.log_step or exact(duration), "log_step")
         end = prepared.ticks(exact(duration), "the duration")
         instants = np.unique([*range(0, end, every), end])
         self.results: dict[str, tuple[int, ...]] = {}
-        made = self._made_of(prepared, np.asarray(instants * prepared.tick_seconds, dtype=float), functions)
+        made = self._made_of(
+            prepared,
+            np.asarray(instants * prepared.tick_seconds, dtype=float),
+            functions,
+        )
 
         self._instants, self._made = instants, made
         if plan.has_events:
-            self._executor = TangentExecutor(prepared, sum(map(prod, self.shapes.values())))
+            self._executor = TangentExecutor(
+                prepared, sum(map(prod, self.shapes.values()))
+            )
             return
         q, at, z, slopes = (
-            ca.MX.sym(n, *size) for n, size in zip(("q", "at", "z", "slopes"), self._sizes(), strict=True)
+            ca.MX.sym(n, *size)
+            for n, size in zip(("q", "at", "z", "slopes"), self._sizes(), strict=True)
         )
         ticks = int(instants[-1]) + 1
         run = self._tick(prepared).mapaccum("run", ticks)
         times, due = _calendar(prepared, ticks)
         _, rows = run(z + slopes @ (q - at), ca.repmat(q, 1, ticks), times, due)
         found = made(rows[:, instants.tolist()])
-        self._function = ca.Function("differentiated", [q, at, z, slopes], [found, ca.jacobian(found, q)])
+        self._function = ca.Function(
+            "differentiated", [q, at, z, slopes], [found, ca.jacobian(found, q)]
+        )
 
     def _sizes(self) -> list[tuple[int, int]]:
-        many, size = sum(map(prod, self.shapes.values())), self._plan.x.size + self._plan.d_size
+        many, size = (
+            sum(map(prod, self.shapes.values())),
+            self._plan.x.size + self._plan.d_size,
+        )
         return [(many, 1), (many, 1), (size, 1), (size, many)]
 
     def _tick(self, prepared: Prepared) -> ca.Function:
         """Return the function of one tick: sampled blocks, logged outputs, and a step of the solver."""
-        plan, programs = self._plan, {program.name: program.expanded for program in prepared.programs}
+        plan, programs = (
+            self._plan,
+            {program.name: program.expanded for program in prepared.programs},
+        )
         z, q, times, due = (
             ca.MX.sym(name, size)
-            for name, size in (("z", self._sizes()[2][0]), ("q", self._sizes()[0][0]), ("t", 3), ("due", 1))
+            for name, size in (
+                ("z", self._sizes()[2][0]),
+                ("q", self._sizes()[0][0]),
+                ("t", 3),
+                ("due", 1),
+            )
         )
         p = ca.MX(plan.parameters({}))
         for name, entry in self._parameters.items():
             p[entry.start : entry.stop] = q[self._places[name]]
         x, d = ca.vertsplit(z, [0, plan.x.size, plan.x.size + plan.d_size])
         for number in range(1, len(prepared.schedule.sets)):
-            d = ca.if_else(due == number, programs[f"sample_{number}"](times[0], x, d, p), d, True)
+            d = ca.if_else(
+                due == number, programs[f"sample_{number}"](times[0], x, d, p), d, True
+            )
 
         def rate(time: ca.MX, state: ca.MX) -> ca.MX:
             return programs["derivative"](time, state, d, p)
@@ -140,7 +184,10 @@ class DifferentiatedRun:
         return ca.Function("tick", [z, q, times, due], [ca.vertcat(after, d), rows])
 
     def _made_of(
-        self, prepared: Prepared, times: Vector, functions: Mapping[str, Callable[[Run], Any]]
+        self,
+        prepared: Prepared,
+        times: Vector,
+        functions: Mapping[str, Callable[[Run], Any]],
     ) -> ca.Function:
         """Return the function from all logged rows, as columns, to the results of the functions."""
         width = sum(channel.port.size for channel in prepared.channels)
@@ -150,17 +197,23 @@ class DifferentiatedRun:
             elements = channel.port.elements()
             rows[channel.name] = symbol(channel.name, (len(times), *elements.shape))
             leaves.append(to_expression(rows[channel.name]))
-            values.append(ca.vec(logged[(channel.columns.start + elements.ravel()).tolist(), :]))
+            values.append(
+                ca.vec(logged[(channel.columns.start + elements.ravel()).tolist(), :])
+            )
         found = []
         for name, function in functions.items():
             with explained(name), written_out():
                 value = function(rows)
                 self.results[name] = shape_of(value)
                 found.append(to_expression(value))
-        column = ca.substitute(ca.vertcat(*found), ca.vertcat(*leaves), ca.vertcat(*values))
+        column = ca.substitute(
+            ca.vertcat(*found), ca.vertcat(*leaves), ca.vertcat(*values)
+        )
         return ca.Function("made", [logged], [ca.densify(column)])
 
-    def __call__(self, values: Mapping[str, Any]) -> tuple[dict[str, Array], dict[str, dict[str, Array]]]:
+    def __call__(
+        self, values: Mapping[str, Any]
+    ) -> tuple[dict[str, Array], dict[str, dict[str, Array]]]:
         """Return the results of the functions, and their derivatives by the varied values.
 
         Parameters
@@ -185,7 +238,10 @@ class DifferentiatedRun:
         ParameterError
             If a value is not allowed.
         """
-        arrays = {n: finite_array(f"'{n}'", values[n], shape) for n, shape in self.shapes.items()}
+        arrays = {
+            n: finite_array(f"'{n}'", values[n], shape)
+            for n, shape in self.shapes.items()
+        }
         q = np.concatenate([np.ravel(value) for value in arrays.values()])
         z = self._start(q)
         slopes = self._slopes(q, z)
@@ -196,24 +252,35 @@ class DifferentiatedRun:
         if not np.isfinite(found).all():
             shown = ", ".join(f"{name} = {value}" for name, value in arrays.items())
             raise DivergenceError(f"a result of the run is not finite with {shown}")
-        rows = dict(zip(self.results, spans(map(prod, self.results.values())), strict=True))
+        rows = dict(
+            zip(self.results, spans(map(prod, self.results.values())), strict=True)
+        )
         return (
-            {name: found[rows[name], 0].reshape(shape) for name, shape in self.results.items()},
+            {
+                name: found[rows[name], 0].reshape(shape)
+                for name, shape in self.results.items()
+            },
             {
                 name: {
-                    one: derivative[rows[name], self._places[one]].reshape((*shape, *own))
+                    one: derivative[rows[name], self._places[one]].reshape(
+                        (*shape, *own)
+                    )
                     for one, own in self.shapes.items()
                 }
                 for name, shape in self.results.items()
             },
         )
 
-    def _through_events(self, q: Vector, z: Vector, slopes: Array) -> tuple[Array, Array]:
+    def _through_events(
+        self, q: Vector, z: Vector, slopes: Array
+    ) -> tuple[Array, Array]:
         """Return the results of the functions for a run with events, and their derivative by q."""
         p, states = self._plan.parameters(self._named(q, of_p=True)), self._plan.x.size
         moved = np.zeros((len(p), len(q)))
         for name, entry in self._parameters.items():
-            moved[entry.start : entry.stop, self._places[name]] = np.eye(entry.stop - entry.start)
+            moved[entry.start : entry.stop, self._places[name]] = np.eye(
+                entry.stop - entry.start
+            )
         parts = (z[:states], z[states:], p), (slopes[:states], slopes[states:], moved)
         rows, along = self._executor.run(self._instants, *parts)
         found = self._made(rows.T)
@@ -224,7 +291,9 @@ class DifferentiatedRun:
     def _named(self, q: Vector, *, of_p: bool) -> dict[str, Array]:
         """Return the varied parameters, or the varied initial states, by name."""
         names = [name for name in self.shapes if (name in self._parameters) == of_p]
-        return {name: q[self._places[name]].reshape(self.shapes[name]) for name in names}
+        return {
+            name: q[self._places[name]].reshape(self.shapes[name]) for name in names
+        }
 
     def _start(self, q: Vector) -> Vector:
         """Return the initial x and d."""
@@ -234,15 +303,17 @@ class DifferentiatedRun:
     def _slopes(self, q: Vector, z: Vector) -> Vector:
         """Return the derivative of the initial x and d by q: exact, as they are affine functions of q."""
         columns = []
-        for k, name in enumerate(n for n, shape in self.shapes.items() for _ in range(prod(shape))):
+        for k, name in enumerate(
+            n for n, shape in self.shapes.items() for _ in range(prod(shape))
+        ):
             step = np.zeros(len(q))
             step[k] = (
                 np.spacing(abs(q[k]) + 1.0) * 2.0**40
             )  # a power of two, so that differences of an affine function are not rounded
             once, twice = self._start(q + step) - z, self._start(q + 2.0 * step) - z
-            if np.max(np.abs(twice - 2.0 * once), initial=0.0) > AFFINITY_TOLERANCE * np.max(
-                np.abs(twice), initial=0.0
-            ):
+            if np.max(
+                np.abs(twice - 2.0 * once), initial=0.0
+            ) > AFFINITY_TOLERANCE * np.max(np.abs(twice), initial=0.0):
                 raise SimulationError(
                     f"initial states are no affine function of '{name}', so they cannot be differentiated; "
                     "vary the initial states instead"
@@ -305,7 +376,9 @@ def gradient(
     (0.406006, 0.406006)
     """
     values = by_name("values", values)
-    differentiated = DifferentiatedRun(Simulator(diagram, **settings), duration, {"it": function}, values)
+    differentiated = DifferentiatedRun(
+        Simulator(diagram, **settings), duration, {"it": function}, values
+    )
     value, derivatives = differentiated(values)
     return value["it"], derivatives["it"]
 
@@ -326,7 +399,9 @@ def _refuse(prepared: Prepared) -> None:
     }
     there = [what for what, is_there in found.items() if is_there]
     if there:
-        raise SimulationError(f"cannot differentiate the run of '{plan.name}': it has {'; '.join(there)}")
+        raise SimulationError(
+            f"cannot differentiate the run of '{plan.name}': it has {'; '.join(there)}"
+        )
 
 
 def explained(name: str) -> Explained:

@@ -17,7 +17,12 @@ from trussflow.blocks.simulation.simulator import Simulator
 from trussflow.blocks.support.types import Array
 from trussflow.blocks.sweeps.gradients import DifferentiatedRun, explained
 from trussflow.blocks.sweeps.sweep import sweep
-from trussflow.blocks.tracing.kernels import shape_of, symbol, to_expression, written_out
+from trussflow.blocks.tracing.kernels import (
+    shape_of,
+    symbol,
+    to_expression,
+    written_out,
+)
 
 Becoming = Callable[..., Mapping[str, Any]]
 """Takes values by name as keywords, and returns parameters and initial states by ``"block.name"``."""
@@ -80,23 +85,36 @@ class DifferentiatedTrials:
             shapes = {name: shape_of(value) for name, value in made.items()}
             column = ca.vertcat(*(to_expression(value) for value in made.values()))
         values = ca.vertcat(*(to_expression(value) for value in traced.values()))
-        self._slope = ca.Function("slope", [values], [ca.densify(ca.jacobian(column, values))])
-        self._run = DifferentiatedRun(simulator, duration, functions, [*made, *samples[0]])
+        self._slope = ca.Function(
+            "slope", [values], [ca.densify(ca.jacobian(column, values))]
+        )
+        self._run = DifferentiatedRun(
+            simulator, duration, functions, [*made, *samples[0]]
+        )
         for name, shape in shapes.items():
             if shape != self._run.shapes[name]:
-                raise SimulationError(f"'{name}' becomes {shape}, and has the shape {self._run.shapes[name]}")
+                raise SimulationError(
+                    f"'{name}' becomes {shape}, and has the shape {self._run.shapes[name]}"
+                )
 
     def __call__(self, values: Mapping[str, Array]) -> Trial:
         """Return what came of `values` [as declared]."""
         made = self._becoming(**values)
         each = [self._run({**made, **sample}) for sample in self._samples]
-        slope = self._slope(np.concatenate([np.ravel(value) for value in values.values()])).full()
+        slope = self._slope(
+            np.concatenate([np.ravel(value) for value in values.values()])
+        ).full()
         found, slopes = dict[str, Array](), dict[str, Array]()
         for name, shape in self._run.results.items():
             rows = [
-                np.hstack([by[name][one].reshape(prod(shape), -1) for one in made]) @ slope for _, by in each
+                np.hstack([by[name][one].reshape(prod(shape), -1) for one in made])
+                @ slope
+                for _, by in each
             ]
-            found[name], slopes[name] = np.stack([one[name] for one, _ in each]), np.stack(rows)
+            found[name], slopes[name] = (
+                np.stack([one[name] for one, _ in each]),
+                np.stack(rows),
+            )
         return Trial(found, slopes)
 
 
@@ -147,9 +165,13 @@ class SweptTrials:
             progress=False,
             **self.how,
         )
-        for status, message in zip(swept["status"].values, swept["message"].values, strict=True):
+        for status, message in zip(
+            swept["status"].values, swept["message"].values, strict=True
+        ):
             if status != "complete":
-                raise (DivergenceError if status == "diverged" else SimulationError)(str(message))
+                raise (DivergenceError if status == "diverged" else SimulationError)(
+                    str(message)
+                )
         found = {name: swept[name].values for name in self.functions}
         for name, result in found.items():
             if not np.isfinite(result).all():

@@ -50,7 +50,9 @@ def _settling(times: Vector, values: Vector) -> Any:
     far = np.abs(values - values[-1])
     outside = far > SETTLING_BAND * far.max(axis=0)
     last = len(times) - 1 - np.argmax(outside[::-1], axis=0)
-    return np.where(outside.any(axis=0), times[np.minimum(last + 1, len(times) - 1)], times[0])
+    return np.where(
+        outside.any(axis=0), times[np.minimum(last + 1, len(times) - 1)], times[0]
+    )
 
 
 REDUCTIONS: dict[str, Callable[[Vector, Vector], Any]] = {
@@ -94,14 +96,23 @@ def understood(keep: Any) -> Kept:
             hint = f"give a function of the run, one of {', '.join(REDUCTIONS)}, or ('block.output', 'max')"
             raise SimulationError(f"cannot keep '{own}' as {shown(what)}: {hint}")
         output = _name(pair[0])
-        functions[own], outputs[output] = functools.partial(_made, output, pair[1]), True
+        functions[own], outputs[output] = (
+            functools.partial(_made, output, pair[1]),
+            True,
+        )
     plain = not any(callable(what) for what in keep.values())
-    return Kept(functools.partial(_each, functions), list(functions), list(outputs) if plain else None)
+    return Kept(
+        functools.partial(_each, functions),
+        list(functions),
+        list(outputs) if plain else None,
+    )
 
 
 def _name(output: Any) -> str:
     if not isinstance(output, str | Port) or "/" in str(output):
-        raise SimulationError(f"cannot keep {shown(output)}: names are text without '/', or outputs")
+        raise SimulationError(
+            f"cannot keep {shown(output)}: names are text without '/', or outputs"
+        )
     return output if isinstance(output, str) else output.full_path
 
 
@@ -115,7 +126,11 @@ def _each(functions: Mapping[str, Function], result: xr.Dataset) -> dict[str, An
 
 def _made(output: str, word: str, result: xr.Dataset) -> Any:
     """Return the reduction of an output by the name of the reduction."""
-    return result[output] if word == "all" else REDUCTIONS[word](result["time"].values, result[output].values)
+    return (
+        result[output]
+        if word == "all"
+        else REDUCTIONS[word](result["time"].values, result[output].values)
+    )
 
 
 def reduced(result: xr.Dataset, function: Function) -> dict[str, Any]:
@@ -123,7 +138,9 @@ def reduced(result: xr.Dataset, function: Function) -> dict[str, Any]:
     import xarray as xr
 
     return {
-        name: value if isinstance(value, xr.DataArray) and value.ndim else np.asarray(value, dtype=float)
+        name: value
+        if isinstance(value, xr.DataArray) and value.ndim
+        else np.asarray(value, dtype=float)
         for name, value in function(result).items()
     }
 
@@ -135,12 +152,21 @@ def code_of(thing: Any) -> str:
 
 def _text(thing: Any) -> str:
     if isinstance(thing, FunctionType):
-        code, values = thing.__code__, [cell.cell_contents for cell in thing.__closure__ or ()]
+        code, values = (
+            thing.__code__,
+            [cell.cell_contents for cell in thing.__closure__ or ()],
+        )
         constants = (str, Number, np.ndarray)
-        values += [v for n in code.co_names if isinstance(v := thing.__globals__.get(n), constants)]
+        values += [
+            v
+            for n in code.co_names
+            if isinstance(v := thing.__globals__.get(n), constants)
+        ]
         return _text((code, thing.__defaults__, thing.__kwdefaults__, values))
     if isinstance(thing, CodeType):
-        return _text((thing.co_code.hex(), thing.co_names, thing.co_varnames, thing.co_consts))
+        return _text(
+            (thing.co_code.hex(), thing.co_names, thing.co_varnames, thing.co_consts)
+        )
     if isinstance(thing, functools.partial):
         return _text((thing.func, thing.args, thing.keywords))
     if isinstance(thing, Mapping):
@@ -151,4 +177,8 @@ def _text(thing: Any) -> str:
     if isinstance(thing, np.ndarray):
         return f"{thing.shape} {thing.tobytes().hex()}"
     known = thing is None or isinstance(thing, str | bytes | Number)
-    return repr(thing) if known else getattr(thing, "__qualname__", type(thing).__qualname__)
+    return (
+        repr(thing)
+        if known
+        else getattr(thing, "__qualname__", type(thing).__qualname__)
+    )

@@ -117,11 +117,17 @@ class Runs:
         model = self.recipe.model
         if not isinstance(model, Diagram | System | Simulator):
             model = model(**dict(arguments))
-        return model if isinstance(model, Simulator) else Simulator(model, **self.recipe.settings)
+        return (
+            model
+            if isinstance(model, Simulator)
+            else Simulator(model, **self.recipe.settings)
+        )
 
     def simulator(self, values: Mapping[str, Any]) -> Simulator:
         """Return the simulator of a sample; `values` whose names have no dot are arguments of the model."""
-        arguments = {name: value.item() for name, value in values.items() if "." not in name}
+        arguments = {
+            name: value.item() for name, value in values.items() if "." not in name
+        }
         with self._building:  # threads share the simulators
             return self._built(tuple(arguments.items()))
 
@@ -134,17 +140,29 @@ class Runs:
             return Lanes(self.simulator({}))
         return None
 
-    def together(self, samples: Sequence[tuple[int, dict[str, Any]]]) -> Iterator[Sample]:
+    def together(
+        self, samples: Sequence[tuple[int, dict[str, Any]]]
+    ) -> Iterator[Sample]:
         """Yield the results of `samples`, which are indices and values [as declared]."""
         with self._building:  # threads share the executor
             lanes = self.lanes
         for first in range(0, len(samples), lanes.count if lanes else 1):
-            group = samples[first : first + lanes.count] if lanes else samples[first : first + 1]
+            group = (
+                samples[first : first + lanes.count]
+                if lanes
+                else samples[first : first + 1]
+            )
             results: dict[int, xr.Dataset | None] = {}
-            if lanes and 2 * len(group) >= lanes.count:  # fewer samples are faster one by one
-                plan, recipe, each = self.simulator({}).prepared.plan, self.recipe, dict[int, Any]()
+            if lanes and 2 * len(group) >= lanes.count:
+                # fewer samples are faster one by one
+                plan, recipe, each = (
+                    self.simulator({}).prepared.plan,
+                    self.recipe,
+                    dict[int, Any](),
+                )
                 for number, values in group:
-                    with contextlib.suppress(Exception):  # the run of this sample alone reports the error
+                    with contextlib.suppress(Exception):
+                        # the run of this sample alone reports the error
                         each[number] = self.overrides(plan, values)
                 found = lanes.run(recipe.duration, [*each.values()], recipe.not_finite)
                 results = dict(zip(each, found, strict=True))
@@ -161,35 +179,62 @@ class Runs:
         SimulationError
             If a value has another shape.
         """
-        arguments, model = {name for name in values if "." not in name}, self.recipe.model
+        arguments, model = (
+            {name for name in values if "." not in name},
+            self.recipe.model,
+        )
         if not isinstance(model, Diagram | System | Simulator):
             try:
                 inspect.signature(model).bind(**dict.fromkeys(arguments))
             except TypeError as error:
-                raise NameLookupError(f"the function that builds the diagram: {error}") from None
+                raise NameLookupError(
+                    f"the function that builds the diagram: {error}"
+                ) from None
         elif arguments:
             example = f"'block.{min(arguments)}'"
-            raise NameLookupError(f"no parameter or state '{min(arguments)}': write {example}")
+            raise NameLookupError(
+                f"no parameter or state '{min(arguments)}': write {example}"
+            )
         simulator = self.simulator(values)
         for name, value in values.items():
-            wanted = () if name in arguments else self._place(simulator.prepared.plan, name).shape
+            wanted = (
+                ()
+                if name in arguments
+                else self._place(simulator.prepared.plan, name).shape
+            )
             if value.shape != wanted:
-                hint = f"; name one element, '{name}[0]', or give arrays" if wanted else ""
-                raise SimulationError(f"'{name}' has shape {wanted}, its values have {value.shape}{hint}")
+                hint = (
+                    f"; name one element, '{name}[0]', or give arrays" if wanted else ""
+                )
+                raise SimulationError(
+                    f"'{name}' has shape {wanted}, its values have {value.shape}{hint}"
+                )
         return simulator
 
-    def overrides(self, plan: Plan, values: Mapping[str, Any]) -> tuple[dict[str, Any], dict[str, Any]]:
+    def overrides(
+        self, plan: Plan, values: Mapping[str, Any]
+    ) -> tuple[dict[str, Any], dict[str, Any]]:
         """Return the parameters and initial states of a run in a `plan` with `values` [as declared]."""
         places = {name: self._place(plan, name) for name in values if "." in name}
         parameters, initial = dict[str, Any](), dict[str, Any]()
         for is_parameter, own in ((True, parameters), (False, initial)):
-            mine = {name: place for name, place in places.items() if place.is_parameter == is_parameter}
-            own |= {place.reference: values[name] for name, place in mine.items() if not place.element}
+            mine = {
+                name: place
+                for name, place in places.items()
+                if place.is_parameter == is_parameter
+            }
+            own |= {
+                place.reference: values[name]
+                for name, place in mine.items()
+                if not place.element
+            }
             for name, place in mine.items():
                 if place.element:  # the other elements keep the values of the run
                     p = plan.parameters(parameters)
                     named = plan.p.named(p) if is_parameter else _states(plan, p)
-                    own[place.reference] = np.array(own.get(place.reference, named[place.reference]))
+                    own[place.reference] = np.array(
+                        own.get(place.reference, named[place.reference])
+                    )
                     own[place.reference][place.element] = values[name]
         return parameters, initial
 
@@ -206,7 +251,9 @@ class Runs:
             time_limit=recipe.time_limit,
         )
 
-    def sample(self, number: int, values: dict[str, Any], result: xr.Dataset | None = None) -> Sample:
+    def sample(
+        self, number: int, values: dict[str, Any], result: xr.Dataset | None = None
+    ) -> Sample:
         """Return sample `number` [-], run with `values`, or from its `result` [as declared].
 
         Raises
@@ -219,7 +266,11 @@ class Runs:
             with _watched(self.recipe.time_limit):
                 result = self.run(values) if result is None else result
                 found = Sample(number, self._read_back(result, values))
-                found.values = reduced(result, self.recipe.keep) if self.recipe.keep is not None else {}
+                found.values = (
+                    reduced(result, self.recipe.keep)
+                    if self.recipe.keep is not None
+                    else {}
+                )
         except NotTakenOverError:
             raise
         except (Exception, SystemExit) as error:  # noqa: BLE001 - a failed sample is a result
@@ -228,23 +279,39 @@ class Runs:
             if logged is not None:
                 found.varied = self._read_back(logged, values)
             found.status = next(
-                (word for kind, word in STATUS_BY_ERROR.items() if isinstance(error, kind)), "failed"
+                (
+                    word
+                    for kind, word in STATUS_BY_ERROR.items()
+                    if isinstance(error, kind)
+                ),
+                "failed",
             )
-            kind = "" if isinstance(error, TrussflowError) else f"{type(error).__name__}: "
+            kind = (
+                "" if isinstance(error, TrussflowError) else f"{type(error).__name__}: "
+            )
             found.message = f"{kind}{error}"
         return found
 
-    def _read_back(self, result: xr.Dataset, values: Mapping[str, Any]) -> dict[str, Any]:
+    def _read_back(
+        self, result: xr.Dataset, values: Mapping[str, Any]
+    ) -> dict[str, Any]:
         """Return the values that a run used, from the attributes of its result."""
         plan = self.simulator(values).prepared.plan
-        had = {kind: json.loads(result.attrs[kind]) for kind in ("parameters", "initial_states")}
+        had = {
+            kind: json.loads(result.attrs[kind])
+            for kind in ("parameters", "initial_states")
+        }
         found = {name: value for name, value in values.items() if "." not in name}
         for name in values.keys() - found.keys():
             place = self._place(plan, name)
-            listed = had["parameters" if place.is_parameter else "initial_states"][place.reference]
+            listed = had["parameters" if place.is_parameter else "initial_states"][
+                place.reference
+            ]
             found[name] = np.reshape(listed, place.whole)[place.element]
             if not (found[name] == values[name]).all():
-                raise NotTakenOverError(f"'{name}' was to be {values[name]}, but the run had {found[name]}")
+                raise NotTakenOverError(
+                    f"'{name}' was to be {values[name]}, but the run had {found[name]}"
+                )
         return {name: found[name] for name in values}
 
 
@@ -263,12 +330,16 @@ class _Place(NamedTuple):
         match = ELEMENT.fullmatch(name)
         reference, words = match.groups() if match else (name, "")
         hint = plan.structural(reference)
-        entry = plan.p.find(reference, "parameter or initial state", plan.x, plan.memory, hint=hint)
+        entry = plan.p.find(
+            reference, "parameter or initial state", plan.x, plan.memory, hint=hint
+        )
         element = tuple(int(word) for word in words.split(",") if word)
         try:
             shape = np.empty(entry.shape)[element].shape
         except IndexError:
-            raise NameLookupError(f"there is no '{name}': '{reference}' has shape {entry.shape}") from None
+            raise NameLookupError(
+                f"there is no '{name}': '{reference}' has shape {entry.shape}"
+            ) from None
         is_parameter = (entry.path, entry.name) in plan.p.entries
         return _Place(reference, element, is_parameter, entry.shape, shape)
 
@@ -286,8 +357,13 @@ def own_values(plan: Plan) -> dict[str, Any]:
 
 def digest(simulator: Simulator) -> str:
     """Return a hash of the equations and default values of a simulator, without its settings."""
-    numbers = {name: value.tolist() for name, value in own_values(simulator.prepared.plan).items()}
-    return hashlib.sha256(f"{simulator.prepared.fingerprint} {json.dumps(numbers)}".encode()).hexdigest()[:16]
+    numbers = {
+        name: value.tolist()
+        for name, value in own_values(simulator.prepared.plan).items()
+    }
+    return hashlib.sha256(
+        f"{simulator.prepared.fingerprint} {json.dumps(numbers)}".encode()
+    ).hexdigest()[:16]
 
 
 def refuse_settings(model: Model, settings: Mapping[str, Any], what: str) -> None:
@@ -329,7 +405,9 @@ _deadlines: dict[int, float] = {}
 """Deadline of the running sample of each thread [s]."""
 
 
-def run_samples(recipe: bytes, samples: Sequence[tuple[int, dict[str, Any]]]) -> tuple[list[Sample], float]:
+def run_samples(
+    recipe: bytes, samples: Sequence[tuple[int, dict[str, Any]]]
+) -> tuple[list[Sample], float]:
     """Return the results of `samples`, indices and values, by a pickled `recipe`, and the time taken [s]."""
     begun, runs = time.perf_counter(), runs_of(recipe)
     found = [*runs.together(samples)]

@@ -34,7 +34,14 @@ from trussflow.blocks.sweeps.chunk_store import Pieces
 from trussflow.blocks.sweeps.dispatch import Dispatch
 from trussflow.blocks.sweeps.executors import Processes, Serial
 from trussflow.blocks.sweeps.reductions import code_of, understood
-from trussflow.blocks.sweeps.samples import Model, Recipe, Runs, digest, known, refuse_settings
+from trussflow.blocks.sweeps.samples import (
+    Model,
+    Recipe,
+    Runs,
+    digest,
+    known,
+    refuse_settings,
+)
 from trussflow.blocks.sweeps.variations import Vary, drawn
 from trussflow.blocks.tracing.compiler import lanes
 
@@ -52,7 +59,18 @@ UNKNOWN_WORKERS = 64
 """Assumed number of workers of an executor with an unknown number [-]."""
 
 OWN_ARGUMENTS = (
-    *("vary", "samples", "seed", "method", "keep", "path", "executor", "workers", "time_limit", "until"),
+    *(
+        "vary",
+        "samples",
+        "seed",
+        "method",
+        "keep",
+        "path",
+        "executor",
+        "workers",
+        "time_limit",
+        "until",
+    ),
     *("not_finite", "progress", "repeats"),
 )
 EXECUTORS: dict[str, Callable[[int], Executor]] = {
@@ -154,7 +172,11 @@ def sweep(
     refuse_unknown(settings, [*SimulatorSettings.__annotations__, *OWN_ARGUMENTS])
     refuse_settings(model, settings, "the sweep")
     kept = understood(keep)
-    if settings.get("log") is None and not isinstance(model, Simulator) and kept.outputs is not None:
+    if (
+        settings.get("log") is None
+        and not isinstance(model, Simulator)
+        and kept.outputs is not None
+    ):
         settings["log"] = kept.outputs
     until = dict(by_name("until", until))
     positive(**until)
@@ -162,13 +184,20 @@ def sweep(
         raise SimulationError(
             f"until names '{unknown[0]}', which is not kept; kept are: {', '.join(kept.names)}"
         )
-    columns = {name: values.copy() for name, values in drawn(vary, samples, seed, method).items()}
-    recipe = Recipe(model, float(duration), dict(settings), not_finite, kept.function, time_limit)
+    columns = {
+        name: values.copy()
+        for name, values in drawn(vary, samples, seed, method).items()
+    }
+    recipe = Recipe(
+        model, float(duration), dict(settings), not_finite, kept.function, time_limit
+    )
     runs = Runs(recipe)
     simulator = runs.check({name: values[0] for name, values in columns.items()})
     logged = [channel.name for channel in simulator.prepared.channels]
     if missing := [name for name in kept.outputs or () if name not in logged]:
-        raise SimulationError(f"cannot keep '{missing[0]}': logged are {', '.join(logged)}")
+        raise SimulationError(
+            f"cannot keep '{missing[0]}': logged are {', '.join(logged)}"
+        )
     identity = {
         "diagram": simulator.prepared.plan.name,
         "model": digest(simulator),
@@ -176,7 +205,10 @@ def sweep(
         "settings": settings_of(simulator),
         "log": logged,
         "not_finite": not_finite,
-        "vary": {name: hashlib.sha256(values.tobytes()).hexdigest()[:16] for name, values in columns.items()},
+        "vary": {
+            name: hashlib.sha256(values.tobytes()).hexdigest()[:16]
+            for name, values in columns.items()
+        },
         "keep": code_of(kept.function),
     }
     count = len(next(iter(columns.values())))
@@ -194,19 +226,31 @@ def sweep(
         pickled = cloudpickle.dumps(recipe)
     known[pickled] = runs
     pieces = Pieces(path, identity, count, list(until))
-    attributes = provenance() | {k: v if isinstance(v, str) else json.dumps(v) for k, v in identity.items()}
+    attributes = provenance() | {
+        k: v if isinstance(v, str) else json.dumps(v) for k, v in identity.items()
+    }
     try:
         together = (
             None if pieces.finished.all() else runs.lanes
         )  # compiled once here, then in the cache of other processes
         with _pool(executor, side) as pool:
-            dispatch = Dispatch(pool, pickled, columns, pieces, until, together.count if together else 1)
+            dispatch = Dispatch(
+                pool, pickled, columns, pieces, until, together.count if together else 1
+            )
             wanted = dispatch.run(simulator.prepared.plan.name, 2 * side, progress)
         return pieces.whole(wanted).assign_attrs(attributes)
     except KeyboardInterrupt:
         done = f"stopped after {pieces.finished.sum()} of {count} samples"
-        kept_in = f"; the same call goes on with those in '{path}'" if path is not None else ""
-        result = pieces.whole(count).assign_attrs(attributes) if pieces.finished.any() else None
+        kept_in = (
+            f"; the same call goes on with those in '{path}'"
+            if path is not None
+            else ""
+        )
+        result = (
+            pieces.whole(count).assign_attrs(attributes)
+            if pieces.finished.any()
+            else None
+        )
         raise SimulationInterrupted(
             f"{done}, which the result of this exception holds{kept_in}", result
         ) from None
@@ -218,10 +262,14 @@ def sweep(
 def settings_of(simulator: Simulator) -> dict[str, Any]:
     """Return the settings of a simulator, without its log."""
     step = simulator.log_step
-    return dataclasses.asdict(simulator.prepared.solver) | {"log_step": None if step is None else float(step)}
+    return dataclasses.asdict(simulator.prepared.solver) | {
+        "log_step": None if step is None else float(step)
+    }
 
 
-def rerun(model: Model, swept: xr.Dataset, sample: int, *, log: Chosen | None = None) -> xr.Dataset:
+def rerun(
+    model: Model, swept: xr.Dataset, sample: int, *, log: Chosen | None = None
+) -> xr.Dataset:
     """Run one sample of a sweep again, with bitwise equal numbers, and return its complete result.
 
     Parameters
@@ -243,16 +291,25 @@ def rerun(model: Model, swept: xr.Dataset, sample: int, *, log: Chosen | None = 
         If the sample diverges, as in the sweep.
     """
     if "vary" not in getattr(swept, "attrs", ()):
-        raise SimulationError(f"cannot rerun a sample of {shown(swept)}: give what sweep() returned")
+        raise SimulationError(
+            f"cannot rerun a sample of {shown(swept)}: give what sweep() returned"
+        )
     if not is_whole(sample) or sample not in swept["sample"]:
-        raise SimulationError(f"there is no sample {shown(sample)}; samples are those of swept['sample']")
+        raise SimulationError(
+            f"there is no sample {shown(sample)}; samples are those of swept['sample']"
+        )
     one = swept.sel(sample=sample)
     values = {name: one[name].values[()] for name in json.loads(swept.attrs["vary"])}
     settings = json.loads(swept.attrs["settings"]) | {"log": log}
-    recipe = Recipe(model, json.loads(swept.attrs["duration"]), settings, swept.attrs["not_finite"])
+    recipe = Recipe(
+        model, json.loads(swept.attrs["duration"]), settings, swept.attrs["not_finite"]
+    )
     runs = Runs(recipe)
     first = swept.isel(sample=0)
-    if digest(runs.check({name: first[name].values[()] for name in values})) != swept.attrs["model"]:
+    if (
+        digest(runs.check({name: first[name].values[()] for name in values}))
+        != swept.attrs["model"]
+    ):
         raise SimulationError(
             f"'{swept.attrs['diagram']}' has changed since the sweep: its equations, parameters or "
             "initial states are different"

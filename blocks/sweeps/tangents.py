@@ -45,13 +45,21 @@ class TangentExecutor(InterpretedExecutor):
         self._time, self._begin = np.zeros((1, count)), (0.0, np.zeros(0))
         functions = {program.name: program.expanded for program in prepared.programs}
         rate, h = functions.pop("derivative"), ca.MX.sym("h")
-        t, x, d, p = (ca.MX.sym(name, rate.size1_in(k)) for k, name in enumerate("txdp"))
+        t, x, d, p = (
+            ca.MX.sym(name, rate.size1_in(k)) for k, name in enumerate("txdp")
+        )
         after = fixed_step(
-            prepared.solver.solver, lambda time, y: rate(time, y, d, p), (t, t + h / 2, t + h), h, x
+            prepared.solver.solver,
+            lambda time, y: rate(time, y, d, p),
+            (t, t + h / 2, t + h),
+            h,
+            x,
         )
         functions["step"] = ca.Function("step", [h, t, x, d, p], [after])
         # One direction more than q: the length of the step.
-        self._along = {name: _along(function, count + 1) for name, function in functions.items()}
+        self._along = {
+            name: _along(function, count + 1) for name, function in functions.items()
+        }
 
     def run(
         self,
@@ -105,14 +113,22 @@ class TangentExecutor(InterpretedExecutor):
             self._rows.append(self._slope(name, t, x, d, p))
         elif name == "on_event":
             slope = self._slope(name, t, x, d, p)
-            self._x, self._d[self._prepared.plan.modes.span] = slope[: x.size], slope[x.size :]
+            self._x, self._d[self._prepared.plan.modes.span] = (
+                slope[: x.size],
+                slope[x.size :],
+            )
             self._begin = t, found[: x.size]
         elif name.startswith("sample_"):
             self._d = self._slope(name, t, x, d, p)
         return found
 
     def between(
-        self, method: str, times: tuple[float, float, float], x: Vector, d: Vector, p: Vector
+        self,
+        method: str,
+        times: tuple[float, float, float],
+        x: Vector,
+        d: Vector,
+        p: Vector,
     ) -> Vector:
         """Return the state after a step with its events, and move the derivatives to the end of the step."""
         self._begin = times[0], x
@@ -121,9 +137,15 @@ class TangentExecutor(InterpretedExecutor):
         return after
 
     def _step(
-        self, method: str, times: tuple[float, float, float], x: Vector, d: Vector, p: Vector
+        self,
+        method: str,
+        times: tuple[float, float, float],
+        x: Vector,
+        d: Vector,
+        p: Vector,
     ) -> Vector:
-        if times[0] != self._begin[0]:  # the step ends at an event candidate that did not trigger
+        if times[0] != self._begin[0]:
+            # the step ends at an event candidate that did not trigger
             self._to_instant(times[0], d, p)
             self._begin = times[0], x
         return super()._step(method, times, x, d, p)
@@ -139,7 +161,9 @@ class TangentExecutor(InterpretedExecutor):
         seeds = _still(self._time, self._x, self._d, self._p)
         return self._derivative(name, (t, x, d, p), seeds)[:, :-1]
 
-    def _derivative(self, name: str, values: tuple[Vector | float, ...], seeds: list[Array]) -> Array:
+    def _derivative(
+        self, name: str, values: tuple[Vector | float, ...], seeds: list[Array]
+    ) -> Array:
         flat = self._along[name](*values, *(seed.ravel(order="F") for seed in seeds))
         return flat.reshape((-1, self._q + 1), order="F")
 
@@ -156,16 +180,30 @@ class TangentExecutor(InterpretedExecutor):
             return
         state, plan = self._stepped(t, d, p), self._prepared.plan
         time = np.append(self._time, [[1.0]], axis=1)
-        g = self._derivative("indicators", (t, x, d, p), [time, state, *_still(self._d, self._p)])
-        g[plan.kinds == TIMED] -= time  # the residual of a time event is its indicator minus the time
+        g = self._derivative(
+            "indicators", (t, x, d, p), [time, state, *_still(self._d, self._p)]
+        )
+        g[plan.kinds == TIMED] -= (
+            time  # the residual of a time event is its indicator minus the time
+        )
         fired = np.flatnonzero(d[plan.fired.span])
         with np.errstate(divide="ignore", invalid="ignore"):
             lengths = -g[fired, :-1] / g[fired, -1:]
-        apart = np.abs(lengths - lengths[0]) > SIMULTANEITY_TOLERANCE * np.abs(lengths).max(axis=0)
+        apart = np.abs(lengths - lengths[0]) > SIMULTANEITY_TOLERANCE * np.abs(
+            lengths
+        ).max(axis=0)
         if apart.any() or not np.isfinite(lengths).all():
             places = plan.sides.span.start + fired
-            names = [e.describe(k - e.start) for k in places.tolist() for e in [plan.sides.at(k)]]
-            why = "happen at the same time" if apart.any() else "touches zero without crossing it"
+            names = [
+                e.describe(k - e.start)
+                for k in places.tolist()
+                for e in [plan.sides.at(k)]
+            ]
+            why = (
+                "happen at the same time"
+                if apart.any()
+                else "touches zero without crossing it"
+            )
             raise SimulationError(
                 f"cannot differentiate the run of '{plan.name}': at t = {t:g} s {' and '.join(names)} "
                 f"{why}, so the run does not depend smoothly on the varied values"
@@ -182,6 +220,8 @@ def _still(*slopes: Array) -> list[Array]:
 def _along(function: ca.Function, count: int) -> InPlace:
     """Return the function of the derivatives of a `function` of columns along `count` directions."""
     values = [ca.MX.sym("value", function.size1_in(k)) for k in range(function.n_in())]
-    seeds = [ca.MX.sym("seed", function.size1_in(k), count) for k in range(function.n_in())]
+    seeds = [
+        ca.MX.sym("seed", function.size1_in(k), count) for k in range(function.n_in())
+    ]
     found = function.forward(count)(*values, function(*values), *seeds)
     return InPlace(ca.Function("along", [*values, *seeds], [ca.densify(found)]))

@@ -11,15 +11,30 @@ from typing import Any, NamedTuple, Unpack
 
 import numpy as np
 
-from trussflow.blocks.errors import DivergenceError, SimulationError, SimulationInterrupted
+from trussflow.blocks.errors import (
+    DivergenceError,
+    SimulationError,
+    SimulationInterrupted,
+)
 from trussflow.blocks.framework.diagram import Diagram
 from trussflow.blocks.framework.layout import spans
 from trussflow.blocks.framework.system import System
 from trussflow.blocks.simulation.simulator import Simulator, SimulatorSettings
 from trussflow.blocks.support.summary import Described, Description
 from trussflow.blocks.support.types import Array, Vector
-from trussflow.blocks.support.validation import by_name, finite_array, positive_whole, shown, yes_or_no
-from trussflow.blocks.sweeps.objective import Becoming, DifferentiatedTrials, SweptTrials, Trials
+from trussflow.blocks.support.validation import (
+    by_name,
+    finite_array,
+    positive_whole,
+    shown,
+    yes_or_no,
+)
+from trussflow.blocks.sweeps.objective import (
+    Becoming,
+    DifferentiatedTrials,
+    SweptTrials,
+    Trials,
+)
 from trussflow.blocks.sweeps.samples import own_values, refuse_settings
 
 DIVERGED_COST_FACTOR = 10.0
@@ -70,9 +85,14 @@ class Tuned(Described):
     message: str
 
     def _described(self) -> Description:
-        facts = {name: shown(value) for name, value in (self.values | self.limits).items()}
+        facts = {
+            name: shown(value) for name, value in (self.values | self.limits).items()
+        }
         ended = f" ({self.message})" if self.message else ""
-        return Description(f"cost {self.cost:.6g}, from {self.before:.6g}, in {self.runs} runs{ended}", facts)
+        return Description(
+            f"cost {self.cost:.6g}, from {self.before:.6g}, in {self.runs} runs{ended}",
+            facts,
+        )
 
 
 def tune(
@@ -163,8 +183,13 @@ def tune(
         for what, given in (("limits", limits), ("requirements", requirements))
     )
     if COST_NAME in limits:
-        raise SimulationError(f"no limit may be called '{COST_NAME}'; give it another name")
-    functions = {COST_NAME: cost, **{name: function for name, (function, _) in limits.items()}}
+        raise SimulationError(
+            f"no limit may be called '{COST_NAME}'; give it another name"
+        )
+    functions = {
+        COST_NAME: cost,
+        **{name: function for name, (function, _) in limits.items()},
+    }
     simulator = model if isinstance(model, Simulator) else Simulator(model, **settings)
     ranges = _ranges(simulator, vary, becoming is not None)
     becoming = dict if becoming is None else becoming
@@ -172,16 +197,30 @@ def tune(
     made = by_name("what is tuned", becoming(**start))
     samples = [by_name("a sample", sample) for sample in samples]
     others = {name for sample in samples for name in sample}
-    if not samples or others & made.keys() or any(sample.keys() != others for sample in samples):
-        raise SimulationError("samples must be mappings of the same names, and of none that are tuned")
+    if (
+        not samples
+        or others & made.keys()
+        or any(sample.keys() != others for sample in samples)
+    ):
+        raise SimulationError(
+            "samples must be mappings of the same names, and of none that are tuned"
+        )
     if not made:
         raise SimulationError("becoming returns no parameters or initial states")
     trials: Trials
     if derivatives:
-        trials = DifferentiatedTrials(simulator, duration, functions, becoming, start, samples)
+        trials = DifferentiatedTrials(
+            simulator, duration, functions, becoming, start, samples
+        )
     else:
-        how = {"executor": executor or "threads", "workers": workers, "repeats": iterations}
-        trials = SweptTrials(simulator, duration, functions, becoming, samples, path, how)
+        how = {
+            "executor": executor or "threads",
+            "workers": workers,
+            "repeats": iterations,
+        }
+        trials = SweptTrials(
+            simulator, duration, functions, becoming, samples, path, how
+        )
     search = _Search(trials, ranges, limits, len(samples))
 
     known: dict[bytes, Vector] = {}
@@ -189,15 +228,24 @@ def tune(
     def spare(x: Vector) -> Vector:
         if x.tobytes() not in known:  # called several times in each trial
             values = search.values(x)
-            found = [_spare(function(values), most) for function, most in requirements.values()]
+            found = [
+                _spare(function(values), most)
+                for function, most in requirements.values()
+            ]
             known[x.tobytes()] = np.concatenate([np.ravel(one) for one in found])
         return known[x.tobytes()]
 
     before = search.at(search.start).cost
     scale = abs(before) or 1.0
     method: dict[str, Any] = {"jac": lambda x: search.at(x).slope / scale}
-    room: dict[str, Any] = {"fun": lambda x: search.at(x).room, "jac": lambda x: search.at(x).room_slope}
-    method |= {"method": "SLSQP", "options": {"maxiter": iterations, "ftol": COST_TOLERANCE}}
+    room: dict[str, Any] = {
+        "fun": lambda x: search.at(x).room,
+        "jac": lambda x: search.at(x).room_slope,
+    }
+    method |= {
+        "method": "SLSQP",
+        "options": {"maxiter": iterations, "ftol": COST_TOLERANCE},
+    }
     if not derivatives:
         del method["jac"], room["jac"]
         radii = {"initial_tr_radius": INITIAL_RADIUS, "final_tr_radius": FINAL_RADIUS}
@@ -210,33 +258,54 @@ def tune(
         return search.at(x).cost / scale
 
     def missing(x: Vector) -> float:
-        least = np.min([np.min(one["fun"](x), initial=0.0) for one in constraints], initial=0.0)
-        return 0.0 if least >= -LIMIT_TOLERANCE else float(np.nan_to_num(-least, nan=np.inf))
+        least = np.min(
+            [np.min(one["fun"](x), initial=0.0) for one in constraints], initial=0.0
+        )
+        return (
+            0.0
+            if least >= -LIMIT_TOLERANCE
+            else float(np.nan_to_num(-least, nan=np.inf))
+        )
 
     def tuned(x: Vector, message: str) -> Tuned:
         best = search.at(x)
-        return Tuned(search.values(x), best.cost, before, best.most, search.runs, message)
+        return Tuned(
+            search.values(x), best.cost, before, best.most, search.runs, message
+        )
 
     bounds = [(0.0, 1.0)] * len(search.start)
     try:
-        found = minimize(scaled, search.start, bounds=bounds, constraints=constraints, **method)
+        found = minimize(
+            scaled, search.start, bounds=bounds, constraints=constraints, **method
+        )
     except KeyboardInterrupt:
         best = min(search.tried, key=lambda x: (missing(x), search.at(x).cost))
-        kept = f"; the same call goes on with the runs in '{path}'" if path is not None else ""
+        kept = (
+            f"; the same call goes on with the runs in '{path}'"
+            if path is not None
+            else ""
+        )
         raise SimulationInterrupted(
             f"stopped after {len(search.tried)} trials; the best is the result of this exception{kept}",
-            tuned(best, "stopped" if not missing(best) else "stopped before limits were met"),
+            tuned(
+                best,
+                "stopped" if not missing(best) else "stopped before limits were met",
+            ),
         ) from None
     message = "" if found.success else str(found.message)
     if missing(found.x):
-        message = f"limits are not met: {message or 'there is no way to meet them near here'}"
+        message = (
+            f"limits are not met: {message or 'there is no way to meet them near here'}"
+        )
     return tuned(found.x, message)
 
 
 def _limit(name: str, limit: Any) -> Limit:
     """Return the checked pair of a function and its largest value."""
     if not isinstance(limit, tuple | list) or len(limit) != 2 or not callable(limit[0]):
-        raise SimulationError(f"the limit '{name}' is {shown(limit)}; give (function, most)")
+        raise SimulationError(
+            f"the limit '{name}' is {shown(limit)}; give (function, most)"
+        )
     return limit[0], finite_array(f"the limit of '{name}'", limit[1])
 
 
@@ -263,16 +332,27 @@ class _Found(NamedTuple):
 class _Search:
     """Scaled objective of the optimizer: values are mapped from their ranges to 0 to 1."""
 
-    def __init__(self, trials: Trials, ranges: Ranges, limits: Mapping[str, Limit], samples: int) -> None:
-        self._trials, self._limits, self._samples, self.runs = trials, limits, samples, 0
+    def __init__(
+        self, trials: Trials, ranges: Ranges, limits: Mapping[str, Limit], samples: int
+    ) -> None:
+        self._trials, self._limits, self._samples, self.runs = (
+            trials,
+            limits,
+            samples,
+            0,
+        )
         self._shapes = {name: begin.shape for name, (_, begin, _) in ranges.items()}
         low, begin, high = (
-            np.concatenate([np.ravel(one) for one in each]) for each in zip(*ranges.values(), strict=True)
+            np.concatenate([np.ravel(one) for one in each])
+            for each in zip(*ranges.values(), strict=True)
         )
         self._low, self._span = low, high - low
         self.start = np.clip((begin - low) / self._span, 0.0, 1.0)
         self._last = self._flown(self.start)
-        self._known, self._worst = {self._flat(self.start).tobytes(): self._last}, abs(self._last.cost)
+        self._known, self._worst = (
+            {self._flat(self.start).tobytes(): self._last},
+            abs(self._last.cost),
+        )
         self.tried = [self.start]
 
     def _flat(self, x: Vector) -> Vector:
@@ -281,7 +361,9 @@ class _Search:
     def values(self, x: Vector) -> dict[str, Array]:
         """Return the tuned values by name [as declared]."""
         flat = self._flat(x)
-        places = zip(self._shapes.items(), spans(map(prod, self._shapes.values())), strict=True)
+        places = zip(
+            self._shapes.items(), spans(map(prod, self._shapes.values())), strict=True
+        )
         return {name: flat[place].reshape(shape) for (name, shape), place in places}
 
     def at(self, x: Vector) -> _Found:
@@ -293,7 +375,9 @@ class _Search:
                 self.tried.append(np.array(x))
                 self._worst = max(self._worst, abs(self._last.cost))
             except DivergenceError:
-                self._last = self._last._replace(cost=DIVERGED_COST_FACTOR * self._worst + 1.0)
+                self._last = self._last._replace(
+                    cost=DIVERGED_COST_FACTOR * self._worst + 1.0
+                )
             self._known[key] = self._last
         return self._known[key]
 
@@ -309,10 +393,14 @@ class _Search:
             rooms.append(np.ravel(_spare(found[name], most)))
             if slopes:
                 sizes = np.broadcast_to(_size(most), found[name].shape).reshape(-1, 1)
-                room_slopes.append(-slopes[name].reshape(-1, len(x)) * self._span / sizes)
+                room_slopes.append(
+                    -slopes[name].reshape(-1, len(x)) * self._span / sizes
+                )
         return _Found(
             float(np.mean(found[COST_NAME])),
-            np.mean(slopes[COST_NAME], axis=(0, 1)) * self._span if slopes else np.zeros(0),
+            np.mean(slopes[COST_NAME], axis=(0, 1)) * self._span
+            if slopes
+            else np.zeros(0),
             np.concatenate(rooms),
             np.vstack(room_slopes),
             {name: np.max(found[name], axis=0) for name in self._limits},
@@ -323,7 +411,9 @@ def _ranges(simulator: Simulator, vary: Mapping[str, Any], free: bool) -> Ranges
     """Return the ranges of the varied values; if `free`, names need not be those of the diagram."""
     given, plan = by_name("what varies", vary), simulator.prepared.plan
     if not given:
-        raise SimulationError("nothing varies: name parameters or initial states, such as 'block.name'")
+        raise SimulationError(
+            "nothing varies: name parameters or initial states, such as 'block.name'"
+        )
     if free:
         return {name: _range(name, value) for name, value in given.items()}
     own = own_values(plan)
@@ -332,18 +422,37 @@ def _ranges(simulator: Simulator, vary: Mapping[str, Any], free: bool) -> Ranges
     return {name: _range(name, value, own[name]) for name, value in given.items()}
 
 
-def _range(name: str, value: Any, own: Array | None = None) -> tuple[Array, Array, Array]:
+def _range(
+    name: str, value: Any, own: Array | None = None
+) -> tuple[Array, Array, Array]:
     """Return smallest, initial and largest value; the initial one is by default the diagram's `own`."""
-    form = "(least, begin, greatest)" if own is None else "(least, greatest) or (least, begin, greatest)"
-    if not isinstance(value, tuple | list) or len(value) not in {3, 3 - (own is not None)}:
-        raise SimulationError(f"'{name}' is to be tuned within {shown(value)}; give {form}")
+    form = (
+        "(least, begin, greatest)"
+        if own is None
+        else "(least, greatest) or (least, begin, greatest)"
+    )
+    if not isinstance(value, tuple | list) or len(value) not in {
+        3,
+        3 - (own is not None),
+    }:
+        raise SimulationError(
+            f"'{name}' is to be tuned within {shown(value)}; give {form}"
+        )
     low, *begin, high = (finite_array(f"the range of '{name}'", one) for one in value)
     shape = begin[0].shape if own is None else own.shape
     fits = all(not one.ndim or one.shape == shape for one in (low, *begin, high))
-    if not (fits and np.all(low < high) and all(np.all((low <= b) & (b <= high)) for b in begin)):
+    if not (
+        fits
+        and np.all(low < high)
+        and all(np.all((low <= b) & (b <= high)) for b in begin)
+    ):
         raise SimulationError(
             f"'{name}' is to be tuned within {shown(value)}: give numbers, or arrays of the shape "
             f"{shape}, in increasing order, the first one less than the last"
         )
     start: Array = begin[0] if begin else np.clip(np.asarray(own), low, high)
-    return np.broadcast_to(low, shape), np.broadcast_to(start, shape), np.broadcast_to(high, shape)
+    return (
+        np.broadcast_to(low, shape),
+        np.broadcast_to(start, shape),
+        np.broadcast_to(high, shape),
+    )

@@ -11,7 +11,13 @@ from numpy.typing import NDArray
 
 from trussflow.blocks.errors import SimulationError
 from trussflow.blocks.support.types import Vector
-from trussflow.blocks.support.validation import by_name, is_whole, one_of, positive_whole, shown
+from trussflow.blocks.support.validation import (
+    by_name,
+    is_whole,
+    one_of,
+    positive_whole,
+    shown,
+)
 
 MOST_SAMPLES = 100_000_000
 """Largest number of samples; a larger one is an error [-]."""
@@ -24,7 +30,9 @@ Vary = Mapping[Any, Any]
 """Distributions, or sequences of values, by name, or by several names that vary together."""
 
 
-def drawn(vary: Vary, samples: int | None, seed: int, method: str) -> dict[str, NDArray[Any]]:
+def drawn(
+    vary: Vary, samples: int | None, seed: int, method: str
+) -> dict[str, NDArray[Any]]:
     """Return the values of each name for all samples.
 
     Sequences form a full grid, in which the last varies fastest. Each grid point has the same `samples`
@@ -48,8 +56,13 @@ def drawn(vary: Vary, samples: int | None, seed: int, method: str) -> dict[str, 
     """
     one_of("way to draw samples", method, SAMPLING_METHODS)
     if not is_whole(seed) or seed < 0:
-        raise SimulationError(f"the seed {shown(seed)} must be a whole number, zero or positive")
-    names_of = [names if isinstance(names, tuple) else (names,) for names in by_name(WHAT, vary, str | tuple)]
+        raise SimulationError(
+            f"the seed {shown(seed)} must be a whole number, zero or positive"
+        )
+    names_of = [
+        names if isinstance(names, tuple) else (names,)
+        for names in by_name(WHAT, vary, str | tuple)
+    ]
     each = Counter(name for names in names_of for name in names)
     by_name(WHAT, each)
     if twice := sorted(name for name, number in each.items() if number > 1):
@@ -59,18 +72,28 @@ def drawn(vary: Vary, samples: int | None, seed: int, method: str) -> dict[str, 
             f"a sweep needs what varies, as {{'block.parameter': values}}, not {shown(vary)}"
         )
     random = {names: d for names, d in vary.items() if _is_distribution(d)}
-    lists = {names: _listed(names, values) for names, values in vary.items() if names not in random}
+    lists = {
+        names: _listed(names, values)
+        for names, values in vary.items()
+        if names not in random
+    }
     if (samples is None) == bool(random):
         wrong = (
-            "needs samples=..., how many are drawn" if random else "takes no samples: no distribution varies"
+            "needs samples=..., how many are drawn"
+            if random
+            else "takes no samples: no distribution varies"
         )
         raise SimulationError(f"this sweep {wrong}")
     if samples is not None:
         positive_whole(samples=samples)
         if samples > MOST_SAMPLES:
-            raise SimulationError(f"{samples} samples are too many; {MOST_SAMPLES} are the most")
+            raise SimulationError(
+                f"{samples} samples are too many; {MOST_SAMPLES} are the most"
+            )
     count = samples or 1
-    combinations = int(np.prod([len(next(iter(own.values()))) for own in lists.values()], dtype=int))
+    combinations = int(
+        np.prod([len(next(iter(own.values()))) for own in lists.values()], dtype=int)
+    )
     found: dict[str, NDArray[Any]] = {}
     repeat = combinations * count
     for own in lists.values():
@@ -84,7 +107,9 @@ def drawn(vary: Vary, samples: int | None, seed: int, method: str) -> dict[str, 
                 f"the distribution of {_quoted(names)} gives {shown(values[0])} in all samples"
             )
         values = np.tile(values, (combinations, *[1] * (values.ndim - 1)))
-        found |= {names: values} if isinstance(names, str) else _columns(names, [*values])
+        found |= (
+            {names: values} if isinstance(names, str) else _columns(names, [*values])
+        )
     return found
 
 
@@ -93,13 +118,19 @@ def _is_distribution(thing: Any) -> bool:
 
 
 def _quoted(names: str | tuple[str, ...]) -> str:
-    return ", ".join(f"'{name}'" for name in ([names] if isinstance(names, str) else names))
+    return ", ".join(
+        f"'{name}'" for name in ([names] if isinstance(names, str) else names)
+    )
 
 
 def _are_several(values: Any) -> bool:
     """Return whether the argument is a sequence or array of values."""
     is_text = isinstance(values, str | bytes)
-    return isinstance(values, Sequence | np.ndarray) and not is_text and getattr(values, "ndim", 1) > 0
+    return (
+        isinstance(values, Sequence | np.ndarray)
+        and not is_text
+        and getattr(values, "ndim", 1) > 0
+    )
 
 
 def _listed(names: str | tuple[str, ...], values: Any) -> dict[str, NDArray[Any]]:
@@ -113,21 +144,29 @@ def _listed(names: str | tuple[str, ...], values: Any) -> dict[str, NDArray[Any]
 def _columns(names: tuple[str, ...], rows: Sequence[Any]) -> dict[str, NDArray[Any]]:
     """Return the arrays of names that vary together, from `rows` with one value for each name."""
     if any(not _are_several(row) or len(row) != len(names) for row in rows):
-        raise SimulationError(f"{_quoted(names)} vary together: give {len(names)} values for each sample")
-    return {name: _sequence(name, [row[k] for row in rows]) for k, name in enumerate(names)}
+        raise SimulationError(
+            f"{_quoted(names)} vary together: give {len(names)} values for each sample"
+        )
+    return {
+        name: _sequence(name, [row[k] for row in rows]) for k, name in enumerate(names)
+    }
 
 
 def _sequence(names: str | tuple[str, ...], values: Any) -> NDArray[Any]:
     """Return a sequence of values as an array with samples along the first axis."""
     hint = "give a sequence of values, or a frozen distribution such as scipy.stats.norm(1.0, 0.1)"
     if not _are_several(values):
-        raise SimulationError(f"{_quoted(names)} cannot vary over {shown(values)}: {hint}")
+        raise SimulationError(
+            f"{_quoted(names)} cannot vary over {shown(values)}: {hint}"
+        )
     try:
         array = np.asarray(values)
     except ValueError:  # lists of different lengths
         array = np.empty(0, dtype=object)
     if not array.size or array.dtype.kind not in "biufU":
-        raise SimulationError(f"{_quoted(names)} cannot vary over {shown(values)}: {hint}")
+        raise SimulationError(
+            f"{_quoted(names)} cannot vary over {shown(values)}: {hint}"
+        )
     return array
 
 
@@ -136,7 +175,9 @@ def _draws(random: Vary, count: int, seed: int, method: str) -> dict[Any, NDArra
     from scipy import stats
 
     sizes = {names: int(getattr(d, "dim", 0)) for names, d in random.items()}
-    numbers = _uniform(count, sum(max(1, size) for size in sizes.values()), seed, method)
+    numbers = _uniform(
+        count, sum(max(1, size) for size in sizes.values()), seed, method
+    )
     found, first = {}, 0
     for names, distribution in random.items():
         own = numbers[:, first : first + max(1, sizes[names])]
@@ -153,7 +194,9 @@ def _draws(random: Vary, count: int, seed: int, method: str) -> dict[Any, NDArra
             found[names] = distribution.mean + stats.norm.ppf(own) @ spread.T
         elif method == "random":
             generator = np.random.default_rng([seed, first])
-            found[names] = np.asarray(distribution.rvs(size=count, random_state=generator)).reshape(count, -1)
+            found[names] = np.asarray(
+                distribution.rvs(size=count, random_state=generator)
+            ).reshape(count, -1)
         else:
             raise SimulationError(
                 f"the distribution of {_quoted(names)} can be drawn by method='random' only"
@@ -170,6 +213,10 @@ def _uniform(count: int, size: int, seed: int, method: str) -> Vector:
     if method == "random":
         numbers = np.random.default_rng(seed).random((count, size))
     else:
-        engines = {"latin": qmc.LatinHypercube, "sobol": qmc.Sobol, "halton": qmc.Halton}
+        engines = {
+            "latin": qmc.LatinHypercube,
+            "sobol": qmc.Sobol,
+            "halton": qmc.Halton,
+        }
         numbers = engines[method](size, rng=np.random.default_rng(seed)).random(count)
     return np.clip(numbers, 2.0**-54, 1 - 2.0**-53)

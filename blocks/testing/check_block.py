@@ -11,7 +11,12 @@ from traceback import walk_tb
 import numpy as np
 import numpy.typing as npt
 
-from trussflow.blocks.errors import BlockError, NameLookupError, TracingError, TrussflowError
+from trussflow.blocks.errors import (
+    BlockError,
+    NameLookupError,
+    TracingError,
+    TrussflowError,
+)
 from trussflow.blocks.framework.block import Block
 from trussflow.blocks.framework.declarations import Mode, Parameter, Signals, State
 from trussflow.blocks.framework.diagram import Diagram
@@ -76,32 +81,56 @@ class Bench:
         for name in self.around:
             if name not in sizes:
                 there = ", ".join(name for name in sizes if name)
-                raise NameLookupError(f"{self.p.owner} has no state or input '{name}'; there are: {there}")
-        about = {name: finite_array(f"'{name}'", value, sizes[name]) for name, value in self.around.items()}
-        for point in block_check.points(tuple(sizes.values()), RANDOM_POINTS)[:RANDOM_POINTS]:
+                raise NameLookupError(
+                    f"{self.p.owner} has no state or input '{name}'; there are: {there}"
+                )
+        about = {
+            name: finite_array(f"'{name}'", value, sizes[name])
+            for name, value in self.around.items()
+        }
+        for point in block_check.points(tuple(sizes.values()), RANDOM_POINTS)[
+            :RANDOM_POINTS
+        ]:
             pairs = zip(sizes, point, strict=True)
-            self.points.append([about[n] + 0.1 * v if n in about else v for n, v in pairs])
+            self.points.append(
+                [about[n] + 0.1 * v if n in about else v for n, v in pairs]
+            )
         modes = block.declared(Mode)
         for name in self.shapes[0]:
             first = block.initial(name, self.p)
             if not (np.isfinite(first) | (np.isinf(first) & (name in modes))).all():
-                raise FaultError(f"state '{name}' does not begin with a finite number; see initial= of it")
+                raise FaultError(
+                    f"state '{name}' does not begin with a finite number; see initial= of it"
+                )
         return ""
 
     def opened(self) -> Equations:
         """Return the equation object, as at the beginning of a run."""
         if self.block.steps_itself:
-            raise NotApplicableError("the block steps itself, so its equations cannot be called at any point")
+            raise NotApplicableError(
+                "the block steps itself, so its equations cannot be called at any point"
+            )
         return open_block(self.block, self.p) if self.block.hides else self.block
 
-    def arguments(self, point: list[Array]) -> tuple[Array, Signals, Signals, Signals, Signals]:
+    def arguments(
+        self, point: list[Array]
+    ) -> tuple[Array, Signals, Signals, Signals, Signals]:
         """Return copies of what is at a point: time, states, inputs, parameters, events that happen."""
         numbers = iter(point)
         owner = self.p.owner
         t = np.array(np.abs(next(numbers)))
-        x, u, fired = (Signals(owner, {n: next(numbers).copy() for n in shapes}) for shapes in self.shapes)
+        x, u, fired = (
+            Signals(owner, {n: next(numbers).copy() for n in shapes})
+            for shapes in self.shapes
+        )
         happens = {n: value > 0 for n, value in fired.items()}
-        return t, x, u, Signals(owner, {n: v.copy() for n, v in self.p.items()}), Signals(owner, happens)
+        return (
+            t,
+            x,
+            u,
+            Signals(owner, {n: v.copy() for n, v in self.p.items()}),
+            Signals(owner, happens),
+        )
 
     def values(self, own: Equations, kinds: list[str], point: list[Array]) -> Values:
         """Return what equations of those `kinds`, as `own` states them, give at a `point`.
@@ -112,8 +141,13 @@ class Bench:
         for kind in kinds:
             given = self.arguments(point)
             before = self.arguments(point)
-            with np.errstate(all="ignore"), running_errors(self.block, kind, float(given[0])):
-                returned = getattr(own, kind)(*(given if kind == "on_event" else given[:4]))
+            with (
+                np.errstate(all="ignore"),
+                running_errors(self.block, kind, float(given[0])),
+            ):
+                returned = getattr(own, kind)(
+                    *(given if kind == "on_event" else given[:4])
+                )
                 for name, value in checked(self.block, kind, returned).items():
                     found[kind, name] = np.array(value, dtype=float)
             for letter, now, then in zip("xup", given[1:4], before[1:4], strict=True):
@@ -143,11 +177,16 @@ class Bench:
         self.points = [point for point, _ in good]
         remarks = []
         if refused:
-            remarks.append(f"{len(refused)} of {RANDOM_POINTS} random points are refused: {refused[0]}")
+            remarks.append(
+                f"{len(refused)} of {RANDOM_POINTS} random points are refused: {refused[0]}"
+            )
         for kind, name in dict.fromkeys(key for _, each in good for key in each):
             values = [each[kind, name] for _, each in good if (kind, name) in each]
             may_be_infinite = kind == "indicators" or name in self.block.declared(Mode)
-            bad = sum(not (np.isfinite(v) | (np.isinf(v) & may_be_infinite)).all() for v in values)
+            bad = sum(
+                not (np.isfinite(v) | (np.isinf(v) & may_be_infinite)).all()
+                for v in values
+            )
             where = f"{kind}(): '{name}' is not finite at"
             if bad == len(values):
                 raise FaultError(
@@ -155,21 +194,28 @@ class Bench:
                     "the root or logarithm of a negative number, or say around= which numbers make sense"
                 )
             if bad:
-                remarks.append(f"{where} {bad} of {len(values)} random points: is that outside its domain?")
+                remarks.append(
+                    f"{where} {bad} of {len(values)} random points: is that outside its domain?"
+                )
         return "; ".join(remarks)
 
     def purity(self) -> str:
         """Check that equal arguments give equal numbers, regardless of calls in between."""
         if self.writes:
             raise FaultError(self.writes)
-        kinds = ["output"] if self.block.hides else self.kinds[:2]  # what is kept may change the others
+        # what is kept may change the others
+        kinds = ["output"] if self.block.hides else self.kinds[:2]
         for first, second in pairwise([*self.points, self.points[0]]):
             own = self.opened()
             fresh = self.opened()
             calls = (own, first), (own, second), (own, first), (fresh, first)
-            once, _, *others = (self.values(each, kinds, point) for each, point in calls)
+            once, _, *others = (
+                self.values(each, kinds, point) for each, point in calls
+            )
             for again in others:
-                for kind, name in (key for key in once if not _same(once[key], again[key])):
+                for kind, name in (
+                    key for key in once if not _same(once[key], again[key])
+                ):
                     raise FaultError(
                         f"{kind}(): '{name}' is {_listed(once[kind, name])}, then "
                         f"{_listed(again[kind, name])} for the same arguments: it draws at random, reads "
@@ -186,14 +232,18 @@ class Bench:
 
     def _refuse_python(self) -> None:
         if not self.block.traced:
-            raise NotApplicableError("the block says traced = False, and runs in Python")
+            raise NotApplicableError(
+                "the block says traced = False, and runs in Python"
+            )
 
     def compiled(self) -> str:
         """Check that compiled code gives the numbers of NumPy."""
         self._refuse_python()
         system = flatten(self.block, external=True)
         try:
-            prepared = Prepared.of(system, Solver(solver="RK45", backend="compiled"), None)
+            prepared = Prepared.of(
+                system, Solver(solver="RK45", backend="compiled"), None
+            )
         except CompilationError as error:
             raise NotApplicableError(f"no C compiler works here: {error}") from None
         plan = prepared.plan
@@ -209,7 +259,10 @@ class Bench:
                 expected = plain.call(quantity.name, t, x, d, p)
             found = prepared.traced.call(quantity.name, t, x, d, p)
             wrong = np.isfinite(expected) & block_check.differing(
-                found, expected, np.array([expected.size]), block_check.ROUND_OFF_TOLERANCE
+                found,
+                expected,
+                np.array([expected.size]),
+                block_check.ROUND_OFF_TOLERANCE,
             )
             if wrong.any():
                 raise FaultError(
@@ -221,14 +274,18 @@ class Bench:
     def feedthrough(self) -> str:
         """Check that outputs depend at once on what is declared, and on nothing else."""
         declared = block_check.isolate_anew(self.block).feedthrough
-        depends = "; ".join(f"{y} on {', '.join(sorted(u)) or 'nothing'}" for y, u in declared.items())
+        depends = "; ".join(
+            f"{y} on {', '.join(sorted(u)) or 'nothing'}" for y, u in declared.items()
+        )
         if self.block.traced:
             return f"at once depend {depends}" if depends else ""
         real = {output: set[str]() for output in declared}
         for point, other in pairwise([*self.points, self.points[0]]):
             before = self.values(self.opened(), ["output"], point)
             for i, name in enumerate(self.shapes[1], 1 + len(self.shapes[0])):
-                after = self.values(self.opened(), ["output"], [*point[:i], other[i], *point[i + 1 :]])
+                after = self.values(
+                    self.opened(), ["output"], [*point[:i], other[i], *point[i + 1 :]]
+                )
                 for (_, output), value in before.items():
                     if not _same(value, after["output", output]):
                         real[output].add(name)
@@ -245,7 +302,9 @@ class Bench:
         remark = f"declared is that at once depend {depends}, but the numbers show less. {advice}"
         if type(self.block).feedthrough is Block.feedthrough:
             return f"{remark}, if a loop is to be closed around the block"
-        raise FaultError(f"{remark}: what is declared without need makes algebraic loops")
+        raise FaultError(
+            f"{remark}: what is declared without need makes algebraic loops"
+        )
 
     def derivatives(self) -> str:
         """Check that exact derivatives by states and inputs are those of the numbers."""
@@ -267,7 +326,11 @@ class Bench:
             and not isinstance(declaration, Mode)
             and declaration.unit is None
         ]
-        return f"no unit is declared for {', '.join(without)}: wires there are not checked" if without else ""
+        return (
+            f"no unit is declared for {', '.join(without)}: wires there are not checked"
+            if without
+            else ""
+        )
 
 
 def _same(one: Array, other: Array) -> bool:
@@ -299,7 +362,11 @@ class BlockReport(Described):
     @property
     def failures(self) -> dict[str, str]:
         """The findings of the checks that failed."""
-        return {name: text for name, text in self.findings.items() if text.startswith("FAILED")}
+        return {
+            name: text
+            for name, text in self.findings.items()
+            if text.startswith("FAILED")
+        }
 
     def raise_for_failures(self) -> None:
         """Raise if a check failed, for tests.
@@ -314,11 +381,16 @@ class BlockReport(Described):
 
     def _described(self) -> Description:
         failed = f"{len(self.failures)} of {len(self.findings)} checks failed"
-        return Description(f"{self.block}: {failed if self.failures else 'all is well'}", self.findings)
+        return Description(
+            f"{self.block}: {failed if self.failures else 'all is well'}", self.findings
+        )
 
 
 def check_block(
-    block: Block, *, around: Mapping[str, npt.ArrayLike] | None = None, compiled: bool = True
+    block: Block,
+    *,
+    around: Mapping[str, npt.ArrayLike] | None = None,
+    compiled: bool = True,
 ) -> BlockReport:
     """Check a block of one's own by itself: what it declares, and what its equations do at random points.
 
@@ -352,7 +424,9 @@ def check_block(
     """
     given: object = block
     if not isinstance(given, Block) or isinstance(given, Diagram):
-        raise BlockError(f"cannot check {shown(block)}: give one block, such as MyBlock()")
+        raise BlockError(
+            f"cannot check {shown(block)}: give one block, such as MyBlock()"
+        )
     item = copy.deepcopy(block) if block.parent is None else block
     findings = dict[str, str]()
     bench = Bench(item, by_name("values around which to check", around))
@@ -373,7 +447,11 @@ def check_block(
         except NotApplicableError as reason:
             findings[name] = f"not applicable: {reason}"
         except TracingError as error:
-            findings[name] = f"FAILED: {error}" if name == "tracing" else "not applicable: it does not trace"
+            findings[name] = (
+                f"FAILED: {error}"
+                if name == "tracing"
+                else "not applicable: it does not trace"
+            )
         except (FaultError, TrussflowError) as fault:
             findings[name] = f"FAILED: {fault}"
         except Exception as error:  # noqa: BLE001 - the block is the user's
@@ -386,6 +464,10 @@ def check_block(
 def _raised(block: Block, error: Exception) -> str:
     """Say which method of the user's `block` raised an `error` that no check expects."""
     frames = [frame for frame, _ in walk_tb(error.__traceback__)]
-    users = [f for f in frames if not str(f.f_globals.get("__name__")).startswith("trussflow.blocks.")]
+    users = [
+        f
+        for f in frames
+        if not str(f.f_globals.get("__name__")).startswith("trussflow.blocks.")
+    ]
     method = (users or frames[-1:])[0].f_code.co_name
     return f"{method}() of block '{block.path}' raised {type(error).__name__}: {error}"

@@ -38,21 +38,37 @@ def derivative_fault(bench: Bench) -> str:
         The block and its random points.
     """
     kinds = [kind for kind in bench.kinds if kind in ("output", "update", "derivative")]
-    names = [f"{letter}.{n}" for letter, s in zip("xu", bench.shapes, strict=False) for n in s]
+    names = [
+        f"{letter}.{n}"
+        for letter, s in zip("xu", bench.shapes, strict=False)
+        for n in s
+    ]
     exact = _exact_jacobian(bench, kinds)
     for point in bench.points[: block_check.RANDOM_POINTS]:
-        keys = [(key, v.size) for key, v in bench.values(bench.opened(), kinds, point).items()]
+        keys = [
+            (key, v.size)
+            for key, v in bench.values(bench.opened(), kinds, point).items()
+        ]
         ends = np.cumsum([size for _, size in keys], dtype=int)
-        columns = ((i, k) for i in range(1, 1 + len(names)) for k in range(point[i].size))
+        columns = (
+            (i, k) for i in range(1, 1 + len(names)) for k in range(point[i].size)
+        )
         for (i, k), found in zip(columns, exact(point).T, strict=True):
             step = DIFFERENCE_STEP * max(1.0, abs(point[i].flat[k]))
             try:
-                expected, wide = (_difference(bench, kinds, point, (i, k), h) for h in (step, 10.0 * step))
+                expected, wide = (
+                    _difference(bench, kinds, point, (i, k), h)
+                    for h in (step, 10.0 * step)
+                )
             except SimulationError:  # at the edge of what it takes
                 continue
             with np.errstate(all="ignore"):
-                wrong = block_check.differing(found, expected, ends, DERIVATIVE_TOLERANCE)
-                wrong &= ~block_check.differing(wide, expected, ends, DERIVATIVE_TOLERANCE)
+                wrong = block_check.differing(
+                    found, expected, ends, DERIVATIVE_TOLERANCE
+                )
+                wrong &= ~block_check.differing(
+                    wide, expected, ends, DERIVATIVE_TOLERANCE
+                )
                 wrong &= np.isfinite(found + expected)
             if wrong.any():
                 worst = int(np.argmax(wrong))
@@ -73,7 +89,9 @@ def _difference(
     for change in (-h, h):
         moved = point[i].copy()
         moved.flat[k] += change
-        values = bench.values(bench.opened(), kinds, [*point[:i], moved, *point[i + 1 :]])
+        values = bench.values(
+            bench.opened(), kinds, [*point[:i], moved, *point[i + 1 :]]
+        )
         ends.append(np.concatenate([np.zeros(0), *map(np.ravel, values.values())]))
     with np.errstate(all="ignore"):
         slope: Vector = (ends[1] - ends[0]) / (2.0 * h)
@@ -85,11 +103,16 @@ def _exact_jacobian(bench: Bench, kinds: list[str]) -> Callable[[list[Array]], A
     if not bench.block.traced:
         return partial(_offered_jacobian, bench, kinds)
     (t, x, u, fired, p), values, trace = block_check.trace_alone(bench.block)
-    leaves = [to_expression(v) for v in (t, *x.values(), *u.values(), *fired.values(), *p.values())]
+    leaves = [
+        to_expression(v)
+        for v in (t, *x.values(), *u.values(), *fired.values(), *p.values())
+    ]
     results = [to_expression(v) for kind in kinds for v in values[kind].values()]
     program = lower("slopes", leaves, ca.vertcat(ca.SX(0, 1), *results), trace)
     jacobian = program.jacobian(*range(1, 1 + len(x) + len(u)))
-    return lambda point: np.asarray(jacobian(abs(point[0]), *map(np.ravel, [*point[1:], *bench.p.values()])))
+    return lambda point: np.asarray(
+        jacobian(abs(point[0]), *map(np.ravel, [*point[1:], *bench.p.values()]))
+    )
 
 
 def _offered_jacobian(bench: Bench, kinds: list[str], point: list[Array]) -> Array:
@@ -104,7 +127,13 @@ def _offered_jacobian(bench: Bench, kinds: list[str], point: list[Array]) -> Arr
             along = [np.zeros_like(v) for v in point]
             along[i].flat[k] = 1.0
             with running_errors(bench.block, "directional_derivative", float(t)):
-                values = {kind: own(kind, t, x, u, p, *bench.arguments(along)[1:3]) for kind in kinds}
-                parts = [np.asarray(values[kind][name], dtype=float).ravel() for kind, name in keys]
+                values = {
+                    kind: own(kind, t, x, u, p, *bench.arguments(along)[1:3])
+                    for kind in kinds
+                }
+                parts = [
+                    np.asarray(values[kind][name], dtype=float).ravel()
+                    for kind, name in keys
+                ]
             columns.append(np.concatenate([np.zeros(0), *parts]))
     return np.array(columns).T

@@ -45,17 +45,24 @@ class EnergyMeter(Block):
     supplied = State(unit="J")
     dissipated = State(unit="J")
 
-    def __init__(self, sizes: Sequence[int], signs: Sequence[float], losses: int) -> None:
+    def __init__(
+        self, sizes: Sequence[int], signs: Sequence[float], losses: int
+    ) -> None:
         self.signs = tuple(signs)
         ports: dict[str, Input | Output] = {
-            f"{side}{i}": Input(size) for i, size in enumerate(sizes) for side in ("effort", "flow")
+            f"{side}{i}": Input(size)
+            for i, size in enumerate(sizes)
+            for side in ("effort", "flow")
         }
         self.extra_ports = ports | {"loss": Input(losses)}
         super().__init__()
 
     def derivative(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
         """Return the powers."""
-        powers = [sign * (u[f"effort{i}"] @ u[f"flow{i}"]) for i, sign in enumerate(self.signs)]
+        powers = [
+            sign * (u[f"effort{i}"] @ u[f"flow{i}"])
+            for i, sign in enumerate(self.signs)
+        ]
         return {"supplied": sum(powers, np.zeros(())), "dissipated": np.sum(u.loss)}
 
 
@@ -91,14 +98,18 @@ class EnergyAudit(Described):
         """
         positive(tolerance=tolerance)
         if not all(drift <= tolerance for drift in self.drift.values()):
-            raise SimulationError(f"energy is missing, or too much, beyond {tolerance:g}: {self!r}")
+            raise SimulationError(
+                f"energy is missing, or too much, beyond {tolerance:g}: {self!r}"
+            )
 
     def _described(self) -> Description:
         end = self.result.isel(time=-1)
         lines = {}
         for name, drift in self.drift.items():
             row = end.sel(account=name)
-            sums = ", ".join(f"{what} {float(row[what]):.6g} J" for what in end.data_vars)
+            sums = ", ".join(
+                f"{what} {float(row[what]):.6g} J" for what in end.data_vars
+            )
             lines[name] = f"{sums}, drift {drift:.1e}"
         return Description(f"energy audit of {float(end['time']):g} s", lines)
 
@@ -176,7 +187,9 @@ def energy_audit(
     """
     system = flatten(diagram)
     own = {
-        path: block.energy_account.of(block) for path, block in system.blocks.items() if block.energy_account
+        path: block.energy_account.of(block)
+        for path, block in system.blocks.items()
+        if block.energy_account
     }
     found = {**own, **by_name("accounts", accounts)}
     if not found:
@@ -200,7 +213,9 @@ def energy_audit(
     return _audit(result, [*found], whole, supplied is not None)
 
 
-def _metered(system: System, name: str, account: EnergyAccount, log: dict[str, Port | str]) -> System:
+def _metered(
+    system: System, name: str, account: EnergyAccount, log: dict[str, Port | str]
+) -> System:
     """Return a `system` with a meter for an `account`, and put into `log` what tells its energies."""
     ports: dict[str, Port] = {}
     for i, pair in enumerate((*account.supplied, *account.delivered)):
@@ -220,10 +235,14 @@ def _metered(system: System, name: str, account: EnergyAccount, log: dict[str, P
         else:
             log[f"{name} {what}"] = port
         if faults - {""}:
-            raise BlockError(f"cannot take {port.describe()} for what is {what} in '{name}': {max(faults)}")
+            raise BlockError(
+                f"cannot take {port.describe()} for what is {what} in '{name}': {max(faults)}"
+            )
     signs = [1.0] * len(account.supplied) + [-1.0] * len(account.delivered)
     sizes = [len(ports[f"effort{i}"].element_units()) for i in range(len(signs))]
-    meter = EnergyMeter(sizes, signs, ports["loss"].elements().size if "loss" in ports else 0)
+    meter = EnergyMeter(
+        sizes, signs, ports["loss"].elements().size if "loss" in ports else 0
+    )
     meter.named(f"(energy of {name})")
     log |= {f"{name} {state}": f"{meter.path}.{state}" for state in meter.states()}
     drivers: dict[tuple[str, str], list[Driver]] = {}
@@ -231,12 +250,20 @@ def _metered(system: System, name: str, account: EnergyAccount, log: dict[str, P
         system, source = probed(system, port)
         taken = source.elements().ravel()
         whole = replace(source, index=None)
-        drivers[meter.path, own] = [Driver(whole, taken, np.arange(taken.size), "energy audit")]
+        drivers[meter.path, own] = [
+            Driver(whole, taken, np.arange(taken.size), "energy audit")
+        ]
     drivers.setdefault((meter.path, "loss"), [])
-    return replace(system, blocks=system.blocks | {meter.path: meter}, drivers=system.drivers | drivers)
+    return replace(
+        system,
+        blocks=system.blocks | {meter.path: meter},
+        drivers=system.drivers | drivers,
+    )
 
 
-def _audit(result: xr.Dataset, names: Sequence[str], whole: str, told: bool) -> EnergyAudit:
+def _audit(
+    result: xr.Dataset, names: Sequence[str], whole: str, told: bool
+) -> EnergyAudit:
     """Return the energies that a run logged for the accounts of those `names`, and for the `whole`."""
     import xarray as xr
 
@@ -252,11 +279,16 @@ def _audit(result: xr.Dataset, names: Sequence[str], whole: str, told: bool) -> 
         "supplied": [energy(name, "supplied") for name in names],
         "stored": [energy(name, "stored") for name in names],
         "dissipated": [
-            energy(name, "dissipated") + energy(name, "lost") - energy(name, "lost")[0] for name in names
+            energy(name, "dissipated") + energy(name, "lost") - energy(name, "lost")[0]
+            for name in names
         ],
     }
     for what, found in columns.items():
-        found.append(energy(whole, what) if told and what == "supplied" else np.sum(found, axis=0))
+        found.append(
+            energy(whole, what)
+            if told and what == "supplied"
+            else np.sum(found, axis=0)
+        )
     tables = {what: np.stack(found, axis=1) for what, found in columns.items()}
     largest = np.max([np.abs(table).max(axis=0) for table in tables.values()], axis=0)
     tables["stored"] = tables["stored"] - tables["stored"][0]
@@ -264,6 +296,11 @@ def _audit(result: xr.Dataset, names: Sequence[str], whole: str, told: bool) -> 
     missing = np.abs(tables["missing"]).max(axis=0)
     drift = np.divide(missing, largest, out=np.zeros_like(missing), where=missing > 0)
     labels = [*names, whole]
-    variables = {what: (("time", "account"), table, {"units": "J"}) for what, table in tables.items()}
-    audited = xr.Dataset(variables, {"time": result["time"], "account": labels}, result.attrs)
+    variables = {
+        what: (("time", "account"), table, {"units": "J"})
+        for what, table in tables.items()
+    }
+    audited = xr.Dataset(
+        variables, {"time": result["time"], "account": labels}, result.attrs
+    )
     return EnergyAudit(audited, dict(zip(labels, drift.tolist(), strict=True)))

@@ -15,7 +15,13 @@ from trussflow.blocks.tracing.kernels import tracing
 from trussflow.blocks.tracing.newton import residual_left
 from trussflow.blocks.tracing.program import Program
 from trussflow.blocks.tracing.quantities import outputs
-from trussflow.blocks.tracing.sorted_order import Active, Stage, graph_of, order, torn_ports
+from trussflow.blocks.tracing.sorted_order import (
+    Active,
+    Stage,
+    graph_of,
+    order,
+    torn_ports,
+)
 
 if TYPE_CHECKING:
     from trussflow.blocks.tracing.plan import Plan
@@ -43,10 +49,16 @@ class AlgebraicLoops:
             for (name, output), value in diagram.loop_starts.items()
             if name in diagram.blocks
         }
-        if any(diagram.loop_policy == "solve" for diagram in plan.system.diagrams.values()):
-            self.torn = torn_ports(graph_of(plan.system, plan.feedthrough, self._everything), self.starts)
+        if any(
+            diagram.loop_policy == "solve" for diagram in plan.system.diagrams.values()
+        ):
+            self.torn = torn_ports(
+                graph_of(plan.system, plan.feedthrough, self._everything), self.starts
+            )
         for port, value in self.starts.items():
-            self.starts[port] = finite_array(f"the guess of '{port.path}'", value, port.whole_shape or ())
+            self.starts[port] = finite_array(
+                f"the guess of '{port.path}'", value, port.whole_shape or ()
+            )
 
     def __bool__(self) -> bool:
         return bool(self.torn)
@@ -70,7 +82,9 @@ class AlgebraicLoops:
     def _stages(self) -> list[Stage]:
         """Return the sorted order of all outputs at an instant at which all clocks tick."""
         plan = self._plan
-        return order(plan.system, plan.feedthrough, self._everything, self.torn, refuse=False)
+        return order(
+            plan.system, plan.feedthrough, self._everything, self.torn, refuse=False
+        )
 
     def iterated(self) -> list[Port]:
         """Return the torn outputs that need an iteration; the plan must have guesses for all torn outputs."""
@@ -80,7 +94,9 @@ class AlgebraicLoops:
             evaluation.compute(self._stages())
         return evaluation.iterated
 
-    def values(self, t: float, x: Vector, d: Vector, p: Vector, active: Active) -> dict[Port, Array]:
+    def values(
+        self, t: float, x: Vector, d: Vector, p: Vector, active: Active
+    ) -> dict[Port, Array]:
         """Return the torn outputs while `active` clocks tick.
 
         The solutions are for time `t` [s] with `x`, `d` and `p` [as declared].
@@ -95,14 +111,25 @@ class AlgebraicLoops:
             return {}
         torn = [port for stage in loops for port in stage.torn]
         if active not in self._programs:
-            (self._programs[active],) = self._plan.trace([outputs(torn, "solutions", active)])
+            (self._programs[active],) = self._plan.trace(
+                [outputs(torn, "solutions", active)]
+            )
         program = self._programs[active]
         flat = np.asarray(program.function(t, x, d, p).full()).ravel()
-        parts = dict(zip(torn, np.split(flat, np.cumsum([port.size for port in torn])[:-1]), strict=True))
+        parts = dict(
+            zip(
+                torn,
+                np.split(flat, np.cumsum([port.size for port in torn])[:-1]),
+                strict=True,
+            )
+        )
         for stage in loops:
             if not all(np.isfinite(parts[port]).all() for port in stage.torn):
                 raise self._unsolved(stage, program, t)
-        return {port: np.reshape(part, port.whole_shape or ()) for port, part in parts.items()}
+        return {
+            port: np.reshape(part, port.whole_shape or ())
+            for port, part in parts.items()
+        }
 
     def put(self, t: float, x: Vector, d: Vector, p: Vector, active: Active) -> Vector:
         """Return d with the loop solutions as guesses, as derivatives need it, while `active` clocks tick.
@@ -139,7 +166,11 @@ class AlgebraicLoops:
     def _unsolved(self, stage: Stage, program: Program, t: float) -> DivergenceError:
         """Return the error of a loop without a solution at time `t` [s]."""
         places = self._plan.guesses.entries
-        starts = [f"'{port.path}': ..." for port in stage.torn if (port.block.path, port.name) in places]
+        starts = [
+            f"'{port.path}': ..."
+            for port in stage.torn
+            if (port.block.path, port.name) in places
+        ]
         left = residual_left(program.calls)
         why = "its equations are singular, or one of its inputs is not finite"
         if starts and left == 0.0:

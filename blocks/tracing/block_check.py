@@ -17,8 +17,18 @@ from trussflow.blocks.framework.declarations import Event, Mode, Signals
 from trussflow.blocks.framework.equations import EVENTS
 from trussflow.blocks.framework.external_inputs import External
 from trussflow.blocks.support.types import Array
-from trussflow.blocks.tracing.block_deduplication import anonymous_copy, constants, equations_key
-from trussflow.blocks.tracing.call_checks import brief, checked, refusal, running_errors, tracing_errors
+from trussflow.blocks.tracing.block_deduplication import (
+    anonymous_copy,
+    constants,
+    equations_key,
+)
+from trussflow.blocks.tracing.call_checks import (
+    brief,
+    checked,
+    refusal,
+    running_errors,
+    tracing_errors,
+)
 from trussflow.blocks.tracing.kernels import (
     Trace,
     dependencies,
@@ -73,7 +83,10 @@ SharedResults = dict[Hashable, Isolated | None]
 
 def kinds(block: Block) -> list[str]:
     """Return the names of the equations that a `block` has."""
-    found = ["output", *(["derivative" if block.continuous else "update"] if block.states() else [])]
+    found = [
+        "output",
+        *(["derivative" if block.continuous else "update"] if block.states() else []),
+    ]
     return [*found, "indicators", "on_event"] if block.declared(Event) else found
 
 
@@ -87,7 +100,13 @@ def shapes_of(block: Block) -> tuple[dict[str, tuple[int, ...]], ...]:
 
 
 def equations(
-    block: Block, t: Array, x: Signals, u: Signals, p: Signals, fired: Signals, by: Block | None = None
+    block: Block,
+    t: Array,
+    x: Signals,
+    u: Signals,
+    p: Signals,
+    fired: Signals,
+    by: Block | None = None,
 ) -> dict[str, Values]:
     """Evaluate all equations of a `block` at `t`, `x`, `u`, `p` and `fired`, and check the results.
 
@@ -101,11 +120,15 @@ def equations(
     results = {}
     for kind in kinds(block):
         more = (fired,) if kind == "on_event" else ()
-        results[kind] = checked(block, kind, getattr(by or block, kind)(t, x, u, p, *more))
+        results[kind] = checked(
+            block, kind, getattr(by or block, kind)(t, x, u, p, *more)
+        )
     return results
 
 
-_results: WeakKeyDictionary[Block, tuple[list[tuple[int, ...] | None], Isolated]] = WeakKeyDictionary()
+_results: WeakKeyDictionary[Block, tuple[list[tuple[int, ...] | None], Isolated]] = (
+    WeakKeyDictionary()
+)
 """Results by block, with the shapes of its ports at that time.
 
 A block is frozen and may be in several plans, but connections may change the shapes of its ports.
@@ -129,7 +152,10 @@ def isolate(block: Block, shared: SharedResults | None = None) -> Isolated:
     """
     shapes = [port.whole_shape for port in block.ports.values()]
     if block not in _results or _results[block][0] != shapes:
-        _results[block] = shapes, isolate_anew(block) if shared is None else _shared_result(block, shared)
+        _results[block] = (
+            shapes,
+            isolate_anew(block) if shared is None else _shared_result(block, shared),
+        )
     return _results[block][1]
 
 
@@ -142,7 +168,10 @@ def isolate_all(blocks: Mapping[str, Block]) -> dict[str, Isolated]:
         If the equations of one cannot be traced, or disagree with plain NumPy.
     """
     many, shared = Counter(map(type, blocks.values())), SharedResults()
-    return {key: isolate(block, shared if many[type(block)] > 1 else None) for key, block in blocks.items()}
+    return {
+        key: isolate(block, shared if many[type(block)] > 1 else None)
+        for key, block in blocks.items()
+    }
 
 
 def _shared_result(block: Block, shared: SharedResults) -> Isolated:
@@ -151,7 +180,8 @@ def _shared_result(block: Block, shared: SharedResults) -> Isolated:
     if key is not None and key not in shared:
         try:
             shared[key] = isolate_anew(block, anonymous_copy(block))
-        except TrussflowError:  # checking the block itself shows whether it or the copy is at fault
+        except TrussflowError:
+            # checking the block itself shows whether it or the copy is at fault
             shared[key] = None
     found = shared.get(key)
     if found is None or found.traced is None:
@@ -159,7 +189,9 @@ def _shared_result(block: Block, shared: SharedResults) -> Isolated:
     return replace(found, traced=replace(found.traced, constants=constants(block)))
 
 
-def isolate_anew(block: Block, copy: tuple[Block, tuple[Array, ...]] | None = None) -> Isolated:
+def isolate_anew(
+    block: Block, copy: tuple[Block, tuple[Array, ...]] | None = None
+) -> Isolated:
     """Check a `block` without storing the result, as its shapes may still change.
 
     If there is a `copy` with its symbols, the copy is traced in place of the block.
@@ -175,7 +207,9 @@ def isolate_anew(block: Block, copy: tuple[Block, tuple[Array, ...]] | None = No
     symbols, values, trace = trace_alone(block, by)
     t, x, u, fired, p = symbols
     leaves = (t, *x.values(), *u.values(), *p.values(), *fired.values(), *lifted)
-    traced = TracedBlock(leaves, tuple(trace.calls), values, constants(block) if lifted else ())
+    traced = TracedBlock(
+        leaves, tuple(trace.calls), values, constants(block) if lifted else ()
+    )
     _compare(block, symbols, traced)
     own = {name: symbols_of(to_expression(value)) for name, value in u.items()}
     used = dependencies([to_expression(v) for v in values["output"].values()], trace)
@@ -190,7 +224,9 @@ Symbols = tuple[Array, Signals, Signals, Signals, Signals]
 """Time, states with modes, inputs, triggered events, parameters."""
 
 
-def trace_alone(block: Block, by: Block | None = None) -> tuple[Symbols, dict[str, Values], Trace]:
+def trace_alone(
+    block: Block, by: Block | None = None
+) -> tuple[Symbols, dict[str, Values], Trace]:
     """Return symbols, the results of the equations of a `block` for them, and the recorded kernel calls.
 
     See `equations` for `by`.
@@ -202,7 +238,10 @@ def trace_alone(block: Block, by: Block | None = None) -> tuple[Symbols, dict[st
     """
     x, u, fired, p = (
         Signals(f"block '{block.path}'", {n: symbol(n, s) for n, s in shapes.items()})
-        for shapes in (*shapes_of(block), {n: v.shape for n, v in block.parameters.items()})
+        for shapes in (
+            *shapes_of(block),
+            {n: v.shape for n, v in block.parameters.items()},
+        )
     )
     t = symbol("t", ())
     with tracing_errors(block), tracing() as trace:
@@ -217,7 +256,10 @@ def check_kind(block: Block) -> None:
     BlockError
         If a sample time is missing, or a method would never be called.
     """
-    fault, declares = "", any(isinstance(d, Event | Mode) for d in block._declared.values())
+    fault, declares = (
+        "",
+        any(isinstance(d, Event | Mode) for d in block._declared.values()),
+    )
     if block.traced and block.hides:
         fault = "its open() would never be called: only Python blocks (traced = False) have one"
     elif block.sample_time is None and block.states() and not block.continuous:
@@ -234,13 +276,17 @@ def check_kind(block: Block) -> None:
     elif block.has_events and block.sample_time is not None:
         fault = "a sampled block cannot have events, as it computes at its instants only; leave out sampled()"
     if fault and not isinstance(block, External):
-        raise BlockError(f"cannot run block '{block.path}' ({type(block).__name__}): {fault}")
+        raise BlockError(
+            f"cannot run block '{block.path}' ({type(block).__name__}): {fault}"
+        )
 
 
 def _declared_feedthrough(block: Block) -> dict[str, frozenset[str]]:
     """Return the checked feedthrough that a Python block declares."""
     declared = block.feedthrough()
-    inputs, outputs = ({p.name for p in ports} for ports in (block.inputs(), block.outputs()))
+    inputs, outputs = (
+        {p.name for p in ports} for ports in (block.inputs(), block.outputs())
+    )
     if set(declared) != outputs or set().union(*declared.values()) - inputs:
         raise BlockError(
             f"feedthrough() of block '{block.path}' returned {declared}; it must give, for each of "
@@ -253,32 +299,54 @@ def _declared_feedthrough(block: Block) -> dict[str, frozenset[str]]:
 def _compare(block: Block, symbols: Symbols, traced: TracedBlock) -> None:
     """Raise `TracingError` if the traced equations of a block return other numbers than NumPy."""
     t, x, u, fired, p = symbols
-    results = [(n, to_expression(v)) for values in traced.values.values() for n, v in values.items()]
+    results = [
+        (n, to_expression(v))
+        for values in traced.values.values()
+        for n, v in values.items()
+    ]
     if not results:
         return
     names, columns = zip(*results, strict=True)
     result = ca.densify(ca.vertcat(*columns))
-    program = Program("check", tuple(map(to_expression, traced.leaves)), traced.calls, result)
+    program = Program(
+        "check", tuple(map(to_expression, traced.leaves)), traced.calls, result
+    )
 
     def plain(point: list[Array]) -> Array:
         numbers = iter(point)
         now = next(numbers)
-        states, given, happened = (Signals(g.owner, {n: next(numbers) for n in g}) for g in (x, u, fired))
+        states, given, happened = (
+            Signals(g.owner, {n: next(numbers) for n in g}) for g in (x, u, fired)
+        )
         happened = Signals(fired.owner, {n: value > 0 for n, value in happened.items()})
         with np.errstate(all="ignore"), running_errors(block, "equations", float(now)):
-            values = equations(block, now, states, given, Signals(p.owner, block.parameters), happened)
-        return np.concatenate([np.ravel(v) for each in values.values() for v in each.values()], dtype=float)
+            values = equations(
+                block, now, states, given, Signals(p.owner, block.parameters), happened
+            )
+        return np.concatenate(
+            [np.ravel(v) for each in values.values() for v in each.values()],
+            dtype=float,
+        )
 
     first = 1 + len(x) + len(u)
     chosen = [
-        [*point[:first], *(np.where(v > 0, 1.0, 0.0) for v in point[first:])]  # an event happens or not
-        for point in points(tuple(map(shape_of, (t, *x.values(), *u.values(), *fired.values()))))
+        # an event happens or not
+        [*point[:first], *(np.where(v > 0, 1.0, 0.0) for v in point[first:])]
+        for point in points(
+            tuple(map(shape_of, (t, *x.values(), *u.values(), *fired.values())))
+        )
     ]
     own = block.parameters.values()
     everything = zip(
-        *([*point[:first], *own, *point[first:], *traced.constants] for point in chosen), strict=True
+        *(
+            [*point[:first], *own, *point[first:], *traced.constants]
+            for point in chosen
+        ),
+        strict=True,
     )
-    found = program.evaluate([np.column_stack([np.ravel(v) for v in values]) for values in everything])
+    found = program.evaluate(
+        [np.column_stack([np.ravel(v) for v in values]) for values in everything]
+    )
     sizes = np.cumsum([column.numel() for column in columns])
     for k, (point, values) in enumerate(zip(chosen, found.T, strict=True)):
         special = k >= RANDOM_POINTS
@@ -291,14 +359,23 @@ def _compare(block: Block, symbols: Symbols, traced: TracedBlock) -> None:
                 # then differ. So a difference counts only if NumPy's result is stable in the neighbourhood.
                 lost = np.isnan(expected) & np.isfinite(values)
                 counts &= np.isfinite(expected) & ~lost.any()
-                for near in ([v * NEARBY_FACTOR for v in point], [np.where(v == 0.0, -v, v) for v in point]):
+                for near in (
+                    [v * NEARBY_FACTOR for v in point],
+                    [np.where(v == 0.0, -v, v) for v in point],
+                ):
                     counts &= ~differing(plain(near), expected, sizes, tolerance)
         except SimulationError as error:
             # A singular random matrix is no fault of the block, and neither is a value it rejects itself.
             cause = error.__cause__
-            if special or not isinstance(cause, Exception) or isinstance(cause, np.linalg.LinAlgError):
+            if (
+                special
+                or not isinstance(cause, Exception)
+                or isinstance(cause, np.linalg.LinAlgError)
+            ):
                 continue
-            raise refusal(block, f"in NumPy, with random numbers: {brief(cause)}", cause) from error
+            raise refusal(
+                block, f"in NumPy, with random numbers: {brief(cause)}", cause
+            ) from error
         if counts.any():
             worst = int(np.argmax(counts))
             output = int(np.searchsorted(sizes, worst, side="right"))
@@ -310,7 +387,9 @@ def _compare(block: Block, symbols: Symbols, traced: TracedBlock) -> None:
 
 
 @lru_cache
-def points(shapes: tuple[tuple[int, ...], ...], number: int = RANDOM_POINTS) -> list[list[Array]]:
+def points(
+    shapes: tuple[tuple[int, ...], ...], number: int = RANDOM_POINTS
+) -> list[list[Array]]:
     """Return read-only points: arrays of these `shapes` [-].
 
     The first `number` [-] points are random, the others are the special points. Blocks with equal shapes
@@ -319,7 +398,10 @@ def points(shapes: tuple[tuple[int, ...], ...], number: int = RANDOM_POINTS) -> 
     generator = np.random.default_rng(0)
 
     def ordinary() -> list[Array]:
-        return [np.array(generator.uniform(0.1, 1.0, s) * generator.choice([-1.0, 1.0], s)) for s in shapes]
+        return [
+            np.array(generator.uniform(0.1, 1.0, s) * generator.choice([-1.0, 1.0], s))
+            for s in shapes
+        ]
 
     found = [ordinary() for _ in range(number + len(SPECIAL_VALUES))]
     for point, value in zip(found[number:], SPECIAL_VALUES, strict=True):

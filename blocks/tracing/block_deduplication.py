@@ -41,7 +41,10 @@ def equations_key(block: Block) -> Hashable | None:
     if not isinstance(attributes, dict):
         return None  # attributes in slots are not compared
     # Only the pattern of zeros of a lifted attribute matters: its other numbers become symbols.
-    zeros = {name: np.where(value == 0.0, value, 1.0) for name, value in lifted(block).items()}
+    zeros = {
+        name: np.where(value == 0.0, value, 1.0)
+        for name, value in lifted(block).items()
+    }
     seen = {
         n: zeros.get(n, v)
         for n, v in attributes.items()
@@ -62,7 +65,9 @@ def _mark(value: Any, level: int = 0) -> Hashable:
         return kind, repr(value)  # distinguishes 0.0 from -0.0
     if kind in (bool, int, str, bytes, type(None)):
         return kind, value
-    if (kind is np.ndarray or isinstance(value, np.generic)) and value.dtype.kind in "biufc":
+    if (
+        kind is np.ndarray or isinstance(value, np.generic)
+    ) and value.dtype.kind in "biufc":
         return kind, value.dtype.str, value.shape, value.tobytes()
     if kind in (tuple, list) and level < MAX_NESTING:
         return kind, *(_mark(v, level + 1) for v in value)
@@ -72,7 +77,9 @@ def _mark(value: Any, level: int = 0) -> Hashable:
         others = {n: v for n, v in vars(value.__self__).items() if n != "block"}
         return value.__func__, _mark(others, level + 1)
     if kind is dict and level < MAX_NESTING:
-        return kind, *((_mark(k, level + 1), _mark(v, level + 1)) for k, v in value.items())
+        return kind, *(
+            (_mark(k, level + 1), _mark(v, level + 1)) for k, v in value.items()
+        )
     return kind, id(value)
 
 
@@ -83,7 +90,10 @@ def _arithmetic(kind: Any) -> tuple[str, ...]:
     for base in kind.__mro__:
         if "_arithmetic" in vars(base):
             return tuple(base._arithmetic)
-        if any(name != "__init__" and hasattr(value, "__get__") for name, value in vars(base).items()):
+        if any(
+            name != "__init__" and hasattr(value, "__get__")
+            for name, value in vars(base).items()
+        ):
             break
     return ()
 
@@ -92,7 +102,11 @@ def lifted(block: Block) -> dict[str, Vector]:
     """Return the attributes of a `block` whose nonzero numbers become symbols when it is traced."""
     kind: Any = type(block)
     found = {n: vars(block)[n] for n in _arithmetic(kind) if vars(block)[n].any()}
-    return found if sum(map(np.count_nonzero, found.values())) <= MAX_SYMBOLIC_NUMBERS else {}
+    return (
+        found
+        if sum(map(np.count_nonzero, found.values())) <= MAX_SYMBOLIC_NUMBERS
+        else {}
+    )
 
 
 def constants(block: Block) -> tuple[Vector, ...]:
@@ -104,13 +118,17 @@ def constants(block: Block) -> tuple[Vector, ...]:
 def anonymous_copy(block: Block) -> tuple[Block, tuple[Array, ...]]:
     """Return a copy of a `block` without name and parameter values, and the symbols of its `constants`."""
     copy: Block = object.__new__(type(block))
-    copy.__dict__.update((n, v) for n, v in vars(block).items() if n not in UNSHARED_ATTRIBUTES)
+    copy.__dict__.update(
+        (n, v) for n, v in vars(block).items() if n not in UNSHARED_ATTRIBUTES
+    )
     for name, value in vars(copy).items():
         if isinstance(value, MethodType):
             owner: Any = shallow_copy(value.__self__)
             owner.block = copy
             copy.__dict__[name] = MethodType(value.__func__, owner)
-    copy.__dict__["ports"] = {name: replace(port, block=copy) for name, port in block.ports.items()}
+    copy.__dict__["ports"] = {
+        name: replace(port, block=copy) for name, port in block.ports.items()
+    }
     symbols = tuple(symbol("constants", numbers.shape) for numbers in constants(block))
     start = 0
     for name, value in lifted(block).items():

@@ -38,7 +38,13 @@ MAX_DIRECT_COST_RATIO = 1e3
 
 
 def bounded_least_squares(
-    matrix: Array, spread: Array, target: Array, weights: Array, preferred: Array, lower: Array, upper: Array
+    matrix: Array,
+    spread: Array,
+    target: Array,
+    weights: Array,
+    preferred: Array,
+    lower: Array,
+    upper: Array,
 ) -> tuple[Array, Array]:
     """Return the bounded weighted least-squares solution q and its residual f - B q.
 
@@ -63,7 +69,10 @@ def bounded_least_squares(
         block_diagonal(spread, np.eye(rows)),
         np.concatenate([target, np.zeros(rows)]),
         np.concatenate([weights, np.ones(columns)]),
-        *(np.concatenate([each, np.zeros(columns)]) for each in (preferred, lower, upper)),
+        *(
+            np.concatenate([each, np.zeros(columns)])
+            for each in (preferred, lower, upper)
+        ),
     ]
     flat = np.concatenate([np.reshape(each, (-1,)) for each in padded])
     found = _SOLVE((m + rows, n + columns), flat, n + columns + 2 * (m + rows) + 1)
@@ -101,14 +110,18 @@ def _value(m: int, n: int, values: Vector) -> Vector:
         good = bool(np.isfinite(along))
         after, kept = np.where(free, z + slope, q), np.clip(z + slope, lower, upper)
         # If a full step leaves F unchanged up to round-off, it ends in the minimum of this piece.
-        same = bool(np.all(np.abs(after - kept) <= 1e-13 * (np.abs(after) + np.abs(kept))))
+        same = bool(
+            np.all(np.abs(after - kept) <= 1e-13 * (np.abs(after) + np.abs(kept)))
+        )
         gain = (w * slope) ** 2
         # The first step is exact for F = all unknowns, but rounded if the error dominates the cost.
         small = rounds == 0 and along <= MAX_DIRECT_COST_RATIO * np.sum(gain[free])
         ended = same and (known or bool(small))
         t = 1.0
         if rounds and not same:
-            t = _lowest(-float(along), float(step @ c @ step), gain, z, slope, lower, upper)
+            t = _lowest(
+                -float(along), float(step @ c @ step), gain, z, slope, lower, upper
+            )
         y = y + t * step
         of_y = preferred + y @ a / w
         z = np.where(free, z + t * slope, of_y)
@@ -122,7 +135,13 @@ def _value(m: int, n: int, values: Vector) -> Vector:
 
 
 def _lowest(
-    rate: float, curve: float, gain: Vector, z: Vector, slope: Vector, lower: Vector, upper: Vector
+    rate: float,
+    curve: float,
+    gain: Vector,
+    z: Vector,
+    slope: Vector,
+    lower: Vector,
+    upper: Vector,
 ) -> float:
     """Return the step length that minimizes the dual function along a direction (exact line search).
 
@@ -140,7 +159,9 @@ def _lowest(
         rate, t = rise * (following - to), following
 
 
-def _slope(m: int, n: int, values: Vector, results: Vector, directions: Vector) -> Vector:
+def _slope(
+    m: int, n: int, values: Vector, results: Vector, directions: Vector
+) -> Vector:
     """Return the derivatives along directions, for an unchanged set of unknowns at their limits."""
     b, c, _, w, _, lower, upper = _parts(m, n, values)
     db, dc, df, dw, dp, dl, dh = _parts(m, n, directions)

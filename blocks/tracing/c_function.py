@@ -65,7 +65,9 @@ class CFunction:
 
 
 @cache  # keeps the callbacks alive, as CasADi does not
-def _kernel(function: CFunction, sizes: tuple[int, ...], arguments: int, results: int) -> Kernel:
+def _kernel(
+    function: CFunction, sizes: tuple[int, ...], arguments: int, results: int
+) -> Kernel:
     numbers = ", ".join(map(str, sizes))
     header = c_file(f"{function.name}.h")
     return Kernel(
@@ -83,7 +85,9 @@ def _kernel(function: CFunction, sizes: tuple[int, ...], arguments: int, results
 class _Value(ca.Callback):
     """Callback of CasADi for the results."""
 
-    def __init__(self, function: CFunction, sizes: tuple[int, ...], arguments: int, results: int) -> None:
+    def __init__(
+        self, function: CFunction, sizes: tuple[int, ...], arguments: int, results: int
+    ) -> None:
         super().__init__()
         self._of, self._sizes, self._shape = function, sizes, (arguments, results)
         self._slopes: dict[int, _Slope] = {}
@@ -114,7 +118,12 @@ class _Slope(ca.Callback):
     """Callback of CasADi for the derivatives along a number of directions."""
 
     def __init__(
-        self, function: CFunction, sizes: tuple[int, ...], arguments: int, results: int, count: int
+        self,
+        function: CFunction,
+        sizes: tuple[int, ...],
+        arguments: int,
+        results: int,
+        count: int,
     ) -> None:
         super().__init__()
         self._of, self._sizes = function, sizes
@@ -133,4 +142,6 @@ class _Slope(ca.Callback):
 
     def eval(self, values: Sequence[ca.DM]) -> list[Any]:
         argument, results, directions = (v.full() for v in values)
-        return [self._of.slope(*self._sizes, argument.ravel(), results.ravel(), directions)]
+        return [
+            self._of.slope(*self._sizes, argument.ravel(), results.ravel(), directions)
+        ]

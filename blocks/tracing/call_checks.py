@@ -31,7 +31,11 @@ def checked(block: Block, kind: str, values: Values) -> Values:
         expected = {name: block.state_shape(name) for name in names}
     given = set(returned) if isinstance(returned, dict) else {None}
     if not (given <= set(expected) if some else given == set(expected)):
-        got = ", ".join(returned) if isinstance(returned, dict) else repr(type(returned).__name__)
+        got = (
+            ", ".join(returned)
+            if isinstance(returned, dict)
+            else repr(type(returned).__name__)
+        )
         raise BlockError(
             f"{where} must return a dict of{' some of' if some else ''}: {', '.join(expected)}; "
             f"it returned: {got}"
@@ -39,15 +43,24 @@ def checked(block: Block, kind: str, values: Values) -> Values:
     for name, value in values.items():
         shape = expected[name]
         if not is_traced(value) and (
-            isinstance(value, np.ma.MaskedArray) or np.asarray(value).dtype.kind not in "biuf"
+            isinstance(value, np.ma.MaskedArray)
+            or np.asarray(value).dtype.kind not in "biuf"
         ):
             raise BlockError(
                 f"{where}: '{name}' must be an array of numbers, not {value!r}{_place(block, kind)}"
             )
         if shape_of(value) != shape:
-            what = "Output" if kind == "output" else type(block._declared[name]).__name__
-            declared = f"{what}({'shape=' * (what in ('Mode', 'Event'))}{shape_of(value)})"
-            declared = f"outputs={{'{name}': {declared}}}" if _wrapped(block) else f"{name} = {declared}"
+            what = (
+                "Output" if kind == "output" else type(block._declared[name]).__name__
+            )
+            declared = (
+                f"{what}({'shape=' * (what in ('Mode', 'Event'))}{shape_of(value)})"
+            )
+            declared = (
+                f"outputs={{'{name}': {declared}}}"
+                if _wrapped(block)
+                else f"{name} = {declared}"
+            )
             raise BlockError(
                 f"{where}: '{name}' is declared with shape {shape}, but was returned with shape "
                 f"{shape_of(value)}; return that shape, or declare {declared}{_place(block, kind)}"
@@ -64,10 +77,13 @@ def brief(error: Exception) -> str:
     """Return the first line of an error message, or the first two if the first ends with a colon."""
     if isinstance(error, NeedsNumberError):
         return str(error)
-    if str(error).startswith("setting an array element") or "read-only" in str(error):  # raised by NumPy
+    if str(error).startswith("setting an array element") or "read-only" in str(error):
+        # raised by NumPy
         return REFUSAL_MESSAGES["__setitem__"]
     first, *others = str(error).splitlines() or [""]
-    return f"{type(error).__name__}: {first}" + (f" {others[0]}" if others and first.endswith(":") else "")
+    return f"{type(error).__name__}: {first}" + (
+        f" {others[0]}" if others and first.endswith(":") else ""
+    )
 
 
 def _wrapped(block: Block) -> Any:
@@ -79,8 +95,14 @@ def _place(block: Block, kind: str = "output", error: Exception | None = None) -
     """Return a line with the place of an error in the user's code, or of the first line of the equation."""
     frames = walk_tb(None if error is None else error.__traceback__)
     named = [(str(f.f_globals.get("__name__")), f.f_code, line) for f, line in frames]
-    users = [(code, line) for name, code, line in named if not name.startswith(_NOT_THE_USERS)]
-    code = getattr(inspect.unwrap(_wrapped(block) or getattr(block, kind)), "__code__", None)
+    users = [
+        (code, line)
+        for name, code, line in named
+        if not name.startswith(_NOT_THE_USERS)
+    ]
+    code = getattr(
+        inspect.unwrap(_wrapped(block) or getattr(block, kind)), "__code__", None
+    )
     if code is not None:
         users.insert(0, (code, code.co_firstlineno))
     if not users:

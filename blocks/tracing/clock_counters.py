@@ -30,10 +30,18 @@ def share_program(system: System, feedthrough: Feedthrough) -> bool:
     """
     if len(system.clocks) <= MAX_SEPARATE_CLOCKS:
         return False
-    held = {path: not b.traced and system.clock(b) is None for path, b in system.blocks.items()}
+    held = {
+        path: not b.traced and system.clock(b) is None
+        for path, b in system.blocks.items()
+    }
     for cycle in cycles(dependence_graph(system, feedthrough, held)):
-        clocks = {clock for port in cycle if (clock := system.clock(port.block)) is not None}
-        if any((a.offset - b.offset) % common_tick((a.period, b.period)) for a, b in combinations(clocks, 2)):
+        clocks = {
+            clock for port in cycle if (clock := system.clock(port.block)) is not None
+        }
+        if any(
+            (a.offset - b.offset) % common_tick((a.period, b.period))
+            for a, b in combinations(clocks, 2)
+        ):
             return False
     return True
 
@@ -53,26 +61,40 @@ class ClockCounters(Layout):
     """
 
     def __init__(self, clocks: Sequence[Clock], start: int) -> None:
-        super().__init__([("clocks", "counters", (len(clocks),))] if clocks else [], start)
+        super().__init__(
+            [("clocks", "counters", (len(clocks),))] if clocks else [], start
+        )
         self._clocks = clocks
-        tick = common_tick(t for c in clocks for t in (c.period, c.offset)) if clocks else 1
+        tick = (
+            common_tick(t for c in clocks for t in (c.period, c.offset))
+            if clocks
+            else 1
+        )
         self._periods = [float(clock.period / tick) for clock in clocks]
         offsets = np.array([float(clock.offset / tick) for clock in clocks])
         self.first = offsets - offsets.min() if clocks else offsets
 
-    def by_clock(self, d: Array, make: Callable[[Array, tuple[int, ...]], Array]) -> dict[Clock, Array]:
+    def by_clock(
+        self, d: Array, make: Callable[[Array, tuple[int, ...]], Array]
+    ) -> dict[Clock, Array]:
         """Return the counter of each clock; `make` converts a slice of `d` [as declared] to an array."""
         left = make(d[self.span], (self.size,))
         return {clock: left[i] for i, clock in enumerate(self._clocks)}
 
     def waiting(self, d: Vector) -> set[Clock]:
         """Return the clocks that do not tick, by the counters in `d` [as declared]."""
-        return {clock for clock, counter in self.by_clock(d, np.reshape).items() if counter > 0.0}
+        return {
+            clock
+            for clock, counter in self.by_clock(d, np.reshape).items()
+            if counter > 0.0
+        }
 
     def after(self, counters: Mapping[Clock, Array]) -> list[Array]:
         """Return the counters at the next instant from the `counters` at this one [ticks]."""
         if not self.size:
             return []
         pairs = zip(counters.values(), self._periods, strict=True)
-        left = np.stack([np.where(counter == 0.0, period, counter) for counter, period in pairs])
+        left = np.stack(
+            [np.where(counter == 0.0, period, counter) for counter, period in pairs]
+        )
         return [left - np.min(left)]

@@ -17,7 +17,12 @@ from trussflow.blocks.tracing.instructions import (
 )
 from trussflow.blocks.tracing.kernels import KERNEL_NAME, KernelCall
 from trussflow.blocks.tracing.loop_rerolling import rerolled
-from trussflow.blocks.tracing.operations import FORMULAS, FUSED_FORMULAS, Numbers, c_file
+from trussflow.blocks.tracing.operations import (
+    FORMULAS,
+    FUSED_FORMULAS,
+    Numbers,
+    c_file,
+)
 from trussflow.blocks.tracing.program import Program
 
 PROGRAM_ARGUMENTS = (TIME_NAME, "x", "d", "p")
@@ -70,11 +75,16 @@ def c_sources(programs: Sequence[Program], lanes: int = 1) -> list[str]:
         "TF_X": programs[0].inputs[1].numel(),
         "TF_D": programs[0].inputs[2].numel(),
         "TF_OUTPUTS": int("outputs" in names),
-        "TF_SAMPLES": "".join(f", tf_run_{n}" for n in names if n.startswith("sample_")),
+        "TF_SAMPLES": "".join(
+            f", tf_run_{n}" for n in names if n.startswith("sample_")
+        ),
         "TF_PROGRAMS": ", ".join(f"tf_run_{n}" for n in names),
         "TF_NUMBER": numbers.type,
     }
-    defined = [f"#define {name} {value}" for name, value in (macros | event_sizes(programs)).items()]
+    defined = [
+        f"#define {name} {value}"
+        for name, value in (macros | event_sizes(programs)).items()
+    ]
     pieces, functions = c_functions(programs, "static ", numbers)
     begin = [0, *accumulate(map(len, pieces))]
     if begin[-1] < MIN_FILE_SIZE:
@@ -90,7 +100,9 @@ def c_sources(programs: Sequence[Program], lanes: int = 1) -> list[str]:
     ]
     others = [
         [vectors, *(piece for _, piece in group)]
-        for _, group in groupby(zip(begin, apart, strict=False), lambda one: one[0] // MIN_FILE_SIZE)
+        for _, group in groupby(
+            zip(begin, apart, strict=False), lambda one: one[0] // MIN_FILE_SIZE
+        )
     ]
     return ["\n".join(parts) for parts in [main, *others]]
 
@@ -104,7 +116,11 @@ def event_sizes(programs: Iterable[Program]) -> dict[str, int]:
     """Return the numbers of events, modes and loop guesses, by the macro names that events.h needs."""
     sizes = {program.name: program.size for program in programs}
     modes = sizes["on_event"] - sizes["derivative"] if "on_event" in sizes else 0
-    return {"TF_EVENTS": sizes.get("indicators", 0), "TF_MODES": modes, "TF_LOOPS": sizes.get("guesses", 0)}
+    return {
+        "TF_EVENTS": sizes.get("indicators", 0),
+        "TF_MODES": modes,
+        "TF_LOOPS": sizes.get("guesses", 0),
+    }
 
 
 def c_functions(
@@ -139,7 +155,10 @@ def c_functions(
 def _parameters(numbers: Numbers) -> str:
     """Return the parameters of the C functions of programs and their pieces."""
     types = ("double" if a == TIME_NAME else numbers.type for a in PROGRAM_ARGUMENTS)
-    given = (f"const {kind}* restrict {a}" for kind, a in zip(types, PROGRAM_ARGUMENTS, strict=True))
+    given = (
+        f"const {kind}* restrict {a}"
+        for kind, a in zip(types, PROGRAM_ARGUMENTS, strict=True)
+    )
     return ", ".join([*given, f"{numbers.type}* restrict result"])
 
 
@@ -160,7 +179,13 @@ def content(programs: Sequence[Program], lanes: int = 1) -> str:
     """
     made_by = ("codegen.py", "instructions.py", "loop_rerolling.py", "operations.py")
     made_of = ("fma.h", "lanes.h", "fixed_step.h", "events.h", "driver.c")
-    return "\0".join([str(lanes), *(program.code for program in programs), *map(c_file, made_by + made_of)])
+    return "\0".join(
+        [
+            str(lanes),
+            *(program.code for program in programs),
+            *map(c_file, made_by + made_of),
+        ]
+    )
 
 
 def _program(program: Program, kernels: dict[int, str], numbers: Numbers) -> list[str]:
@@ -176,18 +201,32 @@ def _program(program: Program, kernels: dict[int, str], numbers: Numbers) -> lis
             size += -(-symbols.numel() // 8) * 8  # whole lines of 64 bytes
         called.append(f"  {kernels[id(call)]}({', '.join(starts)});")
     written += ["result[{}]", f"w[{size} + {{}}]"]
-    found = rerolled(fused(instructions_of(program.graph)), read, len(program.calls), written[-1], numbers)
+    found = rerolled(
+        fused(instructions_of(program.graph)),
+        read,
+        len(program.calls),
+        written[-1],
+        numbers,
+    )
     instructions, loops, common = found
     size += common
     apart = len(instructions) > MAX_PIECE_INSTRUCTIONS
     length = MAX_PIECE_INSTRUCTIONS if apart else max(len(instructions), 1)
     stages = _stages(instructions, len(program.calls))
-    pieces = [stage[i : i + length] for stage in stages for i in range(0, len(stage), length)]
-    bodies, shared = _bodies(instructions, pieces, read, written, size if apart else None, numbers)
+    pieces = [
+        stage[i : i + length] for stage in stages for i in range(0, len(stage), length)
+    ]
+    bodies, shared = _bodies(
+        instructions, pieces, read, written, size if apart else None, numbers
+    )
 
     functions: list[str] = []
     size = max(size + shared, 1)
-    lines = [_WORK.format(size=size, type=numbers.type)] if apart or program.calls or common else []
+    lines = (
+        [_WORK.format(size=size, type=numbers.type)]
+        if apart or program.calls or common
+        else []
+    )
     for i, stage in enumerate(stages):
         for _ in range(0, len(stage), length):
             body = bodies.pop(0)
@@ -198,7 +237,10 @@ def _program(program: Program, kernels: dict[int, str], numbers: Numbers) -> lis
                 body = [f"  {name}({', '.join(PROGRAM_ARGUMENTS)}, result, w);"]
             lines += body
         lines += called[i : i + 1]
-    return [*functions, "\n".join([f"{_head(program.name, numbers)} {{", *lines, *loops, "}", ""])]
+    return [
+        *functions,
+        "\n".join([f"{_head(program.name, numbers)} {{", *lines, *loops, "}", ""]),
+    ]
 
 
 def _apart(head: str, body: Sequence[str]) -> str:
@@ -220,19 +262,29 @@ def _bodies(
     variables. `read` and `written` are C expressions of an element, with ``{}`` for its index.
     """
     places, shared = ({}, 0) if first is None else _shared(instructions, pieces, first)
-    text = [named(k, instruction, read, numbers) for k, instruction in enumerate(instructions)]
-    sums = {text[k] for k, instruction in enumerate(instructions) if instruction.operation in FUSED_FORMULAS}
+    text = [
+        named(k, instruction, read, numbers)
+        for k, instruction in enumerate(instructions)
+    ]
+    sums = {
+        text[k]
+        for k, instruction in enumerate(instructions)
+        if instruction.operation in FUSED_FORMULAS
+    }
     bodies: list[list[str]] = []
     for piece in pieces:
         here, body, moves = set(piece), list[str](), list[tuple[int, ...]]()
         for k in piece:
             instruction = instructions[k]
             operands = [
-                f"w[{places[o]}]" if o in places and o not in here else text[o] for o in instruction.operands
+                f"w[{places[o]}]" if o in places and o not in here else text[o]
+                for o in instruction.operands
             ]
             if instruction.operation == ca.OP_OUTPUT:
                 source = instructions[instruction.operands[0]]
-                if source.operation == ca.OP_INPUT and not is_time(read[source.place[0]]):
+                if source.operation == ca.OP_INPUT and not is_time(
+                    read[source.place[0]]
+                ):
                     moves.append((*instruction.place, *source.place))
                 else:
                     target, element = instruction.place
@@ -246,11 +298,15 @@ def _bodies(
     return bodies, shared
 
 
-def straight_line(function: ca.Function, read: Sequence[str], written: Sequence[str]) -> str:
+def straight_line(
+    function: ca.Function, read: Sequence[str], written: Sequence[str]
+) -> str:
     """Return the C statements of an SX `function`, with the array names `read` and `written`."""
     instructions = fused(instructions_of(function))
     given, made = ([f"{name}[{{}}]" for name in names] for names in (read, written))
-    bodies, _ = _bodies(instructions, [range(len(instructions))], given, made, None, SCALAR_NUMBERS)
+    bodies, _ = _bodies(
+        instructions, [range(len(instructions))], given, made, None, SCALAR_NUMBERS
+    )
     return "\n".join(bodies[0])
 
 
@@ -261,14 +317,22 @@ def _shared(
 
     An element is reused as soon as no later piece needs its value.
     """
-    last = {o: n for n, piece in enumerate(pieces) for k in piece for o in instructions[k].operands}
+    last = {
+        o: n
+        for n, piece in enumerate(pieces)
+        for k in piece
+        for o in instructions[k].operands
+    }
     places: dict[int, int] = {}
     free: list[int] = []  # elements that no later piece needs
     size = 0
     for n, piece in enumerate(pieces):
         free += [place for k, place in places.items() if last[k] == n - 1]
         for k in piece:
-            if last.get(k, n) > n and instructions[k].operation not in (ca.OP_INPUT, ca.OP_CONST):
+            if last.get(k, n) > n and instructions[k].operation not in (
+                ca.OP_INPUT,
+                ca.OP_CONST,
+            ):
                 if not free:
                     free.append(first + size)
                     size += 1
@@ -292,7 +356,9 @@ def _stages(instructions: Sequence[Instruction], calls: int) -> list[list[int]]:
     return [[k for k, s in enumerate(stage) if s == i] for i in range(calls + 1)]
 
 
-def _moved(moves: Sequence[tuple[int, ...]], targets: Sequence[str], arguments: Sequence[str]) -> list[str]:
+def _moved(
+    moves: Sequence[tuple[int, ...]], targets: Sequence[str], arguments: Sequence[str]
+) -> list[str]:
     """Return C statements that copy numbers; consecutive sources with consecutive targets share one loop.
 
     Thousands of single statements would take the compiler minutes, and the run as long as the computation.
@@ -329,9 +395,17 @@ def _kernel(call: KernelCall, name: str, numbers: Numbers) -> list[str]:
     instructions = fused(instructions_of(call.kernel.function))
     apart = len(instructions) > MAX_KERNEL_PIECE_INSTRUCTIONS
     length = MAX_KERNEL_PIECE_INSTRUCTIONS if apart else max(len(instructions), 1)
-    pieces = [range(i, min(i + length, len(instructions))) for i in range(0, len(instructions), length)]
-    read, written = [f"(*(const {kind}*)(a + {count} * ({{}})))"], [f"(*({kind}*)(r + {count} * ({{}})))"]
-    bodies, shared = _bodies(instructions, pieces, read, written, 0 if apart else None, numbers)
+    pieces = [
+        range(i, min(i + length, len(instructions)))
+        for i in range(0, len(instructions), length)
+    ]
+    read, written = (
+        [f"(*(const {kind}*)(a + {count} * ({{}})))"],
+        [f"(*({kind}*)(r + {count} * ({{}})))"],
+    )
+    bodies, shared = _bodies(
+        instructions, pieces, read, written, 0 if apart else None, numbers
+    )
     functions, lines = list[str](), bodies[0]
     if apart:
         lines = [_WORK.format(size=max(shared, 1), type=kind)]

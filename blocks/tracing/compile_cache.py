@@ -46,7 +46,10 @@ def cache_size() -> int:
 
 
 def cached(
-    content: str, suffix: str, build: Callable[[], bytes], check: Callable[[Path], object] = Path.stat
+    content: str,
+    suffix: str,
+    build: Callable[[], bytes],
+    check: Callable[[Path], object] = Path.stat,
 ) -> Path:
     """Return the cached file that was built from this content, or build it.
 
@@ -80,12 +83,17 @@ def cached(
     for folder in _folders():
         fault = _fault(_store, folder / name, binary) or _fault(check, folder / name)
         if fault is None:
-            for at, reason in faults.items():  # the file is usable, so the folder is at fault
+            for (
+                at,
+                reason,
+            ) in faults.items():  # the file is usable, so the folder is at fault
                 _not_kept(at, reason)
             _prune(folder)
             return folder / name
         faults[folder] = fault
-    raise CompilationError(f"cannot store and load the compiled library, last tried in '{folder}': {fault}")
+    raise CompilationError(
+        f"cannot store and load the compiled library, last tried in '{folder}': {fault}"
+    )
 
 
 def _fault(action: Callable[..., object], *arguments: object) -> str | None:
@@ -114,7 +122,8 @@ def _prune(folder: Path) -> None:
     for used, size, file in sorted(_files(folder), reverse=True):
         total += size
         if now - used > MAX_AGE or (total > MAX_BYTES and now - used > MIN_AGE):
-            with contextlib.suppress(OSError):  # another process may delete it or, on Windows, have it loaded
+            with contextlib.suppress(OSError):
+                # another process may delete it or, on Windows, have it loaded
                 if file.stat().st_mtime == used:  # not used since the list was made
                     file.with_suffix(".sha256").unlink(missing_ok=True)
                     file.unlink()
@@ -135,7 +144,8 @@ def _folders() -> Iterator[Path]:
 
 def _not_kept(folder: Path, error: object) -> None:
     warn_once(
-        "cache", f"compiled code cannot be cached in '{folder}', so each process compiles again: {error}"
+        "cache",
+        f"compiled code cannot be cached in '{folder}', so each process compiles again: {error}",
     )
 
 
@@ -146,8 +156,11 @@ def _is_intact(file: Path) -> bool:
         if not (is_private(file, stat.S_IFREG) and is_private(beside, stat.S_IFREG)):
             return False
         with contextlib.suppress(OSError):  # the folder may be read-only
-            os.utime(file)  # marks the file as used, so that `_prune` of another process keeps it
-        return hashlib.sha256(file.read_bytes()).hexdigest() == beside.read_text(encoding="ascii")
+            # marks the file as used, so that `_prune` of another process keeps it
+            os.utime(file)
+        return hashlib.sha256(file.read_bytes()).hexdigest() == beside.read_text(
+            encoding="ascii"
+        )
     except (OSError, UnicodeDecodeError):
         return False
 

@@ -107,7 +107,11 @@ def identity(compiler: tuple[str, ...]) -> tuple[str, ...]:
     compiler : tuple of str
         The command.
     """
-    return (*compiler, _run([*compiler, "--version"], VERSION_TIMEOUT).stdout, _processor())
+    return (
+        *compiler,
+        _run([*compiler, "--version"], VERSION_TIMEOUT).stdout,
+        _processor(),
+    )
 
 
 def compiled(command: Sequence[str], file: Path) -> Path:
@@ -127,7 +131,10 @@ def compiled(command: Sequence[str], file: Path) -> Path:
     """
     ended = _run([*command, "-o", str(file)], COMPILE_TIMEOUT)
     if ended.returncode or not file.is_file():
-        said = ended.stderr.strip()[-4000:] or f"it ended with code {ended.returncode} and without a message"
+        said = (
+            ended.stderr.strip()[-4000:]
+            or f"it ended with code {ended.returncode} and without a message"
+        )
         raise CompilationError(f"{' '.join(command[:4])} failed:\n{said}")
     return file
 
@@ -137,15 +144,24 @@ def _run(command: list[str], seconds: float) -> subprocess.CompletedProcess[str]
     pipe, folder = subprocess.PIPE, process_folder()
     try:
         # In its own process group, so that its child processes are stopped with it on Ctrl-C or timeout.
-        process = subprocess.Popen(command, stdout=pipe, stderr=pipe, cwd=folder, process_group=0)
+        process = subprocess.Popen(
+            command, stdout=pipe, stderr=pipe, cwd=folder, process_group=0
+        )
     except OSError as error:
-        raise CompilationError(f"the compiler {command[0]} cannot be run: {error}") from error
+        raise CompilationError(
+            f"the compiler {command[0]} cannot be run: {error}"
+        ) from error
     with process:
         try:
-            said = [text.decode("utf-8", "replace") for text in process.communicate(timeout=seconds)]
+            said = [
+                text.decode("utf-8", "replace")
+                for text in process.communicate(timeout=seconds)
+            ]
         except subprocess.TimeoutExpired:
             end(process)
-            raise CompilationError(f"{' '.join(command[:4])} did not end within {seconds:g} s") from None
+            raise CompilationError(
+                f"{' '.join(command[:4])} did not end within {seconds:g} s"
+            ) from None
         except BaseException:
             end(process)
             raise
@@ -175,7 +191,9 @@ def _build(compiler: tuple[str, ...], sources: Sequence[str]) -> bytes:
         def part(number: int) -> Path:
             file = Path(folder) / f"part{number}.c"
             file.write_text(sources[number], encoding="utf-8")
-            return compiled([*compiler, *FLAGS, "-c", str(file)], file.with_suffix(".o"))
+            return compiled(
+                [*compiler, *FLAGS, "-c", str(file)], file.with_suffix(".o")
+            )
 
         with ThreadPoolExecutor(max_workers=os.cpu_count()) as pool:
             made = pool.map(part, range(len(sources)))

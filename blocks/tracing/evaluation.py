@@ -23,7 +23,13 @@ from trussflow.blocks.framework.port import Port
 from trussflow.blocks.framework.system import Driver, System
 from trussflow.blocks.support.types import Array
 from trussflow.blocks.tracing.call_checks import checked, running_errors, tracing_errors
-from trussflow.blocks.tracing.kernels import from_expression, is_traced, symbol, to_expression, written_out
+from trussflow.blocks.tracing.kernels import (
+    from_expression,
+    is_traced,
+    symbol,
+    to_expression,
+    written_out,
+)
 from trussflow.blocks.tracing.newton import MAX_ITERATED_UNKNOWNS, solve
 from trussflow.blocks.tracing.sorted_order import Active, Feedthrough, Stage, holds
 from trussflow.blocks.tracing.traced_block import TracedBlock
@@ -90,7 +96,12 @@ class Evaluation:
         traced_blocks: Mapping[str, TracedBlock] | None = None,
         solved: Mapping[Port, Array] | None = None,
     ) -> None:
-        self.system, self.feedthrough, self.leaves, self.active = (system, feedthrough, leaves, active)
+        self.system, self.feedthrough, self.leaves, self.active = (
+            system,
+            feedthrough,
+            leaves,
+            active,
+        )
         self.traced_blocks, self.solved = traced_blocks or {}, dict(solved or {})
         self.iterated: list[Port] = []
         self._filled: dict[tuple[str, frozenset[str]], dict[str, Values]] = {}
@@ -111,14 +122,20 @@ class Evaluation:
 
     def _shown(self, port: Port) -> Array:
         """Return the new value of an output, or the held one if the clock of its block does not tick."""
-        return self._if_ticking(port.block, self._computed(port), self.leaves.held, port.name)
+        return self._if_ticking(
+            port.block, self._computed(port), self.leaves.held, port.name
+        )
 
-    def _if_ticking(self, block: Block, new: Array, before: Mapping[str, Signals], name: str) -> Array:
+    def _if_ticking(
+        self, block: Block, new: Array, before: Mapping[str, Signals], name: str
+    ) -> Array:
         """Return `new` if the clock of a sampled block ticks, else the value before."""
         clock = self.system.clock(block)
         if clock is None or not self.leaves.counters:
             return new
-        return np.where(self.leaves.counters[clock] == 0.0, new, before[block.path][name])
+        return np.where(
+            self.leaves.counters[clock] == 0.0, new, before[block.path][name]
+        )
 
     def compute(self, stages: Sequence[Stage]) -> None:
         """Compute all outputs in sorted order; recursion along a long chain would overflow the stack."""
@@ -131,29 +148,42 @@ class Evaluation:
     def _solve(self, stage: Stage) -> None:
         """Solve for the torn signals of an algebraic loop."""
         # A separate evaluation, so that no expression in the unknowns is cached in this one.
-        apart = Evaluation(self.system, self.feedthrough, self.leaves, self.active, solved=self.solved)
+        apart = Evaluation(
+            self.system, self.feedthrough, self.leaves, self.active, solved=self.solved
+        )
         apart._outputs, apart._inputs = self._outputs.copy(), self._inputs.copy()
         shapes = [port.whole_shape or () for port in stage.torn]
-        unknown = [symbol(port.path, shape) for port, shape in zip(stage.torn, shapes, strict=True)]
+        unknown = [
+            symbol(port.path, shape)
+            for port, shape in zip(stage.torn, shapes, strict=True)
+        ]
         apart.solved |= zip(stage.torn, unknown, strict=True)
         with written_out():
             for port in stage.ports:
                 apart.output(port)
             results = [apart._shown(port) for port in stage.torn]
-        z, computed = (ca.vertcat(*map(to_expression, arrays)) for arrays in (unknown, results))
+        z, computed = (
+            ca.vertcat(*map(to_expression, arrays)) for arrays in (unknown, results)
+        )
         known = self.leaves.guesses
         guesses = [
-            known[port.block.path][port.name] if port.name in known[port.block.path] else np.zeros(shape)
+            known[port.block.path][port.name]
+            if port.name in known[port.block.path]
+            else np.zeros(shape)
             for port, shape in zip(stage.torn, shapes, strict=True)
         ]
-        found, iterated = solve(computed - z, z, ca.vertcat(*map(to_expression, guesses)))
+        found, iterated = solve(
+            computed - z, z, ca.vertcat(*map(to_expression, guesses))
+        )
         if iterated and z.numel() > MAX_ITERATED_UNKNOWNS:
             raise AlgebraicLoopError(
                 f"an algebraic loop of {z.numel()} unknowns exceeds the limit of {MAX_ITERATED_UNKNOWNS} for "
                 f"iterations\n{stage.cycle}\nbreak it with states or a UnitDelay, or connect fewer elements"
             )
         self.iterated += stage.torn if iterated else ()
-        for port, shape, place in zip(stage.torn, shapes, spans(map(prod, shapes)), strict=True):
+        for port, shape, place in zip(
+            stage.torn, shapes, spans(map(prod, shapes)), strict=True
+        ):
             self.solved[port] = from_expression(found[place], shape)
 
     def _computed(self, port: Port) -> Array:
@@ -194,8 +224,14 @@ class Evaluation:
 
     def updates(self, block: Block) -> Values:
         """Return the next values of a sampled block's discrete states."""
-        found, before = self._evaluate(block, "update", self.inputs(block)), self.leaves.states
-        return {name: self._if_ticking(block, value, before, name) for name, value in found.items()}
+        found, before = (
+            self._evaluate(block, "update", self.inputs(block)),
+            self.leaves.states,
+        )
+        return {
+            name: self._if_ticking(block, value, before, name)
+            for name, value in found.items()
+        }
 
     def indicators(self, block: Block) -> Values:
         """Return the indicators of a block's events."""
@@ -206,7 +242,10 @@ class Evaluation:
         before, fired = self.leaves.states[block.path], self.leaves.fired[block.path]
         happened = sum(np.sum(np.reshape(f, (-1,))) for f in fired.values()) > 0
         after = self._evaluate(block, "on_event", self.inputs(block))
-        return before | {name: np.where(happened, value, before[name]) for name, value in after.items()}
+        return before | {
+            name: np.where(happened, value, before[name])
+            for name, value in after.items()
+        }
 
     def _call(self, block: Block, needed: frozenset[str]) -> Values:
         """Evaluate a block's outputs with the inputs `needed`, and with others that need no computation."""
@@ -215,7 +254,9 @@ class Evaluation:
         self._running.add((path, needed))
         for port in block.inputs():
             known = port.name in needed or self._is_free(port)
-            values[port.name] = self.input(block, port.name) if known else self._unknown(port)
+            values[port.name] = (
+                self.input(block, port.name) if known else self._unknown(port)
+            )
         results = self._evaluate(block, "output", Signals(f"block '{path}'", values))
         self._running.discard((path, needed))
         return results
@@ -228,11 +269,23 @@ class Evaluation:
         if reusable is not None and reusable.fits(u.values()):
             known = frozenset(n for n in u if self._inputs.get((path, n)) is u[n])
             if (path, known) not in self._filled:
-                arguments = [leaves.t, *x.values(), *u.values(), *p.values(), *fired.values()]
+                arguments = [
+                    leaves.t,
+                    *x.values(),
+                    *u.values(),
+                    *p.values(),
+                    *fired.values(),
+                ]
                 self._filled[path, known] = reusable(arguments)
             return self._filled[path, known][kind]
-        with tracing_errors(block) if traced else running_errors(block, kind, float(leaves.t)):
-            values = getattr(block, kind)(leaves.t, x, u, p, *([fired] if kind == "on_event" else []))
+        with (
+            tracing_errors(block)
+            if traced
+            else running_errors(block, kind, float(leaves.t))
+        ):
+            values = getattr(block, kind)(
+                leaves.t, x, u, p, *([fired] if kind == "on_event" else [])
+            )
         return checked(block, kind, values)
 
     def _is_free(self, port: Port) -> bool:
@@ -246,12 +299,18 @@ class Evaluation:
                 continue
             source = driver.source.block
             needed = self.feedthrough[source.path][driver.source.name]
-            if (source.path, needed) in self._outputs or holds(self.system, source, self.active):
+            if (source.path, needed) in self._outputs or holds(
+                self.system, source, self.active
+            ):
                 continue
             # An output under evaluation cannot be passed: a block connected to itself would recurse
             # without end. Only one level is followed, as chains of blocks whose outputs depend on states
             # only may be longer than Python's stack.
-            if needed or len(self._running) > 1 or (source.path, needed) in self._running:
+            if (
+                needed
+                or len(self._running) > 1
+                or (source.path, needed) in self._running
+            ):
                 return False
         return True
 

@@ -64,14 +64,18 @@ def set_from_inputs(
         for path, equations in found.items()
         if equations.states_own("initial_state")
         # A block with internal state sets it in initial_state(), even if the user gave all states.
-        and (blocks[path].hides or any(f"{path}.{name}" not in overrides for name in stored[path]))
+        and (
+            blocks[path].hides
+            or any(f"{path}.{name}" not in overrides for name in stored[path])
+        )
     ]
     active = frozenset(c for c in plan.system.clocks if c.offset == 0)
     clocks = {b.path: plan.system.clock(b) for b in plan.python_blocks}
     showing = {
         path
         for path, clock in clocks.items()
-        if (clock is None or clock in active) and (path in opened or not blocks[path].hides)
+        if (clock is None or clock in active)
+        and (path in opened or not blocks[path].hides)
     }
 
     known: dict[bytes, Evaluation] = {}
@@ -82,14 +86,22 @@ def set_from_inputs(
             known.clear()
             known[now] = plan.evaluate(t, x, d, p, active)
         evaluation, own = known[now], plan.p.signals(path, p)
-        first = [np.float64(t), evaluation.leaves.states[path]] if kind == "output" else []
+        first = (
+            [np.float64(t), evaluation.leaves.states[path]] if kind == "output" else []
+        )
         with running_errors(blocks[path], kind, t):
-            return getattr(found[path], kind)(*first, evaluation.inputs(blocks[path]), own)
+            return getattr(found[path], kind)(
+                *first, evaluation.inputs(blocks[path]), own
+            )
 
     def sweep(showing: Collection[str] = ()) -> Vector:
         for path in order:
             values = ask(path, "initial_state") if path in stating else {}
-            wrong = [n for n in values if n not in stored[path]] if isinstance(values, dict) else [values]
+            wrong = (
+                [n for n in values if n not in stored[path]]
+                if isinstance(values, dict)
+                else [values]
+            )
             if wrong:
                 raise NameLookupError(
                     f"initial_state() of block '{path}' returned {shown(wrong[0])}; its states are: "
@@ -98,7 +110,11 @@ def set_from_inputs(
             for name, value in values.items():
                 plan.set_state(path, name, value, x, d)
             plan.override(x, d, overrides)
-            outputs = checked(blocks[path], "output", ask(path, "output")) if path in showing else {}
+            outputs = (
+                checked(blocks[path], "output", ask(path, "output"))
+                if path in showing
+                else {}
+            )
             for name, value in outputs.items():
                 plan.held.put(d, path, name, value)
         return np.concatenate([x, d])
@@ -134,8 +150,14 @@ def _in_order(
             continue
         block = plan.system.blocks[path]
         needed = frozenset().union(*plan.feedthrough[path].values())
-        names = [port.name for port in block.inputs() if path in stating or port.name in needed]
-        graph[path] = reached_from(plan.system, plan.feedthrough, path, names, active, {*stating, *showing})
+        names = [
+            port.name
+            for port in block.inputs()
+            if path in stating or port.name in needed
+        ]
+        graph[path] = reached_from(
+            plan.system, plan.feedthrough, path, names, active, {*stating, *showing}
+        )
         waiting += graph[path]
     order, cycle = in_order(graph)
     return order or [path for path in plan.system.blocks if path in graph], bool(cycle)

@@ -47,7 +47,9 @@ def instructions_of(function: ca.Function) -> list[Instruction]:
         if operation == ca.OP_INPUT:
             found.append(Instruction(operation, (), tuple(inputs)))
         elif operation == ca.OP_CONST:
-            found.append(Instruction(operation, (), (), function.instruction_constant(k)))
+            found.append(
+                Instruction(operation, (), (), function.instruction_constant(k))
+            )
         elif operation == ca.OP_OUTPUT:
             found.append(Instruction(operation, (holder[inputs[0]],), tuple(outputs)))
             continue
@@ -74,9 +76,18 @@ def fused(instructions: list[Instruction]) -> list[Instruction]:
     for instruction in instructions:
         for place, operand in enumerate(instruction.operands):
             operation = FUSED_OPERATIONS.get((instruction.operation, place))
-            if operation and instructions[operand].operation == ca.OP_MUL and uses[operand] == 1:
-                operands = (*instructions[operand].operands, instruction.operands[1 - place])
-                instruction = replace(instruction, operation=operation, operands=operands)
+            if (
+                operation
+                and instructions[operand].operation == ca.OP_MUL
+                and uses[operand] == 1
+            ):
+                operands = (
+                    *instructions[operand].operands,
+                    instruction.operands[1 - place],
+                )
+                instruction = replace(
+                    instruction, operation=operation, operands=operands
+                )
                 break
         result.append(instruction)
     return needed(result)
@@ -97,11 +108,18 @@ def needed(instructions: list[Instruction]) -> list[Instruction]:
     new = {k: number for number, k in enumerate(sorted(used))}
     if len(new) == len(instructions):
         return instructions
-    return [_with_operands(instructions[k], tuple(new[o] for o in instructions[k].operands)) for k in new]
+    return [
+        _with_operands(instructions[k], tuple(new[o] for o in instructions[k].operands))
+        for k in new
+    ]
 
 
 def _with_operands(one: Instruction, operands: tuple[int, ...]) -> Instruction:
-    return one if operands == one.operands else Instruction(one.operation, operands, one.place, one.constant)
+    return (
+        one
+        if operands == one.operands
+        else Instruction(one.operation, operands, one.place, one.constant)
+    )
 
 
 def number(value: float) -> str:
@@ -113,7 +131,9 @@ def number(value: float) -> str:
     return repr(value) if value >= 0 else f"({value!r})"
 
 
-def named(k: int, instruction: Instruction, read: Sequence[str], numbers: Numbers) -> str:
+def named(
+    k: int, instruction: Instruction, read: Sequence[str], numbers: Numbers
+) -> str:
     """Return the C expression of the value of an instruction: an argument, a literal, or a variable.
 
     Parameters
@@ -131,7 +151,11 @@ def named(k: int, instruction: Instruction, read: Sequence[str], numbers: Number
         argument, element = instruction.place
         text = read[argument].format(element)
         return numbers.of_one(text) if is_time(text) else text
-    return numbers.of_one(number(instruction.constant)) if instruction.operation == ca.OP_CONST else f"v{k}"
+    return (
+        numbers.of_one(number(instruction.constant))
+        if instruction.operation == ca.OP_CONST
+        else f"v{k}"
+    )
 
 
 def is_time(name: str) -> bool:

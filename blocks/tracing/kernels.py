@@ -131,8 +131,16 @@ class KernelCall:
     def results(self, instance: int) -> tuple[Array, ...]:
         """Return all results of one instance, assembled from symbols and constants."""
         column: list[Any] = self.symbols[:, instance].elements()
-        flat = ca.vertcat(*(ca.SX(e) if isinstance(e, float) else column[e] for e in self.kernel.template))
-        return tuple(from_expression(flat[start:stop], shape) for shape, start, stop in self.kernel.layout)
+        flat = ca.vertcat(
+            *(
+                ca.SX(e) if isinstance(e, float) else column[e]
+                for e in self.kernel.template
+            )
+        )
+        return tuple(
+            from_expression(flat[start:stop], shape)
+            for shape, start, stop in self.kernel.layout
+        )
 
 
 @dataclass(slots=True)
@@ -142,7 +150,9 @@ class Trace:
     calls: list[KernelCall] = field(default_factory=list)
 
 
-_active: contextvars.ContextVar[Trace | None] = contextvars.ContextVar("trace", default=None)
+_active: contextvars.ContextVar[Trace | None] = contextvars.ContextVar(
+    "trace", default=None
+)
 
 
 def active_trace() -> Trace | None:
@@ -226,7 +236,10 @@ def elementwise(function: Callable[..., Array], *arguments: Array) -> Array:
     if not any(map(is_traced, arguments)) or prod(shape) < 2:
         return function(*arguments)
     flat = [np.reshape(a + np.zeros(shape), (prod(shape),)) for a in arguments]
-    results = repeated(partial(_in_tuple, function), [tuple(a[i] for a in flat) for i in range(prod(shape))])
+    results = repeated(
+        partial(_in_tuple, function),
+        [tuple(a[i] for a in flat) for i in range(prod(shape))],
+    )
     return np.reshape(np.stack([r for (r,) in results]), shape)
 
 
@@ -235,7 +248,11 @@ def _in_tuple(function: Callable[..., Array], *arguments: Array) -> tuple[Array]
 
 
 @lru_cache(maxsize=256)
-def _kernel(function: Callable[..., tuple[Array, ...]], constants: tuple[Any, ...], shapes: Shapes) -> Kernel:
+def _kernel(
+    function: Callable[..., tuple[Array, ...]],
+    constants: tuple[Any, ...],
+    shapes: Shapes,
+) -> Kernel:
     """Return the kernel of a function, traced at the first call with these constants and shapes."""
     arguments = [symbol(f"a{i}", shape) for i, shape in enumerate(shapes)]
     with written_out():  # a kernel cannot call another kernel
@@ -301,7 +318,9 @@ def _equal(first: KernelCall, second: KernelCall) -> bool:
     if first.inputs.shape != second.inputs.shape or first.reads != second.reads:
         return False
     # Common subexpression elimination gives equal expressions the same hash.
-    shared: list[Any] = ca.cse(ca.vertcat(ca.vec(first.inputs), ca.vec(second.inputs))).elements()
+    shared: list[Any] = ca.cse(
+        ca.vertcat(ca.vec(first.inputs), ca.vec(second.inputs))
+    ).elements()
     hashes = [element.element_hash() for element in shared]
     n = first.inputs.numel()
     return hashes[:n] == hashes[n:]
@@ -323,10 +342,14 @@ def dependencies(expressions: Sequence[ca.SX], trace: Trace) -> list[set[int]]:
     for call in reversed(trace.calls):
         sparsity = call.kernel.function.jac_sparsity(0, 0)
         matters = np.zeros(sparsity.shape, dtype=bool)
-        matters[tuple(np.array(sparsity.get_triplet(), dtype=int).reshape(2, -1))] = True
+        matters[tuple(np.array(sparsity.get_triplet(), dtype=int).reshape(2, -1))] = (
+            True
+        )
         inputs, behind = ca.vec(call.inputs), dict[bytes, set[int]]()
         for used in found:
-            wanted = np.array([r in used for r in call.gives], dtype=bool).reshape(call.symbols.size2(), -1)
+            wanted = np.array([r in used for r in call.gives], dtype=bool).reshape(
+                call.symbols.size2(), -1
+            )
             read = np.flatnonzero(wanted @ matters)
             if (key := read.tobytes()) not in behind:
                 behind[key] = symbols_of(inputs[read])

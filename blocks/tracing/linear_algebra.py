@@ -9,7 +9,13 @@ import casadi as ca
 import numpy as np
 
 from trussflow.blocks.support.types import Array
-from trussflow.blocks.tracing.kernels import from_expression, is_traced, repeated, shape_of, to_expression
+from trussflow.blocks.tracing.kernels import (
+    from_expression,
+    is_traced,
+    repeated,
+    shape_of,
+    to_expression,
+)
 
 PIVOT_TOLERANCE = 1e-11
 """Smallest pivot, relative to the diagonal element, that is not round-off of a singular matrix."""
@@ -45,7 +51,8 @@ def solve_positive_definite(matrix: Array, right_hand_side: Array) -> Array:
         If a numeric `matrix` is not positive definite, or singular up to round-off.
     """
     if not is_traced(matrix) and not is_traced(right_hand_side):
-        factor = np.linalg.cholesky(matrix)  # raises if the matrix is not positive definite
+        # raises if the matrix is not positive definite
+        factor = np.linalg.cholesky(matrix)
         if np.any(np.diagonal(factor) ** 2 < PIVOT_TOLERANCE * np.diagonal(matrix)):
             raise np.linalg.LinAlgError("Matrix is singular")
         return np.linalg.solve(factor.T, np.linalg.solve(factor, right_hand_side))
@@ -60,7 +67,9 @@ def solve_positive_definite(matrix: Array, right_hand_side: Array) -> Array:
         solution = _solve_bordered(dense, columns, found)
     else:
         d, lt, order = ca.ldl(ca.sparsify(dense), True)
-        pivots = ca.if_else(ca.fabs(d) > PIVOT_TOLERANCE * ca.fabs(ca.diag(dense)[order]), d, np.nan)
+        pivots = ca.if_else(
+            ca.fabs(d) > PIVOT_TOLERANCE * ca.fabs(ca.diag(dense)[order]), d, np.nan
+        )
         solution = ca.densify(ca.ldl_solve(columns, pivots, lt, order))
     return from_expression(solution if len(shape) == 1 else ca.vec(solution.T), shape)
 
@@ -98,7 +107,9 @@ def weighted_gramian(matrix: Array, weights: Array) -> Array:
     total = ca.SX(m, m)
     for (height, _), groups in by_shape.items():
         parts = [(_array(dense[r, c]), _array(w[c])[:, 0]) for r, c in groups]
-        grams = repeated(_gramian, parts) if height > 2 else [_gramian(*p) for p in parts]
+        grams = (
+            repeated(_gramian, parts) if height > 2 else [_gramian(*p) for p in parts]
+        )
         for (filled, _), (part,) in zip(groups, grams, strict=True):
             total[filled, filled] += _matrix(part, (height, height))
     return _array(total)
@@ -136,7 +147,10 @@ def _bordered(pattern: ca.Sparsity) -> Blocks | None:
     entries = np.diff(pattern.colind())
     # A border consists of the rows with the most entries, so each count is tried as the threshold.
     for fewest in sorted(set(entries.tolist()), reverse=True):
-        border, inner = np.flatnonzero(entries >= fewest), np.flatnonzero(entries < fewest)
+        border, inner = (
+            np.flatnonzero(entries >= fewest),
+            np.flatnonzero(entries < fewest),
+        )
         if inner.size == 0:
             break
         inside, _ = pattern.sub(inner.tolist(), inner.tolist())
@@ -154,7 +168,10 @@ def _solve_bordered(matrix: ca.SX, right: ca.SX, found: Blocks) -> ca.SX:
     beside = [ca.horzcat(matrix[b, border], right[b, :]) for b in blocks]
     eliminated = repeated(
         partial(_eliminate, m),
-        [(_array(matrix[b, b]), _array(c)) for b, c in zip(blocks, beside, strict=True)],
+        [
+            (_array(matrix[b, b]), _array(c))
+            for b, c in zip(blocks, beside, strict=True)
+        ],
     )
     folded = [_matrix(update, (m, m + k)) for _, _, update in eliminated]
     schur = matrix[border, border] - sum(f[:, :m] for f in folded)
@@ -162,7 +179,8 @@ def _solve_bordered(matrix: ca.SX, right: ca.SX, found: Blocks) -> ca.SX:
     reduced = right[border, :] - sum(f[:, m:] for f in folded)
     on_border = ca.densify(ca.ldl_solve(reduced, d, lt, order))
     substituted = repeated(
-        partial(_substitute, m), [(factor, scaled, _array(on_border)) for factor, scaled, _ in eliminated]
+        partial(_substitute, m),
+        [(factor, scaled, _array(on_border)) for factor, scaled, _ in eliminated],
     )
     solution = ca.SX(matrix.size1(), k)
     solution[border, :] = on_border
@@ -190,13 +208,24 @@ def _eliminate(border: int, block: Array, beside: Array) -> tuple[Array, Array, 
     n, width = shape_of(beside)
     matrix, right = _matrix(block, (n, n)), _matrix(beside, (n, width))
     unscaled = ca.SX(n, 0)  # L D; elements above the diagonal are not used
-    lower, inverse, forward, scaled = list[ca.SX](), ca.SX(1, 0), ca.SX(0, width), ca.SX(0, width)
+    lower, inverse, forward, scaled = (
+        list[ca.SX](),
+        ca.SX(1, 0),
+        ca.SX(0, width),
+        ca.SX(0, width),
+    )
     for i in range(n):
         row = unscaled[i, :] * inverse
         column = matrix[:, i] - unscaled @ row.T
         solved = right[i, :] - row @ forward
-        unscaled, inverse = ca.horzcat(unscaled, column), ca.horzcat(inverse, 1.0 / column[i])
-        forward, scaled = ca.vertcat(forward, solved), ca.vertcat(scaled, solved * inverse[i])
+        unscaled, inverse = (
+            ca.horzcat(unscaled, column),
+            ca.horzcat(inverse, 1.0 / column[i]),
+        )
+        forward, scaled = (
+            ca.vertcat(forward, solved),
+            ca.vertcat(scaled, solved * inverse[i]),
+        )
         lower.append(row.T)
     update = forward[:, :border].T @ scaled
     update[:, :border] = _mirrored(update[:, :border].T)
@@ -204,14 +233,20 @@ def _eliminate(border: int, block: Array, beside: Array) -> tuple[Array, Array, 
     return from_expression(strict, (strict.numel(),)), _array(scaled), _array(update)
 
 
-def _substitute(border: int, lower: Array, scaled: Array, on_border: Array) -> tuple[Array]:
+def _substitute(
+    border: int, lower: Array, scaled: Array, on_border: Array
+) -> tuple[Array]:
     """Return the unknowns of a diagonal block from those of the border (back substitution)."""
     n, width = shape_of(scaled)
-    right = _matrix(scaled[:, border:] - scaled[:, :border] @ on_border, (n, width - border))
+    right = _matrix(
+        scaled[:, border:] - scaled[:, :border] @ on_border, (n, width - border)
+    )
     entries = to_expression(lower)
     start = [i * (i - 1) // 2 for i in range(n)]
     found = ca.SX(0, width - border)  # from the last row upwards
     for i in reversed(range(n)):
         below = entries[[start[r] + i for r in reversed(range(i + 1, n))]]
-        found = ca.vertcat(found, right[i, :] - ca.reshape(below, 1, found.size1()) @ found)
+        found = ca.vertcat(
+            found, right[i, :] - ca.reshape(below, 1, found.size1()) @ found
+        )
     return (_array(found[::-1, :]),)

@@ -61,7 +61,11 @@ class Element:
 
 
 def rerolled(
-    instructions: list[Instruction], read: Sequence[str], target: int, shared: str, numbers: Numbers
+    instructions: list[Instruction],
+    read: Sequence[str],
+    target: int,
+    shared: str,
+    numbers: Numbers,
 ) -> tuple[list[Instruction], list[str], int]:
     """Return the remaining instructions, the C code of the loops, and the number of values shared by both.
 
@@ -89,7 +93,9 @@ def rerolled(
         if elements[start].output in done:
             continue
         runs = ((_run(elements, start, n, done), n) for n in LOOP_PERIODS)
-        run, period = next((found for found in runs if found[0] >= MIN_LOOP_ELEMENTS), (1, 1))
+        run, period = next(
+            (found for found in runs if found[0] >= MIN_LOOP_ELEMENTS), (1, 1)
+        )
         if run == 1:
             continue
         each = [elements[start + period * i] for i in range(run)]
@@ -98,9 +104,18 @@ def rerolled(
                 places.setdefault(k, len(places))
         done |= {element.output for element in each}
         names = {k: shared.format(place) for k, place in places.items()}
-        loops += ["  {", *_loop(each, read, names, f"result[{start} + {period} * i]", numbers), "  }"]
-    left = [EMPTY_INSTRUCTION if k in done else one for k, one in enumerate(instructions)]
-    left += [Instruction(ca.OP_OUTPUT, (k,), (target + 1, place)) for k, place in places.items()]
+        loops += [
+            "  {",
+            *_loop(each, read, names, f"result[{start} + {period} * i]", numbers),
+            "  }",
+        ]
+    left = [
+        EMPTY_INSTRUCTION if k in done else one for k, one in enumerate(instructions)
+    ]
+    left += [
+        Instruction(ca.OP_OUTPUT, (k,), (target + 1, place))
+        for k, place in places.items()
+    ]
     return needed(left) if done else instructions, loops, len(places)
 
 
@@ -112,7 +127,8 @@ def _elements(instructions: Sequence[Instruction], target: int) -> dict[int, Ele
             uses[operand] += 1
     given = (ca.OP_INPUT, ca.OP_CONST)
     leaves = [
-        one.operation in given or n > MAX_REPEATED_USES for one, n in zip(instructions, uses, strict=True)
+        one.operation in given or n > MAX_REPEATED_USES
+        for one, n in zip(instructions, uses, strict=True)
     ]
     found: dict[int, Element] = {}
     for k, one in enumerate(instructions):
@@ -127,7 +143,10 @@ def _elements(instructions: Sequence[Instruction], target: int) -> dict[int, Ele
 
 
 def _expanded(
-    output: int, instructions: Sequence[Instruction], uses: Sequence[int], is_leaf: Sequence[bool]
+    output: int,
+    instructions: Sequence[Instruction],
+    uses: Sequence[int],
+    is_leaf: Sequence[bool],
 ) -> Element | None:
     """Return the element that the `output` writes, None if it has too many operations."""
 
@@ -140,7 +159,9 @@ def _expanded(
         if one.operation == ca.OP_INPUT:
             leaves.append((one.place[0], one.place[1]))
         else:
-            leaves.append(CONSTANT_OPERAND if one.operation == ca.OP_CONST else (SHARED_VALUE, k))
+            leaves.append(
+                CONSTANT_OPERAND if one.operation == ca.OP_CONST else (SHARED_VALUE, k)
+            )
         return -len(leaves)
 
     form, known = list[tuple[int, tuple[int, ...]]](), dict[int, int]()
@@ -151,11 +172,18 @@ def _expanded(
     most = MAX_ELEMENT_OPERATIONS
     while waiting:
         k = waiting[-1]
-        before = [o for o in instructions[k].operands if not is_leaf[o] and o not in known]
+        before = [
+            o for o in instructions[k].operands if not is_leaf[o] and o not in known
+        ]
         if not before:
             waiting.pop()
             if k not in known:
-                form.append((instructions[k].operation, tuple(map(called, instructions[k].operands))))
+                form.append(
+                    (
+                        instructions[k].operation,
+                        tuple(map(called, instructions[k].operands)),
+                    )
+                )
                 known[k] = len(form) - 1
         waiting += before
         if uses[k] > 1:
@@ -167,7 +195,9 @@ def _expanded(
     return Element(output, tuple(form), tuple(leaves), tuple(constants))
 
 
-def _run(elements: Mapping[int, Element], start: int, period: int, done: set[int]) -> int:
+def _run(
+    elements: Mapping[int, Element], start: int, period: int, done: set[int]
+) -> int:
     """Return the number of elements, from the first on at a stride of `period`, with the same operations."""
     first, second = elements[start], elements.get(start + period)
     if second is None or second.form != first.form:
@@ -187,7 +217,11 @@ def _run(elements: Mapping[int, Element], start: int, period: int, done: set[int
 
 
 def _loop(
-    each: Sequence[Element], read: Sequence[str], known: Mapping[int, str], result: str, numbers: Numbers
+    each: Sequence[Element],
+    read: Sequence[str],
+    known: Mapping[int, str],
+    result: str,
+    numbers: Numbers,
 ) -> list[str]:
     """Return the C code of a loop over elements with the same operations; `known` names shared values."""
     tables, names = list[str](), list[str]()
@@ -197,17 +231,27 @@ def _loop(
         elif (source, index) == CONSTANT_OPERAND:
             constants = [number(element.constants[s]) for element in each]
             if len({*constants}) > 1:
-                tables.append(f"    static const double c{s}[] = {{{', '.join(constants)}}};")
-            names.append(numbers.of_one(f"c{s}[i]" if len({*constants}) > 1 else constants[0]))
+                tables.append(
+                    f"    static const double c{s}[] = {{{', '.join(constants)}}};"
+                )
+            names.append(
+                numbers.of_one(f"c{s}[i]" if len({*constants}) > 1 else constants[0])
+            )
         else:
             step = each[1].leaves[s][1] - index
             text = read[source].format(f"{index} + {step} * i" if step else index)
             names.append(numbers.of_one(text) if is_time(text) else text)
     values = list[str]()
-    sums = {f"e{k}" for k, (operation, _) in enumerate(each[0].form) if operation in FUSED_FORMULAS}
+    sums = {
+        f"e{k}"
+        for k, (operation, _) in enumerate(each[0].form)
+        if operation in FUSED_FORMULAS
+    }
     for k, (operation, operands) in enumerate(each[0].form):
         given = [f"e{o}" if o >= 0 else names[-1 - o] for o in operands]
-        values.append(f"      const {numbers.type} e{k} = {numbers.computed(operation, given, sums)};")
+        values.append(
+            f"      const {numbers.type} e{k} = {numbers.computed(operation, given, sums)};"
+        )
     last = f"e{len(values) - 1}" if values else names[0]
     head = f"    for (int i = 0; i < {len(each)}; ++i) {{"
     return [*tables, head, *values, f"      {result} = {last};", "    }"]

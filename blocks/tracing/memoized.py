@@ -34,9 +34,16 @@ def memoized(method: Callable[..., Result]) -> Callable[..., Result]:
     @wraps(method)
     def call(block: Block, *signals: Signals) -> Result:
         trace = active_trace()
-        given = [((k, name), value) for k, each in enumerate(signals) for name, value in each.items()]
+        given = [
+            ((k, name), value)
+            for k, each in enumerate(signals)
+            for name, value in each.items()
+        ]
         traced = any(is_traced(value) for _, value in given)
-        asked: list[object] = [id(trace), *((place, _told(value)) for place, value in given)]
+        asked: list[object] = [
+            id(trace),
+            *((place, _told(value)) for place, value in given),
+        ]
         found = latest.get(block)
         if found is None or found[0] != asked:
             # References keep the compared objects alive, so that their ids are not reused.

@@ -33,7 +33,13 @@ import numpy as np
 from trussflow.blocks.support.types import Vector
 from trussflow.blocks.tracing.codegen import straight_line
 from trussflow.blocks.tracing.instructions import instructions_of
-from trussflow.blocks.tracing.kernels import KERNEL_NAME, Kernel, KernelCall, call_kernel, symbols_of
+from trussflow.blocks.tracing.kernels import (
+    KERNEL_NAME,
+    Kernel,
+    KernelCall,
+    call_kernel,
+    symbols_of,
+)
 from trussflow.blocks.tracing.operations import c_file
 
 MAX_STEPS = 60
@@ -50,7 +56,18 @@ MAX_DIRECT_UNKNOWNS = 8
 
 DISCONTINUOUS_OPERATIONS = {
     getattr(ca, f"OP_{name}")
-    for name in ("LT", "LE", "EQ", "NE", "SIGN", "FLOOR", "CEIL", "FMOD", "REMAINDER", "COPYSIGN")
+    for name in (
+        "LT",
+        "LE",
+        "EQ",
+        "NE",
+        "SIGN",
+        "FLOOR",
+        "CEIL",
+        "FMOD",
+        "REMAINDER",
+        "COPYSIGN",
+    )
 }
 """Operations whose results may be discontinuous."""
 
@@ -71,11 +88,18 @@ def solve(residual: ca.SX, unknown: ca.SX, start: ca.SX) -> tuple[ca.SX, bool]:
     slope = ca.densify(ca.jacobian(residual, unknown))
     both = ca.vertcat(residual, ca.vec(slope.T))
     others = ca.vertcat(*(s for s in ca.symvar(both) if s.element_hash() not in own))
-    apart, symbols, hoisted = ca.extract_parametric(both, others, {"extract_trivial": True})
+    apart, symbols, hoisted = ca.extract_parametric(
+        both, others, {"extract_trivial": True}
+    )
     outputs = [apart[:n], apart[n:]]
-    equations = ca.Function("loop", [unknown, ca.vertcat(ca.SX(0, 1), *symbols)], outputs, {"cse": True})
+    equations = ca.Function(
+        "loop", [unknown, ca.vertcat(ca.SX(0, 1), *symbols)], outputs, {"cse": True}
+    )
     # Comparisons left in the equations depend on z, so f may be discontinuous despite a constant Jacobian.
-    jumps = any(each.operation in DISCONTINUOUS_OPERATIONS for each in instructions_of(equations))
+    jumps = any(
+        each.operation in DISCONTINUOUS_OPERATIONS
+        for each in instructions_of(equations)
+    )
     if n <= MAX_DIRECT_UNKNOWNS and not jumps and not symbols_of(slope) & own:
         return -ca.substitute(_step(residual, slope), unknown, ca.SX.zeros(n)), False
     return call_kernel(_kernel(equations), ca.vertcat(start, *hoisted)).symbols, True
@@ -86,19 +110,31 @@ def _step(residual: ca.SX, slope: ca.SX) -> ca.SX:
     n = residual.numel()
     if ca.sprank(ca.sparsify(slope)) < n:
         return ca.SX([np.nan] * n)
-    terms = ca.fabs(slope) + ca.diag(1.0 + ca.fabs(ca.diag(slope) + 1.0) - ca.fabs(ca.diag(slope)))
+    terms = ca.fabs(slope) + ca.diag(
+        1.0 + ca.fabs(ca.diag(slope) + 1.0) - ca.fabs(ca.diag(slope))
+    )
     columns = [ca.mmax(terms[:, j]) for j in range(n)]
     weights = [1.0 / ca.mmax(terms[i, :] / ca.horzcat(*columns)) for i in range(n)]
-    rows = [ca.horzcat(slope[i, :], residual[i], weights[i], terms[i, :]) for i in range(n)]
+    rows = [
+        ca.horzcat(slope[i, :], residual[i], weights[i], terms[i, :]) for i in range(n)
+    ]
     sound = ca.SX(1)
     for k in range(n):
         for i in range(k + 1, n):
             if rows[i][k].is_zero():
                 continue
             # Row exchange without a branch, as expressions have none.
-            better = ca.fabs(rows[i][k]) * rows[i][n + 1] > ca.fabs(rows[k][k]) * rows[k][n + 1]
-            rows[k], rows[i] = ca.if_else(better, rows[i], rows[k]), ca.if_else(better, rows[k], rows[i])
-        sound = ca.logic_and(sound, ca.fabs(rows[k][k]) > PIVOT_TOLERANCE * n * rows[k][n + 2 + k])
+            better = (
+                ca.fabs(rows[i][k]) * rows[i][n + 1]
+                > ca.fabs(rows[k][k]) * rows[k][n + 1]
+            )
+            rows[k], rows[i] = (
+                ca.if_else(better, rows[i], rows[k]),
+                ca.if_else(better, rows[k], rows[i]),
+            )
+        sound = ca.logic_and(
+            sound, ca.fabs(rows[k][k]) > PIVOT_TOLERANCE * n * rows[k][n + 2 + k]
+        )
         for i in range(k + 1, n):
             if not rows[i][k].is_zero():
                 taken = rows[i][k] / rows[k][k] * rows[k][k : n + 1]
@@ -106,13 +142,17 @@ def _step(residual: ca.SX, slope: ca.SX) -> ca.SX:
                 rows[i][n + 2 + k :] += ca.fabs(taken[:-1])
     step = ca.SX.zeros(n)
     for k in reversed(range(n)):
-        step[k] = (rows[k][n] - sum(rows[k][j] * step[j] for j in range(k + 1, n))) / rows[k][k]
+        step[k] = (
+            rows[k][n] - sum(rows[k][j] * step[j] for j in range(k + 1, n))
+        ) / rows[k][k]
     return ca.if_else(sound, step, np.nan)
 
 
 def _terms(slope: Vector) -> Vector:
     """Return the sum of the magnitudes of the terms of each element of a Jacobian: that of f, and -1."""
-    return np.where(np.eye(len(slope), dtype=bool), 1.0 + np.abs(slope + 1.0), np.abs(slope))
+    return np.where(
+        np.eye(len(slope), dtype=bool), 1.0 + np.abs(slope + 1.0), np.abs(slope)
+    )
 
 
 def _eliminated(slope: Vector, residual: Vector) -> Vector:
@@ -167,7 +207,10 @@ static __attribute__((noinline)) void {KERNEL_NAME}(const double* restrict in, d
 
 def _near(equations: ca.Function) -> ca.Function:
     """Return the function of one Newton step from the initial guess in the input of the kernel."""
-    n, given = equations.size1_in(0), ca.SX.sym("given", equations.size1_in(0) + equations.size1_in(1))
+    n, given = (
+        equations.size1_in(0),
+        ca.SX.sym("given", equations.size1_in(0) + equations.size1_in(1)),
+    )
     residual, slope = equations(given[:n], given[n:])
     step = _step(residual, ca.reshape(slope, n, n).T)
     return ca.Function("near", [given], [given[:n] - step])
@@ -191,7 +234,10 @@ class _Iteration(ca.Callback):
     def __init__(self, equations: ca.Function) -> None:
         super().__init__()
         self._equations, self.left = equations, 0.0
-        self._shape = equations.size1_in(0) + equations.size1_in(1), equations.size1_in(0)
+        self._shape = (
+            equations.size1_in(0) + equations.size1_in(1),
+            equations.size1_in(0),
+        )
         self.construct("algebraic_loop", {})
 
     def get_sparsity_in(self, _: int) -> ca.Sparsity:

@@ -45,21 +45,30 @@ def _modf(x: Array) -> tuple[Array, Array]:
 
 
 def _rint(x: Array) -> Array:
-    rest = x._binop(1.0, ca.remainder)  # distance from the nearest integer, ties to even
+    # distance from the nearest integer, ties to even
+    rest = x._binop(1.0, ca.remainder)
     return np.where(np.abs(x) < MIN_ALL_INTEGERS, np.floor(x - rest + 0.5), x)
 
 
 def _round(a: Array, decimals: int = 0) -> Array:
     factor = 10.0 ** abs(decimals)
-    return np.rint(a * factor) / factor if decimals > 0 else np.rint(a / factor) * factor
+    return (
+        np.rint(a * factor) / factor if decimals > 0 else np.rint(a / factor) * factor
+    )
 
 
 def _without_nan(function: np.ufunc) -> Callable[[Array, Array], Array]:
-    return lambda a, b: np.where(np.isnan(a), b, np.where(np.isnan(b), a, function(a, b)))
+    return lambda a, b: np.where(
+        np.isnan(a), b, np.where(np.isnan(b), a, function(a, b))
+    )
 
 
-def _ignoring_nan(function: Callable[..., Array], instead: float) -> Callable[..., Array]:
-    return lambda a, axis=None, **kwargs: function(np.where(np.isnan(a), instead, a), axis=axis, **kwargs)
+def _ignoring_nan(
+    function: Callable[..., Array], instead: float
+) -> Callable[..., Array]:
+    return lambda a, axis=None, **kwargs: function(
+        np.where(np.isnan(a), instead, a), axis=axis, **kwargs
+    )
 
 
 def _extreme(function: Callable[..., Array], instead: float) -> Callable[..., Array]:
@@ -75,29 +84,48 @@ def _nanmean(a: Array, axis: int | None = None, **kwargs: Any) -> Array:
 
 
 def _nan_to_num(
-    x: Array, *, nan: float = 0.0, posinf: float | None = None, neginf: float | None = None
+    x: Array,
+    *,
+    nan: float = 0.0,
+    posinf: float | None = None,
+    neginf: float | None = None,
 ) -> Array:
     high = np.where(x > MAX_FLOAT, MAX_FLOAT if posinf is None else posinf, x)
     low = np.where(x < -MAX_FLOAT, -MAX_FLOAT if neginf is None else neginf, high)
     return np.where(np.isnan(x), nan, low)
 
 
-def _isclose(a: Array, b: Array, rtol: float = 1e-5, atol: float = 1e-8, equal_nan: bool = False) -> Array:
+def _isclose(
+    a: Array, b: Array, rtol: float = 1e-5, atol: float = 1e-8, equal_nan: bool = False
+) -> Array:
     near = np.abs(np.subtract(a, b)) <= atol + rtol * np.abs(b)
     close = np.logical_or(np.equal(a, b), np.logical_and(near, np.isfinite(b)))
-    return np.logical_or(close, np.logical_and(np.isnan(a), np.isnan(b))) if equal_nan else close
+    return (
+        np.logical_or(close, np.logical_and(np.isnan(a), np.isnan(b)))
+        if equal_nan
+        else close
+    )
 
 
 def _heaviside(x: Array, half: Array) -> Array:
-    return np.where(np.equal(x, 0.0), half, np.where(np.isnan(x), x, np.greater(x, 0.0)))
+    return np.where(
+        np.equal(x, 0.0), half, np.where(np.isnan(x), x, np.greater(x, 0.0))
+    )
 
 
 def _log_of_sum(a: Array, b: Array) -> Array:
-    smaller = np.exp(-np.abs(np.where(np.equal(a, b), 0.0, np.subtract(a, b))))  # avoids inf - inf
+    # avoids inf - inf
+    smaller = np.exp(-np.abs(np.where(np.equal(a, b), 0.0, np.subtract(a, b))))
     return np.maximum(a, b) + np.log1p(smaller)
 
 
-def _interp(x: Array, xp: Array, fp: Array, left: float | None = None, right: float | None = None) -> Array:
+def _interp(
+    x: Array,
+    xp: Array,
+    fp: Array,
+    left: float | None = None,
+    right: float | None = None,
+) -> Array:
     found = np.where(x > xp[-1], fp[-1] if right is None else right, fp[-1])
     for i in reversed(range(len(xp) - 1)):
         slope = (fp[i + 1] - fp[i]) / (xp[i + 1] - xp[i])
@@ -137,7 +165,9 @@ NUMPY_REPLACEMENTS: dict[Callable[..., Any], Callable[..., Any]] = {
     np.isclose: _isclose,
     np.heaviside: _heaviside,
     np.logaddexp: _log_of_sum,
-    np.logaddexp2: lambda a, b: _log_of_sum(np.log(2.0) * a, np.log(2.0) * b) / np.log(2.0),
+    np.logaddexp2: lambda a, b: (
+        _log_of_sum(np.log(2.0) * a, np.log(2.0) * b) / np.log(2.0)
+    ),
     np.interp: _interp,
     np.digitize: _digitize,
 }

@@ -39,7 +39,19 @@ SERIES_FUNCTIONS = {
 
 # Functions of the C library with the names of CasADi's operations.
 _OF_ONE = (
-    *("sqrt", "tan", "asin", "acos", "atan", "sinh", "cosh", "tanh", "asinh", "acosh", "atanh"),
+    *(
+        "sqrt",
+        "tan",
+        "asin",
+        "acos",
+        "atan",
+        "sinh",
+        "cosh",
+        "tanh",
+        "asinh",
+        "acosh",
+        "atanh",
+    ),
     *("log1p", "expm1", "erf", "floor", "ceil"),
 )
 _OF_TWO = ("fmod", "copysign", "atan2", "hypot", "remainder")
@@ -82,10 +94,19 @@ MASKED_CHOICES = {
 }
 """Comparisons and selections for vectors: the bit mask of a comparison selects lanes."""
 
-FUSED_FORMULAS = {-1: "{w}fma({0}, {1}, {2})", -2: "{w}fma({0}, {1}, {m[2]})", -3: "{w}fma({m[0]}, {1}, {2})"}
+FUSED_FORMULAS = {
+    -1: "{w}fma({0}, {1}, {2})",
+    -2: "{w}fma({0}, {1}, {m[2]})",
+    -3: "{w}fma({m[0]}, {1}, {2})",
+}
 """Fused operations, which CasADi lacks: a b + c, a b - c, c - a b, rounded once; for numbers and vectors."""
 
-FUSED_OPERATIONS = {(ca.OP_ADD, 0): -1, (ca.OP_ADD, 1): -1, (ca.OP_SUB, 0): -2, (ca.OP_SUB, 1): -3}
+FUSED_OPERATIONS = {
+    (ca.OP_ADD, 0): -1,
+    (ca.OP_ADD, 1): -1,
+    (ca.OP_SUB, 0): -2,
+    (ca.OP_SUB, 1): -3,
+}
 """Fused operation that replaces an operation whose operand with this index is a product."""
 
 
@@ -114,17 +135,24 @@ class Numbers:
         """Return the C expression of a vector with the scalar `text` in all lanes."""
         return text if self.lanes == 1 else f"tf_{self.lanes}_all({text})"
 
-    def computed(self, operation: int, operands: Sequence[str], sums: Container[str] = ()) -> str:
+    def computed(
+        self, operation: int, operands: Sequence[str], sums: Container[str] = ()
+    ) -> str:
         """Return the C expression of CasADi's `operation` [-] on `operands`; `sums` are results of fma."""
         minus = [f"-{o}" for o in operands]
         if self.lanes == 1:
             # Compilers turn -(a b + c) into -a b - c, which changes the sign of an exact zero.
-            minus = [f"tf_minus({o})" if o in sums else m for o, m in zip(operands, minus, strict=True)]
+            minus = [
+                f"tf_minus({o})" if o in sums else m
+                for o, m in zip(operands, minus, strict=True)
+            ]
             return str(FORMULAS[operation].format(*operands, w="", m=minus))
         if operation in ONE_LANE or (operation in SERIES_FUNCTIONS and not self.series):
             lanes = ([f"{o}[{i}]" for o in operands] for i in range(self.lanes))
             return f"({self.type}){{{', '.join(FORMULAS[operation].format(*each, w='') for each in lanes)}}}"
-        return str(VECTOR_FORMULAS[operation].format(*operands, w=f"tf_{self.lanes}_", m=minus))
+        return str(
+            VECTOR_FORMULAS[operation].format(*operands, w=f"tf_{self.lanes}_", m=minus)
+        )
 
 
 FORMULAS = ALL_LANES | SERIES_FUNCTIONS | FUSED_FORMULAS | ONE_LANE | SCALAR_CHOICES

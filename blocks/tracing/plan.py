@@ -30,7 +30,12 @@ from trussflow.blocks.tracing.block_check import check_kind, isolate_all
 from trussflow.blocks.tracing.clock_counters import ClockCounters, share_program
 from trussflow.blocks.tracing.evaluation import Evaluation, Leaves
 from trussflow.blocks.tracing.initial_states import set_from_inputs
-from trussflow.blocks.tracing.kernels import from_expression, is_traced, to_expression, tracing
+from trussflow.blocks.tracing.kernels import (
+    from_expression,
+    is_traced,
+    to_expression,
+    tracing,
+)
 from trussflow.blocks.tracing.program import Program, lower
 from trussflow.blocks.tracing.quantities import Quantity
 from trussflow.blocks.tracing.sorted_order import Active, Stage, order
@@ -69,7 +74,9 @@ class Plan:
         If the equations of a block cannot be traced.
     """
 
-    def __init__(self, diagram: Diagram | System, *, own_programs: bool = False) -> None:
+    def __init__(
+        self, diagram: Diagram | System, *, own_programs: bool = False
+    ) -> None:
         self.system = diagram if isinstance(diagram, System) else flatten(diagram)
         self.name = self.system.root.name
         blocks = self.system.blocks
@@ -77,7 +84,9 @@ class Plan:
             check_kind(block)
         with told(f"checking the blocks of '{self.name}'"):
             self._isolated = isolate_all(blocks)
-        self.feedthrough = {path: one.feedthrough for path, one in self._isolated.items()}
+        self.feedthrough = {
+            path: one.feedthrough for path, one in self._isolated.items()
+        }
         states = [
             (path, name, block.state_shape(name), block.continuous)
             for path, block in blocks.items()
@@ -86,7 +95,8 @@ class Plan:
         held = [
             (path, port.name, port.whole_shape or ())
             for path, block in blocks.items()
-            if block.sample_time is not None or not (block.traced or isinstance(block, External))
+            if block.sample_time is not None
+            or not (block.traced or isinstance(block, External))
             for port in block.outputs()
         ]
         self.x = Layout((path, name, shape) for path, name, shape, c in states if c)
@@ -101,11 +111,14 @@ class Plan:
         # Each part of d starts at the end of the part before.
         self.modes = Layout(modes)
         self.memory = Layout(
-            ((path, name, shape) for path, name, shape, c in states if not c), self.modes.span.stop
+            ((path, name, shape) for path, name, shape, c in states if not c),
+            self.modes.span.stop,
         )
         self.held = Layout(held, self.memory.span.stop)
         shared = not own_programs and share_program(self.system, self.feedthrough)
-        self.counters = ClockCounters(self.system.clocks if shared else [], self.held.span.stop)
+        self.counters = ClockCounters(
+            self.system.clocks if shared else [], self.held.span.stop
+        )
         # ``events.h`` depends on the order of the following parts.
         self.sides = Layout(events, self.counters.span.stop)
         self.fired = Layout(events, self.sides.span.stop)
@@ -121,7 +134,9 @@ class Plan:
             for path, block in blocks.items()
             for name, value in block.parameters.items()
         )
-        self.python_blocks = [b for b in blocks.values() if not b.traced and not isinstance(b, External)]
+        self.python_blocks = [
+            b for b in blocks.values() if not b.traced and not isinstance(b, External)
+        ]
         self._orders: dict[Active, list[Stage]] = {}
         self._lay_out_rest([])
         self.loops = AlgebraicLoops(self)
@@ -134,17 +149,29 @@ class Plan:
     def _lay_out_rest(self, iterated: Iterable[Port]) -> None:
         """Lay out the end of d: guesses of the iterated outputs, and external inputs."""
         ports = sorted(iterated, key=lambda port: port.path)
-        guesses = [(port.block.path, port.name, port.whole_shape or ()) for port in ports]
+        guesses = [
+            (port.block.path, port.name, port.whole_shape or ()) for port in ports
+        ]
         self.guesses = Layout(guesses, self.fired.span.stop)
         external = self.system.external.values()
-        self.u = Layout(((b.path, "y", b.extent) for b in external), self.guesses.span.stop)
+        self.u = Layout(
+            ((b.path, "y", b.extent) for b in external), self.guesses.span.stop
+        )
         self.d_size = self.u.span.stop
 
     @property
     def layouts(self) -> tuple[Layout, ...]:
         """Layouts of x, of the parts of d, and of p."""
         return (
-            *(self.x, self.modes, self.memory, self.held, self.counters, self.sides, self.fired),
+            *(
+                self.x,
+                self.modes,
+                self.memory,
+                self.held,
+                self.counters,
+                self.sides,
+                self.fired,
+            ),
             *(self.guesses, self.u, self.p),
         )
 
@@ -167,9 +194,14 @@ class Plan:
         """Return the slice of (x, d) with the array `name` of the block at `path`."""
         for layout in (*self.stored, self.held, self.u):
             if (path, name) in layout.entries:
-                entry, start = layout.entries[path, name], 0 if layout is self.x else self.x.size
+                entry, start = (
+                    layout.entries[path, name],
+                    0 if layout is self.x else self.x.size,
+                )
                 return slice(start + entry.start, start + entry.stop)
-        raise NameLookupError(f"'{path}.{name}' is neither a state nor a held output nor an external input")
+        raise NameLookupError(
+            f"'{path}.{name}' is neither a state nor a held output nor an external input"
+        )
 
     def order(self, active: Active) -> list[Stage]:
         """Return the sorted order of the outputs while `active` clocks tick.
@@ -180,12 +212,16 @@ class Plan:
             If there is an algebraic loop that is not solved.
         """
         if active not in self._orders:
-            self._orders[active] = order(self.system, self.feedthrough, active, self.loops.torn)
+            self._orders[active] = order(
+                self.system, self.feedthrough, active, self.loops.torn
+            )
         return self._orders[active]
 
     # -- values ---------------------------------------------------------------------------
 
-    def parameters(self, overrides: Mapping[str, Any] | None, present: Vector | None = None) -> Vector:
+    def parameters(
+        self, overrides: Mapping[str, Any] | None, present: Vector | None = None
+    ) -> Vector:
         """Return p: the present values, or else the defaults of the blocks, with overrides from the user.
 
         Parameters
@@ -209,7 +245,9 @@ class Plan:
         for reference, value in by_name("parameters", overrides).items():
             e = self.p.find(reference, "parameter", hint=self.structural(reference))
             changed[e.path] = blocks[e.path]
-            self.p.put(flat, e.path, e.name, blocks[e.path].parameter_value(e.name, value))
+            self.p.put(
+                flat, e.path, e.name, blocks[e.path].parameter_value(e.name, value)
+            )
         for path, block in changed.items():
             block.check_parameters(self.p.signals(path, flat))
         return flat
@@ -219,7 +257,9 @@ class Plan:
         path, _, name = reference.rpartition(".")
         there = vars(self.system.blocks[path]) if path in self.system.blocks else {}
         return (
-            f" ('{name}' is a structural attribute of '{path}': build another block)" if name in there else ""
+            f" ('{name}' is a structural attribute of '{path}': build another block)"
+            if name in there
+            else ""
         )
 
     def initial(
@@ -249,7 +289,12 @@ class Plan:
             flat = x if layout is self.x else d
             for e in layout:
                 block = self.system.blocks[e.path]
-                layout.put(flat, e.path, e.name, block.initial(e.name, self.p.signals(e.path, p)))
+                layout.put(
+                    flat,
+                    e.path,
+                    e.name,
+                    block.initial(e.name, self.p.signals(e.path, p)),
+                )
         for port, value in self.loops.starts.items():
             if place := self.guesses.entries.get((port.block.path, port.name)):
                 self.guesses.put(d, place.path, place.name, value)
@@ -301,13 +346,18 @@ class Plan:
         """
         places = *self.stored, self.guesses
         layout = next(layout for layout in places if (path, name) in layout.entries)
-        what, shape = f"initial value of '{path}.{name}'", layout.entries[path, name].shape
+        what, shape = (
+            f"initial value of '{path}.{name}'",
+            layout.entries[path, name].shape,
+        )
         array = finite_array(what, value, shape, infinite=layout is self.modes)
         layout.put(x if layout is self.x else d, path, name, array)
 
     # -- evaluation -----------------------------------------------------------------------
 
-    def evaluation(self, t: Array, x: Array, d: Array, p: Array, make: Any, active: Active) -> Evaluation:
+    def evaluation(
+        self, t: Array, x: Array, d: Array, p: Array, make: Any, active: Active
+    ) -> Evaluation:
         """Return the evaluation of all signals while the `active` clocks tick.
 
         `make` converts a slice to an array. Signals are expressions if `t`, `x`, `d` and `p` are symbols,
@@ -323,12 +373,18 @@ class Plan:
             for found in (states, held, parameters, fired, guesses):
                 found.setdefault(path, Signals(f"block '{path}'", {}))
             if not is_traced(t):
-                fired[path] = Signals(fired[path].owner, {n: f > 0 for n, f in fired[path].items()})
+                fired[path] = Signals(
+                    fired[path].owner, {n: f > 0 for n, f in fired[path].items()}
+                )
         sides, counters = self.sides.unpack(d, make), self.counters.by_clock(d, make)
         leaves = Leaves(t, states, held, parameters, fired, sides, guesses, counters)
-        traced_blocks = {k: i.traced for k, i in self._isolated.items() if i.traced is not None}
+        traced_blocks = {
+            k: i.traced for k, i in self._isolated.items() if i.traced is not None
+        }
         if is_traced(t):
-            return Evaluation(self.system, self.feedthrough, leaves, active, traced_blocks)
+            return Evaluation(
+                self.system, self.feedthrough, leaves, active, traced_blocks
+            )
         solved = self.loops.values(float(t), x, d, p, active)
         return Evaluation(self.system, self.feedthrough, leaves, active, solved=solved)
 
@@ -342,7 +398,9 @@ class Plan:
         sizes = (1, self.x.size, self.d_size, self.p.size)
         return [ca.SX.sym(n, size) for n, size in zip("txdp", sizes, strict=True)]
 
-    def evaluate(self, t: float, x: Vector, d: Vector, p: Vector, active: Active = frozenset()) -> Evaluation:
+    def evaluate(
+        self, t: float, x: Vector, d: Vector, p: Vector, active: Active = frozenset()
+    ) -> Evaluation:
         """Return the signals as plain numbers while `active` clocks tick.
 
         The signals are those at time `t` [s] with `x`, `d` and `p` [as declared].
@@ -358,10 +416,18 @@ class Plan:
             new = self.symbolic(frozenset(), leaves)
             for quantity in quantities:
                 if (active := quantity.active) not in evaluated:
-                    now = Evaluation(new.system, new.feedthrough, new.leaves, active, new.traced_blocks)
+                    now = Evaluation(
+                        new.system,
+                        new.feedthrough,
+                        new.leaves,
+                        active,
+                        new.traced_blocks,
+                    )
                     now.compute(self.order(active))
                     evaluated[active] = now
                 arrays = quantity.collect(self, evaluated[active])
-                column = ca.vertcat(*map(to_expression, arrays)) if arrays else ca.SX(0, 1)
+                column = (
+                    ca.vertcat(*map(to_expression, arrays)) if arrays else ca.SX(0, 1)
+                )
                 programs.append(lower(quantity.name, leaves, column, trace))
         return programs

@@ -86,7 +86,9 @@ class Program:
             columns = everything.call([*values, *results])[k]
             each = np.asarray(call.kernel.function(columns), dtype=float)
             results[k] = each.reshape(results[k].shape, order="F")
-        return np.asarray(everything.call([*values, *results])[-1], dtype=float).reshape(self.size, *sets)
+        return np.asarray(
+            everything.call([*values, *results])[-1], dtype=float
+        ).reshape(self.size, *sets)
 
     @cached_property
     def function(self) -> ca.Function:
@@ -102,7 +104,9 @@ class Program:
         if not self.calls:
             return self.function
         kernels = (call.kernel for call in self.calls)
-        return self._function([k.near() if k.near else k.function for k in kernels]).expand()
+        return self._function(
+            [k.near() if k.near else k.function for k in kernels]
+        ).expand()
 
     def _function(self, kernels: Sequence[ca.Function]) -> ca.Function:
         """Return the program as a CasADi function with these implementations of its kernels."""
@@ -150,7 +154,9 @@ def lower(name: str, inputs: Sequence[ca.SX], result: ca.SX, trace: Trace) -> Pr
     return Program(name, tuple(inputs), tuple(calls[::-1]), ca.densify(result))
 
 
-def _straight(name: str, inputs: Sequence[ca.SX], results: Sequence[ca.SX]) -> ca.Function:
+def _straight(
+    name: str, inputs: Sequence[ca.SX], results: Sequence[ca.SX]
+) -> ca.Function:
     """Return a function without kernels, with zero for symbols that are not among the inputs.
 
     Such symbols are placeholders of block inputs without feedthrough to the evaluated output. They occur

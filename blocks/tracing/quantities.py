@@ -44,12 +44,17 @@ def derivative() -> Quantity:
         paths = dict.fromkeys(e.path for e in plan.x)
         blocks = {path: plan.system.blocks[path] for path in paths}
         rates = {path: evaluation.rates(b) for path, b in blocks.items() if b.traced}
-        return [rates[e.path][e.name] if e.path in rates else np.zeros(e.shape) for e in plan.x]
+        return [
+            rates[e.path][e.name] if e.path in rates else np.zeros(e.shape)
+            for e in plan.x
+        ]
 
     return Quantity("derivative", frozenset(), collect)
 
 
-def outputs(ports: Sequence[Port], name: str = "outputs", active: Active = frozenset()) -> Quantity:
+def outputs(
+    ports: Sequence[Port], name: str = "outputs", active: Active = frozenset()
+) -> Quantity:
     """Return the quantity `name`: the concatenated values of `ports` while `active` clocks tick."""
 
     def collect(_plan: Plan, evaluation: Evaluation) -> list[Array]:
@@ -71,7 +76,10 @@ def sample(number: int, active: Active) -> Quantity:
         updates = {path: evaluation.updates(plan.system.blocks[path]) for path in paths}
         return (
             [memory[e.path][e.name] for e in plan.modes]
-            + [updates[e.path][e.name] if e.path in updates else memory[e.path][e.name] for e in plan.memory]
+            + [
+                updates[e.path][e.name] if e.path in updates else memory[e.path][e.name]
+                for e in plan.memory
+            ]
             + [
                 evaluation.output(plan.system.blocks[e.path].port(e.name))
                 if computes(e.path)
@@ -94,7 +102,8 @@ def guesses() -> Quantity:
     def collect(plan: Plan, evaluation: Evaluation) -> list[Array]:
         return [
             evaluation.solved.get(
-                plan.system.blocks[e.path].port(e.name), evaluation.leaves.guesses[e.path][e.name]
+                plan.system.blocks[e.path].port(e.name),
+                evaluation.leaves.guesses[e.path][e.name],
             )
             for e in plan.guesses
         ]
@@ -107,8 +116,15 @@ def indicators() -> Quantity:
 
     def collect(plan: Plan, evaluation: Evaluation) -> list[Array]:
         blocks = {e.path: plan.system.blocks[e.path] for e in plan.sides}
-        found = {path: evaluation.indicators(block) for path, block in blocks.items() if block.traced}
-        return [found[e.path][e.name] if e.path in found else np.zeros(e.shape) for e in plan.sides]
+        found = {
+            path: evaluation.indicators(block)
+            for path, block in blocks.items()
+            if block.traced
+        }
+        return [
+            found[e.path][e.name] if e.path in found else np.zeros(e.shape)
+            for e in plan.sides
+        ]
 
     return Quantity("indicators", frozenset(), collect)
 
@@ -119,9 +135,13 @@ def after_events() -> Quantity:
     def collect(plan: Plan, evaluation: Evaluation) -> list[Array]:
         blocks = {e.path: plan.system.blocks[e.path] for e in plan.sides}
         after = evaluation.leaves.states | {
-            path: evaluation.after_events(block) for path, block in blocks.items() if block.traced
+            path: evaluation.after_events(block)
+            for path, block in blocks.items()
+            if block.traced
         }
-        return [after[e.path][e.name] for layout in (plan.x, plan.modes) for e in layout]
+        return [
+            after[e.path][e.name] for layout in (plan.x, plan.modes) for e in layout
+        ]
 
     return Quantity("on_event", frozenset(), collect)
 

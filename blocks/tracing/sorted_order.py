@@ -73,7 +73,11 @@ def components(graph: Mapping[T, Iterable[T]]) -> Iterator[tuple[T, ...]]:
     """
     nodes = list(graph)
     number = {node: i for i, node in enumerate(nodes)}
-    pairs = [(number[node], number[source]) for node, sources in graph.items() for source in sources]
+    pairs = [
+        (number[node], number[source])
+        for node, sources in graph.items()
+        for source in sources
+    ]
     rows, columns = zip(*pairs, strict=True) if pairs else ((), ())
     _, places, starts = ca.Sparsity.triplet(len(nodes), len(nodes), rows, columns).scc()
     # CasADi lists first the components on which no other depends.
@@ -95,11 +99,15 @@ def holds(system: System, block: Block, active: Active) -> bool:
 def graph_of(system: System, feedthrough: Feedthrough, active: Active) -> Graph:
     """Return the dependence graph, by `feedthrough`, of outputs of a `system` while `active` clocks tick."""
     return dependence_graph(
-        system, feedthrough, {path: holds(system, b, active) for path, b in system.blocks.items()}
+        system,
+        feedthrough,
+        {path: holds(system, b, active) for path, b in system.blocks.items()},
     )
 
 
-def dependence_graph(system: System, feedthrough: Feedthrough, held: Mapping[str, bool]) -> Graph:
+def dependence_graph(
+    system: System, feedthrough: Feedthrough, held: Mapping[str, bool]
+) -> Graph:
     """Return the dependence graph, by `feedthrough`, of outputs of a `system` whose blocks are not `held`."""
     graph: Graph = {}
     for path, block in system.blocks.items():
@@ -107,11 +115,15 @@ def dependence_graph(system: System, feedthrough: Feedthrough, held: Mapping[str
             continue
         for port in block.outputs():
             sources = graph.setdefault(port, {})
-            for name in (p.name for p in block.inputs() if p.name in feedthrough[path][port.name]):
+            for name in (
+                p.name for p in block.inputs() if p.name in feedthrough[path][port.name]
+            ):
                 for driver in system.drivers[path, name]:
                     if driver.source is not None and not held[driver.source.block.path]:
                         source = driver.source.block.port(driver.source.name)
-                        sources[source] = f"{path}.{name} ==feedthrough==> {port.path}   [{driver.where}]"
+                        sources[source] = (
+                            f"{path}.{name} ==feedthrough==> {port.path}   [{driver.where}]"
+                        )
     return graph
 
 
@@ -142,7 +154,9 @@ def reached_from(
             if source.path in among:
                 found[source.path] = None
             elif not holds(system, source, active):
-                waiting += [(source.path, i) for i in sorted(feedthrough[source.path][output])]
+                waiting += [
+                    (source.path, i) for i in sorted(feedthrough[source.path][output])
+                ]
     return [*found]
 
 
@@ -157,14 +171,22 @@ def torn_ports(graph: Graph, preferred: Container[Port]) -> frozenset[Port]:
         for ports in cycles(waiting.pop()):
             inside = _among(graph, ports)
             uses = Counter(source for sources in inside.values() for source in sources)
-            best = min(ports, key=lambda p: (p not in preferred, p.size, -uses[p] * len(inside[p])))
+            best = min(
+                ports,
+                key=lambda p: (p not in preferred, p.size, -uses[p] * len(inside[p])),
+            )
             found.add(best)
             waiting.append(_among(inside, [port for port in ports if port is not best]))
     return frozenset(found)
 
 
 def order(
-    system: System, feedthrough: Feedthrough, active: Active, torn: frozenset[Port], *, refuse: bool = True
+    system: System,
+    feedthrough: Feedthrough,
+    active: Active,
+    torn: frozenset[Port],
+    *,
+    refuse: bool = True,
 ) -> list[Stage]:
     """Return the sorted order of the outputs of a `system` that are computed while `active` clocks tick.
 
@@ -198,19 +220,26 @@ def order(
 def _among(graph: Graph, ports: Iterable[Port]) -> Graph:
     """Return the subgraph of some ports."""
     chosen = dict.fromkeys(ports)
-    return {port: {s: how for s, how in graph[port].items() if s in chosen} for port in chosen}
+    return {
+        port: {s: how for s, how in graph[port].items() if s in chosen}
+        for port in chosen
+    }
 
 
 def is_solved(system: System, paths: Collection[str]) -> bool:
     """Return whether a diagram of a `system` that contains all blocks at these `paths` solves its loops."""
     return any(
-        diagram.loop_policy == "solve" and all(not name or path.startswith(f"{name}.") for path in paths)
+        diagram.loop_policy == "solve"
+        and all(not name or path.startswith(f"{name}.") for path in paths)
         for name, diagram in system.diagrams.items()
     )
 
 
 def _lines(graph: Graph, cycle: list[Port]) -> list[str]:
-    return [f"  {first.path} --wire--> {graph[second][first]}" for first, second in pairwise(cycle)]
+    return [
+        f"  {first.path} --wire--> {graph[second][first]}"
+        for first, second in pairwise(cycle)
+    ]
 
 
 def _refused(system: System, graph: Graph, cycle: list[Port]) -> AlgebraicLoopError:

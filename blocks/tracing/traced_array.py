@@ -18,7 +18,19 @@ import numpy as np
 from trussflow.blocks.tracing.numpy_functions import NUMPY_REPLACEMENTS
 
 UNSUPPORTED_ARGUMENTS = frozenset(
-    ("where", "initial", "dtype", "out", "order", "casting", "subok", "like", "mean", "correction", "period")
+    (
+        "where",
+        "initial",
+        "dtype",
+        "out",
+        "order",
+        "casting",
+        "subok",
+        "like",
+        "mean",
+        "correction",
+        "period",
+    )
 )
 """Arguments of NumPy functions that CasADi ignores or interprets differently."""
 
@@ -34,9 +46,7 @@ def _refuse(what: str) -> Callable[..., Never]:
     return refuse
 
 
-_TO_COMBINE = (
-    "'&', '|', '^' and '~' do not trace; write np.logical_and, np.logical_or, np.not_equal, np.logical_not"
-)
+_TO_COMBINE = "'&', '|', '^' and '~' do not trace; write np.logical_and, np.logical_or, np.not_equal, np.logical_not"
 _TO_CHOOSE = (
     "a signal has no value while traced, and cannot be an index or a count; write np.where or np.select to "
     "choose, np.trunc or np.floor instead of int()"
@@ -52,7 +62,16 @@ REFUSAL_MESSAGES = {
     "or np.concatenate to put signals together, np.where to choose",
     "__setitem__": "an array of signals cannot be written into; write np.stack, np.concatenate or np.where",
     **dict.fromkeys(
-        ("__and__", "__or__", "__xor__", "__invert__", "__rand__", "__ror__", "__rxor__"), _TO_COMBINE
+        (
+            "__and__",
+            "__or__",
+            "__xor__",
+            "__invert__",
+            "__rand__",
+            "__ror__",
+            "__rxor__",
+        ),
+        _TO_COMBINE,
     ),
 }
 """Message of each method that needs numbers, with the remedy."""
@@ -61,7 +80,9 @@ REFUSAL_MESSAGES = {
 class TracedArray(ca.ArrayInterfaceSX):
     """A NumPy array whose elements are expressions."""
 
-    def __array_ufunc__(self, ufunc: np.ufunc, method: str, *inputs: Any, **kwargs: Any) -> Any:
+    def __array_ufunc__(
+        self, ufunc: np.ufunc, method: str, *inputs: Any, **kwargs: Any
+    ) -> Any:
         """Implement ``np.add`` and other universal functions."""
         name = (
             f"np.{ufunc.__name__}"
@@ -71,10 +92,16 @@ class TracedArray(ca.ArrayInterfaceSX):
         name += f".{method}" if method != "__call__" else ""
         _refuse_dropped(name, kwargs)
         if ufunc in NUMPY_REPLACEMENTS:
-            return NUMPY_REPLACEMENTS[ufunc](*inputs) if method == "__call__" else owned(NotImplemented, name)
+            return (
+                NUMPY_REPLACEMENTS[ufunc](*inputs)
+                if method == "__call__"
+                else owned(NotImplemented, name)
+            )
         return owned(super().__array_ufunc__(ufunc, method, *inputs, **kwargs), name)
 
-    def __array_function__(self, func: Callable[..., Any], types: Any, args: Any, kwargs: Any) -> Any:
+    def __array_function__(
+        self, func: Callable[..., Any], types: Any, args: Any, kwargs: Any
+    ) -> Any:
         """Implement ``np.stack`` and other functions."""
         name = f"{func.__module__.replace('numpy', 'np', 1)}.{func.__name__}"
         _refuse_dropped(name, _given(func, args, kwargs))
@@ -118,12 +145,42 @@ def _kept(name: str) -> Callable[..., Any]:
 
 
 _WRAPPED_METHODS = (
-    *("_binop", "_rbinop", "_matmul", "__getitem__", "__neg__", "__abs__", "reshape", "transpose"),
-    *("sum", "mean", "prod", "max", "min", "ptp", "all", "any", "var", "std", "squeeze", "flatten", "ravel"),
+    *(
+        "_binop",
+        "_rbinop",
+        "_matmul",
+        "__getitem__",
+        "__neg__",
+        "__abs__",
+        "reshape",
+        "transpose",
+    ),
+    *(
+        "sum",
+        "mean",
+        "prod",
+        "max",
+        "min",
+        "ptp",
+        "all",
+        "any",
+        "var",
+        "std",
+        "squeeze",
+        "flatten",
+        "ravel",
+    ),
 )
 for _name in _WRAPPED_METHODS:
     setattr(TracedArray, _name, _kept(_name))
-for _name in ("__mod__", "__rmod__", "__floordiv__", "__rfloordiv__", "__divmod__", "__rdivmod__"):
+for _name in (
+    "__mod__",
+    "__rmod__",
+    "__floordiv__",
+    "__rfloordiv__",
+    "__divmod__",
+    "__rdivmod__",
+):
     setattr(TracedArray, _name, getattr(np.lib.mixins.NDArrayOperatorsMixin, _name))
 for _name, _what in REFUSAL_MESSAGES.items():
     setattr(TracedArray, _name, _refuse(_what))
@@ -148,7 +205,13 @@ def _given(func: Callable[..., Any], args: Any, kwargs: Any) -> dict[str, Any]:
 def _refuse_dropped(name: str, arguments: dict[str, Any]) -> None:
     for dropped in UNSUPPORTED_ARGUMENTS.intersection(arguments):
         value = arguments[dropped]
-        idle = value is None or value is np._NoValue or value is True or value is float or value == "K"
+        idle = (
+            value is None
+            or value is np._NoValue
+            or value is True
+            or value is float
+            or value == "K"
+        )
         if not idle:
             raise NeedsNumberError(
                 f"'{dropped}' of {name} does not trace; write it with np.where, np.maximum or np.minimum"

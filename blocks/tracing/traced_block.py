@@ -9,7 +9,13 @@ import casadi as ca
 
 from trussflow.blocks.framework.block import Values
 from trussflow.blocks.support.types import Array
-from trussflow.blocks.tracing.kernels import KernelCall, call_kernel, from_expression, shape_of, to_expression
+from trussflow.blocks.tracing.kernels import (
+    KernelCall,
+    call_kernel,
+    from_expression,
+    shape_of,
+    to_expression,
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,7 +50,9 @@ class TracedBlock:
         for call in self.calls:
             self.parts.append(ca.Function("part", leaves, [call.inputs]))
             leaves.append(ca.vec(call.symbols))
-        values = [to_expression(v) for values in self.values.values() for v in values.values()]
+        values = [
+            to_expression(v) for values in self.values.values() for v in values.values()
+        ]
         self.parts.append(ca.Function("part", leaves, values))
 
     def fits(self, arguments: Iterable[Array]) -> bool:
@@ -53,7 +61,8 @@ class TracedBlock:
         A matrix with structural zeros cannot, as a new trace of the equations may exploit the zeros.
         """
         return not any(
-            len(shape_of(a)) == 2 and any(e.is_constant() for e in ca.vertsplit(to_expression(a)))
+            len(shape_of(a)) == 2
+            and any(e.is_constant() for e in ca.vertsplit(to_expression(a)))
             for a in arguments
         )
 
@@ -73,6 +82,9 @@ class TracedBlock:
             actual.append(ca.vec(made.symbols))
         flat = iter(self.parts[-1].call(actual))
         return {
-            kind: {name: from_expression(next(flat), shape_of(v)) for name, v in values.items()}
+            kind: {
+                name: from_expression(next(flat), shape_of(v))
+                for name, v in values.items()
+            }
             for kind, values in self.values.items()
         }

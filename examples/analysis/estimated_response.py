@@ -40,7 +40,10 @@ loop.draw("mirror.svg")
 # Analysis points: names for ports, or parts of them, that several analyses use:
 
 loop.add_analysis_points(drive=amplifier.u, current=amplifier.y, angles=plant.y[:2])
-print("slope of the amplifiers at rest:", np.diag(linearize(loop, "drive", "current", cut="drive").D))
+print(
+    "slope of the amplifiers at rest:",
+    np.diag(linearize(loop, "drive", "current", cut="drive").D),
+)
 
 # %%
 # Sines at twenty frequencies with random phases excite both drives at once. Two runs give a response matrix;
@@ -60,20 +63,37 @@ print(f"the standard error is at most {seen.standard_error[4:].max():.1e} rad/V"
 # %%
 # The ratio of output to input of the amplifiers is their gain. It replaces them in linear models:
 
-entering, leaving = (np.moveaxis(seen.complex[part], -1, 0) for part in (slice(0, 2), slice(2, 4)))
+entering, leaving = (
+    np.moveaxis(seen.complex[part], -1, 0) for part in (slice(0, 2), slice(2, 4))
+)
 gain = np.diag(np.mean(leaving @ np.linalg.inv(entering), axis=0)).real
 told = {"amplifier": np.diag(gain)}
 print("gain of the amplifiers for drives of this size:", gain.round(3))
 for channel, margins in loop_margins(loop, "drive", override=told).channels.items():
-    print(f"{channel}: phase margin {margins.phase:.0f} deg, disk margin {margins.disk:.2f}")
+    print(
+        f"{channel}: phase margin {margins.phase:.0f} deg, disk margin {margins.disk:.2f}"
+    )
 
 # %%
 # The model with this gain (lines), and the estimate with its errors:
 
-model = linearize(loop, "drive", "angles", override=told).frequency_response(np.geomspace(4.0, 150.0, 400))
+model = linearize(loop, "drive", "angles", override=told).frequency_response(
+    np.geomspace(4.0, 150.0, 400)
+)
 for (i, j), style in zip(np.ndindex(2, 2), ["C0", "C1", "C2", "C3"], strict=True):
-    plt.loglog(model.omega, abs(model.complex[i, j]), style, label=f"drive {j + 1} to angle {i + 1}")
-    plt.errorbar(seen.omega, abs(seen.complex[4 + i, j]), seen.standard_error[4 + i, j], fmt=".", color=style)
+    plt.loglog(
+        model.omega,
+        abs(model.complex[i, j]),
+        style,
+        label=f"drive {j + 1} to angle {i + 1}",
+    )
+    plt.errorbar(
+        seen.omega,
+        abs(seen.complex[4 + i, j]),
+        seen.standard_error[4 + i, j],
+        fmt=".",
+        color=style,
+    )
 plt.xlabel("frequency [rad/s]")
 plt.ylabel("angle per drive [rad/V]")
 plt.legend()

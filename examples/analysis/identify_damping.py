@@ -41,7 +41,9 @@ run = simulate(
     log_step=0.02,
 )
 test = run["truss.grasp_displacement"]
-measured = test.values + np.random.default_rng(1).normal(0.0, NOISE_DEVIATION, test.shape)
+measured = test.values + np.random.default_rng(1).normal(
+    0.0, NOISE_DEVIATION, test.shape
+)
 
 # %%
 # Fit
@@ -51,7 +53,9 @@ measured = test.values + np.random.default_rng(1).normal(0.0, NOISE_DEVIATION, t
 
 def misfit(run):
     """Return the mean square of the misfit, in units of the noise."""
-    return np.mean((run["truss.grasp_displacement"] - measured) ** 2) / NOISE_DEVIATION**2
+    return (
+        np.mean((run["truss.grasp_displacement"] - measured) ** 2) / NOISE_DEVIATION**2
+    )
 
 
 found = tune(
@@ -76,9 +80,14 @@ print(found)
 figure, axes = plt.subplots(1, 2, figsize=(8, 3), layout="constrained")
 for axis, name in zip(axes, truth, strict=True):
     key = name.partition(".")[2]
-    for values, marker, label in ((believed[key], "x", "believed"), (found.values[name], "o", "found")):
+    for values, marker, label in (
+        (believed[key], "x", "believed"),
+        (found.values[name], "o", "found"),
+    ):
         axis.plot(range(1, 4), values / truth[name], marker, label=label)
     axis.axhline(1.0, color="grey", linewidth=0.8)
-    axis.set(xlabel="mode", ylabel=f"{key.replace('_', ' ')} / true [-]", xticks=range(1, 4))
+    axis.set(
+        xlabel="mode", ylabel=f"{key.replace('_', ' ')} / true [-]", xticks=range(1, 4)
+    )
 axes[0].legend()
 plt.show()

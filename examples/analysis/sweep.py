@@ -10,7 +10,16 @@ import matplotlib.pyplot as plt
 import numpy as np
 from scipy import stats
 
-from trussflow.blocks import Constant, Diagram, Gain, Integrator, Noise, Sum, rerun, sweep
+from trussflow.blocks import (
+    Constant,
+    Diagram,
+    Gain,
+    Integrator,
+    Noise,
+    Sum,
+    rerun,
+    sweep,
+)
 
 loop = Diagram("second order")
 goal, error, stiffness, damping, gust, speed, place = loop.add(
@@ -38,13 +47,19 @@ swept = sweep(
     20.0,
     vary={
         "damping.gain": stats.truncnorm(-3, 3, loc=0.8, scale=0.15),
-        ("stiffness.gain", "goal.value"): stats.multivariate_normal([1, 1], [[0.02, 0.005], [0.005, 0.01]]),
+        ("stiffness.gain", "goal.value"): stats.multivariate_normal(
+            [1, 1], [[0.02, 0.005], [0.005, 0.01]]
+        ),
         "speed.integral": stats.uniform(-0.2, 0.4),
         "gust.seed": stats.randint(0, 2**31),
     },
     samples=1000,
     method="latin",
-    keep={"highest": ("place.y", "max"), "settled": ("place.y", "settling"), "place.y": "final"},
+    keep={
+        "highest": ("place.y", "max"),
+        "settled": ("place.y", "settling"),
+        "place.y": "final",
+    },
     step=1e-2,
 )
 print(swept["status"].to_series().value_counts().to_string())

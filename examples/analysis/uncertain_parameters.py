@@ -42,13 +42,20 @@ class Antenna(Block):
 
     def derivative(self, t, x, u, p):
         """Return the rates of both, with a motor of 0.1 kg m²."""
-        twist = p.stiffness * (x.angle[0] - x.angle[1]) + p.damping * (x.rate[0] - x.rate[1])
-        return {"angle": x.rate, "rate": np.stack([(u.torque - twist) / 0.1, twist / p.inertia])}
+        twist = p.stiffness * (x.angle[0] - x.angle[1]) + p.damping * (
+            x.rate[0] - x.rate[1]
+        )
+        return {
+            "angle": x.rate,
+            "rate": np.stack([(u.torque - twist) / 0.1, twist / p.inertia]),
+        }
 
 
 loop = Diagram("antenna")
 antenna, angle, rate = loop.add(
-    antenna=Antenna(), angle=Gain(-2.0, output_unit="N*m"), rate=Gain(-1.2, output_unit="N*m")
+    antenna=Antenna(),
+    angle=Gain(-2.0, output_unit="N*m"),
+    rate=Gain(-1.2, output_unit="N*m"),
 )
 antenna.angles[0] >> angle.u
 antenna.rates[0] >> rate.u
@@ -58,9 +65,15 @@ angle.y + rate.y >> antenna.torque
 # From motor torque to antenna motion. The model is made from exact Jacobians at the ends of all ranges; its
 # misfit is the neglected part of the parameters' influence.
 
-ranges = {"antenna.stiffness": 0.2, "antenna.inertia": 0.1, "antenna.damping": (0.025, 0.1)}
+ranges = {
+    "antenna.stiffness": 0.2,
+    "antenna.inertia": 0.1,
+    "antenna.damping": (0.025, 0.1),
+}
 model = uncertain(loop, "antenna.torque", "antenna.angles[1]", ranges)
-print(f"the parameters stand {model.fractions.sizes} times in the model, which misses {model.misfit:.1%}")
+print(
+    f"the parameters stand {model.fractions.sizes} times in the model, which misses {model.misfit:.1%}"
+)
 
 # %%
 # Responses of fifty members, and the bound for all members, within ten per cent:
@@ -70,8 +83,15 @@ worst = worst_gain(model, omega, tolerance=0.1)
 for delta in np.random.default_rng(0).uniform(-1.0, 1.0, (50, 3)):
     plt.loglog(omega, abs(model.family(delta)(1j * omega, squeeze=True)), color="0.8")
 plt.loglog(omega, worst.bound, "k--", label="none exceeds this")
-plt.loglog(omega, worst.reached, "o", label="some member reaches this, such as worst.parameters[0]")
-plt.gca().set(xlabel="frequency [rad/s]", ylabel="antenna's angle per torque [rad/(N m)]")
+plt.loglog(
+    omega,
+    worst.reached,
+    "o",
+    label="some member reaches this, such as worst.parameters[0]",
+)
+plt.gca().set(
+    xlabel="frequency [rad/s]", ylabel="antenna's angle per torque [rad/(N m)]"
+)
 plt.legend()
 plt.show()
 
@@ -79,13 +99,19 @@ plt.show()
 # Distance to instability: with S the peak of the sensitivity over all members, each has a phase margin of at
 # least 2 asin(1 / 2S).
 
-most = max(worst_gain(uncertain(loop, "antenna.torque", "antenna.torque", ranges), omega).bound)
-print(f"S is at most {most:.2f}: {np.degrees(2.0 * np.arcsin(0.5 / most)):.0f} degrees for every member")
+most = max(
+    worst_gain(uncertain(loop, "antenna.torque", "antenna.torque", ranges), omega).bound
+)
+print(
+    f"S is at most {most:.2f}: {np.degrees(2.0 * np.arcsin(0.5 / most)):.0f} degrees for every member"
+)
 
 # %%
 # Poles of fifty members, and the line that no pole of any member crosses:
 
-poles = np.concatenate([model.family(d).poles() for d in np.random.default_rng(0).uniform(-1, 1, (50, 3))])
+poles = np.concatenate(
+    [model.family(d).poles() for d in np.random.default_rng(0).uniform(-1, 1, (50, 3))]
+)
 plt.plot(poles.real, poles.imag, ".", markersize=3)
 print(robust_stability(model, decay=0.9 * min(-poles.real)))
 plt.axvline(0.9 * max(poles.real), color="k", linestyle="--")

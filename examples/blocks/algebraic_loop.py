@@ -16,9 +16,13 @@ bus = Diagram("power bus", loops="solve")
 power, load, battery = bus.add(
     power=Ramp(20.0, unit="W"),
     load=Function(
-        lambda power, v: power / v, {"power": Input(), "v": Input(unit="V")}, {"i": Output(unit="A")}
+        lambda power, v: power / v,
+        {"power": Input(), "v": Input(unit="V")},
+        {"i": Output(unit="A")},
     ),
-    battery=Function(lambda i: 28.0 - 0.5 * i, {"i": Input(unit="A")}, {"v": Output(unit="V")}),
+    battery=Function(
+        lambda i: 28.0 - 0.5 * i, {"i": Input(unit="A")}, {"v": Output(unit="V")}
+    ),
 )
 power >> load.power
 load >> battery

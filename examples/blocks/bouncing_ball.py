@@ -10,7 +10,16 @@ rests, changes at events only. All of this is compiled; the rules are in :doc:`/
 import matplotlib.pyplot as plt
 import numpy as np
 
-from trussflow.blocks import Block, Diagram, Event, Mode, Output, Parameter, State, simulate
+from trussflow.blocks import (
+    Block,
+    Diagram,
+    Event,
+    Mode,
+    Output,
+    Parameter,
+    State,
+    simulate,
+)
 
 
 class Ball(Block):
@@ -38,7 +47,11 @@ class Ball(Block):
     def on_event(self, t, x, u, p, fired):
         """Reverse the speed at height zero, or come to rest."""
         slow = np.abs(x.v) < 0.1
-        return {"z": 0.0, "v": np.where(slow, 0.0, -p.restitution * x.v), "rests": np.where(slow, 1.0, 0.0)}
+        return {
+            "z": 0.0,
+            "v": np.where(slow, 0.0, -p.restitution * x.v),
+            "rests": np.where(slow, 1.0, 0.0),
+        }
 
 
 room = Diagram("room")

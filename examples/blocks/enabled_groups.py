@@ -31,7 +31,8 @@ meter.expose(energy=(used.u1, before.u), since_last=used.y)
 
 house = Diagram("house")
 there, wish, heating, room, total, midnight, meter = house.add(
-    there=Pulse(86400.0, width=0.4, delay=28800.0),  # from 8 o'clock on, almost 10 hours
+    # from 8 o'clock on, almost 10 hours
+    there=Pulse(86400.0, width=0.4, delay=28800.0),
     wish=Gain(20.0),
     heating=enabled(heating, states="reset", outputs="reset"),
     room=TransferFunction([0.01], [7200.0, 1.0]),  # K above ambient
@@ -45,7 +46,11 @@ room >> heating.measured
 heating.power >> room.u
 heating.power >> total >> meter.energy
 midnight >> meter.trigger
-result = simulate(house, 3 * 86400.0 + 600.0, step=2.0, log=[room.y, meter.since_last], log_step=600.0)
+result = simulate(
+    house, 3 * 86400.0 + 600.0, step=2.0, log=[room.y, meter.since_last], log_step=600.0
+)
 for day in (1, 2, 3):
     reading = float(result["meter.since_last"].sel(time=day * 86400.0 + 600.0)) / 3.6e6
-    print(f"day {day}: {reading:.2f} kWh, {float(result['room.y'].sel(time=(day - 0.5) * 86400.0)):.2f} K")
+    print(
+        f"day {day}: {reading:.2f} kWh, {float(result['room.y'].sel(time=(day - 0.5) * 86400.0)):.2f} K"
+    )

@@ -22,14 +22,18 @@ from trussflow.blocks import (
 class Motor(Block):
     """Armature and rotor; power enters by voltage and current and leaves through the shaft."""
 
-    voltage, torque = Input(unit="V"), Input(unit="N*m")  # of the supply; of the shaft, against the motion
+    # of the supply; of the shaft, against the motion
+    voltage, torque = (Input(unit="V"), Input(unit="N*m"))
     current, rate = Output(unit="A"), Output(unit="rad/s")
     energy, heat = Output(unit="J"), Output(unit="W")
     i, w = State(unit="A"), State(unit="rad/s")
     L, R = Parameter(2e-3, unit="H"), Parameter(0.5, unit="ohm")
     K, J = Parameter(0.05, unit="N*m/A"), Parameter(2e-4, unit="kg*m**2")
     energy_account = EnergyAccount(
-        supplied=[("voltage", "current")], delivered=[("torque", "rate")], stored="energy", dissipated="heat"
+        supplied=[("voltage", "current")],
+        delivered=[("torque", "rate")],
+        stored="energy",
+        dissipated="heat",
     )
 
     def output(self, t, x, u, p):
@@ -39,7 +43,10 @@ class Motor(Block):
 
     def derivative(self, t, x, u, p):
         """Return the rates of current, twist and speeds."""
-        return {"i": (u.voltage - p.R * x.i - p.K * x.w) / p.L, "w": (p.K * x.i - u.torque) / p.J}
+        return {
+            "i": (u.voltage - p.R * x.i - p.K * x.w) / p.L,
+            "w": (p.K * x.i - u.torque) / p.J,
+        }
 
 
 class FlywheelOnShaft(Block):
@@ -52,7 +59,10 @@ class FlywheelOnShaft(Block):
 
     def output(self, t, x, u, p):
         """Return the measurements and the energies."""
-        return {"torque": p.k * x.twist, "energy": (p.k * x.twist**2 + p.J * x.w**2) / 2}
+        return {
+            "torque": p.k * x.twist,
+            "energy": (p.k * x.twist**2 + p.J * x.w**2) / 2,
+        }
 
     def derivative(self, t, x, u, p):
         """Return the rates of current, twist and speeds."""
@@ -61,7 +71,9 @@ class FlywheelOnShaft(Block):
 
 for sign in (1.0, -1.0):
     drive = Diagram("drive")
-    supply, motor, wheel = drive.add(supply=Constant(12.0), motor=Motor(), wheel=FlywheelOnShaft())
+    supply, motor, wheel = drive.add(
+        supply=Constant(12.0), motor=Motor(), wheel=FlywheelOnShaft()
+    )
     supply.y >> motor.voltage
     motor.rate >> wheel.rate
     (sign * wheel.torque) >> motor.torque

@@ -8,7 +8,16 @@ An oscillator with its equations in plain NumPy, compared with the exact solutio
 import matplotlib.pyplot as plt
 import numpy as np
 
-from trussflow.blocks import Block, Diagram, Input, Output, Parameter, State, check_block, simulate
+from trussflow.blocks import (
+    Block,
+    Diagram,
+    Input,
+    Output,
+    Parameter,
+    State,
+    check_block,
+    simulate,
+)
 
 
 class Oscillator(Block):
@@ -42,13 +51,19 @@ diagram.ground(mass.force)
 # %%
 for backend in ("compiled", "interpreted", "numpy"):
     result = simulate(diagram, 10.0, step=1e-2, backend=backend)
-    error = abs(result["mass.position"].values - np.cos(2.0 * result["time"].values)).max()
+    error = abs(
+        result["mass.position"].values - np.cos(2.0 * result["time"].values)
+    ).max()
     print(f"{backend:12s} largest error {error:.1e} m")
 
 # %%
 plt.plot(result["time"], result["mass.position"], label="4 N/m")
 softer = simulate(diagram, 10.0, step=1e-2, parameters={"mass.stiffness": 1.0})
-print("stiffness 1 N/m, nothing compiled again:", softer["mass.position"][-1].values.round(4), "m")
+print(
+    "stiffness 1 N/m, nothing compiled again:",
+    softer["mass.position"][-1].values.round(4),
+    "m",
+)
 plt.plot(softer["time"], softer["mass.position"], label="1 N/m")
 plt.gca().set(xlabel="time [s]", ylabel="position [m]")
 plt.legend(loc="upper right", bbox_to_anchor=(1.0, 1.12), ncols=2)

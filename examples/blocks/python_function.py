@@ -8,7 +8,15 @@ A digital controller in plain Python, sampled at 50 Hz, on a continuous plant.
 import matplotlib.pyplot as plt
 import numpy as np
 
-from trussflow.blocks import Constant, Diagram, Input, Output, PythonFunction, StateSpace, simulate
+from trussflow.blocks import (
+    Constant,
+    Diagram,
+    Input,
+    Output,
+    PythonFunction,
+    StateSpace,
+    simulate,
+)
 
 
 def law(position, velocity, goal):
@@ -25,7 +33,9 @@ goal, controller, plant = loop.add(
         outputs={"force": Output(unit="N")},
         inputs={"position": Input(), "velocity": Input(), "goal": Input(unit="m")},
     ),
-    plant=StateSpace([[0.0, 1.0], [0.0, -0.2]], [[0.0], [1.0]], np.eye(2), [[0.0], [0.0]]),
+    plant=StateSpace(
+        [[0.0, 1.0], [0.0, -0.2]], [[0.0], [1.0]], np.eye(2), [[0.0], [0.0]]
+    ),
 )
 plant.y[0] >> controller.position
 plant.y[1] >> controller.velocity

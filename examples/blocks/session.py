@@ -11,7 +11,8 @@ import matplotlib.pyplot as plt
 from trussflow.blocks import Diagram, Session, TransferFunction
 
 room = Diagram("room")
-heated = room.add(heated=TransferFunction([0.01], [600.0, 1.0]))  # K/W after ten minutes
+# K/W after ten minutes
+heated = room.add(heated=TransferFunction([0.01], [600.0, 1.0]))
 room.expose(power=heated.u, warmer=heated.y)
 
 # %%
@@ -28,7 +29,8 @@ for minute in range(90):
     times.append(session.time / 60.0)
     temperatures.append(warmer)
     if minute == 45:
-        halfway = session.save()  # save("halfway.state") writes a file, for another process
+        # save("halfway.state") writes a file, for another process
+        halfway = session.save()
 
 # %%
 # Alternative: the heating fails after 45 minutes. Restore the snapshot and continue:

@@ -14,7 +14,12 @@ from trussflow.fmu import export
 law = Diagram("law")
 pd, limit = law.add(pd=PD(20.0, 3.0, shape=3), limit=Saturation(-5.0, 5.0, shape=3))
 pd.force >> limit.u
-law.expose(position=pd.position, velocity=pd.velocity, goal=pd.reference_position, force=limit.y)
+law.expose(
+    position=pd.position,
+    velocity=pd.velocity,
+    goal=pd.reference_position,
+    force=limit.y,
+)
 law.ground(pd.reference_velocity)
 law.draw("law.svg")
 

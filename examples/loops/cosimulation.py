@@ -27,7 +27,9 @@ def arm():
 
 def law():
     """Return a lag with direct feedthrough: position [m] to force [N]."""
-    return StateSpace([[-2.0]], [[1.0]], [[3.0]], [[-1.5]], input_unit="m", output_unit="N")
+    return StateSpace(
+        [[-2.0]], [[1.0]], [[3.0]], [[-1.5]], input_unit="m", output_unit="N"
+    )
 
 
 def loop(plant, controller):
@@ -45,13 +47,23 @@ loop(arm(), law()).draw("arm_with_law.svg")
 whole = simulate(loop(arm(), law()), 5.0, step=1e-4)["arm.y"]
 
 for coupling in ("jacobi", "gauss-seidel", "iterate"):
-    result = cosimulate(loop(Fmu("arm.fmu"), Fmu("law.fmu")), 5.0, step=0.01, coupling=coupling)
-    error = float(np.abs(result["arm.y"] - whole.sel(time=result["time"], method="nearest")).max())
+    result = cosimulate(
+        loop(Fmu("arm.fmu"), Fmu("law.fmu")), 5.0, step=0.01, coupling=coupling
+    )
+    error = float(
+        np.abs(result["arm.y"] - whole.sel(time=result["time"], method="nearest")).max()
+    )
     print(f"{coupling:12s}: error {error:.1e} m at 10 ms")
 
-result = cosimulate(loop(Fmu("arm.fmu"), Fmu("law.fmu")), 5.0, step=2e-4, tolerance=1e-2)
-error = float(np.abs(result["arm.y"] - whole.sel(time=result["time"], method="nearest")).max())
-print(f"tolerance 1 %: error {error:.1e} m with {result.attrs['communication_steps']} steps")
+result = cosimulate(
+    loop(Fmu("arm.fmu"), Fmu("law.fmu")), 5.0, step=2e-4, tolerance=1e-2
+)
+error = float(
+    np.abs(result["arm.y"] - whole.sel(time=result["time"], method="nearest")).max()
+)
+print(
+    f"tolerance 1 %: error {error:.1e} m with {result.attrs['communication_steps']} steps"
+)
 
 export_ssp(loop(Fmu("arm.fmu"), Fmu("law.fmu")), "loop.ssp", step=0.01)
 again = cosimulate(import_ssp("loop.ssp"), 5.0, step=0.01)

@@ -17,7 +17,9 @@ goal, rest, law, plant = loop.add(
     goal=Constant([1.0], unit="m"),
     rest=Constant([0.0], unit="m/s"),
     law=PD(20.0, 3.0, shape=1),
-    plant=StateSpace([[0.0, 1.0], [-4.0, -0.2]], [[0.0], [1.0]], np.eye(2), [[0.0], [0.0]]),
+    plant=StateSpace(
+        [[0.0, 1.0], [-4.0, -0.2]], [[0.0], [1.0]], np.eye(2), [[0.0], [0.0]]
+    ),
 )
 goal >> law.reference_position
 rest >> law.reference_velocity

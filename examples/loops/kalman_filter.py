@@ -32,12 +32,20 @@ class TwoMasses(Block):
 
     def output(self, t, x, u, p):
         """Return the measurement and all states."""
-        return {"cart": x.position[0], "everything": np.concatenate([x.position, x.velocity])}
+        return {
+            "cart": x.position[0],
+            "everything": np.concatenate([x.position, x.velocity]),
+        }
 
     def derivative(self, t, x, u, p):
         """Return velocities and accelerations."""
-        spring = 20.0 * (x.position[1] - x.position[0]) + 0.3 * (x.velocity[1] - x.velocity[0])
-        return {"position": x.velocity, "velocity": np.stack([(u.force + spring) / 2.0, u.wind - spring])}
+        spring = 20.0 * (x.position[1] - x.position[0]) + 0.3 * (
+            x.velocity[1] - x.velocity[0]
+        )
+        return {
+            "position": x.velocity,
+            "velocity": np.stack([(u.force + spring) / 2.0, u.wind - spring]),
+        }
 
 
 observer = kalman_filter(
@@ -51,8 +59,16 @@ observer = kalman_filter(
     disturbances={"wind": 1e-3},  # slow random walk, N²/s
 )
 loop = Diagram("what a late sensor tells")
-loop.add(plant=TwoMasses(), filter=observer, late=UnitDelay(PERIOD), wind=Constant(0.5, unit="N"))
-loop.add(command=Noise(1.0, 1.0, seed=1, unit="N"), noise=Noise(NOISE, PERIOD, seed=2, unit="m"))
+loop.add(
+    plant=TwoMasses(),
+    filter=observer,
+    late=UnitDelay(PERIOD),
+    wind=Constant(0.5, unit="N"),
+)
+loop.add(
+    command=Noise(1.0, 1.0, seed=1, unit="N"),
+    noise=Noise(NOISE, PERIOD, seed=2, unit="m"),
+)
 loop.command >> loop.plant.force
 loop.command.y >> loop.filter.command[0]
 loop.wind >> loop.plant.wind
@@ -61,5 +77,7 @@ loop.late.y >> loop.filter.measurement[0]
 loop.draw("late_sensor.svg")
 result = simulate(loop, 20.0, step=1e-3, log_step=0.2)
 truth = [*result["plant.everything"][-1].values, 0.5]
-for name, true, found in zip(observer.state_names, truth, result["filter.estimate"][-1].values, strict=True):
+for name, true, found in zip(
+    observer.state_names, truth, result["filter.estimate"][-1].values, strict=True
+):
     print(f"{name:22} {true:9.4f}, estimated {found:9.4f}")

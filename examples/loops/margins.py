@@ -10,7 +10,15 @@ import control
 import matplotlib.pyplot as plt
 import numpy as np
 
-from trussflow.blocks import Diagram, StateSpace, Step, Sum, delay_margin, loop_transfer, simulate
+from trussflow.blocks import (
+    Diagram,
+    StateSpace,
+    Step,
+    Sum,
+    delay_margin,
+    loop_transfer,
+    simulate,
+)
 
 resistance, inductance, torque_constant, inertia, friction = (
     1.0,
@@ -34,7 +42,10 @@ loop = Diagram("speed loop")
 goal, error, law, plant = loop.add(
     goal=Step(0.1, initial_value=[0.0], final_value=[100.0], unit="rad/s"),
     error=Sum("+-"),
-    law=StateSpace([[0.0]], [[1.0]], [[2.0]], [[0.1]], input_unit="rad/s", output_unit="V"),  # 0.1 + 2/s
+    # 0.1 + 2/s
+    law=StateSpace(
+        [[0.0]], [[1.0]], [[2.0]], [[0.1]], input_unit="rad/s", output_unit="V"
+    ),
     plant=motor,
 )
 goal.y >> error.u1
@@ -51,7 +62,9 @@ control.bode_plot(opened, omega, display_margins=True)
 plt.show()
 gain, phase, _, at_gain = control.margin(opened)
 delay, at = delay_margin(opened)
-print(f"phase margin {phase:.1f} deg at {at_gain:.1f} rad/s; delay margin {1e3 * delay:.2f} ms")
+print(
+    f"phase margin {phase:.1f} deg at {at_gain:.1f} rad/s; delay margin {1e3 * delay:.2f} ms"
+)
 
 # %%
 # The closed loop:

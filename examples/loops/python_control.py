@@ -22,7 +22,9 @@ cart = control.ss(
 gain, _, _ = control.lqr(cart, np.diag([10.0, 10.0, 1.0, 1.0]), [[0.1]])
 
 loop = Diagram("upright")
-plant, law = loop.add(plant=from_control(cart, initial_value=[0.0, 0.1, 0.0, 0.0]), law=MatrixGain(-gain))
+plant, law = loop.add(
+    plant=from_control(cart, initial_value=[0.0, 0.1, 0.0, 0.0]), law=MatrixGain(-gain)
+)
 plant.y >> law.u
 law.y >> plant.u
 loop.draw("regulator.svg")

@@ -25,7 +25,8 @@ from trussflow.blocks import (
     trim,
 )
 
-MASS, INERTIA, AREA, CHORD, DENSITY, GRAVITY = 1e4, 5e4, 30.0, 2.5, 0.9, 9.81  # kg, kg*m^2, m^2, m, kg/m^3
+# kg, kg*m^2, m^2, m, kg/m^3
+MASS, INERTIA, AREA, CHORD, DENSITY, GRAVITY = (1e4, 5e4, 30.0, 2.5, 0.9, 9.81)
 
 
 class Jet(Block):
@@ -55,19 +56,29 @@ class Jet(Block):
         }
 
 
-level = trim(Jet(), states={"v": 160.0, "gamma": 0.0}, inputs={"thrust": Free(8e3), "elevator": Free()})
-print(f"thrust {level.inputs['thrust']:.0f} N, elevator {np.degrees(level.inputs['elevator']):.3f} deg")
+level = trim(
+    Jet(),
+    states={"v": 160.0, "gamma": 0.0},
+    inputs={"thrust": Free(8e3), "elevator": Free()},
+)
+print(
+    f"thrust {level.inputs['thrust']:.0f} N, elevator {np.degrees(level.inputs['elevator']):.3f} deg"
+)
 control.damp(linearize(Jet(), ["elevator"], ["pitch"], at=level))
 
 # %%
 # An elevator pulse after 5 s: pitch responds at once, speed slowly.
 trimmed, flight = level.inputs["elevator"], Diagram("flight")
 elevator = Step(5.0, initial_value=trimmed, final_value=trimmed - 0.001, unit="rad")
-flight.add(jet=Jet(), thrust=Constant(level.inputs["thrust"], unit="N"), elevator=elevator)
+flight.add(
+    jet=Jet(), thrust=Constant(level.inputs["thrust"], unit="N"), elevator=elevator
+)
 flight.thrust.y >> flight.jet.thrust
 elevator.y >> flight.jet.elevator
 flight.draw("flight.svg")
-start = {f"jet.{name.rpartition('.')[2]}": value for name, value in level.states.items()}
+start = {
+    f"jet.{name.rpartition('.')[2]}": value for name, value in level.states.items()
+}
 result = simulate(flight, 200.0, solver="DOP853", initial=start, log_step=0.1)
 figure, (upper, lower) = plt.subplots(2, 1, sharex=True, layout="constrained")
 upper.plot(result["time"], result["jet.speed"])

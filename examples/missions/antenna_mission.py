@@ -18,25 +18,35 @@ from trussflow.models.viewer import replay
 flown = MissionFile.read("antenna_mission.toml")
 truss = flown.truss
 modes = truss.dynamics.modes
-print(f"{modes.masses.sum():.2f} kg and {truss.robots} modules of {truss.dynamics.arms[0].mass:g} kg")
+print(
+    f"{modes.masses.sum():.2f} kg and {truss.robots} modules of {truss.dynamics.arms[0].mass:g} kg"
+)
 
 # %%
 # Check of the matrices: MYSTRAN also printed its natural frequencies.
 
-PRINTED = [6.608789, 6.608789, 8.514173, 15.91218, 15.91218, 23.19858]  # Hz, of its .F06
-print("frequencies less those printed [Hz]:", *(f"{f:.0e}" for f in modes.frequencies[:6] - PRINTED))
+# Hz, of its .F06
+PRINTED = [6.608789, 6.608789, 8.514173, 15.91218, 15.91218, 23.19858]
+print(
+    "frequencies less those printed [Hz]:",
+    *(f"{f:.0e}" for f in modes.frequencies[:6] - PRINTED),
+)
 
 # %%
 # Feasibility: a linear program over all thrusters and wheels gives the least duration. A path of twice that
 # duration needs a quarter of their strength.
 
 least, taken = flown.least_duration(), flown.mission.duration
-print(f"the path takes {taken:g} s, the actuators need {least:.1f} s: they use {(least / taken) ** 2:.0%}")
+print(
+    f"the path takes {taken:g} s, the actuators need {least:.1f} s: they use {(least / taken) ** 2:.0%}"
+)
 
 # %%
 # Run it. Thrust has a quantum of 0.1 N, commands have 40 ms of delay, and no sensor measures the ribs.
 
-result = check_run(flown.simulator(flown.diagram()).run(flown.duration, progress=False), truss)
+result = check_run(
+    flown.simulator(flown.diagram()).run(flown.duration, progress=False), truss
+)
 figure, axes = plt.subplots(3, sharex=True, layout="constrained")
 for axis, name, label in zip(
     axes,
@@ -47,7 +57,9 @@ for axis, name, label in zip(
     size = 1e6 * np.linalg.norm(result[name], axis=-1)
     axis.plot(result["time"], size)
     axis.set(ylabel=label)
-    print(f"{name}: at most {size.max():.0f} {label[-3:-1] if 'µm' in label else 'µrad'}")
+    print(
+        f"{name}: at most {size.max():.0f} {label[-3:-1] if 'µm' in label else 'µrad'}"
+    )
 axes[-1].set(xlabel="time [s]")
 plt.show()
 

@@ -17,10 +17,14 @@ print(f"{structure.rigid_mass[0, 0]:.2f} kg, centre at {structure.centre.round(3
 print("assumed:", *structure.assumptions, sep="\n- ")
 
 # Grasps: the whole triangle at the root, and a corner at the tip. The body frame floats.
-boom = reduced_modes(structure, 6, [{1, 2, 3}, 14], highest_frequency=100.0).damped(0.005)
+boom = reduced_modes(structure, 6, [{1, 2, 3}, 14], highest_frequency=100.0).damped(
+    0.005
+)
 print(f"{boom.modes} shapes: the first at", boom.frequencies[:6].round(2), "Hz")
 
-figure, axes = plt.subplots(2, 3, subplot_kw={"projection": "3d"}, figsize=(9, 6), layout="constrained")
+figure, axes = plt.subplots(
+    2, 3, subplot_kw={"projection": "3d"}, figsize=(9, 6), layout="constrained"
+)
 for k, axis in enumerate(axes.flat):
     shape = boom.shapes[:, :, k]
     moved = boom.positions + 0.6 / abs(shape).max() * shape
@@ -33,15 +37,25 @@ for k, axis in enumerate(axes.flat):
 # %%
 # Two robots with limp joints: the base of the one at the root pushes with 5 N.
 
-plant = SpaceTruss(TrussDynamics(modes=boom, arms=(RobotArm.jaco(),) * 2, elastic_integrals=True))
+plant = SpaceTruss(
+    TrussDynamics(modes=boom, arms=(RobotArm.jaco(),) * 2, elastic_integrals=True)
+)
 push = np.zeros(plant.actuators)
 push[1] = 5.0
 flight = Diagram("boom")
 force, body = flight.add(force=Constant(push), body=plant)
 force.y >> body.actuation
-result = simulate(flight, 2.0, step=2e-3, log=[body.grasp_displacement, body.coordinates], log_step=0.01)
+result = simulate(
+    flight,
+    2.0,
+    step=2e-3,
+    log=[body.grasp_displacement, body.coordinates],
+    log_step=0.01,
+)
 plt.figure()
-plt.plot(result.time, 1e6 * result["body.grasp_displacement"][:, 1], label=["x", "y", "z"])
+plt.plot(
+    result.time, 1e6 * result["body.grasp_displacement"][:, 1], label=["x", "y", "z"]
+)
 plt.gca().set(xlabel="time [s]", ylabel="elastic displacement of the tip [µm]")
 plt.legend()
 plt.show()

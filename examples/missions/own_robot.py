@@ -32,20 +32,28 @@ Path("rail.urdf").write_text(f"""<robot name="rail">
 # The chain from hand to base runs against the order of the file here.
 rail = RobotArm.from_urdf("rail.urdf", hand="claw", base="tug")
 arm = RobotArm.jaco()
-module = RobotArm.from_urdf("rail.urdf", hand="tug", base="tug", locked={"slide": 0.0, "wrist": 0.0})
+module = RobotArm.from_urdf(
+    "rail.urdf", hand="tug", base="tug", locked={"slide": 0.0, "wrist": 0.0}
+)
 for robot in (rail, arm, module):
     print(
         f"{robot.name}: {robot.mass:.1f} kg; {', '.join(joint.name for joint in robot.joint_data) or 'rigid'}"
     )
 
 robots = (rail, arm, module, rail)
-plant = SpaceTruss(TrussDynamics(modes=TrussModes.reconstructed(), arms=robots, elastic_integrals=True))
+plant = SpaceTruss(
+    TrussDynamics(modes=TrussModes.reconstructed(), arms=robots, elastic_integrals=True)
+)
 bases = 6 * plant.robots
 
 flight = Diagram("own robots")
 truss, push, hold, posture, still = flight.add(
     truss=plant,
-    push=Step(5.0, initial_value=np.tile([0.0, 0.0, 1.0, 0.0, 0.0, 0.0], plant.robots), final_value=0.0),
+    push=Step(
+        5.0,
+        initial_value=np.tile([0.0, 0.0, 1.0, 0.0, 0.0, 0.0], plant.robots),
+        final_value=0.0,
+    ),
     hold=PD(np.full(plant.joints, 20.0), np.full(plant.joints, 2.0)),
     posture=Constant(plant.dynamics.rest[6 : plant.rigid]),
     still=Constant(np.zeros(plant.joints)),
@@ -57,15 +65,25 @@ still.y >> hold.reference_velocity
 truss.task_position[6:] >> hold.position
 truss.task_velocity[6:] >> hold.velocity
 result = simulate(
-    flight, 15.0, step=0.002, log=[truss.task_position, truss.grasp_displacement], log_step=0.02
+    flight,
+    15.0,
+    step=0.002,
+    log=[truss.task_position, truss.grasp_displacement],
+    log_step=0.02,
 )
 
 position = result["truss.task_position"]
 figure, (above, below) = plt.subplots(2, sharex=True, layout="constrained")
-above.plot(result.time, 1e3 * position[:, [7, 15]], label=["slide of the first", "wrist of the last"])
+above.plot(
+    result.time,
+    1e3 * position[:, [7, 15]],
+    label=["slide of the first", "wrist of the last"],
+)
 above.set_ylabel("joints [mm, mrad]")
 above.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=2)
-below.plot(result.time, 1e3 * result["truss.grasp_displacement"][:, :, 2], label=range(1, 5))
+below.plot(
+    result.time, 1e3 * result["truss.grasp_displacement"][:, :, 2], label=range(1, 5)
+)
 below.set(xlabel="time [s]", ylabel="grasps bend [mm]")
 below.legend(title="robot", ncols=4)
 plt.show()

@@ -17,19 +17,28 @@ from trussflow.models.viewer import replay
 flown = MissionFile.read("ring_mission.toml")
 truss = flown.truss
 modes, arms = truss.dynamics.modes, truss.dynamics.arms
-print(f"{modes.masses.sum():.1f} kg, {modes.modes} modes from {modes.frequencies[0]:.2f} Hz on")
-print(", ".join(f"{arm.name} ({arm.joints} joints, {arm.mass:g} kg)" for arm in arms[:2]), "and so on")
+print(
+    f"{modes.masses.sum():.1f} kg, {modes.modes} modes from {modes.frequencies[0]:.2f} Hz on"
+)
+print(
+    ", ".join(f"{arm.name} ({arm.joints} joints, {arm.mass:g} kg)" for arm in arms[:2]),
+    "and so on",
+)
 
 # %%
 # A linear program over 48 forces and torques of bases and 8 of joints gives the least duration.
 
 least, taken = flown.least_duration(), flown.mission.duration
-print(f"the path takes {taken:g} s, the actuators need {least:.1f} s: they use {(least / taken) ** 2:.0%}")
+print(
+    f"the path takes {taken:g} s, the actuators need {least:.1f} s: they use {(least / taken) ** 2:.0%}"
+)
 
 # %%
 # Run it, with sensors, delay and thrust quantization:
 
-result = check_run(flown.simulator(flown.diagram()).run(flown.duration, progress=False), truss)
+result = check_run(
+    flown.simulator(flown.diagram()).run(flown.duration, progress=False), truss
+)
 position = 1e6 * np.linalg.norm(result["position_error"], axis=1)
 attitude = 1e6 * np.linalg.norm(result["attitude_error"], axis=1)
 joints = 1e6 * abs(result["joint_error"]).max("joint")

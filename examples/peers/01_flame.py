@@ -15,8 +15,12 @@ delta = 1e-4
 flame = Diagram("flame")
 y = flame.add(y=Integrator(delta)).y
 (y**2 - y**3) >> flame.y.u
-result = simulate(flame, 2 / delta, solver="Radau", rtol=1e-8, atol=1e-12, log_step=10.0)
+result = simulate(
+    flame, 2 / delta, solver="Radau", rtol=1e-8, atol=1e-12, log_step=10.0
+)
 a = 1 / delta - 1
-error = float(abs(result["y.y"] - 1 / (1 + wrightomega(np.log(a) + a - result["time"]))).max())
+error = float(
+    abs(result["y.y"] - 1 / (1 + wrightomega(np.log(a) + a - result["time"]))).max()
+)
 print(f"largest error of the radius {error:.1e}")
 assert error < 1e-4

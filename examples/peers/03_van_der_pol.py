@@ -14,7 +14,9 @@ amplitude, period = 2.0086198608748431, 6.6632868593231302
 oscillator = Diagram("oscillator")
 v, x = oscillator.add(v=Integrator(), x=Integrator(amplitude))
 ((1.0 - x.y**2) * v.y - x.y) >> v >> x
-back = simulate(oscillator, period, solver="DOP853", rtol=1e-12, atol=1e-12, log_step=period)
+back = simulate(
+    oscillator, period, solver="DOP853", rtol=1e-12, atol=1e-12, log_step=period
+)
 end = [float(back["x.y"][-1]), float(back["v.y"][-1])]
 print("after one period", end)
 assert np.allclose(end, [amplitude, 0.0], rtol=0.0, atol=1e-9)

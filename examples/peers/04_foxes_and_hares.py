@@ -12,7 +12,9 @@ from trussflow.blocks import Diagram, Integrator, StopWhen, simulate
 
 alpha, beta, delta, gamma = 1.0, 0.1, 0.5, 1.2
 island = Diagram("island")
-hares, foxes, enough = island.add(hares=Integrator(5.0), foxes=Integrator(10.0), enough=StopWhen("again"))
+hares, foxes, enough = island.add(
+    hares=Integrator(5.0), foxes=Integrator(10.0), enough=StopWhen("again")
+)
 hares.y * (alpha - beta * foxes.y) >> hares
 foxes.y * (delta * hares.y - gamma) >> foxes
 foxes.y - 4.0 >> enough

@@ -34,7 +34,12 @@ class Ball(Block):
         """Reflect."""
         n = x.r / np.sqrt(x.r @ x.r)
         first = np.where(x.count > 0, x.first, t)
-        return {"r": n, "v": x.v - 2 * (x.v @ n) * n, "count": x.count + 1, "first": first}
+        return {
+            "r": n,
+            "v": x.v - 2 * (x.v @ n) * n,
+            "count": x.count + 1,
+            "first": first,
+        }
 
 
 bowl = Diagram("bowl")
@@ -43,6 +48,8 @@ log = ["ball.energy", "ball.hits", "ball.first"]
 result = simulate(bowl, 7.0, step=0.01, log=log)
 late = float(result["ball.first"][-1]) - np.sqrt((1 + np.sqrt(3)) / 9.81)
 lost = np.ptp(result["ball.energy"].values)
-print(f"{int(result['ball.hits'][-1])} hits, the first {late:.1e} s late; energy varies by {lost:.1e}")
+print(
+    f"{int(result['ball.hits'][-1])} hits, the first {late:.1e} s late; energy varies by {lost:.1e}"
+)
 assert abs(late) < 1e-12
 assert lost < 1e-10

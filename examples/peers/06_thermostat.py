@@ -15,9 +15,12 @@ room = Diagram("room")
 room.add(T=Integrator(15.0), heater=Relay(25.0, 23.0, on=0.0, off=H))
 room.T >> room.heater
 (a * (15.0 - room.T.y) + room.heater.y) >> room.T
-heating = np.log((H / a + 15 - np.array([15.0, 23.0])) / (H / a + 15 - 25)) / a  # s, first and later
+# s, first and later
+heating = np.log((H / a + 15 - np.array([15.0, 23.0])) / (H / a + 15 - 25)) / a
 period = heating[1] + np.log(10 / 8) / a
 duration = heating[0] + 6 * period
-end = float(simulate(room, duration, solver="DOP853", rtol=1e-12, atol=1e-12)["T.y"][-1])
+end = float(
+    simulate(room, duration, solver="DOP853", rtol=1e-12, atol=1e-12)["T.y"][-1]
+)
 print(f"after six cycles of {period:.6f} s: {end:.9f} degrees")
 assert abs(end - 25.0) < 1e-8

@@ -31,6 +31,8 @@ friction = load * np.sin(1.9 * np.arctan(10.0 * slipping.y))
 result = simulate(car, 5.0, step=1e-3, log=["v.y", "w.y", "taken.y", "slip_1.y"])
 kept = (M * result["v.y"] + (J * result["w.y"] + result["taken.y"]) / R).values
 slips = result["slip_1.y"].sel(time=slice(0.5, None)).values
-print(f"slip from {slips.min():.4f} to {slips.max():.4f}, impulse varies by {np.ptp(kept):.1e} N s")
+print(
+    f"slip from {slips.min():.4f} to {slips.max():.4f}, impulse varies by {np.ptp(kept):.1e} N s"
+)
 assert np.ptp(kept) < 1e-7
 assert 0.129 < slips.min() < slips.max() < 0.171

@@ -35,7 +35,10 @@ class Box(Block):
     def derivative(self, t, x, u, p):
         """Return the rates while sliding or sticking."""
         force = -pull(t, x.x) - d * x.slide - x.way * friction
-        return {"x": x.slide + top * np.sin(w * t), "slide": np.where(x.way == 0, 0.0, force / m)}
+        return {
+            "x": x.slide + top * np.sin(w * t),
+            "slide": np.where(x.way == 0, 0.0, force / m),
+        }
 
     def indicators(self, t, x, u, p):
         """Slip when friction is too weak, stick when sliding ends."""
@@ -48,7 +51,11 @@ class Box(Block):
     def on_event(self, t, x, u, p, fired):
         """Begin to slip or to stick."""
         way = np.where(fired.slips, -np.sign(pull(t, x.x)), 0.0)
-        return {"slide": 0.0, "way": way, "last_slip": np.where(fired.slips, t, x.last_slip)}
+        return {
+            "slide": 0.0,
+            "way": way,
+            "last_slip": np.where(fired.slips, t, x.last_slip),
+        }
 
 
 bench = Diagram("bench")

@@ -25,6 +25,8 @@ source.y - bits.y >> rest
 result = simulate(converter, 20.0, step=1e-3, log_step=0.01)
 signal = 0.9 * (1 - np.cos(2 * np.pi * result["time"])) / (2 * np.pi)
 difference = 0.01 * result["comparator_1.y"][:-1].cumsum().values - signal[1:]
-print(f"largest difference of the sums, in bits: {float(abs(difference).max()) / 0.01:.3f}")
+print(
+    f"largest difference of the sums, in bits: {float(abs(difference).max()) / 0.01:.3f}"
+)
 assert np.allclose(-difference, result["rest.y"][1:], rtol=0.0, atol=1e-9)
 assert abs(difference).max() < 0.02

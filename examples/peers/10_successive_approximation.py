@@ -8,14 +8,27 @@ each part that does not exceed the sample. The word is the sample rounded down. 
 
 import numpy as np
 
-from trussflow.blocks import Block, Diagram, Input, Output, State, TimeFunction, simulate
+from trussflow.blocks import (
+    Block,
+    Diagram,
+    Input,
+    Output,
+    State,
+    TimeFunction,
+    simulate,
+)
 
 
 class Register(Block):
     """Samples at the first of eight comparisons; -1 to 1 is the range."""
 
     u, y = Input(), Output()
-    sample, word, trial, done = State(), State(initial=-1.0), State(initial=1.0), State()
+    sample, word, trial, done = (
+        State(),
+        State(initial=-1.0),
+        State(initial=1.0),
+        State(),
+    )
 
     def output(self, t, x, u, p):
         """Return the last complete word."""
@@ -36,10 +49,14 @@ class Register(Block):
 
 
 bench = Diagram("bench")
-source = bench.add(source=TimeFunction(lambda t: np.sin(2 * np.pi * t) * np.cos(5 * np.pi * t)))
+source = bench.add(
+    source=TimeFunction(lambda t: np.sin(2 * np.pi * t) * np.cos(5 * np.pi * t))
+)
 register = bench.add(register=Register().sampled(0.02 / 8))
 source >> register
 result = simulate(bench, 1.0, step=0.02 / 8, log_step=0.02)
 exact = np.floor(128 * result["source.y"][:-1].values) / 128
-print("words that are wrong:", np.count_nonzero(result["register.y"][1:].values != exact))
+print(
+    "words that are wrong:", np.count_nonzero(result["register.y"][1:].values != exact)
+)
 assert np.array_equal(result["register.y"][1:].values, exact)

@@ -29,7 +29,9 @@ class Pendulum(Block):
     def derivative(self, t, x, u, p):
         """Return velocities and accelerations in polar coordinates."""
         radial = x.r * x.w**2 + g * np.cos(x.phi) - (k * (x.r - l0) + c_r * x.vr) / m
-        turning = -(g * np.sin(x.phi) + 2 * x.vr * x.w) / x.r - c_phi * x.w / (m * x.r**2)
+        turning = -(g * np.sin(x.phi) + 2 * x.vr * x.w) / x.r - c_phi * x.w / (
+            m * x.r**2
+        )
         return {"r": x.vr, "vr": radial, "phi": x.w, "w": turning}
 
 

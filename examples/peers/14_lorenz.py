@@ -16,7 +16,9 @@ def lorenz(sigma, rho, beta, start):
     """Return the system."""
     air = Diagram("air")
     heat = air.add(heat=Ground())
-    x, y, z = air.add(x=Integrator(start[0]), y=Integrator(start[1]), z=Integrator(start[2]))
+    x, y, z = air.add(
+        x=Integrator(start[0]), y=Integrator(start[1]), z=Integrator(start[2])
+    )
     sigma * (y.y - x.y) + heat.y >> x
     x.y * (rho - z.y) - y.y >> y
     x.y * y.y - beta * z.y >> z
@@ -33,6 +35,12 @@ print("poles", np.round(poles, 6), "and by the law", np.round(exact, 6))
 assert np.allclose(sorted(poles.imag), [-exact, 0.0, exact], rtol=1e-9, atol=1e-9)
 assert abs(sorted(poles.real)[1]) < 1e-9
 
-run = simulate(lorenz(10.0, 28.0, 20.0, [1.0, 1.0, 1.0]), 1.0, solver="DOP853", rtol=1e-11, atol=1e-11)
+run = simulate(
+    lorenz(10.0, 28.0, 20.0, [1.0, 1.0, 1.0]),
+    1.0,
+    solver="DOP853",
+    rtol=1e-11,
+    atol=1e-11,
+)
 decays = run["x.y"] ** 2 - 20.0 * run["z.y"]
 assert np.allclose(decays, -19.0 * np.exp(-20.0 * run["time"]), rtol=0.0, atol=1e-7)

@@ -13,7 +13,9 @@ from trussflow.blocks import Diagram, Integrator, Pulse, simulate
 
 gamma = 1.0
 loop = Diagram("adaptive loop")
-r, x, model = loop.add(r=Pulse(20.0, high=1.0, low=-1.0), x=Integrator(), model=Integrator())
+r, x, model = loop.add(
+    r=Pulse(20.0, high=1.0, low=-1.0), x=Integrator(), model=Integrator()
+)
 k_r, k_x, lost = loop.add(k_r=Integrator(), k_x=Integrator(), lost=Integrator())
 e = model.y - x.y
 0.5 * (k_r.y * r.y + k_x.y * x.y) - x.y >> x

@@ -11,7 +11,9 @@ import numpy as np
 from trussflow.blocks import Diagram, Sine, ZeroOrderHold, simulate
 
 sampler = Diagram("sampler")
-sine, two, three = sampler.add(sine=Sine(1.0, 0.2), two=ZeroOrderHold(1 / 2), three=ZeroOrderHold(1 / 3))
+sine, two, three = sampler.add(
+    sine=Sine(1.0, 0.2), two=ZeroOrderHold(1 / 2), three=ZeroOrderHold(1 / 3)
+)
 sine >> two
 sine >> three
 mean = 0.5 * (two.y + three.y)

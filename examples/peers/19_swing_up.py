@@ -38,14 +38,22 @@ class Pendulum(Block):
 
     def derivative(self, t, x, u, p):
         """Return rate and acceleration."""
-        return {"state": np.stack([x.state[1], u.torque - b * x.state[1] - g * np.sin(x.state[0])])}
+        return {
+            "state": np.stack(
+                [x.state[1], u.torque - b * x.state[1] - g * np.sin(x.state[0])]
+            )
+        }
 
 
 @as_block
 def law(x, catch):
     """Return the torque: shape the energy, or catch."""
     energy = x[1] ** 2 / 2 - g * np.cos(x[0]) - g
-    return np.where(np.abs(np.cos(x[0]) + 1.0) + x[1] ** 2 / 20 < 0.06, catch, -x[1] * energy + b * x[1])
+    return np.where(
+        np.abs(np.cos(x[0]) + 1.0) + x[1] ** 2 / 20 < 0.06,
+        catch,
+        -x[1] * energy + b * x[1],
+    )
 
 
 up = trim(Pendulum(), states={"state": [np.pi, 0.0]}, inputs={"torque": 0.0})
@@ -53,7 +61,9 @@ gain = lqr(linearize(Pendulum(), "torque", "x", at=up), q * np.eye(2), [[r]])
 k1 = g + np.sqrt(g**2 + q / r)
 exact = [k1, -b + np.sqrt(b**2 + 2 * k1 + q / r)]
 loop = Diagram("swing up")
-pendulum, limit, gain = loop.add(pendulum=Pendulum(), limit=Saturation(-4.0, 4.0), gain=gain)
+pendulum, limit, gain = loop.add(
+    pendulum=Pendulum(), limit=Saturation(-4.0, 4.0), gain=gain
+)
 as_block(lambda x: np.stack([np.mod(x[0], 2 * np.pi) - np.pi, x[1]]))(pendulum) >> gain
 law(pendulum, gain) >> limit >> pendulum
 result = simulate(loop, 20.0, step=1e-3)

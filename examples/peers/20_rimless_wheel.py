@@ -41,7 +41,9 @@ class Wheel(Block):
 
 slope = Diagram("slope")
 slope.add(wheel=Wheel())
-landed = float(simulate(slope, 60.0, step=1e-3, log=["wheel.landed"])["wheel.landed"][-1])
+landed = float(
+    simulate(slope, 60.0, step=1e-3, log=["wheel.landed"])["wheel.landed"][-1]
+)
 gained = 4 * g / length * np.sin(alpha) * np.sin(gamma)
 steady = np.cos(2 * alpha) * np.sqrt(gained / (1 - np.cos(2 * alpha) ** 2))
 print(f"rate after landing {landed:.12f}, by the law {steady:.12f} rad/s")

@@ -9,15 +9,24 @@ sample to sample x goes by x_{k+1} = a x_k + (1 - a) u_k with a = exp(-1/2). Mod
 
 import numpy as np
 
-from trussflow.blocks import Diagram, DiscreteTransferFunction, Sine, StateSpace, ZeroOrderHold, simulate
+from trussflow.blocks import (
+    Diagram,
+    DiscreteTransferFunction,
+    Sine,
+    StateSpace,
+    ZeroOrderHold,
+    simulate,
+)
 
 a, every = np.exp(-0.5), 0.5
 loop = Diagram("loop")
 goal, smooth = loop.add(
-    goal=Sine(1.0, 1 / (2 * np.pi)), smooth=DiscreteTransferFunction([1 - a, 0], [1, -a], sample_time=every)
+    goal=Sine(1.0, 1 / (2 * np.pi)),
+    smooth=DiscreteTransferFunction([1 - a, 0], [1, -a], sample_time=every),
 )
 hold, plant = loop.add(
-    hold=ZeroOrderHold(every), plant=StateSpace([[-1]], [[1]], [[1]], [[0]], initial_value=[1])
+    hold=ZeroOrderHold(every),
+    plant=StateSpace([[-1]], [[1]], [[1]], [[0]], initial_value=[1]),
 )
 goal >> smooth
 smooth.y - plant.y[0] >> hold

@@ -15,7 +15,10 @@ from trussflow.blocks.support.temporary_folders import with_place
 from trussflow.blocks.support.validation import by_name, one_of, shown, yes_or_no
 from trussflow.blocks.tracing.compile_cache import CompilationError
 from trussflow.fmu.errors import ExportError
-from trussflow.fmu.exporting.description.export_interface import DEFAULT_TOLERANCE, ExportInterface
+from trussflow.fmu.exporting.description.export_interface import (
+    DEFAULT_TOLERANCE,
+    ExportInterface,
+)
 from trussflow.fmu.exporting.description.model_description import VERSION_MODULES
 from trussflow.fmu.exporting.native.package import native_files
 from trussflow.fmu.exporting.packing import check_writable, write, written
@@ -24,7 +27,14 @@ from trussflow.fmu.exporting.python.python_files import python_files
 
 EXPORT_KINDS = ("native", "python", "c")
 
-ABOUT_ATTRIBUTES = ("author", "copyright", "description", "generationDateAndTime", "license", "version")
+ABOUT_ATTRIBUTES = (
+    "author",
+    "copyright",
+    "description",
+    "generationDateAndTime",
+    "license",
+    "version",
+)
 """Attributes of the model description that the user may set."""
 
 
@@ -116,7 +126,9 @@ def export(
     one_of("solver", solver, (*FIXED_STEP, *METHODS), ExportError)
     if kind != "python" and solver != "rk4":
         what = "a native FMU" if kind == "native" else "plain C"
-        raise ExportError(f"{what} contains the solver rk4, not {solver!r}; use kind='python'")
+        raise ExportError(
+            f"{what} contains the solver rk4, not {solver!r}; use kind='python'"
+        )
     if kind == "c" and (version != "2.0" or platforms is not None):
         raise ExportError(
             "plain C has no FMI version and is compiled by the user; leave out version and platforms"
@@ -129,12 +141,19 @@ def export(
     yes_or_no("export", "arrays", arrays)
     target = check_writable(path)
     interface = ExportInterface.of(
-        item, step=step, stop_time=stop_time, tolerance=tolerance, parameters=parameters, start=start
+        item,
+        step=step,
+        stop_time=stop_time,
+        tolerance=tolerance,
+        parameters=parameters,
+        start=start,
     )
     for name, text in (about := by_name("about", about)).items():
         one_of("attribute of an FMU", name, ABOUT_ATTRIBUTES, ExportError)
         if not isinstance(text, str):
-            raise ExportError(f"cannot export '{item.name}': its {name} must be text, not {shown(text)}")
+            raise ExportError(
+                f"cannot export '{item.name}': its {name} must be text, not {shown(text)}"
+            )
     interface = replace(interface, about=about)
     if not arrays and version == "3.0":
         interface = replace(interface, variables=interface.variables.scalarized())

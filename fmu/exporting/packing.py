@@ -37,7 +37,9 @@ def write(path: Path, files: Mapping[str, bytes | Path]) -> None:
             packed = inner.endswith(ARCHIVE_SUFFIXES)
             info.compress_type = zipfile.ZIP_STORED if packed else zipfile.ZIP_DEFLATED
             info.external_attr = 0o644 << 16
-            archive.writestr(info, content.read_bytes() if isinstance(content, Path) else content)
+            archive.writestr(
+                info, content.read_bytes() if isinstance(content, Path) else content
+            )
 
 
 @contextmanager

@@ -135,12 +135,23 @@ class Fmu(Block):
         self.kind = self.file.kind(kind)
         limits = {"time_limit": time_limit, "memory_limit": memory_limit}
         numbers = {"tolerance": tolerance, **limits}
-        positive(FmuError, **{f"Fmu: {name}": value for name, value in numbers.items() if value is not None})
+        positive(
+            FmuError,
+            **{
+                f"Fmu: {name}": value
+                for name, value in numbers.items()
+                if value is not None
+            },
+        )
         if memory_limit is not None and time_limit is None:
-            raise FmuError("Fmu: memory_limit needs a child process; give time_limit too")
+            raise FmuError(
+                "Fmu: memory_limit needs a child process; give time_limit too"
+            )
         for name, most in MAX_LIMITS.items():
             if (limit := limits[name]) is not None and limit > most:
-                raise FmuError(f"Fmu: {name} = {limit:g} is more than {most:g}; leave it out for no limit")
+                raise FmuError(
+                    f"Fmu: {name} = {limit:g} is more than {most:g}; leave it out for no limit"
+                )
         yes_or_no("Fmu", "declared_starts", declared_starts)
         yes_or_no("Fmu", "delayed", delayed)
         yes_or_no("Fmu", "logging", logging)
@@ -148,7 +159,9 @@ class Fmu(Block):
         start = by_name("start values", start)
         given = {**parameters, **start}
         if twice := parameters.keys() & start.keys():
-            raise FmuError(f"'{min(twice)}' is given both as a parameter and as a start value")
+            raise FmuError(
+                f"'{min(twice)}' is given both as a parameter and as a start value"
+            )
         if self.kind == "me":
             self._refuse("step", step is not None, "the diagram's solver sets the step")
             self._refuse("delayed", delayed, "inputs are not held")
@@ -156,7 +169,13 @@ class Fmu(Block):
         self.units = dict(by_name("units", units))
         self.delayed = delayed
         self.tolerance = tolerance
-        reserved = {*dir(Fmu), *Block.__annotations__, *Fmu.__annotations__, STATE_EVENT, TIME_EVENT}
+        reserved = {
+            *dir(Fmu),
+            *Block.__annotations__,
+            *Fmu.__annotations__,
+            STATE_EVENT,
+            TIME_EVENT,
+        }
         self.interface = ImportInterface(
             self.file.description,
             given,
@@ -172,7 +191,10 @@ class Fmu(Block):
             self._declared[PLACEHOLDER_STATE] = state
         if self.kind == "me":
             number = self.file.description.event_indicators
-            self._declared |= {STATE_EVENT: Event(shape=(number,)), TIME_EVENT: Event("time")}
+            self._declared |= {
+                STATE_EVENT: Event(shape=(number,)),
+                TIME_EVENT: Event("time"),
+            }
         super().__init__()
         if self.kind == "cs":
             self.sampled(self._suggested_step() if step is None else step)
@@ -197,7 +219,9 @@ class Fmu(Block):
     def _described(self) -> Description:
         own = super()._described()
         description = self.description
-        fmu = {"fmu": f"{description.name}, FMI {description.version}, {self.kind}, {self.file.path}"}
+        fmu = {
+            "fmu": f"{description.name}, FMI {description.version}, {self.kind}, {self.file.path}"
+        }
         return replace(own, facts=fmu | own.facts)
 
     # -- properties ---------------------------------------------------------------------------

@@ -14,7 +14,12 @@ import numpy as np
 from trussflow.blocks.framework.declarations import Signals
 from trussflow.blocks.framework.run_state import SelfStepping
 from trussflow.blocks.support.types import Vector
-from trussflow.fmu.errors import FmuCallError, FmuDiscardError, FmuEndedStepError, FmuError
+from trussflow.fmu.errors import (
+    FmuCallError,
+    FmuDiscardError,
+    FmuEndedStepError,
+    FmuError,
+)
 from trussflow.fmu.importing.fmu_run import FmuRun
 from trussflow.fmu.runtime.description import REAL_TYPES
 from trussflow.fmu.runtime.library import Step
@@ -67,9 +72,15 @@ class CoSimulationRun(FmuRun, SelfStepping):
 
     def start(self, time: float, inputs: Vector) -> None:
         """Initialize the FMU with the given inputs; NaN selects the FMU's start value."""
-        self._u[self._inputs] = np.where(np.isnan(inputs), self._u[self._inputs], inputs)
+        self._u[self._inputs] = np.where(
+            np.isnan(inputs), self._u[self._inputs], inputs
+        )
         before = self._begun  # initial signals are iterated: several calls
-        same = before is not None and before[0] == time and np.array_equal(before[1], self._u)
+        same = (
+            before is not None
+            and before[0] == time
+            and np.array_equal(before[1], self._u)
+        )
         if same or (before is not None and self._delayed):
             return
         self._set_up(time, self._u)
@@ -91,10 +102,16 @@ class CoSimulationRun(FmuRun, SelfStepping):
         fmu = self._fmu
         saved, before = HeldState(fmu), fmu.get_outputs().copy()
         inputs = self._interface.inputs.order
-        is_real = np.array([v.type in REAL_TYPES for v in inputs for _ in range(v.size)], dtype=bool)
+        is_real = np.array(
+            [v.type in REAL_TYPES for v in inputs for _ in range(v.size)], dtype=bool
+        )
         try:
             fmu.set_inputs(
-                np.where(is_real, self._u * (1.0 + INPUT_PERTURBATION) + INPUT_PERTURBATION, self._u)
+                np.where(
+                    is_real,
+                    self._u * (1.0 + INPUT_PERTURBATION) + INPUT_PERTURBATION,
+                    self._u,
+                )
             )
             follows = not np.array_equal(before, fmu.get_outputs(), equal_nan=True)
             fmu.set_inputs(self._u)
@@ -126,14 +143,17 @@ class CoSimulationRun(FmuRun, SelfStepping):
             self._refuse_after_end(until)
             left = until - time
             if abs(left - self._nominal) <= small:
-                left = self._nominal  # bit-equal step sizes, without round-off of the times
+                # bit-equal step sizes, without round-off of the times
+                left = self._nominal
             step = min(left, longest)
             try:
                 done: Step = fmu.do_step(time, step, rollback=self._saved_once)
             except FmuCallError as error:
                 if refused is None:
                     raise
-                raise self._discarded(*refused, ", and does not go on after that") from error
+                raise self._discarded(
+                    *refused, ", and does not go on after that"
+                ) from error
             refused = (time, step) if done.discarded else None
             ended = done.terminate
             if done.event:
@@ -144,7 +164,9 @@ class CoSimulationRun(FmuRun, SelfStepping):
             if stuck:
                 halved, longest = halved + 1, step / 2
                 if not self.varies:
-                    raise self._discarded(time, step, ", and does not take smaller ones", ended)
+                    raise self._discarded(
+                        time, step, ", and does not take smaller ones", ended
+                    )
                 if halved > MAX_HALVINGS:
                     raise self._discarded(time, step, ", and all parts of it", ended)
             time = max(time, done.time)
@@ -154,7 +176,9 @@ class CoSimulationRun(FmuRun, SelfStepping):
             f"FMU '{self._description.name}' returned early {MAX_PARTS} times in the step from t = {now:g} s"
         )
 
-    def _discarded(self, time: float, step: float, more: str, ended: bool = False) -> FmuDiscardError:
+    def _discarded(
+        self, time: float, step: float, more: str, ended: bool = False
+    ) -> FmuDiscardError:
         asks = f"asks to end the run at t = {time:g} s: it " if ended else ""
         hint = "" if self._logs_all else "; logging=True may show the reason"
         kind = FmuEndedStepError if ended else FmuDiscardError

@@ -36,7 +36,12 @@ class FmuRun(Running):
 
     stuck = "its FMU cannot save its state (no canGetAndSetFMUState in its model description)"
 
-    def __init__(self, block: Fmu, p: Signals, kind: type[LoadedCoSimulation | LoadedModelExchange]) -> None:
+    def __init__(
+        self,
+        block: Fmu,
+        p: Signals,
+        kind: type[LoadedCoSimulation | LoadedModelExchange],
+    ) -> None:
         self._interface = block.interface
         self._description = block.description
         self._p = p
@@ -45,9 +50,15 @@ class FmuRun(Running):
         self._tuned = self._interface.tunable(p)
         self._look = False
         self._starts = self._interface.changed(p)
-        self._ended: float | None = None  # time at which the FMU requested the end of the run
+        self._ended: float | None = (
+            None  # time at which the FMU requested the end of the run
+        )
         self._fmu: Any = open_instance(
-            kind, block.file, start=self._interface.fixed_starts(), name=block.name, **block.options
+            kind,
+            block.file,
+            start=self._interface.fixed_starts(),
+            name=block.name,
+            **block.options,
         )
 
     @property
@@ -59,7 +70,9 @@ class FmuRun(Running):
     def messages(self) -> tuple[str, ...]:
         """Latest log messages of the FMU: ``"[status] text"``."""
         try:
-            return tuple(f"[{status_name(status)}] {text}" for status, _, text in self._fmu.log)
+            return tuple(
+                f"[{status_name(status)}] {text}" for status, _, text in self._fmu.log
+            )
         except FmuError:  # the child process has ended
             return ()
 
@@ -67,7 +80,9 @@ class FmuRun(Running):
         """Initialize the FMU in a new instance."""
         inputs_given = inputs if inputs.size else None
         self._ended = None
-        self._fmu.setup(time, tolerance=self._tolerance, inputs=inputs_given, start=self._starts)
+        self._fmu.setup(
+            time, tolerance=self._tolerance, inputs=inputs_given, start=self._starts
+        )
 
     def _retuned(self) -> Starts:
         """Return the tunable parameters that changed since the last call."""
@@ -79,7 +94,11 @@ class FmuRun(Running):
     def _changes(self) -> Starts:
         """Return the tunable parameters that changed; compared only after a call of `tuned`."""
         now = self._interface.tunable(self._p) if self._look else {}
-        return {name: value for name, value in now.items() if not np.array_equal(value, self._tuned[name])}
+        return {
+            name: value
+            for name, value in now.items()
+            if not np.array_equal(value, self._tuned[name])
+        }
 
     def tuned(self) -> None:
         """Note that parameters were changed."""

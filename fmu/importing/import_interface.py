@@ -17,7 +17,13 @@ from trussflow.fmu.importing.unit_table import UnitTable
 from trussflow.fmu.runtime.array_ports import VariableGroup, gather, legal_names
 from trussflow.fmu.runtime.description import FmuDescription, FmuVariable
 from trussflow.fmu.runtime.loaded import numbers
-from trussflow.fmu.runtime.start_values import Starts, declared_start, resized, resolve, shares
+from trussflow.fmu.runtime.start_values import (
+    Starts,
+    declared_start,
+    resized,
+    resolve,
+    shares,
+)
 
 
 class VariableVector:
@@ -41,12 +47,17 @@ class VariableVector:
         Index of the concatenated elements of all names into the vector.
     """
 
-    def __init__(self, order: Sequence[FmuVariable], groups: dict[str, VariableGroup]) -> None:
+    def __init__(
+        self, order: Sequence[FmuVariable], groups: dict[str, VariableGroup]
+    ) -> None:
         self.order = order
         self.groups = groups
         self.size = sum(v.size for v in order)
         spans = {v.name: span for v, span in shares(order, range(self.size))}
-        places = {name: [i for v in group.variables for i in spans[v.name]] for name, group in groups.items()}
+        places = {
+            name: [i for v in group.variables for i in spans[v.name]]
+            for name, group in groups.items()
+        }
         self._places = {name: _index(listed) for name, listed in places.items()}
         self.places = _index(list(chain.from_iterable(places.values())))
 
@@ -59,7 +70,8 @@ class VariableVector:
             The vector [units as the FMU states].
         """
         return {
-            name: flat[self._places[name]].reshape(group.shape).copy() for name, group in self.groups.items()
+            name: flat[self._places[name]].reshape(group.shape).copy()
+            for name, group in self.groups.items()
         }
 
     def join(self, values: Signals) -> Vector:
@@ -124,13 +136,23 @@ class ImportInterface:
         self.inputs = self._vector(numbers(description, "input"), taken)
         self.outputs = self._vector(numbers(description, "output"), taken)
         named = parameters.groups | self.inputs.groups
-        self.starts: Starts = resolve(description, given, {name: g.variables for name, g in named.items()})
-        known = {n: g for n, g in parameters.groups.items() if all(map(self._is_known, g.variables))}
-        self.parameters = VariableVector([v for group in known.values() for v in group.variables], known)
+        self.starts: Starts = resolve(
+            description, given, {name: g.variables for name, g in named.items()}
+        )
+        known = {
+            n: g
+            for n, g in parameters.groups.items()
+            if all(map(self._is_known, g.variables))
+        }
+        self.parameters = VariableVector(
+            [v for group in known.values() for v in group.variables], known
+        )
         self._table = UnitTable(description, units)
         self.states = VariableVector((), {})
         if with_states:
-            self.states = VariableVector(description.states, self._states(description, taken))
+            self.states = VariableVector(
+                description.states, self._states(description, taken)
+            )
         self._tunable = [
             name
             for name, group in self.parameters.groups.items()
@@ -146,7 +168,9 @@ class ImportInterface:
         taken.update(names.values())
         return VariableVector(variables, {names[group.name]: group for group in groups})
 
-    def _states(self, description: FmuDescription, taken: set[str]) -> dict[str, VariableGroup]:
+    def _states(
+        self, description: FmuDescription, taken: set[str]
+    ) -> dict[str, VariableGroup]:
         """Name the states; the name of a state that is also an output gets the suffix `_state`."""
         found = {}
         for group in gather(description.states):
@@ -160,7 +184,9 @@ class ImportInterface:
     def _is_known(self, variable: FmuVariable) -> bool:
         """Return whether a parameter has a given or declared value; a resized array has none declared."""
         stated = variable.start is not None or not variable.shape
-        return variable.name in self.starts or (stated and bool(np.isfinite(declared_start(variable)).all()))
+        return variable.name in self.starts or (
+            stated and bool(np.isfinite(declared_start(variable)).all())
+        )
 
     def _start(self, variables: Sequence[FmuVariable]) -> Vector:
         """Return the start values of variables: given, or declared by the FMU."""
@@ -175,18 +201,23 @@ class ImportInterface:
         """Return the declarations of the block."""
         declared: dict[str, Any] = {}
         for name, group in self.inputs.groups.items():
-            declared[name] = Input(group.shape, default=self._default(group), **self._about(group))
+            declared[name] = Input(
+                group.shape, default=self._default(group), **self._about(group)
+            )
         for name, group in self.outputs.groups.items():
             declared[name] = Output(group.shape, **self._about(group))
         for name, group in self.parameters.groups.items():
             about = self._about(group)
-            if not isinstance(about["unit"], str):  # parameters support one unit, not one per element
+            if not isinstance(about["unit"], str):
+                # parameters support one unit, not one per element
                 about["unit"] = ""
             default = self._start(group.variables).reshape(group.shape)
             declared[name] = Parameter(default, group.shape, **about)
         for name, group in self.states.groups.items():
             about = self._about(group)
-            declared[name] = State(group.shape, **{**about, "unit": about["unit"] or ""})
+            declared[name] = State(
+                group.shape, **{**about, "unit": about["unit"] or ""}
+            )
         for name, declaration in declared.items():
             declaration.name = name
         return declared
@@ -196,7 +227,9 @@ class ImportInterface:
 
     def _unit(self, group: VariableGroup) -> Unit:
         """Return the unit of a group, or the units of its elements if they differ."""
-        units = [self._table.unit(v.unit) for v in group.variables for _ in range(v.size)]
+        units = [
+            self._table.unit(v.unit) for v in group.variables for _ in range(v.size)
+        ]
         if len(set(units)) <= 1:
             return units[0] if units else None
         return tuple("" if unit is None else unit for unit in units)
@@ -204,7 +237,9 @@ class ImportInterface:
     def _default(self, group: VariableGroup) -> float | None:
         """Return the value of an unconnected input, or None if the input must be connected."""
         given = any(v.name in self.starts for v in group.variables)
-        declared = self._declared_starts and all(v.start is not None for v in group.variables)
+        declared = self._declared_starts and all(
+            v.start is not None for v in group.variables
+        )
         if not given and not declared:
             return None
         values = self._start(group.variables)
@@ -221,8 +256,12 @@ class ImportInterface:
 
     def fixed_starts(self) -> Starts:
         """Return the given values of variables other than parameters and inputs of the block."""
-        elsewhere = {v.name for vector in (self.parameters, self.inputs) for v in vector.order}
-        return {name: value for name, value in self.starts.items() if name not in elsewhere}
+        elsewhere = {
+            v.name for vector in (self.parameters, self.inputs) for v in vector.order
+        }
+        return {
+            name: value for name, value in self.starts.items() if name not in elsewhere
+        }
 
     def changed(self, p: Signals) -> Starts:
         """Return the parameters that were given or differ from the values in the model description.
@@ -235,7 +274,9 @@ class ImportInterface:
         found: Starts = {}
         for name, group in self.parameters.groups.items():
             for variable, value in shares(group.variables, p[name].flatten()):
-                same = variable.name not in self.starts and np.array_equal(value, declared_start(variable))
+                same = variable.name not in self.starts and np.array_equal(
+                    value, declared_start(variable)
+                )
                 if not same:
                     found[variable.name] = value
         return found
@@ -251,7 +292,9 @@ class ImportInterface:
         found: Starts = {}
         for name in self._tunable:
             variables = self.parameters.groups[name].variables
-            found |= {v.name: value for v, value in shares(variables, p[name].flatten())}
+            found |= {
+                v.name: value for v, value in shares(variables, p[name].flatten())
+            }
         return found
 
     def feedthrough(self) -> dict[str, tuple[str, ...]]:
@@ -272,5 +315,10 @@ class ImportInterface:
     def variables(self) -> dict[str, tuple[str, ...]]:
         """Return the names of the FMU variables of each name of the block."""
         vectors = (self.inputs, self.outputs, self.parameters, self.states)
-        groups = {name: group for vector in vectors for name, group in vector.groups.items()}
-        return {name: tuple(v.name for v in group.variables) for name, group in groups.items()}
+        groups = {
+            name: group for vector in vectors for name, group in vector.groups.items()
+        }
+        return {
+            name: tuple(v.name for v in group.variables)
+            for name, group in groups.items()
+        }

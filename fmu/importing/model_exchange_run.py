@@ -41,8 +41,12 @@ class ModelExchangeRun(FmuRun):
         super().__init__(block, p, LoadedModelExchange)
         # Time of initialization, until the first evaluation; NaN before initialization.
         self._begun: float | None = math.nan
-        self._in_run = False  # False: evaluated at arbitrary points, for linear analysis
-        self._last: tuple[float, Vector] | None = None  # time and inputs of the last accepted point
+        self._in_run = (
+            False  # False: evaluated at arbitrary points, for linear analysis
+        )
+        self._last: tuple[float, Vector] | None = (
+            None  # time and inputs of the last accepted point
+        )
         self._pending = False  # whether an event must be handled immediately
 
     # -- evaluation -----------------------------------------------------------------------------
@@ -62,7 +66,9 @@ class ModelExchangeRun(FmuRun):
     def _by_name(self, flat: Vector) -> Values:
         """Return states or their derivatives by name."""
         states = self._interface.states
-        return states.split(flat) | ({} if states.size else {PLACEHOLDER_STATE: np.zeros(())})
+        return states.split(flat) | (
+            {} if states.size else {PLACEHOLDER_STATE: np.zeros(())}
+        )
 
     def _place(self, t: Array, x: Signals, u: Signals) -> Vector:
         """Set time, states and inputs of the FMU; return the inputs."""
@@ -100,7 +106,8 @@ class ModelExchangeRun(FmuRun):
         """
         inputs = self._place(t, x, u)
         last = self._last
-        if last is None or last[0] >= float(t):  # round-off may put the accepted time after t
+        if last is None or last[0] >= float(t):
+            # round-off may put the accepted time after t
             self._pending = (
                 self._pending
                 or self._fmu.event_inputs_changed(inputs)
@@ -118,7 +125,9 @@ class ModelExchangeRun(FmuRun):
         wanted = self._completed_step(float(t))
         return wanted or bool(self._fmu.event_inputs_changed(inputs))
 
-    def on_event(self, t: Array, x: Signals, u: Signals, p: Signals, fired: Signals) -> Values:
+    def on_event(
+        self, t: Array, x: Signals, u: Signals, p: Signals, fired: Signals
+    ) -> Values:
         """Let the FMU handle an event; return its states if they changed."""
         inputs = self._place(t, x, u)
         if self._last is None or self._last[0] != float(t):
@@ -145,7 +154,10 @@ class ModelExchangeRun(FmuRun):
             If the FMU cannot save its state.
         """
         inputs = self._fmu.input_values.copy()
-        return self._kept(saved_state(self._fmu)) | {"next": float(self._fmu.next_time), "inputs": inputs}
+        return self._kept(saved_state(self._fmu)) | {
+            "next": float(self._fmu.next_time),
+            "inputs": inputs,
+        }
 
     def restore(self, saved: dict[str, Any]) -> None:
         """Restore the result of `save`."""
@@ -161,9 +173,22 @@ class DifferentiableRun(ModelExchangeRun):
     """Run of an FMU with directional derivatives and without discrete inputs."""
 
     def directional_derivative(
-        self, kind: str, t: Array, x: Signals, u: Signals, p: Signals, dx: Signals, du: Signals
+        self,
+        kind: str,
+        t: Array,
+        x: Signals,
+        u: Signals,
+        p: Signals,
+        dx: Signals,
+        du: Signals,
     ) -> Values:
         """Return the derivative of method `kind` along `dx` and `du` [units as the FMU states]."""
         self._place(t, x, u)
-        found = self._fmu.along(kind, self._interface.states.join(dx), self._interface.inputs.join(du))
-        return self._interface.outputs.split(found) if kind == "output" else self._by_name(found)
+        found = self._fmu.along(
+            kind, self._interface.states.join(dx), self._interface.inputs.join(du)
+        )
+        return (
+            self._interface.outputs.split(found)
+            if kind == "output"
+            else self._by_name(found)
+        )

@@ -12,7 +12,14 @@ from trussflow.fmu.errors import FmuUnitError
 from trussflow.fmu.fmi_units import FmiUnit, fmi_unit
 from trussflow.fmu.runtime.description import FmuDescription
 
-UNIT_NAMES = {"-": "", "1": "", "Ohm": "ohm", "degC": "degC", "%": "percent", "°": "deg"}
+UNIT_NAMES = {
+    "-": "",
+    "1": "",
+    "Ohm": "ohm",
+    "degC": "degC",
+    "%": "percent",
+    "°": "deg",
+}
 """pint's names of units that are common in FMUs under other names."""
 
 POWER_PATTERN = re.compile(r"(?<=[A-Za-z\u00b5\u03bc])\^?(-?\d+)")
@@ -38,15 +45,21 @@ class UnitTable:
         If a name is not a unit of the FMU, or a definition contradicts that of the FMU.
     """
 
-    def __init__(self, description: FmuDescription, given: Mapping[str, str | None] | None = None) -> None:
+    def __init__(
+        self, description: FmuDescription, given: Mapping[str, str | None] | None = None
+    ) -> None:
         self._name = description.name
         self._definitions = description.units
         self._known: dict[str, str | None] = {"": None}
-        used = {v.unit for v in description.variables.values()} | description.units.keys()
+        used = {
+            v.unit for v in description.variables.values()
+        } | description.units.keys()
         for name, unit in (given or {}).items():
             if name not in used:
                 listed = ", ".join(sorted(used - {""})) or "none"
-                raise FmuUnitError(f"FMU '{self._name}' has no unit '{name}'; its units are: {listed}")
+                raise FmuUnitError(
+                    f"FMU '{self._name}' has no unit '{name}'; its units are: {listed}"
+                )
             definition = self._definitions.get(name)
             if unit is not None and definition is not None:
                 self._check(unit, definition)
@@ -89,7 +102,11 @@ class UnitTable:
         base = _from_base(definition)
         if base is not None and _agree(fmi_unit(base), definition):
             return base
-        here = ", which differs from the unit of that name in trussflow" if found is not None else ""
+        here = (
+            ", which differs from the unit of that name in trussflow"
+            if found is not None
+            else ""
+        )
         raise FmuUnitError(
             f"FMU '{self._name}' defines its unit '{name}' as {describe(definition)}{here}; "
             f"name an equal unit with units={{'{name}': '...'}}, or disable its check "
@@ -101,7 +118,9 @@ class UnitTable:
         try:
             found = fmi_unit(unit)
         except BlockError as error:
-            raise FmuUnitError(f"cannot use '{unit}' for '{definition.name}': {error}") from None
+            raise FmuUnitError(
+                f"cannot use '{unit}' for '{definition.name}': {error}"
+            ) from None
         if definition.exponents is not None and not _agree(found, definition):
             raise FmuUnitError(
                 f"unit '{unit}' does not fit '{definition.name}' of FMU '{self._name}', which "
@@ -135,9 +154,15 @@ def describe(definition: FmiUnit) -> str:
     definition : FmiUnit
         The unit.
     """
-    powers = [f"{n}^{e}" if e != 1 else n for n, e in (definition.exponents or {}).items() if e]
+    powers = [
+        f"{n}^{e}" if e != 1 else n
+        for n, e in (definition.exponents or {}).items()
+        if e
+    ]
     text = f"{definition.factor:g} {' '.join(powers) or '1'}"
-    return text + (f" with its zero at {definition.offset:g}" if definition.offset else "")
+    return text + (
+        f" with its zero at {definition.offset:g}" if definition.offset else ""
+    )
 
 
 def _agree(ours: FmiUnit, theirs: FmiUnit) -> bool:

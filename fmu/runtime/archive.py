@@ -67,9 +67,13 @@ def opened(path: Path, max_bytes: float = MAX_BYTES) -> Iterator[zipfile.ZipFile
                 raise FmuArchiveError(f"refused to unpack '{path}': {fault}")
             yield archive
     except ARCHIVE_ERRORS as error:
-        raise FmuArchiveError(f"cannot open '{path}': {damaged.format(error)}") from error
+        raise FmuArchiveError(
+            f"cannot open '{path}': {damaged.format(error)}"
+        ) from error
     except OSError as error:
-        raise FmuArchiveError(f"cannot open or unpack '{path}' {with_place(error)}") from error
+        raise FmuArchiveError(
+            f"cannot open or unpack '{path}' {with_place(error)}"
+        ) from error
 
 
 def _faults(members: list[zipfile.ZipInfo], max_bytes: float) -> Iterator[str]:
@@ -108,7 +112,9 @@ def _harm(member: zipfile.ZipInfo) -> str:
     return ""
 
 
-def read_description(path: Path, max_bytes: float = MAX_BYTES) -> tuple[bytes, frozenset[str]]:
+def read_description(
+    path: Path, max_bytes: float = MAX_BYTES
+) -> tuple[bytes, frozenset[str]]:
     """Return the bytes of the model description of an FMU, and the names of all its files.
 
     Parameters

@@ -12,7 +12,9 @@ from math import prod
 
 from trussflow.fmu.runtime.description import FmuVariable
 
-ELEMENT_NAME = re.compile(r"(?P<name>.*[^\[\],\s])\[(?P<index>\s*\d+\s*(,\s*\d+\s*)*)\](?P<close>\)?)")
+ELEMENT_NAME = re.compile(
+    r"(?P<name>.*[^\[\],\s])\[(?P<index>\s*\d+\s*(,\s*\d+\s*)*)\](?P<close>\)?)"
+)
 """Pattern of a name with indices; ``der(x[1])`` is an element of ``der(x)``."""
 
 
@@ -60,16 +62,24 @@ def gather(variables: Iterable[FmuVariable]) -> list[VariableGroup]:
             families[("", variable.name)] = {(): variable}
             continue
         name = found["name"] + found["close"]
-        key: tuple[str, ...] = (name, variable.causality, variable.variability, variable.type)
+        key: tuple[str, ...] = (
+            name,
+            variable.causality,
+            variable.variability,
+            variable.type,
+        )
         index = tuple(int(part) for part in found["index"].split(","))
         families.setdefault(key, {})[index] = variable
     groups: list[VariableGroup] = []
-    kinds = Counter(key[0] for key in families)  # above one, the elements differ in kind
+    # above one, the elements differ in kind
+    kinds = Counter(key[0] for key in families)
     for key, members in families.items():
         shape = _shape(members)
         name = key[0]
         if name and shape and name not in taken and kinds[name] == 1:
-            groups.append(VariableGroup(name, tuple(members[i] for i in sorted(members)), shape))
+            groups.append(
+                VariableGroup(name, tuple(members[i] for i in sorted(members)), shape)
+            )
         else:
             groups += [VariableGroup(v.name, (v,), v.shape) for v in members.values()]
     order = {v.name: i for i, v in enumerate(listed)}

@@ -54,7 +54,10 @@ def main() -> None:
                 value = getattr(instance, name)(*given, **named)
             reply: Any = True, value
         except FmuError as error:
-            reply = False, (type(error).__name__, str(error), getattr(error, "status", 0))
+            reply = (
+                False,
+                (type(error).__name__, str(error), getattr(error, "status", 0)),
+            )
         except Exception as error:  # noqa: BLE001 - the parent process needs every error
             reply = False, ("FmuError", f"{type(error).__name__}: {error}", 0)
         if os.getpid() != server:  # a copy forked by the FMU must not answer

@@ -41,7 +41,9 @@ MAX_ANSWER_BYTES = 1_000_000_000
 MAX_SHOWN_BYTES = 2000
 """Maximum size [B] of the child's output in an error message."""
 
-ERROR_CLASSES = {name: kind for name, kind in vars(errors).items() if name.startswith("Fmu")}
+ERROR_CLASSES = {
+    name: kind for name, kind in vars(errors).items() if name.startswith("Fmu")
+}
 """Error classes that a child process may report, by name."""
 
 SIGNAL_NAMES = {-number: f"signal {number.name}" for number in signal.Signals}
@@ -87,14 +89,22 @@ class RemoteInstance(KnownFmu):
         **arguments: Any,
     ) -> None:
         if sys.platform == "win32":
-            raise FmuError("child processes for FMUs need a POSIX system; leave out time_limit")
+            raise FmuError(
+                "child processes for FMUs need a POSIX system; leave out time_limit"
+            )
         # The description is read here: the child process is not trusted to report it.
         super().__init__(kind.kind, file, arguments.get("start") or {})
         self._limit = float(time_limit)
         self._name = self.file.path.name
         self._waiting = False
-        self._fault = FmuError(f"the process of FMU '{self._name}' has ended; set it up again")
-        cannot = Explained(lambda error: FmuError(f"cannot start a process for FMU '{self._name}': {error}"))
+        self._fault = FmuError(
+            f"the process of FMU '{self._name}' has ended; set it up again"
+        )
+        cannot = Explained(
+            lambda error: FmuError(
+                f"cannot start a process for FMU '{self._name}': {error}"
+            )
+        )
         with cannot, ExitStack() as stack:
             folder = Path(tempfile.mkdtemp(prefix="fmu-", dir=process_folder()))
             stack.callback(shutil.rmtree, folder, ignore_errors=True)
@@ -103,9 +113,17 @@ class RemoteInstance(KnownFmu):
             self._socket = stack.enter_context(ours)
             self._connection = stack.enter_context(Connection(os.dup(ours.fileno())))
             with theirs:
-                environment = {"PYTHONPATH": os.pathsep.join(filter(None, sys.path)), "TMPDIR": str(folder)}
+                environment = {
+                    "PYTHONPATH": os.pathsep.join(filter(None, sys.path)),
+                    "TMPDIR": str(folder),
+                }
                 self._process = subprocess.Popen(
-                    [sys.executable, "-m", f"{__package__}.child_main", str(theirs.fileno())],
+                    [
+                        sys.executable,
+                        "-m",
+                        f"{__package__}.child_main",
+                        str(theirs.fileno()),
+                    ],
                     pass_fds=[theirs.fileno()],
                     stdin=subprocess.DEVNULL,
                     stdout=self._output,
@@ -122,7 +140,9 @@ class RemoteInstance(KnownFmu):
             self._set_timeout(self._limit)
             unpacked = unpack(self.file.path, self.file.max_bytes, folder)
             memory = None if memory_limit is None else int(memory_limit)
-            self._call("open", (kind, self.file, memory, {"folder": unpacked, **arguments}))
+            self._call(
+                "open", (kind, self.file, memory, {"folder": unpacked, **arguments})
+            )
         except BaseException:
             self.close()
             raise
@@ -132,14 +152,18 @@ class RemoteInstance(KnownFmu):
         whole = int(seconds)
         microseconds = max(int((seconds - whole) * 1e6), 1)  # zero would mean no limit
         for option in (socket.SO_RCVTIMEO, socket.SO_SNDTIMEO):
-            self._socket.setsockopt(socket.SOL_SOCKET, option, struct.pack("@ll", whole, microseconds))
+            self._socket.setsockopt(
+                socket.SOL_SOCKET, option, struct.pack("@ll", whole, microseconds)
+            )
 
     def _call(self, what: str, arguments: Any) -> Any:
         """Send a request to the child and return its answer."""
         if not self._finalizer.alive:
             raise self._fault
         if self._waiting:  # by another thread, or by the finalizer of a saved state
-            raise FmuError(f"FMU '{self._name}' is called before its last call has returned")
+            raise FmuError(
+                f"FMU '{self._name}' is called before its last call has returned"
+            )
         doing = arguments[0] if what == "call" else what
         done, value = self._answer(doing, self._limit, (what, arguments))
         if done:
@@ -166,18 +190,26 @@ class RemoteInstance(KnownFmu):
         finally:
             self._waiting = False
 
-    def _explained(self, error: Exception, doing: str, seconds: float) -> tuple[type[FmuCallError], str]:
+    def _explained(
+        self, error: Exception, doing: str, seconds: float
+    ) -> tuple[type[FmuCallError], str]:
         """Return the class and the text of the error for a call without an answer."""
         # A process forked by the FMU may keep the descriptor open: no end of file arrives then.
         if isinstance(error, BlockingIOError) and self._process.poll() is None:
-            text = f"FMU '{self._name}' did not return from '{doing}' within {seconds:g} s"
+            text = (
+                f"FMU '{self._name}' did not return from '{doing}' within {seconds:g} s"
+            )
             return FmuTimeoutError, f"{text}; its process was ended"
         try:
             code = self._process.wait(EXIT_TIMEOUT)
         except subprocess.TimeoutExpired:
             how = f"wrote into the descriptor reserved for answers in '{doing}', or closed it, and was ended"
         else:
-            how = f"exit code {code}" if code >= 0 else SIGNAL_NAMES.get(code, f"signal {-code}")
+            how = (
+                f"exit code {code}"
+                if code >= 0
+                else SIGNAL_NAMES.get(code, f"signal {-code}")
+            )
             how = f"ended by itself in '{doing}' with {how}"
         return FmuCrashError, f"the process of FMU '{self._name}' {how}"
 
@@ -187,14 +219,19 @@ class RemoteInstance(KnownFmu):
         self._output.seek(max(0, size - MAX_SHOWN_BYTES))
         text = self._output.read().decode("utf-8", "replace").strip()
         self.close()
-        self._fault = kind(message + (f"; it wrote:\n  {text}" if text else "; it wrote nothing"))
+        self._fault = kind(
+            message + (f"; it wrote:\n  {text}" if text else "; it wrote nothing")
+        )
         return self._fault
 
     def __getattr__(self, name: str) -> Any:
         """Return a method, or the current value of an attribute, of the FMU in the child process."""
         if name.startswith("_"):
             raise AttributeError(name)
-        if any(callable(getattr(kind, name, None)) for kind in (LoadedCoSimulation, LoadedModelExchange)):
+        if any(
+            callable(getattr(kind, name, None))
+            for kind in (LoadedCoSimulation, LoadedModelExchange)
+        ):
             return lambda *given, **named: self._call("call", (name, given, named))
         return self._call("get", name)
 
@@ -233,4 +270,6 @@ def open_instance(
     """
     if time_limit is None:
         return kind(file, **arguments)
-    return RemoteInstance(kind, file, time_limit, memory_limit=memory_limit, **arguments)
+    return RemoteInstance(
+        kind, file, time_limit, memory_limit=memory_limit, **arguments
+    )

@@ -200,7 +200,8 @@ def parse_description(text: bytes, where: str) -> FmuDescription:
     try:
         root = ElementTree.fromstring(text)
         _check_structure(root, where)
-        from fmpy.model_description import read_model_description  # imported here: it takes 0.3 s
+        # imported here: it takes 0.3 s
+        from fmpy.model_description import read_model_description
 
         archive = io.BytesIO()  # fmpy reads files and archives only
         with zipfile.ZipFile(archive, "w") as files:
@@ -209,14 +210,18 @@ def parse_description(text: bytes, where: str) -> FmuDescription:
     except FmuDescriptionError:
         raise
     except Exception as error:  # fmpy raises errors of many types
-        raise FmuDescriptionError(f"cannot read {where}: {type(error).__name__}: {error}") from error
+        raise FmuDescriptionError(
+            f"cannot read {where}: {type(error).__name__}: {error}"
+        ) from error
 
 
 def _check_structure(root: ElementTree.Element, where: str) -> None:
     """Raise a clear error for faults that fmpy misses or reports unclearly."""
     version = root.get("fmiVersion", "")
     if root.tag != "fmiModelDescription" or not version:
-        raise FmuDescriptionError(f"cannot read {where}: it is not an FMI model description")
+        raise FmuDescriptionError(
+            f"cannot read {where}: it is not an FMI model description"
+        )
     if version != "2.0" and not version.startswith("3."):
         raise FmuDescriptionError(
             f"cannot use {where}: its version is FMI {version}; FMI 2.0 and 3.0 can be imported"
@@ -224,7 +229,9 @@ def _check_structure(root: ElementTree.Element, where: str) -> None:
     listed = root.find("ModelVariables")
     if listed is None:
         raise FmuDescriptionError(f"cannot read {where}: it has no ModelVariables")
-    counts = Counter(v.get("name") for v in listed.iter() if v.get("valueReference") is not None)
+    counts = Counter(
+        v.get("name") for v in listed.iter() if v.get("valueReference") is not None
+    )
     counts.update(a.get("name") for a in listed.iter("Alias"))
     counts.subtract(d.get("name") for d in listed.iter("Dimension"))
     for name, count in counts.items():
@@ -260,12 +267,20 @@ def _converted(read: Any, root: ElementTree.Element) -> FmuDescription:
     kinds: dict[str, Capabilities] = {}
     for kind, stated in (("cs", read.coSimulation), ("me", read.modelExchange)):
         if stated is not None:
-            found = {k: getattr(stated, name) for k, name in FMPY_ATTRIBUTES.items() if hasattr(stated, name)}
+            found = {
+                k: getattr(stated, name)
+                for k, name in FMPY_ATTRIBUTES.items()
+                if hasattr(stated, name)
+            }
             # FMI 3 uses another name for this attribute, which fmpy does not read.
             flags = (f"providesDirectionalDerivative{s}" for s in ("", "s"))
             elements = root.findall(type(stated).__name__)
-            found["derivatives"] = any(e.get(f) in ("true", "1") for f in flags for e in elements)
-            kinds[kind] = Capabilities(**found, fixed_step=_number(stated, "fixedInternalStepSize"))
+            found["derivatives"] = any(
+                e.get(f) in ("true", "1") for f in flags for e in elements
+            )
+            kinds[kind] = Capabilities(
+                **found, fixed_step=_number(stated, "fixedInternalStepSize")
+            )
     if not kinds:
         raise FmuDescriptionError(
             f"cannot use FMU '{read.modelName}': it offers neither co-simulation nor model exchange"
@@ -284,7 +299,9 @@ def _converted(read: Any, root: ElementTree.Element) -> FmuDescription:
         variables=variables,
         units={u.name: _unit(u) for u in read.unitDefinitions},
         dependencies={
-            u.variable.name: None if u.dependencies is None else frozenset(v.name for v in u.dependencies)
+            u.variable.name: None
+            if u.dependencies is None
+            else frozenset(v.name for v in u.dependencies)
             for u in read.outputs
         },
         states=tuple(variables[rate.derivative.name] for rate in rates),
@@ -314,7 +331,9 @@ def _variable(read: Any) -> FmuVariable:
         start=read.start,
         unit=read.unit or (declared.unit if declared is not None else None) or "",
         shape=tuple(read.shape),
-        meaning=read.description or (declared.description if declared is not None else "") or "",
+        meaning=read.description
+        or (declared.description if declared is not None else "")
+        or "",
         dimensions=tuple(d.valueReference for d in read.dimensions),
     )
 
@@ -323,5 +342,7 @@ def _unit(read: Any) -> FmiUnit:
     base = read.baseUnit
     if base is None:
         return FmiUnit(read.name)
-    exponents = {n: int(getattr(base, n)) for n in ("kg", "m", "s", "A", "K", "mol", "cd", "rad")}
+    exponents = {
+        n: int(getattr(base, n)) for n in ("kg", "m", "s", "A", "K", "mol", "cd", "rad")
+    }
     return FmiUnit(read.name, exponents, float(base.factor), float(base.offset))

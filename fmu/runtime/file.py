@@ -8,7 +8,12 @@ from pathlib import Path
 from typing import Any
 
 from trussflow.blocks.support.validation import as_path
-from trussflow.fmu.errors import FmuArchiveError, FmuBinaryError, FmuDescriptionError, FmuError
+from trussflow.fmu.errors import (
+    FmuArchiveError,
+    FmuBinaryError,
+    FmuDescriptionError,
+    FmuError,
+)
 from trussflow.fmu.runtime.archive import DESCRIPTION_FILE, MAX_BYTES, read_description
 from trussflow.fmu.runtime.description import FmuDescription, Kind, parse_description
 from trussflow.fmu.runtime.library import binary_path
@@ -59,7 +64,9 @@ class FmuFile:
         path = as_path(FmuArchiveError, "cannot open the FMU", path).absolute()
         text, files = read_description(path, max_bytes)
         description = parse_description(text, f"the model description of '{path.name}'")
-        return cls(path, description, files, hashlib.sha256(text).hexdigest(), max_bytes)
+        return cls(
+            path, description, files, hashlib.sha256(text).hexdigest(), max_bytes
+        )
 
     def check_unchanged(self, folder: Path) -> None:
         """Raise an error if the FMU file was changed since it was read.
@@ -113,11 +120,17 @@ class FmuFile:
         needed = binary_path(self.description, kind)
         if needed not in self.files:
             parts = (f.split("/") for f in self.files if f.startswith("binaries/"))
-            has_sources = any(f.startswith("sources/") and f.endswith(".c") for f in self.files)
+            has_sources = any(
+                f.startswith("sources/") and f.endswith(".c") for f in self.files
+            )
             there = sorted({p[1] for p in parts if len(p) > 2})
             raise FmuBinaryError(
                 f"FMU '{self.path.name}' has no binary for this machine ('{needed}'); it has: "
                 f"{', '.join(there) or 'none'}"
-                + ("; its sources can be built with 'fmpy compile'" if has_sources else "")
+                + (
+                    "; its sources can be built with 'fmpy compile'"
+                    if has_sources
+                    else ""
+                )
             )
         return kind  # type: ignore[no-any-return]

@@ -211,7 +211,9 @@ class Library:
         """
         return self.bound(name, vector.ctypes.data, vector.size)
 
-    def accessor(self, get: bool, kind: str, references: Sequence[int], buffer: Any, count: int) -> Call:
+    def accessor(
+        self, get: bool, kind: str, references: Sequence[int], buffer: Any, count: int
+    ) -> Call:
         """Return the call that reads or writes variables of one type.
 
         Parameters
@@ -253,7 +255,9 @@ class Library:
         """Call ``completedIntegratorStep``; return (enter event mode, terminate)."""
         event = self.flag()
         end = self.flag()
-        self.call("CompletedIntegratorStep", True, ctypes.byref(event), ctypes.byref(end))
+        self.call(
+            "CompletedIntegratorStep", True, ctypes.byref(event), ctypes.byref(end)
+        )
         return bool(event.value), bool(end.value)
 
     # -- differences between the versions ---------------------------------------------------

@@ -11,7 +11,14 @@ from typing import Any, ClassVar
 import numpy as np
 
 from trussflow.fmu.errors import FmuBinaryError
-from trussflow.fmu.runtime.library import STATUS_DISCARD, STATUS_WARNING, Library, Step, Update, unload
+from trussflow.fmu.runtime.library import (
+    STATUS_DISCARD,
+    STATUS_WARNING,
+    Library,
+    Step,
+    Update,
+    unload,
+)
 from trussflow.fmu.runtime.messages import callbacks2
 
 KIND_LAST_SUCCESSFUL_TIME, KIND_TERMINATED = 2, 3
@@ -78,7 +85,9 @@ class Library2(Library):
             )
             if status > STATUS_WARNING or not t <= reached.value <= t + h:
                 reached.value = t
-            status = self.function("GetBooleanStatus")(self.component, KIND_TERMINATED, ctypes.byref(ended))
+            status = self.function("GetBooleanStatus")(
+                self.component, KIND_TERMINATED, ctypes.byref(ended)
+            )
             ended.value = 0 if status > STATUS_WARNING else ended.value
         return Step(reached.value, discarded=True, terminate=bool(ended.value))
 

@@ -10,7 +10,13 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from trussflow.fmu.runtime.library import STATUS_DISCARD, STATUS_WARNING, Library, Step, Update
+from trussflow.fmu.runtime.library import (
+    STATUS_DISCARD,
+    STATUS_WARNING,
+    Library,
+    Step,
+    Update,
+)
 from trussflow.fmu.runtime.messages import callback3
 from trussflow.fmu.runtime.signatures import INTEGER_TYPES
 
@@ -21,7 +27,10 @@ class Library3(Library):
     version: ClassVar[int] = 3
     flag: ClassVar[Any] = ctypes.c_bool
     accessors: ClassVar[dict[str, tuple[str, Any]]] = {
-        **{kind: (kind, np.dtype(kind.lower()).type) for kind in ("Float32", "Float64", *INTEGER_TYPES)},
+        **{
+            kind: (kind, np.dtype(kind.lower()).type)
+            for kind in ("Float32", "Float64", *INTEGER_TYPES)
+        },
         "Boolean": ("Boolean", np.bool_),
         "String": ("String", object),
         "Enumeration": ("Int64", np.int64),
@@ -37,7 +46,13 @@ class Library3(Library):
         self._logger = callback3(self.log)
         folder = self.folder / "resources"
         resources = f"{folder}{os.sep}".encode() if folder.is_dir() else None
-        common = name.encode(), self.description.token.encode(), resources, False, logging
+        common = (
+            name.encode(),
+            self.description.token.encode(),
+            resources,
+            False,
+            logging,
+        )
         logger = ctypes.cast(self._logger, ctypes.c_void_p)
         if self.kind == "cs":
             events = self.capabilities.event_mode
@@ -50,7 +65,11 @@ class Library3(Library):
 
     def step_call(self, rollback: bool) -> Callable[[float, float], Step]:
         """Return the function that performs a co-simulation step, given its start and size [s]."""
-        do_step, component, prior = self.function("DoStep"), self.component, not rollback
+        do_step, component, prior = (
+            self.function("DoStep"),
+            self.component,
+            not rollback,
+        )
         event, end, early = ctypes.c_bool(), ctypes.c_bool(), ctypes.c_bool()
         reached = ctypes.c_double()
         pointers = [ctypes.byref(place) for place in (event, end, early, reached)]
@@ -71,7 +90,9 @@ class Library3(Library):
         """Update discrete states once, in event mode."""
         again, end, nominals, changed, defined = (ctypes.c_bool() for _ in range(5))
         time = ctypes.c_double()
-        flags = [ctypes.byref(flag) for flag in (again, end, nominals, changed, defined)]
+        flags = [
+            ctypes.byref(flag) for flag in (again, end, nominals, changed, defined)
+        ]
         self.call("UpdateDiscreteStates", *flags, ctypes.byref(time))
         next_time = time.value if defined.value else math.inf
         return Update(again.value, end.value, changed.value, next_time)

@@ -13,7 +13,12 @@ from trussflow.blocks.errors import TrussflowError
 from trussflow.blocks.support.types import Vector
 from trussflow.fmu.errors import FmuError
 from trussflow.fmu.runtime.archive import remove, unpack
-from trussflow.fmu.runtime.description import NUMERIC_TYPES, FmuDescription, FmuVariable, Kind
+from trussflow.fmu.runtime.description import (
+    NUMERIC_TYPES,
+    FmuDescription,
+    FmuVariable,
+    Kind,
+)
 from trussflow.fmu.runtime.file import FmuFile
 from trussflow.fmu.runtime.library import Library, Update
 from trussflow.fmu.runtime.library2 import Library2
@@ -52,12 +57,16 @@ class KnownFmu:
         The numeric inputs and outputs, in the order of the input and output vectors.
     """
 
-    def __init__(self, kind: Kind, file: FmuFile | str | Path, start: Mapping[str, Any]) -> None:
+    def __init__(
+        self, kind: Kind, file: FmuFile | str | Path, start: Mapping[str, Any]
+    ) -> None:
         self.file = file if isinstance(file, FmuFile) else FmuFile.read(file)
         self.file.kind(kind)
         self.description = resized(self.file.description, start)
         self.capabilities = self.description.kinds[kind]
-        self.inputs, self.outputs = (numbers(self.description, c) for c in ("input", "output"))
+        self.inputs, self.outputs = (
+            numbers(self.description, c) for c in ("input", "output")
+        )
 
     def close(self) -> None:
         """Release the FMU and delete its temporary files."""
@@ -173,7 +182,9 @@ class LoadedFmu(KnownFmu):
         """
         library = self._library
         if library.dead:
-            raise FmuError(f"FMU '{self.description.name}' failed fatally before; close it and load it again")
+            raise FmuError(
+                f"FMU '{self.description.name}' failed fatally before; close it and load it again"
+            )
         self._free()
         self.generation += 1
         library.broken = False
@@ -233,8 +244,12 @@ class LoadedFmu(KnownFmu):
         known = self.description.variables
         for name in names:
             if name not in known or known[name].type not in NUMERIC_TYPES:
-                raise FmuError(f"FMU '{self.description.name}' has no numeric variable '{name}'")
-        bank = VariableBuffers([known[name] for name in names], self._library, writes=False)
+                raise FmuError(
+                    f"FMU '{self.description.name}' has no numeric variable '{name}'"
+                )
+        bank = VariableBuffers(
+            [known[name] for name in names], self._library, writes=False
+        )
         bank.bind()
         bank.read()
         return bank.values
@@ -243,7 +258,8 @@ class LoadedFmu(KnownFmu):
         """Terminate and free the instance, if it exists."""
         library = self._library
         if library.component and not library.broken:
-            with suppress(TrussflowError):  # a failed Terminate does not prevent freeing
+            with suppress(TrussflowError):
+                # a failed Terminate does not prevent freeing
                 library.call("Terminate")
         library.free()
 
@@ -338,7 +354,9 @@ class LoadedFmu(KnownFmu):
         """
         library = self._library
         if library.component and not library.dead:
-            library.call(f"Free{library.state_word}", ctypes.byref(ctypes.c_void_p(state)))
+            library.call(
+                f"Free{library.state_word}", ctypes.byref(ctypes.c_void_p(state))
+            )
 
     def serialize_state(self, state: int) -> bytes:
         """Return a saved state as bytes.
@@ -376,7 +394,9 @@ class LoadedFmu(KnownFmu):
         """
         handle = ctypes.c_void_p()
         buffer = ctypes.create_string_buffer(content, len(content))
-        self._library.call(self._library.deserialize_name, buffer, len(content), ctypes.byref(handle))
+        self._library.call(
+            self._library.deserialize_name, buffer, len(content), ctypes.byref(handle)
+        )
         return handle.value or 0
 
 

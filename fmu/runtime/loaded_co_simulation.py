@@ -45,7 +45,9 @@ class LoadedCoSimulation(LoadedFmu):
 
     def _started(self, time: float) -> None:
         library = self._library
-        self._plain, self._keeping = (library.step_call(rollback) for rollback in (False, True))
+        self._plain, self._keeping = (
+            library.step_call(rollback) for rollback in (False, True)
+        )
         self._discrete_inputs: DiscreteInputs | None = None
         self._written: Vector | None = None
         self._written_by_state: dict[int, Vector | None] = {}
@@ -90,7 +92,9 @@ class LoadedCoSimulation(LoadedFmu):
             return
         now = self._input.values
         before = self._written
-        if before is not None and np.array_equal(now[discrete.places], before[discrete.places]):
+        if before is not None and np.array_equal(
+            now[discrete.places], before[discrete.places]
+        ):
             discrete.write_continuous(now)
             return
         self._library.call("EnterEventMode")
@@ -179,10 +183,14 @@ class LoadedCoSimulation(LoadedFmu):
         n = len(self.inputs)
         buffer = np.ascontiguousarray(values, dtype=np.float64)
         if buffer.shape != (n,):
-            raise FmuError(f"FMU '{self.description.name}' has {n} inputs, not {buffer.size} derivatives")
+            raise FmuError(
+                f"FMU '{self.description.name}' has {n} inputs, not {buffer.size} derivatives"
+            )
         references = (ctypes.c_uint * n)(*(v.reference for v in self.inputs))
         orders = (ctypes.c_int * n)(*[1] * n)
-        self._library.call("SetRealInputDerivatives", references, n, orders, buffer.ctypes.data)
+        self._library.call(
+            "SetRealInputDerivatives", references, n, orders, buffer.ctypes.data
+        )
 
     @property
     def can_interpolate(self) -> bool:

@@ -12,7 +12,11 @@ import numpy as np
 from trussflow.blocks.support.types import Vector
 from trussflow.fmu.errors import FmuEndedError
 from trussflow.fmu.runtime.description import Kind
-from trussflow.fmu.runtime.discrete_inputs import DiscreteInputs, continuous_elements, is_continuous
+from trussflow.fmu.runtime.discrete_inputs import (
+    DiscreteInputs,
+    continuous_elements,
+    is_continuous,
+)
 from trussflow.fmu.runtime.loaded import LoadedFmu
 
 
@@ -139,7 +143,10 @@ class LoadedModelExchange(LoadedFmu):
         arguments: list[Any] = []
         for side in (unknowns, knowns):
             references = [v.reference for v in side if is_continuous(v)]
-            arguments += [(ctypes.c_uint * len(references))(*references), len(references)]
+            arguments += [
+                (ctypes.c_uint * len(references))(*references),
+                len(references),
+            ]
         for vector in (seed, result):
             sizes = [vector.size] if self._library.version == 3 else []
             arguments += [vector.ctypes.data, *sizes]
@@ -167,7 +174,9 @@ class LoadedModelExchange(LoadedFmu):
             return False, False
         return self._library.completed_step()
 
-    def handle_event(self, u: Vector, values: Mapping[str, Any] | None = None) -> tuple[Vector | None, bool]:
+    def handle_event(
+        self, u: Vector, values: Mapping[str, Any] | None = None
+    ) -> tuple[Vector | None, bool]:
         """Handle an event at the current time.
 
         Parameters

@@ -44,7 +44,10 @@ class Messages:
         category, text : bytes or None
             Arguments of the FMU's logger call.
         """
-        said, kind = ((part or b"").decode("utf-8", "replace").strip() for part in (text, category))
+        said, kind = (
+            (part or b"").decode("utf-8", "replace").strip()
+            for part in (text, category)
+        )
         self.messages.append((status, kind, said))
         if self.echo is not None:
             self.echo.write(f"[{status_name(status)}] {said}\n")
@@ -55,7 +58,10 @@ class Messages:
         worst = [m for m in self.messages if m[0] >= 1] or list(self.messages)
         if not worst:
             return "; the FMU logged nothing"
-        lines = [f"\n  [{status_name(status)}] {text}" for status, _, text in worst[-MAX_SHOWN_MESSAGES:]]
+        lines = [
+            f"\n  [{status_name(status)}] {text}"
+            for status, _, text in worst[-MAX_SHOWN_MESSAGES:]
+        ]
         return "; the FMU's own log:" + "".join(lines)
 
 
@@ -87,7 +93,8 @@ def callbacks2(log: Messages, folder: Path) -> Any:
     callbacks.logger = fmi2.fmi2CallbackLoggerTYPE(logged)
     callbacks.allocateMemory = fmi2.fmi2CallbackAllocateMemoryTYPE(calloc)
     callbacks.freeMemory = fmi2.fmi2CallbackFreeMemoryTYPE(free)
-    with suppress(ImportError, OSError, AttributeError):  # fmpy has no such library for this machine
+    with suppress(ImportError, OSError, AttributeError):
+        # fmpy has no such library for this machine
         from fmpy import logging as proxy
 
         copy = folder / "trussflow-logger.bin"

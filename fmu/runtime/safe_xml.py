@@ -28,7 +28,8 @@ def check_xml(text: bytes, where: str) -> None:
     FmuDescriptionError
         If the document is refused.
     """
-    parser = expat.ParserCreate(namespace_separator=" ")  # reports unbound namespace prefixes as errors
+    # reports unbound namespace prefixes as errors
+    parser = expat.ParserCreate(namespace_separator=" ")
     depth = 0
 
     def refuse(*_: object) -> None:
@@ -58,4 +59,6 @@ def check_xml(text: bytes, where: str) -> None:
     except (expat.ExpatError, ValueError, LookupError) as error:
         if isinstance(error, FmuDescriptionError):
             raise
-        raise FmuDescriptionError(f"cannot read {where}: it is not well-formed XML ({error})") from error
+        raise FmuDescriptionError(
+            f"cannot read {where}: it is not well-formed XML ({error})"
+        ) from error

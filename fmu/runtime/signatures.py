@@ -30,7 +30,9 @@ FMI2_FUNCTIONS = {
     "c": "EnterInitializationMode",
     "sisspii": "Instantiate",
     "ciddid": "SetupExperiment",
-    "cpzp": " ".join([f"Get{kind} Set{kind}" for kind in _TYPES2] + ["DeSerializeFMUstate"]),
+    "cpzp": " ".join(
+        [f"Get{kind} Set{kind}" for kind in _TYPES2] + ["DeSerializeFMUstate"]
+    ),
     "cp": "GetFMUstate SetFMUstate FreeFMUstate NewDiscreteStates",
     "cpp": "SerializedFMUstateSize",
     "cppz": "SerializeFMUstate",
@@ -117,6 +119,8 @@ def function(library: ctypes.CDLL, version: int, name: str) -> Any:
         raise FmuBinaryError(
             f"the binary of the FMU has no function {full}; it was built incompletely"
         ) from None
-    found.argtypes = [ARGUMENT_TYPES[letter] for letter in FUNCTION_SIGNATURES[version, name]]
+    found.argtypes = [
+        ARGUMENT_TYPES[letter] for letter in FUNCTION_SIGNATURES[version, name]
+    ]
     found.restype = RESULT_TYPES.get(name, ctypes.c_int)
     return found

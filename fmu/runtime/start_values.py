@@ -38,7 +38,10 @@ def settable(variable: FmuVariable) -> bool:
     """
     if variable.causality in ("parameter", "structuralParameter", "input"):
         return True
-    return variable.variability != "constant" and variable.initial in ("exact", "approx")
+    return variable.variability != "constant" and variable.initial in (
+        "exact",
+        "approx",
+    )
 
 
 def resolve(
@@ -111,7 +114,9 @@ def _parts(
             raise FmuError(f"{where} takes {size} text(s), not {value!r}")
         return shares(variables, texts)
     if any(v.type not in NUMERIC_TYPES for v in variables):
-        raise FmuError(f"{where} is of type {variables[0].type}, which cannot be set from here")
+        raise FmuError(
+            f"{where} is of type {variables[0].type}, which cannot be set from here"
+        )
     try:
         numbers = np.asarray(value, dtype=float)
     except (TypeError, ValueError):
@@ -122,14 +127,26 @@ def _parts(
         raise FmuError(f"{where} has {size} elements, not {numbers.size}")
     if not np.isfinite(numbers).all():
         raise FmuError(f"{where} must be finite, not {value!r}")
-    if any(v.type not in REAL_TYPES for v in variables) and not (numbers == np.rint(numbers)).all():
-        raise FmuError(f"{where} is of type {variables[0].type}; it takes whole numbers, not {value!r}")
-    if any(isinstance(v, int) and v != float(v) for v in np.asarray(value, dtype=object).flat):
-        raise FmuError(f"{where} cannot be {value!r}: numbers are floats here, exact for whole ones to 2^53")
+    if (
+        any(v.type not in REAL_TYPES for v in variables)
+        and not (numbers == np.rint(numbers)).all()
+    ):
+        raise FmuError(
+            f"{where} is of type {variables[0].type}; it takes whole numbers, not {value!r}"
+        )
+    if any(
+        isinstance(v, int) and v != float(v)
+        for v in np.asarray(value, dtype=object).flat
+    ):
+        raise FmuError(
+            f"{where} cannot be {value!r}: numbers are floats here, exact for whole ones to 2^53"
+        )
     return shares(variables, np.ravel(numbers))
 
 
-def shares(variables: Sequence[FmuVariable], values: Any) -> list[tuple[FmuVariable, Any]]:
+def shares(
+    variables: Sequence[FmuVariable], values: Any
+) -> list[tuple[FmuVariable, Any]]:
     """Return each variable with its slice of the values.
 
     Parameters
@@ -140,7 +157,9 @@ def shares(variables: Sequence[FmuVariable], values: Any) -> list[tuple[FmuVaria
         Values of all elements, concatenated [units as the FMU states].
     """
     ends = np.cumsum([0, *(v.size for v in variables)])
-    return [(v, values[a:b]) for v, (a, b) in zip(variables, pairwise(ends), strict=True)]
+    return [
+        (v, values[a:b]) for v, (a, b) in zip(variables, pairwise(ends), strict=True)
+    ]
 
 
 def declared_start(variable: FmuVariable) -> Vector:
@@ -180,7 +199,9 @@ def apply(library: Library, starts: Mapping[str, Any]) -> None:
         Result of `resolve`.
     """
     known = library.description.variables
-    texts = {name: value for name, value in starts.items() if known[name].type == "String"}
+    texts = {
+        name: value for name, value in starts.items() if known[name].type == "String"
+    }
     for name, value in texts.items():
         listed = (ctypes.c_char_p * len(value))(*(text.encode() for text in value))
         library.accessor(False, "String", [known[name].reference], listed, len(value))()
@@ -208,7 +229,11 @@ def resized(description: FmuDescription, given: Mapping[str, Any]) -> FmuDescrip
         If a value does not fit, or a size is too large.
     """
     known = description.variables
-    structure = {name: value for name, value in given.items() if name in known and known[name].is_structural}
+    structure = {
+        name: value
+        for name, value in given.items()
+        if name in known and known[name].is_structural
+    }
     sizes: dict[int, int] = {}
     for name, values in resolve(description, structure).items():
         size = float(values[0])
@@ -223,8 +248,12 @@ def resized(description: FmuDescription, given: Mapping[str, Any]) -> FmuDescrip
 
     def fit(variable: FmuVariable) -> FmuVariable:
         pairs = zip(variable.dimensions, variable.shape, strict=True)
-        fitted = replace(variable, shape=tuple(n if d is None else sizes.get(d, n) for d, n in pairs))
-        fits = fitted.shape == variable.shape or len((variable.start or "").split()) in (1, fitted.size)
+        fitted = replace(
+            variable, shape=tuple(n if d is None else sizes.get(d, n) for d, n in pairs)
+        )
+        fits = fitted.shape == variable.shape or len(
+            (variable.start or "").split()
+        ) in (1, fitted.size)
         return fitted if fits else replace(fitted, start=None)
 
     variables = {name: fit(variable) for name, variable in known.items()}

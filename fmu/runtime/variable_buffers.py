@@ -44,7 +44,9 @@ class VariableBuffers:
         The values [units as the FMU states], which `write` sends and `read` updates.
     """
 
-    def __init__(self, variables: Sequence[FmuVariable], library: Library, *, writes: bool) -> None:
+    def __init__(
+        self, variables: Sequence[FmuVariable], library: Library, *, writes: bool
+    ) -> None:
         self.variables = tuple(variables)
         ends = np.cumsum([0, *(v.size for v in self.variables)])
         self.values: Vector = np.zeros(int(ends[-1]))
@@ -56,13 +58,16 @@ class VariableBuffers:
             accessor = library.accessors[variable.type]
             members.setdefault(accessor, []).append(variable)
             places.setdefault(accessor, []).extend(range(start, end))
-        plain = all(kind is np.float64 for _, kind in members)  # the vector itself is the buffer then
+        # the vector itself is the buffer then
+        plain = all(kind is np.float64 for _, kind in members)
         self._parts = [
             _Part(
                 alike[-1].type,
                 [v.reference for v in alike],
                 None if plain else np.array(places[accessor]),
-                self.values if plain else np.zeros(len(places[accessor]), dtype=accessor[1]),
+                self.values
+                if plain
+                else np.zeros(len(places[accessor]), dtype=accessor[1]),
             )
             for accessor, alike in members.items()
             if places[accessor]
@@ -72,12 +77,20 @@ class VariableBuffers:
         """Prepare the calls for the current instance."""
         self._calls = [
             self._library.accessor(
-                not self._writes, part.type, part.references, part.buffer.ctypes.data, part.buffer.size
+                not self._writes,
+                part.type,
+                part.references,
+                part.buffer.ctypes.data,
+                part.buffer.size,
             )
             for part in self._parts
         ]
         # Most FMUs need one call without conversion in every step: it avoids the loop.
-        self._only = self._calls[0] if len(self._parts) == 1 and self._parts[0].places is None else None
+        self._only = (
+            self._calls[0]
+            if len(self._parts) == 1 and self._parts[0].places is None
+            else None
+        )
 
     def write(self) -> None:
         """Send the values to the FMU.
@@ -120,10 +133,22 @@ class VariableBuffers:
             wrong = np.isfinite(given) & (np.abs(given) > largest)
             takes = f"numbers up to {largest:.4g}"
         else:
-            low, high = (0, 1) if part.type == "Boolean" else (np.iinfo(kind).min, np.iinfo(kind).max)
+            low, high = (
+                (0, 1)
+                if part.type == "Boolean"
+                else (np.iinfo(kind).min, np.iinfo(kind).max)
+            )
             # The largest 64-bit integer is not a float, but its successor is: hence "<".
-            wrong = ~((given == np.rint(given)) & (given >= float(low)) & (given < float(high + 1)))
-            takes = "0 or 1" if part.type == "Boolean" else f"whole numbers from {low} to {high}"
+            wrong = ~(
+                (given == np.rint(given))
+                & (given >= float(low))
+                & (given < float(high + 1))
+            )
+            takes = (
+                "0 or 1"
+                if part.type == "Boolean"
+                else f"whole numbers from {low} to {high}"
+            )
         if wrong.any():
             names = [v.name for v in self.variables for _ in range(v.size)]
             place = int(np.asarray(part.places)[np.flatnonzero(wrong)[0]])

@@ -46,7 +46,13 @@ FMU_TYPE = "application/x-fmu-sharedlibrary"
 
 IMPLEMENTATION_NAMES = {"cs": "CoSimulation", "me": "ModelExchange"}
 
-SSP_TYPES = {"Boolean": "Boolean", "String": "String", "Real": "Real", "Float32": "Real", "Float64": "Real"}
+SSP_TYPES = {
+    "Boolean": "Boolean",
+    "String": "String",
+    "Real": "Real",
+    "Float32": "Real",
+    "Float64": "Real",
+}
 """SSP's types by FMI's types; all other types are integers."""
 
 
@@ -62,7 +68,9 @@ def qualified(name: str) -> str:
     return f"{{{XML_NAMESPACES[prefix]}}}{plain}"
 
 
-def add(parent: Element, path: str, attributes: Mapping[str, str] | None = None, **more: str) -> Element:
+def add(
+    parent: Element, path: str, attributes: Mapping[str, str] | None = None, **more: str
+) -> Element:
     """Add a path of nested elements and return the innermost one, which gets the attributes.
 
     Parameters

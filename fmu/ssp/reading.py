@@ -35,7 +35,14 @@ from trussflow.fmu.ssp.wiring import Place, wire
 Values = dict[str, Any]
 """Values by the FMU's variable names."""
 
-RESERVED_NAMES = frozenset(dir(Diagram)) | {"blocks", "wires", "exposed", "name", "parent", "ports"}
+RESERVED_NAMES = frozenset(dir(Diagram)) | {
+    "blocks",
+    "wires",
+    "exposed",
+    "name",
+    "parent",
+    "ports",
+}
 
 
 def import_ssp(
@@ -88,7 +95,9 @@ def import_ssp(
     try:
         with Explained(lambda e: SspError(f"cannot unpack into {shown(folder)}: {e}")):
             kept = unpacked if folder is None else _moved(unpacked, Path(folder))
-        with Explained(lambda e: SspError(f"cannot read '{path.name}': {type(e).__name__}: {e}")):
+        with Explained(
+            lambda e: SspError(f"cannot read '{path.name}': {type(e).__name__}: {e}")
+        ):
             diagram = _Reader(path.name, kept, step, open_inputs, max_bytes).read()
     except BaseException:
         remove(unpacked)
@@ -109,7 +118,9 @@ def _moved(unpacked: Path, folder: Path) -> Path:
         If the folder exists and is not empty.
     """
     if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
-        raise SspError(f"cannot unpack into '{folder}': it exists already and is not an empty folder")
+        raise SspError(
+            f"cannot unpack into '{folder}': it exists already and is not an empty folder"
+        )
     shutil.copytree(unpacked, folder, dirs_exist_ok=True)
     return folder
 
@@ -118,7 +129,12 @@ class _Reader:
     """Reader of one SSP file; `where` is its name in error messages."""
 
     def __init__(
-        self, where: str, folder: Path, step: float | None, open_inputs: str, max_bytes: float
+        self,
+        where: str,
+        folder: Path,
+        step: float | None,
+        open_inputs: str,
+        max_bytes: float,
     ) -> None:
         self.where = where
         self.folder = folder
@@ -129,7 +145,9 @@ class _Reader:
     def read(self) -> Diagram:
         root = self._xml(STRUCTURE_FILE)
         if root.tag != qualified("ssd:SystemStructureDescription"):
-            raise SspError(f"cannot read '{self.where}': it is not a system structure of SSP 1")
+            raise SspError(
+                f"cannot read '{self.where}': it is not a system structure of SSP 1"
+            )
         system = root.find("ssd:System", XML_NAMESPACES)
         if system is None:
             raise SspError(f"cannot read '{self.where}': it has no System")
@@ -176,7 +194,13 @@ class _Reader:
             If the file does not exist, or its name leads outside the archive.
         """
         parts = PurePosixPath(name).parts
-        if not parts or name.startswith("/") or ".." in parts or ":" in name or "\\" in name:
+        if (
+            not parts
+            or name.startswith("/")
+            or ".." in parts
+            or ":" in name
+            or "\\" in name
+        ):
             raise SspError(
                 f"cannot read '{self.where}': '{name}' is not inside of it; only SSP files that "
                 "contain all their resources can be imported"
@@ -190,12 +214,19 @@ class _Reader:
         try:
             return float(text)
         except ValueError:
-            raise SspError(f"cannot read '{self.where}': {what} '{text}' is not a number") from None
+            raise SspError(
+                f"cannot read '{self.where}': {what} '{text}' is not a number"
+            ) from None
 
     # -- elements -----------------------------------------------------------------------------
 
     def _system(
-        self, system: Element, title: str, outer: Values, notes: Values, fed: set[str] | None
+        self,
+        system: Element,
+        title: str,
+        outer: Values,
+        notes: Values,
+        fed: set[str] | None,
     ) -> tuple[Diagram, dict[str, Place]]:
         """Return the diagram of a system and the targets of its connectors.
 
@@ -219,7 +250,9 @@ class _Reader:
         ]
         names = [e.get("name", "") for e in elements]
         if len(set(names)) < len(names):
-            raise SspError(f"cannot import '{title}' of '{self.where}': two elements have the same name")
+            raise SspError(
+                f"cannot import '{title}' of '{self.where}': two elements have the same name"
+            )
         legal = legal_names(names, RESERVED_NAMES)
         driven = {(c.get("endElement"), c.get("endConnector")) for c in connections}
         places: dict[str, dict[str, Place]] = {}
@@ -240,18 +273,25 @@ class _Reader:
     def _wires(self, system: Element, values: Values) -> list[Element]:
         """Return the connections of signals; apply connections of system parameters to `values`."""
         parameters = "ssd:Connectors/ssd:Connector[@kind='parameter']"
-        names = {connector.get("name") for connector in system.findall(parameters, XML_NAMESPACES)}
+        names = {
+            connector.get("name")
+            for connector in system.findall(parameters, XML_NAMESPACES)
+        }
         found = []
         for connection in self._connections(system):
             name = connection.get("startConnector", "")
             if connection.get("startElement") or name not in names:
                 found.append(connection)
             elif name in values:
-                values[f"{connection.get('endElement')}.{connection.get('endConnector')}"] = values[name]
+                values[
+                    f"{connection.get('endElement')}.{connection.get('endConnector')}"
+                ] = values[name]
         return found
 
     def _connections(self, system: Element) -> Iterator[Element]:
-        for connection in system.findall("ssd:Connections/ssd:Connection", XML_NAMESPACES):
+        for connection in system.findall(
+            "ssd:Connections/ssd:Connection", XML_NAMESPACES
+        ):
             if any(child.tag.endswith("Transformation") for child in connection):
                 raise SspError(
                     f"cannot import '{system.get('name')}' of '{self.where}': the connection from "
@@ -294,17 +334,23 @@ class _Reader:
         values = outer | self._values(component)
         if wanted != "me" and "cs" in description.kinds:
             options = (
-                {"step": self.master_step} | options | ({} if self.step is None else {"step": self.step})
+                {"step": self.master_step}
+                | options
+                | ({} if self.step is None else {"step": self.step})
             )
         grounded = {
             v.name
             for v in description.having("input")
             if v.name not in connected and values.get(v.name) == 0.0
         }
-        open_ = [v for v in description.having("input") if v.name not in connected | grounded]
+        open_ = [
+            v for v in description.having("input") if v.name not in connected | grounded
+        ]
         starts = {v.name: v.start for v in open_ if v.start is not None and not v.shape}
         values = {**starts, **{k: v for k, v in values.items() if k not in grounded}}
-        block = Fmu(file, kind=wanted, start=values, max_bytes=self.max_bytes, **options)
+        block = Fmu(
+            file, kind=wanted, start=values, max_bytes=self.max_bytes, **options
+        )
         diagram.add(**{name: block})
         places: dict[str, Place] = {}
         for port in [*block.inputs(), *block.outputs()]:
@@ -321,17 +367,25 @@ class _Reader:
     def _values(self, element: Element) -> Values:
         """Return the parameter values of an element, by name."""
         found: Values = {}
-        for binding in element.findall("ssd:ParameterBindings/ssd:ParameterBinding", XML_NAMESPACES):
+        for binding in element.findall(
+            "ssd:ParameterBindings/ssd:ParameterBinding", XML_NAMESPACES
+        ):
             source = binding.get("source")
             prefix = binding.get("prefix", "")
-            roots = binding.findall("ssd:ParameterValues/ssv:ParameterSet", XML_NAMESPACES)
+            roots = binding.findall(
+                "ssd:ParameterValues/ssv:ParameterSet", XML_NAMESPACES
+            )
             if source is not None:
                 roots = [self._xml(source)]
             values: Values = {}
-            for parameter in (p for r in roots for p in r.iter(qualified("ssv:Parameter"))):
+            for parameter in (
+                p for r in roots for p in r.iter(qualified("ssv:Parameter"))
+            ):
                 name = parameter.get("name", "")
                 values[prefix + name] = self._value(parameter, name)
-            found |= self._mapped(values, binding.find("ssd:ParameterMapping", XML_NAMESPACES))
+            found |= self._mapped(
+                values, binding.find("ssd:ParameterMapping", XML_NAMESPACES)
+            )
         return found
 
     def _mapped(self, values: Values, mapping: Element | None) -> Values:
@@ -340,7 +394,9 @@ class _Reader:
             return values
         source = mapping.get("source")
         found = {}
-        for entry in (mapping if source is None else self._xml(source)).iter(qualified("ssm:MappingEntry")):
+        for entry in (mapping if source is None else self._xml(source)).iter(
+            qualified("ssm:MappingEntry")
+        ):
             name = entry.get("source", "")
             target = entry.get("target", "")
             linear = entry.find("ssc:LinearTransformation", XML_NAMESPACES)
@@ -359,7 +415,9 @@ class _Reader:
                         f"converts a number, but the value is the text '{value}'; remove the conversion"
                     )
                 factor = self._number(linear.get("factor", "1"), "factor")
-                value = factor * value + self._number(linear.get("offset", "0"), "offset")
+                value = factor * value + self._number(
+                    linear.get("offset", "0"), "offset"
+                )
             found[target] = value
         return found
 
@@ -367,7 +425,9 @@ class _Reader:
         typed = next(iter(parameter), None)
         text = None if typed is None else typed.get("value")
         if typed is None or text is None:
-            raise SspError(f"cannot read '{self.where}': parameter '{name}' has no value")
+            raise SspError(
+                f"cannot read '{self.where}': parameter '{name}' has no value"
+            )
         kind = typed.tag.rpartition("}")[2]
         if kind == "String":
             return text

@@ -30,7 +30,11 @@ Ends = Mapping[str, Mapping[str, Place]]
 
 
 def wire(
-    diagram: Diagram, places: Ends, connections: Sequence[Element], system: Element, where: str
+    diagram: Diagram,
+    places: Ends,
+    connections: Sequence[Element],
+    system: Element,
+    where: str,
 ) -> dict[str, Place]:
     """Connect the blocks of a diagram and expose its ports.
 
@@ -77,7 +81,9 @@ def wire(
             ends.append(places[element][name])
         first, second = ends
         if first is not None and second is not None:
-            pairs.setdefault((id(first.port), id(second.port)), []).append((first, second))
+            pairs.setdefault((id(first.port), id(second.port)), []).append(
+                (first, second)
+            )
         elif first is None and second is None:
             raise SspError(
                 f"cannot import '{where}': in system '{diagram.name}' a connection leads from one "
@@ -104,14 +110,17 @@ def _connect(diagram: Diagram, group: list[tuple[Place, Place]]) -> None:
     if not whole and given.size == 1 and source.size == 1:
         shape = source.whole_shape or ()
     diagram.connect(
-        _part(source, taken.reshape(shape)), target if whole else _part(target, given.reshape(shape))
+        _part(source, taken.reshape(shape)),
+        target if whole else _part(target, given.reshape(shape)),
     )
 
 
 def _part(port: Port, elements: NDArray[np.int64]) -> Port:
     """Return the part of a port with the given elements in the given shape."""
     shape = port.whole_shape or ()
-    if elements.shape == shape and np.array_equal(elements.ravel(), np.arange(port.size)):
+    if elements.shape == shape and np.array_equal(
+        elements.ravel(), np.arange(port.size)
+    ):
         return port
     if elements.ndim == len(shape) == 1 and np.all(np.diff(elements) == 1):
         return port[int(elements[0]) : int(elements[-1]) + 1]
@@ -119,14 +128,18 @@ def _part(port: Port, elements: NDArray[np.int64]) -> Port:
     return port[index if len(index) > 1 else index[0]]
 
 
-def _expose(diagram: Diagram, outer: dict[str, list[Place]], system: Element, where: str) -> dict[str, Place]:
+def _expose(
+    diagram: Diagram, outer: dict[str, list[Place]], system: Element, where: str
+) -> dict[str, Place]:
     """Expose the ports of the system connectors; return the targets of the connectors."""
     listed = [
         (c.get("name", ""), c.get("kind", ""))
         for c in system.findall("ssd:Connectors/ssd:Connector", XML_NAMESPACES)
     ]
     scalars = [
-        FmuVariable(name, 0, "Real", kind, "", "", None, "", ()) for name, kind in listed if name in outer
+        FmuVariable(name, 0, "Real", kind, "", "", None, "", ())
+        for name, kind in listed
+        if name in outer
     ]
     groups = gather(scalars)
     legal = legal_names([g.name for g in groups], {*dir(diagram), *diagram.blocks})

@@ -16,7 +16,11 @@ from trussflow.blocks.framework.diagram import Diagram, leaves
 from trussflow.blocks.framework.port import Port
 from trussflow.blocks.support.validation import positive
 from trussflow.fmu.errors import ExportError
-from trussflow.fmu.exporting.description.xml_text import base_unit, filled, generation_tool
+from trussflow.fmu.exporting.description.xml_text import (
+    base_unit,
+    filled,
+    generation_tool,
+)
 from trussflow.fmu.exporting.packing import check_writable, write
 from trussflow.fmu.fmi_units import FmiUnit
 from trussflow.fmu.importing.block import Fmu
@@ -35,7 +39,11 @@ from trussflow.fmu.ssp.names import (
 
 
 def export_ssp(
-    diagram: Diagram, path: str | Path, *, step: float | None = None, stop_time: float = 10.0
+    diagram: Diagram,
+    path: str | Path,
+    *,
+    step: float | None = None,
+    stop_time: float = 10.0,
 ) -> Path:
     """Write a diagram whose blocks are all FMUs, or diagrams of FMUs, as an SSP 1.0 file.
 
@@ -74,13 +82,27 @@ def export_ssp(
     """
     given: object = diagram
     if not isinstance(given, Diagram):
-        raise ExportError(f"cannot export {given!r} to SSP: it is not a diagram; add it to a diagram")
+        raise ExportError(
+            f"cannot export {given!r} to SSP: it is not a diagram; add it to a diagram"
+        )
     where = f"cannot export '{diagram.name}': "
-    positive(ExportError, **{f"{where}stop_time": stop_time, f"{where}step": 1.0 if step is None else step})
+    positive(
+        ExportError,
+        **{
+            f"{where}stop_time": stop_time,
+            f"{where}step": 1.0 if step is None else step,
+        },
+    )
     blocks = leaves(diagram)
-    strangers = [f"'{b.path}' ({type(b).__name__})" for b in blocks if not isinstance(b, Fmu)]
+    strangers = [
+        f"'{b.path}' ({type(b).__name__})" for b in blocks if not isinstance(b, Fmu)
+    ]
     if strangers or not blocks:
-        what = f"these blocks are not FMUs: {', '.join(strangers)}" if strangers else "it has no block"
+        what = (
+            f"these blocks are not FMUs: {', '.join(strangers)}"
+            if strangers
+            else "it has no block"
+        )
         raise ExportError(
             f"cannot export '{diagram.name}' to SSP, which supports FMUs only: {what}. Export each block, "
             "or an inner diagram, with trussflow.fmu.export, and replace it by Fmu(path)"
@@ -89,10 +111,18 @@ def export_ssp(
     steps = [b.sample_time for b in blocks if b.sample_time is not None]
     text = _structure(diagram, files, step or min(steps, default=1e-3), stop_time)
     target = check_writable(path)
-    notes = {"name": diagram.name, "fmus": {block.path: _options(block) for block in blocks}}
+    notes = {
+        "name": diagram.name,
+        "fmus": {block.path: _options(block) for block in blocks},
+    }
     content = json.dumps(notes, indent=1).encode()
     write(
-        target, {STRUCTURE_FILE: text, OPTIONS_FILE: content, **{name: file for file, name in files.items()}}
+        target,
+        {
+            STRUCTURE_FILE: text,
+            OPTIONS_FILE: content,
+            **{name: file for file, name in files.items()},
+        },
     )
     return target
 
@@ -113,7 +143,9 @@ def _resources(blocks: list[Block]) -> dict[Path, str]:
     return found
 
 
-def _structure(diagram: Diagram, files: dict[Path, str], step: float, stop_time: float) -> bytes:
+def _structure(
+    diagram: Diagram, files: dict[Path, str], step: float, stop_time: float
+) -> bytes:
     """Return the XML of the system description."""
     for prefix, space in XML_NAMESPACES.items():
         ElementTree.register_namespace(prefix, space)
@@ -138,7 +170,11 @@ def _structure(diagram: Diagram, files: dict[Path, str], step: float, stop_time:
 
 
 def _system(
-    parent: Element, name: str, diagram: Diagram, files: dict[Path, str], units: dict[str, FmiUnit]
+    parent: Element,
+    name: str,
+    diagram: Diagram,
+    files: dict[Path, str],
+    units: dict[str, FmiUnit],
 ) -> Element:
     """Add the system of a diagram."""
     system = add(parent, "ssd:System", name=name)
@@ -191,7 +227,11 @@ def _add_connectors(element: Element, block: Block, units: dict[str, FmiUnit]) -
             connector = add(listed, "ssd:Connector", name=name, kind=kind)
             attributes = {}
             definition = variable[0].description.units.get(variable[1].unit)
-            if type_of(variable[1]) == "Real" and definition and definition.exponents is not None:
+            if (
+                type_of(variable[1]) == "Real"
+                and definition
+                and definition.exponents is not None
+            ):
                 known = units.setdefault(definition.name, definition)
                 if base_unit(known) != base_unit(definition):
                     raise ExportError(
@@ -230,10 +270,17 @@ def _component(
     _add_connectors(component, block, units)
     interface = block.interface
     given: dict[str, Any] = interface.starts | grounded
-    values = {name: given[name] for name in interface.description.variables if name in given}
+    values = {
+        name: given[name] for name in interface.description.variables if name in given
+    }
     if values:
-        inline = add(component, "ssd:ParameterBindings/ssd:ParameterBinding/ssd:ParameterValues")
-        listed = add(add(inline, "ssv:ParameterSet", version="1.0", name=block.name), "ssv:Parameters")
+        inline = add(
+            component, "ssd:ParameterBindings/ssd:ParameterBinding/ssd:ParameterValues"
+        )
+        listed = add(
+            add(inline, "ssv:ParameterSet", version="1.0", name=block.name),
+            "ssv:Parameters",
+        )
         for name, value in values.items():
             variable = interface.description.variables[name]
             if np.size(value) != 1 or variable.shape:

@@ -45,7 +45,10 @@ class DynamicsTerms(NamedTuple):
 
 
 def assembled(
-    truss: TrussTerms, hands: Sequence[HandMotion], robots: Sequence[ArmTerms], robot_masses: Sequence[float]
+    truss: TrussTerms,
+    hands: Sequence[HandMotion],
+    robots: Sequence[ArmTerms],
+    robot_masses: Sequence[float],
 ) -> DynamicsTerms:
     r"""Return the terms of the equations of the whole system.
 
@@ -80,7 +83,9 @@ def assembled(
     modal = np.eye(truss.modal_bias.shape[0])
     root_bias, modal_bias = truss.root_bias, truss.modal_bias
     for hand, robot, mass in zip(hands, robots, robot_masses, strict=True):
-        inertia = inertia_matrix(SpatialInertia(mass, robot.static_moment, robot.inertia))
+        inertia = inertia_matrix(
+            SpatialInertia(mass, robot.static_moment, robot.inertia)
+        )
         carried = inertia @ hand.modal_motion
         root = root + inertia  # Eq. 22, as are the next two
         coupling = coupling + carried
@@ -89,17 +94,26 @@ def assembled(
         modal_bias = modal_bias + hand.modal_motion.T @ robot.root_bias
     own = [robot.mass_matrix for robot in robots]
     to_root = [robot.root_coupling for robot in robots]
-    to_modes = [block @ hand.modal_motion for block, hand in zip(to_root, hands, strict=True)]
+    to_modes = [
+        block @ hand.modal_motion for block, hand in zip(to_root, hands, strict=True)
+    ]
     rows = [
         [root, *(block.T for block in to_root), coupling],
-        *([to_root[i], *_diagonal_row(own, i), to_modes[i]] for i in range(len(robots))),
+        *(
+            [to_root[i], *_diagonal_row(own, i), to_modes[i]]
+            for i in range(len(robots))
+        ),
         [coupling.T, *(block.T for block in to_modes), modal],
     ]
     matrix = np.block(rows)
     return DynamicsTerms(
         mass_matrix=matrix,
-        bias=np.concatenate([root_bias, *(robot.joint_bias for robot in robots), modal_bias]),
-        actuation_matrix=_actuation_matrix(hands, robots) if robots else np.zeros((len(matrix), 0)),
+        bias=np.concatenate(
+            [root_bias, *(robot.joint_bias for robot in robots), modal_bias]
+        ),
+        actuation_matrix=_actuation_matrix(hands, robots)
+        if robots
+        else np.zeros((len(matrix), 0)),
         base_positions=stacked([robot.base_position for robot in robots], (3,)),
         base_rotations=tuple(robot.base_rotation for robot in robots),
     )
@@ -109,8 +123,14 @@ def _actuation_matrix(hands: Sequence[HandMotion], robots: Sequence[ArmTerms]) -
     """Return P_Q (Eq. 41): base forces act on all coordinates, a joint torque on its own joint."""
     wrenches = [_base_wrenches(robot) for robot in robots]
     on_joints = [robot.screws @ w for robot, w in zip(robots, wrenches, strict=True)]
-    on_modes = [hand.modal_motion.T @ w for hand, w in zip(hands, wrenches, strict=True)]
-    rows = [wrenches, *(_diagonal_row(on_joints, i) for i in range(len(robots))), on_modes]
+    on_modes = [
+        hand.modal_motion.T @ w for hand, w in zip(hands, wrenches, strict=True)
+    ]
+    rows = [
+        wrenches,
+        *(_diagonal_row(on_joints, i) for i in range(len(robots))),
+        on_modes,
+    ]
     bases = np.block(rows)
     joints = sum(block.shape[0] for block in on_joints)
     torques = np.zeros((bases.shape[0], joints))
@@ -128,4 +148,6 @@ def _base_wrenches(robot: ArmTerms) -> Array:
 def _diagonal_row(blocks: Sequence[Array], i: int) -> list[Array]:
     """Return row i of a block-diagonal matrix."""
     height = blocks[i].shape[0]
-    return [b if j == i else np.zeros((height, b.shape[1])) for j, b in enumerate(blocks)]
+    return [
+        b if j == i else np.zeros((height, b.shape[1])) for j, b in enumerate(blocks)
+    ]

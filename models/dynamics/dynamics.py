@@ -77,9 +77,13 @@ class TrussDynamics:
                 f"the truss has {self.modes.grasps} grasp points but {len(self.arms)} arms are "
                 "given; each grasp point needs one"
             )
-        first_like = [next(j for j, a in enumerate(self.arms) if a.same_as(arm)) for arm in self.arms]
+        first_like = [
+            next(j for j, a in enumerate(self.arms) if a.same_as(arm))
+            for arm in self.arms
+        ]
         groups = tuple(
-            tuple(i for i, j in enumerate(first_like) if j == first) for first in dict.fromkeys(first_like)
+            tuple(i for i, j in enumerate(first_like) if j == first)
+            for first in dict.fromkeys(first_like)
         )
         object.__setattr__(self, "groups", groups)
 
@@ -122,9 +126,13 @@ class TrussDynamics:
     def rest(self) -> Vector:
         """Coordinates at rest: origin, no rotation, the arms' rest angles, undeformed."""
         angles = [arm.rest_angles for arm in self.arms]
-        return np.concatenate([np.zeros(3), self.attitude.rest, *angles, np.zeros(self.modes.modes)])
+        return np.concatenate(
+            [np.zeros(3), self.attitude.rest, *angles, np.zeros(self.modes.modes)]
+        )
 
-    def evaluate(self, q: Array, v: Array | None = None, truss: ModalData | None = None) -> DynamicsTerms:
+    def evaluate(
+        self, q: Array, v: Array | None = None, truss: ModalData | None = None
+    ) -> DynamicsTerms:
         r"""Return mass matrix, bias and actuation matrix, which share their intermediate results.
 
         Parameters
@@ -200,7 +208,11 @@ class TrussDynamics:
         return np.concatenate([position_rate, attitude_rate, v[6:]])
 
     def elastic_force(
-        self, q: Array, v: Array, frequency: Array | None = None, damping_ratio: Array | None = None
+        self,
+        q: Array,
+        v: Array,
+        frequency: Array | None = None,
+        damping_ratio: Array | None = None,
     ) -> Array:
         r"""Return the generalized elastic and damping force.
 
@@ -262,7 +274,10 @@ class TrussDynamics:
         """
         self._check_sizes(v=v)
         modal = q[self.rigid_coordinates :]
-        return (v @ self.evaluate(q).mass_matrix @ v + modal @ (self.modes.stiffness * modal)) / 2.0
+        return (
+            v @ self.evaluate(q).mass_matrix @ v
+            + modal @ (self.modes.stiffness * modal)
+        ) / 2.0
 
     def momentum(self, q: Array, v: Array) -> tuple[Array, Array]:
         """Return linear and angular momentum about the inertial origin, in inertial axes.
@@ -333,16 +348,32 @@ class TrussDynamics:
                     f"truss, {self.joints} joints, {self.modes.modes} modes"
                 )
 
-    def _robots(self, hands: list[HandMotion], angles: Array, rates: Array) -> list[ArmTerms]:
+    def _robots(
+        self, hands: list[HandMotion], angles: Array, rates: Array
+    ) -> list[ArmTerms]:
         """Return the terms of every robot; equal robots share one compiled kernel."""
         ends = np.cumsum([arm.joints for arm in self.arms]).tolist()
-        spans = [slice(end - arm.joints, end) for arm, end in zip(self.arms, ends, strict=True)]
+        spans = [
+            slice(end - arm.joints, end)
+            for arm, end in zip(self.arms, ends, strict=True)
+        ]
         motions = [
-            (angles[span], rates[span], hand.rotation, hand.position, hand.velocity, hand.acceleration)
+            (
+                angles[span],
+                rates[span],
+                hand.rotation,
+                hand.position,
+                hand.velocity,
+                hand.acceleration,
+            )
             for span, hand in zip(spans, hands, strict=True)
         ]
         robots: dict[int, ArmTerms] = {}
         for group in self.groups:
-            results = repeated(partial(arm_terms, self.arms[group[0]]), [motions[i] for i in group])
-            robots.update(zip(group, (ArmTerms(*terms) for terms in results), strict=True))
+            results = repeated(
+                partial(arm_terms, self.arms[group[0]]), [motions[i] for i in group]
+            )
+            robots.update(
+                zip(group, (ArmTerms(*terms) for terms in results), strict=True)
+            )
         return [robots[i] for i in range(len(self.arms))]

@@ -34,13 +34,23 @@ def locked_inertia(arm: RobotArm, joint_angles: Vector) -> Vector:
     ModelError
         If the number of joint angles is wrong.
     """
-    angles, rest = frozen_array("joint_angles", joint_angles, (arm.joints,)), np.zeros(6)
-    terms = arm_terms(arm, angles, np.zeros(arm.joints), np.eye(3), np.zeros(3), rest, rest)
-    return np.asarray(inertia_matrix(SpatialInertia(arm.mass, terms.static_moment, terms.inertia)))
+    angles, rest = (
+        frozen_array("joint_angles", joint_angles, (arm.joints,)),
+        np.zeros(6),
+    )
+    terms = arm_terms(
+        arm, angles, np.zeros(arm.joints), np.eye(3), np.zeros(3), rest, rest
+    )
+    return np.asarray(
+        inertia_matrix(SpatialInertia(arm.mass, terms.static_moment, terms.inertia))
+    )
 
 
 def locked_frequencies(
-    dynamics: TrussDynamics, joint_angles: Vector | None = None, *, clamped: bool = False
+    dynamics: TrussDynamics,
+    joint_angles: Vector | None = None,
+    *,
+    clamped: bool = False,
 ) -> Vector:
     r"""Return the natural frequencies of truss and robots with all joints locked, undamped and undeformed.
 
@@ -68,12 +78,16 @@ def locked_frequencies(
         If the truss is rigid, or the number of joint angles is wrong.
     """
     if dynamics.modes.modes == 0:
-        raise ModelError("a truss without modes is rigid and has no natural frequencies; keep at least one")
+        raise ModelError(
+            "a truss without modes is rigid and has no natural frequencies; keep at least one"
+        )
     q = dynamics.rest
     if joint_angles is not None:
         angles = frozen_array("joint_angles", joint_angles, (dynamics.joints,))
         q[dynamics.attitude.end : dynamics.rigid_coordinates] = angles
-    kept = np.r_[0 if not clamped else 6 : 6, dynamics.rigid_freedoms : dynamics.freedoms]
+    kept = np.r_[
+        0 if not clamped else 6 : 6, dynamics.rigid_freedoms : dynamics.freedoms
+    ]
     mass = np.asarray(dynamics.evaluate(q).mass_matrix)[np.ix_(kept, kept)]
     stiffness = np.zeros(len(kept))
     stiffness[-dynamics.modes.modes :] = dynamics.modes.stiffness

@@ -71,7 +71,9 @@ def task_drift(kind: AttitudeCoordinates, position: Array, speeds: Array) -> Arr
     return np.concatenate([linear, angular, np.zeros(speeds.shape[0] - 6)])
 
 
-def task_force_to_body(kind: AttitudeCoordinates, position: Array, force: Array) -> Array:
+def task_force_to_body(
+    kind: AttitudeCoordinates, position: Array, force: Array
+) -> Array:
     r"""Return :math:`J_g^T f`, the generalized force with the same power as a task force.
 
     Parameters
@@ -136,7 +138,12 @@ def way_to(kind: AttitudeCoordinates, position: Array, goal: Array) -> Array:
 
 
 def seen_from(
-    kind: AttitudeCoordinates, position: Array, speeds: Array, goal: Array, rate: Array, acceleration: Array
+    kind: AttitudeCoordinates,
+    position: Array,
+    speeds: Array,
+    goal: Array,
+    rate: Array,
+    acceleration: Array,
 ) -> tuple[Array, Array]:
     """Return rate and acceleration of a goal in the task coordinates of a position.
 
@@ -154,7 +161,9 @@ def seen_from(
         Motion of the goal in its own task coordinates [m/s, rad/s; m/s², rad/s²].
     """
     k = kind.end
-    both = kind.reference_rates(position[3:k], speeds[3:6], goal[3:k], rate[3:6], acceleration[3:6])
+    both = kind.reference_rates(
+        position[3:k], speeds[3:6], goal[3:k], rate[3:6], acceleration[3:6]
+    )
     turning, bend = (
         np.concatenate([moving[:3], turn, moving[6:]])
         for moving, turn in zip((rate, acceleration), both, strict=True)
@@ -178,6 +187,7 @@ def task_motion(
     k, numbers = kind.end, (position, rate, change)
     turning = kind.motion(position[3:k], rate[3:k], change[3:k])
     where, velocity, acceleration = (
-        np.concatenate([each[:3], turn, each[k:]]) for each, turn in zip(numbers, turning, strict=True)
+        np.concatenate([each[:3], turn, each[k:]])
+        for each, turn in zip(numbers, turning, strict=True)
     )
     return where, velocity, acceleration

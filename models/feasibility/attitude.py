@@ -98,12 +98,16 @@ def best_attitude(
 
     failures = single_failures(dynamics) if failures is None else failures
     if not failures or not is_whole(directions) or directions < 1:
-        raise ModelError("`failures` must have at least one element, and `directions` must be at least 1")
+        raise ModelError(
+            "`failures` must have at least one element, and `directions` must be at least 1"
+        )
     demands = demands_of(dynamics, path, 2)
     displacement = path.parameters["displacement"][:3]
     way = float(np.linalg.norm(displacement))
     if np.any(path.parameters["displacement"][3:]) or not way:
-        raise ModelError("the path must move the truss, without rotation of truss or joints")
+        raise ModelError(
+            "the path must move the truss, without rotation of truss or joints"
+        )
     (demand,) = demands  # the demands of a straight path differ by a factor only
     matrices = [columns(demand, failure) for failure in failures]
     limit = [np.full(matrix.shape[1], np.inf) for matrix in matrices]
@@ -111,15 +115,21 @@ def best_attitude(
         each[: dynamics.actuators] = bounds_of(limits, failure)
     sizes = np.concatenate([*limit, np.full(3, np.inf)])
     normal = frozen_array("normal of the directions", normal, (3,))
-    moved = np.vstack([np.tile(-demand.terms.mass_matrix[:, :3], (len(failures), 1)), normal])
+    moved = np.vstack(
+        [np.tile(-demand.terms.mass_matrix[:, :3], (len(failures), 1)), normal]
+    )
     equations = np.hstack([scipy.linalg.block_diag(*matrices, np.zeros((1, 0))), moved])
 
     def farthest(direction: Vector) -> Vector:
         cost = np.concatenate([np.zeros(len(sizes) - 3), -direction])
         bounds = list(zip(-sizes, sizes, strict=True))
-        result = linprog(cost, A_eq=equations, b_eq=np.zeros(len(equations)), bounds=bounds)
+        result = linprog(
+            cost, A_eq=equations, b_eq=np.zeros(len(equations)), bounds=bounds
+        )
         if result.status not in (SOLVED, INFEASIBLE):
-            raise ModelError(f"a linear programme could not be solved: {result.message}")
+            raise ModelError(
+                f"a linear programme could not be solved: {result.message}"
+            )
         return np.zeros(3) if result.x is None else result.x[-3:]
 
     best = np.zeros(3)
@@ -131,7 +141,9 @@ def best_attitude(
         best = max(best, corner, key=lambda each: float(np.linalg.norm(each)))
     acceleration = float(np.linalg.norm(best))
     if acceleration == 0.0:
-        raise ModelError("no direction is feasible after each of the failures; omit some failures")
+        raise ModelError(
+            "no direction is feasible after each of the failures; omit some failures"
+        )
     best = best if best @ displacement > 0.0 else -best
     return FlightAttitude(
         direction=best / acceleration,
@@ -141,7 +153,9 @@ def best_attitude(
     )
 
 
-def attitude_along(direction: npt.ArrayLike, displacement: npt.ArrayLike, *, spin: float = 0.0) -> Vector:
+def attitude_along(
+    direction: npt.ArrayLike, displacement: npt.ArrayLike, *, spin: float = 0.0
+) -> Vector:
     """Return the attitude in which a displacement is along a direction of the truss.
 
     Parameters

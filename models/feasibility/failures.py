@@ -21,7 +21,11 @@ JOINTS = {"working": 1.0, "limp": 0.0, "locked": np.inf}
 
 
 def actuator_limits(
-    dynamics: TrussDynamics, *, force: npt.ArrayLike, base_torque: npt.ArrayLike, joint_torque: npt.ArrayLike
+    dynamics: TrussDynamics,
+    *,
+    force: npt.ArrayLike,
+    base_torque: npt.ArrayLike,
+    joint_torque: npt.ArrayLike,
 ) -> Vector:
     """Return the symmetric limit of each actuator input, as `Hardware.limits` does [N, N·m].
 
@@ -46,7 +50,11 @@ def actuator_limits(
     ModelError
         If a limit is negative or not finite, or the shapes do not fit the robots.
     """
-    least = {"force": np.min(force), "base_torque": np.min(base_torque), "joint_torque": np.min(joint_torque)}
+    least = {
+        "force": np.min(force),
+        "base_torque": np.min(base_torque),
+        "joint_torque": np.min(joint_torque),
+    }
     check_number("actuator limits", zero=True, **least)
     robots = len(dynamics.arms)
     try:
@@ -79,7 +87,12 @@ class Failure:
 
     @classmethod
     def of(
-        cls, dynamics: TrussDynamics, robot: int, *, axes: Sequence[str] = AXES, joints: str = "working"
+        cls,
+        dynamics: TrussDynamics,
+        robot: int,
+        *,
+        axes: Sequence[str] = AXES,
+        joints: str = "working",
     ) -> Failure:
         """Return the failure of a base, of some of its axes, or of a whole robot.
 
@@ -105,10 +118,16 @@ class Failure:
         for axis in axes:
             check_choice("axis of a base", axis, AXES)
             left[6 * (robot - 1) + AXES.index(axis)] = 0.0
-        before = 6 * len(dynamics.arms) + sum(arm.joints for arm in dynamics.arms[: robot - 1])
+        before = 6 * len(dynamics.arms) + sum(
+            arm.joints for arm in dynamics.arms[: robot - 1]
+        )
         left[before : before + dynamics.arms[robot - 1].joints] = JOINTS[joints]
         part = "" if set(axes) == set(AXES) else f" ({', '.join(axes)})"
-        name = f"base {robot}" if joints == "working" else f"robot {robot}, joints {joints}"
+        name = (
+            f"base {robot}"
+            if joints == "working"
+            else f"robot {robot}, joints {joints}"
+        )
         return cls(name=f"{name}{part}", effectiveness=left)
 
 
@@ -122,4 +141,6 @@ def single_failures(dynamics: TrussDynamics) -> tuple[Failure, ...]:
     """
     none = Failure(name="healthy", effectiveness=np.ones(dynamics.actuators))
     robots = range(1, len(dynamics.arms) + 1)
-    return none, *(Failure.of(dynamics, i, joints=joints) for joints in JOINTS for i in robots)
+    return none, *(
+        Failure.of(dynamics, i, joints=joints) for joints in JOINTS for i in robots
+    )

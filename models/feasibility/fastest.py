@@ -120,31 +120,56 @@ def fastest(
     from scipy.interpolate import make_interp_spline
 
     kind = truss.dynamics.attitude
-    rows = on_one_side(kind, frozen_array("fastest: waypoints", waypoints, (None, kind.end)))
+    rows = on_one_side(
+        kind, frozen_array("fastest: waypoints", waypoints, (None, kind.end))
+    )
     for row in rows:
         kind.checked(row[3:])
-    most = np.array([_positive("velocity", velocity), _positive("acceleration", acceleration)])
-    steps = np.linalg.norm(np.diff(rows / ([1.0] * 3 + [kind.per_radian] * (kind.end - 3)), axis=0), axis=1)
+    most = np.array(
+        [_positive("velocity", velocity), _positive("acceleration", acceleration)]
+    )
+    steps = np.linalg.norm(
+        np.diff(rows / ([1.0] * 3 + [kind.per_radian] * (kind.end - 3)), axis=0), axis=1
+    )
     if not (len(steps) and np.all(steps > 0.0)):
-        raise ModelError("fastest: there must be two waypoints or more, and successive ones must differ")
+        raise ModelError(
+            "fastest: there must be two waypoints or more, and successive ones must differ"
+        )
     if not is_whole(intervals) or intervals < 2:
-        raise ModelError(f"fastest: intervals is {shown(intervals)}; it must be a whole number from 2 on")
-    joints = np.tile(truss.parameters["initial_coordinates"][kind.end : truss.rigid_q], (len(rows), 1))
+        raise ModelError(
+            f"fastest: intervals is {shown(intervals)}; it must be a whole number from 2 on"
+        )
+    joints = np.tile(
+        truss.parameters["initial_coordinates"][kind.end : truss.rigid_q],
+        (len(rows), 1),
+    )
     at = np.concatenate([[0.0], np.cumsum(steps)]) / np.sum(steps)
     spline = make_interp_spline(at, np.hstack([rows, joints]), k=3, bc_type="natural")
     s = np.linspace(0.0, 1.0, intervals + 1)
     q, dq, ddq = (spline(s, nu=order) for order in range(3))
     between = np.cos(spline(np.linspace(0.0, 1.0, 10 * intervals + 1))[:, 3])
-    if kind == EULER and (np.min(np.abs(between)) < LEAST_COSINE or np.ptp(np.sign(between))):
-        raise ModelError("fastest: the path is near the singularity of the Euler angles at φ = ±90°")
-    where, slope, bend = map(np.array, zip(*map(partial(task_motion, kind), q, dq, ddq), strict=True))
+    if kind == EULER and (
+        np.min(np.abs(between)) < LEAST_COSINE or np.ptp(np.sign(between))
+    ):
+        raise ModelError(
+            "fastest: the path is near the singularity of the Euler angles at φ = ±90°"
+        )
+    where, slope, bend = map(
+        np.array, zip(*map(partial(task_motion, kind), q, dq, ddq), strict=True)
+    )
     x = _squared_speeds(truss, limits, where, slope, bend, most)
     speed = np.sqrt(x)[:, None]
     if not np.all(speed[1:-1] > 0.0):
-        raise ModelError("fastest: the actuators cannot move the truss along this path; raise their limits")
+        raise ModelError(
+            "fastest: the actuators cannot move the truss along this path; raise their limits"
+        )
     along = np.diff(x)[:, None] * intervals / 2.0
-    times = np.concatenate([[0.0], np.cumsum(2.0 / intervals / (speed[:-1, 0] + speed[1:, 0]))])
-    after, before = (dq[e] * along + ddq[e] * x[e, None] for e in (slice(None, -1), slice(1, None)))
+    times = np.concatenate(
+        [[0.0], np.cumsum(2.0 / intervals / (speed[:-1, 0] + speed[1:, 0]))]
+    )
+    after, before = (
+        dq[e] * along + ddq[e] * x[e, None] for e in (slice(None, -1), slice(1, None))
+    )
     return FastestPath(truss, times, q, dq * speed, after, before)
 
 
@@ -155,7 +180,9 @@ def _positive(name: str, given: npt.ArrayLike) -> Vector:
     except (TypeError, ValueError):
         found = np.zeros(6)
     if not np.all(found > 0.0):
-        raise ModelError(f"fastest: {name} is {shown(given)}; it must be one number above 0, or six")
+        raise ModelError(
+            f"fastest: {name} is {shown(given)}; it must be one number above 0, or six"
+        )
     return found
 
 
@@ -166,27 +193,43 @@ def _squared_speeds(
     from scipy.optimize import linprog
     from scipy.sparse import block_diag, csr_array, hstack
 
-    rigid, kind = replace(truss.dynamics, modes=truss.dynamics.modes.rigid()), truss.dynamics.attitude
+    rigid, kind = (
+        replace(truss.dynamics, modes=truss.dynamics.modes.rigid()),
+        truss.dynamics.attitude,
+    )
     bounds, count = frozen_array("actuator limits", limits, (rigid.actuators,)), len(q)
     blocks, mixes = [], []
     for where, slope, bend in zip(q, dq, ddq, strict=True):
         v = to_body(kind, where, slope)
         terms = rigid.evaluate(where, v)
         mass = terms.mass_matrix
-        curved = mass @ to_body(kind, where, bend - task_drift(kind, where, v)) + terms.bias
+        curved = (
+            mass @ to_body(kind, where, bend - task_drift(kind, where, v)) + terms.bias
+        )
         blocks.append(terms.actuation_matrix)
         mixes.append((mass @ v, curved))
     # x is scaled so that the strongest actuator has the limit 1.
     unit = np.max(bounds) / max(float(np.max(np.abs(mix))) for mix in mixes)
-    asked, bent = (np.zeros((2 * (count - 1), rows, count)) for rows in (len(mixes[0][0]), 6))
+    asked, bent = (
+        np.zeros((2 * (count - 1), rows, count)) for rows in (len(mixes[0][0]), 6)
+    )
     points = [i + end for i in range(count - 1) for end in (0, 1)]
-    for row, j in enumerate(points):  # by x_j and the acceleration (x_{i + 1} - x_i) / (2 ds)
+    for row, j in enumerate(points):
+        # by x_j and the acceleration (x_{i + 1} - x_i) / (2 ds)
         i = row // 2
         pair, change = np.eye(2)[j - i], np.array([-1.0, 1.0]) * (count - 1) / 2.0
-        for matrix, (ahead, aside) in ((asked, mixes[j]), (bent, (dq[j, :6], ddq[j, :6]))):
-            matrix[row, :, i : i + 2] = unit * (np.outer(ahead, change) + np.outer(aside, pair))
+        for matrix, (ahead, aside) in (
+            (asked, mixes[j]),
+            (bent, (dq[j, :6], ddq[j, :6])),
+        ):
+            matrix[row, :, i : i + 2] = unit * (
+                np.outer(ahead, change) + np.outer(aside, pair)
+            )
     limited = np.isfinite(np.tile(most[1], len(points)))
-    bent, most_bent = bent.reshape(-1, count)[limited], np.tile(most[1], len(points))[limited]
+    bent, most_bent = (
+        bent.reshape(-1, count)[limited],
+        np.tile(most[1], len(points))[limited],
+    )
     acting = block_diag([blocks[j] for j in points], format="csr")
     with np.errstate(divide="ignore"):
         squares = np.min((most[0] / np.abs(dq[:, :6])) ** 2, axis=1) / unit
@@ -194,8 +237,12 @@ def _squared_speeds(
     each = np.tile(bounds, len(points))
     matrices: Any = {  # SciPy's type stubs lack sparse matrices here
         "A_eq": hstack([csr_array(-asked.reshape(-1, count)), acting]),
-        "A_ub": hstack([csr_array(np.vstack([bent, -bent])), csr_array((2 * len(bent), len(each)))]),
-        "bounds": np.column_stack([np.append(np.zeros(count), -each), np.append(squares, each)]),
+        "A_ub": hstack(
+            [csr_array(np.vstack([bent, -bent])), csr_array((2 * len(bent), len(each)))]
+        ),
+        "bounds": np.column_stack(
+            [np.append(np.zeros(count), -each), np.append(squares, each)]
+        ),
     }
     found = linprog(
         np.append(-np.ones(count), np.zeros(len(each))),
@@ -204,5 +251,7 @@ def _squared_speeds(
         **matrices,
     )
     if found.status != SOLVED:
-        raise ModelError(f"fastest: a linear programme could not be solved: {found.message}")
+        raise ModelError(
+            f"fastest: a linear programme could not be solved: {found.message}"
+        )
     return np.asarray(unit * np.maximum(found.x[:count], 0.0))

@@ -153,10 +153,14 @@ def survey(
     limits = frozen_array("actuator limits", limits, (dynamics.actuators,))
     bounds = [bounds_of(limits, failure) for failure in failures]
     demands = demands_of(dynamics, path, instants)
-    return tuple(_checked(demands, *each, path) for each in zip(failures, bounds, strict=True))
+    return tuple(
+        _checked(demands, *each, path) for each in zip(failures, bounds, strict=True)
+    )
 
 
-def shares_left(dynamics: TrussDynamics, path: Quintic, limits: Vector, *, reserve: float = 0.25) -> Vector:
+def shares_left(
+    dynamics: TrussDynamics, path: Quintic, limits: Vector, *, reserve: float = 0.25
+) -> Vector:
     """Return the feasible factor of a path's peak acceleration after the failure of each base, at most 1.
 
     Parameters
@@ -181,14 +185,20 @@ def shares_left(dynamics: TrussDynamics, path: Quintic, limits: Vector, *, reser
         If the reserve is out of range, or `survey` raises.
     """
     if not 0.0 <= reserve < 1.0:
-        raise ModelError(f"shares left: reserve is {reserve}; it must be at least 0 and below 1")
+        raise ModelError(
+            f"shares left: reserve is {reserve}; it must be at least 0 and below 1"
+        )
     losses = [Failure.of(dynamics, i + 1) for i in range(len(dynamics.arms))]
     margins = [each.margin for each in survey(dynamics, path, limits, losses)]
     # A feasible path is unchanged, even if its reserve is smaller.
-    return np.array([1.0 if margin >= 1.0 else (1.0 - reserve) * margin for margin in margins])
+    return np.array(
+        [1.0 if margin >= 1.0 else (1.0 - reserve) * margin for margin in margins]
+    )
 
 
-def demands_of(dynamics: TrussDynamics, path: Trajectory, instants: int) -> list[Demand]:
+def demands_of(
+    dynamics: TrussDynamics, path: Trajectory, instants: int
+) -> list[Demand]:
     """Return the demands of a path at instants, or the largest one if they differ by a factor only.
 
     Parameters
@@ -213,7 +223,9 @@ def demands_of(dynamics: TrussDynamics, path: Trajectory, instants: int) -> list
             "truss and joints"
         )
     if not is_whole(instants) or instants < 1:
-        raise ModelError(f"cannot check a path at {shown(instants)} instants; give a whole number from 1 on")
+        raise ModelError(
+            f"cannot check a path at {shown(instants)} instants; give a whole number from 1 on"
+        )
     demands = []
     steepest = 0.5 + np.array([-0.5, 0.5]) / np.sqrt(3.0)
     start, *between, end = path.breakpoints()
@@ -226,7 +238,9 @@ def demands_of(dynamics: TrussDynamics, path: Trajectory, instants: int) -> list
     if not np.any(rates):
         raise ModelError("cannot check a path that rests; let it move the truss")
     if np.max(rates[:, 6:], initial=0.0) > RELATIVE_TOLERANCE * np.max(rates):
-        raise ModelError("cannot check a path that moves joints: they are held here; let them rest")
+        raise ModelError(
+            "cannot check a path that moves joints: they are held here; let them rest"
+        )
     for time, at in zip(times, motion, strict=True):
         q = at["position"]
         if kind == EULER and abs(np.cos(q[3])) < LEAST_COSINE:
@@ -255,11 +269,15 @@ def bounds_of(limits: Vector, failure: Failure) -> Vector:
     """
     left = np.asarray(failure.effectiveness, dtype=float)
     if left.shape != limits.shape or not np.all(left >= 0.0):
-        raise ModelError(f"{failure.name}: effectiveness must be {limits.size} numbers from 0 on, not {left}")
+        raise ModelError(
+            f"{failure.name}: effectiveness must be {limits.size} numbers from 0 on, not {left}"
+        )
     locked = np.isinf(left)
     bounds: Vector = np.where(locked, np.inf, limits * np.where(locked, 1.0, left))
     if not np.any(bounds[~locked]):
-        raise ModelError(f"{failure.name}: no actuator is left; raise its limit or its effectiveness above 0")
+        raise ModelError(
+            f"{failure.name}: no actuator is left; raise its limit or its effectiveness above 0"
+        )
     return bounds
 
 
@@ -274,7 +292,9 @@ def columns(demand: Demand, failure: Failure) -> Vector:
         Failure with the limp joints.
     """
     terms = demand.terms
-    limp = 6 + np.flatnonzero(failure.effectiveness[terms.base_positions.size * 2 :] == 0.0)
+    limp = 6 + np.flatnonzero(
+        failure.effectiveness[terms.base_positions.size * 2 :] == 0.0
+    )
     return np.hstack([terms.actuation_matrix, -terms.mass_matrix[:, limp]])
 
 
@@ -297,7 +317,10 @@ def least_share(matrix: Vector, force: Vector, fixed: Vector, growing: Vector) -
     size = float(np.abs(force).max())  # for scaling
     if size == 0.0:
         return 0.0
-    total, grows = matrix.shape[1], np.flatnonzero((growing > 0.0) & np.isfinite(growing))
+    total, grows = (
+        matrix.shape[1],
+        np.flatnonzero((growing > 0.0) & np.isfinite(growing)),
+    )
     limit = np.full(total, np.inf)
     limit[: len(fixed)] = np.where(growing > 0.0, np.inf, fixed / size)
     both = np.kron([[1.0], [-1.0]], np.eye(total)[grows])
@@ -314,11 +337,16 @@ def least_share(matrix: Vector, force: Vector, fixed: Vector, growing: Vector) -
     return np.inf if result.fun is None else size * float(result.fun)
 
 
-def _checked(demands: list[Demand], failure: Failure, bounds: Vector, path: Trajectory) -> Feasibility:
+def _checked(
+    demands: list[Demand], failure: Failure, bounds: Vector, path: Trajectory
+) -> Feasibility:
     """Return the feasibility of a path after one failure."""
     torque = np.arange(len(bounds)) % 6 >= 3
     torque[2 * demands[0].terms.base_positions.size :] = True
-    forces, effective = np.where(torque, 0.0, bounds), np.where(torque, failure.effectiveness, 0.0)
+    forces, effective = (
+        np.where(torque, 0.0, bounds),
+        np.where(torque, failure.effectiveness, 0.0),
+    )
     shares, needed = [], []
     for demand in demands:
         matrix = columns(demand, failure)
@@ -354,8 +382,14 @@ def _direction(acceleration: Vector) -> str:
 
 def _remark(demand: Demand, bounds: Vector) -> str:
     """Return a remark if the healthy bases are on one line or at one point, with the lever arm."""
-    bases, G, push = demand.terms.base_positions, demand.terms.mass_matrix, demand.acceleration[:3]
-    pushing = np.flatnonzero(np.any(bounds[: 2 * bases.size].reshape(-1, 6)[:, :3], axis=1))
+    bases, G, push = (
+        demand.terms.base_positions,
+        demand.terms.mass_matrix,
+        demand.acceleration[:3],
+    )
+    pushing = np.flatnonzero(
+        np.any(bounds[: 2 * bases.size].reshape(-1, 6)[:, :3], axis=1)
+    )
     if not pushing.size:
         return "no base has forces left; "
     first, *others = bases[pushing]

@@ -29,9 +29,13 @@ class TrussPath(Waypoints):
         Coefficients by power of the time since the last breakpoint [unit/s^power].
     """
 
-    position = Output("places", unit=Attribute("place_units"), meaning="reference position")
+    position = Output(
+        "places", unit=Attribute("place_units"), meaning="reference position"
+    )
 
-    def __init__(self, truss: SpaceTruss, times: Vector, coefficients: list[Vector]) -> None:
+    def __init__(
+        self, truss: SpaceTruss, times: Vector, coefficients: list[Vector]
+    ) -> None:
         self.kind = truss.dynamics.attitude
         self.places, self.place_units = truss.rigid_q, truss.position_units
         self._times, self._coefficients = times, coefficients

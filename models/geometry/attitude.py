@@ -279,7 +279,10 @@ class Quaternion(AttitudeCoordinates):
 
     def rates(self, a: Array, turning: Array) -> Array:
         """Return da/dt."""
-        return 0.5 * product(a, with_scalar(0.0, turning)) + NORM_FEEDBACK_GAIN * (1.0 - a @ a) * a
+        return (
+            0.5 * product(a, with_scalar(0.0, turning))
+            + NORM_FEEDBACK_GAIN * (1.0 - a @ a) * a
+        )
 
     def rate_matrix(self, a: Array) -> Array:
         """Return the identity: task rates are the angular velocity."""
@@ -314,7 +317,11 @@ class Quaternion(AttitudeCoordinates):
         """
         square = a @ a
         rate = 2.0 * _way(a, da)[1:] / square
-        return self.normalized(a), rate, 2.0 * (_way(a, dda)[1:] - (a @ da) * rate) / square
+        return (
+            self.normalized(a),
+            rate,
+            2.0 * (_way(a, dda)[1:] - (a @ da) * rate) / square,
+        )
 
     def difference(self, a: Array, goal: Array) -> Array:
         r"""Return twice the vector part of the quaternion to the goal, with the smaller angle.
@@ -377,5 +384,7 @@ def with_scalar(scalar: Array | float, vector: Array) -> Array:
 
 
 EULER, QUATERNION = EulerAngles(), Quaternion()
-ATTITUDES: dict[str, AttitudeCoordinates] = {kind.name: kind for kind in (EULER, QUATERNION)}
+ATTITUDES: dict[str, AttitudeCoordinates] = {
+    kind.name: kind for kind in (EULER, QUATERNION)
+}
 """Kinds of attitude coordinates, keyed by their names in files."""

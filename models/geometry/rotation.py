@@ -64,7 +64,11 @@ def cross(a: Array, b: Array) -> Array:
     array, shape (3,)
         Product of the units, in the frame of both.
     """
-    if not (isinstance(a, np.ndarray) and isinstance(b, np.ndarray) and a.shape == b.shape == (3,)):
+    if not (
+        isinstance(a, np.ndarray)
+        and isinstance(b, np.ndarray)
+        and a.shape == b.shape == (3,)
+    ):
         return np.cross(a, b)
     (x, y, z), (X, Y, Z) = a.tolist(), b.tolist()
     return np.array([y * Z - z * Y, z * X - x * Z, x * Y - y * X])
@@ -91,7 +95,8 @@ def matrix_of(rows: Sequence[Sequence[Array]]) -> Array:
     rows : sequence of sequence of float
         Elements row by row, any unit.
     """
-    plain = all(isinstance(element, float) for row in rows for element in row)  # faster than np.stack
+    # faster than np.stack
+    plain = all(isinstance(element, float) for row in rows for element in row)
     return np.array(rows) if plain else np.stack([np.stack(row) for row in rows])
 
 
@@ -185,8 +190,19 @@ def euler_rate_matrix(angles: Array) -> Array:
     Li, Wei, Chen (2026), the matrix :math:`A_t` below Eq. 44.
     """
     phi, theta = angles[0], angles[1]
-    c_phi, s_phi, c_theta, s_theta = np.cos(phi), np.sin(phi), np.cos(theta), np.sin(theta)
-    return matrix_of([[c_theta, 0.0, -c_phi * s_theta], [0.0, 1.0, s_phi], [s_theta, 0.0, c_phi * c_theta]])
+    c_phi, s_phi, c_theta, s_theta = (
+        np.cos(phi),
+        np.sin(phi),
+        np.cos(theta),
+        np.sin(theta),
+    )
+    return matrix_of(
+        [
+            [c_theta, 0.0, -c_phi * s_theta],
+            [0.0, 1.0, s_phi],
+            [s_theta, 0.0, c_phi * c_theta],
+        ]
+    )
 
 
 def euler_rate_matrix_inverse(angles: Array) -> Array:
@@ -207,7 +223,12 @@ def euler_rate_matrix_inverse(angles: Array) -> Array:
     Inverse of :math:`A_t`, Li, Wei, Chen (2026), below Eq. 44.
     """
     phi, theta = angles[0], angles[1]
-    c_phi, t_phi, c_theta, s_theta = np.cos(phi), np.tan(phi), np.cos(theta), np.sin(theta)
+    c_phi, t_phi, c_theta, s_theta = (
+        np.cos(phi),
+        np.tan(phi),
+        np.cos(theta),
+        np.sin(theta),
+    )
     return matrix_of(
         [
             [c_theta, 0.0, s_theta],
@@ -234,7 +255,12 @@ def euler_rate_matrix_derivative(angles: Array, rates: Array) -> Array:
         angular part of :math:`\dot J_g` (Li, Wei, Chen 2026, Eq. 53).
     """
     phi, theta = angles[0], angles[1]
-    c_phi, s_phi, c_theta, s_theta = np.cos(phi), np.sin(phi), np.cos(theta), np.sin(theta)
+    c_phi, s_phi, c_theta, s_theta = (
+        np.cos(phi),
+        np.sin(phi),
+        np.cos(theta),
+        np.sin(theta),
+    )
     d_phi, d_theta = rates[0], rates[1]
     by_phi, by_theta = s_phi * d_phi, c_phi * d_theta
     return matrix_of(
@@ -275,7 +301,9 @@ def fixed_rotation(angles: Vector) -> Vector:
     rotation = rotation_about_x(x) @ rotation_about_y(y) @ rotation_about_z(z)
     nearest = np.round(rotation)
     # Adding zero turns -0.0 into 0.0, which traced code omits.
-    cleaned: Vector = np.where(np.abs(rotation - nearest) < _ROUND_OFF, nearest, rotation) + 0.0
+    cleaned: Vector = (
+        np.where(np.abs(rotation - nearest) < _ROUND_OFF, nearest, rotation) + 0.0
+    )
     return cleaned
 
 

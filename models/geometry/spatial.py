@@ -34,7 +34,9 @@ class SpatialInertia(NamedTuple):
     inertia: Array
 
 
-def moved_inertia(body: SpatialInertia, rotation: Array, position: Array) -> SpatialInertia:
+def moved_inertia(
+    body: SpatialInertia, rotation: Array, position: Array
+) -> SpatialInertia:
     r"""Return the inertia of a body about :math:`O_t` from that about the origin of its own frame.
 
     .. math::
@@ -59,7 +61,9 @@ def moved_inertia(body: SpatialInertia, rotation: Array, position: Array) -> Spa
     # p (R S + m p / 2)^T plus its transpose is the sum of both mixed terms and m p p^T.
     mixed = np.outer(position, arm + (body.mass / 2.0) * position)
     spread = 2.0 * (position @ arm) + body.mass * (position @ position)
-    inertia = rotation @ body.inertia @ rotation.T - mixed - mixed.T + spread * np.eye(3)
+    inertia = (
+        rotation @ body.inertia @ rotation.T - mixed - mixed.T + spread * np.eye(3)
+    )
     return SpatialInertia(body.mass, arm + body.mass * position, _mirrored(inertia))
 
 
@@ -76,7 +80,9 @@ def combined(first: SpatialInertia, second: SpatialInertia) -> SpatialInertia:
     SpatialInertia
     """
     return SpatialInertia(
-        first.mass + second.mass, first.static_moment + second.static_moment, first.inertia + second.inertia
+        first.mass + second.mass,
+        first.static_moment + second.static_moment,
+        first.inertia + second.inertia,
     )
 
 
@@ -114,7 +120,9 @@ def momentum(body: SpatialInertia, motion: Array) -> Array:
     """
     linear, angular = motion[:3], motion[3:]
     on_linear = body.mass * linear + cross(angular, body.static_moment)
-    return np.concatenate([on_linear, cross(body.static_moment, linear) + body.inertia @ angular])
+    return np.concatenate(
+        [on_linear, cross(body.static_moment, linear) + body.inertia @ angular]
+    )
 
 
 def motion_product(velocity: Array, motion: Array) -> Array:
@@ -176,7 +184,9 @@ def inertial_force(body: SpatialInertia, velocity: Array, acceleration: Array) -
     ----------
     Li, Wei, Chen (2026), rigid-body terms of Eq. 23. Featherstone (2008), Eq. 2.63.
     """
-    return momentum(body, acceleration) + force_product(velocity, momentum(body, velocity))
+    return momentum(body, acceleration) + force_product(
+        velocity, momentum(body, velocity)
+    )
 
 
 def _mirrored(matrix: Array) -> Array:
@@ -185,4 +195,6 @@ def _mirrored(matrix: Array) -> Array:
     The lower triangle of a traced matrix has different expressions of the same values. If the upper
     triangle is used twice, the compiler evaluates it once.
     """
-    return matrix_of([[matrix[min(i, j), max(i, j)] for j in range(3)] for i in range(3)])
+    return matrix_of(
+        [[matrix[min(i, j), max(i, j)] for j in range(3)] for i in range(3)]
+    )

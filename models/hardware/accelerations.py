@@ -39,9 +39,18 @@ class PointAccelerations(TrussBlock):
 
     coordinates = Input("nq", unit=Attribute("coordinate_units"), meaning="q")
     speeds = Input("n", unit=Attribute("speed_units"), meaning="v")
-    grasp = Output(("robots", 3), unit="m/s**2", frame="truss", meaning="acceleration of each grasp point")
-    base = Output(("robots", 3), unit="m/s**2", frame="base", meaning="acceleration of each base")
-    before = State(("points", 6), meaning="velocities of points and axes at the previous sample")
+    grasp = Output(
+        ("robots", 3),
+        unit="m/s**2",
+        frame="truss",
+        meaning="acceleration of each grasp point",
+    )
+    base = Output(
+        ("robots", 3), unit="m/s**2", frame="base", meaning="acceleration of each base"
+    )
+    before = State(
+        ("points", 6), meaning="velocities of points and axes at the previous sample"
+    )
 
     def __init__(self, dynamics: TrussDynamics, sample_time: float) -> None:
         self.set_dynamics(dynamics)
@@ -53,7 +62,9 @@ class PointAccelerations(TrussBlock):
         """Return the accelerations, mean values over the sample."""
         now = self._motion(u)
         mean, change = (now + x.before) / 2.0, (now - x.before) / self.sample_time
-        found = change[:, :3] + stacked([np.cross(row[3:], row[:3]) for row in mean], (3,))
+        found = change[:, :3] + stacked(
+            [np.cross(row[3:], row[:3]) for row in mean], (3,)
+        )
         return {"grasp": found[: self.robots], "base": found[self.robots :]}
 
     def update(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
@@ -67,12 +78,27 @@ class PointAccelerations(TrussBlock):
     def _motion(self, u: Signals) -> Array:
         """Return velocities of points and angular velocities of axes: all grasps, then all bases."""
         dynamics, root = self.dynamics, u.speeds[:6]
-        modal, rates = u.coordinates[dynamics.rigid_coordinates :], u.speeds[dynamics.rigid_freedoms :]
+        modal, rates = (
+            u.coordinates[dynamics.rigid_coordinates :],
+            u.speeds[dynamics.rigid_freedoms :],
+        )
         grasps = []
         for i in range(self.robots):
-            hand = hand_motion(dynamics.modes.data, i, modal, root, rates, exact=dynamics.elastic_integrals)
+            hand = hand_motion(
+                dynamics.modes.data,
+                i,
+                modal,
+                root,
+                rates,
+                exact=dynamics.elastic_integrals,
+            )
             velocity = hand.velocity[:3] + np.cross(hand.velocity[3:], hand.position)
             grasps.append(np.concatenate([velocity, root[3:]]))
         # The columns of P_Q for a base are its partial velocities (virtual work).
-        bases = u.speeds @ dynamics.evaluate(u.coordinates).actuation_matrix[:, : 6 * self.robots]
-        return np.concatenate([stacked(grasps, (6,)), np.reshape(bases, (self.robots, 6))])
+        bases = (
+            u.speeds
+            @ dynamics.evaluate(u.coordinates).actuation_matrix[:, : 6 * self.robots]
+        )
+        return np.concatenate(
+            [stacked(grasps, (6,)), np.reshape(bases, (self.robots, 6))]
+        )

@@ -74,7 +74,9 @@ class Hardware:
     sample_time: float
     delay: float
     thrusters: Callable[[], ThrusterSet] | tuple[Callable[[], ThrusterSet], ...]
-    wheels: Callable[[], ReactionWheels] | tuple[Callable[[], ReactionWheels], ...] | None
+    wheels: (
+        Callable[[], ReactionWheels] | tuple[Callable[[], ReactionWheels], ...] | None
+    )
     drives: Callable[[int | Sequence[Joint]], JointDrives]
     metrology: Measurement
     star_tracker: Measurement
@@ -105,7 +107,9 @@ class Hardware:
         return cls.of(ParameterTable.shipped("hardware.toml"), torque=torque)
 
     @classmethod
-    def of(cls, file: ParameterTable | LayeredFile, *, torque: float | None = None) -> Self:
+    def of(
+        cls, file: ParameterTable | LayeredFile, *, torque: float | None = None
+    ) -> Self:
         """Return the hardware of a file: throttled thrusters, wheels, joint drives, sensors.
 
         Parameters
@@ -124,7 +128,9 @@ class Hardware:
         def numbers(table: str, **units: str) -> dict[str, Any]:
             return file.table(table).scalars(**units)
 
-        thrusters = numbers("thrusters", maximum="N", quantum="N", period="s", specific_impulse="s")
+        thrusters = numbers(
+            "thrusters", maximum="N", quantum="N", period="s", specific_impulse="s"
+        )
         wheels = numbers("wheels", sample_time="s", torque="N*m", momentum="N*m*s")
         joints = numbers("joints", torque="N*m")
         if torque is not None:
@@ -168,7 +174,12 @@ class Hardware:
         torque : float
             Limit of wheels and joints, by default large [N·m].
         """
-        thrusters = {"maximum": thrust, "quantum": quantum, "period": sample_time, "specific_impulse": 70.0}
+        thrusters = {
+            "maximum": thrust,
+            "quantum": quantum,
+            "period": sample_time,
+            "specific_impulse": 70.0,
+        }
         wheels = {"sample_time": sample_time, "torque": torque, "momentum": 1e6}
         sensors: dict[str, Any] = dict.fromkeys(
             SENSOR_UNITS, Measurement(sample_time=sample_time, noise=noise)
@@ -200,7 +211,9 @@ class Hardware:
             base[:] = _made(self.thrusters, robot).reach
             if self.wheels is not None:
                 wheels = _made(self.wheels, robot)
-                base[3:] = 1.0 / np.max(np.abs(wheels.sharing) / wheels.maximum_torque[:, None], axis=0)
+                base[3:] = 1.0 / np.max(
+                    np.abs(wheels.sharing) / wheels.maximum_torque[:, None], axis=0
+                )
         if not np.all(np.isfinite(bases)):
             raise ModelError(
                 "the hardware makes no torques on the bases: it has no wheels, and its thrusters make no "
@@ -233,13 +246,21 @@ class Hardware:
         ModelError
             If the truss has no robots.
         """
-        robots, units, joints = truss.robots, truss.actuator_units, truss.dynamics.joint_data
+        robots, units, joints = (
+            truss.robots,
+            truss.actuator_units,
+            truss.dynamics.joint_data,
+        )
         if not robots:
-            raise ModelError("the truss has no robots, so there are no actuators; omit them")
+            raise ModelError(
+                "the truss has no robots, so there are no actuators; omit them"
+            )
         diagram = Diagram("actuators")
         computer, health = diagram.add(
             computer=sampled_delay(self.sample_time, self.delay, shape=truss.actuators),
-            health=Function(lambda u: u, {"u": Input(robots, default=1.0)}, {"y": Output(robots)}),
+            health=Function(
+                lambda u: u, {"u": Input(robots, default=1.0)}, {"y": Output(robots)}
+            ),
         )
         drives = diagram.add(drives=self.drives(joints)) if joints else None
         total, orders, used = diagram.add(
@@ -249,11 +270,15 @@ class Hardware:
         )
         if self.wheels is not None:
             held = "N*m*s"
-            stored = diagram.add(stored=Gain(np.ones(3 * robots), input_unit=held, output_unit=held))
+            stored = diagram.add(
+                stored=Gain(np.ones(3 * robots), input_unit=held, output_unit=held)
+            )
             diagram.expose(momentum=stored.y)
             if self.gyroscopic != "off":
                 per, size = truss.actuator_rate_units, np.ones(truss.actuators)
-                turning = diagram.add(turning=Gain(size, input_unit=per, output_unit=per))
+                turning = diagram.add(
+                    turning=Gain(size, input_unit=per, output_unit=per)
+                )
                 diagram.expose(rates=turning.u)
         unloading = []
         for i in range(robots):
@@ -273,12 +298,16 @@ class Hardware:
             health.y[i] >> wheels.effectiveness
             -wheels.unloading_torque >> thrusters.demand[3:]
             felt, wanted = wheels.torque + thrusters.wrench[3:], computer.y[torque]
-            if self.gyroscopic != "off":  # continuous, since a hold would add energy to the nutation
+            if self.gyroscopic != "off":
+                # continuous, since a hold would add energy to the nutation
                 gyroscope = diagram.add(
                     **{
                         f"gyroscope_{i + 1}": Function(
                             np.cross,
-                            {"held": Input(3, unit="N*m*s"), "rate": Input(3, unit="rad/s")},
+                            {
+                                "held": Input(3, unit="N*m*s"),
+                                "rate": Input(3, unit="rad/s"),
+                            },
                             {"torque": Output(3, unit="N*m")},
                         )
                     }
@@ -332,8 +361,16 @@ class Hardware:
                 "accelerometers of a TunableTruss would measure its nominal truss, not that of the run; use "
                 "a SpaceTruss, or hardware without accelerometers"
             )
-        places, rigid, rest = truss.rigid_q, truss.rigid, truss.parameters["initial_coordinates"]
-        where, rates, attitude = truss.coordinate_units, truss.speed_units, truss.dynamics.attitude
+        places, rigid, rest = (
+            truss.rigid_q,
+            truss.rigid,
+            truss.parameters["initial_coordinates"],
+        )
+        where, rates, attitude = (
+            truss.coordinate_units,
+            truss.speed_units,
+            truss.dynamics.attitude,
+        )
 
         def seen(position: Array, speeds: Array) -> tuple[Array, Array, Array]:
             position = normalized(attitude, position)
@@ -345,7 +382,10 @@ class Hardware:
             moving=Gain(np.ones(truss.n), input_unit=rates, output_unit=rates),
             shown=Function(
                 seen,
-                {"position": Input(places, unit=where[:places]), "speeds": Input(rigid, unit=rates[:rigid])},
+                {
+                    "position": Input(places, unit=where[:places]),
+                    "speeds": Input(rigid, unit=rates[:rigid]),
+                },
                 {
                     "task_position": Output(places, unit=where[:places]),
                     "task_velocity": Output(rigid, unit=truss.task_rate_units),
@@ -358,19 +398,29 @@ class Hardware:
             part = (slice(0, 3), slice(3, first), slice(first, last))[k % 3]
             if first == last and k % 3 == 2:
                 continue  # no joints
-            source, start, target = (true, rest, shown.position) if k < 3 else (moving, still, shown.speeds)
+            source, start, target = (
+                (true, rest, shown.position) if k < 3 else (moving, still, shown.speeds)
+            )
             kind: Measurement = getattr(self, name)
             if name == "star_tracker":
                 kind = kind.scaled(attitude.per_radian)
-            sensor = kind.sensor(start[part].shape, seed=derived_seed(seed, k), initial_value=start[part])
+            sensor = kind.sensor(
+                start[part].shape, seed=derived_seed(seed, k), initial_value=start[part]
+            )
             source.y[part] >> diagram.add(**{name: sensor}).u
             sensor.y >> target[part]
         if self.accelerometer is not None:
-            points = diagram.add(points=PointAccelerations(truss.dynamics, self.accelerometer.sample_time))
+            points = diagram.add(
+                points=PointAccelerations(
+                    truss.dynamics, self.accelerometer.sample_time
+                )
+            )
             true.y >> points.coordinates
             moving.y >> points.speeds
             for k, port in enumerate(points.outputs(), len(SENSOR_UNITS)):
-                sensor = self.accelerometer.sensor(port.shape, seed=derived_seed(seed, k))
+                sensor = self.accelerometer.sensor(
+                    port.shape, seed=derived_seed(seed, k)
+                )
                 port >> diagram.add(**{f"{port.name}_sensor": sensor}).u
                 diagram.expose(**{f"{port.name}_acceleration": sensor.y})
         diagram.expose(coordinates=true.u, speeds=moving.u)

@@ -69,7 +69,9 @@ class Measurement:
         if self.correlation_time is not None:
             check_number("a measurement", correlation_time=self.correlation_time)
         others = ("noise", "random_walk", "initial_bias", "quantum", "delay")
-        check_number("a measurement", zero=True, **{name: getattr(self, name) for name in others})
+        check_number(
+            "a measurement", zero=True, **{name: getattr(self, name) for name in others}
+        )
 
     @classmethod
     def gyro(
@@ -102,12 +104,17 @@ class Measurement:
         """
         time = 1.0 if correlation_time is None else correlation_time
         check_number("a gyro", sample_time=sample_time, correlation_time=time)
-        noise = {"angle_random_walk": angle_random_walk, "bias_instability": bias_instability}
+        noise = {
+            "angle_random_walk": angle_random_walk,
+            "bias_instability": bias_instability,
+        }
         check_number("a gyro", zero=True, **noise)
         return cls(
             sample_time=sample_time,
             noise=angle_random_walk / sqrt(sample_time),
-            random_walk=0.0 if correlation_time is None else bias_instability * sqrt(2.0 / time),
+            random_walk=0.0
+            if correlation_time is None
+            else bias_instability * sqrt(2.0 / time),
             correlation_time=correlation_time,
             initial_bias=bias_instability,
             **more,
@@ -132,7 +139,9 @@ class Measurement:
             If `bits` is not a whole number from 1 to 64.
         """
         if not is_whole(bits) or not 1 <= bits <= 64:
-            raise ModelError(f"an encoder: bits is {shown(bits)}; it must be a whole number from 1 to 64")
+            raise ModelError(
+                f"an encoder: bits is {shown(bits)}; it must be a whole number from 1 to 64"
+            )
         return cls(sample_time=sample_time, quantum=2.0 * pi / 2.0**bits, **more)
 
     def scaled(self, factor: float) -> Self:
@@ -176,7 +185,9 @@ class Measurement:
         errors: dict[str, Block] = {}
         if self.noise:
             deviation = np.full(shape, self.noise)
-            errors["noise"] = Noise(deviation, self.sample_time, seed=derived_seed(seed, 0), unit=unit)
+            errors["noise"] = Noise(
+                deviation, self.sample_time, seed=derived_seed(seed, 0), unit=unit
+            )
         if self.random_walk or self.initial_bias:
             errors["bias"] = Drift(
                 self.random_walk,
@@ -190,13 +201,17 @@ class Measurement:
         diagram = Diagram("sensor")
         total, late = diagram.add(
             total=Sum("+" * (1 + len(errors))),
-            late=sampled_delay(self.sample_time, self.delay, initial_value, shape=shape),
+            late=sampled_delay(
+                self.sample_time, self.delay, initial_value, shape=shape
+            ),
         )
         for k, (name, block) in enumerate(errors.items(), 2):
             diagram.add(**{name: block}).y >> total.port(f"u{k}")
         seen = total.y
         if self.quantum:
-            seen = (seen >> diagram.add(rounded=Quantizer(self.quantum, self.sample_time))).y
+            seen = (
+                seen >> diagram.add(rounded=Quantizer(self.quantum, self.sample_time))
+            ).y
         seen >> late.u
         diagram.expose(u=total.u1, y=late.y)
         return diagram
@@ -211,5 +226,7 @@ def derived_seed(seed: int, number: int) -> int:
         If the seed is not a whole number, zero or positive.
     """
     if not is_whole(seed) or seed < 0:
-        raise ModelError(f"a sensor cannot have the seed {shown(seed)}; it must be a whole number from 0 on")
+        raise ModelError(
+            f"a sensor cannot have the seed {shown(seed)}; it must be a whole number from 0 on"
+        )
     return int(np.random.SeedSequence((seed, number)).generate_state(1)[0])

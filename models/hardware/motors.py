@@ -56,18 +56,34 @@ class JointDrives(Block):
     compensation methods for the control of machines with friction*, Automatica 30(7).
     """
 
-    command = Input("joints", unit=Attribute("effort_units"), meaning="commanded torques")
-    rate = Input("joints", unit=Attribute("rate_units"), default=0.0, meaning="joint rates")
-    effectiveness = Input("joints", default=1.0, meaning="health of the motors: 0 is failed")
+    command = Input(
+        "joints", unit=Attribute("effort_units"), meaning="commanded torques"
+    )
+    rate = Input(
+        "joints", unit=Attribute("rate_units"), default=0.0, meaning="joint rates"
+    )
+    effectiveness = Input(
+        "joints", default=1.0, meaning="health of the motors: 0 is failed"
+    )
     brake = Input(
-        "joints", unit=Attribute("effort_units"), default=0.0, meaning="torques of brakes, unlimited"
+        "joints",
+        unit=Attribute("effort_units"),
+        default=0.0,
+        meaning="torques of brakes, unlimited",
     )
     torque = Output("joints", unit=Attribute("effort_units"), meaning="joint torques")
     maximum = Parameter(shape="joints", unit="N*m", above=0.0, meaning="maximum torque")
-    viscous = Parameter(shape="joints", unit="N*m*s/rad", minimum=0.0, meaning="viscous friction")
-    coulomb = Parameter(shape="joints", unit="N*m", minimum=0.0, meaning="Coulomb friction")
+    viscous = Parameter(
+        shape="joints", unit="N*m*s/rad", minimum=0.0, meaning="viscous friction"
+    )
+    coulomb = Parameter(
+        shape="joints", unit="N*m", minimum=0.0, meaning="Coulomb friction"
+    )
     transition = Parameter(
-        shape="joints", unit="rad/s", above=0.0, meaning="rate of the friction's sign change"
+        shape="joints",
+        unit="rad/s",
+        above=0.0,
+        meaning="rate of the friction's sign change",
     )
 
     def __init__(
@@ -81,7 +97,11 @@ class JointDrives(Block):
     ) -> None:
         self.effort_units: str | tuple[str, ...] = "N*m"
         self.rate_units: str | tuple[str, ...] = "rad/s"
-        if isinstance(joints, Sequence) and joints and all(isinstance(joint, Joint) for joint in joints):
+        if (
+            isinstance(joints, Sequence)
+            and joints
+            and all(isinstance(joint, Joint) for joint in joints)
+        ):
             self.joints = len(joints)
             limp = [joint.name for joint in joints if not joint.effort]
             if limp:
@@ -96,8 +116,12 @@ class JointDrives(Block):
         elif not isinstance(joints, Sequence) and is_whole(joints) and joints > 0:
             self.joints = joints
         else:
-            raise BlockError(f"JointDrives needs at least one joint, not {shown(joints)}")
-        super().__init__(maximum=torque, viscous=viscous, coulomb=coulomb, transition=transition)
+            raise BlockError(
+                f"JointDrives needs at least one joint, not {shown(joints)}"
+            )
+        super().__init__(
+            maximum=torque, viscous=viscous, coulomb=coulomb, transition=transition
+        )
 
     def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
         """Return the joint torques."""
@@ -157,16 +181,30 @@ class ReactionWheels(Block):
     demand = Input(3, unit="N*m", frame="base", meaning="commanded torque on the base")
     unloading = Input(unit="1/s", default=0.0, meaning="rate of unloading")
     effectiveness = Input(default=1.0, meaning="health of the motors: 0 is failed")
-    angular_velocity = Input(3, unit="rad/s", frame="base", default=0.0, meaning="rate of the base")
+    angular_velocity = Input(
+        3, unit="rad/s", frame="base", default=0.0, meaning="rate of the base"
+    )
     torque = Output(3, unit="N*m", frame="base", meaning="torque on the base")
-    unloading_torque = Output(3, unit="N*m", frame="base", meaning="part of it for unloading")
+    unloading_torque = Output(
+        3, unit="N*m", frame="base", meaning="part of it for unloading"
+    )
     momentum = Output("wheels", unit="N*m*s", meaning="momentum of each wheel")
-    stored = Output(3, unit="N*m*s", frame="base", meaning="A h, total momentum of the wheels")
+    stored = Output(
+        3, unit="N*m*s", frame="base", meaning="A h, total momentum of the wheels"
+    )
     h = State("wheels", unit="N*m*s", meaning="momentum of each wheel")
-    maximum_torque = Parameter(shape="wheels", unit="N*m", above=0.0, meaning="maximum torque of a motor")
-    maximum_momentum = Parameter(shape="wheels", unit="N*m*s", above=0.0, meaning="maximum momentum")
-    viscous = Parameter(shape="wheels", unit="1/s", minimum=0.0, meaning="viscous friction / inertia")
-    coulomb = Parameter(shape="wheels", unit="N*m", minimum=0.0, meaning="Coulomb friction")
+    maximum_torque = Parameter(
+        shape="wheels", unit="N*m", above=0.0, meaning="maximum torque of a motor"
+    )
+    maximum_momentum = Parameter(
+        shape="wheels", unit="N*m*s", above=0.0, meaning="maximum momentum"
+    )
+    viscous = Parameter(
+        shape="wheels", unit="1/s", minimum=0.0, meaning="viscous friction / inertia"
+    )
+    coulomb = Parameter(
+        shape="wheels", unit="N*m", minimum=0.0, meaning="Coulomb friction"
+    )
 
     def __init__(
         self,
@@ -186,7 +224,12 @@ class ReactionWheels(Block):
             )
         self.axes, self.wheels = directions.T, len(directions)
         self.sharing = np.linalg.pinv(self.axes)
-        super().__init__(maximum_torque=torque, maximum_momentum=momentum, viscous=viscous, coulomb=coulomb)
+        super().__init__(
+            maximum_torque=torque,
+            maximum_momentum=momentum,
+            viscous=viscous,
+            coulomb=coulomb,
+        )
         self.sampled(sample_time)
 
     def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
@@ -210,4 +253,6 @@ class ReactionWheels(Block):
         motor = limited(wanted, -p.maximum_torque, p.maximum_torque)
         free = (motor - p.viscous * x.h) / (1.0 + p.viscous * step)
         rate = free - limited(x.h / step + free, -p.coulomb, p.coulomb)
-        return limited(rate, (-p.maximum_momentum - x.h) / step, (p.maximum_momentum - x.h) / step)
+        return limited(
+            rate, (-p.maximum_momentum - x.h) / step, (p.maximum_momentum - x.h) / step
+        )

@@ -24,7 +24,12 @@ STANDARD_GRAVITY = 9.80665
 """g_0 of the specific impulse in seconds [m/s^2]."""
 
 WRENCH_UNITS = ("N",) * 3 + ("N*m",) * 3
-WRENCH_PARTS = ("force along x", "force along y", "force along z", *(f"torque about {a}" for a in "xyz"))
+WRENCH_PARTS = (
+    "force along x",
+    "force along y",
+    "force along z",
+    *(f"torque about {a}" for a in "xyz"),
+)
 
 # Tolerance of wrenches and thrusts, relative: round-off of a 6 x m pseudo-inverse.
 _ROUND_OFF = 1e-9
@@ -113,38 +118,71 @@ class ThrusterSet(Diagram):
         off_delay: float = 0.0,
         torques: bool = True,
     ) -> None:
-        check_number("thrusters", maximum=maximum, period=period, specific_impulse=specific_impulse)
+        check_number(
+            "thrusters",
+            maximum=maximum,
+            period=period,
+            specific_impulse=specific_impulse,
+        )
         beyond = 0.0 if hysteresis is None else hysteresis
         valves = {"on_delay": on_delay, "off_delay": off_delay}
-        check_number("thrusters", zero=True, minimum_impulse=minimum_impulse, hysteresis=beyond, **valves)
+        check_number(
+            "thrusters",
+            zero=True,
+            minimum_impulse=minimum_impulse,
+            hysteresis=beyond,
+            **valves,
+        )
         self.matrix = wrench_matrix(positions, directions)
         self.count = self.matrix.shape[1]
         self.shares = _shares(self.matrix, 6 if torques else 3)
         # Partner of each thruster in an opposed pair at one place; each has at most one.
-        opposed = np.abs(self.matrix.T[:, None] + self.matrix.T).max(axis=2) < _ROUND_OFF
+        opposed = (
+            np.abs(self.matrix.T[:, None] + self.matrix.T).max(axis=2) < _ROUND_OFF
+        )
         self.partner = opposed.argmax(axis=1)
-        self.paired = opposed.any(axis=1) & (self.partner[self.partner] == np.arange(self.count))
+        self.paired = opposed.any(axis=1) & (
+            self.partner[self.partner] == np.arange(self.count)
+        )
         self.exhaust_speed = specific_impulse * STANDARD_GRAVITY
-        if (tick is None) == (quantum is None) or (tick is None and (on_delay or off_delay)):
-            raise ModelError("thrusters need a quantum (throttled), or a tick (pulsed, with delays)")
-        pulses = None if tick is None else Pulses(self.count, maximum, period, tick, **valves)
+        if (tick is None) == (quantum is None) or (
+            tick is None and (on_delay or off_delay)
+        ):
+            raise ModelError(
+                "thrusters need a quantum (throttled), or a tick (pulsed, with delays)"
+            )
+        pulses = (
+            None
+            if tick is None
+            else Pulses(self.count, maximum, period, tick, **valves)
+        )
         step: Any = maximum / pulses.ticks if pulses else quantum
         check_number("thrusters", quantum=step)
-        full = step * np.floor(maximum / step + _ROUND_OFF)  # rounding must not go beyond the limit
+        # rounding must not go beyond the limit
+        full = step * np.floor(maximum / step + _ROUND_OFF)
         if not full:
-            raise ModelError(f"thrusters: quantum is {step:g} N; it must be at most maximum, {maximum:g} N")
+            raise ModelError(
+                f"thrusters: quantum is {step:g} N; it must be at most maximum, {maximum:g} N"
+            )
         with np.errstate(divide="ignore"):
             self.reach = (full / self.shares.max(axis=0)).reshape(2, 6).min(axis=0)
         super().__init__("thrusters")
         thrust = {"thrust": Output(self.count, unit="N")}
         total, share, limit, steps, fire, tank = self.add(
             total=Sum("++" if hysteresis is None else "+"),
-            share=Function(self.thrusts, {"wrench": Input(6, unit=WRENCH_UNITS)}, thrust),
+            share=Function(
+                self.thrusts, {"wrench": Input(6, unit=WRENCH_UNITS)}, thrust
+            ),
             limit=Saturation(np.zeros(self.count), np.full(self.count, full)),
-            steps=Quantizer(step, period, hysteresis=beyond, smallest=minimum_impulse / period),
+            steps=Quantizer(
+                step, period, hysteresis=beyond, smallest=minimum_impulse / period
+            ),
             fire=Function(
                 self._fired,
-                {"valves": Input(self.count, unit="N"), "effectiveness": Input(default=1.0)},
+                {
+                    "valves": Input(self.count, unit="N"),
+                    "effectiveness": Input(default=1.0),
+                },
                 {
                     **thrust,
                     "wrench": Output(6, unit=WRENCH_UNITS),
@@ -165,7 +203,12 @@ class ThrusterSet(Diagram):
         (steps >> self.add(pulses=pulses) if pulses else steps).y >> fire.valves
         fire.flow >> tank
         self.expose(demand=total.u1, effectiveness=fire.effectiveness)
-        self.expose(thrust=fire.thrust, wrench=fire.wrench, ordered=fire.ordered, propellant=tank.y)
+        self.expose(
+            thrust=fire.thrust,
+            wrench=fire.wrench,
+            ordered=fire.ordered,
+            propellant=tank.y,
+        )
 
     @classmethod
     def axial(cls, **settings: Any) -> Self:
@@ -176,7 +219,12 @@ class ThrusterSet(Diagram):
         **settings
             Arguments of `ThrusterSet`.
         """
-        return cls(np.zeros((6, 3)), np.concatenate([np.eye(3), -np.eye(3)]), torques=False, **settings)
+        return cls(
+            np.zeros((6, 3)),
+            np.concatenate([np.eye(3), -np.eye(3)]),
+            torques=False,
+            **settings,
+        )
 
     @classmethod
     def pairs(cls, lever: float, **settings: Any) -> Self:
@@ -193,7 +241,9 @@ class ThrusterSet(Diagram):
         """
         check_number("thrusters", lever=lever)
         axes = np.eye(3)
-        positions = np.kron(np.roll(axes, 1, axis=1), lever * np.array([[1], [1], [-1], [-1]]))
+        positions = np.kron(
+            np.roll(axes, 1, axis=1), lever * np.array([[1], [1], [-1], [-1]])
+        )
         directions = np.kron(axes, [[1], [-1], [1], [-1]])
         return cls(positions, directions, **settings)
 
@@ -205,13 +255,22 @@ class ThrusterSet(Diagram):
         wrench : array, shape (6,)
             Force and torque about the centroid, base axes [N, N·m].
         """
-        shared = self.shares @ np.concatenate([np.maximum(wrench, 0.0), np.maximum(-wrench, 0.0)])
+        shared = self.shares @ np.concatenate(
+            [np.maximum(wrench, 0.0), np.maximum(-wrench, 0.0)]
+        )
         common = np.minimum(shared, shared[self.partner])
         return shared - np.where(self.paired, common, 0.0)
 
-    def _fired(self, valves: Array, effectiveness: Array) -> tuple[Array, Array, Array, Array]:
+    def _fired(
+        self, valves: Array, effectiveness: Array
+    ) -> tuple[Array, Array, Array, Array]:
         thrust = effectiveness * valves
-        return thrust, self.matrix @ thrust, self.matrix @ valves, np.sum(thrust) / self.exhaust_speed
+        return (
+            thrust,
+            self.matrix @ thrust,
+            self.matrix @ valves,
+            np.sum(thrust) / self.exhaust_speed,
+        )
 
 
 class Pulses(Block):
@@ -243,7 +302,11 @@ class Pulses(Block):
 
     thrust = Input("size", unit="N", meaning="average thrust over a period")
     y = Output("size", unit="N", meaning="current thrust")
-    past = State(("memory", "size"), unit="N", meaning="previous commands of the valves, latest first")
+    past = State(
+        ("memory", "size"),
+        unit="N",
+        meaning="previous commands of the valves, latest first",
+    )
     maximum = Parameter(unit="N", above=0.0, meaning="thrust of an open thruster")
 
     def __init__(
@@ -259,7 +322,11 @@ class Pulses(Block):
         check_number("pulses", maximum=maximum, period=period, tick=tick)
         check_number("pulses", zero=True, on_delay=on_delay, off_delay=off_delay)
         counted = []
-        for name, time in (("period", period), ("on_delay", on_delay), ("off_delay", off_delay)):
+        for name, time in (
+            ("period", period),
+            ("on_delay", on_delay),
+            ("off_delay", off_delay),
+        ):
             ticks = exact(time) / exact(tick)
             if ticks.denominator != 1:
                 raise ModelError(
@@ -277,7 +344,9 @@ class Pulses(Block):
         # open; otherwise any closed one keeps it closed.
         first, last = sorted((self.opening, self.closing))
         between = self._commands(t, x, u, p)[first : last + 1]
-        return {"y": (np.max if self.closing >= self.opening else np.min)(between, axis=0)}
+        return {
+            "y": (np.max if self.closing >= self.opening else np.min)(between, axis=0)
+        }
 
     def update(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
         """Store the commands of the valves."""
@@ -286,7 +355,9 @@ class Pulses(Block):
     def _commands(self, t: Array, x: Signals, u: Signals, p: Signals) -> Array:
         """Return current and previous commands of the valves, latest first."""
         tick = np.mod(np.rint(t / self.sample_time), self.ticks)
-        now = np.where(tick < np.rint(u.thrust / p.maximum * self.ticks), p.maximum, 0.0)
+        now = np.where(
+            tick < np.rint(u.thrust / p.maximum * self.ticks), p.maximum, 0.0
+        )
         return np.concatenate([np.reshape(now, (1, self.size)), x.past])
 
 
@@ -333,7 +404,10 @@ def _shares(matrix: Vector, parts: int) -> Vector:
             found = lsq_linear(weighted, aim, (0.0, np.inf), method="bvls", tol=1e-14).x
             active = found > 1e-6 * found.max(initial=0.0)
             thrusts = np.where(active, np.linalg.pinv(matrix * active) @ wanted, 0.0)
-            if np.abs(matrix @ thrusts - wanted).max() > _ROUND_OFF or thrusts.min() < -_ROUND_OFF:
+            if (
+                np.abs(matrix @ thrusts - wanted).max() > _ROUND_OFF
+                or thrusts.min() < -_ROUND_OFF
+            ):
                 way = "positive" if sign > 0 else "negative"
                 raise ModelError(
                     f"these thrusters make no {way} {WRENCH_PARTS[k]} alone, since thrusts are not negative; "

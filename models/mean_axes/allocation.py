@@ -57,26 +57,47 @@ class MeanAxesAllocation(MeanAxesBlock):
     """
 
     slow_force = Input("rigid", unit=Attribute("force_units"), meaning="u_s")
-    force = Input("rigid", unit=Attribute("force_units"), meaning="u, slow part and feedback")
+    force = Input(
+        "rigid", unit=Attribute("force_units"), meaning="u, slow part and feedback"
+    )
     modal_force = Input("neutral", meaning="f")
     actuation_matrix = Input(("rigid", "actuators"), meaning="P")
     inertia = Input(("rigid", "rigid"), meaning="G")
     at_rest = Input(default=0.0, meaning="1 if the reference rests and is near, else 0")
-    effectiveness = Input("actuators", default=1.0, meaning="health, factor of the limits: 0 is failed")
-    price = Input("actuators", default=1.0, meaning="c, positive cost factor of each actuator")
-    preferred = Input("actuators", unit=Attribute("actuator_units"), default=0.0, meaning="Q_0, without cost")
-    probe = Input("actuators", unit=Attribute("actuator_units"), default=0.0, meaning="Q_p")
-    command = Output("actuators", unit=Attribute("actuator_units"), meaning="Q + Q_p, within h")
+    effectiveness = Input(
+        "actuators", default=1.0, meaning="health, factor of the limits: 0 is failed"
+    )
+    price = Input(
+        "actuators", default=1.0, meaning="c, positive cost factor of each actuator"
+    )
+    preferred = Input(
+        "actuators",
+        unit=Attribute("actuator_units"),
+        default=0.0,
+        meaning="Q_0, without cost",
+    )
+    probe = Input(
+        "actuators", unit=Attribute("actuator_units"), default=0.0, meaning="Q_p"
+    )
+    command = Output(
+        "actuators", unit=Attribute("actuator_units"), meaning="Q + Q_p, within h"
+    )
     missed = Output("rigid", unit=Attribute("force_units"), meaning="u - P Q")
 
     limits = Parameter(shape="actuators", above=0.0, meaning="h")
     effort = Parameter(above=0.0, meaning="epsilon, cost of an actuator at its limit")
     reluctance = Parameter(shape="actuators", above=0.0, meaning="r")
     neutrality = Parameter(above=0.0, meaning="n, cost of work on the neutral modes")
-    slow_share = Parameter(above=0.0, meaning="lambda, share of the limits for the slow part")
-    resting_thrust = Parameter(above=0.0, unit="N", meaning="q, thrust limit of the feedback at rest")
+    slow_share = Parameter(
+        above=0.0, meaning="lambda, share of the limits for the slow part"
+    )
+    resting_thrust = Parameter(
+        above=0.0, unit="N", meaning="q, thrust limit of the feedback at rest"
+    )
 
-    def __init__(self, dynamics: TrussDynamics, limits: Vector, design: MeanAxesDesign) -> None:
+    def __init__(
+        self, dynamics: TrussDynamics, limits: Vector, design: MeanAxesDesign
+    ) -> None:
         self.neutral = design.neutral_modes
         self.influence = FreeModes.of(dynamics, self.neutral).influence
         robots = len(dynamics.arms)
@@ -87,7 +108,9 @@ class MeanAxesAllocation(MeanAxesBlock):
             design,
             limits=limits,
             effort=design.effort,
-            reluctance=np.append(np.tile(base, robots), np.full(dynamics.joints, design.joint_reluctance)),
+            reluctance=np.append(
+                np.tile(base, robots), np.full(dynamics.joints, design.joint_reluctance)
+            ),
             neutrality=design.neutrality,
             slow_share=design.slow_share,
             resting_thrust=design.resting_thrust,
@@ -107,7 +130,9 @@ class MeanAxesAllocation(MeanAxesBlock):
             p.slow_share * reach,
         )
         # At rest one thrust step suffices; demands of a second step are noise of the feedback.
-        most = np.where(self.thrusts * u.at_rest > 0.5, np.minimum(p.resting_thrust, reach), reach)
+        most = np.where(
+            self.thrusts * u.at_rest > 0.5, np.minimum(p.resting_thrust, reach), reach
+        )
         command, missed = bounded_least_squares(
             np.concatenate([u.actuation_matrix, self.influence]),
             block_diagonal(u.inertia, np.eye(self.neutral) / p.neutrality),
@@ -117,4 +142,7 @@ class MeanAxesAllocation(MeanAxesBlock):
             np.maximum(-reach, np.minimum(slow, -most)),
             np.minimum(reach, np.maximum(slow, most)),
         )
-        return {"command": limited(command + u.probe, -reach, reach), "missed": missed[: self.rigid]}
+        return {
+            "command": limited(command + u.probe, -reach, reach),
+            "missed": missed[: self.rigid],
+        }

@@ -16,7 +16,10 @@ from trussflow.models.mean_axes.probe import ActuatorProbe
 
 
 def mean_axes_controller(
-    believed: TrussDynamics, limits: Vector, design: MeanAxesDesign | None = None, start: Vector | None = None
+    believed: TrussDynamics,
+    limits: Vector,
+    design: MeanAxesDesign | None = None,
+    start: Vector | None = None,
 ) -> Diagram:
     """Return the mean-axes controller: estimator, law, allocation, fault detection and excitation.
 
@@ -59,7 +62,13 @@ def mean_axes_controller(
         probe=ActuatorProbe(believed, design, monitor),
         monitor=monitor,
     )
-    for name in ("mean_position", "mean_speeds", "modal_rate", "joint_angles", "disturbance"):
+    for name in (
+        "mean_position",
+        "mean_speeds",
+        "modal_rate",
+        "joint_angles",
+        "disturbance",
+    ):
         estimator.port(name) >> law.port(name)
     for port in law.outputs():
         port >> allocation.port(port.name)
@@ -70,13 +79,17 @@ def mean_axes_controller(
     for name in ("position", "velocity"):
         controller.expose(**{name: (estimator.port(name), monitor.port(name))})
     controller.expose(actuation=(left.u2, monitor.actuation))
-    exposed = dict.fromkeys(("reference_position", "reference_velocity", "reference_acceleration"), law)
+    exposed = dict.fromkeys(
+        ("reference_position", "reference_velocity", "reference_acceleration"), law
+    )
     probe.probe >> allocation.probe
     economy.price >> allocation.price
     economy.preferred >> allocation.preferred
     exposed |= dict.fromkeys(("propellant", "momentum"), economy)
     exposed |= dict.fromkeys(("command", "missed"), allocation)
-    exposed |= dict.fromkeys(("mean_position", "mean_speeds", "modal_coordinate", "disturbance"), estimator)
+    exposed |= dict.fromkeys(
+        ("mean_position", "mean_speeds", "modal_coordinate", "disturbance"), estimator
+    )
     exposed |= {"effectiveness": monitor}
     controller.expose(**{name: block.port(name) for name, block in exposed.items()})
     return controller

@@ -18,7 +18,13 @@ from trussflow.models.parameter_files import ParameterTable
 from trussflow.models.validation import check_number, frozen_array
 
 _OWNER = "mean-axes design"
-_MAY_BE_ZERO = ("estimated_modes", "damped_modes", "neutral_modes", "modal_damping", "probe")
+_MAY_BE_ZERO = (
+    "estimated_modes",
+    "damped_modes",
+    "neutral_modes",
+    "modal_damping",
+    "probe",
+)
 
 _UNITS = {
     "mean_axes": {
@@ -167,11 +173,17 @@ class MeanAxesDesign:
         for one in fields(self):
             value = getattr(self, one.name)
             if one.type == "int" and not is_whole(value):
-                raise ModelError(f"{_OWNER}: {one.name} is {shown(value)}; it must be a whole number")
+                raise ModelError(
+                    f"{_OWNER}: {one.name} is {shown(value)}; it must be a whole number"
+                )
             numbers = frozen_array(f"{_OWNER}: {one.name}", value, _shape(one))
-            check_number(_OWNER, zero=one.name in _MAY_BE_ZERO, **{one.name: np.min(numbers)})
+            check_number(
+                _OWNER, zero=one.name in _MAY_BE_ZERO, **{one.name: np.min(numbers)}
+            )
         if self.slow_share > 1.0:
-            raise ModelError(f"{_OWNER}: slow_share is {self.slow_share}; it must be at most 1")
+            raise ModelError(
+                f"{_OWNER}: slow_share is {self.slow_share}; it must be at most 1"
+            )
         least = min(self.estimated_modes, self.neutral_modes)
         if self.damped_modes > least:
             raise ModelError(
@@ -238,7 +250,9 @@ class MeanAxesDesign:
         """
         m, h = len(modes.inertia), self.estimated_modes
         omega, motion = modes.frequencies[:h], modes.root_motion[:, :h]
-        y, rate, eta, eta_rate, extra = np.split(np.arange(3 * m + 2 * h), np.cumsum([m, m, h, h]))
+        y, rate, eta, eta_rate, extra = np.split(
+            np.arange(3 * m + 2 * h), np.cumsum([m, m, h, h])
+        )
         A = np.zeros((3 * m + 2 * h,) * 2)
         A[y, rate] = A[rate, extra] = 1.0
         A[eta, eta_rate] = 1.0

@@ -40,16 +40,31 @@ class ActuatorEconomy(MeanAxesBlock):
     trussflow.models.mean_axes.allocation.MeanAxesAllocation : Allocation with these costs.
     """
 
-    propellant = Input("robots", unit="kg", default=0.0, meaning="m, propellant used by each base")
-    momentum = Input("stored", unit="N*m*s", default=0.0, meaning="h, momentum of the wheels of each base")
+    propellant = Input(
+        "robots", unit="kg", default=0.0, meaning="m, propellant used by each base"
+    )
+    momentum = Input(
+        "stored",
+        unit="N*m*s",
+        default=0.0,
+        meaning="h, momentum of the wheels of each base",
+    )
     price = Output("actuators", unit="1", meaning="c, 1 for torques and joints")
-    preferred = Output("actuators", unit=Attribute("actuator_units"), meaning="Q_0, 0 except base torques")
+    preferred = Output(
+        "actuators",
+        unit=Attribute("actuator_units"),
+        meaning="Q_0, 0 except base torques",
+    )
 
     limits = Parameter(shape="actuators", above=0.0, meaning="limit of each actuator")
-    propellant_spread = Parameter(above=0.0, unit="kg", meaning="m_0, excess propellant use with c = 2")
+    propellant_spread = Parameter(
+        above=0.0, unit="kg", meaning="m_0, excess propellant use with c = 2"
+    )
     unloading_time = Parameter(above=0.0, unit="s", meaning="T_u")
 
-    def __init__(self, dynamics: TrussDynamics, limits: Vector, design: MeanAxesDesign) -> None:
+    def __init__(
+        self, dynamics: TrussDynamics, limits: Vector, design: MeanAxesDesign
+    ) -> None:
         self.stored = 3 * len(dynamics.arms)
         super().__init__(
             dynamics,
@@ -66,7 +81,9 @@ class ActuatorEconomy(MeanAxesBlock):
         price, preferred = [], []
         for i in range(self.robots):
             half = 0.5 * p.limits[6 * i + 3 : 6 * i + 6]
-            torque = np.clip(u.momentum[3 * i : 3 * i + 3] / p.unloading_time, -half, half)
+            torque = np.clip(
+                u.momentum[3 * i : 3 * i + 3] / p.unloading_time, -half, half
+            )
             price += [(1.0 + more[i] / p.propellant_spread) * ones, ones]
             preferred += [zeros, torque]
         return {

@@ -39,9 +39,13 @@ class MeanAxesBlock(TrussBlock):
         If the truss has no robots.
     """
 
-    def __init__(self, dynamics: TrussDynamics, design: MeanAxesDesign, **parameters: object) -> None:
+    def __init__(
+        self, dynamics: TrussDynamics, design: MeanAxesDesign, **parameters: object
+    ) -> None:
         if not dynamics.arms:
-            raise ModelError("a truss without robots has no actuators to control it; add robots")
+            raise ModelError(
+                "a truss without robots has no actuators to control it; add robots"
+            )
         self.set_dynamics(replace(dynamics, modes=dynamics.modes.rigid()))
         self.design, self.modes = design, design.estimated_modes
         super().__init__(**parameters)
@@ -91,17 +95,27 @@ class MeanAxesEstimator(MeanAxesBlock):
     """
 
     position = Input(
-        "rigid_q", unit=Attribute("position_units"), meaning="measured x_1: pose of the truss frame, joints"
+        "rigid_q",
+        unit=Attribute("position_units"),
+        meaning="measured x_1: pose of the truss frame, joints",
     )
-    velocity = Input("rigid", unit=Attribute("rigid_speed_units"), meaning="measured x_2")
-    actuation = Input("actuators", unit=Attribute("actuator_units"), meaning="Q until the next sample")
+    velocity = Input(
+        "rigid", unit=Attribute("rigid_speed_units"), meaning="measured x_2"
+    )
+    actuation = Input(
+        "actuators", unit=Attribute("actuator_units"), meaning="Q until the next sample"
+    )
     mean_position = Output("rigid_q", unit=Attribute("position_units"), meaning="y")
     mean_speeds = Output("rigid", unit=Attribute("rigid_speed_units"), meaning="nu")
     modal_coordinate = Output("modes", unit=MODAL_UNIT, meaning="eta")
     modal_rate = Output("modes", unit=f"{MODAL_UNIT}/s", meaning="d eta/dt")
-    disturbance = Output("rigid", unit=Attribute("force_units"), meaning="w, a generalized force")
+    disturbance = Output(
+        "rigid", unit=Attribute("force_units"), meaning="w, a generalized force"
+    )
     joint_angles = Output(
-        "joints", unit=Attribute("joint_units"), meaning="joints in the middle of the next sample time"
+        "joints",
+        unit=Attribute("joint_units"),
+        meaning="joints in the middle of the next sample time",
     )
 
     y = State("rigid_q", initial="initial_position", meaning="mean axes")
@@ -109,13 +123,22 @@ class MeanAxesEstimator(MeanAxesBlock):
     eta = State("modes", meaning="free modes")
     eta_rate = State("modes", meaning="rates of the free modes")
     w = State("rigid", meaning="disturbance")
-    posture = State("joints", initial="initial_posture", meaning="joints half a sample time ahead")
+    posture = State(
+        "joints", initial="initial_posture", meaning="joints half a sample time ahead"
+    )
 
     initial_position = Parameter(shape=("rigid_q",), meaning="y at the start")
     initial_posture = Parameter(shape=("joints",), meaning="joints at the start")
-    gain = Parameter(shape=("estimated", "measured"), meaning="correction per innovation")
+    gain = Parameter(
+        shape=("estimated", "measured"), meaning="correction per innovation"
+    )
 
-    def __init__(self, dynamics: TrussDynamics, design: MeanAxesDesign, start: Vector | None = None) -> None:
+    def __init__(
+        self,
+        dynamics: TrussDynamics,
+        design: MeanAxesDesign,
+        start: Vector | None = None,
+    ) -> None:
         start = dynamics.rest[: dynamics.rigid_coordinates] if start is None else start
         free = FreeModes.of(dynamics, design.estimated_modes)
         self.root_motion = free.root_motion
@@ -125,7 +148,10 @@ class MeanAxesEstimator(MeanAxesBlock):
         oscillators[h : 2 * h, :h] = -np.diag(free.frequencies**2)
         oscillators[h : 2 * h, 2 * h :] = free.influence
         flow = np.asarray(scipy.linalg.expm(oscillators * design.sample_time))
-        self.modal_flow, self.modal_input = flow[: 2 * h, : 2 * h], flow[: 2 * h, 2 * h :]
+        self.modal_flow, self.modal_input = (
+            flow[: 2 * h, : 2 * h],
+            flow[: 2 * h, 2 * h :],
+        )
         self.measured = 2 * dynamics.rigid_freedoms
         self.estimated = 3 * dynamics.rigid_freedoms + 2 * h
         super().__init__(
@@ -153,7 +179,8 @@ class MeanAxesEstimator(MeanAxesBlock):
         kind, joints = self.dynamics.attitude, u.position[self.dynamics.attitude.end :]
         innovation = np.concatenate(
             [
-                to_body(kind, x.y, way_to(kind, x.y, u.position)) + self.root_motion @ x.eta,
+                to_body(kind, x.y, way_to(kind, x.y, u.position))
+                + self.root_motion @ x.eta,
                 u.velocity - x.nu + self.root_motion @ x.eta_rate,
             ]
         )
@@ -168,7 +195,10 @@ class MeanAxesEstimator(MeanAxesBlock):
         force = terms.actuation_matrix @ u.actuation + w - terms.bias
         acceleration = solve_positive_definite(terms.mass_matrix, force)
         return {
-            "y": normalized(kind, y + time * self.dynamics.kinematics(y, nu + time / 2 * acceleration)),
+            "y": normalized(
+                kind,
+                y + time * self.dynamics.kinematics(y, nu + time / 2 * acceleration),
+            ),
             "nu": nu + time * acceleration,
             "eta": modal[:h],
             "eta_rate": modal[h:],

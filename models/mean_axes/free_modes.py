@@ -82,9 +82,14 @@ class FreeModes:
         mass, actuation = terms.mass_matrix, terms.actuation_matrix
         inertia = mass[:m, :m]
         carried = np.linalg.solve(inertia, mass[:m, m:])
-        squares, shapes = scipy.linalg.eigh(np.diag(truss.stiffness), mass[m:, m:] - mass[m:, :m] @ carried)
+        squares, shapes = scipy.linalg.eigh(
+            np.diag(truss.stiffness), mass[m:, m:] - mass[m:, :m] @ carried
+        )
         shapes = shapes[:, :count]
-        frequencies, rates = np.sqrt(squares[:count]), 4.0 * np.pi * truss.damping_ratios * truss.frequencies
+        frequencies, rates = (
+            np.sqrt(squares[:count]),
+            4.0 * np.pi * truss.damping_ratios * truss.frequencies,
+        )
         return cls(
             inertia=inertia,
             frequencies=frequencies,

@@ -9,7 +9,13 @@ from trussflow.blocks.framework.declarations import Attribute, Parameter, Signal
 from trussflow.blocks.framework.port import Input, Output
 from trussflow.blocks.support.types import Array
 from trussflow.models.dynamics.dynamics import TrussDynamics
-from trussflow.models.dynamics.task_space import seen_from, task_drift, task_velocity, to_body, way_to
+from trussflow.models.dynamics.task_space import (
+    seen_from,
+    task_drift,
+    task_velocity,
+    to_body,
+    way_to,
+)
 from trussflow.models.mean_axes.design import MeanAxesDesign
 from trussflow.models.mean_axes.estimator import MeanAxesBlock
 from trussflow.models.mean_axes.free_modes import FreeModes
@@ -43,25 +49,41 @@ class MeanAxesLaw(MeanAxesBlock):
         If the truss has fewer modes than the design needs.
     """
 
-    reference_position = Input("rigid_q", unit=Attribute("position_units"), meaning="y_d")
-    reference_velocity = Input("rigid", unit=Attribute("task_rate_units"), meaning="dy_d/dt")
-    reference_acceleration = Input("rigid", unit=Attribute("acceleration_units"), meaning="d2y_d/dt2")
+    reference_position = Input(
+        "rigid_q", unit=Attribute("position_units"), meaning="y_d"
+    )
+    reference_velocity = Input(
+        "rigid", unit=Attribute("task_rate_units"), meaning="dy_d/dt"
+    )
+    reference_acceleration = Input(
+        "rigid", unit=Attribute("acceleration_units"), meaning="d2y_d/dt2"
+    )
     mean_position = Input("rigid_q", unit=Attribute("position_units"), meaning="y")
     mean_speeds = Input("rigid", unit=Attribute("rigid_speed_units"), meaning="nu")
-    joint_angles = Input("joints", unit=Attribute("joint_units"), meaning="joints while the command acts")
+    joint_angles = Input(
+        "joints", unit=Attribute("joint_units"), meaning="joints while the command acts"
+    )
     modal_rate = Input("modes", unit=f"{MODAL_UNIT}/s", meaning="d eta/dt")
-    disturbance = Input("rigid", unit=Attribute("force_units"), default=0.0, meaning="w")
+    disturbance = Input(
+        "rigid", unit=Attribute("force_units"), default=0.0, meaning="w"
+    )
     slow_force = Output("rigid", unit=Attribute("force_units"), meaning="u_s")
     force = Output("rigid", unit=Attribute("force_units"), meaning="u_s + u_f")
-    modal_force = Output("neutral", meaning="f of the neutral modes, 0 of undamped ones")
+    modal_force = Output(
+        "neutral", meaning="f of the neutral modes, 0 of undamped ones"
+    )
     actuation_matrix = Output(("rigid", "actuators"), meaning="P_r")
     inertia = Output(("rigid", "rigid"), meaning="G")
     at_rest = Output(meaning="1 while the path rests and is close, else 0")
 
-    bandwidth = Parameter(shape=("rigid",), minimum=0.0, unit="rad/s", meaning="omega of each coordinate")
+    bandwidth = Parameter(
+        shape=("rigid",), minimum=0.0, unit="rad/s", meaning="omega of each coordinate"
+    )
     damping = Parameter(minimum=0.0, meaning="zeta")
     modal_damping = Parameter(minimum=0.0, meaning="zeta_a")
-    resting_error = Parameter(minimum=0.0, unit="m", meaning="error limit of at_rest [m and rad]")
+    resting_error = Parameter(
+        minimum=0.0, unit="m", meaning="error limit of at_rest [m and rad]"
+    )
 
     def __init__(self, dynamics: TrussDynamics, design: MeanAxesDesign) -> None:
         free = FreeModes.of(dynamics, max(design.neutral_modes, design.estimated_modes))
@@ -79,7 +101,9 @@ class MeanAxesLaw(MeanAxesBlock):
     def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
         """Return the demands, and the matrices of their allocation."""
         y, nu, kind = u.mean_position, u.mean_speeds, self.dynamics.attitude
-        terms = self.dynamics.evaluate(np.concatenate([y[: kind.end], u.joint_angles]), nu)
+        terms = self.dynamics.evaluate(
+            np.concatenate([y[: kind.end], u.joint_angles]), nu
+        )
         inertia = terms.mass_matrix
         reference = u.reference_position, u.reference_velocity, u.reference_acceleration
         rate, acceleration = seen_from(kind, y, nu, *reference)

@@ -68,18 +68,33 @@ class ActuatorMonitor(MeanAxesBlock):
     term delays detection.
     """
 
-    position = Input("rigid_q", unit=Attribute("position_units"), meaning="measured x_1")
-    velocity = Input("rigid", unit=Attribute("rigid_speed_units"), meaning="measured x_2")
-    actuation = Input(
-        "actuators", unit=Attribute("actuator_units"), meaning="Q of healthy actuators until the next sample"
+    position = Input(
+        "rigid_q", unit=Attribute("position_units"), meaning="measured x_1"
     )
-    disturbance = Input("rigid", unit=Attribute("force_units"), default=0.0, meaning="w")
+    velocity = Input(
+        "rigid", unit=Attribute("rigid_speed_units"), meaning="measured x_2"
+    )
+    actuation = Input(
+        "actuators",
+        unit=Attribute("actuator_units"),
+        meaning="Q of healthy actuators until the next sample",
+    )
+    disturbance = Input(
+        "rigid", unit=Attribute("force_units"), default=0.0, meaning="w"
+    )
     effectiveness = Output("actuators", unit="1", meaning="health: 0 failed, 1 healthy")
-    evidence = Output("losses", meaning="S of bases, of drives of the arms, of whole robots")
+    evidence = Output(
+        "losses", meaning="S of bases, of drives of the arms, of whole robots"
+    )
 
-    expected = State(("joints", "columns"), meaning="predicted change of rates by each part, and the rest")
+    expected = State(
+        ("joints", "columns"),
+        meaning="predicted change of rates by each part, and the rest",
+    )
     rates = State("joints", meaning="previous measured rates")
-    before = State(("joints", "columns"), meaning="a of each part, and r, of the previous sample")
+    before = State(
+        ("joints", "columns"), meaning="a of each part, and r, of the previous sample"
+    )
     sums = State("losses", meaning="S")
     suspected = State("parts", meaning="1 for candidates of a failure")
     dead = State("parts", meaning="1 for failed parts")
@@ -89,8 +104,12 @@ class ActuatorMonitor(MeanAxesBlock):
     calm = Parameter(above=0.0, meaning="s_0")
     drift = Parameter(minimum=0.5, meaning="delta")
     threshold = Parameter(above=0.0, meaning="decision threshold of S")
-    doubt = Parameter(minimum=0.0, meaning="isolation threshold, share of the largest S")
-    settling = Parameter(minimum=0.0, unit="s", meaning="holdoff time of other robots after a failure")
+    doubt = Parameter(
+        minimum=0.0, meaning="isolation threshold, share of the largest S"
+    )
+    settling = Parameter(
+        minimum=0.0, unit="s", meaning="holdoff time of other robots after a failure"
+    )
 
     def __init__(self, dynamics: TrussDynamics, design: MeanAxesDesign) -> None:
         robots, joints = len(dynamics.arms), dynamics.joints
@@ -101,16 +120,31 @@ class ActuatorMonitor(MeanAxesBlock):
         self.judged = np.tile([float(arm.joints > 0) for arm in dynamics.arms], 3)
         self.shares = np.hstack([np.eye(self.parts), np.tile(np.eye(robots), (2, 1))])
         free, time = FreeModes.of(dynamics, dynamics.modes.modes), design.sample_time
-        shaken = design.unknown_thrust**2 * np.sum(free.influence[:, thrusts_of(dynamics)] ** 2, axis=1)
-        shaken *= time * np.sin(free.frequencies * time) ** 2 / (design.structural_damping * free.frequencies)
+        shaken = design.unknown_thrust**2 * np.sum(
+            free.influence[:, thrusts_of(dynamics)] ** 2, axis=1
+        )
+        shaken *= (
+            time
+            * np.sin(free.frequencies * time) ** 2
+            / (design.structural_damping * free.frequencies)
+        )
         ringing = free.root_motion[6:] * np.sqrt(shaken)
-        scatter = 2.0 * time * design.unknown_torque * np.linalg.inv(free.inertia)[6:, 6:]
+        scatter = (
+            2.0 * time * design.unknown_torque * np.linalg.inv(free.inertia)[6:, 6:]
+        )
         noise = 2.0 * design.rate_noise**2 * np.eye(joints)
         self.covariance = noise + ringing @ ringing.T + scatter @ scatter.T
         self.precision = np.linalg.inv(self.covariance)
         believing = {
             name: getattr(design, name)
-            for name in ("unknown_share", "calm", "drift", "threshold", "doubt", "settling")
+            for name in (
+                "unknown_share",
+                "calm",
+                "drift",
+                "threshold",
+                "doubt",
+                "settling",
+            )
         }
         super().__init__(dynamics, design, **believing)
 
@@ -136,16 +170,23 @@ class ActuatorMonitor(MeanAxesBlock):
             # A the matrix of all a, N = A^T R0^-1 A. Then A^T R^-1 = (1 + lambda^2 N)^-1 A^T R0^-1, and |r|^2
             # is the minimum over the shares of the norm of the rest plus that of the shares.
             told = effects.T @ self.precision @ np.concatenate([effects, seen], axis=1)
-            told = solve_positive_definite(np.eye(self.parts) + unsure * told[:, : self.parts], told)
+            told = solve_positive_definite(
+                np.eye(self.parts) + unsure * told[:, : self.parts], told
+            )
             shares = told[:, self.parts]
             rest = residue - unsure * effects @ shares
             size = rest @ self.precision @ rest + unsure * shares @ shares
         else:  # N is singular
             doubted = self.covariance + unsure * effects @ effects.T
-            weighed = solve_positive_definite(doubted, np.concatenate([effects, seen], axis=1))
+            weighed = solve_positive_definite(
+                doubted, np.concatenate([effects, seen], axis=1)
+            )
             told, size = effects.T @ weighed, residue @ weighed[:, self.parts]
         told = self.shares.T @ told
-        match, strength = told[:, self.parts], np.sum(self.shares.T * told[:, : self.parts], axis=1)
+        match, strength = (
+            told[:, self.parts],
+            np.sum(self.shares.T * told[:, : self.parts], axis=1),
+        )
         left = size + np.minimum(0.0, np.min(2.0 * match + strength))
         scale = np.maximum(p.calm, left / max(self.joints, 1))
         return -(match + p.drift * strength) / scale
@@ -153,20 +194,33 @@ class ActuatorMonitor(MeanAxesBlock):
     def update(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
         """Update the statistics by the measured rates, and predict their next change."""
         surprise = u.velocity[6:] - x.rates - np.sum(x.expected, axis=1)
-        now = np.concatenate([x.expected[:, : self.parts], np.reshape(surprise, (self.joints, 1))], axis=1)
-        each, residue = (now + x.before)[:, : self.parts], (now + x.before)[:, self.parts]
+        now = np.concatenate(
+            [x.expected[:, : self.parts], np.reshape(surprise, (self.joints, 1))],
+            axis=1,
+        )
+        each, residue = (
+            (now + x.before)[:, : self.parts],
+            (now + x.before)[:, self.parts],
+        )
         sums = x.sums + self.evidence_of(each, residue, p)
-        sums = np.where(np.logical_and(sums > 0.0, x.truce <= 0.0), sums, 0.0) * self.judged
+        sums = (
+            np.where(np.logical_and(sums > 0.0, x.truce <= 0.0), sums, 0.0)
+            * self.judged
+        )
         likely = np.where(sums >= p.doubt * np.max(sums), 1.0, 0.0)
         common = (1.0 - self.shares) @ likely < 0.5
-        suspected = np.where(np.logical_and(common, np.max(sums) > p.threshold), 1.0 - x.dead, 0.0)
+        suspected = np.where(
+            np.logical_and(common, np.max(sums) > p.threshold), 1.0 - x.dead, 0.0
+        )
         found = suspected * x.suspected
         spared = np.where(self.shares.T @ found > 0.0, 0.0, p.settling)
         new = np.max(found) > 0.0
         terms = self.dynamics.evaluate(u.position, u.velocity)
         dead = x.dead + found
         acting = self.members * np.reshape(1.0 - dead, (1, self.parts))
-        parts = terms.actuation_matrix @ (acting * np.reshape(u.actuation, (self.actuators, 1)))
+        parts = terms.actuation_matrix @ (
+            acting * np.reshape(u.actuation, (self.actuators, 1))
+        )
         others = np.concatenate([u.disturbance[:6], np.zeros(self.joints)]) - terms.bias
         forces = np.concatenate([parts, np.reshape(others, (self.rigid, 1))], axis=1)
         change = solve_positive_definite(terms.mass_matrix, forces)

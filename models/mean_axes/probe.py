@@ -56,19 +56,29 @@ class ActuatorProbe(MeanAxesBlock):
 
     strength = Parameter(minimum=0.0, meaning="v")
 
-    def __init__(self, dynamics: TrussDynamics, design: MeanAxesDesign, monitor: ActuatorMonitor) -> None:
+    def __init__(
+        self, dynamics: TrussDynamics, design: MeanAxesDesign, monitor: ActuatorMonitor
+    ) -> None:
         rigid = dynamics.rigid_freedoms
         terms = dynamics.evaluate(dynamics.rest)
-        response = np.linalg.solve(terms.mass_matrix[:rigid, :rigid], terms.actuation_matrix[:rigid])
-        seen = np.linalg.cholesky(monitor.precision).T @ (design.sample_time * response[6:])
+        response = np.linalg.solve(
+            terms.mass_matrix[:rigid, :rigid], terms.actuation_matrix[:rigid]
+        )
+        seen = np.linalg.cholesky(monitor.precision).T @ (
+            design.sample_time * response[6:]
+        )
         self.shape = np.zeros(dynamics.actuators)
         for members in monitor.members.T > 0.0:
             torques = np.flatnonzero(members & ~thrusts_of(dynamics))
-            still = scipy.linalg.null_space(response[:6, torques], rcond=NULL_SPACE_TOLERANCE)
+            still = scipy.linalg.null_space(
+                response[:6, torques], rcond=NULL_SPACE_TOLERANCE
+            )
             if still.size:
                 _, shown, ways = np.linalg.svd(seen[:, torques] @ still)
                 self.shape[torques] = still @ ways[0] / shown[0]
-        of_bases, of_drives = np.split(seen @ (self.shape.reshape(-1, 1) * monitor.members), 2, axis=1)
+        of_bases, of_drives = np.split(
+            seen @ (self.shape.reshape(-1, 1) * monitor.members), 2, axis=1
+        )
         signs = np.where(np.sum(of_bases * of_drives, axis=0) > 0.0, -1.0, 1.0)
         self.shape *= monitor.members @ np.append(np.ones(len(signs)), signs)
         super().__init__(dynamics, design, strength=design.probe)
@@ -77,4 +87,6 @@ class ActuatorProbe(MeanAxesBlock):
         """Return the torques of this sample."""
         # If the pattern began with two positive samples, the joints would drift in one direction.
         phase = 2.0 * np.pi * (t / (PATTERN_SAMPLES * self.design.sample_time) + 0.375)
-        return {"probe": np.where(np.sin(phase) > 0.0, 1.0, -1.0) * p.strength * self.shape}
+        return {
+            "probe": np.where(np.sin(phase) > 0.0, 1.0, -1.0) * p.strength * self.shape
+        }

@@ -8,7 +8,13 @@ from trussflow.blocks.framework.port import Input, Output
 from trussflow.blocks.support.types import Array
 from trussflow.blocks.tracing.linear_algebra import solve_positive_definite
 from trussflow.models.dynamics.dynamics import TrussDynamics
-from trussflow.models.dynamics.task_space import seen_from, task_drift, task_force_to_body, to_body, way_to
+from trussflow.models.dynamics.task_space import (
+    seen_from,
+    task_drift,
+    task_force_to_body,
+    to_body,
+    way_to,
+)
 from trussflow.models.plant.truss_block import SPEEDS, TrussBlock
 
 ACCELERATIONS = Attribute("acceleration_units")
@@ -54,19 +60,37 @@ class NominalModel(_NominalDynamics):
     Li, Wei, Chen (2026), Eqs. 42–45, 53–55, 63.
     """
 
-    feedforward = Input("rigid", unit=ACCELERATIONS, default=0.0, meaning="desired d2x_1/dt2")
-    feedback = Input("rigid", unit=ACCELERATIONS, default=0.0, meaning="correction of d2x_1/dt2")
+    feedforward = Input(
+        "rigid", unit=ACCELERATIONS, default=0.0, meaning="desired d2x_1/dt2"
+    )
+    feedback = Input(
+        "rigid", unit=ACCELERATIONS, default=0.0, meaning="correction of d2x_1/dt2"
+    )
     disturbance_estimate = Input(
         "rigid", unit=ACCELERATIONS, default=0.0, meaning="estimate of d", labels=SPEEDS
     )
-    task_force = Input("rigid", default=0.0, meaning="force and torque in task axes, e.g. of a PD law")
+    task_force = Input(
+        "rigid", default=0.0, meaning="force and torque in task axes, e.g. of a PD law"
+    )
     generalized_force = Output("rigid", meaning="u", labels=SPEEDS)
-    feedforward_force = Output("rigid", meaning="part of u for the desired acceleration")
-    feedback_force = Output("rigid", meaning="part of u for feedback and disturbance estimate")
-    transformed_task_force = Output("rigid", meaning="J_g^T times the task force", labels=SPEEDS)
-    nominal_acceleration = Output("rigid", unit=ACCELERATIONS, meaning="G^-1 (u - c)", labels=SPEEDS)
-    actuation_matrix = Output(("rigid", "actuators"), meaning="P_r, the rigid rows of P_Q")
-    full_actuation_matrix = Output(("n", "actuators"), meaning="P_Q, the modal rows included")
+    feedforward_force = Output(
+        "rigid", meaning="part of u for the desired acceleration"
+    )
+    feedback_force = Output(
+        "rigid", meaning="part of u for feedback and disturbance estimate"
+    )
+    transformed_task_force = Output(
+        "rigid", meaning="J_g^T times the task force", labels=SPEEDS
+    )
+    nominal_acceleration = Output(
+        "rigid", unit=ACCELERATIONS, meaning="G^-1 (u - c)", labels=SPEEDS
+    )
+    actuation_matrix = Output(
+        ("rigid", "actuators"), meaning="P_r, the rigid rows of P_Q"
+    )
+    full_actuation_matrix = Output(
+        ("n", "actuators"), meaning="P_Q, the modal rows included"
+    )
 
     def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
         """Return forces, nominal acceleration and actuation matrices."""
@@ -104,14 +128,20 @@ class NominalAcceleration(_NominalDynamics):
     """
 
     actuation = Input("actuators", unit=Attribute("actuator_units"), meaning="Q")
-    nominal_acceleration = Output("rigid", unit=ACCELERATIONS, meaning="G^-1 (P_r Q - c)")
+    nominal_acceleration = Output(
+        "rigid", unit=ACCELERATIONS, meaning="G^-1 (P_r Q - c)"
+    )
 
     def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
         """Return the nominal acceleration."""
         rigid = self.rigid
         terms = self.dynamics.evaluate(u.coordinates, u.speeds)
         force = terms.actuation_matrix[:rigid] @ u.actuation - terms.bias[:rigid]
-        return {"nominal_acceleration": solve_positive_definite(terms.mass_matrix[:rigid, :rigid], force)}
+        return {
+            "nominal_acceleration": solve_positive_definite(
+                terms.mass_matrix[:rigid, :rigid], force
+            )
+        }
 
 
 class TaskErrors(TrussBlock):
@@ -138,16 +168,32 @@ class TaskErrors(TrussBlock):
     Guidance 12(3); Wen, Kreutz-Delgado (1991), *The attitude control problem*, IEEE TAC 36(10).
     """
 
-    reference_position = Input("rigid_q", unit=Attribute("position_units"), meaning="x_d")
-    reference_velocity = Input("rigid", unit=Attribute("task_rate_units"), meaning="rate of x_d")
-    reference_acceleration = Input("rigid", unit=ACCELERATIONS, default=0.0, meaning="acceleration of x_d")
+    reference_position = Input(
+        "rigid_q", unit=Attribute("position_units"), meaning="x_d"
+    )
+    reference_velocity = Input(
+        "rigid", unit=Attribute("task_rate_units"), meaning="rate of x_d"
+    )
+    reference_acceleration = Input(
+        "rigid", unit=ACCELERATIONS, default=0.0, meaning="acceleration of x_d"
+    )
     position = Input("rigid_q", unit=Attribute("position_units"), meaning="x_1")
     velocity = Input("rigid", unit=Attribute("task_rate_units"), meaning="J_g x_2")
-    error = Output("rigid", unit=Attribute("task_units"), meaning="position minus reference", labels=TASK)
-    error_rate = Output(
-        "rigid", unit=Attribute("task_rate_units"), meaning="velocity minus reference", labels=TASK
+    error = Output(
+        "rigid",
+        unit=Attribute("task_units"),
+        meaning="position minus reference",
+        labels=TASK,
     )
-    acceleration = Output("rigid", unit=ACCELERATIONS, meaning="reference acceleration", labels=TASK)
+    error_rate = Output(
+        "rigid",
+        unit=Attribute("task_rate_units"),
+        meaning="velocity minus reference",
+        labels=TASK,
+    )
+    acceleration = Output(
+        "rigid", unit=ACCELERATIONS, meaning="reference acceleration", labels=TASK
+    )
 
     def __init__(self, dynamics: TrussDynamics) -> None:
         self.set_dynamics(dynamics)
@@ -159,4 +205,8 @@ class TaskErrors(TrussBlock):
         kind = self.dynamics.attitude
         rate, acceleration = seen_from(kind, u.position, u.velocity, *reference)
         error = way_to(kind, u.reference_position, u.position)
-        return {"error": error, "error_rate": u.velocity - rate, "acceleration": acceleration}
+        return {
+            "error": error,
+            "error_rate": u.velocity - rate,
+            "acceleration": acceleration,
+        }

@@ -94,11 +94,22 @@ class SpaceTruss(TrussBlock):
         labels=MODES,
     )
     coordinates = Output(
-        "nq", unit=Attribute("coordinate_units"), meaning="q", labels=Attribute("coordinate_labels")
+        "nq",
+        unit=Attribute("coordinate_units"),
+        meaning="q",
+        labels=Attribute("coordinate_labels"),
     )
-    speeds = Output("n", unit=Attribute("speed_units"), meaning="v", labels=Attribute("speed_labels"))
+    speeds = Output(
+        "n",
+        unit=Attribute("speed_units"),
+        meaning="v",
+        labels=Attribute("speed_labels"),
+    )
     task_position = Output(
-        "rigid_q", unit=Attribute("position_units"), meaning="x_1", labels=Attribute("position_labels")
+        "rigid_q",
+        unit=Attribute("position_units"),
+        meaning="x_1",
+        labels=Attribute("position_labels"),
     )
     task_velocity = Output(
         "rigid",
@@ -106,9 +117,13 @@ class SpaceTruss(TrussBlock):
         meaning="dx_1/dt, J_g x_2",
         labels=Attribute("task_labels"),
     )
-    rigid_speeds = Output("rigid", unit=Attribute("rigid_speed_units"), meaning="x_2", labels=SPEEDS)
+    rigid_speeds = Output(
+        "rigid", unit=Attribute("rigid_speed_units"), meaning="x_2", labels=SPEEDS
+    )
     modal_coordinate = Output("modes", unit=MODAL_UNIT, meaning="tau", labels=MODES)
-    modal_rate = Output("modes", unit=f"{MODAL_UNIT}/s", meaning="d tau/dt", labels=MODES)
+    modal_rate = Output(
+        "modes", unit=f"{MODAL_UNIT}/s", meaning="d tau/dt", labels=MODES
+    )
     grasp_displacement = Output(
         ("robots", 3),
         unit="m",
@@ -116,8 +131,20 @@ class SpaceTruss(TrussBlock):
         meaning="elastic displacement T_i tau of the grasp points",
         labels=BASES,
     )
-    base_force = Output(("robots", 3), unit="N", frame="base", meaning="force on each base", labels=BASES)
-    base_torque = Output(("robots", 3), unit="N*m", frame="base", meaning="torque on each base", labels=BASES)
+    base_force = Output(
+        ("robots", 3),
+        unit="N",
+        frame="base",
+        meaning="force on each base",
+        labels=BASES,
+    )
+    base_torque = Output(
+        ("robots", 3),
+        unit="N*m",
+        frame="base",
+        meaning="torque on each base",
+        labels=BASES,
+    )
     joint_torque = Output(
         "joints",
         unit=Attribute("effort_units"),
@@ -132,22 +159,38 @@ class SpaceTruss(TrussBlock):
     )
     energy = Output(unit="J", meaning="kinetic and elastic energy")
     actuator_rates = Output(
-        "actuators", unit=Attribute("actuator_rate_units"), meaning="P_Q^T v, rates conjugate to Q"
+        "actuators",
+        unit=Attribute("actuator_rate_units"),
+        meaning="P_Q^T v, rates conjugate to Q",
     )
     modal_loss = Output(unit="W", meaning="power dissipated by modal damping")
     energy_account = EnergyAccount(
-        supplied=[("actuation", "actuator_rates")], stored="energy", dissipated="modal_loss"
+        supplied=[("actuation", "actuator_rates")],
+        stored="energy",
+        dissipated="modal_loss",
     )
 
     q = State(
-        "nq", initial="initial_coordinates", meaning="coordinates", labels=Attribute("coordinate_labels")
+        "nq",
+        initial="initial_coordinates",
+        meaning="coordinates",
+        labels=Attribute("coordinate_labels"),
     )
-    v = State("n", initial="initial_speeds", meaning="speeds", labels=Attribute("speed_labels"))
+    v = State(
+        "n",
+        initial="initial_speeds",
+        meaning="speeds",
+        labels=Attribute("speed_labels"),
+    )
 
     initial_coordinates = Parameter(shape=("nq",), meaning="q at the start")
     initial_speeds = Parameter(0.0, ("n",), meaning="v at the start")
-    frequency = Parameter(shape=("modes",), unit="Hz", above=0.0, meaning="natural frequencies")
-    damping_ratio = Parameter(shape=("modes",), minimum=0.0, meaning="damping ratio of each mode")
+    frequency = Parameter(
+        shape=("modes",), unit="Hz", above=0.0, meaning="natural frequencies"
+    )
+    damping_ratio = Parameter(
+        shape=("modes",), minimum=0.0, meaning="damping ratio of each mode"
+    )
 
     def __init__(
         self,
@@ -170,7 +213,9 @@ class SpaceTruss(TrussBlock):
             self.extra_ports = {"modal_force": force}
         start = dynamics.rest if start is None else start
         moving = {} if speeds is None else {"initial_speeds": speeds}
-        super().__init__(initial_coordinates=start, **moving, **self.truss_parameters(dynamics.modes))
+        super().__init__(
+            initial_coordinates=start, **moving, **self.truss_parameters(dynamics.modes)
+        )
 
     @classmethod
     def published(cls, *, modes: int = 6, arm: str = "literal") -> Self:
@@ -188,10 +233,14 @@ class SpaceTruss(TrussBlock):
             ``"literal"`` or ``"jaco"``.
         """
         truss = TrussModes.reconstructed().truncated(modes)
-        return cls(_dynamics(truss, arm, elastic_integrals=False), modal_actuation=False)
+        return cls(
+            _dynamics(truss, arm, elastic_integrals=False), modal_actuation=False
+        )
 
     @classmethod
-    def consistent(cls, *, modes: int = 6, arm: str = "literal", damping: float | None = None) -> Self:
+    def consistent(
+        cls, *, modes: int = 6, arm: str = "literal", damping: float | None = None
+    ) -> Self:
         """Return the physically consistent system of the same structure.
 
         It has exact truss integrals, actuator work on the modes, and structural damping.
@@ -270,7 +319,9 @@ class SpaceTruss(TrussBlock):
         kind, rest = self.dynamics.attitude, self.dynamics.rest
         attitude = kind.checked(frozen_array("attitude", attitude, (len(kind.rest),)))
         start = np.concatenate([rest[:3], attitude, rest[kind.end :]])
-        return type(self)(self.dynamics, modal_actuation=self.modal_actuation, start=start)
+        return type(self)(
+            self.dynamics, modal_actuation=self.modal_actuation, start=start
+        )
 
     def with_quaternion(self) -> Self:
         """Return the same plant in the same initial state, with a quaternion in place of Euler angles."""
@@ -281,11 +332,18 @@ class SpaceTruss(TrussBlock):
         return type(self)(
             replace(self.dynamics, attitude=QUATERNION),
             modal_actuation=self.modal_actuation,
-            start=np.concatenate([q[:3], turned.as_quat(canonical=True)[[3, 0, 1, 2]], q[kind.end :]]),
+            start=np.concatenate(
+                [q[:3], turned.as_quat(canonical=True)[[3, 0, 1, 2]], q[kind.end :]]
+            ),
             speeds=np.broadcast_to(self.parameters["initial_speeds"], self.n),
         )
 
-    def without(self, robot: int, coordinates: Vector | None = None, speeds: Vector | None = None) -> Self:
+    def without(
+        self,
+        robot: int,
+        coordinates: Vector | None = None,
+        speeds: Vector | None = None,
+    ) -> Self:
         """Return the plant after a robot has released the truss: truss and other robots in the same motion.
 
         Positions and speeds of the others are continuous. The released robot keeps its own momentum.
@@ -305,14 +363,21 @@ class SpaceTruss(TrussBlock):
             If the robot does not exist, or the state has the wrong size.
         """
         check_choice("robot", robot, range(1, self.robots + 1))
-        owner = np.repeat(np.arange(1, self.robots + 1), [arm.joints for arm in self.dynamics.arms])
-        stays, root = np.append(owner != robot, np.full(self.modes, True)), self.dynamics.attitude.end
+        owner = np.repeat(
+            np.arange(1, self.robots + 1), [arm.joints for arm in self.dynamics.arms]
+        )
+        stays, root = (
+            np.append(owner != robot, np.full(self.modes, True)),
+            self.dynamics.attitude.end,
+        )
         given = {"coordinates": coordinates, "speeds": speeds}
         q, v = (
             np.broadcast_to(self.parameters[f"initial_{name}"], size)
             if value is None
             else frozen_array(f"released robot: {name}", value, (size,))
-            for (name, value), size in zip(given.items(), (self.nq, self.n), strict=True)
+            for (name, value), size in zip(
+                given.items(), (self.nq, self.n), strict=True
+            )
         )
         others = [i for i in range(self.robots) if i != robot - 1]
         modes = self.dynamics.modes
@@ -375,7 +440,8 @@ class SpaceTruss(TrussBlock):
             "base_force": bases[:, :3],
             "base_torque": bases[:, 3:],
             "joint_torque": u.actuation[6 * self.robots :],
-            "disturbance": -solve_positive_definite(G, M_rf @ acceleration[rigid:]),  # Eq. 45
+            # Eq. 45
+            "disturbance": -solve_positive_definite(G, M_rf @ acceleration[rigid:]),
             "energy": (x.v @ terms.mass_matrix @ x.v + modal @ (omega**2 * modal)) / 2,
             "actuator_rates": terms.actuation_matrix.T @ x.v,
             "modal_loss": x.v[rigid:] @ (2 * p.damping_ratio * omega * x.v[rigid:]),
@@ -386,19 +452,27 @@ class SpaceTruss(TrussBlock):
         return {"q": self.dynamics.kinematics(x.q, x.v), "v": self._motion(x, u, p)[1]}
 
     @memoized
-    def _motion(self, x: Signals, u: Signals, p: Signals) -> tuple[DynamicsTerms, Array]:
+    def _motion(
+        self, x: Signals, u: Signals, p: Signals
+    ) -> tuple[DynamicsTerms, Array]:
         """Return the terms of the equations of motion, and the generalized accelerations."""
         terms = self.dynamics.evaluate(x.q, x.v, self.modal_data(p))
         active = terms.actuation_matrix @ u.actuation
         if not self.modal_actuation:
             active = np.concatenate([active[: self.rigid], u.modal_force])
         elastic = self.dynamics.elastic_force(x.q, x.v, p.frequency, p.damping_ratio)
-        return terms, solve_positive_definite(terms.mass_matrix, active + elastic - terms.bias)
+        return terms, solve_positive_definite(
+            terms.mass_matrix, active + elastic - terms.bias
+        )
 
 
 def _damping(ratio: float | None) -> float:
     if ratio is None:
-        return ParameterTable.shipped("space_truss.toml").table("modes").scalar("damping_ratio", "1")
+        return (
+            ParameterTable.shipped("space_truss.toml")
+            .table("modes")
+            .scalar("damping_ratio", "1")
+        )
     return ratio
 
 

@@ -25,8 +25,16 @@ class TrussBlock(Block):
         """
         self.dynamics = dynamics
         self.nq, self.rigid_q = dynamics.coordinates, dynamics.rigid_coordinates
-        self.n, self.rigid, self.modes = dynamics.freedoms, dynamics.rigid_freedoms, dynamics.modes.modes
-        self.robots, self.joints, self.actuators = len(dynamics.arms), dynamics.joints, dynamics.actuators
+        self.n, self.rigid, self.modes = (
+            dynamics.freedoms,
+            dynamics.rigid_freedoms,
+            dynamics.modes.modes,
+        )
+        self.robots, self.joints, self.actuators = (
+            len(dynamics.arms),
+            dynamics.joints,
+            dynamics.actuators,
+        )
         self.joint_units = tuple(joint.unit for joint in dynamics.joint_data)
         self.effort_units = tuple(joint.effort_unit for joint in dynamics.joint_data)
         self.task_units = ("m",) * 3 + ("rad",) * 3 + self.joint_units
@@ -41,8 +49,14 @@ class TrussBlock(Block):
             *(("m/s",) * 3 + ("rad/s",) * 3) * self.robots,
             *(f"{u}/s" for u in self.joint_units),
         )
-        self.actuator_units = (*(("N",) * 3 + ("N*m",) * 3) * self.robots, *self.effort_units)
-        robots, modes = tuple(range(1, self.robots + 1)), tuple(range(1, self.modes + 1))
+        self.actuator_units = (
+            *(("N",) * 3 + ("N*m",) * 3) * self.robots,
+            *self.effort_units,
+        )
+        robots, modes = (
+            tuple(range(1, self.robots + 1)),
+            tuple(range(1, self.modes + 1)),
+        )
         joints = tuple(
             f"theta_{i}_{j + 1}"
             for i, arm in zip(robots, dynamics.arms, strict=True)

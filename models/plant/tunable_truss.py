@@ -37,9 +37,15 @@ class TunableTruss(SpaceTruss):
 
     mass = Parameter(unit="kg", above=0.0, meaning="mass of the truss")
     first_moments = Parameter(shape=("shapes", 3), meaning="`ModalData.first_moments`")
-    second_moments = Parameter(shape=("shapes", "products"), meaning="`ModalData.second_moments`")
-    grasp_translations = Parameter(shape=("grasp_rows", "modes"), meaning="T, grasp by grasp")
-    grasp_rotations = Parameter(shape=("grasp_rows", "modes"), meaning="R, grasp by grasp")
+    second_moments = Parameter(
+        shape=("shapes", "products"), meaning="`ModalData.second_moments`"
+    )
+    grasp_translations = Parameter(
+        shape=("grasp_rows", "modes"), meaning="T, grasp by grasp"
+    )
+    grasp_rotations = Parameter(
+        shape=("grasp_rows", "modes"), meaning="R, grasp by grasp"
+    )
 
     def __init__(
         self,
@@ -49,9 +55,14 @@ class TunableTruss(SpaceTruss):
         start: Vector | None = None,
         speeds: Vector | None = None,
     ) -> None:
-        self.shapes, self.grasp_rows = dynamics.modes.modes + 1, 3 * dynamics.modes.grasps
+        self.shapes, self.grasp_rows = (
+            dynamics.modes.modes + 1,
+            3 * dynamics.modes.grasps,
+        )
         self.products = 9 * self.shapes
-        super().__init__(dynamics, modal_actuation=modal_actuation, start=start, speeds=speeds)
+        super().__init__(
+            dynamics, modal_actuation=modal_actuation, start=start, speeds=speeds
+        )
 
     def truss_parameters(self, truss: TrussModes) -> dict[str, Vector]:
         """Return the values of the truss parameters.
@@ -67,7 +78,9 @@ class TunableTruss(SpaceTruss):
             If number of modes or grasp points differ.
         """
         own, data = self.dynamics.modes, truss.data
-        if truss.modes != own.modes or not np.array_equal(truss.grasp_positions, own.grasp_positions):
+        if truss.modes != own.modes or not np.array_equal(
+            truss.grasp_positions, own.grasp_positions
+        ):
             raise ModelError(
                 f"a truss of {truss.modes} modes with grasp points {truss.grasp_positions.tolist()} m cannot "
                 f"replace one of {own.modes} modes with grasp points {own.grasp_positions.tolist()} m; "

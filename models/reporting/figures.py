@@ -101,7 +101,11 @@ class Panel:
 
 
 def drawing(
-    panels: Sequence[Panel], columns: int = 2, *, width: float = WIDTH, row_height: float = ROW_HEIGHT
+    panels: Sequence[Panel],
+    columns: int = 2,
+    *,
+    width: float = WIDTH,
+    row_height: float = ROW_HEIGHT,
 ) -> Figure:
     """Return a figure of panels, row by row.
 
@@ -115,7 +119,9 @@ def drawing(
         Width of the figure and height of a row [inch].
     """
     columns = min(columns, len(panels))
-    figure, cells = blank(-(-len(panels) // columns), columns, width=width, row_height=row_height)
+    figure, cells = blank(
+        -(-len(panels) // columns), columns, width=width, row_height=row_height
+    )
     for panel, cell in zip(panels, cells, strict=False):
         _draw(panel, cell)
     for cell in cells[len(panels) :]:
@@ -147,7 +153,9 @@ def _draw(panel: Panel, plot: Axes) -> None:
     for i, curve in enumerate(panel.curves):
         shown = slice(None)
         if panel.span is not None:
-            inside = np.flatnonzero((curve.x >= panel.span[0]) & (curve.x <= panel.span[1]))
+            inside = np.flatnonzero(
+                (curve.x >= panel.span[0]) & (curve.x <= panel.span[1])
+            )
             shown = slice(inside[0], inside[-1] + 1) if len(inside) else slice(0, 0)
         y = curve.y[shown]
         if panel.log:  # a start at rest would stretch the axis over ten decades
@@ -155,10 +163,16 @@ def _draw(panel: Panel, plot: Axes) -> None:
         k = (i if curve.number is None else curve.number) % len(COLOURS)
         look: dict[str, Any] = {"linestyle": STYLES[k], "linewidth": curve.width}
         if not curve.width:
-            look = {"linestyle": "none", "marker": MARKERS[k], "markerfacecolor": "none"}
+            look = {
+                "linestyle": "none",
+                "marker": MARKERS[k],
+                "markerfacecolor": "none",
+            }
         plot.plot(curve.x[shown], y, label=curve.label, color=COLOURS[k], **look)
     for level in panel.levels:
-        plot.axhline(level, color="0.35", linewidth=0.8, linestyle=(0, (4, 3)), zorder=0)
+        plot.axhline(
+            level, color="0.35", linewidth=0.8, linestyle=(0, (4, 3)), zorder=0
+        )
     for mark in panel.marks:
         plot.axvline(mark, color="0.75", linewidth=0.7, zorder=0)
     plot.set(xlabel=panel.x, ylabel=panel.y, yscale="log" if panel.log else "linear")
@@ -173,8 +187,16 @@ def _draw(panel: Panel, plot: Axes) -> None:
     if any(curve.label for curve in panel.curves):
         place: dict[str, Any] = {"ncols": 2}
         if not panel.legend_inside:
-            place = {"loc": "lower right", "bbox_to_anchor": (1.0, 0.98), "borderaxespad": 0.1}
-            place |= {"ncols": min(4, len(panel.curves)), "handlelength": 1.8, "columnspacing": 1.0}
+            place = {
+                "loc": "lower right",
+                "bbox_to_anchor": (1.0, 0.98),
+                "borderaxespad": 0.1,
+            }
+            place |= {
+                "ncols": min(4, len(panel.curves)),
+                "handlelength": 1.8,
+                "columnspacing": 1.0,
+            }
         plot.legend(fontsize="small", frameon=False, **place)
 
 
@@ -241,7 +263,9 @@ def save(figure: Figure, file: Path, *, small: bool = False) -> None:
         with Image.open(raw) as image:
             raw = io.BytesIO()
             # A median cut would mix the colours of curves.
-            few = image.convert("RGB").quantize(PALETTE_COLOURS, Image.Quantize.FASTOCTREE)
+            few = image.convert("RGB").quantize(
+                PALETTE_COLOURS, Image.Quantize.FASTOCTREE
+            )
             few.putpalette(
                 [255 if part == 254 else part for part in few.getpalette() or []]
             )  # white is white

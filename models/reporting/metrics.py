@@ -76,7 +76,11 @@ def tracking_metrics(
         component: ``"late position (norm)"`` [as the error].
     """
     late_rows = late_part(time, late)
-    parts: dict[str, Any] = {"peak": slice(None), "late": late_rows, "final": slice(-1, None)}
+    parts: dict[str, Any] = {
+        "peak": slice(None),
+        "late": late_rows,
+        "final": slice(-1, None),
+    }
     kinds = {"norm": largest_norm, "component": largest_component}
     return {
         f"{part} {name} ({kind})": largest(error[rows])

@@ -24,5 +24,7 @@ def prepared_folder(folder: Path) -> Path:
         with tempfile.TemporaryFile(dir=folder):
             pass
     except OSError as error:
-        raise ModelError(f"cannot write to the output folder '{folder}': {error}") from error
+        raise ModelError(
+            f"cannot write to the output folder '{folder}': {error}"
+        ) from error
     return folder

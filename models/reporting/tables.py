@@ -23,7 +23,8 @@ def text_table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
     widths = [max(len(line[i]) for line in lines) for i in range(len(header))]
     lines.insert(1, ["-" * width for width in widths])
     return "\n".join(
-        "  ".join(cell.ljust(w) for cell, w in zip(line, widths, strict=True)).rstrip() for line in lines
+        "  ".join(cell.ljust(w) for cell, w in zip(line, widths, strict=True)).rstrip()
+        for line in lines
     )
 
 
@@ -37,4 +38,6 @@ def html_table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
     """Return a table in HTML of `header` and `rows`, as for `text_table`; it scrolls where it is too wide."""
     lines = [f"<th>{'</th><th>'.join(map(escape, header))}</th>"]
     lines += [f"<td>{'</td><td>'.join(map(escape, row))}</td>" for row in rows]
-    return f'<div class="scroll"><table><tr>{"</tr><tr>".join(lines)}</tr></table></div>'
+    return (
+        f'<div class="scroll"><table><tr>{"</tr><tr>".join(lines)}</tr></table></div>'
+    )

@@ -131,10 +131,12 @@ def arm_terms(
             rotation = _turned(rotation, cosines[j], sines[j])
             screw = np.concatenate([cross(position, axis), axis])
         # The screw is fixed to both bodies of its joint and so moves with the inner one.
-        acceleration = acceleration + motion_product(velocity, screw) * joint_rates[j]  # Eq. 38
+        # Eq. 38
+        acceleration = acceleration + motion_product(velocity, screw) * joint_rates[j]
         velocity = velocity + screw * joint_rates[j]  # Eq. 36
         inertias.append(moved_inertia(arm.bodies[j + 1], rotation, position))
-        forces.append(inertial_force(inertias[-1], velocity, acceleration))  # rigid body in Eq. 23
+        # rigid body in Eq. 23
+        forces.append(inertial_force(inertias[-1], velocity, acceleration))
         screws.append(screw)
 
     # Inward pass, from base to hand: inertia and force of all bodies beyond each joint.
@@ -143,7 +145,8 @@ def arm_terms(
     coupling: list[Array] = [0.0] * arm.joints
     bias: list[Array] = [0.0] * arm.joints
     for j in reversed(range(arm.joints)):
-        coupling[j] = momentum(carried, screws[j])  # composite-rigid-body algorithm, Eq. 22
+        # composite-rigid-body algorithm, Eq. 22
+        coupling[j] = momentum(carried, screws[j])
         bias[j] = screws[j] @ force  # recursive Newton-Euler algorithm, Eq. 23
         for k in range(j + 1):
             matrix[j][k] = matrix[k][j] = screws[k] @ coupling[j]  # Eq. 22

@@ -85,14 +85,18 @@ def hand_motion(
     # The published Gamma = R is constant, so that its rate adds no bias.
     turn_acceleration = np.zeros(3)
     if exact:
-        turn_acceleration = cayley_bias_acceleration(rotation_vector, turning @ modal_rates)
+        turn_acceleration = cayley_bias_acceleration(
+            rotation_vector, turning @ modal_rates
+        )
         turning = cayley_rate_matrix(rotation_vector) @ turning
     lever = cross_matrix(position)
     modal_motion = np.concatenate([translation + lever @ turning, turning])
     relative = modal_motion @ modal_rates
     # Rate of the relative motion by the motion of the grasp point and the rate of Gamma.
     point_acceleration = np.cross(translation @ modal_rates, turning @ modal_rates)
-    own = np.concatenate([point_acceleration + lever @ turn_acceleration, turn_acceleration])
+    own = np.concatenate(
+        [point_acceleration + lever @ turn_acceleration, turn_acceleration]
+    )
     return HandMotion(
         rotation=cayley_rotation(rotation_vector),
         position=position,

@@ -115,19 +115,29 @@ class RobotArm:
         sizes = {"joints": joints, "bodies": joints + 1}
         for name, shape in _SHAPES.items():
             numbers = tuple(sizes[n] if isinstance(n, str) else n for n in shape)
-            object.__setattr__(self, name, frozen_array(f"{owner}: {name}", getattr(self, name), numbers))
+            object.__setattr__(
+                self,
+                name,
+                frozen_array(f"{owner}: {name}", getattr(self, name), numbers),
+            )
         base_mass = float(frozen_array(f"{owner}: base_mass", self.base_mass, ()))
         object.__setattr__(self, "base_mass", base_mass)
-        known = tuple(self.joint_data) or tuple(Joint(f"joint_{j + 1}") for j in range(joints))
+        known = tuple(self.joint_data) or tuple(
+            Joint(f"joint_{j + 1}") for j in range(joints)
+        )
         object.__setattr__(self, "joint_data", known)
         self._check(owner)
         base = SpatialInertia(base_mass, np.zeros(3), self.base_inertia)
         position = self.base_origin + self.base_rotation @ self.base_centroid
         links = [
             SpatialInertia(float(m), s, j)
-            for m, s, j in zip(self.masses, self.static_moments, self.inertias, strict=True)
+            for m, s, j in zip(
+                self.masses, self.static_moments, self.inertias, strict=True
+            )
         ]
-        links[-1] = combined(links[-1], moved_inertia(base, self.base_rotation, position))
+        links[-1] = combined(
+            links[-1], moved_inertia(base, self.base_rotation, position)
+        )
         object.__setattr__(self, "bodies", tuple(links))
         object.__setattr__(self, "base_position", position)
 
@@ -150,7 +160,9 @@ class RobotArm:
             ):
                 continue
             name = f"link {j}" if j else "link 0 (the hand)"
-            check_body(owner, name, self.masses[j], self.static_moments[j], self.inertias[j])
+            check_body(
+                owner, name, self.masses[j], self.static_moments[j], self.inertias[j]
+            )
         check_body(owner, "the base", self.base_mass, np.zeros(3), self.base_inertia)
 
     @property
@@ -217,8 +229,12 @@ class RobotArm:
         return cls(
             name=file.text("name"),
             hand_rotation=_rotation(hand),
-            joint_origins=np.reshape([table.array("origin", "m", (3,)) for table in links], (-1, 3)),
-            joint_rotations=np.reshape([_rotation(table) for table in links], (-1, 3, 3)),
+            joint_origins=np.reshape(
+                [table.array("origin", "m", (3,)) for table in links], (-1, 3)
+            ),
+            joint_rotations=np.reshape(
+                [_rotation(table) for table in links], (-1, 3, 3)
+            ),
             masses=np.array([body.mass for body in bodies]),
             static_moments=np.array([body.static_moment for body in bodies]),
             inertias=np.array([body.inertia for body in bodies]),
@@ -227,7 +243,9 @@ class RobotArm:
             base_centroid=base.array("centroid", "m", (3,)),
             base_mass=base.scalar("mass", "kg"),
             base_inertia=np.diag(base.array("inertia_about_centroid", "kg*m^2", (3,))),
-            rest_angles=file.table("posture").array("rest_angles", "rad", (len(links),)),
+            rest_angles=file.table("posture").array(
+                "rest_angles", "rad", (len(links),)
+            ),
         )
 
     @classmethod

@@ -19,7 +19,9 @@ from trussflow.models.validation import central_inertia, check_choice, frozen_ar
 _NOTHING = SpatialInertia(0.0, np.zeros(3), np.zeros((3, 3)))
 
 
-def chain(path: str | Path, hand: str, base: str, locked: Mapping[str, float | str]) -> dict[str, Any]:
+def chain(
+    path: str | Path, hand: str, base: str, locked: Mapping[str, float | str]
+) -> dict[str, Any]:
     """Return the arguments of `RobotArm` except the orientation of its hand.
 
     Parameters
@@ -40,14 +42,18 @@ def chain(path: str | Path, hand: str, base: str, locked: Mapping[str, float | s
     file, folder = Path(path).name, Path(path).resolve().parent
     for end in (hand, base):
         check_choice(f"link in {file}", end, tree.links)
-    movable = {joint.data.name: joint.data for joint in tree.joints.values() if joint.movable}
+    movable = {
+        joint.data.name: joint.data for joint in tree.joints.values() if joint.movable
+    }
     given, places_of = ParameterTable(locked, f"{file}, locked"), {}
     for name, value in locked.items():
         check_choice(f"movable joint in {file}", name, movable)
         if isinstance(value, str):
             places_of[name] = given.scalar(name, movable[name].unit)
         else:
-            places_of[name] = float(frozen_array(f"{file}: locked joint {name!r}", value, ()))
+            places_of[name] = float(
+                frozen_array(f"{file}: locked joint {name!r}", value, ())
+            )
     touching: dict[str, list[UrdfJoint]] = {name: [] for name in tree.links}
     for joint in tree.joints.values():
         touching[joint.parent].append(joint)
@@ -87,7 +93,8 @@ def chain(path: str | Path, hand: str, base: str, locked: Mapping[str, float | s
                 todo.append((beyond, link, after, len(bodies) - 1))
             else:
                 loose.append(joint)
-                todo.append((beyond, link, pose, body))  # to list all movable joints behind it
+                # to list all movable joints behind it
+                todo.append((beyond, link, pose, body))
     if loose:
         named = ", ".join(f"{joint.data.name!r}: 0.0" for joint in loose)
         raise loose[0].element.refused(
@@ -99,7 +106,9 @@ def chain(path: str | Path, hand: str, base: str, locked: Mapping[str, float | s
         own, bodies[-1] = moved_inertia(bodies[-1], *back), _NOTHING
     for name, one in zip(places, [*bodies[:-1], own], strict=True):
         if not one.mass:
-            raise tree.links[name].refused("neither it nor a link fixed to it has an <inertial>; add one")
+            raise tree.links[name].refused(
+                "neither it nor a link fixed to it has an <inertial>; add one"
+            )
     return {
         "name": tree.robot.attributes.get("name", file),
         "joint_origins": np.reshape([step.position for step in steps], (-1, 3)),
@@ -112,7 +121,9 @@ def chain(path: str | Path, hand: str, base: str, locked: Mapping[str, float | s
         "base_centroid": own.static_moment / own.mass,
         "base_mass": own.mass,
         "base_inertia": central_inertia(*own),
-        "rest_angles": np.array([np.clip(0.0, joint.lower, joint.upper) for joint in crossed]),
+        "rest_angles": np.array(
+            [np.clip(0.0, joint.lower, joint.upper) for joint in crossed]
+        ),
         "joint_data": tuple(crossed),
         "visuals": tuple(visuals),
     }
@@ -155,4 +166,6 @@ def _moved(joint: UrdfJoint, value: float) -> Pose:
 def _refuse_mimic(joint: UrdfJoint) -> None:
     mimic = joint.element.find("mimic")
     if mimic is not None:
-        raise mimic.refused(f"{joint.element.title} mimics another joint, which is not supported; lock it")
+        raise mimic.refused(
+            f"{joint.element.title} mimics another joint, which is not supported; lock it"
+        )

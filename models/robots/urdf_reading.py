@@ -41,7 +41,10 @@ class Pose(NamedTuple):
     position: Vector
 
     def __matmul__(self, other: Pose) -> Pose:
-        return Pose(self.rotation @ other.rotation, self.position + self.rotation @ other.position)
+        return Pose(
+            self.rotation @ other.rotation,
+            self.position + self.rotation @ other.position,
+        )
 
     def inverse(self) -> Pose:
         """Return the pose of the parent frame in the child frame."""
@@ -76,7 +79,11 @@ class Element:
     @property
     def title(self) -> str:
         """Name of the element in messages."""
-        return f"{self.tag} {self.attributes['name']!r}" if "name" in self.attributes else f"<{self.tag}>"
+        return (
+            f"{self.tag} {self.attributes['name']!r}"
+            if "name" in self.attributes
+            else f"<{self.tag}>"
+        )
 
     def find(self, tag: str) -> Element | None:
         """Return the child with that `tag`, or None; two of them raise `ModelError`."""
@@ -98,7 +105,9 @@ class Element:
             raise self.refused(f"attribute {name!r} is missing")
         return self.attributes[name]
 
-    def numbers(self, name: str, count: int, default: Sequence[float] | None = None) -> Vector:
+    def numbers(
+        self, name: str, count: int, default: Sequence[float] | None = None
+    ) -> Vector:
         """Return an attribute as `count` finite numbers [any].
 
         Parameters
@@ -123,7 +132,9 @@ class Element:
         except ValueError:
             numbers = np.full(count, np.nan)
         if numbers.shape != (count,) or not np.isfinite(numbers).all():
-            raise self.refused(f"{name} is {text!r}; it must be {count} finite number{'s' * (count > 1)}")
+            raise self.refused(
+                f"{name} is {text!r}; it must be {count} finite number{'s' * (count > 1)}"
+            )
         return numbers
 
     def number(self, name: str) -> float:
@@ -213,15 +224,21 @@ def read_urdf(path: str | Path) -> UrdfTree:
         raise robot.refused("the root element of a URDF file must be <robot>")
     for child in robot.children:
         if child.tag.startswith("xacro:"):
-            raise child.refused("macros are not expanded; run xacro first, and read its output")
+            raise child.refused(
+                "macros are not expanded; run xacro first, and read its output"
+            )
     links = _named(robot, "link")
-    bodies = {name: body for name, link in links.items() if (body := _body(link)) is not None}
+    bodies = {
+        name: body for name, link in links.items() if (body := _body(link)) is not None
+    }
     joints: dict[str, UrdfJoint] = {}
     for element in _named(robot, "joint").values():
         joint = _joint(element)
         for end in (joint.parent, joint.child):
             if end not in links:
-                raise element.refused(f"link {end!r} does not exist; there are: {', '.join(links)}")
+                raise element.refused(
+                    f"link {end!r} does not exist; there are: {', '.join(links)}"
+                )
         if joint.child in joints:
             other = joints[joint.child].element
             raise element.refused(
@@ -231,13 +248,18 @@ def read_urdf(path: str | Path) -> UrdfTree:
         joints[joint.child] = joint
     roots = [name for name in links if name not in joints]
     if len(roots) > 1:
-        raise links[roots[1]].refused(f"no joints connect it to {roots[0]!r}; all links must be one tree")
-    rooted = set(roots)  # links that are connected to the root; each joint is followed once
+        raise links[roots[1]].refused(
+            f"no joints connect it to {roots[0]!r}; all links must be one tree"
+        )
+    # links that are connected to the root; each joint is followed once
+    rooted = set(roots)
     for name in links:
         above, seen = name, set[str]()
         while above not in rooted:
             if above in seen:
-                raise joints[above].element.refused(f"it closes a cycle: link {above!r} is its own ancestor")
+                raise joints[above].element.refused(
+                    f"it closes a cycle: link {above!r} is its own ancestor"
+                )
             seen.add(above)
             above = joints[above].parent
         rooted |= seen
@@ -256,7 +278,9 @@ def _parsed(path: Path) -> Element:
 
     def refuse(*_: object) -> None:
         # Entities, which can expand a few lines to gigabytes, need such a declaration.
-        raise ModelError(f"refused to read {path.name}: it declares a document type, which URDF does not use")
+        raise ModelError(
+            f"refused to read {path.name}: it declares a document type, which URDF does not use"
+        )
 
     parser.StartElementHandler = enter
     parser.EndElementHandler = lambda _: opened.pop()
@@ -273,7 +297,9 @@ def _named(robot: Element, tag: str) -> dict[str, Element]:
         if child.tag == tag:
             name = child.text("name")
             if name in found:
-                raise child.refused(f"the name is already used ({found[name].place}); rename it")
+                raise child.refused(
+                    f"the name is already used ({found[name].place}); rename it"
+                )
             found[name] = child
     return found
 
@@ -285,11 +311,20 @@ def _body(link: Element) -> SpatialInertia | None:
         return None
     frame, given = inertial.origin(), inertial.child("inertia")
     mass = inertial.child("mass").number("value")
-    xx, xy, xz, yy, yz, zz = (given.number(f"i{axes}") for axes in ("xx", "xy", "xz", "yy", "yz", "zz"))
+    xx, xy, xz, yy, yz, zz = (
+        given.number(f"i{axes}") for axes in ("xx", "xy", "xz", "yy", "yz", "zz")
+    )
     central = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
     if mass == 0.0 and not central.any():
         return None
-    check_body(inertial.place, f"link {link.text('name')!r}", mass, np.zeros(3), central, thin=True)
+    check_body(
+        inertial.place,
+        f"link {link.text('name')!r}",
+        mass,
+        np.zeros(3),
+        central,
+        thin=True,
+    )
     return moved_inertia(SpatialInertia(mass, np.zeros(3), central), *frame)
 
 
@@ -297,25 +332,34 @@ def _joint(element: Element) -> UrdfJoint:
     """Return a joint."""
     kind = element.text("type")
     if kind not in JOINT_KINDS:
-        raise element.refused(f"joint type {kind!r} is not supported; the types are {', '.join(JOINT_KINDS)}")
+        raise element.refused(
+            f"joint type {kind!r} is not supported; the types are {', '.join(JOINT_KINDS)}"
+        )
     axis = np.array([0.0, 0.0, 1.0])
     if kind != "fixed":
         found = element.find("axis")
         axis = np.array([1.0, 0.0, 0.0]) if found is None else found.numbers("xyz", 3)
         length = np.linalg.norm(axis)
         if abs(length - 1.0) > _AXIS_SLACK:
-            raise element.refused(f"its axis has length {length:g}; it must be a unit vector")
+            raise element.refused(
+                f"its axis has length {length:g}; it must be a unit vector"
+            )
         axis = axis / length
     limit = element.find("limit")
     limits: dict[str, float] = {}
     if limit is not None and kind != "fixed":
-        limits = {"effort": _limit(limit, "effort", inf), "speed": _limit(limit, "velocity", inf)}
+        limits = {
+            "effort": _limit(limit, "effort", inf),
+            "speed": _limit(limit, "velocity", inf),
+        }
         if kind != "continuous":
             limits |= {end: _limit(limit, end, 0.0) for end in ("lower", "upper")}
     data = Joint(element.text("name"), kind == "prismatic", **limits)
     data.check(element.place)
     parent, child = (element.child(end).text("link") for end in ("parent", "child"))
-    return UrdfJoint(data, kind != "fixed", parent, child, element.origin(), axis, element)
+    return UrdfJoint(
+        data, kind != "fixed", parent, child, element.origin(), axis, element
+    )
 
 
 def _limit(limit: Element, name: str, default: float) -> float:

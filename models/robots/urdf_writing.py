@@ -29,16 +29,26 @@ def urdf_text(arm: RobotArm) -> str:
         names[:-1], arm.masses, arm.static_moments, arm.inertias, strict=True
     ):
         centre = moment / mass if mass else moment
-        lines += _link(name, mass, centre, central_inertia(mass, moment, inertia) if mass else inertia)
+        lines += _link(
+            name,
+            mass,
+            centre,
+            central_inertia(mass, moment, inertia) if mass else inertia,
+        )
     lines += _link("base", arm.base_mass, arm.base_centroid, arm.base_inertia)
-    origins, rotations = [*arm.joint_origins, arm.base_origin], [*arm.joint_rotations, arm.base_rotation]
+    origins, rotations = (
+        [*arm.joint_origins, arm.base_origin],
+        [*arm.joint_rotations, arm.base_rotation],
+    )
     for j, joint in enumerate([*arm.joint_data, None]):
         lines += _joint(joint, names[j : j + 2], origins[j], rotations[j])
     return "\n".join([*lines, "</robot>", ""])
 
 
 def _link(name: str, mass: float, centre: Vector, inertia: Vector) -> list[str]:
-    moments = {f"i{'xyz'[i]}{'xyz'[k]}": inertia[i, k] for i in range(3) for k in range(i, 3)}
+    moments = {
+        f"i{'xyz'[i]}{'xyz'[k]}": inertia[i, k] for i in range(3) for k in range(i, 3)
+    }
     return [
         f'  <link name="{name}">',
         "    <inertial>",
@@ -50,7 +60,9 @@ def _link(name: str, mass: float, centre: Vector, inertia: Vector) -> list[str]:
     ]
 
 
-def _joint(joint: Joint | None, ends: list[str], origin: Vector, rotation: Vector) -> list[str]:
+def _joint(
+    joint: Joint | None, ends: list[str], origin: Vector, rotation: Vector
+) -> list[str]:
     """Return the lines of a joint; None is the fixed joint of the base."""
     kind, name = "fixed", "base_mount"
     body = [
@@ -60,13 +72,23 @@ def _joint(joint: Joint | None, ends: list[str], origin: Vector, rotation: Vecto
     ]
     if joint is not None:
         name, limits = joint.name, np.array(joint[2:])
-        kind = "prismatic" if joint.sliding else "revolute" if np.isfinite(limits[:2]).any() else "continuous"
+        kind = (
+            "prismatic"
+            if joint.sliding
+            else "revolute"
+            if np.isfinite(limits[:2]).any()
+            else "continuous"
+        )
         body.append('    <axis xyz="0 0 1"/>')
         if kind == "prismatic" or np.isfinite(limits).any():
             # URDF has no infinity; the largest number represents it.
             lower, upper, effort, speed = np.nan_to_num(limits)
-            ends_of_way = {} if kind == "continuous" else {"lower": lower, "upper": upper}
-            body.append(f"    <limit {_numeric_attributes(**ends_of_way, effort=effort, velocity=speed)}/>")
+            ends_of_way = (
+                {} if kind == "continuous" else {"lower": lower, "upper": upper}
+            )
+            body.append(
+                f"    <limit {_numeric_attributes(**ends_of_way, effort=effort, velocity=speed)}/>"
+            )
     return [f'  <joint name={_quoted(name)} type="{kind}">', *body, "  </joint>"]
 
 

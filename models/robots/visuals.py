@@ -22,11 +22,17 @@ Triangles = tuple[Vector, NDArray[np.int_]]
 BOX_CORNERS = np.array([[(k >> axis) & 1 for axis in range(3)] for k in range(8)]) - 0.5
 """Corners of a unit cube [-]."""
 
-BOX_FACES = np.reshape([int(k) for k in "031023457476015054273267062046175137"], (12, 3))
+BOX_FACES = np.reshape(
+    [int(k) for k in "031023457476015054273267062046175137"], (12, 3)
+)
 """Triangles of a box, counterclockwise as seen from outside."""
 
 # Number of values in each attribute of a shape; a mesh has defaults.
-_SIZES = {"box": {"size": 3}, "cylinder": {"radius": 1, "length": 1}, "sphere": {"radius": 1}}
+_SIZES = {
+    "box": {"size": 3},
+    "cylinder": {"radius": 1, "length": 1},
+    "sphere": {"radius": 1},
+}
 _MESH = "mesh"
 _AROUND, _ALONG = 16, 8  # corners of round shapes around the axis and along it [-]
 
@@ -60,10 +66,18 @@ class Visual(NamedTuple):
     def trouble(self) -> str:
         """Reason why the shape cannot be drawn, without reading its file; empty if there is none."""
         if self.kind != _MESH:
-            return "" if self.kind in _SIZES else f"a {self.kind}, which is no shape of URDF"
+            return (
+                ""
+                if self.kind in _SIZES
+                else f"a {self.kind}, which is no shape of URDF"
+            )
         if self.file.suffix.lower() not in _READERS:
             return f"{self.file.name}, which is none of {', '.join(_READERS)}"
-        return "" if os.path.isfile(self.file) else f"{self.file.name}, which was not found"
+        return (
+            ""
+            if os.path.isfile(self.file)
+            else f"{self.file.name}, which was not found"
+        )
 
     def triangles(self) -> Triangles:
         """Return the triangles of the shape in the frame of its body.
@@ -84,13 +98,22 @@ class Visual(NamedTuple):
             return BOX_CORNERS * self.size, BOX_FACES
         if self.kind == "cylinder":
             radius, end = self.size[0], self.size[1] / 2.0
-            return _revolved(np.array([[0.0, -end], [radius, -end], [radius, end], [0.0, end]]))
+            return _revolved(
+                np.array([[0.0, -end], [radius, -end], [radius, end], [0.0, end]])
+            )
         if self.kind == "sphere":
             angles = np.linspace(0.0, np.pi, _ALONG + 1)
-            return _revolved(self.size[0] * np.stack([np.sin(angles), -np.cos(angles)], axis=1))
-        with Explained(lambda e: ModelError(f"{self.file.name}, which cannot be read: {e}")):
+            return _revolved(
+                self.size[0] * np.stack([np.sin(angles), -np.cos(angles)], axis=1)
+            )
+        with Explained(
+            lambda e: ModelError(f"{self.file.name}, which cannot be read: {e}")
+        ):
             points, faces = _READERS[self.file.suffix.lower()](self.file.read_bytes())
-            if not (np.isfinite(points).all() and 0 <= faces.min() <= faces.max() < len(points)):
+            if not (
+                np.isfinite(points).all()
+                and 0 <= faces.min() <= faces.max() < len(points)
+            ):
                 raise ValueError("its triangles have invalid corners")
         return points * self.size, faces
 
@@ -116,7 +139,10 @@ def visuals_of(link: Element, folder: Path, body: int, pose: Pose) -> Iterator[V
     """
     for visual in (child for child in link.children if child.tag == "visual"):
         for shape in visual.child("geometry").children:
-            sizes = {name: shape.numbers(name, n) for name, n in _SIZES.get(shape.tag, {}).items()}
+            sizes = {
+                name: shape.numbers(name, n)
+                for name, n in _SIZES.get(shape.tag, {}).items()
+            }
             size, file = np.concatenate([*sizes.values(), np.zeros(0)]), Path()
             if shape.tag == _MESH:
                 file = _located(shape.text("filename"), folder)
@@ -137,28 +163,41 @@ def _located(name: str, folder: Path) -> Path:
 def _revolved(profile: Vector) -> Triangles:
     """Return the surface of revolution about z of a profile of radii and heights."""
     angles = 2.0 * np.pi / _AROUND * np.arange(_AROUND)
-    rows = [np.stack([r * np.cos(angles), r * np.sin(angles), 0.0 * angles + z], axis=1) for r, z in profile]
+    rows = [
+        np.stack([r * np.cos(angles), r * np.sin(angles), 0.0 * angles + z], axis=1)
+        for r, z in profile
+    ]
     k, row = np.arange(_AROUND), _AROUND * np.arange(len(profile) - 1)[:, None]
     low, beside = row + k, row + (k + 1) % _AROUND
     faces = [[low, beside, beside + _AROUND], [low, beside + _AROUND, low + _AROUND]]
-    return np.concatenate(rows), np.concatenate([np.stack(each, axis=-1).reshape(-1, 3) for each in faces])
+    return np.concatenate(rows), np.concatenate(
+        [np.stack(each, axis=-1).reshape(-1, 3) for each in faces]
+    )
 
 
 def _stl(raw: bytes) -> Triangles:
     """Return the triangles of an STL file, binary or text."""
     count = int.from_bytes(raw[80:84], "little")
     if len(raw) == 84 + _FACET.itemsize * count:
-        points = np.frombuffer(raw, _FACET, count, 84)["corners"].reshape(-1, 3).astype(float)
+        points = (
+            np.frombuffer(raw, _FACET, count, 84)["corners"]
+            .reshape(-1, 3)
+            .astype(float)
+        )
     else:
         words = [line.split() for line in raw.decode().splitlines()]
-        points = np.array([line[1:4] for line in words if line[:1] == ["vertex"]], dtype=float)
+        points = np.array(
+            [line[1:4] for line in words if line[:1] == ["vertex"]], dtype=float
+        )
     return points, np.arange(len(points)).reshape(-1, 3)
 
 
 def _obj(raw: bytes) -> Triangles:
     """Return the triangles of a Wavefront OBJ file; polygons are divided into triangle fans."""
     points, faces = [], []
-    for word, *numbers in filter(None, map(str.split, raw.decode(errors="replace").splitlines())):
+    for word, *numbers in filter(
+        None, map(str.split, raw.decode(errors="replace").splitlines())
+    ):
         if word == "v":
             points.append([float(number) for number in numbers[:3]])
         elif word == "f":  # corner/texture/normal; counted from 1, or from -1 backwards

@@ -1,6 +1,8 @@
 """Transport missions of the paper: four robots carry the truss."""
 
-from trussflow.models.transport.mean_axes_wiring import mean_axes_transport as mean_axes_transport
+from trussflow.models.transport.mean_axes_wiring import (
+    mean_axes_transport as mean_axes_transport,
+)
 from trussflow.models.transport.mission import Mission as Mission
 from trussflow.models.transport.mission_file import MissionFile as MissionFile
 from trussflow.models.transport.results import check_run as check_run

@@ -10,7 +10,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast
 
 from trussflow.blocks.errors import DivergenceError, SimulationInterrupted
-from trussflow.blocks.framework.command_arguments import FAILED, Outcome, ended, json_of, parser_of
+from trussflow.blocks.framework.command_arguments import (
+    FAILED,
+    Outcome,
+    ended,
+    json_of,
+    parser_of,
+)
 from trussflow.blocks.results.dataset import save
 from trussflow.blocks.simulation.adaptive import METHODS
 from trussflow.blocks.simulation.solver import FIXED_STEP
@@ -20,7 +26,12 @@ from trussflow.models.reporting.output_folder import prepared_folder
 from trussflow.models.transport.figures import draw
 from trussflow.models.transport.index import write_index
 from trussflow.models.transport.mission import CASES
-from trussflow.models.transport.mission_file import COMMAND, HARDWARE_KINDS, MEAN_AXES, MissionFile
+from trussflow.models.transport.mission_file import (
+    COMMAND,
+    HARDWARE_KINDS,
+    MEAN_AXES,
+    MissionFile,
+)
 from trussflow.models.transport.mission_plant import ARMS, STRUCTURES
 from trussflow.models.transport.results import check_run
 from trussflow.models.transport.summary import summarize, table
@@ -56,18 +67,27 @@ def parser(prog: str = PROG) -> argparse.ArgumentParser:
     )
     flown = found.add_mutually_exclusive_group()
     flown.add_argument(
-        "mission", type=Path, nargs="?", help="mission file; 'trussflow new mission.toml' writes a template"
+        "mission",
+        type=Path,
+        nargs="?",
+        help="mission file; 'trussflow new mission.toml' writes a template",
     )
     # The default is text: argparse would not notice `--case 1` beside a file if the default were equal.
     flown.add_argument(
-        "--case", type=int, choices=CASES, default="1", help="mission of the paper; default: 1"
+        "--case",
+        type=int,
+        choices=CASES,
+        default="1",
+        help="mission of the paper; default: 1",
     )
     found.add_argument(
         "--plant",
         choices=STRUCTURES,
         help="model of the paper, exact equations, or also accurate at the grasp points",
     )
-    found.add_argument("--arm", choices=ARMS, help="arm: Table 2 as printed, or the Kinova JACO2")
+    found.add_argument(
+        "--arm", choices=ARMS, help="arm: Table 2 as printed, or the Kinova JACO2"
+    )
     found.add_argument(
         "--controller",
         choices=(*CONTROLLERS, MEAN_AXES),
@@ -83,19 +103,31 @@ def parser(prog: str = PROG) -> argparse.ArgumentParser:
         choices=ALLOCATIONS,
         help="Eq. 64, or feedback without work on the modes; the default depends on the plant",
     )
-    found.add_argument("--hardware", choices=HARDWARE_KINDS, help="hardware between controller and truss")
     found.add_argument(
-        "--infeasible", action="store_true", help="allow a path that is too fast for the actuators"
+        "--hardware",
+        choices=HARDWARE_KINDS,
+        help="hardware between controller and truss",
+    )
+    found.add_argument(
+        "--infeasible",
+        action="store_true",
+        help="allow a path that is too fast for the actuators",
     )
     found.add_argument("--duration", type=float, help="simulated time [s]; default: 80")
     found.add_argument("--step", type=float, help="step of fixed-step solvers [s]")
     found.add_argument(
-        "--solver", choices=(*FIXED_STEP, *METHODS), help=f"default: rk4; for PD {STIFF_SOLVER}"
+        "--solver",
+        choices=(*FIXED_STEP, *METHODS),
+        help=f"default: rk4; for PD {STIFF_SOLVER}",
     )
     found.add_argument(
-        "--explain", action="store_true", help="print all values with their files, without a run"
+        "--explain",
+        action="store_true",
+        help="print all values with their files, without a run",
     )
-    found.add_argument("--output", type=Path, help="folder for result, summary and figures")
+    found.add_argument(
+        "--output", type=Path, help="folder for result, summary and figures"
+    )
     return found
 
 
@@ -112,7 +144,11 @@ def settings_of(options: argparse.Namespace) -> dict[str, dict[str, object]]:
         "robots": {"arm": options.arm},
         "hardware": {"kind": options.hardware},
         "path": {"infeasible": "allowed" if options.infeasible else None},
-        "controller": {"law": options.controller, "observer": observer, "allocation": options.allocation},
+        "controller": {
+            "law": options.controller,
+            "observer": observer,
+            "allocation": options.allocation,
+        },
         "simulation": {"duration": duration, "step": step, "solver": solver},
     }
     return {
@@ -150,7 +186,9 @@ def fly(options: argparse.Namespace, command: str) -> Outcome:
         command=command,
         target=flown.target.tolist(),
     )
-    summary = report(check_run(result, flown.truss), flown, folder, wall, drawing=diagram.draw())
+    summary = report(
+        check_run(result, flown.truss), flown, folder, wall, drawing=diagram.draw()
+    )
     if failure:
         print(f"\n{failure}", file=sys.stderr)
     return Outcome(summary, code=FAILED if failure else 0)
@@ -167,7 +205,9 @@ def report(
         partial.write_text(json_of(summary) + "\n", encoding="utf-8")
     end = float(result["time"][-1])
     what = f"{flown.title}; {result.attrs['plant']} plant, {result.attrs['controller']}"
-    print(f"{what}: {end:g} s in {wall:.2f} s, {end / wall:.0f} x real time.{flown.cut}\n")
+    print(
+        f"{what}: {end:g} s in {wall:.2f} s, {end / wall:.0f} x real time.{flown.cut}\n"
+    )
     print(f"{table(figures)}\n", flush=True)
     if len(result["time"]) > 1:  # the replay needs two instants
         with told("writing the page"):

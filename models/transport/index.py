@@ -19,7 +19,12 @@ if TYPE_CHECKING:
 
 
 def write_index(
-    result: xr.Dataset, flown: MissionFile, figures: list[FigureOfMerit], folder: Path, *, drawing: str = ""
+    result: xr.Dataset,
+    flown: MissionFile,
+    figures: list[FigureOfMerit],
+    folder: Path,
+    *,
+    drawing: str = "",
 ) -> Path:
     """Write ``index.html`` with replay, summary, figures, parameters and provenance.
 
@@ -47,15 +52,22 @@ def write_index(
         If the result is not that of this mission, or the file cannot be written.
     """
     about = dict(result.attrs)
-    for long in ("parameters", "initial_states", "target"):  # too long; parameters have their own section
+    for long in ("parameters", "initial_states", "target"):
+        # too long; parameters have their own section
         about.pop(long, None)
     ended = "" if about.get("status") == "complete" else f", {about.get('status')}"
     sections = [
         Section("Summary", html_table(TITLES, cells(figures))),
         Section("Figures", _charts(result)),
         *([Section("Diagram", drawing)] if drawing else []),
-        Section("Parameters", html_table(("where", "value", "source"), _parameters(flown, result))),
-        Section("Provenance", html_table(("what", "value"), [(str(k), str(v)) for k, v in about.items()])),
+        Section(
+            "Parameters",
+            html_table(("where", "value", "source"), _parameters(flown, result)),
+        ),
+        Section(
+            "Provenance",
+            html_table(("what", "value"), [(str(k), str(v)) for k, v in about.items()]),
+        ),
     ]
     return replay(
         result,
@@ -68,8 +80,15 @@ def write_index(
 
 
 def _charts(result: xr.Dataset) -> str:
-    names = [name for group in DRAWINGS.values() for name in group if name in result and result[name].size]
-    chart = '<div class="chart"><h3>{}</h3><div class="plot" data-signal="{}"></div></div>'
+    names = [
+        name
+        for group in DRAWINGS.values()
+        for name in group
+        if name in result and result[name].size
+    ]
+    chart = (
+        '<div class="chart"><h3>{}</h3><div class="plot" data-signal="{}"></div></div>'
+    )
     return f'<div class="figures">{"".join(chart.format(n.replace("_", " "), n) for n in names)}</div>'
 
 
@@ -81,5 +100,10 @@ def _parameters(flown: MissionFile, result: xr.Dataset) -> list[tuple[str, ...]]
     files = ["space_truss.toml"] * (result.attrs["plant"] in STRUCTURES)
     files += [f"robot_arm_{arm}.toml" for arm in ARMS if arm in result.attrs["arm"]]
     listed = [row for file in files for row in ParameterTable.shipped(file).listed()]
-    rows += [(where, f"{value} {unit}", source) for where, value, unit, source in listed]
-    return [(where, readable(value.removesuffix(" 1")), source) for where, value, source in rows]
+    rows += [
+        (where, f"{value} {unit}", source) for where, value, unit, source in listed
+    ]
+    return [
+        (where, readable(value.removesuffix(" 1")), source)
+        for where, value, source in rows
+    ]

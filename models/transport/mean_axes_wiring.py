@@ -80,7 +80,11 @@ def mean_axes_transport(
             f"cannot control a truss of {truss.rigid} rigid coordinates by a model of "
             f"{believed.rigid_freedoms}; the model must have the same robots"
         )
-    given = path_of(mission, truss, design.sample_time) if path is None else path.sampled(design.sample_time)
+    given = (
+        path_of(mission, truss, design.sample_time)
+        if path is None
+        else path.sampled(design.sample_time)
+    )
     diagram = Diagram(f"{mission.name} by its mean axes")
     trajectory, controller = diagram.add(
         trajectory=given,
@@ -97,14 +101,20 @@ def mean_axes_transport(
         trajectory.port(name) >> controller.port(f"reference_{name}")
     if shares is not None:
         if path is not None:
-            raise ModelError("shares slow down the path of the mission; omit either shares or path")
+            raise ModelError(
+                "shares slow down the path of the mission; omit either shares or path"
+            )
         each = frozen_array("transport by mean axes: shares", shares, (truss.robots,))
 
         def smallest(effectiveness: Array) -> Array:
-            return np.min(np.where(effectiveness[: 6 * truss.robots : 6] < 1.0, each, 1.0))
+            return np.min(
+                np.where(effectiveness[: 6 * truss.robots : 6] < 1.0, each, 1.0)
+            )
 
         left = diagram.add(
-            left=Function(smallest, {"effectiveness": Input(truss.actuators)}, {"share": Output()})
+            left=Function(
+                smallest, {"effectiveness": Input(truss.actuators)}, {"share": Output()}
+            )
         )
         controller.effectiveness >> left.effectiveness
         left.share >> trajectory.share
@@ -114,7 +124,10 @@ def mean_axes_transport(
         controller.command >> truss.actuation
         controller.command >> controller.actuation
         return diagram
-    if hardware.sample_time != design.sample_time or hardware.delay < design.sample_time:
+    if (
+        hardware.sample_time != design.sample_time
+        or hardware.delay < design.sample_time
+    ):
         raise ModelError(
             f"the hardware has a sample time of {hardware.sample_time} s and a delay of {hardware.delay} s, "
             f"the controller a sample time of {design.sample_time} s: the sample times must be equal, and "

@@ -89,7 +89,10 @@ class Mission:
 
     @classmethod
     def of(
-        cls, file: LayeredFile, case: int | None = None, used: Callable[[str, str], bool] = lambda *_: True
+        cls,
+        file: LayeredFile,
+        case: int | None = None,
+        used: Callable[[str, str], bool] = lambda *_: True,
     ) -> Mission:
         """Return the mission of a file.
 
@@ -108,12 +111,16 @@ class Mission:
         ModelError
             If a value is missing or has the wrong unit or shape, or a time is not positive.
         """
-        path, controller, sliding = (file.table(name) for name in ("path", "controller", "sliding_mode"))
+        path, controller, sliding = (
+            file.table(name) for name in ("path", "controller", "sliding_mode")
+        )
         allocation, pd = file.table("allocation"), file.table("proportional_derivative")
         conventional = file.table("conventional_sliding_mode")
         gains = ("observer_bandwidth", "reaching_gain")
         needed = [key for key in gains if key in controller or used("controller", key)]
-        forces, torques = (allocation.array(f"{k}_weights", "1", (3,)) for k in ("force", "torque"))
+        forces, torques = (
+            allocation.array(f"{k}_weights", "1", (3,)) for k in ("force", "torque")
+        )
         found = cls(
             case=case,
             position=path.array("position", "m", (3,)),
@@ -121,8 +128,11 @@ class Mission:
             weights=np.concatenate([forces, torques]),
             surface_slope=conventional.scalar("surface_slope", "1/s"),
             conventional_switching_gain=conventional.scalar("switching_gain", "m/s^2"),
-            duration=np.inf if path.find("duration") == FASTEST else path.scalar("duration", "s"),
-            **dict.fromkeys(gains, np.nan) | controller.scalars(**dict.fromkeys(needed, "1/s")),
+            duration=np.inf
+            if path.find("duration") == FASTEST
+            else path.scalar("duration", "s"),
+            **dict.fromkeys(gains, np.nan)
+            | controller.scalars(**dict.fromkeys(needed, "1/s")),
             **sliding.scalars(rate_gain="1/s", error_gain="1/s^2", exponent="1"),
             **sliding.scalars(switching_gain="m/s^2", boundary_layer="m/s"),
             **allocation.scalars(joint_weight="1"),
@@ -156,4 +166,6 @@ class Mission:
         robots, joints : int
             Number of robots and of all joints together [-].
         """
-        return np.concatenate([np.tile(self.weights, robots), np.full(joints, self.joint_weight)])
+        return np.concatenate(
+            [np.tile(self.weights, robots), np.full(joints, self.joint_weight)]
+        )

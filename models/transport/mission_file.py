@@ -35,7 +35,12 @@ from trussflow.models.transport.mission import CASES, FASTEST, Mission
 from trussflow.models.transport.mission_path import path_from
 from trussflow.models.transport.mission_plant import SWITCHES, plant_of, truth_of
 from trussflow.models.transport.results import logged
-from trussflow.models.transport.wiring import ALLOCATIONS, CONTROLLERS, path_of, transport_diagram
+from trussflow.models.transport.wiring import (
+    ALLOCATIONS,
+    CONTROLLERS,
+    path_of,
+    transport_diagram,
+)
 from trussflow.models.validation import check_choice, check_number
 
 MEAN_AXES = "mean axes"
@@ -123,7 +128,9 @@ class MissionFile:
         ModelError
             If the file cannot be read, or has unknown, invalid or missing keys.
         """
-        given = ParameterTable({name: dict(table) for name, table in settings.items()}, COMMAND)
+        given = ParameterTable(
+            {name: dict(table) for name, table in settings.items()}, COMMAND
+        )
         return cls.of(LayeredFile.read(path, [given], "transport.toml"))
 
     @classmethod
@@ -172,7 +179,9 @@ class MissionFile:
         stated = _hardware(file, believed)  # read even if unused, to find errors in it
         hardware = stated if kind == "flight" else None
         used = _used_by(law, observer, kind)
-        mission = Mission.of(file, CASES[shipped.index(own)] if own in shipped else None, used)
+        mission = Mission.of(
+            file, CASES[shipped.index(own)] if own in shipped else None, used
+        )
         requested, way = mission.duration, file.table("path")
         limits = (hardware or Hardware.flight()).limits(believed)
         mission, path = path_from(file, mission, believed, limits)
@@ -198,10 +207,15 @@ class MissionFile:
         )
         file.refuse_others()
         check_number(
-            "simulation", log_every=found.log_every, duration=found.duration, step=found.mission.step
+            "simulation",
+            log_every=found.log_every,
+            duration=found.duration,
+            step=found.mission.step,
         )
         if law == MEAN_AXES and observer is not None:
-            raise controller.error("observer", "does not apply to the mean-axes law; omit it")
+            raise controller.error(
+                "observer", "does not apply to the mean-axes law; omit it"
+            )
         with file.blamed("hardware", "seed"):
             derived_seed(found.seed, 0)
         limited = hardware is not None or law == MEAN_AXES
@@ -214,7 +228,10 @@ class MissionFile:
                     f"is {mission.duration:g} s, but the actuators need at least {least:.4g} s for this "
                     f"path; increase it, or set duration = {FASTEST!r} or infeasible = 'allowed'",
                 )
-        return replace(found, told=tuple(told for key, told in sorted(file.told.items()) if used(*key)))
+        return replace(
+            found,
+            told=tuple(told for key, told in sorted(file.told.items()) if used(*key)),
+        )
 
     def diagram(self) -> Diagram:
         """Return the diagram of the closed loop.
@@ -231,7 +248,9 @@ class MissionFile:
             "path": self.path,
         }
         if self.law == MEAN_AXES:
-            return mean_axes_transport(self.mission, self.truss, design=self.design, **both)
+            return mean_axes_transport(
+                self.mission, self.truss, design=self.design, **both
+            )
         return transport_diagram(
             self.mission,
             self.truss,
@@ -250,8 +269,17 @@ class MissionFile:
             Diagram by `diagram`.
         """
         step = self.mission.step
-        log: dict[str, Port | str] = {**logged(diagram), **{name: name for name in self.log}}
-        return Simulator(diagram, step=step, solver=self.solver, log=log, log_step=self.log_every * step)
+        log: dict[str, Port | str] = {
+            **logged(diagram),
+            **{name: name for name in self.log},
+        }
+        return Simulator(
+            diagram,
+            step=step,
+            solver=self.solver,
+            log=log,
+            log_step=self.log_every * step,
+        )
 
     def said(self, key: str) -> str:
         """Return the value of a key as text, or the values of all robots.
@@ -261,7 +289,9 @@ class MissionFile:
         key : str
             Table and key, such as ``"structure.model"``.
         """
-        return ", ".join(told.value for told in self.told if sub(r"\[\d+\]", "", told.key) == key)
+        return ", ".join(
+            told.value for told in self.told if sub(r"\[\d+\]", "", told.key) == key
+        )
 
     @property
     def target(self) -> NDArray[np.float64]:
@@ -296,27 +326,37 @@ class MissionFile:
         least = self.least_duration()
         bound = f"The actuators need at least {least:.4g} s for the path"
         arms = self.truss.dynamics.arms
-        missing = dict.fromkeys((a.name, v.trouble) for a in arms for v in a.visuals if v.trouble)
-        undrawn = "".join(f"\nThe picture of {name} omits {trouble}." for name, trouble in missing)
-        return (
-            f"{self.title}\n\n{table}\n\n{bound}, which takes {self.mission.duration:g} s.{self.cut}{undrawn}"
+        missing = dict.fromkeys(
+            (a.name, v.trouble) for a in arms for v in a.visuals if v.trouble
         )
+        undrawn = "".join(
+            f"\nThe picture of {name} omits {trouble}." for name, trouble in missing
+        )
+        return f"{self.title}\n\n{table}\n\n{bound}, which takes {self.mission.duration:g} s.{self.cut}{undrawn}"
 
     @property
     def cut(self) -> str:
         """Remark if the simulation ends before the path; otherwise empty."""
         short = self.duration < self.mission.duration
-        return f" Only {self.duration:g} s are simulated, by simulation.duration." if short else ""
+        return (
+            f" Only {self.duration:g} s are simulated, by simulation.duration."
+            if short
+            else ""
+        )
 
 
 @cache
 def _tables() -> frozenset[str]:
     """Return the tables and top-level keys that a mission file may have."""
     shipped = LayeredFile.read(shipped_file("new_mission.toml"))
-    return frozenset({"uncertainties"}.union(*(layer.content for layer in shipped.layers)))
+    return frozenset(
+        {"uncertainties"}.union(*(layer.content for layer in shipped.layers))
+    )
 
 
-def _used_by(law: str, observer: bool | None, hardware: str) -> Callable[[str, str], bool]:
+def _used_by(
+    law: str, observer: bool | None, hardware: str
+) -> Callable[[str, str], bool]:
     """Return a function of table and key for whether the mission uses it."""
     sliding, flies = law in ("ismc", "smc"), hardware != "none"
     used = {
@@ -326,25 +366,36 @@ def _used_by(law: str, observer: bool | None, hardware: str) -> Callable[[str, s
         "proportional_derivative": law == "pd",
         "controller.allocation": sliding,
         "controller.observer": sliding,
-        "controller.observer_bandwidth": sliding and (law == "ismc" if observer is None else observer),
+        "controller.observer_bandwidth": sliding
+        and (law == "ismc" if observer is None else observer),
         "controller.reaching_gain": law == "ismc",
         "hardware.seed": flies,
-        **dict.fromkeys(ParameterTable.shipped("mean_axes.toml").content, law == MEAN_AXES),
+        **dict.fromkeys(
+            ParameterTable.shipped("mean_axes.toml").content, law == MEAN_AXES
+        ),
         **dict.fromkeys(ParameterTable.shipped("hardware.toml").content, flies),
     }
-    return lambda table, key: used.get(table.rpartition(".")[2], True) and used.get(f"{table}.{key}", True)
+    return lambda table, key: (
+        used.get(table.rpartition(".")[2], True) and used.get(f"{table}.{key}", True)
+    )
 
 
 def _hardware(file: LayeredFile, truss: SpaceTruss) -> Hardware:
     """Return the hardware of a file; tables of a robot override it for that robot."""
     stated, each, torques = Hardware.of(file), [], []
-    for arm, robot in zip(truss.dynamics.arms, file.elements("robots", truss.robots), strict=True):
+    for arm, robot in zip(
+        truss.dynamics.arms, file.elements("robots", truss.robots), strict=True
+    ):
         own = file.within(robot.name, "thrusters", "wheels", "joints")
         each.append(Hardware.of(own))
         torques += [own.table("joints").scalar("torque", "N*m")] * arm.joints
         if each[-1].gyroscopic != stated.gyroscopic:
-            raise own.table("wheels").error("gyroscopic", "must be equal for all robots; set it in [wheels]")
+            raise own.table("wheels").error(
+                "gyroscopic", "must be equal for all robots; set it in [wheels]"
+            )
     if not any("." in table for table, _ in file.told):
         return stated
-    parts: dict[str, Any] = {name: tuple(getattr(h, name) for h in each) for name in ("thrusters", "wheels")}
+    parts: dict[str, Any] = {
+        name: tuple(getattr(h, name) for h in each) for name in ("thrusters", "wheels")
+    }
     return replace(stated, drives=partial(JointDrives, torque=torques), **parts)

@@ -49,20 +49,33 @@ def path_from(
     """
     table = file.table("path")
     ways = _waypoints(table)
-    shaping = table.choice("shaping", ("none", *SHAPERS)) if "shaping" in table else "none"
+    shaping = (
+        table.choice("shaping", ("none", *SHAPERS)) if "shaping" in table else "none"
+    )
     optional = {"strength": "1", "speed": "m/s", "turn_rate": "rad/s"}
-    given = {key: table.scalar(key, unit) for key, unit in optional.items() if key in table}
+    given = {
+        key: table.scalar(key, unit) for key, unit in optional.items() if key in table
+    }
     if mission.duration < np.inf and not given and len(ways) == 2 and shaping == "none":
         return mission, None
-    kind, start = truss.dynamics.attitude, truss.parameters["initial_coordinates"][: truss.rigid_q]
+    kind, start = (
+        truss.dynamics.attitude,
+        truss.parameters["initial_coordinates"][: truss.rigid_q],
+    )
     if kind != EULER and shaping != "none":
-        raise table.error("shaping", "adds paths, which is not possible with quaternions; omit it")
+        raise table.error(
+            "shaping", "adds paths, which is not possible with quaternions; omit it"
+        )
     for key, most in {"strength": 1.0, "speed": np.inf, "turn_rate": np.inf}.items():
         if not 0.0 < given.get(key, most) <= most:
             raise table.error(
-                key, f"is {given[key]:g}; it must be above 0" + " and at most 1" * (most == 1.0)
+                key,
+                f"is {given[key]:g}; it must be above 0"
+                + " and at most 1" * (most == 1.0),
             )
-    ways = np.pad(ways if kind == EULER else _by_quarters(ways), ((0, 0), (0, truss.joints)))
+    ways = np.pad(
+        ways if kind == EULER else _by_quarters(ways), ((0, 0), (0, truss.joints))
+    )
     rows = np.array([moved(kind, start, way) for way in ways])
     far = np.append(0.0, np.cumsum(np.linalg.norm(np.diff(ways, axis=0), axis=1)))
     if len(rows) > 2 and not np.all(np.diff(far) > 0.0):
@@ -75,16 +88,23 @@ def path_from(
                 truss, rows[:, : kind.end], share * limits, velocity=np.repeat(limit, 3)
             )
     elif given:
-        raise table.error(min(given), f"requires duration = {FASTEST!r}; omit it otherwise")
+        raise table.error(
+            min(given), f"requires duration = {FASTEST!r}; omit it otherwise"
+        )
     elif len(rows) > 2:
         path = TrussPath.through(truss, mission.duration * far / far[-1], rows)
     else:
-        path = Quintic(rows[1] - rows[0], mission.duration, start=rows[0], unit=truss.task_units)
+        path = Quintic(
+            rows[1] - rows[0], mission.duration, start=rows[0], unit=truss.task_units
+        )
     if shaping != "none":
         if not truss.modes:
             raise table.error("shaping", "needs a mode, and this truss has none")
         free = FreeModes.of(truss.dynamics, 1)
-        first, damping = float(free.frequencies[0]) / (2.0 * np.pi), float(free.damping_ratios[0])
+        first, damping = (
+            float(free.frequencies[0]) / (2.0 * np.pi),
+            float(free.damping_ratios[0]),
+        )
         path = ShapedTrajectory(path, first, damping=damping, kind=shaping)
     return replace(mission, duration=max(path.breakpoints())), path
 
@@ -103,11 +123,15 @@ def _waypoints(table: LayeredTable) -> Vector:
     parts = []
     for key, unit in WAYPOINT_UNITS.items():
         name, end = f"through_{key}", table.array(key, unit, (3,))
-        between = table.array(name, unit, (None, 3)) if name in table else np.zeros((0, 3))
+        between = (
+            table.array(name, unit, (None, 3)) if name in table else np.zeros((0, 3))
+        )
         parts.append(np.vstack([np.zeros(3), between, end]))
     position, attitude = parts
     if len(position) != len(attitude):
-        name = "through_position" if len(position) > len(attitude) else "through_attitude"
+        name = (
+            "through_position" if len(position) > len(attitude) else "through_attitude"
+        )
         raise table.error(
             name,
             f"has {abs(len(position) - len(attitude))} more rows than the other of through_position and "

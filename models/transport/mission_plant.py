@@ -53,10 +53,13 @@ def plant_of(file: LayeredFile) -> tuple[SpaceTruss, NDArray[np.int_] | None]:
     structure, folder = file.table("structure"), file.folder
     model = structure.choice("model", (*STRUCTURES, FRAME, NASTRAN, MATRICES))
     modes = {"modes": structure.whole("modes")} if "modes" in structure else {}
-    damping = {"damping": structure.scalar("damping", "1")} if "damping" in structure else {}
+    damping = (
+        {"damping": structure.scalar("damping", "1")} if "damping" in structure else {}
+    )
     if model == "published" and damping:
         raise structure.error(
-            "damping", "does not apply to the undamped published model; choose another model"
+            "damping",
+            "does not apply to the undamped published model; choose another model",
         )
     blamed = structure.file.blamed
     if model in STRUCTURES:
@@ -65,11 +68,16 @@ def plant_of(file: LayeredFile) -> tuple[SpaceTruss, NDArray[np.int_] | None]:
         dynamics = replace(truss.dynamics, arms=_arms(file, truss.robots))
         truss = SpaceTruss(dynamics, modal_actuation=truss.modal_actuation)
     else:
-        grasps = [set(nodes) if len(nodes) > 1 else nodes[0] for nodes in structure.rows("grasps")]
+        grasps = [
+            set(nodes) if len(nodes) > 1 else nodes[0]
+            for nodes in structure.rows("grasps")
+        ]
         with blamed("structure", "stiffness" if model == MATRICES else "file"):
             body = _structure(model, structure, folder)
         with blamed("structure", "grasps"):
-            flexible = reduced_modes(body, modes.get("modes", 6), grasps, **_shapes(structure))
+            flexible = reduced_modes(
+                body, modes.get("modes", 6), grasps, **_shapes(structure)
+            )
             flexible = flexible.damped(damping.get("damping", 0.0))
         arms = _arms(file, len(grasps))
         dynamics = TrussDynamics(modes=flexible, arms=arms, elastic_integrals=True)
@@ -100,7 +108,11 @@ def truth_of(file: LayeredFile, believed: SpaceTruss) -> SpaceTruss:
         If a value of the table is invalid.
     """
     table, modes = file.table("uncertainties"), believed.dynamics.modes
-    given = {key: table.scalar(key, unit) for key, unit in UNCERTAINTY_UNITS.items() if key in table}
+    given = {
+        key: table.scalar(key, unit)
+        for key, unit in UNCERTAINTY_UNITS.items()
+        if key in table
+    }
     damping = table.array("damping", "1", (2,)) if "damping" in table else None
     draw = table.whole("draw") if "draw" in table else None
     for key, value in given.items():
@@ -108,9 +120,14 @@ def truth_of(file: LayeredFile, believed: SpaceTruss) -> SpaceTruss:
             below = "" if key == "payload" else " and below 1"
             raise table.error(key, f"is {value:g}; it must be at least 0{below}")
     if damping is not None and not 0.0 <= damping[0] <= damping[1] < 1.0:
-        raise table.error("damping", "must be a lower and an upper bound, from 0 to below 1")
+        raise table.error(
+            "damping", "must be a lower and an upper bound, from 0 to below 1"
+        )
     if draw is None and (given or damping is not None):
-        raise table.error(next(iter([*given, "damping"])), "has no effect without a sample: set draw = 1")
+        raise table.error(
+            next(iter([*given, "damping"])),
+            "has no effect without a sample: set draw = 1",
+        )
     if draw is not None and draw < 0:
         raise table.error("draw", f"is {draw}; it must be 0 (nominal) or above")
     if not draw:
@@ -122,20 +139,31 @@ def truth_of(file: LayeredFile, believed: SpaceTruss) -> SpaceTruss:
         for key, chance in zip(("mass", "frequency"), chances, strict=True)
     }
     far = modes.positions[np.argmax(np.linalg.norm(modes.positions, axis=1))]
-    flown = loaded(scaled(modes.damped(0.0), **factors), far, loading * given.get("payload", 0.0))
+    flown = loaded(
+        scaled(modes.damped(0.0), **factors), far, loading * given.get("payload", 0.0)
+    )
     if damping is None:
         flown = replace(flown, damping_ratios=modes.damping_ratios)
     else:
         flown = flown.damped(damping[0] + damped * (damping[1] - damping[0]))
-    dynamics, start = replace(believed.dynamics, modes=flown), believed.parameters["initial_coordinates"]
+    dynamics, start = (
+        replace(believed.dynamics, modes=flown),
+        believed.parameters["initial_coordinates"],
+    )
     return SpaceTruss(dynamics, modal_actuation=believed.modal_actuation, start=start)
 
 
 def _structure(model: str, table: LayeredTable, folder: Path) -> Structure:
     """Return a user-defined structure."""
     if model == MATRICES:
-        files = {key: folder / table.text(key) for key in ("mass", "stiffness", "positions")}
-        given: dict[str, Any] = {**files, "units": table.texts("units"), "source": files["stiffness"].name}
+        files = {
+            key: folder / table.text(key) for key in ("mass", "stiffness", "positions")
+        }
+        given: dict[str, Any] = {
+            **files,
+            "units": table.texts("units"),
+            "source": files["stiffness"].name,
+        }
         return Structure.from_matrices(**given)
     file = folder / table.text("file")
     if model == FRAME:
@@ -176,10 +204,14 @@ def _arm(robot: LayeredTable, folder: Path) -> RobotArm:
         locked = robot.mapping("locked") if "locked" in robot else {}
         if not all(isinstance(place, str) for place in locked.values()):
             raise robot.error(
-                "locked", "must give each joint a coordinate with its unit, such as {finger = '0.04 m'}"
+                "locked",
+                "must give each joint a coordinate with its unit, such as {finger = '0.04 m'}",
             )
         arm = RobotArm.from_urdf(
-            folder / name, hand=robot.text("hand"), base=robot.text("base"), locked=locked
+            folder / name,
+            hand=robot.text("hand"),
+            base=robot.text("base"),
+            locked=locked,
         )
     else:
         choices = ", ".join((*ARMS, "FILE.urdf", "FILE.toml"))
@@ -187,12 +219,16 @@ def _arm(robot: LayeredTable, folder: Path) -> RobotArm:
     for key in ("hand", "base", "locked"):
         # An arm of the command line replaces a URDF file of the mission file, and its links with it.
         if key in robot and kind != URDF and robot.layer(key) is robot.layer("arm"):
-            raise robot.error(key, f"applies to a URDF file only, and the arm is {name!r}; omit it")
+            raise robot.error(
+                key, f"applies to a URDF file only, and the arm is {name!r}; omit it"
+            )
     if "rotation" in robot:
         turn = fixed_rotation(robot.array("rotation", "rad", (3,)))
         arm = replace(arm, hand_rotation=turn @ arm.hand_rotation)
     if "bus_mass" in robot:
         mass = robot.scalar("bus_mass", "kg")
         check_number("robot", bus_mass=mass)
-        arm = replace(arm, base_mass=mass, base_inertia=arm.base_inertia * (mass / arm.base_mass))
+        arm = replace(
+            arm, base_mass=mass, base_inertia=arm.base_inertia * (mass / arm.base_mass)
+        )
     return arm

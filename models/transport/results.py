@@ -39,14 +39,21 @@ def logged(diagram: Diagram) -> dict[str, Port]:
     diagram : Diagram
         Closed loop of a mission.
     """
-    truss, errors, law = (diagram.blocks[name] for name in ("truss", "errors", "controller"))
+    truss, errors, law = (
+        diagram.blocks[name] for name in ("truss", "errors", "controller")
+    )
     model = diagram.blocks.get("model")
     ports: dict[str, Port] = {}
     for port, position, attitude, joints in (
         (truss.task_position, "position", "attitude", "joint_angle"),
         (truss.task_velocity, "velocity", "attitude_rate", "joint_rate"),
         (errors.error, "position_error", "attitude_error", "joint_error"),
-        (errors.error_rate, "position_error_rate", "attitude_error_rate", "joint_error_rate"),
+        (
+            errors.error_rate,
+            "position_error_rate",
+            "attitude_error_rate",
+            "joint_error_rate",
+        ),
     ):
         end = port.size - truss.joints
         ports |= {position: port[:3], attitude: port[3:end]}
@@ -89,11 +96,17 @@ def check_run(result: xr.Dataset, truss: SpaceTruss) -> xr.Dataset:
         )
     beyond = []
     owners = [k for k, arm in enumerate(truss.dynamics.arms, 1) for _ in arm.joint_data]
-    for i, (joint, robot) in enumerate(zip(truss.dynamics.joint_data, owners, strict=True)):
+    for i, (joint, robot) in enumerate(
+        zip(truss.dynamics.joint_data, owners, strict=True)
+    ):
         angle = result["joint_angle"].values[:, i]
         far = max(joint.lower - angle.min(), angle.max() - joint.upper)
         if far > JOINT_LIMIT_TOLERANCE:
-            beyond.append(f"{joint.name!r} of robot {robot} moves {far:.2g} {joint.unit} beyond its limits")
+            beyond.append(
+                f"{joint.name!r} of robot {robot} moves {far:.2g} {joint.unit} beyond its limits"
+            )
     if beyond:
-        warn(f"joint {', '.join(beyond)}; there are no end stops: choose other rest angles or another path")
+        warn(
+            f"joint {', '.join(beyond)}; there are no end stops: choose other rest angles or another path"
+        )
     return result.assign_attrs(deflection=bent)

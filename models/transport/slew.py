@@ -36,7 +36,9 @@ class Slew(Quintic):
         Start time of the motion [s].
     """
 
-    position = Output("places", unit=Attribute("place_units"), meaning="reference position")
+    position = Output(
+        "places", unit=Attribute("place_units"), meaning="reference position"
+    )
     start = Parameter(shape="places", meaning="position at the start")
 
     def __init__(
@@ -51,7 +53,12 @@ class Slew(Quintic):
         self.places, self.place_units = truss.rigid_q, truss.position_units
         start = truss.parameters["initial_coordinates"][: truss.rigid_q]
         super().__init__(
-            displacement, duration, *more, start=start, start_time=start_time, unit=truss.task_units
+            displacement,
+            duration,
+            *more,
+            start=start,
+            start_time=start_time,
+            unit=truss.task_units,
         )
 
     def moved(self, start: Array, way: Array) -> Array:

@@ -7,7 +7,11 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from trussflow.blocks.framework.units import readable
-from trussflow.models.reporting.metrics import largest_component, largest_norm, tracking_metrics
+from trussflow.models.reporting.metrics import (
+    largest_component,
+    largest_norm,
+    tracking_metrics,
+)
 from trussflow.models.reporting.tables import text_table
 from trussflow.models.transport.mission import Mission
 
@@ -43,7 +47,10 @@ def summarize(result: xr.Dataset, mission: Mission) -> list[FigureOfMerit]:
     mission : Mission
         Simulated mission.
     """
-    errors = {f"{name} error": result[f"{name}_error"].values for name in ("position", "attitude")}
+    errors = {
+        f"{name} error": result[f"{name}_error"].values
+        for name in ("position", "attitude")
+    }
     found = tracking_metrics(result["time"].values, errors)
     largest = [
         (f"{part} {name}", found[f"{part} {name} (component)"], unit)
@@ -51,11 +58,20 @@ def summarize(result: xr.Dataset, mission: Mission) -> list[FigureOfMerit]:
         for part in ("peak", "final")
     ]
     forces = np.abs(result["base_force"].values).max(axis=(0, 2))
-    largest += [(f"peak base force, Robot {i}", float(force), "N") for i, force in enumerate(forces, 1)]
-    largest.append(("peak base torque", largest_component(result["base_torque"]), "N*m"))
+    largest += [
+        (f"peak base force, Robot {i}", float(force), "N")
+        for i, force in enumerate(forces, 1)
+    ]
+    largest.append(
+        ("peak base torque", largest_component(result["base_torque"]), "N*m")
+    )
     if "joint_error" in result:
-        peak, torque = (largest_component(result[name]) for name in ("joint_error", "joint_torque"))
-        largest.append(("peak joint error", peak, result["joint_error"].attrs.get("units", "rad")))
+        peak, torque = (
+            largest_component(result[name]) for name in ("joint_error", "joint_torque")
+        )
+        largest.append(
+            ("peak joint error", peak, result["joint_error"].attrs.get("units", "rad"))
+        )
         largest.append(("peak joint torque", torque, "N*m"))
     bent = largest_component(result["grasp_displacement"].values[:, -1])
     largest.append(("peak elastic displacement, last grasp", bent, "m"))
@@ -64,8 +80,12 @@ def summarize(result: xr.Dataset, mission: Mission) -> list[FigureOfMerit]:
     if result.attrs.get("observer", 0):
         # The initial error decays as exp(-L t); of a very short run the second half is evaluated.
         late = time >= min(5 / mission.observer_bandwidth, time[-1] / 2)
-        error = largest_norm((result["disturbance_estimate"] - result["disturbance"]).values[late])
-        figures.append(FigureOfMerit("peak disturbance estimation error (norm)", error, "m/s^2"))
+        error = largest_norm(
+            (result["disturbance_estimate"] - result["disturbance"]).values[late]
+        )
+        figures.append(
+            FigureOfMerit("peak disturbance estimation error (norm)", error, "m/s^2")
+        )
     return figures
 
 

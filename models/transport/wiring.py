@@ -7,7 +7,10 @@ from dataclasses import replace
 from trussflow.blocks.control.allocation import WeightedAllocation
 from trussflow.blocks.control.disturbance_observer import DisturbanceObserver
 from trussflow.blocks.control.pd import PD
-from trussflow.blocks.control.sliding_mode import ConventionalSlidingMode, IntegralSlidingMode
+from trussflow.blocks.control.sliding_mode import (
+    ConventionalSlidingMode,
+    IntegralSlidingMode,
+)
 from trussflow.blocks.control.time_scaling import RetimedQuintic
 from trussflow.blocks.control.trajectory import Quintic, Trajectory
 from trussflow.blocks.framework.block import Block
@@ -129,7 +132,9 @@ def transport_diagram(
         demand = model.generalized_force
     if observer and controller != "pd":
         estimator = diagram.add(
-            observer=DisturbanceObserver(mission.observer_bandwidth, unit=truss.task_units)
+            observer=DisturbanceObserver(
+                mission.observer_bandwidth, unit=truss.task_units
+            )
         )
         seen.rigid_speeds >> estimator.velocity
         model.nominal_acceleration >> estimator.nominal_acceleration
@@ -137,7 +142,9 @@ def transport_diagram(
     weights = mission.actuator_weights(truss.robots, truss.joints)
     if allocation == "published" or controller == "pd":
         sharing = diagram.add(
-            allocation=WeightedAllocation(truss.rigid, weights, command_unit=truss.actuator_units)
+            allocation=WeightedAllocation(
+                truss.rigid, weights, command_unit=truss.actuator_units
+            )
         )
         demand >> sharing.demand
         model.actuation_matrix >> sharing.effectiveness
@@ -147,8 +154,12 @@ def transport_diagram(
     # [u_fb; 0] by the full P_Q, without work on the modes. For the feedforward this would need much
     # larger base torques, so that it is allocated by Eq. 64.
     ahead, back = diagram.add(
-        feedforward_allocation=WeightedAllocation(truss.rigid, weights, command_unit=truss.actuator_units),
-        feedback_allocation=WeightedAllocation(model.n, weights, command_unit=truss.actuator_units),
+        feedforward_allocation=WeightedAllocation(
+            truss.rigid, weights, command_unit=truss.actuator_units
+        ),
+        feedback_allocation=WeightedAllocation(
+            model.n, weights, command_unit=truss.actuator_units
+        ),
     )
     model.feedforward_force >> ahead.demand
     model.actuation_matrix >> ahead.effectiveness
@@ -177,7 +188,9 @@ def compare(errors: TaskErrors, trajectory: Trajectory, measured: Block) -> None
     measured.task_velocity >> errors.velocity
 
 
-def path_of(mission: Mission, truss: SpaceTruss, sample_time: float | None = None) -> Quintic:
+def path_of(
+    mission: Mission, truss: SpaceTruss, sample_time: float | None = None
+) -> Quintic:
     """Return the path of a mission from the initial position of the truss.
 
     Parameters

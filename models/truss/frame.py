@@ -14,11 +14,20 @@ import scipy
 
 from trussflow.blocks.support.types import Vector
 from trussflow.models.errors import ModelError
-from trussflow.models.geometry.spatial import SpatialInertia, inertia_matrix, moved_inertia
+from trussflow.models.geometry.spatial import (
+    SpatialInertia,
+    inertia_matrix,
+    moved_inertia,
+)
 from trussflow.models.parameter_files import ParameterTable
 from trussflow.models.truss.stiffness import Rigidity, assembled_stiffness
 from trussflow.models.truss.structure import Structure
-from trussflow.models.validation import check_body, check_choice, check_number, frozen_array
+from trussflow.models.validation import (
+    check_body,
+    check_choice,
+    check_number,
+    frozen_array,
+)
 
 # Least distance of two nodes, relative to the size of the frame.
 _SAME_PLACE = 1e-6
@@ -103,7 +112,9 @@ class Frame:
         positions = frozen_array(f"{self.source}: positions", self.positions, (None, 3))
         object.__setattr__(self, "positions", positions)
         if not self.members:
-            raise ModelError(f"{self.source}: there are no members; a frame needs at least one")
+            raise ModelError(
+                f"{self.source}: there are no members; a frame needs at least one"
+            )
         numbers = range(1, len(positions) + 1)
         size = np.max(np.ptp(positions, axis=0), initial=0.0)
         for i in numbers:
@@ -119,7 +130,9 @@ class Frame:
             if member.start == member.end:
                 raise ModelError(f"{name} has no length; it must connect two nodes")
             hinged = not np.any(member.rigidity.bending)
-            if member.elements != 1 and (hinged or member.elements not in range(2, _MAX_ELEMENTS + 1, 2)):
+            if member.elements != 1 and (
+                hinged or member.elements not in range(2, _MAX_ELEMENTS + 1, 2)
+            ):
                 raise ModelError(
                     f"{name} has {member.elements} elements; it must be 1 or an even number up to "
                     f"{_MAX_ELEMENTS}, since Simpson's rule lumps the mass, and 1 for a hinged rod"
@@ -130,7 +143,13 @@ class Frame:
             check_choice(f"node for a mass in {self.source}:", mass.node, numbers)
             check_number(f"{self.source}: mass on node {mass.node}", mass=mass.mass)
             if np.any(mass.inertia):
-                check_body(self.source, f"the mass on node {mass.node}", mass.mass, np.zeros(3), mass.inertia)
+                check_body(
+                    self.source,
+                    f"the mass on node {mass.node}",
+                    mass.mass,
+                    np.zeros(3),
+                    mass.inertia,
+                )
 
     @classmethod
     def from_file(cls, path: str | Path) -> Frame:
@@ -155,9 +174,20 @@ class Frame:
             found = table.table(kind)
             names[kind] = {name: found.table(name) for name in found.content}
         positions = nodes.array("positions", "m", (None, 3))
-        members = [m for t in table.tables("members") for m in _members(t, positions, **names)]
-        masses = [m for t in (table.tables("masses") if "masses" in table else []) for m in _masses(t)]
-        return cls(positions=positions, members=tuple(members), masses=tuple(masses), source=table.place)
+        members = [
+            m for t in table.tables("members") for m in _members(t, positions, **names)
+        ]
+        masses = [
+            m
+            for t in (table.tables("masses") if "masses" in table else [])
+            for m in _masses(t)
+        ]
+        return cls(
+            positions=positions,
+            members=tuple(members),
+            masses=tuple(masses),
+            source=table.place,
+        )
 
     def structure(self) -> Structure:
         """Return the finite-element model: first the nodes, then the points inside members."""
@@ -167,10 +197,14 @@ class Frame:
         lumped = {member.density: np.zeros(len(positions)) for member in self.members}
         for chain, length, member in zip(chains, lengths, self.members, strict=True):
             lumped[member.density][chain] += length
-        masses = np.sum([density * length for density, length in lumped.items()], axis=0)
+        masses = np.sum(
+            [density * length for density, length in lumped.items()], axis=0
+        )
         blocks = [np.diag([m, m, m, 0.0, 0.0, 0.0]) for m in masses]
         for node, mass, offset, inertia in self.masses:
-            body = moved_inertia(SpatialInertia(mass, np.zeros(3), inertia), np.eye(3), offset)
+            body = moved_inertia(
+                SpatialInertia(mass, np.zeros(3), inertia), np.eye(3), offset
+            )
             blocks[node - 1] += inertia_matrix(body)
         elements = [pair for chain in chains for pair in pairwise(chain)]
         rods = [m.rigidity for m in self.members for _ in range(m.elements)]
@@ -181,7 +215,9 @@ class Frame:
             stiffness=assembled_stiffness(positions, elements, rods),
             source=self.source,
             inner=len(positions) - len(self.positions),
-            assumptions=("beams have no shear deformation and no inertia about their own axis",),
+            assumptions=(
+                "beams have no shear deformation and no inertia about their own axis",
+            ),
         )
 
 
@@ -213,7 +249,9 @@ def meshed(
         span = nodes[end] - nodes[start]
         weights = np.array([1.0, *([4.0, 2.0] * elements)[: elements - 1], 1.0])
         lengths.append(weights * (np.linalg.norm(span) / np.sum(weights)))
-        chains.append([start, *range(len(positions), len(positions) + elements - 1), end])
+        chains.append(
+            [start, *range(len(positions), len(positions) + elements - 1), end]
+        )
         positions += [nodes[start] + span * (i / elements) for i in range(1, elements)]
     return np.array(positions), chains, lengths
 
@@ -228,28 +266,50 @@ def _members(
     table.only("ends", "material", "section", "elements", "hinged", "across")
     for key, known in (("material", materials), ("section", sections)):
         check_choice(f"{key} for {table.place}:", table.text(key), known)
-    material, section = materials[table.text("material")], sections[table.text("section")]
+    material, section = (
+        materials[table.text("material")],
+        sections[table.text("section")],
+    )
     material.only("youngs_modulus", "poissons_ratio", "density")
     stuff = material.scalars(youngs_modulus="Pa", poissons_ratio="1", density="kg/m^3")
-    check_number(material.place, **{k: v for k, v in stuff.items() if k != "poissons_ratio"})
+    check_number(
+        material.place, **{k: v for k, v in stuff.items() if k != "poissons_ratio"}
+    )
     if not -1.0 < stuff["poissons_ratio"] <= 0.5:
         raise ModelError(
             f"{material.place}: poissons_ratio is {stuff['poissons_ratio']}; it must be in (-1, 0.5]"
         )
     area, moments, torsion = _section(section)
     modulus = stuff["youngs_modulus"]
-    hinged, elements = table.content.get("hinged", False), table.content.get("elements", 2)
-    if not isinstance(hinged, bool) or type(elements) is not int or (hinged and "elements" in table):
+    hinged, elements = (
+        table.content.get("hinged", False),
+        table.content.get("elements", 2),
+    )
+    if (
+        not isinstance(hinged, bool)
+        or type(elements) is not int
+        or (hinged and "elements" in table)
+    ):
         raise ModelError(
             f"{table.place}: hinged is {hinged!r} and elements is {elements!r}; hinged must be true or "
             "false, elements a whole number that a hinged rod must not have"
         )
-    twisting = 0.0 if hinged else modulus / (2.0 * (1.0 + stuff["poissons_ratio"])) * torsion
+    twisting = (
+        0.0 if hinged else modulus / (2.0 * (1.0 + stuff["poissons_ratio"])) * torsion
+    )
     found = []
     for start, end in _numbers(table, "ends", 2):
-        bending = np.zeros((3, 3)) if hinged else modulus * _bending(table, positions, (start, end), moments)
+        bending = (
+            np.zeros((3, 3))
+            if hinged
+            else modulus * _bending(table, positions, (start, end), moments)
+        )
         rigidity = Rigidity(modulus * area, bending, twisting)
-        found.append(FrameMember(start, end, 1 if hinged else elements, rigidity, stuff["density"] * area))
+        found.append(
+            FrameMember(
+                start, end, 1 if hinged else elements, rigidity, stuff["density"] * area
+            )
+        )
     return found
 
 
@@ -268,11 +328,15 @@ def _section(table: ParameterTable) -> tuple[float, Vector, float]:
     table.only("area", "second_moments", "torsion_constant")
     area, torsion = table.scalar("area", "m^2"), table.scalar("torsion_constant", "m^4")
     moments = table.array("second_moments", "m^4", (2,))
-    check_number(table.place, area=area, torsion_constant=torsion, second_moments=np.min(moments))
+    check_number(
+        table.place, area=area, torsion_constant=torsion, second_moments=np.min(moments)
+    )
     return area, moments, torsion
 
 
-def _bending(table: ParameterTable, positions: Vector, ends: tuple[int, int], moments: Vector) -> Vector:
+def _bending(
+    table: ParameterTable, positions: Vector, ends: tuple[int, int], moments: Vector
+) -> Vector:
     """Return the second moments of area as a tensor: the first for bending in the plane of `across`."""
     if moments[0] == moments[1]:
         return np.asarray(moments[0] * np.eye(3))
@@ -284,12 +348,16 @@ def _bending(table: ParameterTable, positions: Vector, ends: tuple[int, int], mo
     across = frozen_array(f"{table.place}: 'across'", table.content["across"], (3,))
     along = positions[ends[1] - 1] - positions[ends[0] - 1]
     normal = np.cross(along, across)
-    if np.linalg.norm(normal) <= _SAME_PLACE * np.linalg.norm(along) * np.linalg.norm(across):
+    if np.linalg.norm(normal) <= _SAME_PLACE * np.linalg.norm(along) * np.linalg.norm(
+        across
+    ):
         raise ModelError(
             f"{table.place}: 'across' is parallel to member {ends[0]}-{ends[1]}; the two must span a plane"
         )
     axes = [v / np.linalg.norm(v) for v in (normal, np.cross(normal, along))]
-    return np.asarray(sum(moment * np.outer(v, v) for moment, v in zip(moments, axes, strict=True)))
+    return np.asarray(
+        sum(moment * np.outer(v, v) for moment, v in zip(moments, axes, strict=True))
+    )
 
 
 def _masses(table: ParameterTable) -> list[FrameMass]:
@@ -297,15 +365,30 @@ def _masses(table: ParameterTable) -> list[FrameMass]:
     table.only("nodes", "mass", "offset", "inertia")
     mass = table.scalar("mass", "kg")
     offset = table.array("offset", "m", (3,)) if "offset" in table else np.zeros(3)
-    inertia = table.array("inertia", "kg*m^2", (3, 3)) if "inertia" in table else np.zeros((3, 3))
-    return [FrameMass(node, mass, offset, inertia) for (node,) in _numbers(table, "nodes", 1)]
+    inertia = (
+        table.array("inertia", "kg*m^2", (3, 3))
+        if "inertia" in table
+        else np.zeros((3, 3))
+    )
+    return [
+        FrameMass(node, mass, offset, inertia)
+        for (node,) in _numbers(table, "nodes", 1)
+    ]
 
 
 def _numbers(table: ParameterTable, key: str, count: int) -> list[tuple[int, ...]]:
     """Return tuples of `count` node numbers, which are integers without a unit."""
     given = table.content.get(key)
-    rows = [row if isinstance(row, list) else [row] for row in given] if isinstance(given, list) else []
-    if not rows or any(len(row) != count or any(type(n) is not int for n in row) for row in rows):
+    rows = (
+        [row if isinstance(row, list) else [row] for row in given]
+        if isinstance(given, list)
+        else []
+    )
+    if not rows or any(
+        len(row) != count or any(type(n) is not int for n in row) for row in rows
+    ):
         kind = "pairs of numbers" if count == 2 else "numbers"
-        raise ModelError(f"{table.place}: {key!r} must be a list of {kind} of nodes, got {given!r}")
+        raise ModelError(
+            f"{table.place}: {key!r} must be a list of {kind} of nodes, got {given!r}"
+        )
     return [tuple(row) for row in rows]

@@ -50,7 +50,9 @@ def structure_from_nastran(
         with np.printoptions():  # pyyeti changes the print options of numpy
             from pyyeti.nastran import bulk, n2p, op4
     except ImportError as error:
-        raise ModelError("Nastran's files are read by pyyeti; pip install 'trussflow[nastran]'") from error
+        raise ModelError(
+            "Nastran's files are read by pyyeti; pip install 'trussflow[nastran]'"
+        ) from error
 
     cannot = f"cannot read {str(deck)!r} with {str(matrices)!r}"
     with Explained(lambda error: ModelError(f"{cannot}: {error}")):
@@ -60,7 +62,9 @@ def structure_from_nastran(
         moved = n2p.rbgeom_uset(nodes).reshape(-1, 6, 6)
         found = op4.load(str(destination(matrices)), justmatrix=True)
     if not len(nodes):
-        raise ModelError(f"cannot find GRID cards in {str(deck)!r}; it must be the bulk data of the matrices")
+        raise ModelError(
+            f"cannot find GRID cards in {str(deck)!r}; it must be the bulk data of the matrices"
+        )
     for name in (mass, stiffness):
         check_choice(f"matrix in {str(matrices)!r}:", name.lower(), found)
     return Structure.from_matrices(
@@ -79,7 +83,9 @@ def _refuse_devices(deck: Path) -> None:
     files = [deck.absolute()]
     for file in files:  # the loop appends to the list
         text = destination(file).read_text(encoding="utf-8", errors="replace")
-        for parts in re.findall(r"^include[^'\n]*'([^']*)'", text, re.IGNORECASE | re.MULTILINE):
+        for parts in re.findall(
+            r"^include[^'\n]*'([^']*)'", text, re.IGNORECASE | re.MULTILINE
+        ):
             name = "".join(map(str.strip, parts.splitlines()))
             # As in pyyeti: a bare name is relative to the including file, a path relative to the deck.
             included = (files[0] if os.path.dirname(name) else file).parent / name

@@ -54,16 +54,24 @@ def natural_frequencies(
         If there is no such node, or `count` is out of range.
     """
     held, face = (
-        np.isin(np.arange(len(structure.nodes)), [node_index(structure, n) for n in part])
+        np.isin(
+            np.arange(len(structure.nodes)), [node_index(structure, n) for n in part]
+        )
         for part in (clamped, rigid)
     )
-    inertias = {node_index(structure, n): inertia for n, inertia in (bodies or {}).items()}
-    blocks = [inertias.get(node, np.zeros((6, 6))) for node in range(len(structure.nodes))]
+    inertias = {
+        node_index(structure, n): inertia for n, inertia in (bodies or {}).items()
+    }
+    blocks = [
+        inertias.get(node, np.zeros((6, 6))) for node in range(len(structure.nodes))
+    ]
     added = scipy.sparse.block_diag([scipy.sparse.csr_array(block) for block in blocks])
     moves = structure.elastic & ~np.repeat(held | face, 6)
     together = structure.rigid_motions(np.zeros(3)) * np.repeat(face, 6)[:, None]
     single = scipy.sparse.eye_array(len(moves), format="csc")[:, moves]
-    basis = scipy.sparse.hstack([single, scipy.sparse.csc_array(together[:, : 6 * any(face)])])
+    basis = scipy.sparse.hstack(
+        [single, scipy.sparse.csc_array(together[:, : 6 * any(face)])]
+    )
     mass, stiffness = (
         scipy.sparse.csc_array(basis.T @ matrix @ basis)
         for matrix in (structure.mass + added, structure.stiffness)

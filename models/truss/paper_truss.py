@@ -20,7 +20,12 @@ from trussflow.models.truss.truss_modes import TrussModes
 CLAMPED_FACE = (1, 2, 3, 4)
 """Nodes of the face x = 0, which is clamped in the frame of the truss."""
 
-_COUNTS = ("first_arm_modules", "second_arm_modules", "elements_per_longeron", "elements_per_edge")
+_COUNTS = (
+    "first_arm_modules",
+    "second_arm_modules",
+    "elements_per_longeron",
+    "elements_per_edge",
+)
 _UNITS = {
     "module_length": "m",
     "width": "m",
@@ -58,16 +63,25 @@ def paper_frame(**changes: float) -> Frame:
     """
     p = frame_parameters() | changes
     first_arm, second_arm, on_longeron, on_edge = (int(p[name]) for name in _COUNTS)
-    corners = _corners(first_arm, second_arm, p["module_length"], p["width"], p["bend_angle"])
+    corners = _corners(
+        first_arm, second_arm, p["module_length"], p["width"], p["bend_angle"]
+    )
     frames = range(0, len(corners), 4)
     edges = [(k + c, k + (c + 1) % 4, on_edge) for k in frames for c in range(4)]
     longerons = [(k + c, k + 4 + c, on_longeron) for k in frames[:-1] for c in range(4)]
     members = edges + longerons
-    density = p["mass"] / fsum(np.concatenate(meshed(corners, members)[2]))  # per length [kg/m]
+    # per length [kg/m]
+    density = p["mass"] / fsum(np.concatenate(meshed(corners, members)[2]))
     modulus, moment = p["youngs_modulus"], pi * p["rod_radius"] ** 4 / 4.0
     shear = modulus / (2.0 * (1.0 + p["poissons_ratio"]))
-    rod = Rigidity(modulus * pi * p["rod_radius"] ** 2, modulus * moment * np.eye(3), 2.0 * shear * moment)
-    rods = [FrameMember(start + 1, end + 1, n, rod, density) for start, end, n in members]
+    rod = Rigidity(
+        modulus * pi * p["rod_radius"] ** 2,
+        modulus * moment * np.eye(3),
+        2.0 * shear * moment,
+    )
+    rods = [
+        FrameMember(start + 1, end + 1, n, rod, density) for start, end, n in members
+    ]
     return Frame(positions=corners, members=tuple(rods), source=__name__)
 
 
@@ -83,7 +97,9 @@ def paper_structure(**changes: float) -> Structure:
     return replace(paper_frame(**changes).structure(), inner=0)
 
 
-def _corners(first_arm: int, second_arm: int, length: float, width: float, bend: float) -> Vector:
+def _corners(
+    first_arm: int, second_arm: int, length: float, width: float, bend: float
+) -> Vector:
     """Return the corners of the frames, shape (4 (modules + 1), 3) [m]."""
     first, second = np.array([1.0, 0.0]), np.array([cos(bend), sin(bend)])
     right = [np.array([d[1], -d[0]]) for d in (first, second)]
@@ -100,12 +116,20 @@ def _corners(first_arm: int, second_arm: int, length: float, width: float, bend:
 
 def printed_grasps() -> Vector:
     """Return the grasp points of the paper's Table 2, shape (4, 3) [m]."""
-    return ParameterTable.shipped("space_truss.toml").table("modes").array("grasp_points", "m", (None, 3))
+    return (
+        ParameterTable.shipped("space_truss.toml")
+        .table("modes")
+        .array("grasp_points", "m", (None, 3))
+    )
 
 
 def printed_frequencies() -> Vector:
     """Return the natural frequencies of the paper's Table 1, shape (6,) [Hz]."""
-    return ParameterTable.shipped("space_truss.toml").table("modes").array("frequencies", "Hz", (None,))
+    return (
+        ParameterTable.shipped("space_truss.toml")
+        .table("modes")
+        .array("frequencies", "Hz", (None,))
+    )
 
 
 def with_printed_frequencies(modes: TrussModes) -> TrussModes:
@@ -123,7 +147,9 @@ def with_printed_frequencies(modes: TrussModes) -> TrussModes:
 
 
 @lru_cache(maxsize=8)
-def accurate_modes(number_of_modes: int = 20, highest_frequency: float = 100.0) -> TrussModes:
+def accurate_modes(
+    number_of_modes: int = 20, highest_frequency: float = 100.0
+) -> TrussModes:
     """Return the paper's truss with attachment shapes at the grasps, undamped.
 
     The paper's six frequencies replace the first six of the frame, which are 0.1 % lower. So the

@@ -111,15 +111,22 @@ def reduced_modes(
     MacNeal (1971), *A hybrid method of component mode synthesis*; Craig (2000), *Coupling of
     substructures for dynamic analyses: an overview*.
     """
-    held = np.isin(structure.nodes, [structure.nodes[node_index(structure, n)] for n in clamped])
+    held = np.isin(
+        structure.nodes, [structure.nodes[node_index(structure, n)] for n in clamped]
+    )
     free = np.flatnonzero(structure.elastic & np.repeat(~held, 6))
     places = [_interface(structure, grasp) for grasp in grasps]
-    pulled = {p.nodes: p for p in places if attachments and not np.all(held[list(p.nodes)])}
+    pulled = {
+        p.nodes: p for p in places if attachments and not np.all(held[list(p.nodes)])
+    }
     weights = scipy.sparse.diags_array(np.sqrt(np.repeat(structure.point_masses, 3)))
     weighted = scipy.sparse.csr_array(weights @ structure.carried)[:, free]
     rigid = structure.rigid_motions(structure.centre)[free][:, : 0 if held.any() else 6]
     deflection = _flexibility(structure, free, weighted, rigid)
-    limit = min(np.count_nonzero(np.diff(m.indptr)) for m in (weighted, weighted.tocsc())) - rigid.shape[1]
+    limit = (
+        min(np.count_nonzero(np.diff(m.indptr)) for m in (weighted, weighted.tocsc()))
+        - rigid.shape[1]
+    )
     if not 0 <= number_of_modes < limit - 6 * len(pulled):
         shapes = f" and {6 * len(pulled)} attachment shapes" if pulled else ""
         raise ModelError(
@@ -130,9 +137,12 @@ def reduced_modes(
     squares, modes = _lowest_modes(deflection, weighted, stiffness, number_of_modes)
 
     # Residual attachment shapes: static deflections without the part of the modes.
-    loads = np.hstack([np.zeros((len(free), 0)), *(p.motion[:, free].T for p in pulled.values())])
+    loads = np.hstack(
+        [np.zeros((len(free), 0)), *(p.motion[:, free].T for p in pulled.values())]
+    )
     residual = deflection(loads) - modes / squares @ (modes.T @ loads)
-    residual -= modes @ ((weighted @ modes).T @ (weighted @ residual))  # removes round-off
+    # removes round-off
+    residual -= modes @ ((weighted @ modes).T @ (weighted @ residual))
     # Shapes of unit strain energy have the kinetic energies 1 / omega^2. Grasps that share nodes may have
     # linearly dependent loads, which are dropped.
     energy = residual.T @ (stiffness @ residual)
@@ -146,7 +156,9 @@ def reduced_modes(
         raise ModelError(_TOO_MANY.format(number_of_modes))
     attachments = (shapes @ vectors / np.sqrt(kinetic))[:, ::-1]
 
-    frequencies = np.sqrt(np.concatenate([squares, 1.0 / kinetic[::-1]])) / (2.0 * np.pi)
+    frequencies = np.sqrt(np.concatenate([squares, 1.0 / kinetic[::-1]])) / (
+        2.0 * np.pi
+    )
     if number_of_modes and not frequencies[number_of_modes - 1] < highest_frequency:
         raise ModelError(
             f"highest_frequency is {highest_frequency} Hz, but mode {number_of_modes} has "
@@ -155,13 +167,17 @@ def reduced_modes(
         )
     found = np.zeros((len(structure.elastic), len(frequencies)))
     found[free] = np.hstack([modes, attachments])
-    at_grasps = np.array([p.motion @ found for p in places]).reshape(len(places), 6, len(frequencies))
+    at_grasps = np.array([p.motion @ found for p in places]).reshape(
+        len(places), 6, len(frequencies)
+    )
     signs = upward_signs(at_grasps[-1, :3]) if places else np.ones(len(frequencies))
     at_grasps = at_grasps * signs * np.minimum(1.0, highest_frequency / frequencies)
     return TrussModes(
         positions=structure.points,
         masses=structure.point_masses,
-        shapes=(structure.carried @ found * signs).reshape(len(structure.points), 3, len(frequencies)),
+        shapes=(structure.carried @ found * signs).reshape(
+            len(structure.points), 3, len(frequencies)
+        ),
         frequencies=np.minimum(frequencies, highest_frequency),
         damping_ratios=np.zeros(len(frequencies)),
         grasp_positions=np.array([p.position for p in places]).reshape(-1, 3),
@@ -185,11 +201,16 @@ def upward_signs(translations: Vector) -> Vector:
         Sign ±1 per shape that makes its largest component positive [1].
     """
     largest = np.argmax(np.abs(translations), axis=0)
-    return np.where(translations[largest, np.arange(translations.shape[1])] < 0.0, -1.0, 1.0)
+    return np.where(
+        translations[largest, np.arange(translations.shape[1])] < 0.0, -1.0, 1.0
+    )
 
 
 def _flexibility(
-    structure: Structure, free: npt.NDArray[np.intp], weighted: scipy.sparse.csr_array, rigid: Vector
+    structure: Structure,
+    free: npt.NDArray[np.intp],
+    weighted: scipy.sparse.csr_array,
+    rigid: Vector,
 ) -> Callable[[Vector], Vector]:
     """Return a function of loads for the deflections, without rigid motion if the body floats."""
     stiffness = structure.stiffness[free][:, free]
@@ -197,15 +218,21 @@ def _flexibility(
     momentum = weighted.T @ (weighted @ rigid)
     whole = stiffness
     if rigid.size:
-        border = scipy.sparse.csr_array(momentum * (np.max(stiffness.diagonal()) / np.max(np.abs(momentum))))
+        border = scipy.sparse.csr_array(
+            momentum * (np.max(stiffness.diagonal()) / np.max(np.abs(momentum)))
+        )
         beside = scipy.sparse.csr_array((6, 6))
         whole = scipy.sparse.csr_array(
-            scipy.sparse.block_array([[stiffness, border], [scipy.sparse.csr_array(border.T), beside]])
+            scipy.sparse.block_array(
+                [[stiffness, border], [scipy.sparse.csr_array(border.T), beside]]
+            )
         )
     try:
         factors = scipy.sparse.linalg.splu(scipy.sparse.csc_array(whole))
     except RuntimeError as error:
-        raise ModelError(_MECHANISM.format(structure.source, "it has freedoms without stiffness")) from error
+        raise ModelError(
+            _MECHANISM.format(structure.source, "it has freedoms without stiffness")
+        ) from error
 
     def deflection(loads: Vector) -> Vector:
         ending = np.zeros((rigid.shape[1], *loads.shape[1:]))
@@ -232,7 +259,9 @@ def _lowest_modes(
         values, vectors = scipy.linalg.eigh(weighted @ deflection(weighted.T.toarray()))
     else:
         operator = scipy.sparse.linalg.LinearOperator(
-            (size, size), matvec=lambda y: weighted @ deflection(weighted.T @ y), dtype=float
+            (size, size),
+            matvec=lambda y: weighted @ deflection(weighted.T @ y),
+            dtype=float,
         )
         # A fixed start vector makes the iteration reproducible.
         start = np.random.default_rng(0).standard_normal(size)
@@ -311,7 +340,12 @@ def _interface(structure: Structure, grasp: Grasp) -> _Interface:
         # The mean rotation of several nodes follows from their displacements alone, as in RBE3 elements.
         rigid[np.arange(len(rigid)) % 6 > 2] = 0.0
     size = np.linalg.norm(rigid, axis=0)
-    if np.linalg.matrix_rank((rigid / np.where(size, size, 1.0))[structure.elastic[rows]], 1e-6) < 6:
+    if (
+        np.linalg.matrix_rank(
+            (rigid / np.where(size, size, 1.0))[structure.elastic[rows]], 1e-6
+        )
+        < 6
+    ):
         raise ModelError(
             f"grasp at nodes {[structure.nodes[n] for n in nodes]}: they do not define its rotation; a grasp "
             "must be one node with rotations, or a set of three or more nodes that are not in line"

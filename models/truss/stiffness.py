@@ -54,10 +54,15 @@ def assembled_stiffness(
     from scipy.sparse import coo_array  # slow to import, not needed in simulations
 
     freedoms = (6 * np.array(ends)[:, :, None] + np.arange(6)).reshape(-1, 12)
-    values = [_element(rod, positions[b] - positions[a]) for (a, b), rod in zip(ends, rods, strict=True)]
+    values = [
+        _element(rod, positions[b] - positions[a])
+        for (a, b), rod in zip(ends, rods, strict=True)
+    ]
     rows, columns = np.repeat(freedoms, 12, axis=1), np.tile(freedoms, 12)
     size = 6 * len(positions)
-    return coo_array((np.ravel(values), (rows.ravel(), columns.ravel())), shape=(size, size)).tocsr()
+    return coo_array(
+        (np.ravel(values), (rows.ravel(), columns.ravel())), shape=(size, size)
+    ).tocsr()
 
 
 def _element(rod: Rigidity, span: Vector) -> Vector:

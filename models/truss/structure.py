@@ -29,7 +29,9 @@ from trussflow.models.geometry.rotation import cross_matrix
 from trussflow.models.validation import check_choice, check_rotation, frozen_array
 
 _SYMMETRY_TOLERANCE = 1e-9  # relative to the largest element
-_RIGID_FORCE_TOLERANCE = 1e-6  # relative to the forces of the single elements of the matrix
+_RIGID_FORCE_TOLERANCE = (
+    1e-6  # relative to the forces of the single elements of the matrix
+)
 _MASS_TOLERANCE = 1e-6  # of the point masses, relative to the total mass
 _DIAGONAL_SHIFT = 1e-8  # of the stiffness matrix for its Cholesky-like factors, relative to the diagonal
 
@@ -85,7 +87,9 @@ class Structure:
 
     def __post_init__(self) -> None:
         nodes = tuple(int(n) for n in self.nodes)
-        positions = frozen_array("structure: positions", self.positions, (len(nodes), 3))
+        positions = frozen_array(
+            "structure: positions", self.positions, (len(nodes), 3)
+        )
         object.__setattr__(self, "nodes", nodes)
         object.__setattr__(self, "positions", positions)
         self._check_nodes()
@@ -142,13 +146,20 @@ class Structure:
         places = frozen_array("structure: positions", positions, (None, 3)) * length
         count = len(places)
         given = np.asarray(np.eye(3) if axes is None else axes)
-        turns = frozen_array("structure: axes", given, (count, 3, 3) if given.ndim == 3 else (3, 3))
+        turns = frozen_array(
+            "structure: axes", given, (count, 3, 3) if given.ndim == 3 else (3, 3)
+        )
         turns = np.broadcast_to(turns, (count, 3, 3))
         for turn in turns:
             check_rotation("structure", "axes", turn)
-        turned = scipy.sparse.block_diag([turn for turn in turns for _ in range(2)], format="csr")
+        turned = scipy.sparse.block_diag(
+            [turn for turn in turns for _ in range(2)], format="csr"
+        )
         found: dict[str, Any] = {}
-        for name, what, factor in (("mass", mass, kilogram), ("stiffness", stiffness, kilogram / second**2)):
+        for name, what, factor in (
+            ("mass", mass, kilogram),
+            ("stiffness", stiffness, kilogram / second**2),
+        ):
             matrix = _matrix(name, what)
             freedoms = matrix.shape[0] // max(count, 1)
             if matrix.shape != (freedoms * count,) * 2 or freedoms not in (3, 6):
@@ -161,11 +172,19 @@ class Structure:
             place = np.arange(6 * count).reshape(-1, 6)[:, :freedoms].ravel()
             row, column = matrix.coords
             entries = factor * matrix.data * scale[row] * scale[column]
-            whole = scipy.sparse.coo_array((entries, (place[row], place[column])), shape=(6 * count,) * 2)
+            whole = scipy.sparse.coo_array(
+                (entries, (place[row], place[column])), shape=(6 * count,) * 2
+            )
             found[name] = scipy.sparse.csr_array(turned @ whole.tocsr() @ turned.T)
         stated = f"lengths are in {units[0]}, masses in {units[1]}, times in {units[2]}, as the user stated"
         numbers = tuple(range(1, count + 1)) if nodes is None else tuple(nodes)
-        return cls(nodes=numbers, positions=places, source=source, assumptions=(stated,), **found)
+        return cls(
+            nodes=numbers,
+            positions=places,
+            source=source,
+            assumptions=(stated,),
+            **found,
+        )
 
     @property
     def rigid_mass(self) -> Vector:
@@ -206,8 +225,12 @@ class Structure:
         """
         from scipy.spatial import KDTree
 
-        joining = np.abs(self.stiffness.data) > _SYMMETRY_TOLERANCE * np.max(self.stiffness.data)
-        nodes = np.column_stack([part[joining] // 6 for part in self.stiffness.tocoo().coords])
+        joining = np.abs(self.stiffness.data) > _SYMMETRY_TOLERANCE * np.max(
+            self.stiffness.data
+        )
+        nodes = np.column_stack(
+            [part[joining] // 6 for part in self.stiffness.tocoo().coords]
+        )
         nearest = np.asarray(KDTree(points).query(self.positions)[1])
         pairs = np.unique(np.sort(nearest[nodes], axis=1), axis=0)
         return pairs[pairs[:, 0] < pairs[:, 1]]
@@ -225,16 +248,22 @@ class Structure:
     def _check_nodes(self) -> None:
         if len(set(self.nodes)) < len(self.nodes):
             twice = next(n for n in self.nodes if self.nodes.count(n) > 1)
-            raise ModelError(f"structure: node number {twice} is used twice; each number must be unique")
+            raise ModelError(
+                f"structure: node number {twice} is used twice; each number must be unique"
+            )
 
     def _checked(self, name: str) -> scipy.sparse.csr_array:
         """Return a matrix made exactly symmetric, or raise `ModelError` if it is invalid."""
         given = scipy.sparse.csr_array(getattr(self, name))
         what, size = f"structure: the {name} matrix", 6 * len(self.nodes)
         if given.shape != (size, size):
-            raise ModelError(f"{what} has shape {given.shape}; it must be {(size, size)}")
+            raise ModelError(
+                f"{what} has shape {given.shape}; it must be {(size, size)}"
+            )
         if given.nnz == 0 or not np.all(np.isfinite(given.data)):
-            raise ModelError(f"{what} {'has elements that are not finite' if given.nnz else 'is zero'}")
+            raise ModelError(
+                f"{what} {'has elements that are not finite' if given.nnz else 'is zero'}"
+            )
         off = (given - given.T).tocoo()
         largest = float(np.max(np.abs(given.data)))
         if off.nnz and np.max(np.abs(off.data)) > _SYMMETRY_TOLERANCE * largest:
@@ -247,7 +276,9 @@ class Structure:
         diagonal = given.diagonal()
         if np.any(diagonal < 0.0):
             worst = int(np.argmin(diagonal))
-            raise ModelError(f"{what} is negative at {self.name_of(worst)}: {diagonal[worst]:.4g}")
+            raise ModelError(
+                f"{what} is negative at {self.name_of(worst)}: {diagonal[worst]:.4g}"
+            )
         return scipy.sparse.csr_array((given + given.T) / 2.0)
 
     def _check_free(self) -> None:
@@ -271,18 +302,29 @@ class Structure:
                 "and springs to ground, and check the axes of the nodes"
             )
         held = self.stiffness[self.elastic][:, self.elastic]
-        raised = scipy.sparse.csc_array(held + scipy.sparse.diags_array(_DIAGONAL_SHIFT * held.diagonal()))
+        raised = scipy.sparse.csc_array(
+            held + scipy.sparse.diags_array(_DIAGONAL_SHIFT * held.diagonal())
+        )
         # Without row exchanges the pivots have the signs of the eigenvalues (Sylvester's law of inertia).
         factors = scipy.sparse.linalg.splu(
-            raised, "MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True}
+            raised,
+            "MMD_AT_PLUS_A",
+            diag_pivot_thresh=0.0,
+            options={"SymmetricMode": True},
         )
         if np.min(factors.U.diagonal(), initial=1.0) <= 0.0:
-            raise ModelError("structure: the stiffness matrix is not positive semidefinite; check its signs")
+            raise ModelError(
+                "structure: the stiffness matrix is not positive semidefinite; check its signs"
+            )
 
     def _even_motions(self) -> Vector:
         """Return rigid motions about the middle of the nodes, scaled to displacements of similar size."""
-        size = float(np.max(np.ptp(self.positions, axis=0), initial=np.finfo(float).tiny))
-        return np.asarray(self.rigid_motions(self.positions.mean(axis=0)) / np.repeat([1.0, size], 3))
+        size = float(
+            np.max(np.ptp(self.positions, axis=0), initial=np.finfo(float).tiny)
+        )
+        return np.asarray(
+            self.rigid_motions(self.positions.mean(axis=0)) / np.repeat([1.0, size], 3)
+        )
 
     def _set_point_masses(self) -> None:
         """Set the point masses that represent the mass, and their matrix from the nodes' freedoms."""
@@ -295,18 +337,25 @@ class Structure:
                 points.append(self.positions[node] + offset)
                 blocks.append((node, np.hstack([np.eye(3), -cross_matrix(offset)])))
         rows = np.repeat(np.arange(3 * len(points)).reshape(-1, 3, 1), 6, axis=2)
-        columns = np.array([6 * n + np.tile(np.arange(6), (3, 1)) for n, _ in blocks], dtype=int)
+        columns = np.array(
+            [6 * n + np.tile(np.arange(6), (3, 1)) for n, _ in blocks], dtype=int
+        )
         entries = np.array([block for _, block in blocks]).ravel()
         carried = scipy.sparse.coo_array(
-            (entries, (rows.ravel(), columns.ravel())), shape=(3 * len(points), 6 * count)
+            (entries, (rows.ravel(), columns.ravel())),
+            shape=(3 * len(points), 6 * count),
         )
-        for name, found in (("points", points), ("point_masses", masses), ("carried", carried.tocsr())):
-            object.__setattr__(self, name, found if name == "carried" else np.array(found))
+        for name, found in (
+            ("points", points),
+            ("point_masses", masses),
+            ("carried", carried.tocsr()),
+        ):
+            object.__setattr__(
+                self, name, found if name == "carried" else np.array(found)
+            )
         row, column = self.mass.tocoo().coords
         if np.any(row // 6 != column // 6):
-            lumped = (
-                "mass that couples nodes was lumped to them; total mass, centre and inertia are preserved"
-            )
+            lumped = "mass that couples nodes was lumped to them; total mass, centre and inertia are preserved"
             object.__setattr__(self, "assumptions", (*self.assumptions, lumped))
         rigid = self._even_motions()
         kept = self.carried @ rigid
@@ -338,12 +387,20 @@ def _rigid_points(moved: Vector, position: Vector) -> list[tuple[float, Vector]]
         return []
     tilt = (block[3:, :3] - block[:3, 3:]) / (2.0 * mass)
     centre = np.array([tilt[2, 1], tilt[0, 2], tilt[1, 0]])
-    about_centre = block[3:, 3:] / mass + np.outer(centre, centre) - centre @ centre * np.eye(3)
+    about_centre = (
+        block[3:, 3:] / mass + np.outer(centre, centre) - centre @ centre * np.eye(3)
+    )
     # Eigenvalues of the second moment of mass per mass: squares of the extents.
-    squares, along = np.linalg.eigh(np.trace(about_centre) / 2.0 * np.eye(3) - about_centre)
-    wide = squares > _EXTENT_TOLERANCE * max(centre @ centre, float(np.max(squares)), np.finfo(float).tiny)
+    squares, along = np.linalg.eigh(
+        np.trace(about_centre) / 2.0 * np.eye(3) - about_centre
+    )
+    wide = squares > _EXTENT_TOLERANCE * max(
+        centre @ centre, float(np.max(squares)), np.finfo(float).tiny
+    )
     offsets = np.sqrt(np.count_nonzero(wide) * squares[wide]) * along[:, wide]
-    places = [centre + sign * offset for offset in offsets.T for sign in (1.0, -1.0)] or [centre]
+    places = [
+        centre + sign * offset for offset in offsets.T for sign in (1.0, -1.0)
+    ] or [centre]
     return [(mass / len(places), place) for place in places]
 
 
@@ -358,7 +415,8 @@ def _factors(units: Sequence[str]) -> list[float]:
         )
     try:
         return [
-            float((1.0 * parse(u)).to(si).magnitude) for u, si in zip(units, ("m", "kg", "s"), strict=True)
+            float((1.0 * parse(u)).to(si).magnitude)
+            for u, si in zip(units, ("m", "kg", "s"), strict=True)
         ]
     except (BlockError, DimensionalityError) as error:
         raise ModelError(
@@ -375,7 +433,9 @@ def _matrix(name: str, given: Any) -> scipy.sparse.coo_array:
         def market(path: Path) -> Any:
             _, _, entries, *_ = mminfo(path)
             if entries > path.stat().st_size:
-                raise ValueError(f"the file is too short for the {entries:,} entries that it declares")
+                raise ValueError(
+                    f"the file is too short for the {entries:,} entries that it declares"
+                )
             return mmread(path)
 
         def archived(path: Path) -> Any:
@@ -386,7 +446,11 @@ def _matrix(name: str, given: Any) -> scipy.sparse.coo_array:
                 return arrays[name]
 
         # Memory-mapped, since numpy then compares the size in the header with the size of the file.
-        readers: dict[str, Any] = {".mtx": market, ".npz": archived, ".npy": partial(np.load, mmap_mode="r")}
+        readers: dict[str, Any] = {
+            ".mtx": market,
+            ".npz": archived,
+            ".npy": partial(np.load, mmap_mode="r"),
+        }
         suffix = Path(given).suffix
         check_choice(f"reader of {what} for files", suffix, readers)
         with reading(given, ModelError, f"{what} cannot be read from") as path:

@@ -132,7 +132,9 @@ class TrussModes:
             object.__setattr__(self, name, array)
         all_shapes = np.concatenate([self.positions[:, :, None], self.shapes], axis=2)
         first = np.einsum("n,nia->ai", self.masses, all_shapes)
-        second = np.einsum("n,nia,njb->abij", self.masses, all_shapes, all_shapes, optimize=True)
+        second = np.einsum(
+            "n,nia,njb->abij", self.masses, all_shapes, all_shapes, optimize=True
+        )
         object.__setattr__(self, "first_moments", first)
         object.__setattr__(self, "second_moments", second)
         self._check()
@@ -145,7 +147,9 @@ class TrussModes:
         ):
             if np.any(wrong):
                 i = int(np.argmax(wrong))
-                raise ModelError(f"truss modes: {name}[{i}] is {getattr(self, name)[i]}{unit}; {rule}")
+                raise ModelError(
+                    f"truss modes: {name}[{i}] is {getattr(self, name)[i]}{unit}; {rule}"
+                )
         if not self.mass > 0.0:
             raise ModelError("truss modes: the total mass is zero; it must be positive")
         central = central_inertia(self.mass, self.static_moment, self.inertia)
@@ -230,7 +234,10 @@ class TrussModes:
         """
         size = np.linalg.norm(np.ptp(self.positions, axis=0))
         shares = (*(self.shapes / size), *self.grasp_rotations)
-        return max(float(np.max(np.linalg.norm(modal @ share.T, axis=1), initial=0.0)) for share in shares)
+        return max(
+            float(np.max(np.linalg.norm(modal @ share.T, axis=1), initial=0.0))
+            for share in shares
+        )
 
     def truncated(self, modes: int) -> TrussModes:
         """Return the same truss with its first modes only.
@@ -250,7 +257,9 @@ class TrussModes:
             If the truss has fewer modes.
         """
         if not 0 <= modes <= self.modes:
-            raise ModelError(f"cannot keep {modes} modes of {self.modes}; choose 0 to {self.modes}")
+            raise ModelError(
+                f"cannot keep {modes} modes of {self.modes}; choose 0 to {self.modes}"
+            )
         return replace(
             self,
             shapes=self.shapes[:, :, :modes],
@@ -314,7 +323,9 @@ class TrussModes:
         try:
             return cls(**values)
         except ModelError as error:
-            raise ModelError(f"cannot use the data in {str(path)!r}: {error}") from error
+            raise ModelError(
+                f"cannot use the data in {str(path)!r}: {error}"
+            ) from error
 
     def save(self, path: str | Path) -> None:
         """Write the modal data to a file; `load` returns exactly the same data.
@@ -341,4 +352,10 @@ def axial(matrix: Array) -> Array:
     array, shape (3,)
         Integral of their cross product, in the same unit.
     """
-    return np.stack([matrix[1, 2] - matrix[2, 1], matrix[2, 0] - matrix[0, 2], matrix[0, 1] - matrix[1, 0]])
+    return np.stack(
+        [
+            matrix[1, 2] - matrix[2, 1],
+            matrix[2, 0] - matrix[0, 2],
+            matrix[0, 1] - matrix[1, 0],
+        ]
+    )

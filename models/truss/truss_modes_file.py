@@ -66,7 +66,9 @@ def read_modes(path: str | Path) -> dict[str, Any]:
     with reading(path, ModelError, cannot, "it is not JSON ({})") as file:
         content = json.loads(file.read_text(encoding="utf-8"))
     if not isinstance(content, dict) or content.pop("format", None) != FILE_FORMAT:
-        raise ModelError(f"{problem}: it must be an object with 'format': {FILE_FORMAT!r}")
+        raise ModelError(
+            f"{problem}: it must be an object with 'format': {FILE_FORMAT!r}"
+        )
     differences = {"unknown": content.keys() - _KEYS, "missing": _KEYS.keys() - content}
     for kind, keys in differences.items():
         if keys:
@@ -88,6 +90,9 @@ def write_modes(values: Mapping[str, Any], path: str | Path) -> None:
     for key, name in _KEYS.items():
         value = values[name]
         content[key] = value if isinstance(value, str) else np.asarray(value).tolist()
-    lines = [f"{json.dumps(k)}: {json.dumps(v, separators=(',', ':'))}" for k, v in content.items()]
+    lines = [
+        f"{json.dumps(k)}: {json.dumps(v, separators=(',', ':'))}"
+        for k, v in content.items()
+    ]
     with replaced(path) as partial:
         partial.write_text("{\n" + ",\n".join(lines) + "\n}\n", encoding="utf-8")

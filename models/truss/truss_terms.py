@@ -33,7 +33,11 @@ class TrussTerms(NamedTuple):
 
 
 def truss_terms(
-    truss: ModalData, deformation: Array, velocity: Array, angular_velocity: Array, modal_rates: Array
+    truss: ModalData,
+    deformation: Array,
+    velocity: Array,
+    angular_velocity: Array,
+    modal_rates: Array,
 ) -> TrussTerms:
     r"""Return the terms of the truss in mass matrix and bias.
 
@@ -92,14 +96,18 @@ def truss_terms(
         ]
     )
     if h == 0:  # np.stack needs at least one array
-        return TrussTerms(inertia_matrix(body), np.zeros((6, 0)), root_bias, np.zeros(0))
+        return TrussTerms(
+            inertia_matrix(body), np.zeros((6, 0)), root_bias, np.zeros(0)
+        )
 
     # flow = integral of rho (T tau')^T; then H_w tau' = w tr(flow) - flow^T w.
     flow = sum(modal_rates[b] * moments[b + 1] for b in range(h))
     coriolis = np.concatenate(
         [np.cross(omega, linear @ modal_rates), omega * np.trace(flow) - flow.T @ omega]
     )
-    centrifugal = np.stack([omega @ m @ omega - (omega @ omega) * np.trace(m) for m in moments[1:]])
+    centrifugal = np.stack(
+        [omega @ m @ omega - (omega @ omega) * np.trace(m) for m in moments[1:]]
+    )
     swirl = _swirl(truss, h) @ np.reshape(np.outer(modal_rates, omega), (3 * h,))
     angular = np.stack([axial(m) for m in moments[1:]]).T
     return TrussTerms(
@@ -116,6 +124,9 @@ def _swirl(truss: ModalData, h: int) -> Array:
     Element (a, (b, i)) is component i of :math:`\int T_b \times T_a\,dm`, since
     :math:`T_a \cdot (\omega \times T_b) = \omega \cdot (T_b \times T_a)`.
     """
-    blocks = [[row[9 * a : 9 * a + 9] for a in range(1, h + 1)] for row in truss.second_moments[1:]]
+    blocks = [
+        [row[9 * a : 9 * a + 9] for a in range(1, h + 1)]
+        for row in truss.second_moments[1:]
+    ]
     rows = [[axial(np.reshape(row[a], (3, 3))) for row in blocks] for a in range(h)]
     return np.stack([np.concatenate(row) for row in rows])

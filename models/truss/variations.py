@@ -17,7 +17,9 @@ from trussflow.models.truss.truss_modes import TrussModes
 from trussflow.models.validation import check_number, frozen_array
 
 
-def scaled(modes: TrussModes, *, mass: float = 1.0, frequency: float = 1.0) -> TrussModes:
+def scaled(
+    modes: TrussModes, *, mass: float = 1.0, frequency: float = 1.0
+) -> TrussModes:
     r"""Return a truss with scaled density, and with a stiffness that scales its frequencies.
 
     Parameters
@@ -76,7 +78,9 @@ def loaded(modes: TrussModes, point: Array, mass: float) -> TrussModes:
     masses = modes.masses.copy()
     masses[node] += mass
     shape = modes.shapes[node]
-    squares, mix = scipy.linalg.eigh(np.diag(modes.stiffness), np.eye(modes.modes) + mass * shape.T @ shape)
+    squares, mix = scipy.linalg.eigh(
+        np.diag(modes.stiffness), np.eye(modes.modes) + mass * shape.T @ shape
+    )
     return replace(
         modes,
         masses=masses,

@@ -26,16 +26,34 @@ def parser(prog: str = PROG) -> argparse.ArgumentParser:
         "results/case1/result.nc --frame 30 --png truss.png  # page and picture",
         "results/case1/index.html --png truss.png            # picture of an existing page",
     )
-    found.add_argument("result", type=Path, help="netCDF file of a run, or existing page for --png")
-    found.add_argument("other", type=Path, nargs="?", help="second run, in the same picture")
-    found.add_argument("--truss", choices=PLANTS, help="plant of the run; default: that in the result")
+    found.add_argument(
+        "result", type=Path, help="netCDF file of a run, or existing page for --png"
+    )
+    found.add_argument(
+        "other", type=Path, nargs="?", help="second run, in the same picture"
+    )
+    found.add_argument(
+        "--truss", choices=PLANTS, help="plant of the run; default: that in the result"
+    )
     found.add_argument("--other-truss", choices=PLANTS, help="plant of the second run")
-    found.add_argument("--names", nargs=2, default=["run", "other run"], help="names of the runs")
+    found.add_argument(
+        "--names", nargs=2, default=["run", "other run"], help="names of the runs"
+    )
     found.add_argument("--title", default="Replay", help="title of the page")
-    found.add_argument("--output", type=Path, default=Path("replay.html"), help="page to write")
-    found.add_argument("--png", type=Path, help="picture to write; needs Chromium or Chrome")
-    found.add_argument("--frame", type=float, help="time of the picture [s]; default: the first instant")
-    found.add_argument("--camera", choices=CAMERAS, default="oblique", help="view of the picture")
+    found.add_argument(
+        "--output", type=Path, default=Path("replay.html"), help="page to write"
+    )
+    found.add_argument(
+        "--png", type=Path, help="picture to write; needs Chromium or Chrome"
+    )
+    found.add_argument(
+        "--frame",
+        type=float,
+        help="time of the picture [s]; default: the first instant",
+    )
+    found.add_argument(
+        "--camera", choices=CAMERAS, default="oblique", help="view of the picture"
+    )
     return found
 
 
@@ -43,7 +61,9 @@ def view(options: argparse.Namespace) -> Outcome:
     """Write page and picture of the `options`."""
     page, lines = options.result, []
     if page.suffix == ".html" and options.png is None:
-        raise ModelError(f"'{page}' is a page: open it in a browser, or set --png for a picture of it")
+        raise ModelError(
+            f"'{page}' is a page: open it in a browser, or set --png for a picture of it"
+        )
     if page.suffix != ".html":
         with told("writing the page"):
             page = replay(

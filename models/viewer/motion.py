@@ -52,7 +52,9 @@ def opened(result: xr.Dataset | str | Path) -> xr.Dataset:
     if isinstance(result, xr.Dataset):
         return result
     if not isinstance(result, str | Path):
-        raise ModelError(f"cannot show {type(result).__name__}: give the result of a run, or its file")
+        raise ModelError(
+            f"cannot show {type(result).__name__}: give the result of a run, or its file"
+        )
     damaged = (
         "it is not a complete netCDF file of a run ({}); the rows of a killed run are read by "
         "trussflow.blocks.recover"
@@ -88,30 +90,46 @@ class Motion:
         If required signals are missing in the result, belong to another truss, or are not finite.
     """
 
-    def __init__(self, result: xr.Dataset, truss: SpaceTruss, block: str = "truss") -> None:
+    def __init__(
+        self, result: xr.Dataset, truss: SpaceTruss, block: str = "truss"
+    ) -> None:
         self._truss, self._block, self._said = truss, block, result.attrs.get("target")
         self.signals = {
             str(name): variable
             for name, variable in result.data_vars.items()
-            if variable.dims[:1] == ("time",) and variable.dtype.kind in "fiub" and variable.size
+            if variable.dims[:1] == ("time",)
+            and variable.dtype.kind in "fiub"
+            and variable.size
         }
         timed = "time" in result.coords and result["time"].dtype.kind in "fiu"
         self.time = np.asarray(result["time"], dtype=float) if timed else np.zeros(0)
-        if len(self.time) < 2 or not (np.isfinite(self.time).all() and (np.diff(self.time) >= 0.0).all()):
+        if len(self.time) < 2 or not (
+            np.isfinite(self.time).all() and (np.diff(self.time) >= 0.0).all()
+        ):
             raise ModelError(
                 "cannot show the result: its coordinate 'time' must have two or more ascending instants in "
                 f"seconds; it has {len(self.time)} instants"
             )
         modes, joints = (
             {name: size} if size else {}
-            for name, size in (("modal_coordinate", truss.modes), ("joint_angle", truss.joints))
+            for name, size in (
+                ("modal_coordinate", truss.modes),
+                ("joint_angle", truss.joints),
+            )
         )
         ways = (
             {"coordinates": truss.nq},
             {"task_position": truss.rigid_q, **modes},
-            {"position": 3, "attitude": truss.dynamics.attitude.end - 3, **joints, **modes},
+            {
+                "position": 3,
+                "attitude": truss.dynamics.attitude.end - 3,
+                **joints,
+                **modes,
+            },
         )
-        way = next((way for way in ways if all(self.name_of(port) for port in way)), None)
+        way = next(
+            (way for way in ways if all(self.name_of(port) for port in way)), None
+        )
         if way is None:
             there = ", ".join(self.signals) or "nothing"
             raise ModelError(
@@ -119,11 +137,16 @@ class Motion:
                 f"{block}.task_position and {block}.modal_coordinate, and for arrows {block}.base_force and "
                 f"{block}.base_torque; it has {there}"
             )
-        self.coordinates = np.concatenate([self._values(port, size) for port, size in way.items()])
+        self.coordinates = np.concatenate(
+            [self._values(port, size) for port, size in way.items()]
+        )
 
     def name_of(self, port: str) -> str | None:
         """Return the name of the logged signal of a port of the truss, or None."""
-        return next((name for name in (f"{self._block}.{port}", port) if name in self.signals), None)
+        return next(
+            (name for name in (f"{self._block}.{port}", port) if name in self.signals),
+            None,
+        )
 
     def _values(self, port: str, size: int) -> Vector:
         variable = self.signals[self.name_of(port) or ""]
@@ -146,13 +169,19 @@ class Motion:
     def target(self, given: npt.ArrayLike | None) -> list[float] | None:
         """Return the target task coordinates: those `given`, otherwise those of the result [m, rad]."""
         said = self._said if given is None else given
-        return None if said is None else list(frozen_array("target", said, (self._truss.rigid_q,)))
+        return (
+            None
+            if said is None
+            else list(frozen_array("target", said, (self._truss.rigid_q,)))
+        )
 
     def exaggeration(self) -> int:
         """Return the scale of the largest grasp displacement to `SHOWN_DISPLACEMENT`, at most 500 [-]."""
         modes = self.coordinates[self._truss.rigid_q :]
         with np.errstate(over="ignore", invalid="ignore"):  # of diverged runs
-            moved = np.einsum("kih,ht->kit", self._truss.dynamics.modes.grasp_translations, modes)
+            moved = np.einsum(
+                "kih,ht->kit", self._truss.dynamics.modes.grasp_translations, modes
+            )
             peak = np.sqrt(np.max(np.sum(moved**2, axis=1), initial=0.0))
         return int(np.clip(SHOWN_DISPLACEMENT / peak, 1, 500)) if peak > 0.0 else 1
 
@@ -168,11 +197,15 @@ class Motion:
         """
         none, size = np.zeros((0, len(self.time))), 3 * self._truss.robots
         force, torque = (
-            self._values(port, size) if self.name_of(port) else none for port in ("base_force", "base_torque")
+            self._values(port, size) if self.name_of(port) else none
+            for port in ("base_force", "base_torque")
         )
-        shown = self._instants(len(self.coordinates) + 2 * size, share * PICTURE_NUMBERS)
+        shown = self._instants(
+            len(self.coordinates) + 2 * size, share * PICTURE_NUMBERS
+        )
         root, joints, modes = np.split(
-            self.coordinates[:, shown], [self._truss.dynamics.attitude.end, self._truss.rigid_q]
+            self.coordinates[:, shown],
+            [self._truss.dynamics.attitude.end, self._truss.rigid_q],
         )
         total = sum(variable[0].size for variable in self.signals.values())
         charted = self._instants(total, share * CHART_NUMBERS)
@@ -181,7 +214,8 @@ class Motion:
             "time": packer.pack(self.time[None, shown], width=8),
             "root": packer.pack(root, width=8),
             "joints": packer.pack(
-                joints, width=4 if np.abs(joints).max(initial=0.0) < FLOAT32_JOINT_LIMIT else 8
+                joints,
+                width=4 if np.abs(joints).max(initial=0.0) < FLOAT32_JOINT_LIMIT else 8,
             ),
             "modes": packer.pack(modes),
             "force": packer.pack(force[:, shown]),
@@ -193,7 +227,9 @@ class Motion:
                     "units": _units(variable),
                     "components": _components(variable),
                     "inner": variable.shape[2] if variable.ndim > 2 else 1,
-                    "values": packer.pack(columns(variable)[:, charted], bits=CHART_BITS),
+                    "values": packer.pack(
+                        columns(variable)[:, charted], bits=CHART_BITS
+                    ),
                 }
                 for name, variable in self.signals.items()
             ],
@@ -206,7 +242,11 @@ class Motion:
         spacing = frame * np.ceil(max(1.0, (end - start) / frame * numbers / room))
         wanted = np.append(np.arange(start, end, spacing), end)
         # The tolerance selects logged instants that are slightly early by round-off.
-        return np.unique(np.minimum(np.searchsorted(self.time, wanted - 1e-6 * spacing), len(self.time) - 1))
+        return np.unique(
+            np.minimum(
+                np.searchsorted(self.time, wanted - 1e-6 * spacing), len(self.time) - 1
+            )
+        )
 
 
 def _units(variable: xr.DataArray) -> str:

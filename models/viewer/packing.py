@@ -27,7 +27,9 @@ class Packer:
         self._parts: list[bytes] = []
         self._size = 0
 
-    def pack(self, values: npt.ArrayLike, *, width: int = 4, bits: int = 52) -> dict[str, Any]:
+    def pack(
+        self, values: npt.ArrayLike, *, width: int = 4, bits: int = 52
+    ) -> dict[str, Any]:
         """Add an array, and return its position in the blob.
 
         Parameters
@@ -45,7 +47,9 @@ class Packer:
         if dropped > 0:
             whole = array.view(f"<u{width}")
             half, kept = 1 << (dropped - 1), -1 << dropped
-            array = ((whole + whole.dtype.type(half)) & np.array(kept).astype(whole.dtype)).view(array.dtype)
+            array = (
+                (whole + whole.dtype.type(half)) & np.array(kept).astype(whole.dtype)
+            ).view(array.dtype)
         raw = np.ascontiguousarray(array.reshape(-1, 1).view(np.uint8).T).tobytes()
         found = {"offset": self._size, "shape": list(array.shape), "width": width}
         self._parts.append(raw)
@@ -66,7 +70,9 @@ def compressed(raw: bytes) -> str:
         Bytes to compress.
     """
     whole, packer = memoryview(raw), zlib.compressobj()
-    parts = [whole[start : start + PART_BYTES] for start in range(0, len(raw), PART_BYTES)]
+    parts = [
+        whole[start : start + PART_BYTES] for start in range(0, len(raw), PART_BYTES)
+    ]
     packed = all_counted("compressing", packer.compress, parts)
     return base64.b64encode(b"".join([*packed, packer.flush()])).decode("ascii")
 

@@ -26,7 +26,14 @@ from trussflow.models.viewer.scene import plant_of, scene_of
 if TYPE_CHECKING:
     import xarray as xr
 
-SHOWN = ("position_error", "error", "base_force", "modal_coordinate", "base_torque", "energy")
+SHOWN = (
+    "position_error",
+    "error",
+    "base_force",
+    "modal_coordinate",
+    "base_torque",
+    "energy",
+)
 """Signals of the initial charts, if logged."""
 INITIAL_CHARTS = 4
 MAX_PAGE_BYTES = 8_000_000
@@ -118,13 +125,20 @@ def replay(
     flown = [(opened(result), truss)]
     if other is not None:
         second = opened(other)
-        flown.append((second, other_truss or (None if "plant" in second.attrs else truss)))
+        flown.append(
+            (second, other_truss or (None if "plant" in second.attrs else truss))
+        )
     plants = [plant_of(named, data.attrs) for data, named in flown]
-    motions = [Motion(data, plant, block) for (data, _), plant in zip(flown, plants, strict=True)]
+    motions = [
+        Motion(data, plant, block)
+        for (data, _), plant in zip(flown, plants, strict=True)
+    ]
     first = motions[0]
     goal = first.target(target)
     for section in sections:
-        for signal in map(unescape, re.findall(r'data-signal="([^"]*)"', section.content)):
+        for signal in map(
+            unescape, re.findall(r'data-signal="([^"]*)"', section.content)
+        ):
             if not any(signal in motion.signals for motion in motions):
                 known = ", ".join(first.signals)
                 raise ModelError(
@@ -135,13 +149,26 @@ def replay(
         """Return the page with a share `room` of the numbers of a page that compresses well."""
         packer = Packer()
         runs: list[dict[str, Any]] = [
-            {"name": name, "truss": scene_of(plant, rods, packer), **motion.packed(packer, room / len(flown))}
+            {
+                "name": name,
+                "truss": scene_of(plant, rods, packer),
+                **motion.packed(packer, room / len(flown)),
+            }
             for name, plant, motion in zip(names, plants, motions, strict=False)
         ]
         logged = [signal["name"] for signal in runs[0]["signals"]]
-        wished = [name for wish in SHOWN for name in logged if name.rpartition(".")[2] == wish]
-        shown = [*wished, *(name for name in logged if name not in wished)][:INITIAL_CHARTS]
-        head = {"runs": runs, "target": goal, "shown": shown, "exaggeration": first.exaggeration()}
+        wished = [
+            name for wish in SHOWN for name in logged if name.rpartition(".")[2] == wish
+        ]
+        shown = [*wished, *(name for name in logged if name not in wished)][
+            :INITIAL_CHARTS
+        ]
+        head = {
+            "runs": runs,
+            "target": goal,
+            "shown": shown,
+            "exaggeration": first.exaggeration(),
+        }
         return _text(title, head, packer, sections).encode("utf-8")
 
     room, page = 1.0, written(1.0)
@@ -177,22 +204,32 @@ def _note(runs: list[dict[str, Any]]) -> str:
         for run in runs
     ]
     troubles = dict.fromkeys(
-        t for run in runs for arm in run["truss"]["arms"] for t in arm["solid"]["troubles"]
+        t
+        for run in runs
+        for arm in run["truss"]["arms"]
+        for t in arm["solid"]["troubles"]
     )
     drawn = f" Incomplete shapes: {'; '.join(troubles)}." if troubles else ""
     return f"{'; '.join(parts)}. The numbers in charts have four digits; the result files have all.{drawn}"
 
 
-def _text(title: str, head: dict[str, Any], packer: Packer, sections: Sequence[Section]) -> str:
+def _text(
+    title: str, head: dict[str, Any], packer: Packer, sections: Sequence[Section]
+) -> str:
     own = files("trussflow.models.viewer")
     return Template(own.joinpath("page.html").read_text(encoding="utf-8")).substitute(
         title=escape(title),
         note=escape(_note(head["runs"])),
         style=own.joinpath("page.css").read_text(encoding="utf-8"),
         script=own.joinpath("page.js").read_text(encoding="utf-8"),
-        sections="".join(f"<section><h2>{escape(s.title)}</h2>{s.content}</section>\n" for s in sections),
+        sections="".join(
+            f"<section><h2>{escape(s.title)}</h2>{s.content}</section>\n"
+            for s in sections
+        ),
         # In a script "</" would end it.
-        head=json.dumps(head, separators=(",", ":"), allow_nan=False).replace("</", "<\\/"),
+        head=json.dumps(head, separators=(",", ":"), allow_nan=False).replace(
+            "</", "<\\/"
+        ),
         blob=packer.blob(),
         plotly=_library(),
     )

@@ -53,10 +53,16 @@ def plant_of(truss: SpaceTruss | str | None, attributes: dict[str, Any]) -> Spac
         )
     check_choice("truss", name, PLANTS)
     found: SpaceTruss = getattr(SpaceTruss, name)(arm=attributes.get("arm", "literal"))
-    return found.with_quaternion() if attributes.get("attitude") == QUATERNION.name else found
+    return (
+        found.with_quaternion()
+        if attributes.get("attitude") == QUATERNION.name
+        else found
+    )
 
 
-def scene_of(truss: SpaceTruss, rods: npt.ArrayLike | None, packer: Packer) -> dict[str, Any]:
+def scene_of(
+    truss: SpaceTruss, rods: npt.ArrayLike | None, packer: Packer
+) -> dict[str, Any]:
     """Return the geometry of a plant.
 
     Parameters
@@ -79,7 +85,11 @@ def scene_of(truss: SpaceTruss, rods: npt.ArrayLike | None, packer: Packer) -> d
         joined = frame_rods(modes) if rods is None else number_array("rods", rods)
     except ParameterError:
         joined = np.array([])
-    if joined.ndim != 2 or joined.shape[1] != 2 or not np.isin(joined, range(len(modes.masses))).all():
+    if (
+        joined.ndim != 2
+        or joined.shape[1] != 2
+        or not np.isin(joined, range(len(modes.masses))).all()
+    ):
         raise ModelError(
             f"cannot draw the truss: rods must be pairs of its {len(modes.masses)} points, counted from 0"
         )
@@ -87,7 +97,10 @@ def scene_of(truss: SpaceTruss, rods: npt.ArrayLike | None, packer: Packer) -> d
         "points": packer.pack(modes.positions, width=8),
         "shapes": packer.pack(modes.shapes.reshape(len(modes.masses), -1)),
         "rods": joined.astype(int).tolist(),
-        "arms": [_arm(modes, i, arm, solid) for i, (arm, solid) in enumerate(zip(arms, solids, strict=True))],
+        "arms": [
+            _arm(modes, i, arm, solid)
+            for i, (arm, solid) in enumerate(zip(arms, solids, strict=True))
+        ],
     }
 
 
@@ -95,7 +108,10 @@ def frame_rods(modes: TrussModes) -> npt.NDArray[np.int_]:
     """Return the rods between the points of the reconstructed frame."""
     structure = paper_structure()
     positions = structure.points
-    if positions.shape != modes.positions.shape or np.abs(positions - modes.positions).max() > 1e-9:
+    if (
+        positions.shape != modes.positions.shape
+        or np.abs(positions - modes.positions).max() > 1e-9
+    ):
         raise ModelError(
             "cannot draw the truss: modal data do not say which points its rods join; give them as rods, "
             "pairs of points counted from 0"
@@ -103,7 +119,9 @@ def frame_rods(modes: TrussModes) -> npt.NDArray[np.int_]:
     return structure.rods(positions)
 
 
-def _arm(modes: TrussModes, grasp: int, arm: RobotArm, solid: dict[str, Any]) -> dict[str, Any]:
+def _arm(
+    modes: TrussModes, grasp: int, arm: RobotArm, solid: dict[str, Any]
+) -> dict[str, Any]:
     flat = {
         "grasp": modes.grasp_positions[grasp],
         "translation": modes.grasp_translations[grasp],
@@ -112,7 +130,9 @@ def _arm(modes: TrussModes, grasp: int, arm: RobotArm, solid: dict[str, Any]) ->
         "basePosition": arm.base_position,
         "baseRotation": arm.base_rotation,
     }
-    found: dict[str, Any] = {name: np.ravel(value).tolist() for name, value in flat.items()}
+    found: dict[str, Any] = {
+        name: np.ravel(value).tolist() for name, value in flat.items()
+    }
     found["origins"] = arm.joint_origins.tolist()
     found["sliding"] = list(arm.sliding)
     found["rotations"] = arm.joint_rotations.reshape(-1, 9).tolist()
@@ -132,6 +152,8 @@ def _solids(arms: Sequence[RobotArm], packer: Packer) -> list[dict[str, Any]]:
                 "points": packer.pack(solid.points),
                 "bodies": solid.bodies.tolist(),
                 "faces": packer.pack(solid.faces.T),
-                "troubles": [f"{arm.name} without {trouble}" for trouble in solid.troubles],
+                "troubles": [
+                    f"{arm.name} without {trouble}" for trouble in solid.troubles
+                ],
             }
     return [found[id(arm.visuals) if arm.visuals else id(arm)] for arm in arms]

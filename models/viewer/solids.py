@@ -60,16 +60,25 @@ def solid_of(arm: RobotArm, most: int) -> Solid:
         except ModelError as error:
             troubles.append(str(error))
     if not parts:
-        corners = arm.base_position + (2.0 * BOX_CORNERS * box_of(arm)) @ arm.base_rotation.T
-        return Solid(corners, np.full(len(corners), arm.joints), BOX_FACES, tuple(troubles))
+        corners = (
+            arm.base_position + (2.0 * BOX_CORNERS * box_of(arm)) @ arm.base_rotation.T
+        )
+        return Solid(
+            corners, np.full(len(corners), arm.joints), BOX_FACES, tuple(troubles)
+        )
     edge, found = _FINEST, [triangles for _, triangles in parts]
     while sum(len(faces) for _, faces in found) > most:
-        found, edge = [_merged(triangles, edge) for _, triangles in parts], edge * _COARSER
+        found, edge = (
+            [_merged(triangles, edge) for _, triangles in parts],
+            edge * _COARSER,
+        )
     starts = np.cumsum([0, *(len(points) for points, _ in found)])
     return Solid(
         np.concatenate([points for points, _ in found]),
         np.repeat([body for body, _ in parts], np.diff(starts)),
-        np.concatenate([faces + start for (_, faces), start in zip(found, starts, strict=False)]),
+        np.concatenate(
+            [faces + start for (_, faces), start in zip(found, starts, strict=False)]
+        ),
         tuple(troubles),
     )
 
@@ -86,7 +95,9 @@ def _merged(triangles: Triangles, edge: float) -> Triangles:
     """Return triangles with merged corners per cell, without degenerate and duplicate ones."""
     points, faces = triangles
     cells = np.rint((points - points.min(axis=0)) / edge).astype(np.int64)
-    _, first, place = np.unique(cells @ [1, 1 << 21, 1 << 42], return_index=True, return_inverse=True)
+    _, first, place = np.unique(
+        cells @ [1, 1 << 21, 1 << 42], return_index=True, return_inverse=True
+    )
     faces = place[faces]
     apart = (faces != np.roll(faces, 1, axis=1)).all(axis=1)
     _, one = np.unique(np.sort(faces[apart], axis=1), axis=0, return_index=True)

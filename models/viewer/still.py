@@ -14,7 +14,14 @@ from trussflow.blocks.support.files import replaced
 from trussflow.models.errors import ModelError
 from trussflow.models.validation import check_choice
 
-BROWSERS = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable", "chrome", "msedge")
+BROWSERS = (
+    "chromium",
+    "chromium-browser",
+    "google-chrome",
+    "google-chrome-stable",
+    "chrome",
+    "msedge",
+)
 CAMERAS = ("oblique", "front", "side", "top")
 TIME_LIMIT = 600  # s; for a browser that hangs, not for a slow one
 PAGE_STATUS = re.compile(r'"This page (?:is shown|(cannot be shown: .*))", source')
@@ -23,12 +30,18 @@ PAGE_STATUS = re.compile(r'"This page (?:is shown|(cannot be shown: .*))", sourc
 
 def browser() -> str | None:
     """Return the browser: BROWSER_PATH, or the first installed one of `BROWSERS`."""
-    return os.environ.get("BROWSER_PATH") or next(filter(None, map(shutil.which, BROWSERS)), None)
+    return os.environ.get("BROWSER_PATH") or next(
+        filter(None, map(shutil.which, BROWSERS)), None
+    )
 
 
 def launch_options() -> list[str]:
     """Return the options of the browser: software rendering, no background network access."""
-    options = ["--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--disable-background-networking"]
+    options = [
+        "--use-angle=swiftshader",
+        "--enable-unsafe-swiftshader",
+        "--disable-background-networking",
+    ]
     root = hasattr(os, "geteuid") and os.geteuid() == 0
     return options + ["--no-sandbox"] * root  # the sandbox does not run as root
 
@@ -72,27 +85,50 @@ def still(
     check_choice("camera", camera, CAMERAS)
     program, source = browser(), Path(page).resolve()
     if not source.is_file():
-        raise ModelError(f"cannot take a picture of '{page}': there is no such file; replay writes it")
+        raise ModelError(
+            f"cannot take a picture of '{page}': there is no such file; replay writes it"
+        )
     if program is None:
         raise ModelError(
             "cannot take a picture: no Chromium or Chrome is found; install one (package chromium), or set "
             "BROWSER_PATH to its program"
         )
-    asked = {"t": time, "camera": camera, "still": size[1], "exaggeration": exaggeration}
+    asked = {
+        "t": time,
+        "camera": camera,
+        "still": size[1],
+        "exaggeration": exaggeration,
+    }
     words = urlencode({key: value for key, value in asked.items() if value is not None})
     try:
         with replaced(picture) as partial, tempfile.TemporaryDirectory() as profile:
             command = [program, "--headless", *launch_options(), "--hide-scrollbars"]
-            command += [f"--user-data-dir={profile}", f"--window-size={size[0]},{size[1]}"]
-            command += ["--virtual-time-budget=60000", "--enable-logging=stderr", f"--screenshot={partial}"]
+            command += [
+                f"--user-data-dir={profile}",
+                f"--window-size={size[0]},{size[1]}",
+            ]
+            command += [
+                "--virtual-time-budget=60000",
+                "--enable-logging=stderr",
+                f"--screenshot={partial}",
+            ]
             command.append(f"{source.as_uri()}#{words}")
-            done = subprocess.run(command, capture_output=True, text=True, timeout=TIME_LIMIT, check=False)
+            done = subprocess.run(
+                command, capture_output=True, text=True, timeout=TIME_LIMIT, check=False
+            )
             said = PAGE_STATUS.search(done.stderr)
-            if said is None or said[1]:  # a browser also takes pictures of its error pages
-                why = "replay did not write it, or the browser failed" if said is None else f"it {said[1]}"
+            if said is None or said[1]:
+                # a browser also takes pictures of its error pages
+                why = (
+                    "replay did not write it, or the browser failed"
+                    if said is None
+                    else f"it {said[1]}"
+                )
                 raise ModelError(f"cannot take a picture of '{page}': {why}")
             if not partial.is_file():
-                raise ModelError(f"cannot take a picture with '{program}': {done.stderr.strip()[-500:]}")
+                raise ModelError(
+                    f"cannot take a picture with '{program}': {done.stderr.strip()[-500:]}"
+                )
     except (OSError, subprocess.SubprocessError) as error:
         raise ModelError(f"cannot take a picture with '{program}': {error}") from error
     return Path(picture)

@@ -25,17 +25,24 @@ class BareFmu:
         description = fmpy.read_model_description(str(path))
         variables = description.modelVariables
         self.given = [v.valueReference for v in variables if v.causality == "input"]
-        self.taken = [v.valueReference for v in variables if v.name.split("[")[0] in outputs]
+        self.taken = [
+            v.valueReference for v in variables if v.name.split("[")[0] in outputs
+        ]
         binary = next(f for f in (folder / "binaries").rglob("*") if f.is_file())
         self.library = ctypes.CDLL(str(binary))
         self.library.fmi2Instantiate.restype = ctypes.c_void_p
         callbacks = (ctypes.c_void_p * 5)()
         guid = description.guid.encode()
-        self.slave = ctypes.c_void_p(self.library.fmi2Instantiate(b"one", 1, guid, b"", callbacks, 0, 0))
+        self.slave = ctypes.c_void_p(
+            self.library.fmi2Instantiate(b"one", 1, guid, b"", callbacks, 0, 0)
+        )
         self.library.fmi2SetupExperiment(self.slave, 0, REAL(0), REAL(0), 0, REAL(0))
         self.library.fmi2EnterInitializationMode(self.slave)
         self.library.fmi2ExitInitializationMode(self.slave)
-        self._given, self._taken = array(ctypes.c_uint, self.given), array(ctypes.c_uint, self.taken)
+        self._given, self._taken = (
+            array(ctypes.c_uint, self.given),
+            array(ctypes.c_uint, self.taken),
+        )
         self._inputs, self._outputs = (
             array(REAL, [0.1] * len(self.given)),
             array(REAL, [0.0] * len(self.taken)),

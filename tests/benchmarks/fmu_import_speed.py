@@ -60,12 +60,19 @@ def imported_fmu(folder, open_until_end):
     as_block()
 
     def measure():
-        times = np.array([(per_step(by_us), per_step(as_block), per_step(by_c)) for _ in range(REPETITIONS)])
+        times = np.array(
+            [
+                (per_step(by_us), per_step(as_block), per_step(by_c))
+                for _ in range(REPETITIONS)
+            ]
+        )
         ours, block, c = np.median(times, axis=0)
         ratios = np.median(times[:, :2] / times[:, 2:], axis=0)
         name = "the same FMU as a block in a diagram, a step / bare C calls"
         return [
-            Row.of("imported FMU, a step: ours / bare C calls", ours, c, float(ratios[0])),
+            Row.of(
+                "imported FMU, a step: ours / bare C calls", ours, c, float(ratios[0])
+            ),
             Row("our part of it, 132 scalars", f"{(ours - c) * 1e6:.2f} us", "<= 2 us"),
             Row.of(name, block, c, float(ratios[1])),
         ]

@@ -76,7 +76,9 @@ def native_fmu(folder):
     log = ["truss.modal_rate"]
     simulator = Simulator(diagram, step=1e-3, log=log, log_step=1.0)
     # Euler steps are one evaluation each, in the loop of the library, with the flags of this machine.
-    euler = Simulator(diagram, step=1e-6, solver="euler", log=log, log_step=1e-6 * EVALUATIONS)
+    euler = Simulator(
+        diagram, step=1e-6, solver="euler", log=log, log_step=1e-6 * EVALUATIONS
+    )
 
     def in_process():
         simulator.run(STEPS * 1e-3, progress=False)
@@ -85,14 +87,19 @@ def native_fmu(folder):
         euler.run(1e-6 * EVALUATIONS, progress=False)
 
     def measure():
-        pairs = [(best(stepping, STEPS), 4 * best(right_hand_sides, EVALUATIONS)) for _ in range(REPETITIONS)]
+        pairs = [
+            (best(stepping, STEPS), 4 * best(right_hand_sides, EVALUATIONS))
+            for _ in range(REPETITIONS)
+        ]
         a, b = np.median(pairs, axis=0)
         ratio = statistics.median(ours / theirs for ours, theirs in pairs)
         exchange = best(exchanging, STEPS) - best(nothing, STEPS)
         one = best(in_process, STEPS)
         return [
             Row.of("doStep of 1 ms / four compiled right-hand sides", a, b, ratio),
-            Row("set and get of 132 scalars, raw", f"{exchange * 1e6:.2f} us", "<= 2 us"),
+            Row(
+                "set and get of 132 scalars, raw", f"{exchange * 1e6:.2f} us", "<= 2 us"
+            ),
             Row("one RK4 step in the process, for comparison", f"{one * 1e6:.1f} us"),
         ]
 

@@ -32,7 +32,9 @@ REPETITIONS, EVALUATIONS = 9, 2000
 def ring(robots, modes):
     """Return a ring of so many modes with so many arms of seven joints."""
     structure = Frame.from_file(RING).structure()
-    flexible = reduced_modes(structure, modes, list(range(1, robots + 1)), attachments=False)
+    flexible = reduced_modes(
+        structure, modes, list(range(1, robots + 1)), attachments=False
+    )
     arms = (RobotArm.literal(),) * robots
     return SpaceTruss(TrussDynamics(modes=flexible, arms=arms, elastic_integrals=True))
 
@@ -48,7 +50,12 @@ def compared(robots, modes):
     model = rigid_tree(robots)
     data, q = model.createData(), pin.neutral(model)
     v = np.random.default_rng(0).standard_normal(model.nv)
-    run = partial(simulator.run, EVALUATIONS / 4 * STEP, initial={"truss.v": speeds}, progress=False)
+    run = partial(
+        simulator.run,
+        EVALUATIONS / 4 * STEP,
+        initial={"truss.v": speeds},
+        progress=False,
+    )
     run()
     times = []
     for _ in range(REPETITIONS):
@@ -61,7 +68,10 @@ def compared(robots, modes):
     ours, theirs = 1e6 * np.median(times, axis=0) / EVALUATIONS
     ratio = np.median([a / b for a, b in times])
     figure = f"{ours:.3g} us / {theirs:.3g} us = {ratio:.2f}"
-    return Row(f"{robots} robots, {modes} modes / Pinocchio aba, rigid {6 + 7 * robots}", figure)
+    return Row(
+        f"{robots} robots, {modes} modes / Pinocchio aba, rigid {6 + 7 * robots}",
+        figure,
+    )
 
 
 if __name__ == "__main__":

@@ -9,7 +9,18 @@ from math import atan, copysign, cos, pi, sin
 import numpy as np
 from spark_engine import DURATION, engine
 
-from trussflow.blocks import Block, Diagram, Event, Input, Integrator, Mode, Output, Relay, State, as_block
+from trussflow.blocks import (
+    Block,
+    Diagram,
+    Event,
+    Input,
+    Integrator,
+    Mode,
+    Output,
+    Relay,
+    State,
+    as_block,
+)
 
 GRAVITY = 9.81
 Floats = Sequence[float]
@@ -68,12 +79,23 @@ class Ball(Block):
         return {"z": 0.0, "v": -0.95 * x.v}
 
 
-MASS, SPRING, DAMPER, FRICTION, TOP, TURNS = 20.0, 70.0, 10.0, 1.5 * 20.0 * GRAVITY, 2.0, 2 * pi / 50.0
+MASS, SPRING, DAMPER, FRICTION, TOP, TURNS = (
+    20.0,
+    70.0,
+    10.0,
+    1.5 * 20.0 * GRAVITY,
+    2.0,
+    2 * pi / 50.0,
+)
 
 
 def pull(t, x):
     """Return what friction has to bear while the box moves as the belt [N]."""
-    return SPRING * x + DAMPER * TOP * np.sin(TURNS * t) + MASS * TOP * TURNS * np.cos(TURNS * t)
+    return (
+        SPRING * x
+        + DAMPER * TOP * np.sin(TURNS * t)
+        + MASS * TOP * TURNS * np.cos(TURNS * t)
+    )
 
 
 class Box(Block):
@@ -91,7 +113,10 @@ class Box(Block):
     def derivative(self, t, x, u, p):
         """Slide under friction, or not."""
         force = -pull(t, x.x) - DAMPER * x.slide - x.way * FRICTION
-        return {"x": x.slide + TOP * np.sin(TURNS * t), "slide": np.where(x.way == 0, 0.0, force / MASS)}
+        return {
+            "x": x.slide + TOP * np.sin(TURNS * t),
+            "slide": np.where(x.way == 0, 0.0, force / MASS),
+        }
 
     def indicators(self, t, x, u, p):
         """Slip where friction is too weak, stick where the sliding ends."""
@@ -134,7 +159,9 @@ LOSS, HEATING = 0.45, 5.0
 def room():
     """Return a room whose heater keeps it between 23 and 25 degrees."""
     diagram = Diagram("room")
-    temperature, heater = diagram.add(T=Integrator(15.0), heater=Relay(25.0, 23.0, on=0.0, off=HEATING))
+    temperature, heater = diagram.add(
+        T=Integrator(15.0), heater=Relay(25.0, 23.0, on=0.0, off=HEATING)
+    )
     temperature >> heater
     (LOSS * (15.0 - temperature.y) + heater.y) >> temperature
     return diagram
@@ -161,7 +188,9 @@ def engine_rates(t, x, m):
 
 def bare_pull(t, x):
     """Return `pull` of floats, without NumPy."""
-    return SPRING * x + DAMPER * TOP * sin(TURNS * t) + MASS * TOP * TURNS * cos(TURNS * t)
+    return (
+        SPRING * x + DAMPER * TOP * sin(TURNS * t) + MASS * TOP * TURNS * cos(TURNS * t)
+    )
 
 
 def box_rates(t, x, m):

@@ -60,10 +60,18 @@ def executed(executor, library, *values):
     """Return how often each instruction is executed by one evaluation of the derivative, and their bytes."""
     libc = ctypes.CDLL(None, use_errno=True)
     libc.ptrace.restype = ctypes.c_long
-    libc.ptrace.argtypes = [ctypes.c_long, ctypes.c_long, ctypes.c_void_p, ctypes.c_void_p]
+    libc.ptrace.argtypes = [
+        ctypes.c_long,
+        ctypes.c_long,
+        ctypes.c_void_p,
+        ctypes.c_void_p,
+    ]
     with open("/proc/self/maps", encoding="utf-8") as maps:
         mapped = [line.split() for line in maps if line.rstrip().endswith(library.name)]
-    starts = [(int(m[0].split("-")[0], 16), int(m[0].split("-")[1], 16), int(m[2], 16)) for m in mapped]
+    starts = [
+        (int(m[0].split("-")[0], 16), int(m[0].split("-")[1], 16), int(m[2], 16))
+        for m in mapped
+    ]
     first = min(start - offset for start, _, offset in starts)
     last = max(end for _, end, _ in starts)
     child = os.fork()
@@ -90,7 +98,9 @@ def executed(executor, library, *values):
     lines = re.findall(r"^ *([0-9a-f]+):\t(.*\S)", listed, re.MULTILINE)
     places = [int(address, 16) for address, _ in lines]
     found, size = Counter[str](), 0
-    for (_, text), place, following in zip(lines, places, [*places[1:], places[-1]], strict=True):
+    for (_, text), place, following in zip(
+        lines, places, [*places[1:], places[-1]], strict=True
+    ):
         found[re.sub(r" +", " ", text)] += seen[place]
         size += (following - place) * (place in seen)
     return found, size
@@ -104,7 +114,9 @@ def cycle():
         source = Path(folder) / "chain.c"
         source.write_text(CHAIN, encoding="utf-8")
         flags = ("-O2", "-shared", "-fPIC")
-        chain = ctypes.CDLL(str(compiled([*command, *flags, str(source)], source.with_suffix(".so")))).chain
+        chain = ctypes.CDLL(
+            str(compiled([*command, *flags, str(source)], source.with_suffix(".so")))
+        ).chain
         run = partial(chain, ctypes.c_longlong(ADDITIONS // 100))
         return float(min(elapsed(run) for _ in range(REPETITIONS))) / ADDITIONS
 
@@ -114,7 +126,9 @@ def rows_of(name, simulator, runs=None):
     prepared = simulator.prepared
     programs, plan = prepared.programs, prepared.plan
     count = 1 if runs is None else runs.count
-    library = compile_library(content(programs, count), partial(c_sources, programs, count), ())
+    library = compile_library(
+        content(programs, count), partial(c_sources, programs, count), ()
+    )
     p = plan.parameters({})
     values = [*plan.initial(p, {}), p]
     if runs is not None:
@@ -133,13 +147,19 @@ def rows_of(name, simulator, runs=None):
     took = (seconds(2 * STEPS) - seconds(STEPS)) / (4 * STEPS)
     each, size = executed(CompiledExecutor(programs, plan, count), library, *values)
     total, cycles = each.total(), took / cycle()
-    counts = {kind: sum(n for it, n in each.items() if re.match(text, it)) for kind, text in KINDS.items()}
+    counts = {
+        kind: sum(n for it, n in each.items() if re.match(text, it))
+        for kind, text in KINDS.items()
+    }
     parts = ", ".join(f"{kind} {n}" for kind, n in counts.items())
     return [
         Row(f"{name}: time", f"{1e6 * took:.2f} us, {cycles:.0f} cycles"),
         Row(f"{name}: instructions", f"{total}, {total / cycles:.1f} in a cycle"),
         Row(f"{name}: of these", parts),
-        Row(f"{name}: code", f"{size / 1024:.0f} KiB, {size / cycles:.1f} bytes in a cycle"),
+        Row(
+            f"{name}: code",
+            f"{size / 1024:.0f} KiB, {size / cycles:.1f} bytes in a cycle",
+        ),
     ]
 
 

@@ -66,7 +66,15 @@ def by_hand(case, method="RK45", rtol=RTOL, atol=ATOL):
 
         happens.terminal, happens.direction = True, 1
         while t < case.duration:
-            found = solve_ivp(rates, (t, case.duration), x, method, events=happens, rtol=rtol, atol=atol)
+            found = solve_ivp(
+                rates,
+                (t, case.duration),
+                x,
+                method,
+                events=happens,
+                rtol=rtol,
+                atol=atol,
+            )
             t, x = float(found.t[-1]), found.y[:, -1]
             if found.status == 1:
                 after, m = case.event(t, x.tolist(), m)
@@ -86,10 +94,18 @@ def in_pathsim(case):
         ode.engine.set(np.array(x))
 
     event = ZeroCrossingUp(
-        func_evt=lambda t: case.indicator(t, ode.engine.get(), modes[0]), func_act=act, tolerance=1e-10
+        func_evt=lambda t: case.indicator(t, ode.engine.get(), modes[0]),
+        func_act=act,
+        tolerance=1e-10,
     )
     simulation = Simulation(
-        [ode], [], [event], Solver=RKDP54, tolerance_lte_rel=RTOL, tolerance_lte_abs=ATOL, log=False
+        [ode],
+        [],
+        [event],
+        Solver=RKDP54,
+        tolerance_lte_rel=RTOL,
+        tolerance_lte_abs=ATOL,
+        log=False,
     )
 
     def run():
@@ -132,16 +148,36 @@ def main():
             "SciPy": fastest(case, exact),
         }
         errors = {who: error(run, exact) for who, run in runs.items()}
-        rows.append(Row(f"{name}: errors", ", ".join(f"{who} {e:.0e}" for who, e in errors.items())))
-        failed += [f"{name}: {who} is wrong by {e:.1e}" for who, e in errors.items() if not e <= ACCURACY]
-        times = np.array([[elapsed(run) for run in runs.values()] for _ in range(REPETITIONS)])
+        rows.append(
+            Row(
+                f"{name}: errors",
+                ", ".join(f"{who} {e:.0e}" for who, e in errors.items()),
+            )
+        )
+        failed += [
+            f"{name}: {who} is wrong by {e:.1e}"
+            for who, e in errors.items()
+            if not e <= ACCURACY
+        ]
+        times = np.array(
+            [[elapsed(run) for run in runs.values()] for _ in range(REPETITIONS)]
+        )
         medians = dict(zip(runs, np.median(times, axis=0), strict=True))
-        rows.append(Row(f"{name}: times", ", ".join(f"{who} {1e3 * t:.3g} ms" for who, t in medians.items())))
+        rows.append(
+            Row(
+                f"{name}: times",
+                ", ".join(f"{who} {1e3 * t:.3g} ms" for who, t in medians.items()),
+            )
+        )
         for who, target in TARGETS.items():
             ratio = float(np.median(times[:, list(runs).index(who)] / times[:, 0]))
-            rows.append(Row(f"{name}: {who} / trussflow", f"{ratio:.1f}", f">= {target:g}"))
+            rows.append(
+                Row(f"{name}: {who} / trussflow", f"{ratio:.1f}", f">= {target:g}")
+            )
             if ratio < target:
-                failed.append(f"{name}: {who} / trussflow is {ratio:.1f}, and is to be {target:g} at least")
+                failed.append(
+                    f"{name}: {who} / trussflow is {ratio:.1f}, and is to be {target:g} at least"
+                )
     show(rows)
     print("\n".join(failed))
     return 1 if failed else 0

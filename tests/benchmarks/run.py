@@ -77,7 +77,9 @@ def forward_dynamics():
     evaluations = 40_000  # beginning a run takes as long as 1000
 
     def ours():
-        simulator.run(evaluations / 4 * 1e-3, initial={"truss.v": speeds}, progress=False)
+        simulator.run(
+            evaluations / 4 * 1e-3, initial={"truss.v": speeds}, progress=False
+        )
 
     def theirs():
         for _ in range(evaluations):
@@ -99,11 +101,17 @@ def closed_loop():
     together = Lanes(simulator)
     each: list[tuple[dict[str, float], dict[str, float]]] = [({}, {})] * together.count
     wall, lanes, _ = paired(
-        lambda: simulator.run(80.0, progress=False), lambda: together.run(80.0, each, "stop"), 3
+        lambda: simulator.run(80.0, progress=False),
+        lambda: together.run(80.0, each, "stop"),
+        3,
     )
     name = f"the same, {together.count} samples at once on one core, of which each"
     return [
-        Row("Case 1 closed loop, 80 s, RK4 at 1 ms", f"{80 / wall:.0f} x real time", ">= 20 x"),
+        Row(
+            "Case 1 closed loop, 80 s, RK4 at 1 ms",
+            f"{80 / wall:.0f} x real time",
+            ">= 20 x",
+        ),
         Row(name, f"{80 * together.count / lanes:.0f} x real time", ">= 40 x"),
     ]
 
@@ -112,7 +120,9 @@ def overhead():
     """Compare loops of two user-written blocks with the same loops by hand in numba."""
     stiffness, damping = loops.chain_matrices()
     small = Simulator(loops.loop(loops.Oscillator(), ()), step=loops.STEP)
-    large = Simulator(loops.loop(loops.Chain(stiffness, damping), (40,)), step=loops.STEP)
+    large = Simulator(
+        loops.loop(loops.Chain(stiffness, damping), (40,)), step=loops.STEP
+    )
     jobs = {
         "80 states, two blocks (job B) / numba by hand": (
             large,
@@ -148,7 +158,11 @@ def side_by_side():
 
     def measure():
         a, b, ratio = paired(lambda: lanes.run(duration, each, "stop"), alone)
-        return [Row.of("80 states (job B), samples at once on one core / alone", a, b, ratio)]
+        return [
+            Row.of(
+                "80 states (job B), samples at once on one core / alone", a, b, ratio
+            )
+        ]
 
     return measure
 
@@ -159,7 +173,8 @@ def hybrid():
 
     def measure():
         a, b, ratio = paired(
-            lambda: simulator.run(spark_engine.DURATION, progress=False), spark_engine.engine_by_hand
+            lambda: simulator.run(spark_engine.DURATION, progress=False),
+            spark_engine.engine_by_hand,
         )
         name = "engine with 300 sparks, RK4 at 1 ms / SciPy from event to event"
         return [Row.of(name, a, b, ratio)]
@@ -179,7 +194,11 @@ def first_step():
         cold = elapsed(job)
         warm = float(np.median([elapsed(job) for _ in range(3)]))
     return [
-        Row("first run of Case 1 up to its first step, nothing cached", f"{cold:.1f} s", "<= 20 s"),
+        Row(
+            "first run of Case 1 up to its first step, nothing cached",
+            f"{cold:.1f} s",
+            "<= 20 s",
+        ),
         Row("the same, cached", f"{warm:.1f} s", "<= 2 s"),
     ]
 
@@ -195,18 +214,31 @@ def linearization():
 
 def allocation():
     """Measure the flown allocation: slow forces first, then all, by 52 actuators with hard limits."""
-    dynamics, design, samples = SpaceTruss.consistent().dynamics, MeanAxesDesign.shipped(), 20_000
+    dynamics, design, samples = (
+        SpaceTruss.consistent().dynamics,
+        MeanAxesDesign.shipped(),
+        20_000,
+    )
     limits = Hardware.flight().limits(SpaceTruss.consistent())
     terms = dynamics.evaluate(dynamics.rest, np.zeros(dynamics.coordinates))
     rigid, every = dynamics.rigid_coordinates, design.sample_time
-    inertia, actuation = terms.mass_matrix[:rigid, :rigid], terms.actuation_matrix[:rigid]
+    inertia, actuation = (
+        terms.mass_matrix[:rigid, :rigid],
+        terms.actuation_matrix[:rigid],
+    )
 
     def seconds(size, allocated):
         diagram = Diagram("allocation")
-        noise = diagram.add(noise=Noise(size * np.sqrt(np.diag(inertia)), every, seed=0))
+        noise = diagram.add(
+            noise=Noise(size * np.sqrt(np.diag(inertia)), every, seed=0)
+        )
         if allocated:
             block = diagram.add(allocation=MeanAxesAllocation(dynamics, limits, design))
-            for name, value in (("actuation_matrix", actuation), ("inertia", inertia), ("modal_force", 0.0)):
+            for name, value in (
+                ("actuation_matrix", actuation),
+                ("inertia", inertia),
+                ("modal_force", 0.0),
+            ):
                 source = Constant(np.broadcast_to(value, block.port(name).shape))
                 diagram.add(**{name: source}).y >> block.port(name)
             noise.y >> block.force
@@ -218,16 +250,29 @@ def allocation():
         return float(np.median([elapsed(run) for _ in range(REPETITIONS)])) / samples
 
     rows = []
-    for what, size, target in (("within limits", 1e-3, "<= 10 us"), ("at limits", 1.0, "")):
+    for what, size, target in (
+        ("within limits", 1e-3, "<= 10 us"),
+        ("at limits", 1.0, ""),
+    ):
         each = 1e6 * (seconds(size, allocated=True) - seconds(size, allocated=False))
-        rows.append(Row(f"allocation to 52 actuators, two problems, {what}", f"{each:.1f} us", target))
+        rows.append(
+            Row(
+                f"allocation to 52 actuators, two problems, {what}",
+                f"{each:.1f} us",
+                target,
+            )
+        )
     return rows
 
 
 def main():
     """Run all benchmarks and print the table, or check those that are ratios."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--check", action="store_true", help="measure the ratios, fail if one is too slow")
+    parser.add_argument(
+        "--check",
+        action="store_true",
+        help="measure the ratios, fail if one is too slow",
+    )
     with ExitStack() as stack:
         folder = Path(stack.enter_context(tempfile.TemporaryDirectory()))
         checking = parser.parse_args().check

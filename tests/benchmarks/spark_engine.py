@@ -26,7 +26,10 @@ class Engine(Block):
     def derivative(self, t, x, u, p):
         """Return speed and acceleration."""
         push = x.torque * (1 + np.cos(2 * x.angle))
-        return {"angle": x.rate, "rate": push - 0.2 * x.rate - 20 * np.sin(x.angle) ** 2}
+        return {
+            "angle": x.rate,
+            "rate": push - 0.2 * x.rate - 20 * np.sin(x.angle) ** 2,
+        }
 
     def indicators(self, t, x, u, p):
         """Return how far the crank is beyond the next half turn."""

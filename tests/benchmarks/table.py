@@ -52,10 +52,17 @@ Benchmark = Callable[[], list[Row]]
 
 def show(rows):
     """Print the table."""
-    cells = [("what", "median", "target"), *((row.name, row.figure, row.target) for row in rows)]
+    cells = [
+        ("what", "median", "target"),
+        *((row.name, row.figure, row.target) for row in rows),
+    ]
     widths = [max(len(row[i]) for row in cells) for i in range(3)]
     for line in cells:
-        print("  ".join(cell.ljust(w) for cell, w in zip(line, widths, strict=True)).rstrip())
+        print(
+            "  ".join(
+                cell.ljust(w) for cell, w in zip(line, widths, strict=True)
+            ).rstrip()
+        )
 
 
 def check(benchmarks):
@@ -64,7 +71,9 @@ def check(benchmarks):
     show(rows)
     slow = [row for row in rows if row.ratio is not None and row.ratio > row.limit]
     for row in slow:
-        print(f"too slow: {row.name}: {row.ratio:.2f}, and may be {row.limit:.2f} at most")
+        print(
+            f"too slow: {row.name}: {row.ratio:.2f}, and may be {row.limit:.2f} at most"
+        )
     if unmeasured := TARGETS.keys() - {row.name for row in rows}:
         print(f"not measured: {', '.join(sorted(unmeasured))}")
     return 1 if slow or unmeasured else 0

@@ -12,9 +12,16 @@ def evaluate():
 
     def outputs(block, t=0.0, states=None, **inputs):
         def signals(values):
-            return Signals("block", {n: np.asarray(v, dtype=float) for n, v in values.items()})
+            return Signals(
+                "block", {n: np.asarray(v, dtype=float) for n, v in values.items()}
+            )
 
-        return block.output(np.float64(t), signals(states or {}), signals(inputs), signals(block.parameters))
+        return block.output(
+            np.float64(t),
+            signals(states or {}),
+            signals(inputs),
+            signals(block.parameters),
+        )
 
     return outputs
 
@@ -28,7 +35,9 @@ def respond():
         diagram.add(block=block)
         for name, value in inputs.items():
             source = value if isinstance(value, Block) else Constant(value)
-            diagram.connect(diagram.add(**{f"{name}_source": source}).y, block.port(name))
+            diagram.connect(
+                diagram.add(**{f"{name}_source": source}).y, block.port(name)
+            )
         return simulate(diagram, duration, **{"step": 0.01, **(settings or {})})
 
     return response

@@ -68,7 +68,11 @@ def test_a_delay_restarts_twice_from_one_snapshot():
 
 
 def test_an_integrator_that_left_its_lower_limit_can_fall_again():
-    rate = TimeFunction(lambda t: np.where(np.abs(t - 1.5) < 0.5, 1.0, -1.0), breakpoints=(1.0, 2.0))
+    rate = TimeFunction(
+        lambda t: np.where(np.abs(t - 1.5) < 0.5, 1.0, -1.0), breakpoints=(1.0, 2.0)
+    )
     diagram = Diagram("limits")
     diagram.add(rate=rate) >> diagram.add(area=LimitedIntegrator(lower=0.0))
-    assert simulate(diagram, 2.5, step=TICK)["area.y"][-1] == pytest.approx(0.5, abs=2 * TICK)
+    assert simulate(diagram, 2.5, step=TICK)["area.y"][-1] == pytest.approx(
+        0.5, abs=2 * TICK
+    )

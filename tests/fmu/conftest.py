@@ -48,7 +48,9 @@ class Oscillator(Block):
     total = Output(unit="J", meaning="energy")
     q = State("masses", unit="m", initial="initial_position")
     v = State("masses", unit="m/s")
-    stiffness = Parameter(4.0, ("masses",), unit="N/m", above=0.0, meaning="spring rates")
+    stiffness = Parameter(
+        4.0, ("masses",), unit="N/m", above=0.0, meaning="spring rates"
+    )
     cubic = Parameter(0.5, meaning="hardening")
     damping = Parameter(0.1, unit="N*s/m", minimum=0.0)
     initial_position = Parameter(1.0, ("masses",), unit="m")
@@ -65,7 +67,10 @@ class Oscillator(Block):
         }
 
     def derivative(self, t, x, u, p):
-        return {"q": x.v, "v": u.force - p.stiffness * x.q - p.cubic * x.q**3 - p.damping * x.v}
+        return {
+            "q": x.v,
+            "v": u.force - p.stiffness * x.q - p.cubic * x.q**3 - p.damping * x.v,
+        }
 
 
 class Rotor(Block):
@@ -80,7 +85,9 @@ class Rotor(Block):
         super().__init__()
 
     def output(self, t, x, u, p):
-        return {"axes": np.stack([np.stack([x.rate, u.torque]), np.stack([2 * x.rate, t])])}
+        return {
+            "axes": np.stack([np.stack([x.rate, u.torque]), np.stack([2 * x.rate, t])])
+        }
 
     def derivative(self, t, x, u, p):
         return {"rate": u.torque}
@@ -129,7 +136,9 @@ class Instance:
         self.sizes: dict[str, int] = {}
         for variable in about.modelVariables:
             name, reference = variable.name, variable.valueReference
-            self.references.setdefault(re.sub(r"\[[\d,]+\]", "", name), []).append(reference)
+            self.references.setdefault(re.sub(r"\[[\d,]+\]", "", name), []).append(
+                reference
+            )
             self.references[name] = [reference]
             self.sizes[name] = math.prod(int(d.start) for d in variable.dimensions)
         kinds = {"cs": (FMU2Slave, FMU3Slave), "me": (FMU2Model, FMU3Model)}
@@ -144,7 +153,9 @@ class Instance:
             self.fmu.instantiate(loggingOn=True, logMessage=self._record, **settings)
             return
         callbacks = fmi2CallbackFunctions()
-        callbacks.logger = fmi2CallbackLoggerTYPE(lambda _component, *message: self._record(*message))
+        callbacks.logger = fmi2CallbackLoggerTYPE(
+            lambda _component, *message: self._record(*message)
+        )
         callbacks.allocateMemory = fmi2CallbackAllocateMemoryTYPE(fmpy.calloc)
         callbacks.freeMemory = fmi2CallbackFreeMemoryTYPE(fmpy.free)
         self.fmu.instantiate(callbacks=callbacks, loggingOn=True)
@@ -184,7 +195,9 @@ class Instance:
             if self.scalar:
                 values += self.getReal(self.references[name])
             else:
-                values += self.getFloat64(self.references[name], nValues=self.sizes[name])
+                values += self.getFloat64(
+                    self.references[name], nValues=self.sizes[name]
+                )
         return np.array(values)
 
     def step(self, first, last, length):
@@ -230,7 +243,9 @@ def plant():
     return SpaceTruss.consistent()
 
 
-@pytest.fixture(scope="session", params=["2.0", pytest.param("3.0", marks=pytest.mark.campaign)])
+@pytest.fixture(
+    scope="session", params=["2.0", pytest.param("3.0", marks=pytest.mark.campaign)]
+)
 def plant_fmu(request, plant, exported):
     return exported(plant, request.param)
 

@@ -35,12 +35,16 @@ def modes():
 
 @pytest.fixture(scope="session")
 def published(modes):
-    return TrussDynamics(modes=modes, arms=(RobotArm.literal(),) * 4, elastic_integrals=False)
+    return TrussDynamics(
+        modes=modes, arms=(RobotArm.literal(),) * 4, elastic_integrals=False
+    )
 
 
 @pytest.fixture(scope="session")
 def consistent(modes):
-    return TrussDynamics(modes=modes, arms=(RobotArm.jaco(),) * 4, elastic_integrals=True)
+    return TrussDynamics(
+        modes=modes, arms=(RobotArm.jaco(),) * 4, elastic_integrals=True
+    )
 
 
 @pytest.fixture
@@ -83,7 +87,9 @@ def random_arm(rng, kinds):
     """
     letters = kinds if isinstance(kinds, str) else "R" * kinds
     joints = len(letters)
-    rotations = np.array([fixed_rotation(a) for a in rng.uniform(-3, 3, (joints + 2, 3))])
+    rotations = np.array(
+        [fixed_rotation(a) for a in rng.uniform(-3, 3, (joints + 2, 3))]
+    )
     masses, moments, inertias = [], [], []
     for _ in range(joints + 2):
         points = 0.3 * rng.standard_normal((8, 3))
@@ -92,7 +98,9 @@ def random_arm(rng, kinds):
         inertias.append(np.sum(points**2) * np.eye(3) - points.T @ points)
     # The base's inertia is about its centroid.
     centre = moments[-1] / masses[-1]
-    central = inertias[-1] - masses[-1] * (centre @ centre * np.eye(3) - np.outer(centre, centre))
+    central = inertias[-1] - masses[-1] * (
+        centre @ centre * np.eye(3) - np.outer(centre, centre)
+    )
     return RobotArm(
         name="random",
         hand_rotation=rotations[0],
@@ -107,7 +115,9 @@ def random_arm(rng, kinds):
         base_mass=masses[-1],
         base_inertia=central,
         rest_angles=np.zeros(joints),
-        joint_data=tuple(Joint(f"joint {j}", letter == "P") for j, letter in enumerate(letters)),
+        joint_data=tuple(
+            Joint(f"joint {j}", letter == "P") for j, letter in enumerate(letters)
+        ),
     )
 
 
@@ -116,7 +126,9 @@ def random_state(rng):
     """Return a maker of tumbling, deformed states: angles up to ±1.2 rad, rates of order 1."""
 
     def make(system):
-        return rng.uniform(-1.2, 1.2, system.coordinates), rng.standard_normal(system.freedoms)
+        return rng.uniform(-1.2, 1.2, system.coordinates), rng.standard_normal(
+            system.freedoms
+        )
 
     return make
 

@@ -8,7 +8,13 @@ import numpy as np
 import pint
 import pytest
 
-from trussflow.models import ModelError, ParameterTable, RobotArm, Structure, shipped_file
+from trussflow.models import (
+    ModelError,
+    ParameterTable,
+    RobotArm,
+    Structure,
+    shipped_file,
+)
 from trussflow.models.layered_file import LayeredFile
 from trussflow.models.truss.truss_modes_file import read_modes
 from trussflow.models.viewer.motion import opened
@@ -45,7 +51,9 @@ def units():
 
 @pytest.mark.parametrize("name", SHIPPED)
 def test_every_shipped_value_has_unit_and_source(name, units):
-    values = list(entries(tomllib.loads(shipped_file(name).read_text(encoding="utf-8"))))
+    values = list(
+        entries(tomllib.loads(shipped_file(name).read_text(encoding="utf-8")))
+    )
     assert len(values) >= 5
     for place, entry in values:
         assert set(entry) == {"value", "unit", "source"}, place
@@ -101,18 +109,24 @@ def test_values_are_read_in_their_unit(table):
 def test_text_is_converted(tmp_path):
     path = tmp_path / "file.toml"
     path.write_text(
-        'a = "60 deg"\nb = "[1, 2.5, -3e1] mm"\nc = "3 %"\nd = "1.5"\ne = "4 N*m"\n', encoding="utf-8"
+        'a = "60 deg"\nb = "[1, 2.5, -3e1] mm"\nc = "3 %"\nd = "1.5"\ne = "4 N*m"\n',
+        encoding="utf-8",
     )
     table = ParameterTable.read(path)
     assert table.scalar("a", "rad") == pytest.approx(np.pi / 3, rel=1e-15)
     assert np.array_equal(table.array("b", "m", (3,)), [1e-3, 2.5e-3, -30e-3])
-    assert (table.scalar("c", "1"), table.scalar("d", "1"), table.scalar("e", "N*m")) == (0.03, 1.5, 4.0)
+    assert (
+        table.scalar("c", "1"),
+        table.scalar("d", "1"),
+        table.scalar("e", "N*m"),
+    ) == (0.03, 1.5, 4.0)
 
 
 def test_errors_name_the_line(tmp_path):
     path = tmp_path / "file.toml"
     path.write_text(
-        '# a comment\nx = "1 s"\n[a]\nx = "2 s"\n\n[[b]]\nx = "1 m"\n[[b]]\nx = "1 kg"\n', encoding="utf-8"
+        '# a comment\nx = "1 s"\n[a]\nx = "2 s"\n\n[[b]]\nx = "1 m"\n[[b]]\nx = "1 kg"\n',
+        encoding="utf-8",
     )
     file = ParameterTable.read(path)
     for table, line in ((file, 2), (file.table("a"), 4), (file.tables("b")[1], 9)):
@@ -127,7 +141,10 @@ def test_errors_name_the_line(tmp_path):
             lambda table: table.scalar("length", "mm"),
             r"file.toml: 'length' is given in 'm'; it must be in 'mm'",
         ),
-        (lambda table: table.table("inner").scalar("depth", "1"), r"inner: 'depth' is missing; found deep"),
+        (
+            lambda table: table.table("inner").scalar("depth", "1"),
+            r"inner: 'depth' is missing; found deep",
+        ),
         (lambda table: table.scalar("bare", "m"), "'bare' has no 'source'"),
         (lambda table: table.scalar("plain", "m"), r"'plain' must read \{value"),
         (
@@ -137,7 +154,10 @@ def test_errors_name_the_line(tmp_path):
         (lambda table: table.scalar("endless", "m"), "'endless' is not finite"),
         (lambda table: table.scalar("words", "m"), "'words' must be numeric, not"),
         (lambda table: table.table("plain"), "'plain' must be a table"),
-        (lambda table: table.tables("inner"), r"'inner' must be an array of tables, each headed \[\[inner"),
+        (
+            lambda table: table.tables("inner"),
+            r"'inner' must be an array of tables, each headed \[\[inner",
+        ),
         (lambda table: table.text("plain"), "'plain' must be text"),
     ],
 )
@@ -150,12 +170,17 @@ def test_unreadable_files(tmp_path):
     with pytest.raises(ModelError, match=r"cannot read parameter file .*No such file"):
         ParameterTable.read(tmp_path / "absent.toml")
     broken = tmp_path / "broken.toml"
-    for text, fault in (("mass = = 3", "Invalid value"), ("a = " + "[" * 100_000, "it is nested too deeply")):
+    for text, fault in (
+        ("mass = = 3", "Invalid value"),
+        ("a = " + "[" * 100_000, "it is nested too deeply"),
+    ):
         broken.write_text(text)
         with pytest.raises(ModelError, match=rf"it is not TOML \({fault}"):
             ParameterTable.read(broken)
     broken.write_text(f'extends = "{"a" * 300}"')
-    with pytest.raises(ModelError, match=r"'extends' names no file: no parameter file 'aaa"):
+    with pytest.raises(
+        ModelError, match=r"'extends' names no file: no parameter file 'aaa"
+    ):
         LayeredFile.read(broken)
 
 
@@ -163,7 +188,9 @@ READERS = {
     "parameters.toml": ParameterTable.read,
     "modes.json": read_modes,
     "robot.urdf": lambda path: RobotArm.from_urdf(path, hand="a", base="b"),
-    "places.npy": lambda path: Structure.from_matrices(np.eye(3), np.eye(3), path, units=("m", "kg", "s")),
+    "places.npy": lambda path: Structure.from_matrices(
+        np.eye(3), np.eye(3), path, units=("m", "kg", "s")
+    ),
     "result.nc": opened,
 }
 
@@ -172,7 +199,9 @@ READERS = {
 @pytest.mark.parametrize("name", READERS)
 def test_readers_take_regular_files_only(name, tmp_path):
     os.mkfifo(tmp_path / name)
-    with pytest.raises(ModelError, match=rf"{re.escape(name)}': it is a device, a pipe or a socket"):
+    with pytest.raises(
+        ModelError, match=rf"{re.escape(name)}': it is a device, a pipe or a socket"
+    ):
         READERS[name](tmp_path / name)
 
 

@@ -40,7 +40,9 @@ def neutral():
 @pytest.fixture(scope="module")
 def driven():
     """Return a loop that is unstable, since the actuators drive a mode."""
-    return TrussLoop(SpaceTruss.consistent(damping=0.013), 3.0, allocation="published", linear=True)
+    return TrussLoop(
+        SpaceTruss.consistent(damping=0.013), 3.0, allocation="published", linear=True
+    )
 
 
 @pytest.mark.parametrize("name", INDEPENDENT)
@@ -54,14 +56,22 @@ def test_map_of_spillover_has_the_eigenvalues_of_the_diagram(matrices, driven):
     found = matrices["Eq. 64"].rightmost(0.013, 3.0)
     assert found == pytest.approx(rightmost(driven.closed), rel=1e-7)
     plain = TrussLoop(SpaceTruss.published(), linear=True)
-    assert matrices["published"].rightmost(0.0, 0.0) == pytest.approx(rightmost(plain.closed), rel=1e-7)
+    assert matrices["published"].rightmost(0.0, 0.0) == pytest.approx(
+        rightmost(plain.closed), rel=1e-7
+    )
     for name, least in (("Eq. 64", ["> 1 %", "2 %"]), ("published", ["0 %", "0 %"])):
-        growth, ratios = matrices[name].growth([0.0, 0.01, 0.02], [4.0])[:, 0], [0.0, 0.01, 0.02]
+        growth, ratios = (
+            matrices[name].growth([0.0, 0.01, 0.02], [4.0])[:, 0],
+            [0.0, 0.01, 0.02],
+        )
         assert [least_damping(growth[:n], ratios[:n]) for n in (2, 3)] == least
 
 
 def test_mode_neutral_feedback_leaves_no_loop_at_the_modes(neutral):
-    assert np.abs(response(neutral.modal_loop, np.array([0.3, 15.0, 60.0]))).max() < ROUND_OFF
+    assert (
+        np.abs(response(neutral.modal_loop, np.array([0.3, 15.0, 60.0]))).max()
+        < ROUND_OFF
+    )
 
 
 def test_at_its_gain_margin_a_channel_has_a_pole_on_the_axis(neutral, rng):
@@ -71,7 +81,10 @@ def test_at_its_gain_margin_a_channel_has_a_pole_on_the_axis(neutral, rng):
         for gain in (margins.gain_down, margins.gain_up):
             if 0 < gain < np.inf:
                 gains = np.where(np.arange(34) == k, gain, 1.0)
-                pole = max(np.linalg.eigvals(loop.A - loop.B * gains @ loop.C), key=lambda s: s.real)
+                pole = max(
+                    np.linalg.eigvals(loop.A - loop.B * gains @ loop.C),
+                    key=lambda s: s.real,
+                )
                 assert abs(pole.real) < 2e-3 * abs(pole), margins
     for _ in range(20):
         gains = np.ones(34)
@@ -107,7 +120,9 @@ def test_modal_table_of_the_truss_has_the_modes_of_its_mass_and_stiffness():
     """Without damping; 34 rigid coordinates have no frequency."""
     truss = SpaceTruss.published()
     terms = truss.dynamics.evaluate(truss.dynamics.rest, np.zeros(truss.n))
-    stiffness = block_diag(np.zeros((truss.rigid, truss.rigid)), np.diag(truss.dynamics.modes.stiffness))
+    stiffness = block_diag(
+        np.zeros((truss.rigid, truss.rigid)), np.diag(truss.dynamics.modes.stiffness)
+    )
     squares, shapes = eigh(stiffness, terms.mass_matrix)
     effects = (shapes[: truss.rigid].T @ terms.actuation_matrix[: truss.rigid]) ** 2
     found = modal_table(truss, "actuation").modes
@@ -115,13 +130,18 @@ def test_modal_table_of_the_truss_has_the_modes_of_its_mass_and_stiffness():
         np.sqrt(squares[truss.rigid :]), rel=1e-8
     )
     for mode, effect in zip(found, effects[truss.rigid :], strict=True):
-        np.testing.assert_allclose(list(mode.shares.values()), effect / effect.sum(), rtol=0, atol=1e-7)
+        np.testing.assert_allclose(
+            list(mode.shares.values()), effect / effect.sum(), rtol=0, atol=1e-7
+        )
 
 
 @pytest.mark.campaign
 def test_quick_study_writes_tables_and_figures(tmp_path):
     main(["--quick", "--output", str(tmp_path)])
-    figures = {"bode_demand.png", *(f"bode_{d}_{L}.png" for d in (5, 100) for L in (0, 4))}
+    figures = {
+        "bode_demand.png",
+        *(f"bode_{d}_{L}.png" for d in (5, 100) for L in (0, 4)),
+    }
     assert {path.name for path in tmp_path.iterdir()} == {
         "tables.txt",
         "poles.png",
@@ -129,5 +149,9 @@ def test_quick_study_writes_tables_and_figures(tmp_path):
         *figures,
     }
     text = (tmp_path / "tables.txt").read_text(encoding="utf-8")
-    for line in ("Eq. 64      14     > 2 %  > 2 %  > 2 %", "published, pd", "unstable poles 11.68+62.73j"):
+    for line in (
+        "Eq. 64      14     > 2 %  > 2 %  > 2 %",
+        "published, pd",
+        "unstable poles 11.68+62.73j",
+    ):
         assert line in text

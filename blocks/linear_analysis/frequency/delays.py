@@ -13,7 +13,12 @@ from trussflow.blocks.errors import LinearAnalysisError
 from trussflow.blocks.linear_analysis.lifting import held_flow
 from trussflow.blocks.linear_analysis.margins import stable_poles
 from trussflow.blocks.support.types import Vector
-from trussflow.blocks.support.validation import finite_array, frequencies, is_whole, shown
+from trussflow.blocks.support.validation import (
+    finite_array,
+    frequencies,
+    is_whole,
+    shown,
+)
 
 if TYPE_CHECKING:
     import control
@@ -85,7 +90,11 @@ def delay_margin(
     values = np.array([sizes_at(w) for w in grid])
     for k, i in np.argwhere(np.diff(np.sign(values), axis=0) != 0):
         crossing = brentq(
-            lambda w, i: float(sizes_at(w)[i]), grid[k], grid[k + 1], args=(i,), xtol=1e-12 * grid[k]
+            lambda w, i: float(sizes_at(w)[i]),
+            grid[k],
+            grid[k + 1],
+            args=(i,),
+            xtol=1e-12 * grid[k],
         )
         for gain in gains(crossing):
             if abs(abs(gain) - 1) < 1e-6:  # two gains may cross here together
@@ -120,7 +129,9 @@ def _grid(poles: NDArray[np.complex128]) -> Vector:
     peaks = np.unique(np.abs(poles.imag[np.abs(poles.imag) > low]))
     around = np.geomspace(1e-9, 1e-2, 22)
     around = 1 + np.concatenate([-around, around])
-    return np.unique([*np.geomspace(low, high, GRID_POINTS), *np.outer(peaks, around).ravel()])
+    return np.unique(
+        [*np.geomspace(low, high, GRID_POINTS), *np.outer(peaks, around).ravel()]
+    )
 
 
 def largest_sample_time(
@@ -164,16 +175,24 @@ def largest_sample_time(
         continuous, or an argument makes no sense.
     """
     _check_continuous(plant=plant, controller=controller)
-    for name, value in {"shortest": shortest, "longest": longest, "delay": delay}.items():
+    for name, value in {
+        "shortest": shortest,
+        "longest": longest,
+        "delay": delay,
+    }.items():
         finite_array(name, value, ())
     if np.any(np.asarray(plant.D) != 0):
-        raise LinearAnalysisError("a plant with direct feedthrough has an algebraic loop when held")
+        raise LinearAnalysisError(
+            "a plant with direct feedthrough has an algebraic loop when held"
+        )
     if (plant.ninputs, plant.noutputs) != (controller.noutputs, controller.ninputs):
         raise LinearAnalysisError(
             f"a plant with {plant.ninputs} inputs and {plant.noutputs} outputs does not fit a "
             f"controller with {controller.ninputs} inputs and {controller.noutputs} outputs"
         )
-    if not (0 < shortest < longest < np.inf and is_whole(points) and 1 < points <= 1_000_000):
+    if not (
+        0 < shortest < longest < np.inf and is_whole(points) and 1 < points <= 1_000_000
+    ):
         raise LinearAnalysisError(
             f"shortest = {shortest}, longest = {longest}, points = {points}: the periods must rise "
             "from above zero, with two to a million points"
@@ -201,7 +220,10 @@ def _limit(stable: Callable[[float], bool], low: float, high: float) -> float:
 
 
 def sampled_loop_radius(
-    plant: control.StateSpace, controller: control.StateSpace, period: float, delay: float
+    plant: control.StateSpace,
+    controller: control.StateSpace,
+    period: float,
+    delay: float,
 ) -> float:
     """Return the spectral radius of the loop that `largest_sample_time` describes.
 
@@ -215,7 +237,9 @@ def sampled_loop_radius(
         Computing time in periods [-].
     """
     A, B, C = (np.asarray(m) for m in (plant.A, plant.B, plant.C))
-    K, L, M, N = (np.asarray(m) for m in (controller.A, controller.B, controller.C, controller.D))
+    K, L, M, N = (
+        np.asarray(m) for m in (controller.A, controller.B, controller.C, controller.D)
+    )
     first, early = held_flow(A, B, delay * period)  # the old command still acts
     second, late = held_flow(A, B, (1 - delay) * period)
     turned, driven = held_flow(K, L, period)

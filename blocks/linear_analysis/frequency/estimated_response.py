@@ -23,8 +23,15 @@ from trussflow.blocks.linear_analysis.frequency.excitation import (
     Sweep,
     excited,
 )
-from trussflow.blocks.linear_analysis.operating_point import OperatingPoint, Surroundings
-from trussflow.blocks.linear_analysis.references import References, all_named, distinct_labels
+from trussflow.blocks.linear_analysis.operating_point import (
+    OperatingPoint,
+    Surroundings,
+)
+from trussflow.blocks.linear_analysis.references import (
+    References,
+    all_named,
+    distinct_labels,
+)
 from trussflow.blocks.simulation.simulator import Simulator
 from trussflow.blocks.support.types import Vector
 from trussflow.blocks.support.validation import (
@@ -39,7 +46,9 @@ from trussflow.blocks.support.validation import (
 from trussflow.blocks.tracing.plan import Plan
 
 if TYPE_CHECKING:
-    from trussflow.blocks.linear_analysis.frequency.response_estimate import ResponseEstimate
+    from trussflow.blocks.linear_analysis.frequency.response_estimate import (
+        ResponseEstimate,
+    )
 
 MIN_STEPS = 10
 """Steps within a period of the highest frequency [-]."""
@@ -142,17 +151,23 @@ def estimated_response(
     >>> bool(np.allclose(found.complex, 1 / (1 + 1j * found.omega), rtol=0, atol=1e-3))
     True
     """
-    from trussflow.blocks.linear_analysis.frequency.response_estimate import ResponseEstimate
+    from trussflow.blocks.linear_analysis.frequency.response_estimate import (
+        ResponseEstimate,
+    )
 
     omega = frequencies(omega)
     read, often = (step, MIN_STEPS) if sample_time is None else (sample_time, 2)
     positive(LinearAnalysisError, step=step, sample_time=read)
     positive_whole(realizations=realizations, cycles=cycles)
     if not is_whole(seed) or seed < 0:
-        raise LinearAnalysisError(f"seed = {shown(seed)} must be a whole number, 0 or above")
+        raise LinearAnalysisError(
+            f"seed = {shown(seed)} must be a whole number, 0 or above"
+        )
     given: object = tolerance
     if not (isinstance(given, float | int) and given > 0):
-        raise LinearAnalysisError(f"tolerance = {shown(tolerance)} must be positive; infinite under noise")
+        raise LinearAnalysisError(
+            f"tolerance = {shown(tolerance)} must be positive; infinite under noise"
+        )
     one_of("excitation signal", signal, ("multisine", "chirp"), LinearAnalysisError)
     if not read * omega.max() < 2 * np.pi / often:
         raise LinearAnalysisError(
@@ -160,9 +175,15 @@ def estimated_response(
             f"{omega.max():g} rad/s; take a shorter {'step' if sample_time is None else 'sample_time'}"
         )
     system = flatten(item, external=True)
-    put_in, wanted = all_named(system, inputs, item.inputs()), all_named(system, outputs, item.outputs())
+    put_in, wanted = (
+        all_named(system, inputs, item.inputs()),
+        all_named(system, outputs, item.outputs()),
+    )
     cannot = f"cannot estimate a response of '{item.name}'"
-    labels = distinct_labels(cannot, "inputs", put_in), distinct_labels(cannot, "outputs", wanted)
+    labels = (
+        distinct_labels(cannot, "inputs", put_in),
+        distinct_labels(cannot, "outputs", wanted),
+    )
     size = len(labels[0])
     sizes = np.broadcast_to(_amplitudes(amplitude, size), (size,))
     period = _period(
@@ -177,14 +198,23 @@ def estimated_response(
         sources.append(
             Multisine(one.port, moved)
             if signal == "multisine"
-            else Sweep(one.port, moved[0] / SWEEP_MARGIN, moved[-1] * SWEEP_MARGIN, float(period))
+            else Sweep(
+                one.port,
+                moved[0] / SWEEP_MARGIN,
+                moved[-1] * SWEEP_MARGIN,
+                float(period),
+            )
         )
         sources[-1].named(f"excitation {number + 1}")
         if sample_time is not None:
             sources[-1].sampled(sample_time)
     point, _ = Surroundings(Plan(system, own_programs=True)).complete(at, [], {})
     simulator = Simulator(
-        excited(system, point, {one.port: source for one, source in zip(put_in, sources, strict=True)}),
+        excited(
+            system,
+            point,
+            {one.port: source for one, source in zip(put_in, sources, strict=True)},
+        ),
         step=step,
         solver=solver,
         log_step=read,
@@ -195,20 +225,25 @@ def estimated_response(
     rng = np.random.default_rng(seed)
     estimates = []
     for _ in range(realizations):
-        if signal == "multisine":
-            draw = _multisines(rng, sizes, lines.size)
-        else:
-            draw = _sweeps(rng, sizes, samples, read)
+        draw = (
+            _multisines(rng, sizes, lines.size)
+            if signal == "multisine"
+            else _sweeps(rng, sizes, samples, read)
+        )
         U, Y = zip(*(runs.spectra(changed) for changed in draw), strict=True)
         estimates.append(_ratio(np.stack(Y, axis=-1), np.stack(U, axis=-1)))
-    return ResponseEstimate(np.array(estimates), moved, inputs=labels[0], outputs=labels[1])
+    return ResponseEstimate(
+        np.array(estimates), moved, inputs=labels[0], outputs=labels[1]
+    )
 
 
 def _amplitudes(amplitude: npt.ArrayLike, size: int) -> Vector:
     """Return the amplitudes of the elements, or one of them all."""
     found = np.ravel(finite_array("amplitude", amplitude))
     if found.size not in (1, size):
-        raise LinearAnalysisError(f"give one amplitude, or one for each of {size} inputs, not {found.size}")
+        raise LinearAnalysisError(
+            f"give one amplitude, or one for each of {size} inputs, not {found.size}"
+        )
     for each in found.tolist():
         positive(LinearAnalysisError, amplitude=each)
     return found
@@ -234,10 +269,15 @@ def _multisines(rng: np.random.Generator, sizes: Vector, lines: int) -> Iterator
     for run in count:
         # Of each run by itself as well: else noise that is the same in all falls to the first input alone.
         own = rng.uniform(0.0, 2 * np.pi, (lines, 1))
-        yield {"amplitude": sizes, "phase": phase + own + 2 * np.pi * run * count / count.size}
+        yield {
+            "amplitude": sizes,
+            "phase": phase + own + 2 * np.pi * run * count / count.size,
+        }
 
 
-def _sweeps(rng: np.random.Generator, sizes: Vector, samples: int, read: float) -> Iterator[Draw]:
+def _sweeps(
+    rng: np.random.Generator, sizes: Vector, samples: int, read: float
+) -> Iterator[Draw]:
     """Return runs with one input after the other."""
     shift: Vector = read * rng.integers(samples, size=sizes.size).astype(np.float64)
     sign = rng.choice([-1.0, 1.0], sizes.size)
@@ -272,7 +312,9 @@ class _Runs:
         for source in self.sources:
             for name, values in draw.items():
                 own = values[..., first : first + source.size]
-                parameters[f"{source.path}.{name}"] = own if name == "phase" else own.reshape(source.extent)
+                parameters[f"{source.path}.{name}"] = (
+                    own if name == "phase" else own.reshape(source.extent)
+                )
             first += source.size
         while self.periods <= MOST_PERIODS:
             before, last = self._last_two(parameters)
@@ -296,7 +338,11 @@ class _Runs:
             progress=False,
         )
         rows = result["time"].size
-        values = np.column_stack([signal.values.reshape(rows, -1) for signal in result.data_vars.values()])
-        halves = values[rows - 1 - 2 * self.samples : rows - 1].reshape(2, self.samples, -1)
+        values = np.column_stack(
+            [signal.values.reshape(rows, -1) for signal in result.data_vars.values()]
+        )
+        halves = values[rows - 1 - 2 * self.samples : rows - 1].reshape(
+            2, self.samples, -1
+        )
         before, last = np.fft.rfft(halves, axis=1)[:, self.lines].swapaxes(1, 2)
         return before, last

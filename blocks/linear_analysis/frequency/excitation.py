@@ -44,7 +44,9 @@ class Excitation(Block):
     def __init__(self, port: Port, **parameters: Vector) -> None:
         self.extent = port.shape or ()
         self.size = port.elements().size
-        self.own_unit = port.element_units()[0] if len(set(port.element_units())) == 1 else None
+        self.own_unit = (
+            port.element_units()[0] if len(set(port.element_units())) == 1 else None
+        )
         super().__init__(amplitude=np.zeros(self.extent), **parameters)
 
 
@@ -63,18 +65,21 @@ class Multisine(Excitation):
         Frequencies [rad/s].
     """
 
-    omega = Parameter(shape="lines", unit="rad/s", meaning="ω")  # not compiled: responses share code
+    # not compiled: responses share code
+    omega = Parameter(shape="lines", unit="rad/s", meaning="ω")
     phase = Parameter(shape=("lines", "size"), unit="rad", meaning="φ")
 
     def __init__(self, port: Port, omega: Vector) -> None:
         self.lines = omega.size
-        super().__init__(port, omega=omega, phase=np.zeros((self.lines, port.elements().size)))
+        super().__init__(
+            port, omega=omega, phase=np.zeros((self.lines, port.elements().size))
+        )
 
     def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
         """Return the sum of the sines."""
-        sines = np.sum(np.sin(np.reshape(p.omega, (self.lines, 1)) * t + p.phase), axis=0) / np.sqrt(
-            self.lines
-        )
+        sines = np.sum(
+            np.sin(np.reshape(p.omega, (self.lines, 1)) * t + p.phase), axis=0
+        ) / np.sqrt(self.lines)
         return {"y": p.amplitude * np.reshape(sines, self.extent)}
 
 
@@ -98,20 +103,29 @@ class Sweep(Excitation):
 
     shift = Parameter(shape="extent", unit="s", meaning="s")
 
-    def __init__(self, port: Port, lowest: float, highest: float, period: float) -> None:
+    def __init__(
+        self, port: Port, lowest: float, highest: float, period: float
+    ) -> None:
         self.ratio = np.log(highest / lowest)
         self.period = period
-        cycles = np.round(lowest * period * (highest / lowest - 1.0) / self.ratio / (2 * np.pi))
+        cycles = np.round(
+            lowest * period * (highest / lowest - 1.0) / self.ratio / (2 * np.pi)
+        )
         self.rise = 2 * np.pi * max(cycles, 1.0) / (highest / lowest - 1.0)
         super().__init__(port, shift=np.zeros(port.shape or ()))
 
     def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
         """Return the sine."""
         turns = (t + p.shift) / self.period
-        return {"y": p.amplitude * np.sin(self.rise * np.expm1(self.ratio * (turns - np.floor(turns))))}
+        return {
+            "y": p.amplitude
+            * np.sin(self.rise * np.expm1(self.ratio * (turns - np.floor(turns))))
+        }
 
 
-def excited(system: System, point: OperatingPoint, sources: Mapping[Port, Block]) -> System:
+def excited(
+    system: System, point: OperatingPoint, sources: Mapping[Port, Block]
+) -> System:
     """Return a system with signals added, and with all inputs from outside constant.
 
     Parameters
@@ -130,12 +144,19 @@ def excited(system: System, point: OperatingPoint, sources: Mapping[Port, Block]
     """
     for port in system.root.inputs():
         if port.name in system.external:
-            constant = Constant(point.inputs[port.name], unit=port.unit).named(f"(constant {port.name})")
+            constant = Constant(point.inputs[port.name], unit=port.unit).named(
+                f"(constant {port.name})"
+            )
             system = injected(system, port, constant, cut=True)
     outside = {block.path for block in system.external.values()}
-    system = replace(system, blocks={path: b for path, b in system.blocks.items() if path not in outside})
+    system = replace(
+        system,
+        blocks={path: b for path, b in system.blocks.items() if path not in outside},
+    )
     for port, source in sources.items():
         if not readers(system, port):
-            raise LinearAnalysisError(f"nothing reads '{port.full_path}', so nothing can be put in there")
+            raise LinearAnalysisError(
+                f"nothing reads '{port.full_path}', so nothing can be put in there"
+            )
         system = injected(system, port, source)
     return system

@@ -101,7 +101,11 @@ def frequency_response(
     omega = frequencies(omega)
     system = flatten(item, external=True)
     if amplitude is None and system.clocks:
-        return Linearizer(item, inputs, outputs, cut=cut).at(at).frequency_response(omega, squeeze=False)
+        return (
+            Linearizer(item, inputs, outputs, cut=cut)
+            .at(at)
+            .frequency_response(omega, squeeze=False)
+        )
     delays = [block for block in system.blocks.values() if isinstance(block, DelayLine)]
     override = {block.path: _integrator(block) for block in delays}
     linearizer = Linearizer(item, inputs, outputs, cut=cut, override=override)
@@ -111,10 +115,17 @@ def frequency_response(
     else:
         positive(LinearAnalysisError, amplitude=amplitude)
         number = len(balance.input_labels)
-        columns = [[balance.solve(w, j, amplitude)[1] / amplitude for j in range(number)] for w in omega]
+        columns = [
+            [balance.solve(w, j, amplitude)[1] / amplitude for j in range(number)]
+            for w in omega
+        ]
         response = np.transpose(columns)
     return control.FrequencyResponseData(
-        response, omega, inputs=balance.input_labels, outputs=balance.output_labels, smooth=omega.size > 3
+        response,
+        omega,
+        inputs=balance.input_labels,
+        outputs=balance.output_labels,
+        smooth=omega.size > 3,
     )
 
 
@@ -146,7 +157,10 @@ class Balance:
     """
 
     def __init__(
-        self, linearizer: Linearizer, at: OperatingPoint | None = None, delays: Sequence[DelayLine] = ()
+        self,
+        linearizer: Linearizer,
+        at: OperatingPoint | None = None,
+        delays: Sequence[DelayLine] = (),
     ) -> None:
         model, point, (x, d, p) = linearizer.opened(at)
         self.input_labels, self.output_labels = linearizer.labels()
@@ -159,7 +173,9 @@ class Balance:
         self._delays = list[tuple[slice, float]]()
         for delay in delays:
             # Inputs and outputs at the point; the length of a variable delay is its last input.
-            inputs = self._z[model.plan.place(f"(point of {delay.path})", "y")][: -delay.size]
+            inputs = self._z[model.plan.place(f"(point of {delay.path})", "y")][
+                : -delay.size
+            ]
             length = delay.length(Signals(delay.path, {"delay": inputs[-1]}))
             self._delays.append((model.plan.place(delay.path, "z"), length))
 
@@ -199,7 +215,10 @@ class Balance:
         with self._model.at(self._time, self._p) as local:
             rates, rows = self._model.linear(local, self._z[:size], self._z[size:], {})
         C, D = rows[:, :size], rows[:, columns]
-        each = [C @ self._resolvent(w, rates[:, :size]) @ rates[:, columns] + D for w in omega]
+        each = [
+            C @ self._resolvent(w, rates[:, :size]) @ rates[:, columns] + D
+            for w in omega
+        ]
         return np.stack(each, axis=-1)
 
     def _value(self, name: str, z: Vector) -> Vector:
@@ -207,7 +226,9 @@ class Balance:
         d = z[self._size :].copy()
         return self._executor.call(name, self._time, x, d, self._p)
 
-    def _first_harmonic(self, name: str, X: Complex, column: int, amplitude: float) -> Complex:
+    def _first_harmonic(
+        self, name: str, X: Complex, column: int, amplitude: float
+    ) -> Complex:
         """Return F_1 (of "derivative") or G_1 (of "outputs")."""
         total: Complex | float = 0.0
         for phase in SAMPLE_PHASES:
@@ -218,13 +239,17 @@ class Balance:
             total = total + self._value(name, z) * np.conj(turn)
         return np.asarray(2 * total / SAMPLE_PHASES.size)
 
-    def _quasi_linear(self, amplitudes: Vector, column: int, amplitude: float) -> tuple[Any, Any]:
+    def _quasi_linear(
+        self, amplitudes: Vector, column: int, amplitude: float
+    ) -> tuple[Any, Any]:
         """Return A and a column of B, of describing functions at these amplitudes."""
         wanted = {i: float(a) for i, a in enumerate(amplitudes)} | {column: amplitude}
         found = columns(lambda z: self._value("derivative", z), self._z, wanted)
         return np.column_stack([found[i] for i in range(self._size)]), found[column]
 
-    def solve(self, omega: float, number: int, amplitude: float) -> tuple[Complex, Complex]:
+    def solve(
+        self, omega: float, number: int, amplitude: float
+    ) -> tuple[Complex, Complex]:
         """Return the states' and the outputs' complex amplitudes X and Y.
 
         Parameters
@@ -243,7 +268,11 @@ class Balance:
         """
         column = int(self._model.input_columns[number])
         size = self._size
-        X = self._states(omega, column, amplitude) if size else np.zeros(0, dtype=np.complex128)
+        X = (
+            self._states(omega, column, amplitude)
+            if size
+            else np.zeros(0, dtype=np.complex128)
+        )
         Y = self._first_harmonic("outputs", X, column, amplitude)
         return X, Y[self._model.output_rows - size]
 
@@ -257,7 +286,9 @@ class Balance:
             A, B = self._quasi_linear(sizes, column, amplitude)
             resolvent = self._resolvent(omega, A)
             X = resolvent @ B * amplitude
-            sizes = np.maximum(np.abs(X), MIN_AMPLITUDE_RATIO * np.abs(X).max(initial=amplitude))
+            sizes = np.maximum(
+                np.abs(X), MIN_AMPLITUDE_RATIO * np.abs(X).max(initial=amplitude)
+            )
         scale = np.abs(X).max(initial=0.0) or amplitude
 
         def residual(parts: Vector) -> Any:

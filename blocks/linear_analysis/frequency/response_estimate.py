@@ -30,12 +30,19 @@ class ResponseEstimate(control.FrequencyResponseData):  # type: ignore[misc] # i
         realization [unit of output per unit of input].
     """
 
-    def __init__(self, estimates: NDArray[np.complex128], omega: NDArray[np.float64], **names: Any) -> None:
+    def __init__(
+        self,
+        estimates: NDArray[np.complex128],
+        omega: NDArray[np.float64],
+        **names: Any,
+    ) -> None:
         super().__init__(estimates.mean(axis=0), omega, smooth=omega.size > 3, **names)
         number = len(estimates)
         spread = np.sum(np.abs(estimates - estimates.mean(axis=0)) ** 2, axis=0)
         self.standard_error: NDArray[np.float64] = (
-            np.sqrt(spread / (number - 1) / number) if number > 1 else np.full(spread.shape, np.nan)
+            np.sqrt(spread / (number - 1) / number)
+            if number > 1
+            else np.full(spread.shape, np.nan)
         )
 
     def __repr__(self) -> str:

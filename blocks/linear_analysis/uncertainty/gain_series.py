@@ -46,7 +46,9 @@ class GainSeries:
         self.box = box
         self.blocks = blocks
         self.inner = blocks[-1].stop
-        self.loop = np.array([[np.linalg.norm(box[i, j], 2) for j in blocks] for i in blocks])
+        self.loop = np.array(
+            [[np.linalg.norm(box[i, j], 2) for j in blocks] for i in blocks]
+        )
         self.into = np.array([np.linalg.norm(box[i, self.inner :], 2) for i in blocks])
         powers = {(0,) * len(blocks): box[self.inner :]}
         series = dict(powers)
@@ -58,12 +60,18 @@ class GainSeries:
         # What is as often positive as it is not is between 0 and its norm: half of it moves the middle.
         even = np.all(self.powers % 2 == 0, axis=1)
         self.middle = self.terms[0] + np.sum(self.terms[even][1:], axis=0) / 2.0
-        self.sizes = np.linalg.norm(self.terms, 2, axis=(1, 2)) * np.where(even, 0.5, 1.0)
+        self.sizes = np.linalg.norm(self.terms, 2, axis=(1, 2)) * np.where(
+            even, 0.5, 1.0
+        )
         self.sizes[np.sum(self.powers, axis=1) < 2] = 0.0
         self.last = np.array(list(powers))
-        self.tails = np.array([[np.linalg.norm(row[:, i], 2) for i in blocks] for row in powers.values()])
+        self.tails = np.array(
+            [[np.linalg.norm(row[:, i], 2) for i in blocks] for row in powers.values()]
+        )
 
-    def _multiplied(self, powers: dict[tuple[int, ...], Array]) -> dict[tuple[int, ...], Array]:
+    def _multiplied(
+        self, powers: dict[tuple[int, ...], Array]
+    ) -> dict[tuple[int, ...], Array]:
         """Return the terms of the next order: those given, times Δ and what closes it."""
         found: dict[tuple[int, ...], Array] = {}
         for power, row in powers.items():
@@ -80,7 +88,10 @@ class GainSeries:
             flat = self.middle + np.einsum("ci,iab->cab", corners(len(tilts)), tilts)
             nearly = float(np.max(np.linalg.norm(flat, 2, axis=(1, 2))))
         else:
-            nearly = float(np.linalg.norm(self.middle, 2) + np.sum(np.linalg.norm(tilts, 2, axis=(1, 2))))
+            nearly = float(
+                np.linalg.norm(self.middle, 2)
+                + np.sum(np.linalg.norm(tilts, 2, axis=(1, 2)))
+            )
         return nearly + self._beyond(np.ones(len(self.blocks)))
 
     def _beyond(self, share: Vector) -> float:
@@ -90,7 +101,9 @@ class GainSeries:
             return np.inf
         rest = np.linalg.solve(np.eye(len(loop)) - loop, self.into)
         within = np.prod(share**self.powers, axis=1) @ self.sizes
-        return float(within + np.prod(share**self.last, axis=1) @ (self.tails * share) @ rest)
+        return float(
+            within + np.prod(share**self.last, axis=1) @ (self.tails * share) @ rest
+        )
 
     def widest(self) -> int:
         """Return the parameter to split the box along: without half of it, the bound is least."""

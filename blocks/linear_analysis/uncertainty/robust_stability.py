@@ -59,7 +59,9 @@ class RobustStability(NamedTuple):
     boxes: int
 
 
-def robust_stability(model: UncertainModel, *, decay: float = 0.0, boxes: int = 20_000) -> RobustStability:
+def robust_stability(
+    model: UncertainModel, *, decay: float = 0.0, boxes: int = 20_000
+) -> RobustStability:
     """Prove that all members of an uncertain model are stable, or find one that is not.
 
     Parameters
@@ -121,7 +123,9 @@ def robust_stability(model: UncertainModel, *, decay: float = 0.0, boxes: int = 
             half = half * (1.0 - axes[widest] / 2.0)
             for side in (-1, 1):
                 middle = centre + side * half * axes[widest]
-                heapq.heappush(left, (minus / 2.0, 2 * looked + (side > 0), middle, half))
+                heapq.heappush(
+                    left, (minus / 2.0, 2 * looked + (side > 0), middle, half)
+                )
     return RobustStability(not left, None, -sum(minus for minus, *_ in left), looked)
 
 
@@ -143,7 +147,9 @@ def _within(whole: Polynomial, centre: Vector, half: Vector) -> Polynomial:
     """Return a quadratic function as one of numbers from -1 to 1 in a box."""
     none = (0,) * len(half)
     one = np.eye(len(half), dtype=int)
-    numbers: list[Polynomial] = [{tuple(one[i]): half[i], none: centre[i]} for i in range(len(half))]
+    numbers: list[Polynomial] = [
+        {tuple(one[i]): half[i], none: centre[i]} for i in range(len(half))
+    ]
     found: Polynomial = {}
     for power, matrix in whole.items():
         term: Polynomial = {none: matrix}
@@ -173,29 +179,50 @@ def _beyond(box: Polynomial, sampled: bool) -> Vector:
     def rate(p: Polynomial) -> Polynomial:
         """Return R, which is linear in P."""
         if sampled:
-            return _sum(_product(_product(turned, p), box), {power: -matrix for power, matrix in p.items()})
+            return _sum(
+                _product(_product(turned, p), box),
+                {power: -matrix for power, matrix in p.items()},
+            )
         return _sum(_product(turned, p), _product(p, box))
 
     try:
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore", scipy.linalg.LinAlgWarning)  # what it misses is counted
+            # what it misses is counted
+            warnings.simplefilter("ignore", scipy.linalg.LinAlgWarning)
             p = {none: solved(np.eye(len(middle)))}
             found = rate(p)
-            p |= (linear := {power: solved(matrix) for power, matrix in found.items() if sum(power) == 1})
+            p |= (
+                linear := {
+                    power: solved(matrix)
+                    for power, matrix in found.items()
+                    if sum(power) == 1
+                }
+            )
             found = _sum(found, rate(linear))
     except np.linalg.LinAlgError:
         return np.full(len(none), np.inf)
     size = float(sum(np.linalg.norm(matrix) for matrix in box.values()))
     size = size**2 + 1.0 if sampled else 2.0 * size
-    rounding = SUM_ROUND_OFF * len(middle) * size * sum(np.linalg.norm(matrix) for matrix in p.values())
-    ends = {power: np.linalg.eigvalsh((matrix + matrix.T) / 2.0) for power, matrix in found.items()}
+    rounding = (
+        SUM_ROUND_OFF
+        * len(middle)
+        * size
+        * sum(np.linalg.norm(matrix) for matrix in p.values())
+    )
+    ends = {
+        power: np.linalg.eigvalsh((matrix + matrix.T) / 2.0)
+        for power, matrix in found.items()
+    }
     spare = -ends.pop(none)[-1] - rounding
     if not spare > 0.0:
         return np.full(len(none), np.inf)
     beyond = np.zeros(len(none))
     for power, each in ends.items():
-        even = all(k % 2 == 0 for k in power)  # from 0 to 1: what makes R smaller does not matter
-        beyond += max(each[-1], 0.0 if even else -each[0]) * np.array(power) / sum(power)
+        # from 0 to 1: what makes R smaller does not matter
+        even = all(k % 2 == 0 for k in power)
+        beyond += (
+            max(each[-1], 0.0 if even else -each[0]) * np.array(power) / sum(power)
+        )
     return np.asarray(beyond / spare)
 
 
@@ -210,5 +237,7 @@ def _product(a: Polynomial, b: Polynomial) -> Polynomial:
     for first, left in a.items():
         for second, right in b.items():
             power = tuple(i + j for i, j in zip(first, second, strict=True))
-            found[power] = found.get(power, 0.0) + (left @ right if np.ndim(right) else left * right)
+            found[power] = found.get(power, 0.0) + (
+                left @ right if np.ndim(right) else left * right
+            )
     return found

@@ -64,7 +64,9 @@ class Fractions:
         return self.nominal + (self.left * each) @ np.linalg.solve(mixed, self.right)
 
 
-def fractions_of(family: Callable[[Vector], Vector], count: int, balance: tuple[Vector, Vector]) -> Fractions:
+def fractions_of(
+    family: Callable[[Vector], Vector], count: int, balance: tuple[Vector, Vector]
+) -> Fractions:
     """Return the function that is quadratic in the parameters, and exact at ±1 of each of them alone.
 
     Parameters
@@ -90,18 +92,29 @@ def fractions_of(family: Callable[[Vector], Vector], count: int, balance: tuple[
         first.append((up - down) / 2.0)
         second[i, i] = (up + down) / 2.0 - middle
     for i, j in combinations(range(count), 2):
-        corners = [a * b * scaled(a * axes[i] + b * axes[j]) for a, b in product((1, -1), repeat=2)]
+        corners = [
+            a * b * scaled(a * axes[i] + b * axes[j])
+            for a, b in product((1, -1), repeat=2)
+        ]
         second[i, j] = np.sum(corners, axis=0) / 4.0
     size = max((float(np.linalg.norm(one)) for one in first), default=0.0)
     # Horner's form: δ_i (M_i + sum over j >= i of M_ij δ_j). The inner products share their rows by j, and
     # what δ_i multiplies shares its columns by i.
     inner = [_rows_of([second[i, j] for i in range(j + 1)], size) for j in range(count)]
-    outer = [_rows_of([first[i].T, *(second[i, j].T for j in range(i, count))], size).T for i in range(count)]
+    outer = [
+        _rows_of([first[i].T, *(second[i, j].T for j in range(i, count))], size).T
+        for i in range(count)
+    ]
     sizes = [(u.shape[1], v.shape[0]) for u, v in zip(outer, inner, strict=True)]
     left = np.hstack(
-        [np.hstack([u, np.zeros((len(middle), b))]) for u, (_, b) in zip(outer, sizes, strict=True)]
+        [
+            np.hstack([u, np.zeros((len(middle), b))])
+            for u, (_, b) in zip(outer, sizes, strict=True)
+        ]
     )
-    right = np.vstack([np.vstack([u.T @ m, v]) for u, m, v in zip(outer, first, inner, strict=True)])
+    right = np.vstack(
+        [np.vstack([u.T @ m, v]) for u, m, v in zip(outer, first, inner, strict=True)]
+    )
     mixed = np.zeros((len(right), len(right)))
     starts = np.cumsum([0, *(a + b for a, b in sizes)])
     for (i, j), bend in second.items():
@@ -109,7 +122,13 @@ def fractions_of(family: Callable[[Vector], Vector], count: int, balance: tuple[
         place = slice(starts[j] + before, starts[j] + before + b)
         mixed[starts[i] : starts[i] + a, place] = outer[i].T @ bend @ inner[j].T
     repeats = tuple(a + b for a, b in sizes)
-    return Fractions(middle * rows[:, None] * columns, left * rows[:, None], mixed, right * columns, repeats)
+    return Fractions(
+        middle * rows[:, None] * columns,
+        left * rows[:, None],
+        mixed,
+        right * columns,
+        repeats,
+    )
 
 
 def _rows_of(matrices: Sequence[Vector], size: float) -> Vector:
@@ -153,7 +172,10 @@ class UncertainModel:
         ParameterError
             If there are more or fewer of them, or one is not finite.
         """
-        return _values(self.ranges, finite_array("numbers from -1 to 1", delta, (len(self.ranges),)))
+        return _values(
+            self.ranges,
+            finite_array("numbers from -1 to 1", delta, (len(self.ranges),)),
+        )
 
     def response(self, omega: float) -> Vector:
         """Return what Δ and the inputs, stacked, do to what Δ multiplies and the outputs, at a frequency.
@@ -170,7 +192,10 @@ class UncertainModel:
         """
         f = self.fractions
         n = self.nominal.nstates
-        states = on_the_border(self.nominal, np.asarray(omega)) * np.eye(n) - f.nominal[:n, :n]
+        states = (
+            on_the_border(self.nominal, np.asarray(omega)) * np.eye(n)
+            - f.nominal[:n, :n]
+        )
         into = np.hstack([f.left[:n], f.nominal[:n, n:]])
         out = np.vstack([f.right[:, :n], f.nominal[n:, :n]])
         through = np.block([[f.inner, f.right[:, n:]], [f.left[n:], f.nominal[n:, n:]]])
@@ -192,7 +217,9 @@ class UncertainModel:
         f = self.fractions
         found = 0.0
         rows, columns = _balance(self.nominal)
-        for delta in np.random.default_rng(0).uniform(-1.0, 1.0, (COMPARED_MEMBERS, len(f.sizes))):
+        for delta in np.random.default_rng(0).uniform(
+            -1.0, 1.0, (COMPARED_MEMBERS, len(f.sizes))
+        ):
             exact = _stacked(self.family(delta))
             missed, changed = (
                 float(np.linalg.norm((exact - one) / rows[:, None] / columns))
@@ -254,8 +281,13 @@ def uncertain(
     own = {} if becoming is not None else {**linearizer.parameters(), **at.parameters}
     given = by_name("uncertain parameters", parameters)
     if not given:
-        raise LinearAnalysisError("nothing is uncertain: name parameters, as {'block.parameter': 0.1}")
-    ranges = {name: _range(name, value, own, becoming is not None) for name, value in given.items()}
+        raise LinearAnalysisError(
+            "nothing is uncertain: name parameters, as {'block.parameter': 0.1}"
+        )
+    ranges = {
+        name: _range(name, value, own, becoming is not None)
+        for name, value in given.items()
+    }
 
     def model(delta: Vector) -> LinearModel:
         values = _values(ranges, delta)
@@ -273,7 +305,9 @@ def uncertain(
             )
         return found
 
-    fractions = fractions_of(lambda delta: _stacked(family(delta)), len(ranges), _balance(nominal))
+    fractions = fractions_of(
+        lambda delta: _stacked(family(delta)), len(ranges), _balance(nominal)
+    )
     for name, size in zip(ranges, fractions.sizes, strict=True):
         if not size:
             raise LinearAnalysisError(
@@ -282,7 +316,9 @@ def uncertain(
     return UncertainModel(ranges, nominal, family, fractions)
 
 
-def _values(ranges: Mapping[str, tuple[Array, Array]], delta: Vector) -> dict[str, Array]:
+def _values(
+    ranges: Mapping[str, tuple[Array, Array]], delta: Vector
+) -> dict[str, Array]:
     """Return the parameters at numbers from -1 to 1."""
     return {
         name: (low + high) / 2.0 + (high - low) / 2.0 * d
@@ -290,23 +326,33 @@ def _values(ranges: Mapping[str, tuple[Array, Array]], delta: Vector) -> dict[st
     }
 
 
-def _range(name: str, value: Any, own: Mapping[str, Array], pair: bool) -> tuple[Array, Array]:
+def _range(
+    name: str, value: Any, own: Mapping[str, Array], pair: bool
+) -> tuple[Array, Array]:
     """Return least and greatest value of a parameter."""
     if isinstance(value, tuple | list) and len(value) == 2:
         ends = [finite_array(f"range of '{name}'", end) for end in value]
         if ends[0].shape != ends[1].shape:
-            raise LinearAnalysisError(f"the ends of the range of '{name}' have different shapes")
+            raise LinearAnalysisError(
+                f"the ends of the range of '{name}' have different shapes"
+            )
     elif pair or np.ndim(value):
-        raise LinearAnalysisError(f"the range of '{name}' is {shown(value)}; give (least, greatest)")
+        raise LinearAnalysisError(
+            f"the range of '{name}' is {shown(value)}; give (least, greatest)"
+        )
     else:
         share = float(finite_array(f"range of '{name}'", value, ()))
         if name not in own:
-            raise LinearAnalysisError(f"there is no parameter '{name}'; there are: {', '.join(own)}")
+            raise LinearAnalysisError(
+                f"there is no parameter '{name}'; there are: {', '.join(own)}"
+            )
         ends = [own[name] * (1.0 - share), own[name] * (1.0 + share)]
     low = np.minimum(*ends)
     high = np.maximum(*ends)
     if np.all(low == high):
-        raise LinearAnalysisError(f"the range of '{name}' leaves no room: {shown(value)}")
+        raise LinearAnalysisError(
+            f"the range of '{name}' leaves no room: {shown(value)}"
+        )
     return low, high
 
 
@@ -317,7 +363,10 @@ def _stacked(model: LinearModel) -> Vector:
 def _balance(model: LinearModel) -> tuple[Vector, Vector]:
     """Return what to divide rows and columns of [[A, B], [C, D]] by, so that all are of one size."""
     _, (scale, _) = scipy.linalg.matrix_balance(model.A, permute=False, separate=True)
-    rows, columns = (np.ones(n) for n in (model.nstates + model.noutputs, model.nstates + model.ninputs))
+    rows, columns = (
+        np.ones(n)
+        for n in (model.nstates + model.noutputs, model.nstates + model.ninputs)
+    )
     rows[: model.nstates], columns[: model.nstates] = scale, 1.0 / scale
     for ends, along in ((rows, 1), (columns, 0)):
         matrix = _stacked(model) / rows[:, None] / columns

@@ -92,10 +92,12 @@ class _Gain:
         at = np.repeat(centre, self.sizes)
         reach = np.repeat(half, self.sizes)
         closed = np.linalg.solve(
-            np.eye(k) - self.whole[:k, :k] * at, np.hstack([self.whole[:k, :k] * reach, self.whole[:k, k:]])
+            np.eye(k) - self.whole[:k, :k] * at,
+            np.hstack([self.whole[:k, :k] * reach, self.whole[:k, k:]]),
         )
         below = (
-            np.hstack([self.whole[k:, :k] * reach, self.whole[k:, k:]]) + (self.whole[k:, :k] * at) @ closed
+            np.hstack([self.whole[k:, :k] * reach, self.whole[k:, k:]])
+            + (self.whole[k:, :k] * at) @ closed
         )
         return np.vstack([closed, below])
 
@@ -111,7 +113,10 @@ class _Gain:
         """Return a member near `delta` of a gain that is not less."""
         from scipy.optimize import minimize
 
-        settings: Any = {"method": "Nelder-Mead", "options": {"maxfev": ASCENT_EVALUATIONS * len(delta)}}
+        settings: Any = {
+            "method": "Nelder-Mead",
+            "options": {"maxfev": ASCENT_EVALUATIONS * len(delta)},
+        }
 
         def lost(delta: Vector) -> float:
             return -min(self.at(delta), sys.float_info.max)
@@ -162,7 +167,11 @@ def mu_bound(matrix: Array, real: int, block: int) -> float:
 
 
 def worst_gain(
-    model: UncertainModel, omega: npt.ArrayLike, *, tolerance: float = 0.05, boxes: int = 2000
+    model: UncertainModel,
+    omega: npt.ArrayLike,
+    *,
+    tolerance: float = 0.05,
+    boxes: int = 2000,
 ) -> WorstGain:
     """Return the greatest gain at each frequency: of a member that is found, and what none exceeds.
 
@@ -200,12 +209,17 @@ def worst_gain(
                 f"with {model.values(delta)} the model is unstable, and so has no gain; close its loop "
                 "first, or narrow the ranges"
             )
-    found = [_worst(_Gain(model, float(w)), len(model.ranges), tolerance, boxes) for w in frequencies]
+    found = [
+        _worst(_Gain(model, float(w)), len(model.ranges), tolerance, boxes)
+        for w in frequencies
+    ]
     reached, bound, where, count = zip(*found, strict=True)
     for w, gain, delta in zip(frequencies, reached, where, strict=True):
         if gain == np.inf:
             continue
-        exact = float(np.linalg.norm(response(model.family(delta), np.array([w]))[0], 2))
+        exact = float(
+            np.linalg.norm(response(model.family(delta), np.array([w]))[0], 2)
+        )
         if abs(exact - gain) > tolerance * gain:
             warn(
                 f"at {w:g} rad/s the diagram itself has a gain of {exact:.4g} where its fractional model has "
@@ -214,22 +228,36 @@ def worst_gain(
             )
             break
     parameters = tuple(model.values(delta) for delta in where)
-    return WorstGain(frequencies, np.array(reached), np.array(bound), parameters, np.array(count))
+    return WorstGain(
+        frequencies, np.array(reached), np.array(bound), parameters, np.array(count)
+    )
 
 
 def _members(count: int) -> list[Vector]:
     """Return where parameters are looked at first: in the middle, and at all corners if there are few."""
-    return [np.zeros(count), *(corners(count) if count <= MAX_CORNER_PARAMETERS else ())]
+    return [
+        np.zeros(count),
+        *(corners(count) if count <= MAX_CORNER_PARAMETERS else ()),
+    ]
 
 
 def _grows(model: LinearModel) -> bool:
     """Tell whether a linear model is unstable."""
     poles = model.poles()
-    growth = np.log(np.maximum(np.abs(poles), sys.float_info.min)) if model.dt else poles.real
-    return bool(np.max(growth, initial=0.0) > EDGE_TOLERANCE * max(np.max(np.abs(poles), initial=0.0), 1.0))
+    growth = (
+        np.log(np.maximum(np.abs(poles), sys.float_info.min))
+        if model.dt
+        else poles.real
+    )
+    return bool(
+        np.max(growth, initial=0.0)
+        > EDGE_TOLERANCE * max(np.max(np.abs(poles), initial=0.0), 1.0)
+    )
 
 
-def _worst(gain: _Gain, count: int, tolerance: float, most: int) -> tuple[float, float, Vector, int]:
+def _worst(
+    gain: _Gain, count: int, tolerance: float, most: int
+) -> tuple[float, float, Vector, int]:
     """Return the greatest gain found, what bounds all, where it was found, and how many boxes it took."""
     place = gain.climbed(max(_members(count), key=gain.at))
     best = gain.at(place)
@@ -242,7 +270,12 @@ def _worst(gain: _Gain, count: int, tolerance: float, most: int) -> tuple[float,
         heapq.heappush(left, (-series.bound, looked, centre, half, series.widest()))
 
     keep(np.zeros(count), np.ones(count))
-    while 0.0 < best < np.inf and looked < most and left and -left[0][0] > best * (1.0 + tolerance):
+    while (
+        0.0 < best < np.inf
+        and looked < most
+        and left
+        and -left[0][0] > best * (1.0 + tolerance)
+    ):
         _, _, centre, half, widest = heapq.heappop(left)
         if gain.stays_below(best * (1.0 + tolerance), centre, half):
             continue

@@ -108,7 +108,9 @@ class Campaign:
             not_finite="ignore",
             **options,
         )
-        return found.drop_vars(names, errors="ignore").assign_coords(sample=list(self.labels))
+        return found.drop_vars(names, errors="ignore").assign_coords(
+            sample=list(self.labels)
+        )
 
     def fingerprint(self, loops: dict[str, list[float]]) -> list[float]:
         """Return the numbers that identify the loops and values; `loops` stores those of known loops."""
@@ -121,7 +123,9 @@ class Campaign:
             if loops[key] not in found:
                 found.append(loops[key])
             values += [value for name, value in row.items() if "." in name]
-        return [number for numbers in found for number in numbers] + [projection(values)]
+        return [number for numbers in found for number in numbers] + [
+            projection(values)
+        ]
 
 
 def all_campaigns(count: int) -> list[Campaign]:
@@ -147,14 +151,21 @@ def all_campaigns(count: int) -> list[Campaign]:
         for case in CASES
     ]
     for part, remark, count, options in FAILURES:
-        failures = [(part, 1 + robot, time) for robot in range(count) for time in FAILURE_TIMES]
+        failures = [
+            (part, 1 + robot, time) for robot in range(count) for time in FAILURE_TIMES
+        ]
         found.append(
             Campaign(
                 section="Failures",
                 name=f"{part} fails{remark}",
                 loop=partial(flight_simulator, **{"brakes": False} | options),
-                rows=[failure_parameters(plant.dynamics, *failure) for failure in failures],
-                labels=[f"{part} {robot} fails at {time:g} s{remark}" for _, robot, time in failures],
+                rows=[
+                    failure_parameters(plant.dynamics, *failure) for failure in failures
+                ],
+                labels=[
+                    f"{part} {robot} fails at {time:g} s{remark}"
+                    for _, robot, time in failures
+                ],
                 keep=failure_metrics,
             )
         )
@@ -167,7 +178,10 @@ def all_campaigns(count: int) -> list[Campaign]:
         f"arms {ARM_ERROR:.0%} shorter than nominal": (1.0, {"length": less}),
     }
     for name, (gain, arms) in cases.items():
-        health = {"failure.bases": np.full(robots, gain), "failure.drives": np.full(joints, gain)}
+        health = {
+            "failure.bases": np.full(robots, gain),
+            "failure.drives": np.full(joints, gain),
+        }
         found.append(
             Campaign(
                 section="Off-nominal cases",
@@ -178,10 +192,13 @@ def all_campaigns(count: int) -> list[Campaign]:
                 keep=run_metrics,
             )
         )
-    start = {f"actuators.wheels_{i + 1}.h": np.array(INITIAL_MOMENTUM) for i in range(robots)}
+    start = {
+        f"actuators.wheels_{i + 1}.h": np.array(INITIAL_MOMENTUM) for i in range(robots)
+    }
     start["actuators.thrusters_1.tank.integral"] = np.array(INITIAL_PROPELLANT)
     disabled = {
-        f"controller.economy.{name}": DISABLED_LIMIT for name in ("propellant_spread", "unloading_time")
+        f"controller.economy.{name}": DISABLED_LIMIT
+        for name in ("propellant_spread", "unloading_time")
     }
     for case in CASES:
         for word, values in (("without", disabled), ("with", {})):
@@ -212,7 +229,11 @@ def consumption(run: xr.Dataset) -> dict[str, Any]:
     used = run["actuators.used.y"].values[-1].copy()
     used[0] -= INITIAL_PROPELLANT
     momentum = abs(run["actuators.stored.y"].values[-1]).reshape(-1, 3)
-    return {"position": tracking(run)["position"], "used": used, "momentum": momentum.max(axis=0)}
+    return {
+        "position": tracking(run)["position"],
+        "used": used,
+        "momentum": momentum.max(axis=0),
+    }
 
 
 def exact_metrics(run: xr.Dataset) -> dict[str, float]:
@@ -220,7 +241,9 @@ def exact_metrics(run: xr.Dataset) -> dict[str, float]:
     error, grasp = tracking(run), run["truss.grasp_displacement"].values[:, 3]
     late = grasp[late_part(run["time"].values)]
     return {
-        **{name: error[name] for name in ("position", "late position", "late attitude")},
+        **{
+            name: error[name] for name in ("position", "late position", "late attitude")
+        },
         "grasp 4": largest_norm(grasp),
         "late grasp 4": largest_norm(late - late.mean(axis=0)),
     }

@@ -15,7 +15,15 @@ from study_tools.ledger import Ledger
 from flight import tuning
 from flight.campaigns import DURATION, Campaign
 from flight.loops import LAWS, law_simulator
-from flight.metrics import MAX_JOINTS, MAX_LATE_POSITION, MAX_POSITION, METRICS, heading, successful, tracking
+from flight.metrics import (
+    MAX_JOINTS,
+    MAX_LATE_POSITION,
+    MAX_POSITION,
+    METRICS,
+    heading,
+    successful,
+    tracking,
+)
 from flight.samples import (
     MAX_DAMPING,
     MAX_DEVIATION,
@@ -106,7 +114,8 @@ def all_campaigns(count: int) -> list[Campaign]:
                 name=f"{law}, {'reference hardware' if hardware else 'exact'}",
                 loop=partial(law_simulator, law, reference_hardware=hardware),
                 rows=[
-                    sample_parameters(plant, seed) | (noise_parameters(seed) if hardware else {})
+                    sample_parameters(plant, seed)
+                    | (noise_parameters(seed) if hardware else {})
                     for seed in seeds
                 ],
                 labels=seeds,
@@ -128,7 +137,10 @@ def with_uncertainties(found: xr.Dataset, modes: int) -> xr.Dataset:
     """Return results with the success and the `UNCERTAINTIES` of each sample; shapes as root mean square."""
     drawn = [deviations(int(seed), modes) for seed in found["sample"].values]
     columns = {
-        name: ("sample", [float(np.sqrt(np.mean(np.square(one[name])))) for one in drawn])
+        name: (
+            "sample",
+            [float(np.sqrt(np.mean(np.square(one[name])))) for one in drawn],
+        )
         if name == "shapes"
         else ("sample", [one[name] for one in drawn])
         for name in UNCERTAINTIES
@@ -140,7 +152,9 @@ def success_rate(succeeded: npt.NDArray[np.bool_]) -> tuple[float, float, float]
     """Return the success rate and its 95 % confidence interval by Wilson [-]."""
     from scipy.stats import binomtest
 
-    interval = binomtest(int(np.sum(succeeded)), len(succeeded)).proportion_ci(method="wilson")
+    interval = binomtest(int(np.sum(succeeded)), len(succeeded)).proportion_ci(
+        method="wilson"
+    )
     return float(np.mean(succeeded)), float(interval.low), float(interval.high)
 
 
@@ -150,11 +164,17 @@ def correlations(succeeded: xr.Dataset, metric: str) -> dict[str, float]:
 
     if succeeded.sizes["sample"] < 3:
         return dict.fromkeys(UNCERTAINTIES, np.nan)
-    return {name: float(spearmanr(succeeded[name], succeeded[metric]).statistic) for name in UNCERTAINTIES}
+    return {
+        name: float(spearmanr(succeeded[name], succeeded[metric]).statistic)
+        for name in UNCERTAINTIES
+    }
 
 
 def write(
-    found: Mapping[str, xr.Dataset], tuned: xr.Dataset, folder: Path, recorded: Mapping[str, Sequence[float]]
+    found: Mapping[str, xr.Dataset],
+    tuned: xr.Dataset,
+    folder: Path,
+    recorded: Mapping[str, Sequence[float]],
 ) -> Path:
     """Write report, figure and evidence, and return the file of the report.
 
@@ -176,7 +196,9 @@ def write(
         note = ledger.of(name)
         rate, low, high = success_rate(data["successful"].values)
         number = ledger.count(f"{name}: successful", int(data["successful"].sum()))
-        interval = f"{note('rate, from', low, '%')} to {note('rate, to', high, '%', digits=4)}"
+        interval = (
+            f"{note('rate, from', low, '%')} to {note('rate, to', high, '%', digits=4)}"
+        )
         rates.append((name, LAWS[law].label, number, note("rate", rate, "%"), interval))
         succeeded = data.isel(sample=np.flatnonzero(data["successful"].values))
         if succeeded.sizes["sample"]:
@@ -191,15 +213,28 @@ def write(
             rows.append((name, *cells))
             for metric in ("position", "late position"):
                 values = correlations(succeeded, metric)
-                cells = [note(f"{metric} by {what}", one, digits=2) for what, one in values.items()]
+                cells = [
+                    note(f"{metric} by {what}", one, digits=2)
+                    for what, one in values.items()
+                ]
                 ranks.append((name, f"{metric} (norm)", *cells))
         candidates = succeeded if succeeded.sizes["sample"] else data
-        one = candidates.isel(sample=int(np.argmax(candidates["position"].fillna(np.inf).values)))
+        one = candidates.isel(
+            sample=int(np.argmax(candidates["position"].fillna(np.inf).values))
+        )
         drawn = [
-            note(f"worst: {what}", float(one[what]), unit.strip("1")) for what, unit in UNCERTAINTIES.items()
+            note(f"worst: {what}", float(one[what]), unit.strip("1"))
+            for what, unit in UNCERTAINTIES.items()
         ]
         seed = ledger.count(f"{name}: worst", int(one["sample"]))
-        worst.append((name, seed, *drawn, note("worst: position", 1e3 * float(one["position"]), "mm")))
+        worst.append(
+            (
+                name,
+                seed,
+                *drawn,
+                note("worst: position", 1e3 * float(one["position"]), "mm"),
+            )
+        )
         curves.append(cumulative(name, 1e3 * data["position"].fillna(np.inf).values))
     panel = Panel(
         curves=curves,
@@ -210,7 +245,9 @@ def write(
         legend_inside=True,
     )
     save(drawing([panel], row_height=3.2), folder / "samples.png", small=True)
-    heads = [f"{heading(metric)}: {word}" for metric in KEPT for word in ("median", "worst")]
+    heads = [
+        f"{heading(metric)}: {word}" for metric in KEPT for word in ("median", "worst")
+    ]
     text = TEXT.format(
         count=count,
         deviation=MAX_DEVIATION,
@@ -223,7 +260,9 @@ def write(
         duration=DURATION,
         significant=2 / np.sqrt(count),
         definitions=DEFINITIONS,
-        rates=markdown_table(("law", "plant", "successful", "rate", "confidence interval"), rates),
+        rates=markdown_table(
+            ("law", "plant", "successful", "rate", "confidence interval"), rates
+        ),
         errors=markdown_table(("law", *heads), rows),
         tuning=tuning.section(tuned, ledger),
         correlations=markdown_table(("law", "error", *UNCERTAINTIES), ranks),

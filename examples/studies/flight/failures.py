@@ -34,7 +34,9 @@ BRAKE_FREQUENCY = 40.0
 """Natural frequency of a braked arm [rad/s]: above that of the loop, below the limit of the solver."""
 
 
-def failure_parameters(dynamics: TrussDynamics, part: str, robot: int, time: float) -> dict[str, Any]:
+def failure_parameters(
+    dynamics: TrussDynamics, part: str, robot: int, time: float
+) -> dict[str, Any]:
     """Return the parameters of a run in which a part of a robot fails.
 
     Parameters
@@ -49,9 +51,16 @@ def failure_parameters(dynamics: TrussDynamics, part: str, robot: int, time: flo
         Time of the failure [s].
     """
     robots = np.arange(len(dynamics.arms)) + 1
-    owners = {"bases": robots, "drives": np.repeat(robots, [arm.joints for arm in dynamics.arms])}
-    failed = {name: (owner == robot) & (name in PARTS[part]) for name, owner in owners.items()}
-    health = {f"failure.{name}": np.where(off, 0.0, 1.0) for name, off in failed.items()}
+    owners = {
+        "bases": robots,
+        "drives": np.repeat(robots, [arm.joints for arm in dynamics.arms]),
+    }
+    failed = {
+        name: (owner == robot) & (name in PARTS[part]) for name, owner in owners.items()
+    }
+    health = {
+        f"failure.{name}": np.where(off, 0.0, 1.0) for name, off in failed.items()
+    }
     return {"failure.time": time, **health}
 
 
@@ -67,12 +76,18 @@ class ActuatorFailure(Block):
     base_effectiveness = Output("robots", meaning="health of each base")
     joint_effectiveness = Output("joints", meaning="health of each joint drive")
     time = Parameter(unit="s", meaning="time of the failure")
-    bases = Parameter(shape="robots", minimum=0.0, meaning="health of each base after the failure")
-    drives = Parameter(shape="joints", minimum=0.0, meaning="health of each drive after the failure")
+    bases = Parameter(
+        shape="robots", minimum=0.0, meaning="health of each base after the failure"
+    )
+    drives = Parameter(
+        shape="joints", minimum=0.0, meaning="health of each drive after the failure"
+    )
 
     def __init__(self, dynamics: TrussDynamics) -> None:
         self.robots, self.joints = len(dynamics.arms), dynamics.joints
-        super().__init__(time=0.0, bases=np.ones(self.robots), drives=np.ones(self.joints))
+        super().__init__(
+            time=0.0, bases=np.ones(self.robots), drives=np.ones(self.joints)
+        )
 
     def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
         """Return the health at time `t`."""
@@ -82,7 +97,9 @@ class ActuatorFailure(Block):
         }
 
 
-def with_failures(diagram: Diagram, dynamics: TrussDynamics, *, brakes: bool = False) -> Diagram:
+def with_failures(
+    diagram: Diagram, dynamics: TrussDynamics, *, brakes: bool = False
+) -> Diagram:
     r"""Add an `ActuatorFailure` named failure to a mean-axes loop with hardware, and return the diagram.
 
     Brakes are stiff critically damped springs, :math:`\tau_b = -G (\omega^2\theta + 2\omega\dot\theta)` with
@@ -98,20 +115,35 @@ def with_failures(diagram: Diagram, dynamics: TrussDynamics, *, brakes: bool = F
     brakes : bool
         Whether joints have brakes; without brakes, joints with failed drives move freely.
     """
-    failure, actuators = diagram.add(failure=ActuatorFailure(dynamics)), diagram.blocks["actuators"]
+    failure, actuators = (
+        diagram.add(failure=ActuatorFailure(dynamics)),
+        diagram.blocks["actuators"],
+    )
     for port in failure.outputs():
         port >> actuators.port(port.name)
     if brakes:
-        joints, truss, controller = dynamics.joints, diagram.blocks["truss"], diagram.blocks["controller"]
-        inertia = dynamics.evaluate(dynamics.rest).mass_matrix[6 : 6 + joints, 6 : 6 + joints]
+        joints, truss, controller = (
+            dynamics.joints,
+            diagram.blocks["truss"],
+            diagram.blocks["controller"],
+        )
+        inertia = dynamics.evaluate(dynamics.rest).mass_matrix[
+            6 : 6 + joints, 6 : 6 + joints
+        ]
 
         def braked(angles: Array, rates: Array, effectiveness: Array) -> Array:
             on = 1.0 - effectiveness[-joints:]
             stiffness, damping = BRAKE_FREQUENCY**2, 2.0 * BRAKE_FREQUENCY
             return -on * (inertia @ (on * (stiffness * angles + damping * rates)))
 
-        inputs = {"angles": Input(joints), "rates": Input(joints), "effectiveness": Input(dynamics.actuators)}
-        block = diagram.add(brakes=Function(braked, inputs, {"torques": Output(joints)}))
+        inputs = {
+            "angles": Input(joints),
+            "rates": Input(joints),
+            "effectiveness": Input(dynamics.actuators),
+        }
+        block = diagram.add(
+            brakes=Function(braked, inputs, {"torques": Output(joints)})
+        )
         truss.port("task_position")[6:] >> block.port("angles")
         truss.port("rigid_speeds")[6:] >> block.port("rates")
         controller.port("effectiveness") >> block.port("effectiveness")
@@ -126,15 +158,26 @@ def failure_metrics(run: xr.Dataset) -> dict[str, float]:
     one is never isolated. All arms must have the same number of joints.
     """
     parameters = json.loads(run.attrs["parameters"])
-    bases, drives = (np.array(parameters[f"failure.{name}"]) for name in ("bases", "drives"))
+    bases, drives = (
+        np.array(parameters[f"failure.{name}"]) for name in ("bases", "drives")
+    )
     time, health = run["time"].values, run["controller.monitor.effectiveness"].values
     joints = drives.size // bases.size
     # One column for each base, then one for each arm: all actuators of a part are isolated together.
-    isolated = health[:, np.r_[0 : 6 * bases.size : 6, 6 * bases.size : health.shape[1] : joints]] < 1.0
+    isolated = (
+        health[
+            :, np.r_[0 : 6 * bases.size : 6, 6 * bases.size : health.shape[1] : joints]
+        ]
+        < 1.0
+    )
     instants = np.where(isolated.any(axis=0), time[isolated.argmax(axis=0)], np.inf)
     failed, begin = np.r_[bases, drives[::joints]] < 1.0, parameters["failure.time"]
     error = run["truss.task_position"].values - run["trajectory.position"].values
-    parts = {"position": error[:, :3], "attitude": error[:, 3:6], "joints": error[:, 6:][:, drives == 1.0]}
+    parts = {
+        "position": error[:, :3],
+        "attitude": error[:, 3:6],
+        "joints": error[:, 6:][:, drives == 1.0],
+    }
     found = tracking_metrics(time, parts)
     return {
         **{name: found[f"peak {name} (component)"] for name in parts},

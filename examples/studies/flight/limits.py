@@ -82,13 +82,19 @@ def trial_simulator(law: str, imperfection: str, value: float) -> Simulator:
     nominal = truss.dynamics
     if imperfection in TRUSSES:
         modes = TRUSSES[imperfection](nominal.modes, value)
-        truss = TunableTruss(replace(nominal, modes=modes), modal_actuation=truss.modal_actuation)
+        truss = TunableTruss(
+            replace(nominal, modes=modes), modal_actuation=truss.modal_actuation
+        )
     errors = {} if imperfection in TRUSSES else {imperfection: value}
     return simulator_of(chosen, truss, chosen.hardware(**errors), nominal=nominal)
 
 
 def simulated(
-    trials: Sequence[Trial], path: Path | None = None, *, duration: float = TRIAL_DURATION, **options: Any
+    trials: Sequence[Trial],
+    path: Path | None = None,
+    *,
+    duration: float = TRIAL_DURATION,
+    **options: Any,
 ) -> list[bool]:
     """Simulate trials, and return which of them succeed.
 
@@ -104,7 +110,9 @@ def simulated(
         Further arguments of `sweep`.
     """
     vary = {("law", "imperfection", "value"): list(trials)}
-    found = sweep(trial_simulator, duration, vary=vary, keep=tracking, path=path, **options)
+    found = sweep(
+        trial_simulator, duration, vary=vary, keep=tracking, path=path, **options
+    )
     succeeded: list[bool] = successful(found).values.tolist()
     return succeeded
 
@@ -127,13 +135,20 @@ def robustness_limits(
         By imperfection and law; NaN if no value succeeds, or none fails [unit of the imperfection].
     """
     pairs = list(product(IMPERFECTIONS, LAWS))
-    ends = {(name, law): (IMPERFECTIONS[name].mild, IMPERFECTIONS[name].severe) for name, law in pairs}
+    ends = {
+        (name, law): (IMPERFECTIONS[name].mild, IMPERFECTIONS[name].severe)
+        for name, law in pairs
+    }
     trials = [(law, name, end) for name, law in pairs for end in ends[name, law]]
     succeeded = dict(zip(trials, simulate(trials, 0), strict=True))
     bounds = {}
     for (name, law), (mild, severe) in ends.items():
-        best = next((end for end in (severe, mild) if succeeded[law, name, end]), np.nan)
-        worst = next((end for end in (mild, severe) if not succeeded[law, name, end]), np.nan)
+        best = next(
+            (end for end in (severe, mild) if succeeded[law, name, end]), np.nan
+        )
+        worst = next(
+            (end for end in (mild, severe) if not succeeded[law, name, end]), np.nan
+        )
         bounds[name, law] = best, worst
     number = 0
     while trials := [
@@ -142,7 +157,9 @@ def robustness_limits(
         if (value := next_value(best, worst, _resolution(name, law))) is not None
     ]:
         number += 1
-        for (law, name, value), success in zip(trials, simulate(trials, number), strict=True):
+        for (law, name, value), success in zip(
+            trials, simulate(trials, number), strict=True
+        ):
             best, worst = bounds[name, law]
             bounds[name, law] = (value, worst) if success else (best, value)
     return bounds
@@ -158,13 +175,17 @@ def next_value(best: float, worst: float, resolution: float) -> float | None:
     resolution : float
         If positive, values are its multiples [any].
     """
-    if np.isnan(best * worst) or (best and max(best / worst, worst / best) < MAX_BRACKET_RATIO):
+    if np.isnan(best * worst) or (
+        best and max(best / worst, worst / best) < MAX_BRACKET_RATIO
+    ):
         return None
     middle = float(np.sqrt(best * worst)) if best else worst / 4.0
     if resolution:
         if worst - best < 1.5 * resolution:
             return None
-        steps = np.clip(round(middle / resolution), best // resolution + 1, worst // resolution - 1)
+        steps = np.clip(
+            round(middle / resolution), best // resolution + 1, worst // resolution - 1
+        )
         middle = float(steps * resolution)
     return middle
 

@@ -16,7 +16,12 @@ from trussflow.models.transport.mean_axes_wiring import mean_axes_transport
 from trussflow.models.transport.mission import Mission
 from trussflow.models.transport.wiring import path_of, transport_diagram
 
-LOG = ("trajectory.position", "truss.task_position", "truss.base_force", "truss.grasp_displacement")
+LOG = (
+    "trajectory.position",
+    "truss.task_position",
+    "truss.base_force",
+    "truss.grasp_displacement",
+)
 """Logged signals of all loops."""
 
 FLIGHT_LOG = (
@@ -59,7 +64,9 @@ class Law:
         truss: TunableTruss = getattr(TunableTruss, self.plant)()
         return truss
 
-    def hardware(self, *, hold: float = 0.0, delay: float = 0.0, **errors: float) -> Hardware:
+    def hardware(
+        self, *, hold: float = 0.0, delay: float = 0.0, **errors: float
+    ) -> Hardware:
         """Return exact hardware except for a longer `hold`, a further `delay` [s] and other `errors`.
 
         The mean-axes controller needs one more sample time for its computation.
@@ -71,10 +78,14 @@ class Law:
 LAWS = {
     "published": Law("the paper's law, published plant", "published"),
     "mode-neutral": Law("mode-neutral allocation, consistent plant", "consistent"),
-    "mean axes": Law("mean axes, accurate plant", "accurate", hold=0.02, delay=0.02, step=2e-3),
+    "mean axes": Law(
+        "mean axes, accurate plant", "accurate", hold=0.02, delay=0.02, step=2e-3
+    ),
 }
 
-PAPER_LAWS = LAWS | {"mean axes": Law("mean axes, consistent plant", "consistent", delay=1e-3)}
+PAPER_LAWS = LAWS | {
+    "mean axes": Law("mean axes, consistent plant", "consistent", delay=1e-3)
+}
 """Laws at the sample time of the paper, 1 ms."""
 
 
@@ -110,7 +121,9 @@ def simulator_of(
     mission = Mission.of_case(case)
     if law.delay:
         design = replace(MeanAxesDesign.shipped(), sample_time=hardware.sample_time)
-        diagram = mean_axes_transport(mission, truss, design=design, believed=nominal, hardware=hardware)
+        diagram = mean_axes_transport(
+            mission, truss, design=design, believed=nominal, hardware=hardware
+        )
     else:
         diagram = transport_diagram(mission, truss, believed=nominal, hardware=hardware)
     if failures:
@@ -132,7 +145,12 @@ def paper_simulator(law: str) -> Simulator:
 
 
 def flight_simulator(
-    case: int = 1, *, mass: float = 1.0, length: float = 1.0, turned: bool = False, **failures: bool
+    case: int = 1,
+    *,
+    mass: float = 1.0,
+    length: float = 1.0,
+    turned: bool = False,
+    **failures: bool,
 ) -> Simulator:
     """Return the mean-axes loop of the accurate plant with the reference hardware.
 
@@ -168,7 +186,9 @@ def failure_tolerant_truss(case: int) -> TunableTruss:
     """Return the accurate plant in the attitude by `best_attitude`, turned about body x."""
     truss = TunableTruss.accurate()
     path = path_of(Mission.of_case(case), truss)
-    best = best_attitude(truss.dynamics, path, Hardware.flight().limits(truss), normal=(1, 0, 0))
+    best = best_attitude(
+        truss.dynamics, path, Hardware.flight().limits(truss), normal=(1, 0, 0)
+    )
     return truss.turned(best.attitude)
 
 
@@ -192,5 +212,8 @@ def with_arms(dynamics: TrussDynamics, *, mass: float, length: float) -> TrussDy
         }
         for arm in dynamics.arms
     ]
-    arms = (replace(arm, **change) for arm, change in zip(dynamics.arms, changes, strict=True))
+    arms = (
+        replace(arm, **change)
+        for arm, change in zip(dynamics.arms, changes, strict=True)
+    )
     return replace(dynamics, arms=tuple(arms))

@@ -24,7 +24,13 @@ from trussflow.models.plant.tunable_truss import TunableTruss
 from trussflow.models.transport.mean_axes_wiring import mean_axes_transport
 from trussflow.models.transport.mission import Mission
 
-INSTANTS = {"at rest": 0.0, "peak acceleration": 0.2113, "coast": 0.5, "peak braking": 0.7887, "end": 1.05}
+INSTANTS = {
+    "at rest": 0.0,
+    "peak acceleration": 0.2113,
+    "coast": 0.5,
+    "peak braking": 0.7887,
+    "end": 1.05,
+}
 """Instants, relative to the duration of the path [-]; a quintic accelerates most at 1/2 ± 1/sqrt(12)."""
 
 VARIATIONS: dict[str, dict[str, float]] = {
@@ -46,7 +52,10 @@ DELAYS = np.arange(0.0, 0.21, 0.01)
 BUCKLING_RATE = 21.2
 """Unstable pole of an arm at peak thrust [1/s]."""
 
-_STATES = [f"controller.estimator.{name}" for name in ("y", "nu", "eta", "eta_rate", "w", "posture")]
+_STATES = [
+    f"controller.estimator.{name}"
+    for name in ("y", "nu", "eta", "eta_rate", "w", "posture")
+]
 
 
 def loop_session() -> Session:
@@ -85,7 +94,10 @@ def loops_along(
     measured = [f"truss.{name}[0:{rigid}]" for name in ("q", "v")]
     for name, part in instants.items():
         session.advance(float(round(part * duration / tick) * tick))
-        yield name, SampledLoop.of(session, "controller.allocation.command", _STATES, measured)
+        yield (
+            name,
+            SampledLoop.of(session, "controller.allocation.command", _STATES, measured),
+        )
 
 
 def margins_of(loop: SampledLoop) -> dict[str, Any]:
@@ -103,7 +115,9 @@ def margins_of(loop: SampledLoop) -> dict[str, Any]:
     return {
         "growth": np.log(radii) / loop.controller.dt,
         "disk": min_disk(loop) if stable else 0.0,
-        "delay": first_unstable(lambda t: spectral_radius(loop.closed(delay=t)), DELAYS) if stable else 0.0,
+        "delay": first_unstable(lambda t: spectral_radius(loop.closed(delay=t)), DELAYS)
+        if stable
+        else 0.0,
     }
 
 
@@ -111,7 +125,9 @@ def min_disk(loop: SampledLoop) -> float:
     """Return the smallest disk margin of the actuators and sensors of a stable loop [-]."""
     omega = frequencies_about(loop.continuous_poles(), 0.02, np.pi / loop.controller.dt)
     places = "actuators", "sensors"
-    return min(float(channel_disks(loop.loop_gain(place), omega)[0].min()) for place in places)
+    return min(
+        float(channel_disks(loop.loop_gain(place), omega)[0].min()) for place in places
+    )
 
 
 def first_unstable(radius: Callable[[float], float], values: Vector) -> float:
@@ -131,22 +147,36 @@ def first_unstable(radius: Callable[[float], float], values: Vector) -> float:
             continue
         while abs(unstable - stable) > 0.01 * abs(values[1] - values[0]):
             middle = (stable + unstable) / 2
-            stable, unstable = (middle, unstable) if radius(middle) < 1.0 else (stable, middle)
+            stable, unstable = (
+                (middle, unstable) if radius(middle) < 1.0 else (stable, middle)
+            )
         return float(stable)
     return np.inf
 
 
 def margins_along(seeds: list[int]) -> xr.Dataset:
     """Return the margins at all `INSTANTS` for the truss of each seed."""
-    session, plant, duration = loop_session(), TunableTruss.accurate(), Mission.of_case(1).duration
+    session, plant, duration = (
+        loop_session(),
+        TunableTruss.accurate(),
+        Mission.of_case(1).duration,
+    )
     found = [
-        [margins_of(loop) for _, loop in loops_along(session, duration, sample_parameters(plant, seed))]
+        [
+            margins_of(loop)
+            for _, loop in loops_along(
+                session, duration, sample_parameters(plant, seed)
+            )
+        ]
         for seed in seeds
     ]
     along = "seed", "instant"
     dims = {"growth": (*along, "variation"), "disk": along, "delay": along}
     return xr.Dataset(
-        {name: (dim, [[one[name] for one in row] for row in found]) for name, dim in dims.items()},
+        {
+            name: (dim, [[one[name] for one in row] for row in found])
+            for name, dim in dims.items()
+        },
         {"seed": seeds, "instant": list(INSTANTS), "variation": list(VARIATIONS)},
     )
 

@@ -4,7 +4,12 @@ from __future__ import annotations
 
 import xarray as xr
 
-from trussflow.models.reporting.metrics import largest_component, largest_norm, late_part, tracking_metrics
+from trussflow.models.reporting.metrics import (
+    largest_component,
+    largest_norm,
+    late_part,
+    tracking_metrics,
+)
 
 METRICS = {
     "position": ("m", "norm"),
@@ -52,10 +57,16 @@ DISPLAY_UNITS = {
 def tracking(run: xr.Dataset) -> dict[str, float]:
     """Return the tracking errors among the `METRICS` of a run."""
     error = run["truss.task_position"].values - run["trajectory.position"].values
-    parts = {"position": error[:, :3], "attitude": error[:, 3:6], "joints": error[:, 6:]}
+    parts = {
+        "position": error[:, :3],
+        "attitude": error[:, 3:6],
+        "joints": error[:, 6:],
+    }
     found = tracking_metrics(run["time"].values, parts)
     return {
-        name: found[f"{'' if name.startswith('late') else 'peak '}{name} ({METRICS[name][1]})"]
+        name: found[
+            f"{'' if name.startswith('late') else 'peak '}{name} ({METRICS[name][1]})"
+        ]
         for name in (*parts, *(f"late {part}" for part in parts))
     }
 
@@ -71,7 +82,9 @@ def run_metrics(run: xr.Dataset) -> dict[str, float]:
         "late force": largest_component(force[late]),
         "propellant": float(run["actuators.used.y"].values[-1].sum()),
         "evidence": float(run["controller.monitor.evidence"].values.max()),
-        "alarms": float((run["controller.monitor.effectiveness"].values[-1] < 1.0).any()),
+        "alarms": float(
+            (run["controller.monitor.effectiveness"].values[-1] < 1.0).any()
+        ),
     }
     return {name: found[name] for name in METRICS}
 
@@ -79,10 +92,18 @@ def run_metrics(run: xr.Dataset) -> dict[str, float]:
 def successful(found: xr.Dataset) -> xr.DataArray:
     """Return which samples of a sweep are complete and within the limits of the errors."""
     near = (found["position"] <= MAX_POSITION) & (found["joints"] <= MAX_JOINTS)
-    return near & (found["late position"] < MAX_LATE_POSITION) & (found["status"] == "complete")
+    return (
+        near
+        & (found["late position"] < MAX_LATE_POSITION)
+        & (found["status"] == "complete")
+    )
 
 
 def heading(name: str) -> str:
     """Return the column head of a metric, with its kind and displayed unit."""
     unit, kind = METRICS[name]
-    return f"{name} ({kind}) [{DISPLAY_UNITS[unit][0]}]" if kind else f"{name} [{DISPLAY_UNITS[unit][0]}]"
+    return (
+        f"{name} ({kind}) [{DISPLAY_UNITS[unit][0]}]"
+        if kind
+        else f"{name} [{DISPLAY_UNITS[unit][0]}]"
+    )

@@ -49,7 +49,9 @@ def make_report(
     """
     found = {one.name: one.run(runs, workers=workers) for one in campaigns}
     bounds = robustness_limits(
-        lambda trials, number: simulated(trials, runs / f"limits-{number}", workers=workers)
+        lambda trials, number: simulated(
+            trials, runs / f"limits-{number}", workers=workers
+        )
     )
     margins = margins_along(MARGIN_SEEDS)
     return write(campaigns, found, bounds, margins, output, recorded)
@@ -59,7 +61,9 @@ def fingerprints(campaigns: Sequence[Campaign]) -> dict[str, list[float]]:
     """Return the fingerprints of all simulated loops, by campaign."""
     loops: dict[str, list[float]] = {}
     found = {one.name: one.fingerprint(loops) for one in campaigns}
-    found[LIMITS] = [n for law in LAWS for n in fingerprint(trial_simulator(law, "hold", 0.0))]
+    found[LIMITS] = [
+        n for law in LAWS for n in fingerprint(trial_simulator(law, "hold", 0.0))
+    ]
     found[MARGINS] = fingerprint(loop_session())
     return found
 
@@ -96,11 +100,15 @@ def write(
         grouped.setdefault(one.section, {})[one.name] = found[one.name]
     texts = {
         LIMITS: sections.limits_section(bounds, ledger),
-        "Monte Carlo samples": sections.samples_section(grouped["Monte Carlo samples"], ledger, folder),
+        "Monte Carlo samples": sections.samples_section(
+            grouped["Monte Carlo samples"], ledger, folder
+        ),
         "Feasibility": sections.missions_section(ledger),
         "Failures": sections.failures_section(grouped["Failures"], ledger),
         MARGINS: sections.margins_section(margins, ledger),
-        "Off-nominal cases": sections.off_nominal_section(grouped["Off-nominal cases"], ledger),
+        "Off-nominal cases": sections.off_nominal_section(
+            grouped["Off-nominal cases"], ledger
+        ),
         "Propellant and wheel management": sections.propellant_section(
             grouped["Propellant and wheel management"], ledger
         ),

@@ -52,7 +52,11 @@ class SampledLoop:
 
     @classmethod
     def of(
-        cls, session: Session, command: str, states: Sequence[str], measured: Sequence[str]
+        cls,
+        session: Session,
+        command: str,
+        states: Sequence[str],
+        measured: Sequence[str],
     ) -> SampledLoop:
         """Return the loop in a session, linearized where it stands, with what it then commands held.
 
@@ -89,7 +93,9 @@ class SampledLoop:
                 f"cannot take '{plan.name}' apart into plant and sampled controller: its blocks compute at "
                 f"{len(clocks)} rates; they must all have one sample time and offset"
             )
-        own = np.concatenate([state_places(plan, [plan.memory], name) for name in states])
+        own = np.concatenate(
+            [state_places(plan, [plan.memory], name) for name in states]
+        )
         seen = np.concatenate([state_places(plan, [plan.x], name) for name in measured])
         acting = state_places(plan, [plan.held], command)
         size = now.x.size
@@ -103,16 +109,29 @@ class SampledLoop:
                 return np.concatenate([z[:size], d])[[*own, *acting]]
 
             before = np.concatenate([now.x, now.d])
-            after = np.concatenate([now.x, executor.instant(1, t, now.x, now.d.copy(), now.p)])
+            after = np.concatenate(
+                [now.x, executor.instant(1, t, now.x, now.d.copy(), now.p)]
+            )
             flow = _differences(rates, after, [*range(size), *acting])
             jump = _differences(sampled, before, [*own, *seen])
         A, B = flow[:, :size], flow[:, size:]
-        plant = control.StateSpace(A, B, np.eye(size)[seen], np.zeros((seen.size, acting.size)))
-        (K, L), (M, N) = (np.split(rows, [own.size], axis=1) for rows in np.split(jump, [own.size]))
-        return cls(plant=plant, controller=control.StateSpace(K, L, M, N, float(clocks[0].period)))
+        plant = control.StateSpace(
+            A, B, np.eye(size)[seen], np.zeros((seen.size, acting.size))
+        )
+        (K, L), (M, N) = (
+            np.split(rows, [own.size], axis=1) for rows in np.split(jump, [own.size])
+        )
+        return cls(
+            plant=plant,
+            controller=control.StateSpace(K, L, M, N, float(clocks[0].period)),
+        )
 
     def closed(
-        self, *, actuators: npt.ArrayLike = 1.0, sensors: npt.ArrayLike = 1.0, delay: float = 0.0
+        self,
+        *,
+        actuators: npt.ArrayLike = 1.0,
+        sensors: npt.ArrayLike = 1.0,
+        delay: float = 0.0,
     ) -> Vector:
         """Return the map of plant, controller and commands under way over one sample time.
 
@@ -155,17 +174,27 @@ class SampledLoop:
         F, G = held_flow(p.A, p.B, k.dt)
         if where == "actuators":
             A = np.block([[F, np.zeros((p.nstates, k.nstates))], [k.B @ p.C, k.A]])
-            B, C = np.vstack([G, np.zeros((k.nstates, p.ninputs))]), np.hstack([k.D @ p.C, k.C])
+            B, C = (
+                np.vstack([G, np.zeros((k.nstates, p.ninputs))]),
+                np.hstack([k.D @ p.C, k.C]),
+            )
         else:
             A = np.block([[F, G @ k.C], [np.zeros((k.nstates, p.nstates)), k.A]])
-            B, C = np.vstack([G @ k.D, k.B]), np.hstack([p.C, np.zeros((p.noutputs, k.nstates))])
+            B, C = (
+                np.vstack([G @ k.D, k.B]),
+                np.hstack([p.C, np.zeros((p.noutputs, k.nstates))]),
+            )
         return control.StateSpace(A, B, -C, np.zeros((len(C), B.shape[1])), k.dt)
 
     def continuous_poles(self) -> npt.NDArray[np.complex128]:
         """Return the poles of the closed loop and of its parts, as of continuous systems [1/s]."""
-        sampled = np.concatenate([np.linalg.eigvals(M) for M in (self.closed(), self.controller.A)])
+        sampled = np.concatenate(
+            [np.linalg.eigvals(M) for M in (self.closed(), self.controller.A)]
+        )
         moving = sampled[np.abs(sampled) > 1e-9]
-        logs: npt.NDArray[np.complex128] = np.log(moving.astype(complex)) / self.controller.dt
+        logs: npt.NDArray[np.complex128] = (
+            np.log(moving.astype(complex)) / self.controller.dt
+        )
         return np.concatenate([logs, np.linalg.eigvals(self.plant.A)])
 
 
@@ -181,7 +210,9 @@ def spectral_radius(matrix: Vector) -> float:
 
 
 def _differences(
-    function: Callable[[Vector], Vector], point: Vector, columns: Sequence[int] | Indices
+    function: Callable[[Vector], Vector],
+    point: Vector,
+    columns: Sequence[int] | Indices,
 ) -> Vector:
     """Return the derivatives of a function by some elements of a vector."""
     found = []

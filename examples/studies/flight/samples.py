@@ -22,7 +22,13 @@ MAX_DEVIATION = 0.1
 MIN_DAMPING, MAX_DAMPING = 1e-3, 1e-2
 MAX_PAYLOAD = 20.0  # kg
 
-UNCERTAINTIES = {"mass": "1", "frequency": "1", "damping": "1", "payload": "kg", "shapes": "1"}
+UNCERTAINTIES = {
+    "mass": "1",
+    "frequency": "1",
+    "damping": "1",
+    "payload": "kg",
+    "shapes": "1",
+}
 """Units of the uncertain quantities."""
 
 
@@ -51,7 +57,13 @@ def deviations(seed: int, modes: int) -> dict[str, Any]:
 
 
 def varied_truss(
-    nominal: TrussModes, *, mass: float, frequency: float, shapes: Vector, damping: float, payload: float
+    nominal: TrussModes,
+    *,
+    mass: float,
+    frequency: float,
+    shapes: Vector,
+    damping: float,
+    payload: float,
 ) -> TrussModes:
     """Return a truss that deviates from the nominal one.
 
@@ -77,7 +89,9 @@ def sample_parameters(plant: TunableTruss, seed: int) -> dict[str, Any]:
     truss = plant.dynamics.modes
     if seed != NOMINAL_SEED:
         truss = varied_truss(truss, **deviations(seed, truss.modes))
-    return {f"truss.{name}": value for name, value in plant.truss_parameters(truss).items()}
+    return {
+        f"truss.{name}": value for name, value in plant.truss_parameters(truss).items()
+    }
 
 
 def noise_parameters(seed: int) -> dict[str, int]:
@@ -90,4 +104,6 @@ def noise_parameters(seed: int) -> dict[str, int]:
 
 def tip(truss: TrussModes) -> Vector:
     """Return the point of a truss that is farthest from the origin of its frame [m]."""
-    return np.asarray(truss.positions[np.argmax(np.linalg.norm(truss.positions, axis=1))])
+    return np.asarray(
+        truss.positions[np.argmax(np.linalg.norm(truss.positions, axis=1))]
+    )

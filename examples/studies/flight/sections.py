@@ -10,14 +10,42 @@ import numpy as np
 import xarray as xr
 from study_tools.ledger import Ledger, Note
 
-from flight.campaigns import ARM_ERROR, FIRST_SEED, INITIAL_MOMENTUM, INITIAL_PROPELLANT, LONG_DURATION
+from flight.campaigns import (
+    ARM_ERROR,
+    FIRST_SEED,
+    INITIAL_MOMENTUM,
+    INITIAL_PROPELLANT,
+    LONG_DURATION,
+)
 from flight.failures import FAILURE_METRICS
 from flight.limits import IMPERFECTIONS
 from flight.loops import LAWS, PAPER_LAWS, reference_hardware_of
 from flight.margins import BUCKLING_RATE, VARIATIONS, max_gain_ratio
-from flight.metrics import DISPLAY_UNITS, GOALS, MAX_JOINTS, MAX_POSITION, METRICS, heading
-from flight.samples import MAX_DAMPING, MAX_DEVIATION, MAX_PAYLOAD, MIN_DAMPING, NOMINAL_SEED
-from flight.texts import FAILURES, LIMITS, LOOPS, MARGINS, MISSIONS, OFF_NOMINAL, PROPELLANT, SAMPLES
+from flight.metrics import (
+    DISPLAY_UNITS,
+    GOALS,
+    MAX_JOINTS,
+    MAX_POSITION,
+    METRICS,
+    heading,
+)
+from flight.samples import (
+    MAX_DAMPING,
+    MAX_DEVIATION,
+    MAX_PAYLOAD,
+    MIN_DAMPING,
+    NOMINAL_SEED,
+)
+from flight.texts import (
+    FAILURES,
+    LIMITS,
+    LOOPS,
+    MARGINS,
+    MISSIONS,
+    OFF_NOMINAL,
+    PROPELLANT,
+    SAMPLES,
+)
 from trussflow.models.feasibility import survey
 from trussflow.models.mean_axes.design import MeanAxesDesign
 from trussflow.models.plant.space_truss import SpaceTruss
@@ -26,7 +54,14 @@ from trussflow.models.reporting.tables import markdown_table
 from trussflow.models.transport.mission import CASES, Mission
 from trussflow.models.transport.wiring import path_of
 
-OFF_NOMINAL_METRICS = ("position", "attitude", "joints", "late position", "torque", "alarms")
+OFF_NOMINAL_METRICS = (
+    "position",
+    "attitude",
+    "joints",
+    "late position",
+    "torque",
+    "alarms",
+)
 FIGURE_METRICS = ("position", "attitude", "late position", "late grasp 4")
 
 Results = Mapping[str, xr.Dataset]
@@ -50,7 +85,9 @@ def samples_section(found: Results, ledger: Ledger, folder: Path) -> str:
     for case, data in found.items():
         complete = np.isfinite(data["position"].values)
         succeeded = ledger.count(f"{case}: complete", int(complete.sum()))
-        counts.append(f"{succeeded} of {ledger.count(f'{case}: samples', complete.size)} in {case.title()}")
+        counts.append(
+            f"{succeeded} of {ledger.count(f'{case}: samples', complete.size)} in {case.title()}"
+        )
         header += [f"{case.title()}: median", "worst", "goal: below", "missed by"]
     for name, (unit, _) in METRICS.items():
         display, factor = DISPLAY_UNITS[unit]
@@ -60,13 +97,22 @@ def samples_section(found: Results, ledger: Ledger, folder: Path) -> str:
             note = ledger.of(case)
             cells += [
                 displayed(note, f"{name}, {word}", value, unit)
-                for word, value in (("median", np.nanmedian(values)), ("greatest", np.nanmax(values)))
+                for word, value in (
+                    ("median", np.nanmedian(values)),
+                    ("greatest", np.nanmax(values)),
+                )
             ]
-            goal = torque_limit(int(case[-1])) if name.endswith("torque") else GOALS.get(name)
+            goal = (
+                torque_limit(int(case[-1]))
+                if name.endswith("torque")
+                else GOALS.get(name)
+            )
             missed = 0 if goal is None else int(np.sum(~(values < goal * (1.0 - 1e-9))))
             cells += [
                 "" if goal is None else f"{factor * goal:.3g}",
-                "" if goal is None else ledger.count(f"{case}: {name}, not below", missed, [case]),
+                ""
+                if goal is None
+                else ledger.count(f"{case}: {name}, not below", missed, [case]),
             ]
             curves.append(cumulative(case.title(), factor * values))
         rows.append((heading(name), *cells))
@@ -93,20 +139,32 @@ def samples_section(found: Results, ledger: Ledger, folder: Path) -> str:
     )
 
 
-def limits_section(bounds: Mapping[tuple[str, str], tuple[float, float]], ledger: Ledger) -> str:
+def limits_section(
+    bounds: Mapping[tuple[str, str], tuple[float, float]], ledger: Ledger
+) -> str:
     """Return the robustness limits of each law."""
     rows = []
     for name, what in IMPERFECTIONS.items():
-        factor, unit = {"s": (1e3, "ms"), "%": (0.01, "%")}.get(what.unit, (1.0, what.unit))
+        factor, unit = {"s": (1e3, "ms"), "%": (0.01, "%")}.get(
+            what.unit, (1.0, what.unit)
+        )
         cells = []
         for law in LAWS:
             best, worst = (
-                ledger.of(f"{name}, {law}")(word, factor * value, unit, digits=2, show_unit=False)
-                for word, value in zip(("succeeds", "fails"), bounds[name, law], strict=True)
+                ledger.of(f"{name}, {law}")(
+                    word, factor * value, unit, digits=2, show_unit=False
+                )
+                for word, value in zip(
+                    ("succeeds", "fails"), bounds[name, law], strict=True
+                )
             )
             parts = np.isfinite(bounds[name, law])
             cells.append(
-                ", ".join(np.array([f"**{best}**" if parts[1] else best, f"fails at {worst}"])[parts])
+                ", ".join(
+                    np.array(
+                        [f"**{best}**" if parts[1] else best, f"fails at {worst}"]
+                    )[parts]
+                )
             )
         rows.append((f"{what.label} [{unit.replace('*', '·')}]", *cells))
     header = ("imperfection, all else exact", *(law.label for law in LAWS.values()))
@@ -118,7 +176,9 @@ def missions_section(ledger: Ledger) -> str:
     plant, found = SpaceTruss.accurate(), {}
     for case in CASES:
         limits = reference_hardware_of(case).limits(plant)
-        found[case] = survey(plant.dynamics, path_of(Mission.of_case(case), plant), limits)
+        found[case] = survey(
+            plant.dynamics, path_of(Mission.of_case(case), plant), limits
+        )
     rows = []
     for each in zip(*found.values(), strict=True):
         cells = [each[0].failure]
@@ -132,7 +192,11 @@ def missions_section(ledger: Ledger) -> str:
         rows.append(cells)
     header = ["failure"]
     for case in found:
-        header += [f"Case {case}: margin [-]", "least duration [s]", "needed torque [N·m]"]
+        header += [
+            f"Case {case}: margin [-]",
+            "least duration [s]",
+            "needed torque [N·m]",
+        ]
     return MISSIONS.format(table=markdown_table(header, rows))
 
 
@@ -151,14 +215,19 @@ def failures_section(found: Results, ledger: Ledger) -> str:
                 rows.append((label, "diverged", *[""] * (len(FAILURE_METRICS) + 1)))
                 continue
             delay = note("found_after", float(one["found_after"]), "s", show_unit=False)
-            cells = [displayed(note, name, one[name], unit) for name, unit in FAILURE_METRICS.items()]
+            cells = [
+                displayed(note, name, one[name], unit)
+                for name, unit in FAILURE_METRICS.items()
+            ]
             rows.append((label, delay, *cells, str(int(one["false_alarms"]) or "")))
     heads = [
         f"{name.replace('_', ' ')} (component) [{DISPLAY_UNITS[unit][0]}]"
         for name, unit in FAILURE_METRICS.items()
     ]
     return FAILURES.format(
-        table=markdown_table(("failure", "isolated after [s]", *heads, "false alarms"), rows)
+        table=markdown_table(
+            ("failure", "isolated after [s]", *heads, "false alarms"), rows
+        )
     )
 
 
@@ -175,13 +244,35 @@ def margins_section(found: xr.Dataset, ledger: Ledger) -> str:
             at, note = loops.sel(instant=instant), ledger.of(f"{instant}, {name}")
             growth = at["growth"].max("seed")
             cells += [
-                note(f"growth, {v}", float(growth.sel(variation=v)), "1/s", digits=2, show_unit=False)
+                note(
+                    f"growth, {v}",
+                    float(growth.sel(variation=v)),
+                    "1/s",
+                    digits=2,
+                    show_unit=False,
+                )
                 for v in shown
             ]
             cells.append(note("disk", float(at["disk"].min()), digits=2))
-            cells.append(note("delay", 1e3 * float(at["delay"].min()), "ms", digits=2, show_unit=False))
+            cells.append(
+                note(
+                    "delay",
+                    1e3 * float(at["delay"].min()),
+                    "ms",
+                    digits=2,
+                    show_unit=False,
+                )
+            )
         rows.append(cells)
-    header = ["Case 1", *VARIATIONS, "disk", "delay [ms]", "worst sample: nominal", "disk", "delay [ms]"]
+    header = [
+        "Case 1",
+        *VARIATIONS,
+        "disk",
+        "delay [ms]",
+        "worst sample: nominal",
+        "disk",
+        "delay [ms]",
+    ]
     ratio = max_gain_ratio(BUCKLING_RATE, 2 * MeanAxesDesign.shipped().sample_time)
     return MARGINS.format(
         table=markdown_table(header, rows),
@@ -194,7 +285,9 @@ def off_nominal_section(found: Results, ledger: Ledger) -> str:
     """Return the worst metrics of each off-nominal case."""
     rows = []
     for name, data in found.items():
-        succeeded = (data["position"].values < MAX_POSITION) & (data["joints"].values < MAX_JOINTS)
+        succeeded = (data["position"].values < MAX_POSITION) & (
+            data["joints"].values < MAX_JOINTS
+        )
         count = ledger.count(f"{name}: successful", int(succeeded.sum()), [name])
         cells = [
             displayed(ledger.of(name), metric, data[metric].max(), METRICS[metric][0])
@@ -211,7 +304,10 @@ def propellant_section(found: Results, ledger: Ledger) -> str:
     for name, data in found.items():
         one, note = data.isel(sample=0), ledger.of(name)
         used = one["used"].values
-        cells = [displayed(note, f"base {i + 1} used", each, "kg") for i, each in enumerate(used)]
+        cells = [
+            displayed(note, f"base {i + 1} used", each, "kg")
+            for i, each in enumerate(used)
+        ]
         cells.append(displayed(note, "used", used.sum(), "kg"))
         cells += [
             note(f"held, {axis}", held, "N*m*s", show_unit=False)
@@ -221,7 +317,9 @@ def propellant_section(found: Results, ledger: Ledger) -> str:
     bases = [f"base {i + 1} [g]" for i in range(len(used))]
     momenta = [f"final momentum, {axis} [N·m·s]" for axis in "xyz"]
     return PROPELLANT.format(
-        table=markdown_table(("nominal truss", *bases, "all [g]", *momenta, heading("position")), rows),
+        table=markdown_table(
+            ("nominal truss", *bases, "all [g]", *momenta, heading("position")), rows
+        ),
         momentum=", ".join(f"{each:g}" for each in INITIAL_MOMENTUM),
         propellant=INITIAL_PROPELLANT,
     )
@@ -240,7 +338,9 @@ def loops_section(found: xr.Dataset, ledger: Ledger) -> str:
         (
             law.label,
             *(
-                ledger.of(f"exact, {key}")(name, float(found[name].sel(sample=key)), unit)
+                ledger.of(f"exact, {key}")(
+                    name, float(found[name].sel(sample=key)), unit
+                )
                 for name, unit in units.items()
             ),
         )

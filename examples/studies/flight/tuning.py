@@ -69,8 +69,12 @@ than one step of 0.1 N at any base in the last {late:g} s."""
 COLUMNS = {
     "bandwidth of position [rad/s]": lambda one: one["position_bandwidth"],
     "bandwidth of attitude [rad/s]": lambda one: one["attitude_bandwidth"],
-    "acceleration noise of position [m/s²/√Hz]": lambda one: 10.0 ** one["position_noise"],
-    "acceleration noise of attitude [rad/s²/√Hz]": lambda one: 10.0 ** one["attitude_noise"],
+    "acceleration noise of position [m/s²/√Hz]": lambda one: (
+        10.0 ** one["position_noise"]
+    ),
+    "acceleration noise of attitude [rad/s²/√Hz]": lambda one: (
+        10.0 ** one["attitude_noise"]
+    ),
     "disk margin": lambda one: one["disk"],
 }
 COMPARED = "position", "attitude", "late position"
@@ -96,7 +100,9 @@ class Tuning:
     trials: int = 25
     duration: float = LONG_DURATION
 
-    def run(self, folder: Path | None = None, *, workers: int | None = None) -> xr.Dataset:
+    def run(
+        self, folder: Path | None = None, *, workers: int | None = None
+    ) -> xr.Dataset:
         """Return the metrics of the initial, shipped and tuned design along ``design`` and ``seed``.
 
         Parameters
@@ -106,7 +112,11 @@ class Tuning:
         workers : int, optional
             Number of parallel runs, as for `sweep` [-].
         """
-        simulator, session, plant = flight_simulator(), loop_session(), TunableTruss.accurate()
+        simulator, session, plant = (
+            flight_simulator(),
+            loop_session(),
+            TunableTruss.accurate(),
+        )
         free = FreeModes.of(plant.dynamics, MeanAxesDesign.shipped().estimated_modes)
 
         def parameters(seed: int) -> dict[str, Any]:
@@ -115,13 +125,17 @@ class Tuning:
         def becoming(**values: Any) -> dict[str, Vector]:
             design = design_of(values)
             return {
-                "controller.law.bandwidth": design.of_groups(design.bandwidth, plant.dynamics.rigid_freedoms),
+                "controller.law.bandwidth": design.of_groups(
+                    design.bandwidth, plant.dynamics.rigid_freedoms
+                ),
                 "controller.estimator.gain": design.estimator_gain(free),
             }
 
         def disk(values: Mapping[str, Any]) -> float:
             duration = Mission.of_case(1).duration
-            _, loop = next(loops_along(session, duration, becoming(**values), {"at rest": 0.0}))
+            _, loop = next(
+                loops_along(session, duration, becoming(**values), {"at rest": 0.0})
+            )
             return min_disk(loop) if spectral_radius(loop.closed()) < 1.0 else 0.0
 
         found = tune(
@@ -143,7 +157,11 @@ class Tuning:
             "shipped": values_of(MeanAxesDesign.shipped()),
             "tuned": values_of(design_of(found.values)),
         }
-        rows = [becoming(**values) | parameters(seed) for values in designs.values() for seed in self.others]
+        rows = [
+            becoming(**values) | parameters(seed)
+            for values in designs.values()
+            for seed in self.others
+        ]
         swept = sweep(
             simulator,
             self.duration,
@@ -158,18 +176,28 @@ class Tuning:
         )
         shape = len(designs), len(self.others)
         columns: dict[str, Any] = {
-            name: (("design", "seed"), swept[name].values.reshape(shape)) for name in (*METRICS, "share")
+            name: (("design", "seed"), swept[name].values.reshape(shape))
+            for name in (*METRICS, "share")
         }
-        columns |= {name: ("design", [values[name] for values in designs.values()]) for name in RANGES}
+        columns |= {
+            name: ("design", [values[name] for values in designs.values()])
+            for name in RANGES
+        }
         columns["disk"] = "design", [disk(values) for values in designs.values()]
         facts: dict[str, Any] = {
             "before": found.before,
             "cost": found.cost,
             "most": float(found.limits["share"].max()),
         }
-        facts |= {"runs": found.runs, "message": found.message, "duration": self.duration}
+        facts |= {
+            "runs": found.runs,
+            "message": found.message,
+            "duration": self.duration,
+        }
         facts |= {"first": self.seeds[0], "last": self.seeds[-1]}
-        return xr.Dataset(columns, {"design": [*designs], "seed": [*self.others]}, facts)
+        return xr.Dataset(
+            columns, {"design": [*designs], "seed": [*self.others]}, facts
+        )
 
     @staticmethod
     def fingerprint() -> list[float]:
@@ -204,10 +232,17 @@ def section(found: xr.Dataset, ledger: Ledger) -> str:
     designs, metrics, gains = [], [], {}
     for name in found["design"].values.tolist():
         one, note = found.sel(design=name), ledger.of(f"tuning, {name}")
-        designs.append((name, *(note(title, float(of(one))) for title, of in COLUMNS.items())))
+        designs.append(
+            (name, *(note(title, float(of(one))) for title, of in COLUMNS.items()))
+        )
         cells = [note("objective", one["share"].values.mean())]
         cells += [
-            displayed(note, f"{metric}, {word}", statistic(one[metric].values), METRICS[metric][0])
+            displayed(
+                note,
+                f"{metric}, {word}",
+                statistic(one[metric].values),
+                METRICS[metric][0],
+            )
             for metric in COMPARED
             for word, statistic in STATISTICS.items()
         ]
@@ -219,7 +254,9 @@ def section(found: xr.Dataset, ledger: Ledger) -> str:
         gain = one["share"].values - found["share"].sel(design="tuned").values
         if name != "tuned":
             half_width = 1.96 * gain.std(ddof=1) / np.sqrt(count)
-            gains[name] = f"{note('gain', gain.mean())} ± {note('gain, ±', half_width, digits=2)}"
+            gains[name] = (
+                f"{note('gain', gain.mean())} ± {note('gain, ±', half_width, digits=2)}"
+            )
     heads = [f"{heading(metric)}: {word}" for metric in COMPARED for word in STATISTICS]
     heads += [f"second step, of {count}", f"all goals met, of {count}"]
     note, seeds = ledger.of("tuning"), found["seed"].values

@@ -40,7 +40,16 @@ MARGINS = [
     "delay [ms]",
     "disk",
 ]
-POLES = ["pole [1/s]", "damping", "translation", "rotation", "joints", "modes", "controller", "mode"]
+POLES = [
+    "pole [1/s]",
+    "damping",
+    "translation",
+    "rotation",
+    "joints",
+    "modes",
+    "controller",
+    "mode",
+]
 SHOWN_CHANNELS = ["x", "y", "z", "phi", "theta", "psi", "theta_4_1"]
 
 
@@ -50,7 +59,10 @@ class Study:
     def __init__(self, folder: Path, *, quick: bool) -> None:
         self.folder, self.quick = folder, quick
         self.points = 300 if quick else 600
-        plants = {"published": SpaceTruss.published(), "consistent": SpaceTruss.consistent()}
+        plants = {
+            "published": SpaceTruss.published(),
+            "consistent": SpaceTruss.consistent(),
+        }
         self.loops = {
             f"{name}, {_observer(bandwidth)}": TrussLoop(plant, bandwidth)
             for (name, plant), bandwidth in product(plants.items(), (None, 4.0))
@@ -61,25 +73,43 @@ class Study:
         """Yield title and text of each table, and write the figures."""
         for clamped in (False, True):
             support = "clamped" if clamped else "free"
-            yield f"Natural frequencies, {support}, arms locked", self.frequencies(clamped=clamped)
+            yield (
+                f"Natural frequencies, {support}, arms locked",
+                self.frequencies(clamped=clamped),
+            )
         yield (
             "Modes of the consistent plant, arms free",
             str(modal_table(self.plants["consistent"], "actuation")),
         )
         for name, loop in self.loops.items():
-            yield f"Margins at the demand, others closed: {name}", self.demand_margins(loop)
+            yield (
+                f"Margins at the demand, others closed: {name}",
+                self.demand_margins(loop),
+            )
         self.draw_demand_loops()
         for damping, bandwidth in product((0.005, MODAL_DAMPING), (None, 4.0)):
-            loop = TrussLoop(SpaceTruss.consistent(damping=damping), bandwidth, allocation="published")
+            loop = TrussLoop(
+                SpaceTruss.consistent(damping=damping),
+                bandwidth,
+                allocation="published",
+            )
             file = self.folder / f"bode_{1000 * damping:g}_{bandwidth or 0:g}.png"
-            modal_bode(loop.diagram, "truss.modal_force", loop=loop.modal_loop).savefig(file)
+            modal_bode(loop.diagram, "truss.modal_force", loop=loop.modal_loop).savefig(
+                file
+            )
             yield (
                 f"Loops at the modal forces: Eq. 64, {100 * damping:g} %, {_observer(bandwidth)}",
                 self.modal_margins(loop),
             )
         yield from self.poles()
-        yield "Spillover: least damping from which on the loop is stable, linear law", self.spillover()
-        yield "Delay and sample time of stable loops, the same in all channels", self.timing()
+        yield (
+            "Spillover: least damping from which on the loop is stable, linear law",
+            self.spillover(),
+        )
+        yield (
+            "Delay and sample time of stable loops, the same in all channels",
+            self.timing(),
+        )
 
     def frequencies(self, *, clamped: bool) -> str:
         """Compare truncated modes, and modes with attachment shapes, with all finite elements."""
@@ -90,9 +120,15 @@ class Study:
         held = {"clamped": face} if clamped else {"rigid": face}
         exact = natural_frequencies(structure, 6, bodies, **held)
         rows = [["finite elements [Hz]", *(f"{f:.4f}" for f in exact)]]
-        for number, shapes in product((6, 14) if self.quick else (6, 10, 14, 20, 40), (False, True)):
-            modes = reduced_modes(structure, number, list(grasps), clamped=face, attachments=shapes)
-            dynamics = TrussDynamics(modes=modes, arms=(arm,) * ROBOTS, elastic_integrals=True)
+        for number, shapes in product(
+            (6, 14) if self.quick else (6, 10, 14, 20, 40), (False, True)
+        ):
+            modes = reduced_modes(
+                structure, number, list(grasps), clamped=face, attachments=shapes
+            )
+            dynamics = TrussDynamics(
+                modes=modes, arms=(arm,) * ROBOTS, elastic_integrals=True
+            )
             errors = locked_frequencies(dynamics, clamped=clamped)[:6] / exact - 1
             name = f"{number} modes" + " and attachment shapes" * shapes
             rows.append([name, *(f"{round(100 * e, 3) + 0.0:.3f} %" for e in errors)])
@@ -100,14 +136,28 @@ class Study:
 
     def demand_margins(self, loop: TrussLoop) -> str:
         """Return margins of the pose and of the weakest joint of each robot, and of groups at once."""
-        found = {name: loop.margins(group, self.points) for name, group in GROUPS.items()}
+        found = {
+            name: loop.margins(group, self.points) for name, group in GROUPS.items()
+        }
         single, *joints = [found[name].channels.values() for name in list(GROUPS)[2:]]
         channels = [*single, *(min(own, key=lambda m: m.disk) for own in joints)]
         groups = [
-            [name, f"{m.disk:.2f}", f"±{m.gain:.1f}", f"±{m.phase:.0f}", f"{m.frequency:.3g}"]
+            [
+                name,
+                f"{m.disk:.2f}",
+                f"±{m.gain:.1f}",
+                f"±{m.phase:.0f}",
+                f"{m.frequency:.3g}",
+            ]
             for name, m in found.items()
         ]
-        header = ["all at the same time", "disk", "gain [dB]", "phase [deg]", "least at [rad/s]"]
+        header = [
+            "all at the same time",
+            "disk",
+            "gain [dB]",
+            "phase [deg]",
+            "least at [rad/s]",
+        ]
         return f"{text_table(MARGINS, [_row(m) for m in channels])}\n\n{text_table(header, groups)}"
 
     def modal_margins(self, loop: TrussLoop) -> str:
@@ -121,13 +171,20 @@ class Study:
     def draw_demand_loops(self) -> None:
         """Draw the loop gain of some channels of the demand."""
         figure = Figure(figsize=(16, 4), layout="constrained")
-        for axes, (name, loop) in zip(figure.subplots(1, 4, sharey=True), self.loops.items(), strict=True):
+        for axes, (name, loop) in zip(
+            figure.subplots(1, 4, sharey=True), self.loops.items(), strict=True
+        ):
             omega = loop.omega()
             gains = loop.gains(loop.demand_loop, omega)
             for channel in SHOWN_CHANNELS:
                 gain = 20 * np.log10(np.abs(gains[:, CHANNELS.index(channel)]))
                 axes.semilogx(omega / (2 * np.pi), gain, label=channel)
-            axes.set(title=name, xlabel="frequency [Hz]", ylabel="loop gain [dB]", ylim=(-80, 120))
+            axes.set(
+                title=name,
+                xlabel="frequency [Hz]",
+                ylabel="loop gain [dB]",
+                ylim=(-80, 120),
+            )
         axes.legend(fontsize="small")
         figure.savefig(self.folder / "bode_demand.png")
 
@@ -140,7 +197,10 @@ class Study:
             )
             for bandwidth in (None, 2.0, 4.0)
         }
-        loops |= {f"{name}, L = 4": TrussLoop(plant, 4.0, linear=True) for name, plant in self.plants.items()}
+        loops |= {
+            f"{name}, L = 4": TrussLoop(plant, 4.0, linear=True)
+            for name, plant in self.plants.items()
+        }
         figure = Figure(figsize=(7, 6), layout="constrained")
         axes = figure.subplots()
         for name, loop in loops.items():
@@ -148,14 +208,23 @@ class Study:
             near = values[(values.imag > 0.1) & (values.real > -20)]
             axes.plot(near.real, near.imag, "o", fillstyle="none", label=name)
             header = [*POLES, "channels that drive it right [1/s]"]
-            yield f"Poles, linear law: {name}", text_table(header, loop.poles(3 if self.quick else 5))
-        axes.set(xlabel="real part [1/s]", ylabel="imaginary part [rad/s]", title="poles of the closed loop")
+            yield (
+                f"Poles, linear law: {name}",
+                text_table(header, loop.poles(3 if self.quick else 5)),
+            )
+        axes.set(
+            xlabel="real part [1/s]",
+            ylabel="imaginary part [rad/s]",
+            title="poles of the closed loop",
+        )
         axes.legend(fontsize="small")
         figure.savefig(self.folder / "poles.png")
 
     def spillover(self) -> str:
         """Return the map of spillover over number of modes, damping and bandwidth."""
-        ratios = (0.0, 0.005, 0.02) if self.quick else (0.0, 0.0025, 0.005, 0.01, 0.02, 0.05)
+        ratios = (
+            (0.0, 0.005, 0.02) if self.quick else (0.0, 0.0025, 0.005, 0.01, 0.02, 0.05)
+        )
         bandwidths = (0.0, 2.0, 4.0) if self.quick else (0.0, 1.0, 2.0, 4.0, 8.0, 16.0)
         numbers = (14,) if self.quick else (6, 10, 14, 20, 30)
         figure, plots = blank(len(numbers), 3, width=12)
@@ -165,12 +234,31 @@ class Study:
                 growth = loop.growth(ratios, bandwidths)
                 plot = plots[len(rows)]
                 limit = 1.5 * np.abs(growth).max()  # so that black numbers are readable
-                labels = [f"{L:g}" for L in bandwidths], [f"{100 * ratio:g}" for ratio in ratios]
-                draw_cells(plot, growth, "{:+.2f}".format, lambda _: False, *labels, vmin=-limit, vmax=limit)
-                plot.set(
-                    title=f"{name}, {number} modes: growth rate [1/s]", xlabel="L [1/s]", ylabel="damping [%]"
+                labels = (
+                    [f"{L:g}" for L in bandwidths],
+                    [f"{100 * ratio:g}" for ratio in ratios],
                 )
-                rows.append([name, str(number), *(least_damping(rates, ratios) for rates in growth.T)])
+                draw_cells(
+                    plot,
+                    growth,
+                    "{:+.2f}".format,
+                    lambda _: False,
+                    *labels,
+                    vmin=-limit,
+                    vmax=limit,
+                )
+                plot.set(
+                    title=f"{name}, {number} modes: growth rate [1/s]",
+                    xlabel="L [1/s]",
+                    ylabel="damping [%]",
+                )
+                rows.append(
+                    [
+                        name,
+                        str(number),
+                        *(least_damping(rates, ratios) for rates in growth.T),
+                    ]
+                )
         figure.savefig(self.folder / "spillover.png")
         return text_table(["loop", "modes", *(f"L = {L:g}" for L in bandwidths)], rows)
 
@@ -179,8 +267,17 @@ class Study:
         loops = dict(self.loops)
         for (name, plant), controller in product(self.plants.items(), ("smc", "pd")):
             loops[f"{name}, {controller}"] = TrussLoop(plant, controller=controller)
-        rows = [[name, *loop.timing(25 if self.quick else 50)] for name, loop in loops.items()]
-        header = ["loop", "delay [ms]", "oscillates at [rad/s]", "period [ms]", "period, one to compute [ms]"]
+        rows = [
+            [name, *loop.timing(25 if self.quick else 50)]
+            for name, loop in loops.items()
+        ]
+        header = [
+            "loop",
+            "delay [ms]",
+            "oscillates at [rad/s]",
+            "period [ms]",
+            "period, one to compute [ms]",
+        ]
         return text_table(header, rows)
 
 
@@ -189,18 +286,28 @@ def _observer(bandwidth: float | None) -> str:
 
 
 def _row(m: Margins) -> list[str]:
-    gains = [20 * np.log10(gain) if gain > 0 else -np.inf for gain in (m.gain_down, m.gain_up)]
+    gains = [
+        20 * np.log10(gain) if gain > 0 else -np.inf
+        for gain in (m.gain_down, m.gain_up)
+    ]
     numbers = [m.crossover, *gains, m.phase, 1e3 * m.delay, m.disk]
     forms = (".3g", ".1f", ".1f", ".1f", ".3g", ".2f")
-    cells = [f"{v:{form}}" if np.isfinite(v) else "-" for v, form in zip(numbers, forms, strict=True)]
+    cells = [
+        f"{v:{form}}" if np.isfinite(v) else "-"
+        for v, form in zip(numbers, forms, strict=True)
+    ]
     return [m.channel, *cells]
 
 
 def main(words: Sequence[str] | None = None) -> None:
     """Write tables and figures."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--quick", action="store_true", help="fewer modes and frequencies")
-    parser.add_argument("--output", type=Path, default=Path("results/modes"), help="folder to write to")
+    parser.add_argument(
+        "--quick", action="store_true", help="fewer modes and frequencies"
+    )
+    parser.add_argument(
+        "--output", type=Path, default=Path("results/modes"), help="folder to write to"
+    )
     options = parser.parse_args(words)
     options.output.mkdir(parents=True, exist_ok=True)
     with (options.output / "tables.txt").open("w", encoding="utf-8") as file:

@@ -44,12 +44,16 @@ class StateMatrices:
 
     def growth(self, damping: Sequence[float], bandwidth: Sequence[float]) -> Matrix:
         """Return the real part of the rightmost oscillating pole over damping and bandwidth [1/s]."""
-        return np.array([[self.rightmost(d, L).real for L in bandwidth] for d in damping])
+        return np.array(
+            [[self.rightmost(d, L).real for L in bandwidth] for d in damping]
+        )
 
     def rightmost(self, damping: float, bandwidth: float) -> complex:
         """Return the rightmost oscillating pole [1/s]."""
         poles = np.linalg.eigvals(self.at(damping, bandwidth))
-        return complex(max(poles[poles.imag > MIN_FREQUENCY], key=lambda pole: pole.real))
+        return complex(
+            max(poles[poles.imag > MIN_FREQUENCY], key=lambda pole: pole.real)
+        )
 
 
 def _weights(nodes: Matrix, place: float) -> Matrix:
@@ -61,20 +65,34 @@ def _weights(nodes: Matrix, place: float) -> Matrix:
 def truss_with(modes: int) -> SpaceTruss:
     """Return the paper's truss with more modes, from finite elements."""
     grasps = list(TrussModes.reconstructed().grasp_positions)
-    shapes = reduced_modes(paper_structure(), modes, grasps, clamped=CLAMPED_FACE, attachments=False)
+    shapes = reduced_modes(
+        paper_structure(), modes, grasps, clamped=CLAMPED_FACE, attachments=False
+    )
     return SpaceTruss(
-        TrussDynamics(modes=shapes, arms=(RobotArm.literal(),) * len(grasps), elastic_integrals=True)
+        TrussDynamics(
+            modes=shapes,
+            arms=(RobotArm.literal(),) * len(grasps),
+            elastic_integrals=True,
+        )
     )
 
 
 def state_matrices(truss: SpaceTruss) -> dict[str, StateMatrices]:
     """Return the loops without work on the modes, with it (Eq. 64), and with mode-neutral feedback."""
-    believed = replace(truss.dynamics, modes=truss.dynamics.modes.truncated(MODEL_MODES))
+    believed = replace(
+        truss.dynamics, modes=truss.dynamics.modes.truncated(MODEL_MODES)
+    )
     mission = TrussLoop(truss, 1.0, linear=True).mission
-    found: dict[str, list[list[Matrix]]] = {"published": [], "Eq. 64": [], "consistent": []}
+    found: dict[str, list[list[Matrix]]] = {
+        "published": [],
+        "Eq. 64": [],
+        "consistent": [],
+    }
     for allocation in ("published", "mode-neutral"):
         plant = SpaceTruss(truss.dynamics)
-        diagram = transport_diagram(mission, plant, allocation=allocation, believed=believed)
+        diagram = transport_diagram(
+            mission, plant, allocation=allocation, believed=believed
+        )
         wire = ["truss.modal_force"]
         linearizer = Linearizer(diagram, wire, wire, cut=wire)
         for damping in DAMPING:
@@ -102,4 +120,8 @@ def least_damping(growth: Matrix, ratios: Sequence[float]) -> str:
     """Return the least damping ratio from which on the growth rates are negative."""
     unstable = np.flatnonzero(growth >= 0)
     first = unstable[-1] + 1 if unstable.size else 0
-    return f"{100 * ratios[first]:g} %" if first < len(ratios) else f"> {100 * ratios[-1]:g} %"
+    return (
+        f"{100 * ratios[first]:g} %"
+        if first < len(ratios)
+        else f"> {100 * ratios[-1]:g} %"
+    )

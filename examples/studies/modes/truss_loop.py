@@ -10,10 +10,20 @@ import control
 import numpy as np
 from numpy.typing import NDArray
 
-from trussflow.blocks import Diagram, delay_margin, largest_sample_time, linearize, loop_transfer
+from trussflow.blocks import (
+    Diagram,
+    delay_margin,
+    largest_sample_time,
+    linearize,
+    loop_transfer,
+)
 from trussflow.blocks.errors import LinearAnalysisError
 from trussflow.blocks.linear_analysis.loop_transfer import LoopMargins, margins_of
-from trussflow.blocks.linear_analysis.margins import channel_responses, frequencies_about, sensitivities
+from trussflow.blocks.linear_analysis.margins import (
+    channel_responses,
+    frequencies_about,
+    sensitivities,
+)
 from trussflow.blocks.linear_analysis.modal_table import oscillating_modes
 from trussflow.models import SpaceTruss
 from trussflow.models.transport import Mission, transport_diagram
@@ -22,8 +32,15 @@ from trussflow.models.transport.wiring import control_law
 RIGID, ROBOTS, JOINTS = 34, 4, 7
 CHANNELS = ["x", "y", "z", "phi", "theta", "psi"]
 CHANNELS += [f"theta_{i + 1}_{j + 1}" for i in range(ROBOTS) for j in range(JOINTS)]
-GROUPS = {"translation": range(3), "rotation": range(3, 6), "translation and rotation": range(6)}
-GROUPS |= {f"joints of Robot {i + 1}": range(6 + JOINTS * i, 13 + JOINTS * i) for i in range(ROBOTS)}
+GROUPS = {
+    "translation": range(3),
+    "rotation": range(3, 6),
+    "translation and rotation": range(6),
+}
+GROUPS |= {
+    f"joints of Robot {i + 1}": range(6 + JOINTS * i, 13 + JOINTS * i)
+    for i in range(ROBOTS)
+}
 
 ERROR, OMEGA = 1e-3, 1.0
 """Amplitude [m, rad] and frequency [rad/s] of the errors for describing functions."""
@@ -48,7 +65,9 @@ class TrussLoop:
         mission = replace(Mission.of_case(1), observer_bandwidth=self.bandwidth or 1.0)
         if not self.linear:
             return mission
-        return replace(mission, exponent=1.0, switching_gain=0.0, conventional_switching_gain=0.0)
+        return replace(
+            mission, exponent=1.0, switching_gain=0.0, conventional_switching_gain=0.0
+        )
 
     @cached_property
     def diagram(self) -> Diagram:
@@ -65,7 +84,9 @@ class TrussLoop:
     def demand(self) -> str:
         """Input of the allocation: forces, torques and joint torques."""
         neutral = "feedback_allocation" in self.diagram.blocks
-        return f"feedback_allocation.demand[:{RIGID}]" if neutral else "allocation.demand"
+        return (
+            f"feedback_allocation.demand[:{RIGID}]" if neutral else "allocation.demand"
+        )
 
     @cached_property
     def amplitude(self) -> dict[str, float]:
@@ -77,7 +98,9 @@ class TrussLoop:
         if self.controller == "ismc":
             law = control_law(self.mission, "ismc")
             B = linearize(law, list(sizes), ["feedback"], amplitude=sizes).B[0]
-            amplitude["controller.integral"] = float(abs(B[0] / (1j * OMEGA) + B[1])) * ERROR
+            amplitude["controller.integral"] = (
+                float(abs(B[0] / (1j * OMEGA) + B[1])) * ERROR
+            )
         return amplitude
 
     @cached_property
@@ -88,7 +111,9 @@ class TrussLoop:
     @cached_property
     def modal_loop(self) -> control.StateSpace:
         """Loop gain at the modal force."""
-        return loop_transfer(self.diagram, "truss.modal_force", amplitude=self.amplitude)
+        return loop_transfer(
+            self.diagram, "truss.modal_force", amplitude=self.amplitude
+        )
 
     @cached_property
     def closed(self) -> NDArray[np.float64]:
@@ -98,7 +123,9 @@ class TrussLoop:
 
     def omega(self, high: float = 1e4, points: int = 600) -> NDArray[np.float64]:
         """Return frequencies around all poles, open and closed [rad/s]."""
-        poles = np.concatenate([np.linalg.eigvals(A) for A in (self.closed, self.demand_loop.A)])
+        poles = np.concatenate(
+            [np.linalg.eigvals(A) for A in (self.closed, self.demand_loop.A)]
+        )
         return frequencies_about(poles, high=high, points=points)
 
     def margins(self, channels: range, points: int = 600) -> LoopMargins:
@@ -110,7 +137,9 @@ class TrussLoop:
         opened = control.ss(A, loop.B[:, channels], loop.C[channels], 0, inputs=names)
         return margins_of(opened, self.omega(points=points))
 
-    def gains(self, loop: control.StateSpace, omega: NDArray[np.float64]) -> NDArray[np.complex128]:
+    def gains(
+        self, loop: control.StateSpace, omega: NDArray[np.float64]
+    ) -> NDArray[np.complex128]:
         """Return the loop gain of each channel, the others closed."""
         return channel_responses(sensitivities(loop, omega))
 
@@ -127,10 +156,17 @@ class TrussLoop:
         ends = [0, 3, 6, RIGID, np.inf]
         rows = []
         closed = control.ss(self.closed, loop.B, loop.C, 0)
-        for pole, left, right in sorted(oscillating_modes(closed), key=lambda m: -m[0].real)[:number]:
+        for pole, left, right in sorted(
+            oscillating_modes(closed), key=lambda m: -m[0].real
+        )[:number]:
             share = np.abs(left * right) / np.abs(left * right).sum()
-            parts = [share[(a <= coordinate) & (coordinate < b)].sum() for a, b in pairwise(ends)]
-            modal = [share[coordinate == RIGID + k].sum() for k in range(self.truss.modes)]
+            parts = [
+                share[(a <= coordinate) & (coordinate < b)].sum()
+                for a, b in pairwise(ends)
+            ]
+            modal = [
+                share[coordinate == RIGID + k].sum() for k in range(self.truss.modes)
+            ]
             rates = -((left @ loop.B) * (loop.C @ right)).real
             strongest = [k for k in np.argsort(-rates)[:3] if rates[k] > 0]
             rows.append(
@@ -148,7 +184,9 @@ class TrussLoop:
         """Return the largest delay, its oscillation, and two largest sample times [ms, rad/s, ms]."""
         fastest = float(np.abs(np.linalg.eigvals(self.closed)).max())
         try:
-            delay, omega = delay_margin(self.demand_loop, omega=self.omega(10 * fastest, 4 * points))
+            delay, omega = delay_margin(
+                self.demand_loop, omega=self.omega(10 * fastest, 4 * points)
+            )
         except LinearAnalysisError:
             return ["unstable", "-", "-", "-"]
         # States of the truss are measured; with the demand cut it does not depend on the other states.
@@ -156,12 +194,23 @@ class TrussLoop:
         truss = np.array([label.startswith("truss/") for label in loop.state_labels])
         rest = ~truss
         count = int(truss.sum())
-        plant = control.ss(loop.A[np.ix_(truss, truss)], loop.B[truss], np.eye(count), 0)
+        plant = control.ss(
+            loop.A[np.ix_(truss, truss)], loop.B[truss], np.eye(count), 0
+        )
         law = control.StateSpace(
-            *(loop.A[np.ix_(rest, rest)], loop.A[np.ix_(rest, truss)], -loop.C[:, rest], -loop.C[:, truss]),
+            *(
+                loop.A[np.ix_(rest, rest)],
+                loop.A[np.ix_(rest, truss)],
+                -loop.C[:, rest],
+                -loop.C[:, truss],
+            ),
             remove_useless_states=False,
         )
         periods = [
-            largest_sample_time(plant, law, delay=part, points=points, **PERIODS) for part in (0.0, 1.0)
+            largest_sample_time(plant, law, delay=part, points=points, **PERIODS)
+            for part in (0.0, 1.0)
         ]
-        return [f"{value:.3g}" for value in (1e3 * delay, omega, 1e3 * periods[0], 1e3 * periods[1])]
+        return [
+            f"{value:.3g}"
+            for value in (1e3 * delay, omega, 1e3 * periods[0], 1e3 * periods[1])
+        ]

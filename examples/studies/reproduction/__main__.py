@@ -9,7 +9,12 @@ import sys
 from pathlib import Path
 
 from reproduction.report import EVIDENCE, fingerprints, reproduce
-from trussflow.blocks.framework.command_arguments import FAILED, Outcome, ended, parser_of
+from trussflow.blocks.framework.command_arguments import (
+    FAILED,
+    Outcome,
+    ended,
+    parser_of,
+)
 from trussflow.blocks.support.files import reading
 from trussflow.models.errors import ModelError
 
@@ -25,13 +30,28 @@ def parser() -> argparse.ArgumentParser:
         "--output report                        # the report; some minutes",
         "--check --output docs/reproduction     # whether the present code gives that report",
     )
-    found.add_argument("--output", type=Path, default=Path("docs/reproduction"), help="folder of the report")
     found.add_argument(
-        "--runs", type=Path, default=Path("results/reproduction"), help="folder of finished runs"
+        "--output",
+        type=Path,
+        default=Path("docs/reproduction"),
+        help="folder of the report",
     )
-    found.add_argument("--workers", type=int, default=os.cpu_count(), help="processes; default: one per core")
     found.add_argument(
-        "--check", action="store_true", help="only compare the diagrams of the report with the present code"
+        "--runs",
+        type=Path,
+        default=Path("results/reproduction"),
+        help="folder of finished runs",
+    )
+    found.add_argument(
+        "--workers",
+        type=int,
+        default=os.cpu_count(),
+        help="processes; default: one per core",
+    )
+    found.add_argument(
+        "--check",
+        action="store_true",
+        help="only compare the diagrams of the report with the present code",
     )
     return found
 
@@ -41,17 +61,23 @@ def run(options: argparse.Namespace) -> Outcome:
     if not options.check:
         report = reproduce(options.output, options.runs, workers=options.workers)
         return Outcome({"report": report}, f"wrote {report}")
-    with reading(options.output / EVIDENCE, ModelError, "cannot read the evidence of a report in") as file:
+    with reading(
+        options.output / EVIDENCE, ModelError, "cannot read the evidence of a report in"
+    ) as file:
         recorded = json.loads(file.read_text(encoding="utf-8")).get("diagrams", {})
     present = fingerprints(options.runs)
-    changed = sorted(name for name in {*recorded, *present} if recorded.get(name) != present.get(name))
+    changed = sorted(
+        name
+        for name in {*recorded, *present}
+        if recorded.get(name) != present.get(name)
+    )
     fresh = not changed
     message = f"the report in '{options.output}' has the equations and parameters of the present code"
     if changed:
-        message = (
-            f"the report in '{options.output}' is old: changed are {', '.join(changed)}; run 'make reproduce'"
-        )
-    return Outcome({"fresh": fresh, "message": message}, message, 0 if fresh else FAILED)
+        message = f"the report in '{options.output}' is old: changed are {', '.join(changed)}; run 'make reproduce'"
+    return Outcome(
+        {"fresh": fresh, "message": message}, message, 0 if fresh else FAILED
+    )
 
 
 def main(words: list[str] | None = None) -> int:

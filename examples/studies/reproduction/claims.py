@@ -50,9 +50,14 @@ def advantages(measures: Measures) -> dict[str, dict[str, float]]:
     found = {}
     for case in CASES:
         for rival, proposed in (("-pd", ""), ("-smc", ""), ("-smc-fine", "-fine")):
-            theirs, ours = (measures[f"case{case}{suffix}"] for suffix in (rival, proposed))
+            theirs, ours = (
+                measures[f"case{case}{suffix}"] for suffix in (rival, proposed)
+            )
             late, peak = (
-                min(theirs[f"{when} {error}"] / ours[f"{when} {error}"] for error in ERRORS)
+                min(
+                    theirs[f"{when} {error}"] / ours[f"{when} {error}"]
+                    for error in ERRORS
+                )
                 for when in ("late", "peak")
             )
             pair = f"case{case}{rival} over case{case}{proposed}"
@@ -62,21 +67,31 @@ def advantages(measures: Measures) -> dict[str, dict[str, float]]:
 
 def small_errors(n: Numbers) -> bool:
     """Return whether the peak errors of a case are small against the commanded motion."""
-    small = n["case#: peak position error"] < SMALL_PART * n["case#: commanded displacement"]
-    return small and n["case#: peak attitude error"] < SMALL_PART * (n["case#: commanded angle"] or 1.0)
+    small = (
+        n["case#: peak position error"]
+        < SMALL_PART * n["case#: commanded displacement"]
+    )
+    return small and n["case#: peak attitude error"] < SMALL_PART * (
+        n["case#: commanded angle"] or 1.0
+    )
 
 
 def against_smc(n: Numbers, advantage: str) -> str:
     """Return the verdict on the errors of SMC, with the paper's step and with a tenth of it."""
     if n[f"case#-smc over case#: {advantage}"] <= NOTABLE_FACTOR:
         return DIFFERS
-    return COARSE if n[f"case#-smc-fine over case#-fine: {advantage}"] < 1.0 else REPRODUCED
+    return (
+        COARSE
+        if n[f"case#-smc-fine over case#-fine: {advantage}"] < 1.0
+        else REPRODUCED
+    )
 
 
 def bounded_torques(n: Numbers) -> bool | str:
     """Return the verdict on the bound of the torques, which may depend on where the arms are mounted."""
     worst, *others = (
-        n[f"case#{suffix}: claimed torque"] for suffix in ("", "-centroid-at-joint", "-mounting")
+        n[f"case#{suffix}: claimed torque"]
+        for suffix in ("", "-centroid-at-joint", "-mounting")
     )
     bound = n["case#: torque bound"]
     if min(others) <= bound < max(*others, worst):
@@ -92,19 +107,31 @@ def of_robots(n: Numbers, subject: str) -> list[float]:
 CRITERIA: dict[str, Callable[[Numbers], bool | str]] = {
     "small errors": small_errors,
     "errors small and settled": lambda n: (
-        small_errors(n) and all(n[f"case#: late {error}"] < n[f"case#: peak {error}"] for error in ERRORS)
+        small_errors(n)
+        and all(
+            n[f"case#: late {error}"] < n[f"case#: peak {error}"] for error in ERRORS
+        )
     ),
     "other coordinates held": lambda n: (
         small_errors(n)
-        and n["case#: peak sideways error"] < SMALL_PART * n["case#: commanded displacement"]
+        and n["case#: peak sideways error"]
+        < SMALL_PART * n["case#: commanded displacement"]
         and n["case#: peak joint error"] < SMALL_PART
     ),
-    "less chattering": lambda n: n["case# / case#-no-observer: force ripple"] < 1 / NOTABLE_FACTOR,
-    "smooth force": lambda n: n["case#: largest jump of force per peak"] < SMOOTH_CHANGE,
-    "uniform load": lambda n: max(of_robots(n, "case#: share of Robot")) < NOTABLE_FACTOR / len(ROBOTS),
+    "less chattering": lambda n: (
+        n["case# / case#-no-observer: force ripple"] < 1 / NOTABLE_FACTOR
+    ),
+    "smooth force": lambda n: (
+        n["case#: largest jump of force per peak"] < SMOOTH_CHANGE
+    ),
+    "uniform load": lambda n: (
+        max(of_robots(n, "case#: share of Robot")) < NOTABLE_FACTOR / len(ROBOTS)
+    ),
     "most by Robot 4": lambda n: n["case#: share of Robot 4"] > MOST_SHARE,
     "nearly nothing by Robot 3": lambda n: n["case#: share of Robot 3"] < IDLE_SHARE,
-    "balance of the others": lambda n: n["case#: share of Robots 1, 2, 4"] > 1 - IDLE_SHARE,
+    "balance of the others": lambda n: (
+        n["case#: share of Robots 1, 2, 4"] > 1 - IDLE_SHARE
+    ),
     "Robot 3 nearest the centroid": lambda n: (
         n["truss: distance of grasp 3"] == min(of_robots(n, "truss: distance of grasp"))
     ),
@@ -121,13 +148,18 @@ CRITERIA: dict[str, Callable[[Numbers], bool | str]] = {
         == max(of_robots(n, "case#: peak elastic displacement at grasp"))
     ),
     "small elastic displacement": lambda n: (
-        n["case#: peak elastic displacement at grasp 4"] < SMALL_PART * n["case#: commanded displacement"]
+        n["case#: peak elastic displacement at grasp 4"]
+        < SMALL_PART * n["case#: commanded displacement"]
     ),
     "joint at rest": lambda n: n["case#: peak angle of C41"] < SMALL_PART,
-    "smaller errors than PD": lambda n: n["case#-pd over case#: advantage"] > NOTABLE_FACTOR,
+    "smaller errors than PD": lambda n: (
+        n["case#-pd over case#: advantage"] > NOTABLE_FACTOR
+    ),
     "smaller errors than SMC": lambda n: against_smc(n, "advantage"),
     "smaller late errors than SMC": lambda n: against_smc(n, "late advantage"),
-    "smaller velocity ripple than SMC": lambda n: n["case#-smc / case#: velocity ripple"] > NOTABLE_FACTOR,
+    "smaller velocity ripple than SMC": lambda n: (
+        n["case#-smc / case#: velocity ripple"] > NOTABLE_FACTOR
+    ),
 }
 """Verdict of each kind of claim, or whether it is reproduced, from the numbers of its case."""
 
@@ -159,7 +191,9 @@ def table_of_claims(measures: Measures, ledger: Ledger) -> list[dict[str, str]]:
         Record of the quoted numbers.
     """
     rows = []
-    kinds = tomllib.loads(Path(__file__).with_name("claims.toml").read_text(encoding="utf-8"))["kinds"]
+    kinds = tomllib.loads(
+        Path(__file__).with_name("claims.toml").read_text(encoding="utf-8")
+    )["kinds"]
     for kind in kinds:
         for claim in kind["claims"]:
             n = Numbers(measures, ledger, claim["case"])

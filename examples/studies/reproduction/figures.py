@@ -59,7 +59,9 @@ def _vectors(robot: int | None = None, **ylabels: str) -> Panels:
 
     def panels(results: Results, run: str) -> list[Panel]:
         result = results(run) if robot is None else of_robot(results(run), robot)
-        return [Panel(curves=components(result[name]), y=y) for name, y in ylabels.items()]
+        return [
+            Panel(curves=components(result[name]), y=y) for name, y in ylabels.items()
+        ]
 
     return panels
 
@@ -72,10 +74,16 @@ def _main_axis(run: str) -> int:
 def _control_force(results: Results, run: str) -> list[Panel]:
     force = {
         label: results(name).generalized_force[:, :3]
-        for label, name in (("with observer", run), ("without observer", f"{run}-no-observer"))
+        for label, name in (
+            ("with observer", run),
+            ("without observer", f"{run}-no-observer"),
+        )
     }
     axis, end = _main_axis(run), Mission.of_case(int(run[4])).duration
-    found = [Panel(curves=components(f), y="control force [N]", title=label) for label, f in force.items()]
+    found = [
+        Panel(curves=components(f), y="control force [N]", title=label)
+        for label, f in force.items()
+    ]
     both = [Curve(k, f["time"].values, f.values[:, axis]) for k, f in force.items()]
     y = f"control force, {'xyz'[axis]} [N]"
     spans = ((0.0, 4.0), (end - 1.0, end + 3.0))
@@ -85,7 +93,11 @@ def _control_force(results: Results, run: str) -> list[Panel]:
 def _forces_per_robot(results: Results, run: str) -> list[Panel]:
     force = results(run).base_force
     return [
-        Panel(curves=components(force.sel(robot=i)), y="base force [N]", title=f"Robot {i}")
+        Panel(
+            curves=components(force.sel(robot=i)),
+            y="base force [N]",
+            title=f"Robot {i}",
+        )
         for i in force["robot"].values
     ]
 
@@ -109,18 +121,31 @@ def _torques(*robots: int) -> Panels:
 
 def _first_joint(results: Results, run: str) -> list[Panel]:
     result = results(run).sel(joint="theta_4_1")
-    quantities = {"joint angle [rad]": result.joint_angle, "joint rate [rad/s]": result.joint_rate}
+    quantities = {
+        "joint angle [rad]": result.joint_angle,
+        "joint rate [rad/s]": result.joint_rate,
+    }
     time = result["time"].values
-    return [Panel(curves=[Curve("", time, values.values)], y=y) for y, values in quantities.items()]
+    return [
+        Panel(curves=[Curve("", time, values.values)], y=y)
+        for y, values in quantities.items()
+    ]
 
 
-def _by_controller(results: Results, run: str, values: Callable[[xr.Dataset], Vector]) -> list[Curve]:
+def _by_controller(
+    results: Results, run: str, values: Callable[[xr.Dataset], Vector]
+) -> list[Curve]:
     runs = {label: results(f"{run}{suffix}") for suffix, label in CONTROLLERS.items()}
-    return [Curve(label, result["time"].values, values(result)) for label, result in runs.items()]
+    return [
+        Curve(label, result["time"].values, values(result))
+        for label, result in runs.items()
+    ]
 
 
 def _sizes(results: Results, run: str, variable: str, y: str) -> Panel:
-    curves = _by_controller(results, run, lambda r: np.linalg.norm(r[variable].values, axis=1))
+    curves = _by_controller(
+        results, run, lambda r: np.linalg.norm(r[variable].values, axis=1)
+    )
     return Panel(curves=curves, y=y, log=True)
 
 
@@ -147,11 +172,20 @@ def _compared_velocities(results: Results, run: str) -> list[Panel]:
     ]
     if mission.attitude.any():
         found += [
-            Panel(curves=_by_controller(results, run, _turning), y="angular velocity, z [rad/s]"),
-            _sizes(results, run, "attitude_error_rate", "‖attitude rate error‖ [rad/s]"),
+            Panel(
+                curves=_by_controller(results, run, _turning),
+                y="angular velocity, z [rad/s]",
+            ),
+            _sizes(
+                results, run, "attitude_error_rate", "‖attitude rate error‖ [rad/s]"
+            ),
         ]
-    zoomed = _by_controller(results, run, lambda r: r.position_error_rate.values[:, axis])
-    rotation = _by_controller(results, run, lambda r: r.attitude_error_rate.values[:, 2])
+    zoomed = _by_controller(
+        results, run, lambda r: r.position_error_rate.values[:, axis]
+    )
+    rotation = _by_controller(
+        results, run, lambda r: r.attitude_error_rate.values[:, 2]
+    )
     span = (half, half + 2.0)
     return [
         *found,
@@ -166,9 +200,7 @@ COMPARED = tuple(CONTROLLERS)
 ELASTIC = _vectors(4, grasp_displacement="elastic displacement [m]")
 DISPLACEMENT = "displacement [m]"
 ERROR = _vectors(position_error="displacement error [m]")
-OBSERVER_NOTE = (
-    "Force part of u in truss axes; below, the largest component at the start and at the end of the motion."
-)
+OBSERVER_NOTE = "Force part of u in truss axes; below, the largest component at the start and at the end of the motion."
 TORQUE_NOTE = "Base torques in base axes and joint torques; dashed, the bound that the paper gives."
 COMPARED_NOTE = (
     "Last row: proposed law and SMC in the middle of the motion. SMC switches within the steps of "
@@ -177,9 +209,13 @@ COMPARED_NOTE = (
 )
 
 PAPER_FIGURES = (
-    PaperFigure(3, "Displacement of the truss", 1, PROPOSED, _vectors(position=DISPLACEMENT)),
+    PaperFigure(
+        3, "Displacement of the truss", 1, PROPOSED, _vectors(position=DISPLACEMENT)
+    ),
     PaperFigure(4, "Tracking errors of the displacement", 1, PROPOSED, ERROR),
-    PaperFigure(5, "Control force of the system", 1, OBSERVERS, _control_force, OBSERVER_NOTE),
+    PaperFigure(
+        5, "Control force of the system", 1, OBSERVERS, _control_force, OBSERVER_NOTE
+    ),
     PaperFigure(
         6,
         "Control forces of the robots",
@@ -190,18 +226,52 @@ PAPER_FIGURES = (
     ),
     PaperFigure(7, "Control torques of Robot 4", 1, PROPOSED, _torques(4), TORQUE_NOTE),
     PaperFigure(8, "Flexible displacement at C₄,₀ of Robot 4", 1, PROPOSED, ELASTIC),
-    PaperFigure(9, "Joint angle and angular velocity of C₄,₁", 1, PROPOSED, _first_joint),
     PaperFigure(
-        10, "Motion of the truss", 2, PROPOSED, _vectors(position=DISPLACEMENT, attitude="attitude [rad]")
+        9, "Joint angle and angular velocity of C₄,₁", 1, PROPOSED, _first_joint
     ),
-    PaperFigure(11, "Tracking errors of the displacement in Case 2", 2, PROPOSED, ERROR),
     PaperFigure(
-        12, "Tracking errors of the attitude", 2, PROPOSED, _vectors(attitude_error="attitude error [rad]")
+        10,
+        "Motion of the truss",
+        2,
+        PROPOSED,
+        _vectors(position=DISPLACEMENT, attitude="attitude [rad]"),
     ),
-    PaperFigure(13, "Control force of the system in Case 2", 2, OBSERVERS, _control_force, OBSERVER_NOTE),
-    PaperFigure(14, "Control torques of the robots", 2, PROPOSED, _torques(1, 2, 3, 4), TORQUE_NOTE),
-    PaperFigure(15, "Flexible displacement at C₄,₀ of Robot 4 in Case 2", 2, PROPOSED, ELASTIC),
-    PaperFigure(16, "Tracking errors under different controllers in Case 1", 1, COMPARED, _compared_errors),
+    PaperFigure(
+        11, "Tracking errors of the displacement in Case 2", 2, PROPOSED, ERROR
+    ),
+    PaperFigure(
+        12,
+        "Tracking errors of the attitude",
+        2,
+        PROPOSED,
+        _vectors(attitude_error="attitude error [rad]"),
+    ),
+    PaperFigure(
+        13,
+        "Control force of the system in Case 2",
+        2,
+        OBSERVERS,
+        _control_force,
+        OBSERVER_NOTE,
+    ),
+    PaperFigure(
+        14,
+        "Control torques of the robots",
+        2,
+        PROPOSED,
+        _torques(1, 2, 3, 4),
+        TORQUE_NOTE,
+    ),
+    PaperFigure(
+        15, "Flexible displacement at C₄,₀ of Robot 4 in Case 2", 2, PROPOSED, ELASTIC
+    ),
+    PaperFigure(
+        16,
+        "Tracking errors under different controllers in Case 1",
+        1,
+        COMPARED,
+        _compared_errors,
+    ),
     PaperFigure(
         17,
         "Velocity of the truss under different controllers in Case 1",
@@ -210,7 +280,13 @@ PAPER_FIGURES = (
         _compared_velocities,
         COMPARED_NOTE,
     ),
-    PaperFigure(18, "Tracking errors under different controllers in Case 2", 2, COMPARED, _compared_errors),
+    PaperFigure(
+        18,
+        "Tracking errors under different controllers in Case 2",
+        2,
+        COMPARED,
+        _compared_errors,
+    ),
     PaperFigure(
         19,
         "Velocity and angular velocity of the truss under different controllers in Case 2",
@@ -233,16 +309,29 @@ def draw_paper_figures(results: Results, folder: Path) -> str:
         Folder of the report.
     """
     parts = []
-    for figure in counted("drawing figures", sorted(PAPER_FIGURES, key=lambda each: each.case)):
+    for figure in counted(
+        "drawing figures", sorted(PAPER_FIGURES, key=lambda each: each.case)
+    ):
         run, file = f"case{figure.case}", f"figure-{figure.number:02d}.png"
         save(drawing(figure.panels(results, run)), folder / file, small=True)
         names = ", ".join(f"`{run}{suffix}`" for suffix in figure.suffixes)
-        words = (f"**Figure {figure.number}.** {figure.caption}.", figure.note, f"Runs: {names}.")
-        parts.append((figure.number, f"![Figure {figure.number}]({file})\n\n{' '.join(filter(None, words))}"))
+        words = (
+            f"**Figure {figure.number}.** {figure.caption}.",
+            figure.note,
+            f"Runs: {names}.",
+        )
+        parts.append(
+            (
+                figure.number,
+                f"![Figure {figure.number}]({file})\n\n{' '.join(filter(None, words))}",
+            )
+        )
     return "\n\n".join(text for _, text in sorted(parts))
 
 
-def draw_theorems(results: Results, bounds: dict[str, tuple[float, float]], file: Path) -> None:
+def draw_theorems(
+    results: Results, bounds: dict[str, tuple[float, float]], file: Path
+) -> None:
     """Draw estimation error and V of runs with the bounds of the theorems.
 
     Parameters
@@ -265,5 +354,7 @@ def draw_theorems(results: Results, bounds: dict[str, tuple[float, float]], file
                 (level,) if np.isfinite(level) else (),
             )
             title = run if y != "V" else ""
-            panels.append(Panel(curves=curves, levels=finite, y=y, log=True, title=title))
+            panels.append(
+                Panel(curves=curves, levels=finite, y=y, log=True, title=title)
+            )
     save(drawing(panels), file, small=True)

@@ -55,8 +55,12 @@ def holding_loop(folder: Path, modes: int, observer: bool) -> Diagram:
     observer : bool
         Whether there is a disturbance observer.
     """
-    dynamics = replace(SpaceTruss.published().dynamics, modes=truss_modes(modes, folder))
-    held = replace(Mission.of_case(1), position=np.zeros(3), exponent=1.0, switching_gain=0.0)
+    dynamics = replace(
+        SpaceTruss.published().dynamics, modes=truss_modes(modes, folder)
+    )
+    held = replace(
+        Mission.of_case(1), position=np.zeros(3), exponent=1.0, switching_gain=0.0
+    )
     truss = SpaceTruss(dynamics, modal_actuation=True)
     return transport_diagram(held, truss, observer=observer, allocation="published")
 
@@ -101,7 +105,9 @@ def stability_map(folder: Path, *, workers: int) -> dict[bool, Vector]:
     points = list(product((True, False), reversed(MODES)))  # the longest first
     with Processes(workers) as pool:
         jobs = {(o, m): pool.submit(growth_rates, folder, m, o) for o, m in points}
-        return {o: np.array([jobs[o, m].result() for m in MODES]) for o in (False, True)}
+        return {
+            o: np.array([jobs[o, m].result() for m in MODES]) for o in (False, True)
+        }
 
 
 def rightmost(A: Vector) -> tuple[complex, Vector]:
@@ -118,7 +124,10 @@ def rightmost(A: Vector) -> tuple[complex, Vector]:
 
 
 def simulated_rate(
-    simulator: Simulator, parameters: Mapping[str, Any], pole: complex, shape: Mapping[str, complex]
+    simulator: Simulator,
+    parameters: Mapping[str, Any],
+    pole: complex,
+    shape: Mapping[str, complex],
 ) -> float:
     """Return the growth rate of the modal rates in the nonlinear simulation [1/s].
 
@@ -140,7 +149,9 @@ def simulated_rate(
     period = 2 * np.pi / pole.imag
     folds = E_FOLDS / max(abs(pole.real), 1e-9)
     duration = round(min(max(folds, MIN_PERIODS * period), MAX_DURATION), 3)
-    result = simulator.run(duration, parameters=parameters, initial=layout.named(vector), progress=False)
+    result = simulator.run(
+        duration, parameters=parameters, initial=layout.named(vector), progress=False
+    )
     return fitted_rate(result["time"].values, result["truss.modal_rate"].values, period)
 
 
@@ -158,7 +169,9 @@ def fitted_rate(time: Vector, values: Vector, period: float) -> float:
     """
     window = max(2, round(period / (time[1] - time[0])))
     # The mean square over a whole period does not oscillate itself, whatever the phase.
-    square = np.convolve(np.sum(values**2, axis=1), np.ones(window) / window, mode="valid")
+    square = np.convolve(
+        np.sum(values**2, axis=1), np.ones(window) / window, mode="valid"
+    )
     return float(np.polyfit(time[: len(square)], np.log(square) / 2, 1)[0])
 
 
@@ -177,16 +190,22 @@ def stability_measures(maps: Mapping[bool, Vector]) -> dict[str, dict[str, float
             "largest relative difference": np.abs(rates / poles - 1)[clear].max(),
             "points compared": clear.sum(),
             "least distance from the axis": CLEAR_DISTANCE,
-            "largest difference near the axis": np.abs(rates - poles)[~clear].max(initial=0.0),
+            "largest difference near the axis": np.abs(rates - poles)[~clear].max(
+                initial=0.0
+            ),
         }
     }
     for (i, case), observer in product(enumerate(CASES), (False, True)):
         pole, rate = maps[observer][:, :, i].swapaxes(0, 1)
-        found[f"stability of case {case} {'with' if observer else 'without'} observer"] = {
+        found[
+            f"stability of case {case} {'with' if observer else 'without'} observer"
+        ] = {
             "pole": pole[0, 0],
             "simulated": rate[0, 0],
             "stable damping": stable_damping(pole[0] > 0),
-            "stable damping for all mode counts": stable_damping((pole > 0).any(axis=0)),
+            "stable damping for all mode counts": stable_damping(
+                (pole > 0).any(axis=0)
+            ),
         }
     return found
 
@@ -215,7 +234,9 @@ def draw_stability(maps: Mapping[bool, Vector], file: Path) -> None:
     """
     figure, cells = blank(2, 2)
     largest = max(float(np.abs(found[:, 0]).max()) for found in maps.values())
-    for ((i, case), observer), cell in zip(product(enumerate(CASES), maps), cells, strict=True):
+    for ((i, case), observer), cell in zip(
+        product(enumerate(CASES), maps), cells, strict=True
+    ):
         draw_cells(  # purple is stable, orange is not
             cell,
             maps[observer][:, 0, i],

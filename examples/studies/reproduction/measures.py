@@ -9,7 +9,11 @@ import xarray as xr
 
 from trussflow.blocks.support.types import Vector
 from trussflow.models.geometry.rotation import euler_rate_matrix_inverse
-from trussflow.models.reporting.metrics import largest_component, late_part, tracking_metrics
+from trussflow.models.reporting.metrics import (
+    largest_component,
+    late_part,
+    tracking_metrics,
+)
 
 TORQUE_BOUNDS: dict[int | None, float] = {1: 0.25, 2: 0.8}
 """Bound on the control torques of each case in the paper, Figures 7 (Robot 4 only) and 14 [N·m]."""
@@ -39,12 +43,15 @@ def measured(result: xr.Dataset) -> dict[str, float | Vector]:
     time = result["time"].values
     parts = ("position_error", "attitude_error", "joint_error")
     error, rate = (
-        np.hstack([result[f"{part}{suffix}"].values for part in parts]) for suffix in ("", "_rate")
+        np.hstack([result[f"{part}{suffix}"].values for part in parts])
+        for suffix in ("", "_rate")
     )
     late = late_part(time, LATE_FRACTION * time[-1])
     tracked = {"position error": error[:, :3], "attitude error": error[:, 3:6]}
     metrics = tracking_metrics(time, tracked, late=LATE_FRACTION * time[-1])
-    found = {name.removesuffix(" (component)"): value for name, value in metrics.items()}
+    found = {
+        name.removesuffix(" (component)"): value for name, value in metrics.items()
+    }
     found["peak sideways error"] = largest_component(error[:, :2])
     found["peak joint error"] = largest_component(error[:, 6:])
     found["peak angle of C41"] = largest_component(error[:, 27])
@@ -53,9 +60,9 @@ def measured(result: xr.Dataset) -> dict[str, float | Vector]:
     force = result["generalized_force"].values[:, :3]
     found["force ripple"] = ripple(time, force)
     found["velocity ripple"] = ripple(time, rate[:, :3])
-    found["largest jump of force per peak"] = largest_component(np.diff(force, axis=0)) / largest_component(
-        force
-    )
+    found["largest jump of force per peak"] = largest_component(
+        np.diff(force, axis=0)
+    ) / largest_component(force)
     norms = np.linalg.norm(result["base_force"].values, axis=2)
     peaks = norms.max(axis=0)
     found["impulse of the base forces"] = norms.sum() * (time[1] - time[0])
@@ -76,11 +83,17 @@ def measured(result: xr.Dataset) -> dict[str, float | Vector]:
 
     found["measured growth of mode 1"] = np.nan
     if result["modal_coordinate"].size:
-        instants, maxima = envelope(time[late], result["modal_coordinate"].values[late, 0])
+        instants, maxima = envelope(
+            time[late], result["modal_coordinate"].values[late, 0]
+        )
         if len(maxima) > 1:
-            found["measured growth of mode 1"] = np.polyfit(instants, np.log(maxima), 1)[0]
+            found["measured growth of mode 1"] = np.polyfit(
+                instants, np.log(maxima), 1
+            )[0]
     sliding = (
-        result["sliding_variable"].values if "sliding_variable" in result else np.full_like(error, np.nan)
+        result["sliding_variable"].values
+        if "sliding_variable" in result
+        else np.full_like(error, np.nan)
     )
     theorems = theorem_measures(*observer_signals(result), *observer_gains(result))
     amplitudes = {
@@ -101,7 +114,9 @@ def of_robot(result: xr.Dataset, robot: int) -> xr.Dataset:
     robot : int
         Number of the robot, from 1 [-].
     """
-    joints = [name for name in result["joint"].values if name.startswith(f"theta_{robot}_")]
+    joints = [
+        name for name in result["joint"].values if name.startswith(f"theta_{robot}_")
+    ]
     return result.sel(robot=robot, joint=joints)
 
 
@@ -151,7 +166,9 @@ def observer_signals(result: xr.Dataset) -> tuple[Vector, Vector, Vector, Vector
     time, d = result["time"].values, result["disturbance"].values
     error = np.linalg.norm(result["disturbance_estimate"].values - d, axis=1)
     sliding = (
-        np.linalg.norm(result["sliding_variable"].values, axis=1) if "sliding_variable" in result else 0.0
+        np.linalg.norm(result["sliding_variable"].values, axis=1)
+        if "sliding_variable" in result
+        else 0.0
     )
     rates = np.linalg.norm(np.diff(d, axis=0) / np.diff(time)[:, None], axis=1)
     return time, error, (sliding**2 + error**2) / 2, rates
@@ -168,14 +185,22 @@ def observer_gains(result: xr.Dataset) -> tuple[float, float, float]:
     used = json.loads(result.attrs["parameters"])
     # J_g varies slowly with the attitude; its other blocks, R_t and I, have norm one.
     attitudes = result["attitude"].values[::10]
-    norms = [np.linalg.norm(euler_rate_matrix_inverse(angles), 2) for angles in attitudes]
+    norms = [
+        np.linalg.norm(euler_rate_matrix_inverse(angles), 2) for angles in attitudes
+    ]
     names = ("observer.gain", "controller.sigma")  # equal for all coordinates
     L, sigma = (float(np.ravel(used.get(name, np.nan))[0]) for name in names)
     return L, sigma, max(1.0, *map(float, norms))
 
 
 def theorem_measures(
-    time: Vector, error: Vector, lyapunov: Vector, rates: Vector, L: float, sigma: float, jacobian: float
+    time: Vector,
+    error: Vector,
+    lyapunov: Vector,
+    rates: Vector,
+    L: float,
+    sigma: float,
+    jacobian: float,
 ) -> dict[str, float]:
     r"""Return the terms of Theorems 1 and 2 of the paper along a trajectory.
 
@@ -197,14 +222,19 @@ def theorem_measures(
         L [1/s], sigma [1/s], largest norm of J_g [-].
     """
     xi = rates.max()
-    settled = error[time > min(SETTLING_MULTIPLE / L, time[-1] / 2)].max() if L == L else np.nan
+    settled = (
+        error[time > min(SETTLING_MULTIPLE / L, time[-1] / 2)].max()
+        if L == L
+        else np.nan
+    )
     rho = min(sigma, L - jacobian**2 / sigma)
     bound = xi**2 / (2 * rho * L) if rho > 0 else np.inf
     slope = np.diff(lyapunov) / np.diff(time)
     middle = (lyapunov[1:] + lyapunov[:-1]) / 2
     disturbing = rates**2 / (2 * L)  # largest contribution of the disturbance to dV/dt
     must_fall = rho * middle > disturbing
-    with np.errstate(divide="ignore", invalid="ignore"):  # a rigid truss has no disturbance
+    with np.errstate(divide="ignore", invalid="ignore"):
+        # a rigid truss has no disturbance
         part = ((slope + rho * middle) / disturbing).max()
     return {
         "L": L,
@@ -221,6 +251,8 @@ def theorem_measures(
         "largest V": lyapunov.max(),
         "time of V above its bound": np.mean(lyapunov > bound),
         "time in which V must fall": np.mean(must_fall),
-        "instants at which V rises though it must fall": np.count_nonzero(slope[must_fall] >= 0),
+        "instants at which V rises though it must fall": np.count_nonzero(
+            slope[must_fall] >= 0
+        ),
         "largest part of the bound on the slope": part,
     }

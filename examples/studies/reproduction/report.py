@@ -27,7 +27,11 @@ from trussflow.models.reporting.tables import markdown_table
 from trussflow.models.robots.robot_arm import RobotArm
 from trussflow.models.transport.mission import CASES, Mission
 from trussflow.models.transport.results import check_run
-from trussflow.models.truss.paper_truss import frame_parameters, paper_frame, printed_frequencies
+from trussflow.models.truss.paper_truss import (
+    frame_parameters,
+    paper_frame,
+    printed_frequencies,
+)
 from trussflow.models.truss.truss_modes import TrussModes
 
 REPORT, EVIDENCE = "README.md", "evidence.json"
@@ -36,7 +40,9 @@ RUN_DURATION = 80.0
 
 MISSIONS = {case: Mission.of_case(case) for case in CASES}
 THEOREM_RUNS = ("case1", "case2", "case1-pushed", "case2-pushed")
-OBSERVER_RUNS = tuple(f"case{case}{suffix}" for case in CASES for suffix in ("", "-no-observer"))
+OBSERVER_RUNS = tuple(
+    f"case{case}{suffix}" for case in CASES for suffix in ("", "-no-observer")
+)
 COMPUTED_MODES = ("-inner-edge", "-12-modes", "-20-modes")
 """Suffixes of runs with computed modes, whose last digits are not reproducible."""
 
@@ -109,10 +115,14 @@ def fingerprints(folder: Path) -> dict[str, str]:
         Folder of the computed modes.
     """
     runs = [run for run in RUNS if not run.endswith(COMPUTED_MODES)]
-    found = {run: digest(simulator(folder, run)) for run in counted("preparing runs", runs)}
+    found = {
+        run: digest(simulator(folder, run)) for run in counted("preparing runs", runs)
+    }
     for observer in (False, True):
         loop = instability.holding_loop(folder, PRINTED_MODES, observer)
-        found[f"stability {'with' if observer else 'without'} observer"] = digest(Simulator(loop, step=1e-3))
+        found[f"stability {'with' if observer else 'without'} observer"] = digest(
+            Simulator(loop, step=1e-3)
+        )
     return found
 
 
@@ -141,20 +151,29 @@ def reproduce(output: Path, folder: Path, *, workers: int) -> Path:
         raw = simulator(folder, run).run(found[run]["duration"], progress=False)
         return check_run(raw, mission(run, folder).truss)
 
-    poles = {run: slow_mode.predicted_poles(run, found[run], folder) for run in OBSERVER_RUNS}
+    poles = {
+        run: slow_mode.predicted_poles(run, found[run], folder) for run in OBSERVER_RUNS
+    }
     output.mkdir(parents=True, exist_ok=True)
     figures = draw_paper_figures(result, output)
     bounds = {
-        run: (found[run]["bound of Theorem 1"], found[run]["ultimate bound of V"]) for run in THEOREM_RUNS
+        run: (found[run]["bound of Theorem 1"], found[run]["ultimate bound of V"])
+        for run in THEOREM_RUNS
     }
     draw_theorems(result, bounds, output / "theorems.png")
     slow_mode.draw_late_errors(result, poles, output / "late-errors.png")
     instability.draw_stability(maps, output / "stability.png")
-    numbers = complete(found, poles) | instability.stability_measures(maps) | shipped_data(folder)
+    numbers = (
+        complete(found, poles)
+        | instability.stability_measures(maps)
+        | shipped_data(folder)
+    )
     return write(numbers, figures, diagrams, output)
 
 
-def complete(found: Mapping[str, Mapping[str, Any]], poles: Mapping[str, Any]) -> dict[str, dict[str, Any]]:
+def complete(
+    found: Mapping[str, Mapping[str, Any]], poles: Mapping[str, Any]
+) -> dict[str, dict[str, Any]]:
     """Return the measures of all runs with those that need a mission, the predicted poles, or two runs.
 
     Parameters
@@ -164,10 +183,15 @@ def complete(found: Mapping[str, Mapping[str, Any]], poles: Mapping[str, Any]) -
     poles : mapping
         Poles by `slow_mode.predicted_poles`, keyed by the run [1/s].
     """
-    numbers: dict[str, dict[str, Any]] = {run: dict(values) for run, values in found.items()}
+    numbers: dict[str, dict[str, Any]] = {
+        run: dict(values) for run, values in found.items()
+    }
     for run, own in numbers.items():
         case = int(run[4])
-        way, turn = (np.abs(values).max() for values in (MISSIONS[case].position, MISSIONS[case].attitude))
+        way, turn = (
+            np.abs(values).max()
+            for values in (MISSIONS[case].position, MISSIONS[case].attitude)
+        )
         of = " of Robot 4" if case == 1 else ""  # the claim on Case 1 is about Robot 4
         own |= {
             "commanded displacement": way,
@@ -178,7 +202,9 @@ def complete(found: Mapping[str, Mapping[str, Any]], poles: Mapping[str, Any]) -
             "claimed joint torque": own[f"peak joint torque{of}"],
             "claimed torque": own[f"largest torque{of}"],
             "time of the claimed torque": own[f"time of the largest torque{of}"],
-            "excess over the torque bound": own[f"largest torque{of}"] / measures.TORQUE_BOUNDS[case] - 1,
+            "excess over the torque bound": own[f"largest torque{of}"]
+            / measures.TORQUE_BOUNDS[case]
+            - 1,
         }
     for run, values in poles.items():
         usual = values[list(slow_mode.SCALES).index(1.0)]
@@ -198,15 +224,19 @@ def shipped_data(folder: Path) -> dict[str, dict[str, float]]:
         Folder of the computed modes.
     """
     frame, modes = frame_parameters(), TrussModes.reconstructed()
-    distances = np.linalg.norm((modes.grasp_positions - modes.static_moment / modes.mass)[:, :2], axis=1)
+    distances = np.linalg.norm(
+        (modes.grasp_positions - modes.static_moment / modes.mass)[:, :2], axis=1
+    )
     printed, true = (
-        np.array([np.diag(J) for J in arm.inertias]) for arm in (RobotArm.literal(), RobotArm.jaco())
+        np.array([np.diag(J) for J in arm.inertias])
+        for arm in (RobotArm.literal(), RobotArm.jaco())
     )
     truss = {
         "modules of the first arm": int(frame["first_arm_modules"]),
         "modules of the second arm": int(frame["second_arm_modules"]),
         "diameter of the rods": 2 * frame["rod_radius"],
-        "density": paper_frame().members[0].density / (np.pi * frame["rod_radius"] ** 2),
+        "density": paper_frame().members[0].density
+        / (np.pi * frame["rod_radius"] ** 2),
         "largest frequency error": _frequency_error("reconstructed", folder),
         "largest frequency error, inner edge": _frequency_error("inner edge", folder),
         **{f"distance of grasp {i}": float(d) for i, d in enumerate(distances, 1)},
@@ -231,7 +261,10 @@ def _frequency_error(variant: str, folder: Path) -> float:
 
 
 def write(
-    numbers: Mapping[str, Mapping[str, Any]], figures: str, diagrams: Mapping[str, str], output: Path
+    numbers: Mapping[str, Mapping[str, Any]],
+    figures: str,
+    diagrams: Mapping[str, str],
+    output: Path,
 ) -> Path:
     """Write the text of the report and its evidence; return the file of the text.
 
@@ -249,7 +282,10 @@ def write(
     ledger = Ledger()
     n = Numbers(numbers, ledger)
     rows = claims.table_of_claims(numbers, ledger)
-    counts = {word: sum(word in row["verdict"].split("**") for row in rows) for word in claims.VERDICTS}
+    counts = {
+        word: sum(word in row["verdict"].split("**") for row in rows)
+        for word in claims.VERDICTS
+    }
     n = Numbers({**numbers, "claims": {"all": len(rows), **counts}}, ledger)
     loops = {
         f"stability of case {case} {kind} observer": f"Case {case}, {kind} observer"
@@ -257,31 +293,53 @@ def write(
         for kind in ("without", "with")
     }
     parts = {
-        "table of claims": markdown_table(tuple(rows[0]), [tuple(row.values()) for row in rows]),
+        "table of claims": markdown_table(
+            tuple(rows[0]), [tuple(row.values()) for row in rows]
+        ),
         "figures": figures,
-        "table of Theorem 1": n.table("run", {run: f"`{run}`" for run in THEOREM_RUNS}, FIRST_THEOREM),
-        "table of Theorem 2": n.table("run", {run: f"`{run}`" for run in THEOREM_RUNS}, SECOND_THEOREM),
+        "table of Theorem 1": n.table(
+            "run", {run: f"`{run}`" for run in THEOREM_RUNS}, FIRST_THEOREM
+        ),
+        "table of Theorem 2": n.table(
+            "run", {run: f"`{run}`" for run in THEOREM_RUNS}, SECOND_THEOREM
+        ),
         "verdict on the theorems": verdict_on_theorems(n),
-        "table of late errors": n.table("run", {run: f"`{run}`" for run in OBSERVER_RUNS}, LATE_ERRORS),
+        "table of late errors": n.table(
+            "run", {run: f"`{run}`" for run in OBSERVER_RUNS}, LATE_ERRORS
+        ),
         "table of stability": n.table("gains and observer", loops, STABILITY),
         "table of runs": markdown_table(
             ("run", "changed values", "fingerprint"),
             [
-                (f"`{run}`", changes(run) or "none", f"`{diagrams.get(run, 'computed modes')}`")
+                (
+                    f"`{run}`",
+                    changes(run) or "none",
+                    f"`{diagrams.get(run, 'computed modes')}`",
+                )
                 for run in RUNS
             ],
         ),
     }
     for case in CASES:
-        variants = {f"case{case}{suffix}": meaning for suffix, meaning in VARIANTS.items()}
-        labels = {run: f"{meaning}{_changed_verdicts(n, run)}" for run, meaning in variants.items()}
+        variants = {
+            f"case{case}{suffix}": meaning for suffix, meaning in VARIANTS.items()
+        }
+        labels = {
+            run: f"{meaning}{_changed_verdicts(n, run)}"
+            for run, meaning in variants.items()
+        }
         parts[f"table of Case {case}"] = n.table(f"Case {case}", labels, SENSITIVITY)
-    text = n.filled(Path(__file__).with_name("report_template.txt").read_text(encoding="utf-8"))
+    text = n.filled(
+        Path(__file__).with_name("report_template.txt").read_text(encoding="utf-8")
+    )
     for name, part in parts.items():
         text = text.replace(f"{{{name}}}", part)
     quoted = {name: asdict(number) for name, number in ledger.numbers.items()}
     evidence = {"diagrams": diagrams, "claims": rows, "numbers": quoted}
-    for name, content in {REPORT: text, EVIDENCE: json.dumps(evidence, indent=1) + "\n"}.items():
+    for name, content in {
+        REPORT: text,
+        EVIDENCE: json.dumps(evidence, indent=1) + "\n",
+    }.items():
         with replaced(output / name) as partial:
             partial.write_text(content, encoding="utf-8")
     return output / REPORT
@@ -301,14 +359,19 @@ def outcomes(n: Numbers, run: str) -> dict[str, bool]:
     small = claims.SMALL_PART * n[f"case{case}: commanded displacement"]
     found = {
         "small errors": n[f"{run}: peak position error"] < small,
-        "bound on the torques": n[f"{run}: largest torque"] <= measures.TORQUE_BOUNDS[case],
+        "bound on the torques": n[f"{run}: largest torque"]
+        <= measures.TORQUE_BOUNDS[case],
         "small elastic displacement": all(
             displacement < small
-            for displacement in claims.of_robots(n, f"{run}: peak elastic displacement at grasp")
+            for displacement in claims.of_robots(
+                n, f"{run}: peak elastic displacement at grasp"
+            )
         ),
     }
     if case == 1:
-        found["Robot 3 nearly no force"] = n[f"{run}: share of Robot 3"] < claims.IDLE_SHARE
+        found["Robot 3 nearly no force"] = (
+            n[f"{run}: share of Robot 3"] < claims.IDLE_SHARE
+        )
         found["Robot 4 most"] = n[f"{run}: share of Robot 4"] > claims.MOST_SHARE
     return found
 
@@ -316,7 +379,11 @@ def outcomes(n: Numbers, run: str) -> dict[str, bool]:
 def _changed_verdicts(n: Numbers, run: str) -> str:
     """Return the claims that hold in one of a run and the usual run only, as text."""
     usual = outcomes(n, run[:5])
-    changed = [f"{k}: {'holds' if v else 'fails'}" for k, v in outcomes(n, run).items() if v != usual[k]]
+    changed = [
+        f"{k}: {'holds' if v else 'fails'}"
+        for k, v in outcomes(n, run).items()
+        if v != usual[k]
+    ]
     return f" (**{'; '.join(changed)}**)" if changed else ""
 
 

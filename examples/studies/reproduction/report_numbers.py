@@ -27,11 +27,21 @@ FORMATS: dict[str, tuple[str, int]] = {
             *(f"distance of grasp {i}" for i in ROBOTS),
         ),
         ("m", 2): ("predicted limit cycle", "diameter of the rods"),
-        ("rad", 3): ("peak attitude error", "late attitude error", "peak joint error", "peak angle of C41"),
+        ("rad", 3): (
+            "peak attitude error",
+            "late attitude error",
+            "peak joint error",
+            "peak angle of C41",
+        ),
         ("rad/s", 3): ("peak rate of C41", "predicted frequency of mode 1"),
         ("N", 3): ("force ripple", "peak base force, Robot 3"),
         ("N*m", 3): (
-            *("peak base torque", "peak joint torque", "claimed base torque", "claimed joint torque"),
+            *(
+                "peak base torque",
+                "peak joint torque",
+                "claimed base torque",
+                "claimed joint torque",
+            ),
             "claimed torque",
         ),
         ("N*m", 2): ("torque bound",),
@@ -42,7 +52,11 @@ FORMATS: dict[str, tuple[str, int]] = {
         ("s", 3): ("duration", "time of the claimed torque"),
         ("s", 1): ("ripple window", "step"),
         ("%", 3): (
-            *("share of Robots 1, 2, 4", "time of V above its bound", "time in which V must fall"),
+            *(
+                "share of Robots 1, 2, 4",
+                "time of V above its bound",
+                "time in which V must fall",
+            ),
             "late part",
         ),
         ("%", 2): (
@@ -52,7 +66,12 @@ FORMATS: dict[str, tuple[str, int]] = {
                 "largest frequency error",
                 "largest frequency error, inner edge",
             ),
-            *("most", "largest relative difference", "stable damping", "stable damping for all mode counts"),
+            *(
+                "most",
+                "largest relative difference",
+                "stable damping",
+                "stable damping for all mode counts",
+            ),
         ),
         ("%", 1): ("nearly nothing", "smooth"),
         ("1/s", 3): (
@@ -93,7 +112,9 @@ class Numbers:
         Runs whose numbers were used, as keys.
     """
 
-    def __init__(self, measures: Measures, ledger: Ledger, case: int | None = None) -> None:
+    def __init__(
+        self, measures: Measures, ledger: Ledger, case: int | None = None
+    ) -> None:
         self.measures, self.ledger, self.case = measures, ledger, case
         self.runs: dict[str, None] = {}
 
@@ -125,7 +146,9 @@ class Numbers:
             digits = len(str(self.measures[subjects[0]][measure]))
         name = f"{' / '.join(subjects)}: {measure}"
         runs = RUN.findall(name)
-        return self.ledger(name, value, unit, runs=runs, digits=digits, show_unit=show_unit)
+        return self.ledger(
+            name, value, unit, runs=runs, digits=digits, show_unit=show_unit
+        )
 
     def filled(self, template: str) -> str:
         """Return a text with the numbers that it names in braces.
@@ -137,7 +160,9 @@ class Numbers:
         """
         return FIELD.sub(lambda field: self.text(field[1]), template)
 
-    def table(self, corner: str, rows: Mapping[str, str], columns: Mapping[str, str]) -> str:
+    def table(
+        self, corner: str, rows: Mapping[str, str], columns: Mapping[str, str]
+    ) -> str:
         """Return a Markdown table of measures.
 
         Parameters
@@ -152,7 +177,10 @@ class Numbers:
         cells = [
             [
                 label,
-                *(self.text(f"{run}: {name}", show_unit="[" not in head) for head, name in columns.items()),
+                *(
+                    self.text(f"{run}: {name}", show_unit="[" not in head)
+                    for head, name in columns.items()
+                ),
             ]
             for run, label in rows.items()
         ]

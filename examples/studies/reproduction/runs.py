@@ -45,7 +45,10 @@ FINE_STEP: Tables = {"simulation": {"step": "1e-4 s", "log_every": 50}}
 ONES = {"value": [1.0, 1.0, 1.0], "unit": "1", "source": "equal weights, W = I"}
 EQUAL_WEIGHTS: Tables = {"allocation": {"force_weights": ONES, "torque_weights": ONES}}
 # The fastest pole of the PD loop is near 1e7 1/s, too fast for an explicit method.
-PD: Tables = {"controller": {"law": "pd"}, "simulation": {"solver": "LSODA", "log_every": 5}}
+PD: Tables = {
+    "controller": {"law": "pd"},
+    "simulation": {"solver": "LSODA", "log_every": 5},
+}
 
 OVERRIDES: dict[str, Tables] = {
     "": FINE_LOG,
@@ -84,7 +87,10 @@ BASE_OFFSETS = {
 """Displacement of the base along z of the last link [m], which a mission file cannot state."""
 
 RUNS = tuple(
-    f"case{case}{suffix}" for case in CASES for suffix in OVERRIDES if case == 1 or suffix != "-equal-weights"
+    f"case{case}{suffix}"
+    for case in CASES
+    for suffix in OVERRIDES
+    if case == 1 or suffix != "-equal-weights"
 )
 
 
@@ -128,7 +134,9 @@ def _changed(truss: SpaceTruss, suffix: str, folder: Path) -> SpaceTruss:
     if suffix in ("-12-modes", "-20-modes"):
         modes = truss_modes(int(suffix[1:3]), folder)
     offset = np.array([0.0, 0.0, BASE_OFFSETS.get(suffix, 0.0)])
-    arms = tuple(replace(arm, base_origin=arm.base_origin + offset) for arm in dynamics.arms)
+    arms = tuple(
+        replace(arm, base_origin=arm.base_origin + offset) for arm in dynamics.arms
+    )
     dynamics = replace(dynamics, arms=arms, modes=modes)
     speeds = np.zeros(dynamics.freedoms)
     speeds[2] = PUSH_SPEED if suffix == "-pushed" else 0.0
@@ -150,7 +158,12 @@ def simulator(folder: Path, run: str) -> Simulator:
 
 
 def measure_all(
-    runs: Sequence[str], duration: float, folder: Path, key: str = "", *, workers: int | None = None
+    runs: Sequence[str],
+    duration: float,
+    folder: Path,
+    key: str = "",
+    *,
+    workers: int | None = None,
 ) -> dict[str, dict[str, Any]]:
     """Simulate runs and return the measures of each by name.
 
@@ -189,8 +202,13 @@ def measure_all(
         if failed.sizes["sample"]:
             reasons = zip(failed["run"].values, failed["message"].values, strict=True)
             listed = "\n  ".join(f"{run}: {message}" for run, message in reasons)
-            raise ModelError(f"{failed.sizes['sample']} of {len(names)} runs failed:\n  {listed}")
+            raise ModelError(
+                f"{failed.sizes['sample']} of {len(names)} runs failed:\n  {listed}"
+            )
         for i, run in enumerate(names):
             one = swept.isel(sample=i)
-            found[run] = {"duration": span, **{str(name): one[name].values for name in one.data_vars}}
+            found[run] = {
+                "duration": span,
+                **{str(name): one[name].values for name in one.data_vars},
+            }
     return found

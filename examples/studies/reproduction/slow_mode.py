@@ -56,8 +56,13 @@ def predicted_poles(run: str, late: Mapping[str, Any], folder: Path) -> Vector:
         ["truss.task_position", "truss.task_velocity"],
         cut=["model.feedback"],
     )
-    error, rate, sliding = (late[f"late {name}"] for name in ("error", "rate", "sliding"))
-    matrices = [closed(without_law, file.mission, k * error, k * rate, float(k * sliding)) for k in SCALES]
+    error, rate, sliding = (
+        late[f"late {name}"] for name in ("error", "rate", "sliding")
+    )
+    matrices = [
+        closed(without_law, file.mission, k * error, k * rate, float(k * sliding))
+        for k in SCALES
+    ]
     return np.array([slowest(A) for A in matrices])
 
 
@@ -77,7 +82,9 @@ def harmonic_gain(amplitude: Vector, exponent: float) -> Vector:
     return np.asarray(2 / math.sqrt(math.pi) * shape * amplitude ** (exponent - 1))
 
 
-def closed(model: LinearModel, gains: Mission, error: Vector, rate: Vector, sliding: float) -> Vector:
+def closed(
+    model: LinearModel, gains: Mission, error: Vector, rate: Vector, sliding: float
+) -> Vector:
     r"""Return the state matrix of the loop that the law closes at given amplitudes [1/s].
 
     With the gains :math:`\Gamma, \mathrm M` of the powers at these amplitudes and
@@ -99,8 +106,12 @@ def closed(model: LinearModel, gains: Mission, error: Vector, rate: Vector, slid
     """
     power = gains.exponent
     gamma = gains.rate_gain * harmonic_gain(np.maximum(rate, MIN_AMPLITUDE), power)
-    mu = gains.error_gain * harmonic_gain(np.maximum(error, MIN_AMPLITUDE), power / (2 - power))
-    kappa = gains.reaching_gain + gains.switching_gain / (sliding + gains.boundary_layer)
+    mu = gains.error_gain * harmonic_gain(
+        np.maximum(error, MIN_AMPLITUDE), power / (2 - power)
+    )
+    kappa = gains.reaching_gain + gains.switching_gain / (
+        sliding + gains.boundary_layer
+    )
     position, velocity = np.split(model.C, 2)
     integrand = gamma[:, None] * velocity + mu[:, None] * position
     channels = len(gamma)
@@ -158,7 +169,9 @@ def draw_late_errors(results: Results, poles: Mapping[str, Vector], file: Path) 
         runs = {"observer": f"case{case}", "no observer": f"case{case}-no-observer"}
         panels.append(
             Panel(
-                curves=[Curve(label, SCALES, poles[run].real) for label, run in runs.items()],
+                curves=[
+                    Curve(label, SCALES, poles[run].real) for label, run in runs.items()
+                ],
                 x="amplitude per late amplitude",
                 y="growth of mode 1 [1/s]",
                 title=f"Case {case}",

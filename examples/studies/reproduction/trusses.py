@@ -36,7 +36,9 @@ def truss_modes(modes: int, folder: Path) -> TrussModes:
     """
     if modes <= PRINTED_MODES:
         return TrussModes.reconstructed().truncated(modes)
-    return with_printed_frequencies(frame_modes("reconstructed", folder).truncated(modes))
+    return with_printed_frequencies(
+        frame_modes("reconstructed", folder).truncated(modes)
+    )
 
 
 def frame_modes(variant: str, folder: Path) -> TrussModes:
@@ -69,7 +71,9 @@ def frame_modes(variant: str, folder: Path) -> TrussModes:
 
 
 def _modes(structure: Structure, grasps: Array) -> TrussModes:
-    return reduced_modes(structure, COMPUTED_MODES, list(grasps), clamped=CLAMPED_FACE, attachments=False)
+    return reduced_modes(
+        structure, COMPUTED_MODES, list(grasps), clamped=CLAMPED_FACE, attachments=False
+    )
 
 
 def mirrored(modes: TrussModes, axis: int) -> TrussModes:

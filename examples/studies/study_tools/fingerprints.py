@@ -32,7 +32,10 @@ MAGNITUDE_SCALE = 1e-6
 
 
 def write_evidence(
-    folder: Path, ledger: Ledger, fingerprints: Mapping[str, Sequence[float]], **facts: Any
+    folder: Path,
+    ledger: Ledger,
+    fingerprints: Mapping[str, Sequence[float]],
+    **facts: Any,
 ) -> None:
     """Write the evidence of a report.
 
@@ -65,7 +68,9 @@ def read_evidence(folder: Path) -> dict[str, Any]:
     ModelError
         If there is no report.
     """
-    with reading(folder / EVIDENCE, ModelError, "cannot read the evidence of a report in") as file:
+    with reading(
+        folder / EVIDENCE, ModelError, "cannot read the evidence of a report in"
+    ) as file:
         return dict(json.loads(file.read_text(encoding="utf-8")))
 
 
@@ -94,15 +99,26 @@ def fingerprint(simulator: Simulator | Session) -> list[float]:
     """
     prepared = simulator.prepared
     p = prepared.plan.parameters({})
-    x, d = (state + _pattern(state.size) / 1024.0 for state in prepared.plan.initial(p, None))
+    x, d = (
+        state + _pattern(state.size) / 1024.0
+        for state in prepared.plan.initial(p, None)
+    )
     with contextlib.closing(prepared.open(p)) as executor:
-        values = [executor.call(program.name, 0.0, x, d, p).copy() for program in prepared.programs]
-    return [projection([value]) for value in (*values, p, np.array(float(prepared.step or 0.0)))]
+        values = [
+            executor.call(program.name, 0.0, x, d, p).copy()
+            for program in prepared.programs
+        ]
+    return [
+        projection([value])
+        for value in (*values, p, np.array(float(prepared.step or 0.0)))
+    ]
 
 
 def projection(values: Iterable[npt.ArrayLike]) -> float:
     """Return one number that changes with each element of the values [any], by its relative change."""
-    flat = np.concatenate([np.ravel(np.asarray(value, dtype=float)) for value in values])
+    flat = np.concatenate(
+        [np.ravel(np.asarray(value, dtype=float)) for value in values]
+    )
     magnitudes = np.arcsinh(np.nan_to_num(flat) / MAGNITUDE_SCALE)
     return float(magnitudes @ (1.0 + _pattern(flat.size) / 16.0))
 

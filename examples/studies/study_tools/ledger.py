@@ -123,11 +123,15 @@ def pretty(value: float, digits: int = 3) -> str:
         Significant digits [-].
     """
     if not math.isfinite(value):
-        return "∞" if value > 0 else "not a number" if math.isnan(value) else f"{MINUS}∞"
+        return (
+            "∞" if value > 0 else "not a number" if math.isnan(value) else f"{MINUS}∞"
+        )
     if value == 0:
         return "0"
     mantissa, exponent = f"{value:.{digits - 1}e}".split("e")
     power = int(exponent)
     if -3 <= power <= 4:
-        return f"{float(f'{mantissa}e{power}'):.{max(0, digits - 1 - power)}f}".replace("-", MINUS)
+        return f"{float(f'{mantissa}e{power}'):.{max(0, digits - 1 - power)}f}".replace(
+            "-", MINUS
+        )
     return f"{mantissa}×10{str(power).translate(RAISED)}".replace("-", MINUS)

@@ -67,9 +67,15 @@ def dependencies(plan: Plan, programs: Mapping[str, Program]) -> Dependencies:
         initialized (x, modes, memory). ``indicators`` and ``on_event`` exist with events, ``guesses``
         with algebraic loops. Further programs return d after a set of clocks has ticked.
     """
-    patterns = {name: np.hstack(sparsity(program)) for name, program in programs.items()}
+    patterns = {
+        name: np.hstack(sparsity(program)) for name, program in programs.items()
+    }
     start = patterns.pop("initialization")
-    events = [patterns.pop(name) for name in ("indicators", "on_event", "guesses") if name in patterns]
+    events = [
+        patterns.pop(name)
+        for name in ("indicators", "on_event", "guesses")
+        if name in patterns
+    ]
     # Columns are the concatenated arguments t, x, d, p: starts of d and p, and the known columns.
     d = 1 + plan.x.size
     p = 1 + plan.x.size + plan.d_size
@@ -80,7 +86,9 @@ def dependencies(plan: Plan, programs: Mapping[str, Program]) -> Dependencies:
         """Let values computed by Python blocks depend on all knowns, as their code is not traced."""
         return pattern | (computed | pattern[:, d:p][:, unknown].any(axis=1))[:, None]
 
-    rate = with_python_blocks(patterns.pop("derivative"), _of_python_blocks(plan, plan.x))
+    rate = with_python_blocks(
+        patterns.pop("derivative"), _of_python_blocks(plan, plan.x)
+    )
     output = with_python_blocks(patterns.pop("outputs"), np.zeros(1, dtype=bool))
     sampled = [with_python_blocks(pattern, unknown) for pattern in patterns.values()]
     # Outputs at a sample instant are computed from d after the tick.
@@ -88,7 +96,11 @@ def dependencies(plan: Plan, programs: Mapping[str, Program]) -> Dependencies:
     rest = output.copy()
     rest[:, changing] = False
     running = np.any(
-        [output, *(rest | product(output[:, changing], s[: plan.u_start]) for s in sampled)], axis=0
+        [
+            output,
+            *(rest | product(output[:, changing], s[: plan.u_start]) for s in sampled),
+        ],
+        axis=0,
     )
     x, memory = np.split(start[:, known], [plan.x.size])
     # Initial d: constants, or values from the initialization or the first sample.
@@ -115,10 +127,16 @@ def dependencies(plan: Plan, programs: Mapping[str, Program]) -> Dependencies:
 def _of_python_blocks(plan: Plan, *layouts: Layout) -> Pattern:
     """Return a mask of the elements of concatenated layouts that belong to Python blocks."""
     paths = {block.path for block in plan.python_blocks}
-    marks = [e.path in paths for layout in layouts for e in layout for _ in range(e.start, e.stop)]
+    marks = [
+        e.path in paths
+        for layout in layouts
+        for e in layout
+        for _ in range(e.start, e.stop)
+    ]
     return np.array(marks, dtype=bool)
 
 
 def product(a: Pattern, b: Pattern) -> Pattern:
     """Return the dependencies of the rows of `a` on the columns of `b`."""
-    return np.asarray(a.astype(np.float32) @ b.astype(np.float32) > 0)  # floats use BLAS, Booleans do not
+    # floats use BLAS, Booleans do not
+    return np.asarray(a.astype(np.float32) @ b.astype(np.float32) > 0)

@@ -21,7 +21,14 @@ from trussflow.blocks.support.types import Vector
 from trussflow.blocks.support.validation import by_name, positive
 from trussflow.blocks.tracing.plan import Plan
 from trussflow.blocks.tracing.program import Program
-from trussflow.blocks.tracing.quantities import after_events, derivative, guesses, indicators, outputs, sample
+from trussflow.blocks.tracing.quantities import (
+    after_events,
+    derivative,
+    guesses,
+    indicators,
+    outputs,
+    sample,
+)
 from trussflow.fmu.errors import ExportError
 from trussflow.fmu.exporting.description.dependencies import Dependencies, dependencies
 from trussflow.fmu.exporting.description.groups import input_starts, name_of, variables
@@ -132,13 +139,21 @@ class ExportInterface:
         _check_initialization(item, plan)
         ports = [resolved(port) for port in item.outputs()]
         try:
-            schedule = Schedule(plan.system.clocks, exact(step), shared=bool(plan.counters.size))
+            schedule = Schedule(
+                plan.system.clocks, exact(step), shared=bool(plan.counters.size)
+            )
         except SimulationError as error:
-            raise ExportError(f"cannot export '{item.name}' with step={step}: {error}") from error
-        samples = [sample(i, clocks) for i, clocks in enumerate(schedule.sets) if clocks]
+            raise ExportError(
+                f"cannot export '{item.name}' with step={step}: {error}"
+            ) from error
+        samples = [
+            sample(i, clocks) for i, clocks in enumerate(schedule.sets) if clocks
+        ]
         events = [indicators(), after_events()] if plan.has_events else []
         events += [guesses()] if plan.guesses.size else []
-        traced = plan.trace([derivative(), outputs(ports), initialization(), *events, *samples])
+        traced = plan.trace(
+            [derivative(), outputs(ports), initialization(), *events, *samples]
+        )
         programs = {program.name: program for program in traced}
         needs = dependencies(plan, programs)
         p = _parameter_values(item, plan, by_name("parameters", parameters))
@@ -148,11 +163,15 @@ class ExportInterface:
         _check_start(plan, programs, shown, x, d, p)
         made_from = [repr((item.name, step, stop_time, tolerance))]
         made_from += [program.code for program in traced]
-        made_from += [repr((v.name, v.shape, v.units, v.meaning, v.start)) for v in shown]
+        made_from += [
+            repr((v.name, v.shape, v.units, v.meaning, v.start)) for v in shown
+        ]
         return cls(
             name=item.name,
             identifier=_identifier(item.name),
-            meaning="" if isinstance(item, Diagram) else (type(item).__doc__ or "").strip().split("\n")[0],
+            meaning=""
+            if isinstance(item, Diagram)
+            else (type(item).__doc__ or "").strip().split("\n")[0],
             plan=plan,
             schedule=schedule,
             variables=shown,
@@ -178,12 +197,21 @@ def _check(item: Block, **times: float) -> None:
     """
     given: object = item
     if not isinstance(given, Block):
-        raise ExportError(f"cannot export {given!r}: it is neither a block nor a diagram")
-    positive(ExportError, **{f"cannot export '{item.name}': {name}": value for name, value in times.items()})
+        raise ExportError(
+            f"cannot export {given!r}: it is neither a block nor a diagram"
+        )
+    positive(
+        ExportError,
+        **{
+            f"cannot export '{item.name}': {name}": value
+            for name, value in times.items()
+        },
+    )
     if not item.outputs():
         what = "exposes no output; expose one with diagram.expose(name=block.port)"
         raise ExportError(
-            f"cannot export '{item.name}': it " + (what if isinstance(item, Diagram) else "has no output")
+            f"cannot export '{item.name}': it "
+            + (what if isinstance(item, Diagram) else "has no output")
         )
 
 
@@ -196,7 +224,8 @@ def _check_initialization(item: Block, plan: Plan) -> None:
         If there is such a block.
     """
     for block in plan.python_blocks:
-        loads = block.hides and (block.continuous or block.steps_itself)  # as imported FMUs do
+        # as imported FMUs do
+        loads = block.hides and (block.continuous or block.steps_itself)
         if loads or block.states_own("initial_state"):
             remedy = "leave that block out. For diagrams of FMUs there is trussflow.fmu.ssp.export_ssp"
             if isinstance(block, DelayLine):
@@ -224,11 +253,18 @@ def _parameter_values(item: Block, plan: Plan, chosen: Mapping[str, Any]) -> Vec
             f"cannot export '{item.name}': no parameter '{unknown[0]}'; the parameters are: "
             f"{', '.join(known) or 'none'}"
         )
-    return plan.parameters({known.get(name, name): value for name, value in chosen.items()})
+    return plan.parameters(
+        {known.get(name, name): value for name, value in chosen.items()}
+    )
 
 
 def _check_start(
-    plan: Plan, programs: dict[str, Program], shown: Variables, x: Vector, d: Vector, p: Vector
+    plan: Plan,
+    programs: dict[str, Program],
+    shown: Variables,
+    x: Vector,
+    d: Vector,
+    p: Vector,
 ) -> None:
     """Raise an error if a derivative or output is not finite at the start.
 
@@ -239,7 +275,9 @@ def _check_start(
     """
     t = np.zeros(1)
     d = d.copy()
-    x, d[: plan.memory.span.stop] = np.split(programs["initialization"].evaluate([t, x, d, p]), [plan.x.size])
+    x, d[: plan.memory.span.stop] = np.split(
+        programs["initialization"].evaluate([t, x, d, p]), [plan.x.size]
+    )
     for group, name in ((shown.derivatives, "derivative"), (shown.outputs, "outputs")):
         values = programs[name].evaluate([t, x, d, p])
         for v in group:

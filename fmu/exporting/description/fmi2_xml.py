@@ -8,7 +8,11 @@ import numpy as np
 
 from trussflow.fmu.exporting.description.dependencies import Pattern
 from trussflow.fmu.exporting.description.export_interface import ExportInterface
-from trussflow.fmu.exporting.description.xml_text import unit_attributes, unknowns, variable_attributes
+from trussflow.fmu.exporting.description.xml_text import (
+    unit_attributes,
+    unknowns,
+    variable_attributes,
+)
 
 
 def add_variables(parent: Element, interface: ExportInterface) -> None:
@@ -28,7 +32,8 @@ def add_variables(parent: Element, interface: ExportInterface) -> None:
             if v.start is not None:
                 number["start"] = repr(float(v.start[i]))
             if v.state is not None:
-                number["derivative"] = str(v.state + i)  # the index of the state, equal to its reference
+                # the index of the state, equal to its reference
+                number["derivative"] = str(v.state + i)
             SubElement(SubElement(parent, "ScalarVariable", about), "Real", number)
 
 
@@ -42,7 +47,9 @@ def add_structure(parent: Element, interface: ExportInterface) -> None:
     interface : ExportInterface
         The exported interface.
     """
-    for name, rows in zip(("Outputs", "Derivatives", "InitialUnknowns"), unknowns(interface), strict=True):
+    for name, rows in zip(
+        ("Outputs", "Derivatives", "InitialUnknowns"), unknowns(interface), strict=True
+    ):
         scalars: dict[int, Pattern] = {}
         for variable, patterns in rows:
             scalars |= zip(variable.references, patterns, strict=True)

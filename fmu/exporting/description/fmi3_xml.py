@@ -8,7 +8,12 @@ from xml.etree.ElementTree import Element, SubElement
 import numpy as np
 
 from trussflow.fmu.exporting.description.export_interface import ExportInterface
-from trussflow.fmu.exporting.description.xml_text import text, unit_attributes, unknowns, variable_attributes
+from trussflow.fmu.exporting.description.xml_text import (
+    text,
+    unit_attributes,
+    unknowns,
+    variable_attributes,
+)
 
 
 def add_variables(parent: Element, interface: ExportInterface) -> None:
@@ -24,7 +29,9 @@ def add_variables(parent: Element, interface: ExportInterface) -> None:
     for v in interface.variables:
         if not v.size:
             continue
-        about = variable_attributes(v, v.name, v.reference, v.description()) | unit_attributes(v.unit)
+        about = variable_attributes(
+            v, v.name, v.reference, v.description()
+        ) | unit_attributes(v.unit)
         if v.start is not None:
             about["start"] = " ".join(repr(float(value)) for value in v.start)
         if v.state is not None:
@@ -51,9 +58,16 @@ def add_structure(parent: Element, interface: ExportInterface) -> None:
         for variable, patterns in rows:
             needed = np.any(patterns, axis=0)
             dependencies = " ".join(
-                str(v.reference) for v in known if needed[v.reference - 1 : v.reference - 1 + v.size].any()
+                str(v.reference)
+                for v in known
+                if needed[v.reference - 1 : v.reference - 1 + v.size].any()
             )
-            SubElement(parent, name, valueReference=str(variable.reference), dependencies=dependencies)
+            SubElement(
+                parent,
+                name,
+                valueReference=str(variable.reference),
+                dependencies=dependencies,
+            )
     for variable in shown.indicators:
         SubElement(parent, "EventIndicator", valueReference=str(variable.reference))
 

@@ -19,14 +19,24 @@ from trussflow.blocks.tracing.plan import Plan
 from trussflow.fmu.errors import ExportError
 from trussflow.fmu.exporting.description.dependencies import Pattern
 from trussflow.fmu.exporting.description.initialization import setting_blocks
-from trussflow.fmu.exporting.description.variables import Variable, VariableGroup, Variables
+from trussflow.fmu.exporting.description.variables import (
+    Variable,
+    VariableGroup,
+    Variables,
+)
 
 Starts = dict[str, Vector]
 """Start values of inputs by name, in the shape of the port."""
 
 
 def variables(
-    item: Block, plan: Plan, p: Vector, x: Vector, d: Vector, starts: Starts, tunable: Pattern
+    item: Block,
+    plan: Plan,
+    p: Vector,
+    x: Vector,
+    d: Vector,
+    starts: Starts,
+    tunable: Pattern,
 ) -> Variables:
     """Return all variables of an exported item.
 
@@ -46,21 +56,41 @@ def variables(
     """
     taken = {*item.ports, *getattr(item, "blocks", ())}
     name = "time" if "time" not in taken else "independent_time"
-    time = Variable(name, (), 1, "independent", "continuous", "", None, ("s",), "simulation time")
-    inputs = _numbered((_of_port(port, "", starts[port.name].ravel()) for port in item.inputs()), 2)
+    time = Variable(
+        name, (), 1, "independent", "continuous", "", None, ("s",), "simulation time"
+    )
+    inputs = _numbered(
+        (_of_port(port, "", starts[port.name].ravel()) for port in item.inputs()), 2
+    )
     parameters = _numbered(_parameters(item, plan, p, tunable), 2 + plan.u.size)
     first = 2 + plan.u.size + plan.p.size
     states = _numbered(_states(item, plan, plan.x, x), first)
     derivatives = tuple(_derivative(v, plan.x.size) for v in states)
     outputs = _numbered(
-        (_of_port(port, "calculated", None) for port in item.outputs()), first + 2 * plan.x.size
+        (_of_port(port, "calculated", None) for port in item.outputs()),
+        first + 2 * plan.x.size,
     )
     shown = _states(item, plan, plan.modes, d)
-    calculated = (replace(v, variability="discrete", initial="calculated", start=None) for v in shown)
+    calculated = (
+        replace(v, variability="discrete", initial="calculated", start=None)
+        for v in shown
+    )
     modes = _numbered(calculated, outputs[-1].references.stop)
-    indicators = _numbered(_indicators(item, plan), outputs[-1].references.stop + plan.modes.size)
+    indicators = _numbered(
+        _indicators(item, plan), outputs[-1].references.stop + plan.modes.size
+    )
     memory = _numbered(_states(item, plan, plan.memory, d), plan.memory.span.start)
-    return Variables(time, inputs, parameters, states, derivatives, outputs, modes, indicators, memory)
+    return Variables(
+        time,
+        inputs,
+        parameters,
+        states,
+        derivatives,
+        outputs,
+        modes,
+        indicators,
+        memory,
+    )
 
 
 def name_of(item: Block, entry: Entry) -> str:
@@ -104,9 +134,13 @@ def input_starts(item: Block, plan: Plan, chosen: Mapping[str, Any]) -> Starts:
     for name, port in ports.items():
         value = chosen.get(name, plan.system.external[name].start_value())
         try:
-            starts[name] = finite_array(f"the start of input '{name}'", value, port.whole_shape or ()).copy()
+            starts[name] = finite_array(
+                f"the start of input '{name}'", value, port.whole_shape or ()
+            ).copy()
         except ParameterError as error:
-            raise ExportError(f"cannot export '{item.name}': {error}; give start={{'{name}': ...}}") from None
+            raise ExportError(
+                f"cannot export '{item.name}': {error}; give start={{'{name}': ...}}"
+            ) from None
     return starts
 
 
@@ -128,32 +162,62 @@ def _of_port(port: Port, initial: str, start: Vector | None) -> Variable:
     shape = port.whole_shape or ()
     units = port.element_units()
     meaning = inner.declaration.meaning + frame
-    return Variable(port.name, shape, 0, causality, variability, initial, start, units, meaning.strip())
+    return Variable(
+        port.name,
+        shape,
+        0,
+        causality,
+        variability,
+        initial,
+        start,
+        units,
+        meaning.strip(),
+    )
 
 
-def _parameters(item: Block, plan: Plan, p: Vector, tunable: Pattern) -> Iterator[Variable]:
+def _parameters(
+    item: Block, plan: Plan, p: Vector, tunable: Pattern
+) -> Iterator[Variable]:
     for e in plan.p:
         declared = plan.system.blocks[e.path]._declared[e.name]
         kind = "tunable" if tunable[e.start : e.stop].any() else "fixed"
         units = (declared.unit or None,) * (e.stop - e.start)
         name = name_of(item, e)
         start = p[e.start : e.stop].copy()
-        yield Variable(name, e.shape, 0, "parameter", kind, "exact", start, units, declared.meaning)
+        yield Variable(
+            name, e.shape, 0, "parameter", kind, "exact", start, units, declared.meaning
+        )
 
 
-def _states(item: Block, plan: Plan, layout: Layout, values: Vector) -> Iterator[Variable]:
+def _states(
+    item: Block, plan: Plan, layout: Layout, values: Vector
+) -> Iterator[Variable]:
     setting = setting_blocks(plan)
     for e in layout:
         block = plan.system.blocks[e.path]
         declared = block.declared(State)[e.name]
-        of_parameter = isinstance(declared.initial, str) and type(block).initial is Block.initial
+        of_parameter = (
+            isinstance(declared.initial, str) and type(block).initial is Block.initial
+        )
         unit = declared.unit
-        units = unit if isinstance(unit, tuple) else (unit or None,) * (e.stop - e.start)
+        units = (
+            unit if isinstance(unit, tuple) else (unit or None,) * (e.stop - e.start)
+        )
         free = block not in setting and not of_parameter
         start = values[e.start : e.stop] if free else None
         initial = "exact" if free else "calculated"
         name = name_of(item, e)
-        yield Variable(name, e.shape, 0, "local", "continuous", initial, start, units, declared.meaning)
+        yield Variable(
+            name,
+            e.shape,
+            0,
+            "local",
+            "continuous",
+            initial,
+            start,
+            units,
+            declared.meaning,
+        )
 
 
 def _indicators(item: Block, plan: Plan) -> Iterator[Variable]:
@@ -164,7 +228,15 @@ def _indicators(item: Block, plan: Plan) -> Iterator[Variable]:
         kind = KINDS[declared.kind]
         if kind != TIMED:
             yield Variable(
-                name, e.shape, 0, "local", "continuous", "calculated", None, units, declared.meaning
+                name,
+                e.shape,
+                0,
+                "local",
+                "continuous",
+                "calculated",
+                None,
+                units,
+                declared.meaning,
             )
 
 

@@ -13,7 +13,12 @@ from trussflow.blocks.framework.declarations import Signals
 from trussflow.blocks.support.types import Array
 from trussflow.blocks.tracing.call_checks import tracing_errors
 from trussflow.blocks.tracing.evaluation import Evaluation, Leaves
-from trussflow.blocks.tracing.kernels import from_expression, shape_of, to_expression, tracing
+from trussflow.blocks.tracing.kernels import (
+    from_expression,
+    shape_of,
+    to_expression,
+    tracing,
+)
 from trussflow.blocks.tracing.plan import Plan
 from trussflow.blocks.tracing.program import lower
 from trussflow.blocks.tracing.quantities import Quantity
@@ -61,13 +66,24 @@ def _rounds(plan: Plan, evaluation: Evaluation) -> int:
     if not setting_blocks(plan):
         return 0
     leaves = evaluation.leaves
-    before = {(path, n): value for path, signals in leaves.states.items() for n, value in signals.items()}
+    before = {
+        (path, n): value
+        for path, signals in leaves.states.items()
+        for n, value in signals.items()
+    }
     with tracing() as trace:  # separate: these expressions only give the dependencies
         after = _set_by_blocks(plan, evaluation, before)
     others = [value for key, value in before.items() if key not in after]
-    others += [v for group in (leaves.held, leaves.parameters) for s in group.values() for v in s.values()]
+    others += [
+        v
+        for group in (leaves.held, leaves.parameters)
+        for s in group.values()
+        for v in s.values()
+    ]
     arguments = [_flat(before[key] for key in after), _flat([leaves.t, *others])]
-    depends = sparsity(lower("initial_states", arguments, _flat(after.values()), trace))[0]
+    depends = sparsity(
+        lower("initial_states", arguments, _flat(after.values()), trace)
+    )[0]
     # By element: two blocks may use each other's signals if no element depends on itself.
     chains = depends  # chains of `rounds` dependencies
     in_cycle = np.zeros(len(depends), dtype=bool)
@@ -76,34 +92,54 @@ def _rounds(plan: Plan, evaluation: Evaluation) -> int:
             return rounds
         in_cycle |= chains.diagonal()
         chains = product(chains, depends)
-    owners = [path for (path, name), value in after.items() for _ in range(_flat([value]).numel())]
+    owners = [
+        path
+        for (path, name), value in after.items()
+        for _ in range(_flat([value]).numel())
+    ]
     circle = dict.fromkeys(owners[i] for i in np.flatnonzero(in_cycle))
-    names = ", ".join(f"'{path}' ({type(plan.system.blocks[path]).__name__})" for path in circle)
+    names = ", ".join(
+        f"'{path}' ({type(plan.system.blocks[path]).__name__})" for path in circle
+    )
     raise ExportError(
         f"cannot export '{plan.name}': the initial states of {names} depend on themselves in a cycle; "
         "let one of them start at a value or parameter of its own"
     )
 
 
-def _set_by_blocks(plan: Plan, evaluation: Evaluation, values: Mapping[tuple[str, str], Array]) -> States:
+def _set_by_blocks(
+    plan: Plan, evaluation: Evaluation, values: Mapping[tuple[str, str], Array]
+) -> States:
     """Return the initial states that blocks set, given the states `values` so far."""
     leaves = evaluation.leaves
     system = plan.system
     outside = {block.path for block in system.external.values()}
-    states = {path: Signals(s.owner, {n: values[path, n] for n in s}) for path, s in leaves.states.items()}
+    states = {
+        path: Signals(s.owner, {n: values[path, n] for n in s})
+        for path, s in leaves.states.items()
+    }
     held = {
-        path: s if path in outside else Signals(s.owner, {n: _zeros(v) for n, v in s.items()})
+        path: s
+        if path in outside
+        else Signals(s.owner, {n: _zeros(v) for n, v in s.items()})
         for path, s in leaves.held.items()
     }
     active = frozenset(clock for clock in system.clocks if clock.offset == 0)
     first = replace(leaves, states=states, held=held)
-    now = Evaluation(system, evaluation.feedthrough, first, active, evaluation.traced_blocks)
+    now = Evaluation(
+        system, evaluation.feedthrough, first, active, evaluation.traced_blocks
+    )
     now.compute(plan.order(active))
     after: States = {}
     for block in setting_blocks(plan):
         with tracing_errors(block):
-            started = block.initial_state(now.inputs(block), leaves.parameters[block.path])
-        after |= {(block.path, name): _broadcast(v, block.state_shape(name)) for name, v in started.items()}
+            started = block.initial_state(
+                now.inputs(block), leaves.parameters[block.path]
+            )
+        after |= {
+            (block.path, name): _broadcast(v, block.state_shape(name))
+            for name, v in started.items()
+        }
     return after
 
 

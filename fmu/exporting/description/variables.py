@@ -12,7 +12,8 @@ from typing import Any
 from trussflow.blocks.support.types import Vector
 
 STRUCTURED_NAME = re.compile(
-    r"(der\()?[A-Za-z_]\w*(\[\d+(,\d+)?\])?(\.[A-Za-z_]\w*(\[\d+(,\d+)?\])?)*(\))?", re.ASCII
+    r"(der\()?[A-Za-z_]\w*(\[\d+(,\d+)?\])?(\.[A-Za-z_]\w*(\[\d+(,\d+)?\])?)*(\))?",
+    re.ASCII,
 )
 """Pattern of names allowed by FMI's naming convention "structured", as far as the export uses it."""
 
@@ -91,9 +92,15 @@ class Variable:
         """Return the meaning, with the units of the elements if they differ."""
         if not self.units or self.unit is not None or not any(self.units):
             return self.meaning
-        changes = [0, *(i for i in range(1, self.size) if self.units[i] != self.units[i - 1])]
+        changes = [
+            0,
+            *(i for i in range(1, self.size) if self.units[i] != self.units[i - 1]),
+        ]
         ends = [*changes[1:], self.size]
-        runs = (f"{b - a} x {self.units[a] or 'not stated'}" for a, b in zip(changes, ends, strict=True))
+        runs = (
+            f"{b - a} x {self.units[a] or 'not stated'}"
+            for a, b in zip(changes, ends, strict=True)
+        )
         units = f"units in order: {', '.join(runs)}"
         return f"{self.meaning}; {units}" if self.meaning else units
 
@@ -130,14 +137,25 @@ class Variables:
     def __iter__(self) -> Iterator[Variable]:
         """Yield all variables except the memory."""
         yield self.time
-        yield from self.inputs + self.parameters + self.states + self.derivatives + self.outputs
+        yield from (
+            self.inputs
+            + self.parameters
+            + self.states
+            + self.derivatives
+            + self.outputs
+        )
         yield from self.modes + self.indicators
 
     def scalarized(self) -> Variables:
         """Return the variables with each array split into its elements."""
-        groups = {field.name: getattr(self, field.name) for field in fields(self) if field.name != "time"}
+        groups = {
+            field.name: getattr(self, field.name)
+            for field in fields(self)
+            if field.name != "time"
+        }
         elements: dict[str, Any] = {
-            name: tuple(e for v in group for e in v.elements()) for name, group in groups.items()
+            name: tuple(e for v in group for e in v.elements())
+            for name, group in groups.items()
         }
         return replace(self, **elements)
 
@@ -147,7 +165,9 @@ class Variables:
 
     def tunable_parameters(self) -> list[bool]:
         """Return whether each element of the parameters may change after initialization."""
-        return [v.variability == "tunable" for v in self.parameters for _ in v.references]
+        return [
+            v.variability == "tunable" for v in self.parameters for _ in v.references
+        ]
 
 
 def element_names(name: str, shape: tuple[int, ...]) -> list[str]:
@@ -166,4 +186,7 @@ def element_names(name: str, shape: tuple[int, ...]) -> list[str]:
         return [name]
     end = ")" if name.startswith("der(") else ""
     places = product(*(range(1, n + 1) for n in shape))
-    return [f"{name.removesuffix(end)}[{','.join(map(str, place))}]{end}" for place in places]
+    return [
+        f"{name.removesuffix(end)}[{','.join(map(str, place))}]{end}"
+        for place in places
+    ]

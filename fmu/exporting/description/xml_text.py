@@ -31,7 +31,9 @@ def base_unit(unit: FmiUnit) -> dict[str, str]:
     unit : FmiUnit
         The unit; without exponents it has no attributes.
     """
-    found = {part: str(power) for part, power in (unit.exponents or {}).items() if power}
+    found = {
+        part: str(power) for part, power in (unit.exponents or {}).items() if power
+    }
     if unit.factor != 1:
         found["factor"] = repr(unit.factor)
     if unit.offset:
@@ -39,7 +41,9 @@ def base_unit(unit: FmiUnit) -> dict[str, str]:
     return found
 
 
-def variable_attributes(v: Variable, name: str, reference: int, meaning: str) -> dict[str, str]:
+def variable_attributes(
+    v: Variable, name: str, reference: int, meaning: str
+) -> dict[str, str]:
     """Return the attributes of a variable or element that are equal in both versions.
 
     Parameters
@@ -103,7 +107,11 @@ def unknowns(interface: ExportInterface) -> tuple[Rows, Rows, Rows]:
     needs = interface.dependencies
     elsewhere = np.ones(needs.outputs.shape[1], dtype=bool)
     elsewhere[[r - 1 for v in shown.parameters for r in v.references]] = False
-    states = [(v, rows) for v, rows in _rows(shown.states, needs.initial_states) if v.initial == "calculated"]
+    states = [
+        (v, rows)
+        for v, rows in _rows(shown.states, needs.initial_states)
+        if v.initial == "calculated"
+    ]
     return (
         [*_rows(shown.outputs, needs.outputs & elsewhere)],
         [*_rows(shown.derivatives, needs.derivatives & elsewhere)],
@@ -131,4 +139,8 @@ def text(root: Element) -> str:
         The tree.
     """
     ElementTree.indent(root)
-    return '<?xml version="1.0" encoding="UTF-8"?>\n' + ElementTree.tostring(root, "unicode") + "\n"
+    return (
+        '<?xml version="1.0" encoding="UTF-8"?>\n'
+        + ElementTree.tostring(root, "unicode")
+        + "\n"
+    )

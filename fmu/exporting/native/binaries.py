@@ -94,7 +94,9 @@ def here() -> Platform:
     """Return the platform that this program runs on."""
     system = {"win32": "windows", "darwin": "darwin"}.get(sys.platform, "linux")
     processor = this_platform.machine().lower()
-    return Platform(system, {"amd64": "x86_64", "arm64": "aarch64"}.get(processor, processor))
+    return Platform(
+        system, {"amd64": "x86_64", "arm64": "aarch64"}.get(processor, processor)
+    )
 
 
 def chosen(names: str | Sequence[str] | None) -> tuple[Platform, ...]:
@@ -152,18 +154,24 @@ def compile_binary(source: Source, target: Platform) -> bytes:
         ]
     with ThreadPoolExecutor(max_workers=os.cpu_count()) as pool:
         made = pool.map(lambda job: _object(command, *job), jobs)
-        objects = all_counted(f"compiling for {target.name}", lambda _: next(made), jobs)
+        objects = all_counted(
+            f"compiling for {target.name}", lambda _: next(made), jobs
+        )
     with tempfile.TemporaryDirectory(dir=process_folder()) as folder:
         library = Path(folder) / f"model{target.suffix}"
         others = [] if target.system == "darwin" else ["-s", "-lm"]
-        return compiled([*command, "-shared", *map(str, objects), *others], library).read_bytes()
+        return compiled(
+            [*command, "-shared", *map(str, objects), *others], library
+        ).read_bytes()
 
 
 def headers() -> str:
     """Return the folder of the FMI headers in the fmpy package."""
     spec = find_spec("fmpy")
     if spec is None or spec.origin is None:
-        raise ExportError("cannot compile: the FMI headers are part of the package fmpy; install it")
+        raise ExportError(
+            "cannot compile: the FMI headers are part of the package fmpy; install it"
+        )
     return str(Path(spec.origin).parent / "c-code")
 
 
@@ -192,7 +200,9 @@ def _compiler(target: Platform) -> tuple[str, ...]:
     return zig if "ziglang" in command else command
 
 
-def _object(command: tuple[str, ...], text: str, flags: tuple[str, ...], name: str) -> Path:
+def _object(
+    command: tuple[str, ...], text: str, flags: tuple[str, ...], name: str
+) -> Path:
     """Return the object file of a C file, compiled or from the cache."""
     key = "\0".join((*identity(command), *COMPILER_FLAGS, *flags, text))
 
@@ -201,7 +211,8 @@ def _object(command: tuple[str, ...], text: str, flags: tuple[str, ...], name: s
             file = Path(folder) / name
             file.write_text(text, encoding="utf-8")
             return compiled(
-                [*command, *COMPILER_FLAGS, *flags, "-c", str(file)], file.with_suffix(".o")
+                [*command, *COMPILER_FLAGS, *flags, "-c", str(file)],
+                file.with_suffix(".o"),
             ).read_bytes()
 
     return cached(key, ".o", build)

@@ -6,7 +6,11 @@ from collections.abc import Sequence
 
 from trussflow.fmu.exporting.description import fmi3_xml
 from trussflow.fmu.exporting.description.export_interface import ExportInterface
-from trussflow.fmu.exporting.description.model_description import Use, model_description, token
+from trussflow.fmu.exporting.description.model_description import (
+    Use,
+    model_description,
+    token,
+)
 from trussflow.fmu.exporting.native.binaries import chosen, compile_binary
 from trussflow.fmu.exporting.native.source import COMPILED_FILES, source
 
@@ -59,7 +63,9 @@ def native_files(
         Use("ModelExchange", common | step_flags[version], listed),
         Use(
             "CoSimulation",
-            common | VARIABLE_STEP_FLAGS | (EARLY_RETURN_FLAGS[version] if interface.plan.has_events else {}),
+            common
+            | VARIABLE_STEP_FLAGS
+            | (EARLY_RETURN_FLAGS[version] if interface.plan.has_events else {}),
             listed,
         ),
     ]
@@ -71,9 +77,13 @@ def native_files(
         "sources/model.c": code.model,
     }
     if version == "3.0":
-        texts["sources/buildDescription.xml"] = fmi3_xml.build_description(interface, COMPILED_FILES)
+        texts["sources/buildDescription.xml"] = fmi3_xml.build_description(
+            interface, COMPILED_FILES
+        )
     files = {path: text.encode() for path, text in texts.items()}
     for target in targets:
         folder = target.folder(version, targets)
-        files[f"binaries/{folder}/{interface.identifier}{target.suffix}"] = compile_binary(code, target)
+        files[f"binaries/{folder}/{interface.identifier}{target.suffix}"] = (
+            compile_binary(code, target)
+        )
     return files

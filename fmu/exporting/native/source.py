@@ -78,7 +78,8 @@ def source(interface: ExportInterface, version: str, token: str) -> Source:
     shown = interface.variables.outputs
     rows = [np.arange(v.size) + v.reference - shown[0].reference for v in shown]
     ranked = sorted(
-        ((_is_heavy(_part(programs["outputs"], "output", r)), r) for r in rows), key=itemgetter(0)
+        ((_is_heavy(_part(programs["outputs"], "output", r)), r) for r in rows),
+        key=itemgetter(0),
     )
     order = np.concatenate([r for _, r in ranked])
     begin = sum(r.size for heavy, r in ranked if not heavy)
@@ -97,12 +98,19 @@ def source(interface: ExportInterface, version: str, token: str) -> Source:
         f"#define TF_Y_LIGHT {begin}",
         _tables(interface, order, token),
         operation_names(),
-        tape(_one_after_the_other(programs["derivative"], programs["outputs"]), "tf_tape", plan.x.size),
+        tape(
+            _one_after_the_other(programs["derivative"], programs["outputs"]),
+            "tf_tape",
+            plan.x.size,
+        ),
         tape(programs["initialization"], "tf_tape0", 0),
         '#ifndef TF_SEPARATE\n#include "model.c"\n#endif',
         *("#define TF_ADJOINT" for _ in range(version == "3.0")),
         *map(c_file, ("fixed_step.h", "events.h")),
-        *map(file_text, ("core.h", "due.c", "time.c", "core.c", "tape.c", *FUNCTION_FILES[version])),
+        *map(
+            file_text,
+            ("core.h", "due.c", "time.c", "core.c", "tape.c", *FUNCTION_FILES[version]),
+        ),
     ]
     return Source("\n".join(parts), _model(compiled))
 
@@ -132,21 +140,42 @@ def _part(program: Program, name: str, rows: NDArray[np.int64]) -> Program:
 def _one_after_the_other(first: Program, second: Program) -> Program:
     """Return the program with the concatenated results of two programs of the same trace."""
     calls = list(dict.fromkeys([*first.calls, *second.calls]))
-    return lower("everything", first.inputs, ca.vertcat(first.result, second.result), Trace(calls))
+    return lower(
+        "everything",
+        first.inputs,
+        ca.vertcat(first.result, second.result),
+        Trace(calls),
+    )
 
 
 def _is_heavy(program: Program) -> bool:
     """Return whether a program has kernel calls or more than `MAX_CHEAP_OPERATIONS` operations."""
-    return bool(program.calls) or ca.n_nodes(program.result) > MAX_CHEAP_OPERATIONS + 4 * program.size
+    return (
+        bool(program.calls)
+        or ca.n_nodes(program.result) > MAX_CHEAP_OPERATIONS + 4 * program.size
+    )
 
 
 def _model(programs: Sequence[Program]) -> str:
     """Return the C code of the equations."""
-    renamed = [f"#define tf_run_{p.name} TF_JOIN(tf_run_{p.name}, TF_VARIANT)" for p in programs]
+    renamed = [
+        f"#define tf_run_{p.name} TF_JOIN(tf_run_{p.name}, TF_VARIANT)"
+        for p in programs
+    ]
     quiet = '#ifdef __GNUC__\n#pragma GCC diagnostic ignored "-Wpsabi"\n#endif'
     tail = "#if defined(__GNUC__) && !defined(_WIN32)\n#pragma GCC visibility pop\n#endif\n"
     pieces, whole = c_functions(programs, "")
-    return "\n".join([quiet, vector_functions(), file_text("model.h"), *renamed, *pieces, *whole, tail])
+    return "\n".join(
+        [
+            quiet,
+            vector_functions(),
+            file_text("model.h"),
+            *renamed,
+            *pieces,
+            *whole,
+            tail,
+        ]
+    )
 
 
 def sizes(interface: ExportInterface) -> str:
@@ -166,7 +195,9 @@ def sizes(interface: ExportInterface) -> str:
         **event_sizes(interface.programs.values()),
     }
     kinds = table("signed char", "tf_kinds", plan.kinds.tolist())
-    return "\n".join([*(f"#define {name} {value}" for name, value in defined.items()), kinds])
+    return "\n".join(
+        [*(f"#define {name} {value}" for name, value in defined.items()), kinds]
+    )
 
 
 def _tables(interface: ExportInterface, order: NDArray[np.int64], token: str) -> str:
@@ -182,8 +213,16 @@ def _tables(interface: ExportInterface, order: NDArray[np.int64], token: str) ->
         [
             f'#define TF_TOKEN "{token}"',
             *start_values(interface),
-            table("unsigned char", "tf_x_exact", map(int, interface.variables.settable_states())),
-            table("unsigned char", "tf_p_tunable", map(int, interface.variables.tunable_parameters())),
+            table(
+                "unsigned char",
+                "tf_x_exact",
+                map(int, interface.variables.settable_states()),
+            ),
+            table(
+                "unsigned char",
+                "tf_p_tunable",
+                map(int, interface.variables.tunable_parameters()),
+            ),
             table("int", "tf_y_place", np.argsort(order).tolist()),
             table("unsigned", "tf_size", sizes.tolist()),
             f"#define TF_VARIABLES {len(variables)}",
@@ -203,14 +242,20 @@ def _tables(interface: ExportInterface, order: NDArray[np.int64], token: str) ->
 def start_values(interface: ExportInterface) -> list[str]:
     """Return the C tables of the start values of states, discrete values and parameters."""
     starts = {"x": interface.x, "d": interface.d, "p": interface.p}
-    return [table("double", f"tf_{name}_start", values.tolist()) for name, values in starts.items()]
+    return [
+        table("double", f"tf_{name}_start", values.tolist())
+        for name, values in starts.items()
+    ]
 
 
 def calendar(interface: ExportInterface) -> list[str]:
     """Return the C tables of ``due.c``: the clocks, and the sets of clocks that tick together."""
     clocks = interface.plan.system.clocks
     step = exact(interface.step)
-    periods = [f"{{{ticks(c.period, step, 'period')}, {ticks(c.offset, step, 'offset')}}}" for c in clocks]
+    periods = [
+        f"{{{ticks(c.period, step, 'period')}, {ticks(c.offset, step, 'offset')}}}"
+        for c in clocks
+    ]
     bits = {clock: 1 << i for i, clock in enumerate(clocks)}
     shared = interface.plan.counters.size > 0
     codes = [
@@ -220,7 +265,9 @@ def calendar(interface: ExportInterface) -> list[str]:
     ]
     return [
         f"#define TF_CLOCKS {len(clocks)}",
-        table("struct { long long period, offset; }", "tf_clocks", periods or ["{1, 0}"]),
+        table(
+            "struct { long long period, offset; }", "tf_clocks", periods or ["{1, 0}"]
+        ),
         f"#define TF_SETS {len(codes)}",
         # a macro, because the numbers of the programs are defined after the tables
         "#define TF_SET_TABLE " + (", ".join(codes) or "{0, 0}"),
@@ -229,4 +276,8 @@ def calendar(interface: ExportInterface) -> list[str]:
 
 def file_text(name: str) -> str:
     """Return the text of a file of this folder."""
-    return files("trussflow.fmu.exporting.native").joinpath(name).read_text(encoding="utf-8")
+    return (
+        files("trussflow.fmu.exporting.native")
+        .joinpath(name)
+        .read_text(encoding="utf-8")
+    )

@@ -27,7 +27,9 @@ OPERATION_NAMES = {
 
 def operation_names() -> str:
     """Return the C enumeration of all operations."""
-    return f"enum {{ {', '.join(f'TF_OP_{name}' for name in OPERATION_NAMES.values())} }};"
+    return (
+        f"enum {{ {', '.join(f'TF_OP_{name}' for name in OPERATION_NAMES.values())} }};"
+    )
 
 
 def tape(program: Program, name: str, rates: int) -> str:
@@ -50,7 +52,8 @@ def tape(program: Program, name: str, rates: int) -> str:
     without = [
         call.kernel
         for call in program.calls
-        if call.kernel.source and (call.kernel.near is None or program.name == "initialization")
+        if call.kernel.source
+        and (call.kernel.near is None or program.name == "initialization")
     ]
     if called := [kernel.function.name() for kernel in without]:
         raise ExportError(
@@ -58,7 +61,9 @@ def tape(program: Program, name: str, rates: int) -> str:
             "depends on at all times: sample the block that computes it, or export with kind='c' or 'python'"
         )
     function = program.expanded
-    starts = [sum(i.numel() for i in program.inputs[:k]) for k in range(len(program.inputs))]
+    starts = [
+        sum(i.numel() for i in program.inputs[:k]) for k in range(len(program.inputs))
+    ]
     numbers = {operation: i for i, operation in enumerate(OPERATION_NAMES)}
     operations: list[int] = []
     first: list[int] = []
@@ -109,7 +114,9 @@ def table(kind: str, name: str, values: Iterable[float | str]) -> str:
     values : iterable of number or str
         The elements [any].
     """
-    texts = [value if isinstance(value, str) else _number(value) for value in values] or ["0"]
+    texts = [
+        value if isinstance(value, str) else _number(value) for value in values
+    ] or ["0"]
     lines = (", ".join(texts[i : i + 16]) for i in range(0, len(texts), 16))
     return f"static const {kind} {name}[] = {{\n" + ",\n".join(lines) + "};"
 

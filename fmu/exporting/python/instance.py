@@ -64,15 +64,21 @@ class Instance:
         self._payload = payload
         self._session: Session = payload.session()
         plan = self._session.prepared.plan
-        ends = np.cumsum([0, 1, plan.u.size, plan.p.size, plan.x.size, plan.x.size]).tolist()
-        self._u, self._p, self._x, self._rates = (slice(a, b) for a, b in pairwise(ends[1:]))
+        ends = np.cumsum(
+            [0, 1, plan.u.size, plan.p.size, plan.x.size, plan.x.size]
+        ).tolist()
+        self._u, self._p, self._x, self._rates = (
+            slice(a, b) for a, b in pairwise(ends[1:])
+        )
         events = plan.modes.size + int(np.count_nonzero(plan.kinds != TIMED))
         first = len(payload.names) - events
         self._outputs = slice(ends[-1], first)
         self._events = slice(first, None)
         self._values = np.zeros(len(payload.names))
         # Masks of the variables that may be set before and after the end of initialization.
-        self._early, self._late = (np.zeros(len(self._values), dtype=bool) for _ in "ab")
+        self._early, self._late = (
+            np.zeros(len(self._values), dtype=bool) for _ in "ab"
+        )
         self._early[self._u] = self._late[self._u] = self._early[self._p] = True
         self._early[self._x] = payload.vector("exact") > 0
         self._late[self._p] = payload.vector("tunable") > 0
@@ -118,7 +124,9 @@ class Instance:
         self._inputs_set |= bool(np.any(indices < self._u.stop))
         self._parameters_set |= bool(np.any(indices >= self._u.stop))
 
-    def _indices(self, references: Sequence[int]) -> np.ndarray[Any, np.dtype[np.int64]]:
+    def _indices(
+        self, references: Sequence[int]
+    ) -> np.ndarray[Any, np.dtype[np.int64]]:
         indices = np.asarray(references, dtype=np.int64) - 1
         unknown = indices[(indices < 0) | (indices >= len(self._values))]
         if unknown.size:
@@ -149,9 +157,16 @@ class Instance:
         chosen = np.zeros(len(values))
         chosen[[*self._touched]] = 1.0
         touched = plan.x.named(chosen[self._x])
-        states = {name: v for name, v in plan.x.named(values[self._x]).items() if touched[name].any()}
+        states = {
+            name: v
+            for name, v in plan.x.named(values[self._x]).items()
+            if touched[name].any()
+        }
         self._session.start(
-            parameters=plan.p.named(values[self._p]), initial=states, inputs=self._inputs(), time=self._start
+            parameters=plan.p.named(values[self._p]),
+            initial=states,
+            inputs=self._inputs(),
+            time=self._start,
         )
         self._inputs_set = self._parameters_set = False
 
@@ -159,7 +174,9 @@ class Instance:
         inputs = {}
         begin = self._u.start
         for name, block in self._session.prepared.plan.system.external.items():
-            inputs[name] = self._values[begin : begin + prod(block.extent)].reshape(block.extent)
+            inputs[name] = self._values[begin : begin + prod(block.extent)].reshape(
+                block.extent
+            )
             begin += prod(block.extent)
         return inputs
 
@@ -168,7 +185,9 @@ class Instance:
         if self._inputs_set:
             self._session.set(self._inputs())
         if self._parameters_set:
-            self._session.tune(self._session.prepared.plan.p.named(self._values[self._p]))
+            self._session.tune(
+                self._session.prepared.plan.p.named(self._values[self._p])
+            )
         self._inputs_set = self._parameters_set = False
 
     # -- running ------------------------------------------------------------------------------
@@ -213,13 +232,19 @@ class Instance:
 
     def _advance(self, time: float, length: float) -> None:
         if not self._running or self._ended:
-            raise RefusedError("a step is possible only between initialization and termination")
+            raise RefusedError(
+                "a step is possible only between initialization and termination"
+            )
         if not (np.isfinite(time) and np.isfinite(length) and length >= 0):
-            raise RefusedError(f"a step of {length!r} s from t = {time!r} s is not possible")
+            raise RefusedError(
+                f"a step of {length!r} s from t = {time!r} s is not possible"
+            )
         present = self._session.time
         tick = float(self._session.prepared.tick)
         if abs(present - time) > float(SNAP) * tick + 1e-12 * abs(present):
-            raise RefusedError(f"the step starts at t = {time:g} s, but the current time is {present:g} s")
+            raise RefusedError(
+                f"the step starts at t = {time:g} s, but the current time is {present:g} s"
+            )
         self._apply()
         self._stale = True
         self._session.advance(time + length)
@@ -299,7 +324,10 @@ def to_bytes(state: State, token: str) -> bytes:
     TypeError
         If the state of a Python block cannot be serialized.
     """
-    return encode({field.name: getattr(state, field.name) for field in fields(state)}, {"FMU": token})
+    return encode(
+        {field.name: getattr(state, field.name) for field in fields(state)},
+        {"FMU": token},
+    )
 
 
 def from_bytes(data: bytes, token: str) -> State:

@@ -43,7 +43,9 @@ class Payload:
         If the pickle contains code for another version of Python.
     """
 
-    def __init__(self, pickled: bytes, facts: dict[str, Any], *, compiled: bool = True) -> None:
+    def __init__(
+        self, pickled: bytes, facts: dict[str, Any], *, compiled: bool = True
+    ) -> None:
         self.facts = facts
         self.notes: list[str] = []
         here = f"{sys.version_info.major}.{sys.version_info.minor}"
@@ -70,12 +72,16 @@ class Payload:
     def _prepared(self, item: Block, compiled: bool) -> Session:
         settings = {"step": self.facts["step"], "solver": self.facts["solver"]}
         if compiled and find_compiler() is None:
-            self.notes.append("there is no C compiler here: the model runs in CasADi's interpreter")
+            self.notes.append(
+                "there is no C compiler here: the model runs in CasADi's interpreter"
+            )
         elif compiled:
             try:
                 return Session(item, backend="compiled", **settings)
             except CompilationError as error:
-                self.notes.append(f"the model runs in CasADi's interpreter, because {error}")
+                self.notes.append(
+                    f"the model runs in CasADi's interpreter, because {error}"
+                )
         return Session(item, backend="interpreted", **settings)
 
 
@@ -88,7 +94,9 @@ class _Unpickler(pickle.Unpickler):
 
     def find_class(self, module: str, name: str) -> Any:
         found = super().find_class(module, name)
-        of_class = module.partition(".")[0] == "cloudpickle" and name.startswith("_make_skeleton_")
+        of_class = module.partition(".")[0] == "cloudpickle" and name.startswith(
+            "_make_skeleton_"
+        )
         return partial(_untracked, found) if of_class else found
 
 

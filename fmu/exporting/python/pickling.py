@@ -139,10 +139,14 @@ def _home(name: str) -> str:
     if top in sys.stdlib_module_names or top in sys.builtin_module_names:
         return "standard"
     module = sys.modules.get(name) or sys.modules.get(top)
-    file = getattr(module, "__file__", None) or next(iter(getattr(module, "__path__", ())), None)
+    file = getattr(module, "__file__", None) or next(
+        iter(getattr(module, "__path__", ())), None
+    )
     if file is None:
         return "installed" if module is None else "user"
-    folders = {Path(sysconfig.get_path(kind)).resolve() for kind in ("purelib", "platlib")}
+    folders = {
+        Path(sysconfig.get_path(kind)).resolve() for kind in ("purelib", "platlib")
+    }
     path = Path(file)
     within = {*path.parents, *path.resolve().parents}
     other = any(part in ("site-packages", "dist-packages") for part in path.parts)

@@ -45,7 +45,9 @@ Files = dict[str, bytes]
 """Contents by path."""
 
 
-def python_files(item: Block, interface: ExportInterface, version: str = "2.0", solver: str = "rk4") -> Files:
+def python_files(
+    item: Block, interface: ExportInterface, version: str = "2.0", solver: str = "rk4"
+) -> Files:
     """Return the files of an FMI 2.0 co-simulation FMU that needs Python on the target.
 
     The target needs this version of trussflow and the packages that ``resources/requirements.txt``
@@ -70,7 +72,9 @@ def python_files(item: Block, interface: ExportInterface, version: str = "2.0", 
         If an attribute of the block cannot be pickled, or the copy does not run.
     """
     if version != "2.0":
-        raise ExportError(f"an FMU of kind 'python' has version 2.0 of FMI, not {version!r}")
+        raise ExportError(
+            f"an FMU of kind 'python' has version 2.0 of FMI, not {version!r}"
+        )
     pickle = pickled(item)
     facts = _facts(interface, pickle.has_code, solver)
     try:
@@ -81,7 +85,10 @@ def python_files(item: Block, interface: ExportInterface, version: str = "2.0", 
         raise ExportError(
             f"cannot export '{item.name}': the copy for the FMU does not run: {type(error).__name__}: {error}"
         ) from error
-    payload = {PICKLE_FILE: pickle.data, FACTS_FILE: json.dumps(facts, indent=1).encode()}
+    payload = {
+        PICKLE_FILE: pickle.data,
+        FACTS_FILE: json.dumps(facts, indent=1).encode(),
+    }
     # Python keeps loaded modules by name, so each content needs a name of its own.
     digest = hashlib.sha256(b"".join(payload.values())).hexdigest()[:8]
     module = f"slave_{interface.identifier}_{digest}"
@@ -104,7 +111,9 @@ def python_files(item: Block, interface: ExportInterface, version: str = "2.0", 
         "canGetAndSetFMUstate": str(saves).lower(),
         "canSerializeFMUstate": str(serializes).lower(),
     }
-    description = model_description(interface, version, [Use("CoSimulation", capabilities)])
+    description = model_description(
+        interface, version, [Use("CoSimulation", capabilities)]
+    )
     files["modelDescription.xml"] = description.encode()
     return files
 
@@ -119,7 +128,12 @@ def _facts(interface: ExportInterface, has_code: bool, solver: str) -> dict[str,
         "step": interface.step,
         "solver": solver,
         "python": python,
-        "u": [float(value) for v in shown.inputs if v.start is not None for value in v.start],
+        "u": [
+            float(value)
+            for v in shown.inputs
+            if v.start is not None
+            for value in v.start
+        ],
         "p": interface.p.tolist(),
         "x": interface.x.tolist(),
         "exact": [*map(float, shown.settable_states())],
@@ -144,7 +158,9 @@ def _self_test(pickle: bytes, facts: dict[str, Any]) -> tuple[bool, bool]:
         instance.initialize()
         finite = np.isfinite(instance.get(range(1, 1 + len(payload.names))))
         if not finite.all():
-            raise ExportError(f"'{payload.names[int(np.argmin(finite))]}' is not finite at the start")
+            raise ExportError(
+                f"'{payload.names[int(np.argmin(finite))]}' is not finite at the start"
+            )
         if not instance.restores:
             return False, False
         try:
@@ -166,5 +182,7 @@ def _wrapper(identifier: str) -> Files:
     }
     for file in distribution("pythonfmu").files or []:
         if re.search(r"licen[cs]e", file.name, re.IGNORECASE):
-            files["documentation/licenses/pythonfmu.txt"] = Path(str(file.locate())).read_bytes()
+            files["documentation/licenses/pythonfmu.txt"] = Path(
+                str(file.locate())
+            ).read_bytes()
     return files

@@ -47,7 +47,8 @@ def slave(namespace: dict[str, Any]) -> type:
     """
     ctypes.pythonapi.Py_IncRef(ctypes.py_object(namespace))
     name = namespace["__name__"]  # contains a digest of the payload
-    if name not in _CLASSES:  # later, the files may be gone: importers delete them after a run
+    if name not in _CLASSES:
+        # later, the files may be gone: importers delete them after a run
         folder = Path(namespace["__file__"]).parent
         facts = json.loads((folder / FACTS_FILE).read_text(encoding="utf-8"))
         payload = Payload((folder / PICKLE_FILE).read_bytes(), facts)
@@ -75,8 +76,10 @@ class Slave(Fmi2Slave):  # type: ignore[misc]
 
     def _report(self, status: Fmi2Status, text: str) -> None:
         text = f"{self.instance_name}: {text}"
-        self.log(text.replace("%", "%%"), status, LOG_CATEGORY)  # importers treat it as a printf format
-        if status == Fmi2Status.error:  # the wrapper drops all messages unless logging is on
+        # importers treat it as a printf format
+        self.log(text.replace("%", "%%"), status, LOG_CATEGORY)
+        if status == Fmi2Status.error:
+            # the wrapper drops all messages unless logging is on
             ERROR_LOGGER.error("%s", text)
 
     def _guarded(self, what: str, function: Callable[[], Any]) -> Any:
@@ -124,7 +127,8 @@ class Slave(Fmi2Slave):  # type: ignore[misc]
     def _refuse(self, vrs: list[int], *_values: object) -> list[Any]:
         """Log an error, because all variables are of type Real."""
         self._report(
-            Fmi2Status.error, f"all variables are of type Real; value references {vrs} were used otherwise"
+            Fmi2Status.error,
+            f"all variables are of type Real; value references {vrs} were used otherwise",
         )
         return [False] * len(vrs)
 

@@ -37,7 +37,12 @@ def loop(tmp_path):
 @pytest.fixture(scope="module")
 def lag(tmp_path_factory):
     """Return the path of an FMU with one state."""
-    return str(export(TransferFunction([3.0], [0.1, 1.0]), tmp_path_factory.mktemp("fmu") / "lag.fmu"))
+    return str(
+        export(
+            TransferFunction([3.0], [0.1, 1.0]),
+            tmp_path_factory.mktemp("fmu") / "lag.fmu",
+        )
+    )
 
 
 class Terminal(io.StringIO):
@@ -48,7 +53,9 @@ class Terminal(io.StringIO):
 
     def lines(self):
         """Return the texts that its last line has shown."""
-        return [line for line in self.getvalue().replace("\r", "").split("\033[K") if line]
+        return [
+            line for line in self.getvalue().replace("\r", "").split("\033[K") if line
+        ]
 
 
 @pytest.mark.parametrize("name", COMMANDS)
@@ -57,7 +64,9 @@ def test_help_teaches_by_examples_that_parse(name, capsys):
         main([name, "--help"])
     assert stopped.value.code == 0
     text = capsys.readouterr().out
-    examples = [line for line in text.partition("examples:\n")[2].splitlines() if line.strip()]
+    examples = [
+        line for line in text.partition("examples:\n")[2].splitlines() if line.strip()
+    ]
     assert examples
     for line in examples:
         words = shlex.split(line, comments=True)
@@ -70,7 +79,10 @@ def test_help_names_every_command(capsys):
         main([])
     text = capsys.readouterr().out
     assert stopped.value.code == 0
-    assert all(f"  {name} " in text and command.does in text for name, command in COMMANDS.items())
+    assert all(
+        f"  {name} " in text and command.does in text
+        for name, command in COMMANDS.items()
+    )
 
 
 def test_version(capsys):
@@ -78,12 +90,16 @@ def test_version(capsys):
         main(["--version"])
     version, cache = capsys.readouterr().out.splitlines()
     assert version == f"trussflow {trussflow.__version__}"
-    assert re.fullmatch(rf"compiled code: [\d.]+ MB in {re.escape(str(cache_folder()))}", cache)
+    assert re.fullmatch(
+        rf"compiled code: [\d.]+ MB in {re.escape(str(cache_folder()))}", cache
+    )
     assert trussflow.__version__[0].isdigit() or trussflow.__version__ == "unknown"
 
 
 def test_the_package_says_where_things_are():
-    with pytest.raises(AttributeError, match="write 'from trussflow\\.blocks import simulate'"):
+    with pytest.raises(
+        AttributeError, match="write 'from trussflow\\.blocks import simulate'"
+    ):
         trussflow.simulate  # noqa: B018
 
 
@@ -101,13 +117,31 @@ def test_completion_knows_commands_and_their_options(tmp_path, capsys):
 
 def test_new_loop_runs_by_itself(loop):
     script = [sys.executable, loop.removesuffix(":loop")]
-    assert "pendulum.angle" in subprocess.run(script, capture_output=True, text=True, check=True).stdout
+    assert (
+        "pendulum.angle"
+        in subprocess.run(script, capture_output=True, text=True, check=True).stdout
+    )
 
 
 def test_run_gives_figures_file_and_picture(tmp_path, loop, capsys):
     capsys.readouterr()
     files = ["--output", str(tmp_path / "run.nc"), "--plot", str(tmp_path / "run.png")]
-    assert main(["run", loop, "5", "--step", "0.01", "--log", "pendulum.angle", "--json", *files]) == 0
+    assert (
+        main(
+            [
+                "run",
+                loop,
+                "5",
+                "--step",
+                "0.01",
+                "--log",
+                "pendulum.angle",
+                "--json",
+                *files,
+            ]
+        )
+        == 0
+    )
     (row,) = json.loads(capsys.readouterr().out)
     with xr.open_dataset(tmp_path / "run.nc") as result:
         angle = result["pendulum.angle"].values
@@ -144,9 +178,23 @@ def test_analyse_gives_modes_margins_and_picture(tmp_path, loop, capsys):
     """Law and pendulum at 0.5 rad: s^2 + (k_d s + k_p) / (m l^2) - g cos(0.5) / l."""
     gravity = 9.81 / 0.5 * np.cos(0.5)
     omega = np.sqrt(20.0 / 0.25 - gravity)
-    assert main(["analyse", loop, "--at", "pendulum.torque", "--plot", str(tmp_path / "loop.png")]) == 0
+    assert (
+        main(
+            [
+                "analyse",
+                loop,
+                "--at",
+                "pendulum.torque",
+                "--plot",
+                str(tmp_path / "loop.png"),
+            ]
+        )
+        == 0
+    )
     assert (tmp_path / "loop.png").stat().st_size > 0
-    assert f"pendulum/torque: gain {gravity / 80.0:.3g} to inf" in capsys.readouterr().out
+    assert (
+        f"pendulum/torque: gain {gravity / 80.0:.3g} to inf" in capsys.readouterr().out
+    )
     assert main(["analyse", loop, "--at", "pendulum.torque", "--json"]) == 0
     (mode,) = json.loads(capsys.readouterr().out)["modes"]
     assert mode["frequency"] == pytest.approx(omega / (2 * np.pi), rel=1e-9)
@@ -167,12 +215,16 @@ def test_new_loop_goes_out_as_an_fmu(tmp_path, loop):
 
 @pytest.mark.filterwarnings("ignore:simulations run in CasADi")
 def test_fly_prints_its_summary_as_json(tmp_path, capsys, monkeypatch):
-    monkeypatch.setattr(compiler, "find_compiler", lambda: None)  # a short run does not pay for compiling
-    monkeypatch.setattr("trussflow.models.transport.__main__.draw", lambda *_: None)  # takes seconds
+    # a short run does not pay for compiling
+    monkeypatch.setattr(compiler, "find_compiler", lambda: None)
+    # takes seconds
+    monkeypatch.setattr("trussflow.models.transport.__main__.draw", lambda *_: None)
     words = ["fly", "--duration", "0.1", "--json", "--output", str(tmp_path)]
     assert main(words) == 0
     said = capsys.readouterr()
-    assert json.loads(said.out) == json.loads((tmp_path / "summary.json").read_text(encoding="utf-8"))
+    assert json.loads(said.out) == json.loads(
+        (tmp_path / "summary.json").read_text(encoding="utf-8")
+    )
     assert json.loads(said.out)["run"]["command"] == f"trussflow {shlex.join(words)}"
     assert "index.html" in said.err
 
@@ -191,7 +243,9 @@ ROOT = Path(__file__).parents[3]
         ("fly --explain --json", ("0.place", "transport.toml")),
     ],
 )
-def test_every_command_tells_its_facts_as_json_and_nothing_else(words, fact, tmp_path, loop, capsys):
+def test_every_command_tells_its_facts_as_json_and_nothing_else(
+    words, fact, tmp_path, loop, capsys
+):
     with Path(loop.removesuffix(":loop")).open("a", encoding="utf-8") as script:
         script.write("\nprint('a word of the user')\n")
     capsys.readouterr()
@@ -206,16 +260,33 @@ def test_every_command_tells_its_facts_as_json_and_nothing_else(words, fact, tmp
 
 
 def test_a_reader_that_has_enough_gets_no_traceback():
-    command = [sys.executable, "-m", "trussflow", "draw", "trussflow.starter:loop", "--json"]
-    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
+    command = [
+        sys.executable,
+        "-m",
+        "trussflow",
+        "draw",
+        "trussflow.starter:loop",
+        "--json",
+    ]
+    with subprocess.Popen(
+        command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    ) as process:
         process.stdout.close()
         assert process.stderr.read() == ""
     assert process.returncode == 1
 
 
 def test_json_has_no_numbers_that_other_programs_do_not_know():
-    thing = {"a": np.array([1.0, np.nan]), "b": [float("inf"), np.int64(2), True, None], 3: Path("x")}
-    assert json.loads(json_of(thing)) == {"a": [1.0, None], "b": [None, 2, True, None], "3": "x"}
+    thing = {
+        "a": np.array([1.0, np.nan]),
+        "b": [float("inf"), np.int64(2), True, None],
+        3: Path("x"),
+    }
+    assert json.loads(json_of(thing)) == {
+        "a": [1.0, None],
+        "b": [None, 2, True, None],
+        "3": "x",
+    }
 
 
 def code_of(words):
@@ -232,26 +303,46 @@ def code_of(words):
     [
         ("nonsense", "invalid choice: 'nonsense'"),
         ("new loop.py", "cannot write 'loop.py': it exists already"),
-        ("new no-name.py", "its name must end with .toml, or be a module name with .py"),
+        (
+            "new no-name.py",
+            "its name must end with .toml, or be a module name with .py",
+        ),
         ("draw trussflow.blocks:Integrator block.svg", "not a diagram"),
-        ("analyse trussflow.blocks:Integrator --at u", "it is a single block, not a diagram"),
-        ("run loop.py:loop 1 --parameter pendulum.mass=heavy", "write name=number, or name=[number, number]"),
+        (
+            "analyse trussflow.blocks:Integrator --at u",
+            "it is a single block, not a diagram",
+        ),
+        (
+            "run loop.py:loop 1 --parameter pendulum.mass=heavy",
+            "write name=number, or name=[number, number]",
+        ),
         ("run loop.py:loop long", "invalid float value: 'long'"),
         ("run gone.py:x 1", "cannot import 'gone.py'"),
         ("run broken.py:x 1", "invalid syntax (broken.py, line 1)"),
         ("run loop.py:lop 1", "'loop.py:lop': there is no 'lop'; did you mean 'loop'?"),
-        ("run loop.py:loop 1 --plot loop.txt", "use .png, .svg, .pdf in an existing folder"),
-        ("run loop.py:loop 1 --plot gone/loop.png", "use .png, .svg, .pdf in an existing folder"),
+        (
+            "run loop.py:loop 1 --plot loop.txt",
+            "use .png, .svg, .pdf in an existing folder",
+        ),
+        (
+            "run loop.py:loop 1 --plot gone/loop.png",
+            "use .png, .svg, .pdf in an existing folder",
+        ),
         (
             "run loop.py:loop 1 --log pendulum.angel",
             "has no port 'angel'; inputs: torque; outputs: angle, rate",
         ),
-        ("sweep loop.py:loop", "is upright: Diagram, 4 blocks, 5 wires; write functools.partial"),
+        (
+            "sweep loop.py:loop",
+            "is upright: Diagram, 4 blocks, 5 wires; write functools.partial",
+        ),
         ("view gone.nc", "cannot show 'gone.nc': No such file"),
         ("view loop.py", "cannot show 'loop.py': it is not a complete netCDF file"),
     ],
 )
-def test_misuse_ends_with_its_code_and_one_message(words, message, tmp_path, capsys, monkeypatch):
+def test_misuse_ends_with_its_code_and_one_message(
+    words, message, tmp_path, capsys, monkeypatch
+):
     (tmp_path / "broken.py").write_text("def x(:")
     monkeypatch.chdir(tmp_path)
     capsys.readouterr()
@@ -283,7 +374,9 @@ def test_work_is_reported_with_the_time_left(monkeypatch):
     with redirect_stderr(Terminal()) as terminal:
         for _ in progress.counted("drawing", range(4)):
             time.sleep(0.75)
-    assert {"drawing: 0 s, 0 of 4", "drawing: 2 s, 2 of 4, 1 s left"} <= {*terminal.lines()}
+    assert {"drawing: 0 s, 0 of 4", "drawing: 2 s, 2 of 4, 1 s left"} <= {
+        *terminal.lines()
+    }
 
 
 def test_inner_work_has_the_line_until_it_is_done(monkeypatch):

@@ -42,7 +42,9 @@ def draw():
         x = generator.multivariate_normal(zero, spread, method="eigh")
         states, measurements = [], []
         for u in commands:
-            v = generator.multivariate_normal(np.zeros(block.measurements), process.noise)
+            v = generator.multivariate_normal(
+                np.zeros(block.measurements), process.noise
+            )
             states.append(x)
             measurements.append(process.C @ x + process.D @ u + v)
             w = generator.multivariate_normal(zero, process.covariance, method="eigh")

@@ -57,28 +57,43 @@ def test_traced_solution_keeps_to_the_structure_of_the_matrix():
     matrix = ca.SX(2, 4)
     matrix[0, :2], matrix[1, 2:] = p[:2].T, p[2:].T
     effectiveness = from_expression(ca.vec(ca.densify(matrix).T), (2, 4))
-    inputs = Signals("u", {"demand": from_expression(u, (2,)), "effectiveness": effectiveness})
+    inputs = Signals(
+        "u", {"demand": from_expression(u, (2,)), "effectiveness": effectiveness}
+    )
     parameters = Signals("p", block.parameters)
-    command = to_expression(block.output(0.0, Signals("x", {}), inputs, parameters)["command"])
+    command = to_expression(
+        block.output(0.0, Signals("x", {}), inputs, parameters)["command"]
+    )
     pattern = ca.jacobian(command, u).sparsity()
     assert_array_equal(ca.DM(pattern, 1).full(), [[1, 0], [1, 0], [0, 1], [0, 1]])
 
 
 @pytest.mark.parametrize("backend", ["interpreted", "compiled", "numpy"])
 @pytest.mark.parametrize(
-    "rows", [[[1.0, 2, 3], [2, 4, 6]], [[0.1, 0.2, 0.3], [0.3, 0.6, 0.9]], [[0.1, 0.2, 0.7], [0.0, 0.0, 0.0]]]
+    "rows",
+    [
+        [[1.0, 2, 3], [2, 4, 6]],
+        [[0.1, 0.2, 0.3], [0.3, 0.6, 0.9]],
+        [[0.1, 0.2, 0.7], [0.0, 0.0, 0.0]],
+    ],
 )
 def test_demands_that_actuators_cannot_meet_have_no_commands(rows, backend):
     """Dependent rows leave pivots of zero or of round-off: no backend makes numbers of these."""
     diagram = Diagram("d")
     demand, rows_of, share = diagram.add(
-        demand=Constant([1.0, 2.0]), rows_of=Constant(rows), share=WeightedAllocation(2, [1.0, 1.0, 1.0])
+        demand=Constant([1.0, 2.0]),
+        rows_of=Constant(rows),
+        share=WeightedAllocation(2, [1.0, 1.0, 1.0]),
     )
     demand >> share.demand
     rows_of >> share.effectiveness
     if backend == "numpy":
-        with pytest.raises(SimulationError, match=r"LinAlgError.*(singular|not positive definite)"):
+        with pytest.raises(
+            SimulationError, match=r"LinAlgError.*(singular|not positive definite)"
+        ):
             simulate(diagram, 1.0, step=1.0, backend=backend)
     else:
-        with pytest.warns(SimulationWarning, match=r"'share\.command' stopped being finite"):
+        with pytest.warns(
+            SimulationWarning, match=r"'share\.command' stopped being finite"
+        ):
             simulate(diagram, 1.0, step=1.0, backend=backend)

@@ -78,12 +78,16 @@ def free_gradient(weights, u, Q):
     gradient = A.T @ (A @ Q - b)
     at_low, at_high = u["lower"] >= Q, u["upper"] <= Q
     gradient = np.where(at_low, np.minimum(gradient, 0.0), gradient)
-    gradient = np.where(at_high, np.where(at_low, 0.0, np.maximum(gradient, 0.0)), gradient)
+    gradient = np.where(
+        at_high, np.where(at_low, 0.0, np.maximum(gradient, 0.0)), gradient
+    )
     terms = np.abs(A.T) @ (np.abs(A) @ np.abs(Q) + np.abs(b))
     return np.max(np.abs(gradient)) / max(1e-300, np.max(terms))
 
 
-@pytest.mark.parametrize(("m", "n"), [(1, 1), (2, 5), (4, 3), pytest.param(6, 9, marks=pytest.mark.campaign)])
+@pytest.mark.parametrize(
+    ("m", "n"), [(1, 1), (2, 5), (4, 3), pytest.param(6, 9, marks=pytest.mark.campaign)]
+)
 def test_optimal_on_every_backend(m, n):
     """Random problems, degenerate ones among them; the compiled code is what an FMU holds."""
     random = np.random.default_rng(10 * m + n)
@@ -116,11 +120,16 @@ def test_another_solver_agrees(evaluate):
     for _ in range(PROBLEM_COUNT):
         m, n = random.integers(1, 7), random.integers(1, 10)
         u = problem(random, m, n)
-        u["upper"] = np.maximum(u["upper"], u["lower"] + 1e-3)  # it takes no equal limits
+        # it takes no equal limits
+        u["upper"] = np.maximum(u["upper"], u["lower"] + 1e-3)
         weights = 10.0 ** random.uniform(-3.0, -1.0) * random.uniform(0.3, 3.0, n)
         limits = (u["lower"], u["upper"])
-        other = lsq_linear(*least_squares(weights, u), limits, method="bvls", tol=1e-15, max_iter=1000).x
-        Q = evaluate(BoundedAllocation(m, weights), soft_demand=(), soft_effectiveness=(), **u)["command"]
+        other = lsq_linear(
+            *least_squares(weights, u), limits, method="bvls", tol=1e-15, max_iter=1000
+        ).x
+        Q = evaluate(
+            BoundedAllocation(m, weights), soft_demand=(), soft_effectiveness=(), **u
+        )["command"]
         scale = max(1.0, np.max(np.abs(other)))
         assert_allclose(Q, other, rtol=0, atol=COMMAND_TOLERANCE * scale)
 
@@ -158,7 +167,10 @@ def test_demand_is_met_and_the_soft_demand_gives_way_first(evaluate):
 
 @pytest.mark.parametrize("backend", ["numpy", "compiled"])
 def test_commands_move_no_faster_than_rates(backend):
-    block, diagram = RateBoundedAllocation(2, np.full(4, 0.1), [1.0, 2.0, 3.0, 1e6], 0.05), Diagram("d")
+    block, diagram = (
+        RateBoundedAllocation(2, np.full(4, 0.1), [1.0, 2.0, 3.0, 1e6], 0.05),
+        Diagram("d"),
+    )
     diagram.add(block=block, sine=Sine([1.5, -1.5], 2.0))
     for name in ("effectiveness", "spread", "lower", "upper"):
         diagram.connect(diagram.add(name, Constant(INPUTS[name])).y, block.port(name))
@@ -173,15 +185,20 @@ def test_commands_move_no_faster_than_rates(backend):
 
 def slopes(function, at):
     """Return the Jacobian by central differences."""
-    return np.transpose([(function(at + e) - function(at - e)) / 2e-6 for e in 1e-6 * np.eye(at.size)])
+    return np.transpose(
+        [(function(at + e) - function(at - e)) / 2e-6 for e in 1e-6 * np.eye(at.size)]
+    )
 
 
-@pytest.mark.parametrize("size", [0.3, 1.0, 3.0])  # none, some, all that matter at limits
+# none, some, all that matter at limits
+@pytest.mark.parametrize("size", [0.3, 1.0, 3.0])
 def test_linear_model_is_the_slope(size):
     """All inputs vary; the metric stays symmetric."""
     values = {**INPUTS, "demand": size * INPUTS["demand"]}
     block = BoundedAllocation(2, [0.1, 0.2, 0.1, 0.3])
-    model = linearize(block, list(values), ["command", "missed"], at=OperatingPoint(inputs=values))
+    model = linearize(
+        block, list(values), ["command", "missed"], at=OperatingPoint(inputs=values)
+    )
     session = Session(block, step=1.0, backend="numpy")
     session.start(inputs=values)
     at = np.concatenate([value.ravel() for value in values.values()])
@@ -189,8 +206,15 @@ def test_linear_model_is_the_slope(size):
     symmetric[11:13, 11:13] = 0.5
 
     def outputs(flat):
-        parts = np.split(symmetric @ flat, np.cumsum([value.size for value in values.values()]))
-        session.set({n: part.reshape(values[n].shape) for n, part in zip(values, parts, strict=False)})
+        parts = np.split(
+            symmetric @ flat, np.cumsum([value.size for value in values.values()])
+        )
+        session.set(
+            {
+                n: part.reshape(values[n].shape)
+                for n, part in zip(values, parts, strict=False)
+            }
+        )
         return np.concatenate([session.outputs["command"], session.outputs["missed"]])
 
     assert_allclose(model.D @ symmetric, slopes(outputs, at), rtol=0, atol=1e-7)
@@ -200,7 +224,9 @@ def test_a_linear_model_after_a_check():
     """CasADi keeps derivatives by name: those in all directions at once are not those in one."""
     block = BoundedAllocation(2, [0.1, 0.2, 0.1, 0.3])
     check_block(block)
-    model = linearize(block, list(INPUTS), ["command"], at=OperatingPoint(inputs=INPUTS))
+    model = linearize(
+        block, list(INPUTS), ["command"], at=OperatingPoint(inputs=INPUTS)
+    )
     assert np.isfinite(model.D).all()
 
 
@@ -228,7 +254,9 @@ def test_slope_by_weights():
         matrix, limits = np.array([[1.0, 2.0, 3.0]]), np.array([0.2, 0.2, 9.0])
         preferred = np.array([0.3, 0.1, 0.0])
         one = np.ones((1, 1))
-        return bounded_least_squares(matrix, one, 1.5 * one[0], weights, preferred, -limits, limits)[0]
+        return bounded_least_squares(
+            matrix, one, 1.5 * one[0], weights, preferred, -limits, limits
+        )[0]
 
     at = np.array([0.5, 3.0, 0.7])
     block = Function(command, **ports(u=3, y=3))
@@ -239,7 +267,8 @@ def test_slope_by_weights():
 
 @pytest.mark.parametrize("backend", ["numpy", "interpreted", "compiled"])
 @pytest.mark.parametrize(
-    ("name", "after"), [("lower", [1.0, -1.0]), ("spread", [[-1.0]]), ("demand", [-1.0])]
+    ("name", "after"),
+    [("lower", [1.0, -1.0]), ("spread", [[-1.0]]), ("demand", [-1.0])],
 )
 def test_problem_without_solution_ends_the_run(name, after, backend):
     """A lower limit above the upper one, a metric that is none, a demand that is not finite."""
@@ -253,9 +282,13 @@ def test_problem_without_solution_ends_the_run(name, after, backend):
     block, diagram = BoundedAllocation(1, [0.1, 0.1]).sampled(0.1), Diagram("wrong")
     diagram.add(block=block, known=Function(lambda u: np.where(u > 0, u, np.nan)))
     for port, value in sources.items():
-        source = Step(0.2, initial_value=value, final_value=after if port == name else value)
+        source = Step(
+            0.2, initial_value=value, final_value=after if port == name else value
+        )
         diagram.add(**{port: source})
-        diagram.connect(source.y, diagram.known.u if port == "demand" else block.port(port))
+        diagram.connect(
+            source.y, diagram.known.u if port == "demand" else block.port(port)
+        )
     diagram.known >> block.demand
     with pytest.raises(DivergenceError, match=r"'block\.command'.*t = 0\.2 s"):
         simulate(diagram, 1.0, step=0.1, backend=backend)

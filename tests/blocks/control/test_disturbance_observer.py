@@ -4,7 +4,15 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from trussflow.blocks import Constant, Diagram, DisturbanceObserver, Integrator, Sine, Step, simulate
+from trussflow.blocks import (
+    Constant,
+    Diagram,
+    DisturbanceObserver,
+    Integrator,
+    Sine,
+    Step,
+    simulate,
+)
 
 # Classical Runge-Kutta at 0.01 s with L up to 4/s.
 RK4 = 1e-7
@@ -34,7 +42,9 @@ def test_estimate_is_a_first_order_lag_from_zero():
     t = result["time"].values[:, None]
     estimate = constant + np.imag(response * np.exp(2j * np.pi * frequency * t))
     estimate -= (constant + np.imag(response)) * np.exp(-LAW * t)
-    assert_allclose(result["observer.disturbance_estimate"], estimate, rtol=0, atol=1e-6)
+    assert_allclose(
+        result["observer.disturbance_estimate"], estimate, rtol=0, atol=1e-6
+    )
 
 
 def test_one_gain_serves_all_elements():
@@ -49,7 +59,9 @@ def test_one_gain_serves_all_elements():
 def test_estimate_may_be_fed_back_to_the_acceleration():
     """No algebraic loop: the estimate does not depend on the acceleration of the same instant."""
     diagram = Diagram()
-    d, velocity, observer = diagram.add(d=Step(1.0), velocity=Integrator(), observer=DisturbanceObserver(4.0))
+    d, velocity, observer = diagram.add(
+        d=Step(1.0), velocity=Integrator(), observer=DisturbanceObserver(4.0)
+    )
     compensation = -observer.disturbance_estimate
     (compensation + d.y) >> velocity.u
     velocity.y >> observer.velocity

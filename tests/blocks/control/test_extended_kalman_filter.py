@@ -15,7 +15,9 @@ Q, R = np.diag([1e-6, 1e-3]), np.diag([1e-4, 4e-4])
 
 
 def rates(t, x, u):
-    return np.stack([x[1], u[0] - 9.81 * np.sin(x[0]) - 0.3 * x[1] ** 3 + 0.1 * np.sin(3 * t)])
+    return np.stack(
+        [x[1], u[0] - 9.81 * np.sin(x[0]) - 0.3 * x[1] ** 3 + 0.1 * np.sin(3 * t)]
+    )
 
 
 def outputs(t, x, u):
@@ -62,7 +64,9 @@ MODEL: dict[str, Any] = {
 
 def extended(settings=None, **model):
     start: dict[str, Any] = {"initial_covariance": 0.01, "initial_estimate": [0.5, 0.0]}
-    return ExtendedKalmanFilter(NonlinearProcess(**MODEL | model), **start | (settings or {}))
+    return ExtendedKalmanFilter(
+        NonlinearProcess(**MODEL | model), **start | (settings or {})
+    )
 
 
 @pytest.mark.parametrize("steps", [1, 3])
@@ -87,10 +91,17 @@ def test_delay_shifts_it(behind, follow):
     settings = {"measurement_delay": behind * EVERY, "initial_command": u[:behind]}
     block = extended(settings, rates=late(rates), outputs=late(outputs))
     found = follow(block, y[: 30 - behind], u[behind:])
-    np.testing.assert_allclose(found["innovation"], plain["innovation"][: 30 - behind], rtol=0, atol=1e-12)
+    np.testing.assert_allclose(
+        found["innovation"], plain["innovation"][: 30 - behind], rtol=0, atol=1e-12
+    )
     x = plain["estimate"][10]
     for k in range(10, 10 + behind):
-        x = stepped(k * EVERY + EVERY / 2, stepped(k * EVERY, x, u[k], EVERY / 2), u[k], EVERY / 2)
+        x = stepped(
+            k * EVERY + EVERY / 2,
+            stepped(k * EVERY, x, u[k], EVERY / 2),
+            u[k],
+            EVERY / 2,
+        )
     np.testing.assert_allclose(found["estimate"][10], x, rtol=0, atol=1e-12)
 
 
@@ -115,8 +126,16 @@ def test_without_commands_there_is_no_port_for_them(follow):
             TracingError,
             "'rates' of a Kalman filter .* cannot be traced.*np.where",
         ),
-        ({"outputs": lambda _, x: x}, TracingError, r"'outputs' .* is called with \(t, x, u\)"),
-        ({"outputs": lambda _, x, __: x[0]}, BlockError, "'outputs' .* must return 2 elements, not 1"),
+        (
+            {"outputs": lambda _, x: x},
+            TracingError,
+            r"'outputs' .* is called with \(t, x, u\)",
+        ),
+        (
+            {"outputs": lambda _, x, __: x[0]},
+            BlockError,
+            "'outputs' .* must return 2 elements, not 1",
+        ),
         ({"density": np.eye(3)}, ParameterError, r"process noise has shape \(3, 3\)"),
         ({"commands": -1}, BlockError, "sizes are non-negative whole numbers"),
     ],

@@ -9,7 +9,12 @@ import numpy as np
 import pytest
 from scipy.stats import binom, chi2
 
-from trussflow.blocks import ExtendedKalmanFilter, GaussMarkov, NonlinearProcess, kalman_filter
+from trussflow.blocks import (
+    ExtendedKalmanFilter,
+    GaussMarkov,
+    NonlinearProcess,
+    kalman_filter,
+)
 
 RUNS = 40 * campaign.SIZE
 LAGS = 30
@@ -23,7 +28,9 @@ def within(values, freedom, share=0.999):
 
 def normalized(errors, covariances):
     """Return e^T P^-1 e of each sample."""
-    return np.einsum("...i,...i", errors, np.linalg.solve(covariances, errors[..., None])[..., 0])
+    return np.einsum(
+        "...i,...i", errors, np.linalg.solve(covariances, errors[..., None])[..., 0]
+    )
 
 
 def check(runs):
@@ -40,7 +47,8 @@ def check(runs):
     white = np.linalg.solve(np.linalg.cholesky(S), innovations[..., None])[..., 0]
     correlations = np.array(
         [
-            np.sum(white[:, lag:] * white[:, :-lag], axis=(1, 2)) / np.sqrt(white[0, lag:].size)
+            np.sum(white[:, lag:] * white[:, :-lag], axis=(1, 2))
+            / np.sqrt(white[0, lag:].size)
             for lag in range(1, LAGS + 1)
         ]
     )
@@ -81,7 +89,10 @@ def test_linear_filter_is_consistent(kind, follow, draw):
     first, samples, runs = FIRST, 60, []
     if kind == "steady":
         plain = linear("steady")
-        first = plain.process.A @ plain.covariance @ plain.process.A.T + plain.process.covariance
+        first = (
+            plain.process.A @ plain.covariance @ plain.process.A.T
+            + plain.process.covariance
+        )
     block = linear(kind, None if kind == "steady" else first, delay=0.1)
     late = block.behind
     for seed in range(RUNS):
@@ -106,7 +117,9 @@ def sideways(_, x, __):
 
 def falling(_, x, __):
     """Height [km], speed [km/s] and drag coefficient [1/km] of a body that enters the atmosphere."""
-    return np.stack([-x[1], 9.81e-3 - x[2] * np.exp(-x[0] / 7.0) * x[1] ** 2, 0.0 * x[2]])
+    return np.stack(
+        [-x[1], 9.81e-3 - x[2] * np.exp(-x[0] / 7.0) * x[1] ** 2, 0.0 * x[2]]
+    )
 
 
 def radar(_, x, __):
@@ -122,25 +135,40 @@ def radar(_, x, __):
     ],
     ids=["pendulum", "falling body"],
 )
-def test_extended_filter_is_consistent(rates, outputs, start, spread, density, every, follow):
+def test_extended_filter_is_consistent(
+    rates, outputs, start, spread, density, every, follow
+):
     n, noise, fine = len(start), 1e-4, 20
     process = NonlinearProcess(
-        rates, outputs, states=n, measurements=1, density=density, noise=noise, every=every
+        rates,
+        outputs,
+        states=n,
+        measurements=1,
+        density=density,
+        noise=noise,
+        every=every,
     )
-    block = ExtendedKalmanFilter(process, initial_estimate=start, initial_covariance=spread)
+    block = ExtendedKalmanFilter(
+        process, initial_estimate=start, initial_covariance=spread
+    )
     g, h = np.random.default_rng(11), every / fine
     diffusion = np.sqrt(h * np.array(density))[:, None]
     x = np.array(start)[:, None] + np.sqrt(spread)[:, None] * g.normal(size=(n, RUNS))
     states, measured = [], []
     for _ in range(60):
         states.append(x)
-        measured.append(outputs(0.0, x, None) + np.sqrt(noise) * g.normal(size=(1, RUNS)))
+        measured.append(
+            outputs(0.0, x, None) + np.sqrt(noise) * g.normal(size=(1, RUNS))
+        )
         for _ in range(fine):
             middle = x + h / 2 * rates(0.0, x, None)
             x = x + h * rates(0.0, middle, None) + diffusion * g.normal(size=(n, RUNS))
     check(
         [
-            errors_of(follow(block, np.array(measured)[:, :, run]), np.array(states)[:, :, run])
+            errors_of(
+                follow(block, np.array(measured)[:, :, run]),
+                np.array(states)[:, :, run],
+            )
             for run in range(RUNS)
         ]
     )
@@ -152,7 +180,9 @@ def test_a_tenth_more_noise_than_designed_for_is_inconsistent(follow, draw):
         g = np.random.default_rng([8, seed])
         u = g.normal(size=(60, 1))
         x, y = draw(block, g, u, FIRST)
-        found = follow(block, y + np.sqrt(0.21) * g.normal(size=y.shape) * [1e-2, 10**-2.5], u)
+        found = follow(
+            block, y + np.sqrt(0.21) * g.normal(size=y.shape) * [1e-2, 10**-2.5], u
+        )
         runs.append(errors_of(found, x))
     with pytest.raises(AssertionError):
         check(runs)

@@ -40,7 +40,9 @@ class TwoMasses(Block):
     velocity = State(2, unit="m/s")
 
     def _rates(self, x, u):
-        spring = 20.0 * (x.position[1] - x.position[0]) + 0.3 * (x.velocity[1] - x.velocity[0])
+        spring = 20.0 * (x.position[1] - x.position[0]) + 0.3 * (
+            x.velocity[1] - x.velocity[0]
+        )
         return np.stack([(u.force + spring) / 2.0, u.wind - spring])
 
     def output(self, t, x, u, p):
@@ -73,11 +75,17 @@ def test_plant_is_sampled_exactly_with_its_disturbances():
     block = kalman_filter(
         TwoMasses(),
         **SETTINGS,
-        disturbances={"wind": GaussMarkov(0.4, 5.0), "cart": GaussMarkov(1e-3, 2.0), "velocity[0]": 1e-4},
+        disturbances={
+            "wind": GaussMarkov(0.4, 5.0),
+            "cart": GaussMarkov(1e-3, 2.0),
+            "velocity[0]": 1e-4,
+        },
     )
     wide = block_diag(A, np.diag([-0.2, -0.5, 0.0]))
     wide[3, 4], wide[2, 6] = 1.0, 1.0
-    sampled = control.c2d(control.ss(wide, np.vstack([B, np.zeros((3, 2))])[:, :1], np.eye(7), 0), EVERY)
+    sampled = control.c2d(
+        control.ss(wide, np.vstack([B, np.zeros((3, 2))])[:, :1], np.eye(7), 0), EVERY
+    )
     process: Any = block.process
     np.testing.assert_allclose(process.A, sampled.A, rtol=0, atol=ROUND_OFF)
     np.testing.assert_allclose(process.B, sampled.B, rtol=0, atol=ROUND_OFF)
@@ -129,7 +137,11 @@ def test_a_linear_model_gives_the_same_filter(block):
 
 def test_what_drives_a_command_in_the_diagram_is_cut_off():
     loop = Diagram("closed loop")
-    loop.add(masses=TwoMasses(), law=StateSpace([[-1.0]], [1.0], [-3.0]), calm=Constant(0.0, unit="N"))
+    loop.add(
+        masses=TwoMasses(),
+        law=StateSpace([[-1.0]], [1.0], [-3.0]),
+        calm=Constant(0.0, unit="N"),
+    )
     loop.masses.cart >> loop.law >> loop.masses.force
     loop.calm >> loop.masses.wind
     block = kalman_filter(
@@ -137,7 +149,9 @@ def test_what_drives_a_command_in_the_diagram_is_cut_off():
         **SETTINGS | {"measured": "masses.cart", "inputs": "masses.force"},
         allow_unobserved=True,  # the state of the law, visible through the cut wire only
     )
-    masses = [k for k, name in enumerate(block.state_names) if name.startswith("masses")]
+    masses = [
+        k for k, name in enumerate(block.state_names) if name.startswith("masses")
+    ]
     reference = kalman_filter(TwoMasses(), **SETTINGS)
     np.testing.assert_allclose(block.gain[masses], reference.gain, rtol=1e-9, atol=0)
 
@@ -156,12 +170,16 @@ def test_signals_are_absolute_at_any_operating_point(kind, follow):
         command_delay=0.06,
         measurement_delay=0.04,
         kind=kind,
-        initial_covariance=None if kind == "steady" else {"q": 1e-6, "disturbance.wind": 1e-2},
+        initial_covariance=None
+        if kind == "steady"
+        else {"q": 1e-6, "disturbance.wind": 1e-2},
         at=OperatingPoint(states={"DrivenPendulum.q": 1.0}, inputs={"drive": held}),
     )
     found = follow(block, np.full((50, 1), np.sin(1.0)), np.full((50, 1), held))
     for name in ("estimate", "prediction"):
-        np.testing.assert_allclose(found[name], np.tile([1.0, 0, 0], (50, 1)), rtol=0, atol=ROUND_OFF)
+        np.testing.assert_allclose(
+            found[name], np.tile([1.0, 0, 0], (50, 1)), rtol=0, atol=ROUND_OFF
+        )
     assert type(block) is (KalmanFilter if kind == "steady" else ExtendedKalmanFilter)
 
 
@@ -178,19 +196,32 @@ def test_a_point_that_is_no_equilibrium_drifts(follow):
     )
     found = follow(block, np.full((1, 1), np.sin(1.0)), np.zeros((1, 1)))
     tangent = control.c2d(
-        control.ss([[0, 1], [-9.81 * np.cos(1.0), -0.1]], [[0], [-9.81 * np.sin(1.0)]], np.eye(2), 0), EVERY
+        control.ss(
+            [[0, 1], [-9.81 * np.cos(1.0), -0.1]],
+            [[0], [-9.81 * np.sin(1.0)]],
+            np.eye(2),
+            0,
+        ),
+        EVERY,
     )
-    np.testing.assert_allclose(found["estimate"][0], [1.0, 0.0] + tangent.B[:, 0], rtol=0, atol=ROUND_OFF)
+    np.testing.assert_allclose(
+        found["estimate"][0], [1.0, 0.0] + tangent.B[:, 0], rtol=0, atol=ROUND_OFF
+    )
 
 
 def test_extended_filter_of_a_linear_diagram_is_the_time_varying_one(follow):
     """But for the error of RK4, and of Simpson's rule for the noise, both of fourth order."""
     g = np.random.default_rng(5)
     y, u = g.normal(size=(60, 1)), g.normal(size=(60, 1))
-    settings = SETTINGS | {"disturbances": {"wind": GaussMarkov(0.4, 5.0)}, "initial_covariance": 0.1}
+    settings = SETTINGS | {
+        "disturbances": {"wind": GaussMarkov(0.4, 5.0)},
+        "initial_covariance": 0.1,
+    }
     exact = follow(kalman_filter(carried(), **settings, kind="varying"), y, u)
     errors = []
     for steps in (1, 2, 4):
-        found = follow(kalman_filter(carried(), **settings, kind="extended", steps=steps), y, u)
+        found = follow(
+            kalman_filter(carried(), **settings, kind="extended", steps=steps), y, u
+        )
         errors.append(np.abs(found["estimate"] - exact["estimate"]).max())
     assert np.log2(np.array(errors[:-1]) / errors[1:]) == pytest.approx(4.0, abs=0.1)

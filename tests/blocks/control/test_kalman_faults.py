@@ -33,14 +33,36 @@ from trussflow.blocks.errors import (
 
 
 def oscillator(**settings):
-    usual: dict[str, Any] = {"every": 0.1, "measurement_noise": 1.0, "process_noise": [0.0, 1.0]}
-    model = control.ss([[0, 1], [-4, 0]], [[0], [1]], [[1, 0]], 0, inputs=["force"], outputs=["y"], name="m")
+    usual: dict[str, Any] = {
+        "every": 0.1,
+        "measurement_noise": 1.0,
+        "process_noise": [0.0, 1.0],
+    }
+    model = control.ss(
+        [[0, 1], [-4, 0]],
+        [[0], [1]],
+        [[1, 0]],
+        0,
+        inputs=["force"],
+        outputs=["y"],
+        name="m",
+    )
     return kalman_filter(settings.pop("plant", model), **usual | settings)
 
 
-TWO = control.ss(np.kron(np.eye(2), np.eye(2, k=1)), [[0], [1], [0], [0]], np.eye(1, 4), 0, inputs=["force"])
-ACCELEROMETER = control.ss([[0, 1], [-4, -1]], [[0], [1]], [[-4, -1]], [[1]], inputs=["force"], outputs=["a"])
-DECAYING = control.ss([[0, 1, 0], [-4, 0, 0], [0, 0, -1]], [[0], [1], [1]], [[1, 0, 0]], 0)
+TWO = control.ss(
+    np.kron(np.eye(2), np.eye(2, k=1)),
+    [[0], [1], [0], [0]],
+    np.eye(1, 4),
+    0,
+    inputs=["force"],
+)
+ACCELEROMETER = control.ss(
+    [[0, 1], [-4, -1]], [[0], [1]], [[-4, -1]], [[1]], inputs=["force"], outputs=["a"]
+)
+DECAYING = control.ss(
+    [[0, 1, 0], [-4, 0, 0], [0, 0, -1]], [[0], [1], [1]], [[1, 0, 0]], 0
+)
 STEP: dict[str, Any] = {"every": 0.1, "covariance": 1.0, "noise": 1.0}
 SCALAR: Any = LinearProcess([[0.5]], [[1.0]], [[1.0]], **STEP)
 
@@ -91,20 +113,52 @@ def held():
             ParameterError,
             r"process_noise has shape \(3, 3\); give a matrix of shape",
         ),
-        ({"process_noise": [[1, 1], [0, 1]]}, ParameterError, "process_noise is not symmetric"),
-        ({"process_noise": [[1, 2], [2, 1]]}, ParameterError, "process_noise is not positive semidefinite"),
-        ({"process_noise": {"x": -1.0}}, ParameterError, "process_noise of 'x' is not positive semidefinite"),
+        (
+            {"process_noise": [[1, 1], [0, 1]]},
+            ParameterError,
+            "process_noise is not symmetric",
+        ),
+        (
+            {"process_noise": [[1, 2], [2, 1]]},
+            ParameterError,
+            "process_noise is not positive semidefinite",
+        ),
+        (
+            {"process_noise": {"x": -1.0}},
+            ParameterError,
+            "process_noise of 'x' is not positive semidefinite",
+        ),
         (
             {"process_noise": {"wind": 1.0}},
             NameLookupError,
             r"nothing is called 'wind'; there are: x\[0\], x",
         ),
-        ({"process_noise": {"x[7]": 1.0}}, NameLookupError, r"nothing is called 'x\[7\]'"),
+        (
+            {"process_noise": {"x[7]": 1.0}},
+            NameLookupError,
+            r"nothing is called 'x\[7\]'",
+        ),
         ({"process_noise": {1: 1.0}}, NameLookupError, "1 is no name"),
-        ({"measured": "speed"}, NameLookupError, "nothing is called 'speed'; there are: y"),
-        ({"measurement_noise": 0.0}, ParameterError, "measurement noise is not positive definite"),
-        ({"measurement_noise": np.nan}, ParameterError, "measurement noise is not finite"),
-        ({"measurement_noise": [1.0, 2.0]}, ParameterError, r"measurement noise has shape \(2,\)"),
+        (
+            {"measured": "speed"},
+            NameLookupError,
+            "nothing is called 'speed'; there are: y",
+        ),
+        (
+            {"measurement_noise": 0.0},
+            ParameterError,
+            "measurement noise is not positive definite",
+        ),
+        (
+            {"measurement_noise": np.nan},
+            ParameterError,
+            "measurement noise is not finite",
+        ),
+        (
+            {"measurement_noise": [1.0, 2.0]},
+            ParameterError,
+            r"measurement noise has shape \(2,\)",
+        ),
         ({"every": 0.0}, SimulationError, "every = 0.0 must be a positive"),
         (
             {"command_delay": 0.25},
@@ -118,11 +172,27 @@ def held():
         ),
         ({"kind": "square"}, SimulationError, "choose from: steady, varying, extended"),
         ({"kind": "varying"}, ParameterError, "needs initial_covariance"),
-        ({"kind": "extended", "initial_covariance": 1.0}, LinearAnalysisError, "give a block"),
-        ({"plant": 3}, LinearAnalysisError, "cannot make this Kalman filter of 3: give a block"),
-        ({"plant": control.c2d(TWO, 0.1)}, LinearAnalysisError, "a linear model in continuous time"),
+        (
+            {"kind": "extended", "initial_covariance": 1.0},
+            LinearAnalysisError,
+            "give a block",
+        ),
+        (
+            {"plant": 3},
+            LinearAnalysisError,
+            "cannot make this Kalman filter of 3: give a block",
+        ),
+        (
+            {"plant": control.c2d(TWO, 0.1)},
+            LinearAnalysisError,
+            "a linear model in continuous time",
+        ),
         ({"plant": held()}, LinearAnalysisError, "'held': it has sampled blocks"),
-        ({"allow_unobserved": np.ones(2)}, BlockError, "needs allow_unobserved=True or allow_unob"),
+        (
+            {"allow_unobserved": np.ones(2)},
+            BlockError,
+            "needs allow_unobserved=True or allow_unob",
+        ),
         (
             {"plant": TWO, "process_noise": 1.0, "allow_unobserved": True},
             LinearAnalysisError,
@@ -144,20 +214,28 @@ def test_unobserved_states_that_decay_may_be_allowed():
     ("build", "error", "text"),
     [
         (
-            lambda: LinearProcess(np.eye(2), np.eye(2), np.eye(2), **STEP, state_names=["a"]),
+            lambda: LinearProcess(
+                np.eye(2), np.eye(2), np.eye(2), **STEP, state_names=["a"]
+            ),
             BlockError,
             "1 names",
         ),
         (lambda: LinearProcess(1.0, 1.0, 1.0, **STEP), BlockError, "A has shape"),
         (lambda: GaussMarkov(0.0, 1.0), SimulationError, "standard_deviation = 0.0"),
-        (lambda: oscillator().of("speed"), NameLookupError, "nothing is called 'speed'"),
+        (
+            lambda: oscillator().of("speed"),
+            NameLookupError,
+            "nothing is called 'speed'",
+        ),
         (
             lambda: oscillator(kind="varying", initial_covariance=-1.0),
             ParameterError,
             "initial_covariance is not",
         ),
         (
-            lambda: ExtendedKalmanFilter(SCALAR, initial_covariance=1.0).check_parameters(
+            lambda: ExtendedKalmanFilter(
+                SCALAR, initial_covariance=1.0
+            ).check_parameters(
                 Signals("filter", {"initial_covariance": np.array([[-1.0]])})
             ),
             ParameterError,
@@ -177,9 +255,12 @@ def test_hidden_states_are_named(seed, seen, unseen, rough):
     n = seen + unseen
     A = np.eye(n)
     for start, size in ((0, seen), (seen, unseen)):
-        part = np.diag(g.uniform(0.1, 1.0, size - 1), 1) + np.diag(g.choice([0.0, -0.3, 0.05], size))
+        part = np.diag(g.uniform(0.1, 1.0, size - 1), 1) + np.diag(
+            g.choice([0.0, -0.3, 0.05], size)
+        )
         A[start : start + size, start : start + size] += 0.1 * part
-    A[seen:, :seen] += 0.1 * g.normal(size=(unseen, seen))  # those measured move the others
+    # those measured move the others
+    A[seen:, :seen] += 0.1 * g.normal(size=(unseen, seen))
     C = np.eye(1, n) + rough * 1e-17 * g.normal(size=n)
     A += rough * 1e-17 * g.normal(size=(n, n))
     order, unit = g.permutation(n), 10.0 ** (g.uniform(-1.5, 1.5, n) * (not rough))
@@ -187,7 +268,10 @@ def test_hidden_states_are_named(seed, seen, unseen, rough):
     names = [f"s{i}" for i in order]
     expected = {f"'s{i}'" for i in range(seen, n)}
     assert set(hidden(A, C, names, slowest=0.0).split(", ")) == expected
-    assert hidden(A, np.vstack([C, np.eye(n)[order.argsort()[seen:]]]), names, slowest=0.0) == ""
+    assert (
+        hidden(A, np.vstack([C, np.eye(n)[order.argsort()[seen:]]]), names, slowest=0.0)
+        == ""
+    )
     with pytest.raises(LinearAnalysisError, match="cannot estimate"):
         KalmanFilter(LinearProcess(A, np.zeros((n, 1)), C, **STEP, state_names=names))
 

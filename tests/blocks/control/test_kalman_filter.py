@@ -40,8 +40,12 @@ def test_gain_is_that_of_python_control_and_scipy(seed):
     np.testing.assert_allclose(A @ block.gain, theirs, rtol=0, atol=TOLERANCE)
     P = solve_discrete_are(A.T, C.T, Q, R)
     after = np.linalg.inv(np.linalg.inv(P) + C.T @ np.linalg.inv(R) @ C)
-    np.testing.assert_allclose(block.covariance, after, rtol=TOLERANCE, atol=TOLERANCE * P.max())
-    np.testing.assert_allclose(block.innovation_covariance, C @ P @ C.T + R, rtol=TOLERANCE, atol=0)
+    np.testing.assert_allclose(
+        block.covariance, after, rtol=TOLERANCE, atol=TOLERANCE * P.max()
+    )
+    np.testing.assert_allclose(
+        block.innovation_covariance, C @ P @ C.T + R, rtol=TOLERANCE, atol=0
+    )
 
 
 @pytest.mark.parametrize("factor", [1e-24, 1e-12, 1e12])
@@ -59,7 +63,10 @@ def least_squares(of, spread, y, u):
     n, samples = len(A), len(y)
     white = [np.linalg.inv(np.linalg.cholesky(M)) for M in (spread, of["covariance"])]
     seen = np.linalg.inv(np.linalg.cholesky(of["noise"]))
-    rows, right = [np.hstack([white[0], np.zeros((n, n * (samples - 1)))])], [np.zeros(n)]
+    rows, right = (
+        [np.hstack([white[0], np.zeros((n, n * (samples - 1)))])],
+        [np.zeros(n)],
+    )
     for k in range(samples):
         row = np.zeros((len(C), n * samples))
         row[:, n * k : n * (k + 1)] = C
@@ -67,7 +74,10 @@ def least_squares(of, spread, y, u):
         right.append(seen @ (y[k] - D @ u[k]))
         if k + 1 < samples:
             row = np.zeros((n, n * samples))
-            row[:, n * k : n * (k + 1)], row[:, n * (k + 1) : n * (k + 2)] = -A, np.eye(n)
+            row[:, n * k : n * (k + 1)], row[:, n * (k + 1) : n * (k + 2)] = (
+                -A,
+                np.eye(n),
+            )
             rows.append(white[1] @ row)
             right.append(white[1] @ B @ u[k])
     return np.linalg.lstsq(np.vstack(rows), np.concatenate(right), rcond=None)[0][-n:]
@@ -77,10 +87,14 @@ def least_squares(of, spread, y, u):
 def test_time_varying_filter_is_batch_least_squares(seed, follow):
     of, g = plant(seed), np.random.default_rng(seed)
     y, u, spread = g.normal(size=(12, 2)), g.normal(size=(12, 2)), 2.0 * np.eye(5)
-    found = follow(ExtendedKalmanFilter(LinearProcess(**of), initial_covariance=2.0), y, u)
+    found = follow(
+        ExtendedKalmanFilter(LinearProcess(**of), initial_covariance=2.0), y, u
+    )
     for k in (1, 4, 12):
         expected = least_squares(of, spread, y[:k], u[:k])
-        np.testing.assert_allclose(found["estimate"][k - 1], expected, rtol=TOLERANCE, atol=TOLERANCE)
+        np.testing.assert_allclose(
+            found["estimate"][k - 1], expected, rtol=TOLERANCE, atol=TOLERANCE
+        )
 
 
 @pytest.mark.parametrize(("behind", "ahead"), [(0, 0), (2, 0), (0, 3), (2, 1)])
@@ -92,7 +106,9 @@ def test_delays_shift_the_filter_without(behind, ahead, make, follow):
     y, acting = g.normal(size=(40, 2)), g.normal(size=(40, 2))
     plain = follow(make(LinearProcess(**of), **settings), y, acting)
     delays = {"measurement_delay": 0.1 * behind, "command_delay": 0.1 * ahead}
-    delayed = make(LinearProcess(**of), **settings, **delays, initial_command=acting[:late])
+    delayed = make(
+        LinearProcess(**of), **settings, **delays, initial_command=acting[:late]
+    )
     # From where the first measurement arrives: the command given then acts `ahead` samples later.
     ours = follow(delayed, y[: 40 - late], acting[late:])
     for name in ("innovation", "predicted"):
@@ -111,10 +127,17 @@ def test_delays_shift_the_filter_without(behind, ahead, make, follow):
 def test_noise_is_sampled_exactly():
     """Against the integral by quadrature; a stiff system too, whose exponential of -A overflows."""
     density = np.array([[1.0, 0.2, 0.0], [0.2, 2.0, 0.0], [0.0, 0.0, 0.5]])
-    for A in (np.array([[0.0, 1.0, 0.0], [-4.0, -0.1, 1.0], [0.0, 0.0, -0.01]]), np.diag([-1e5, -3.0, 0.0])):
+    for A in (
+        np.array([[0.0, 1.0, 0.0], [-4.0, -0.1, 1.0], [0.0, 0.0, -0.01]]),
+        np.diag([-1e5, -3.0, 0.0]),
+    ):
 
         def spread(s, A=A):
             return expm(A * s) @ density @ expm(A * s).T
 
-        expected, _ = quad_vec(spread, 0.0, 0.3, epsabs=1e-13, points=[1e-5, 1e-4, 1e-3])
-        np.testing.assert_allclose(sampled_covariance(A, density, 0.3), expected, rtol=1e-10, atol=1e-13)
+        expected, _ = quad_vec(
+            spread, 0.0, 0.3, epsabs=1e-13, points=[1e-5, 1e-4, 1e-3]
+        )
+        np.testing.assert_allclose(
+            sampled_covariance(A, density, 0.3), expected, rtol=1e-10, atol=1e-13
+        )

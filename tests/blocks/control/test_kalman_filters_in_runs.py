@@ -56,7 +56,9 @@ def designed(kind, plant):
         command_delay=EVERY,
         measurement_delay=2 * EVERY,
         kind=kind,
-        initial_covariance=None if kind == "steady" else {"q": 0.1, "disturbance.wind": 1e-2},
+        initial_covariance=None
+        if kind == "steady"
+        else {"q": 0.1, "disturbance.wind": 1e-2},
     )
 
 
@@ -64,9 +66,16 @@ def observed(plant, block, command, wind, noise):
     """Return a plant with its filter: the command is one sample late, the measurement two."""
     diagram = Diagram("observed")
     diagram.add(plant=plant, filter=block, command=command, wind=wind, noise=noise)
-    diagram.add(sensor=ZeroOrderHold(EVERY), late=UnitDelay(EVERY), later=UnitDelay(EVERY))
+    diagram.add(
+        sensor=ZeroOrderHold(EVERY), late=UnitDelay(EVERY), later=UnitDelay(EVERY)
+    )
     diagram.add(under_way=UnitDelay(EVERY))
-    (diagram.plant.measured + diagram.noise.y) >> diagram.sensor >> diagram.late >> diagram.later
+    (
+        (diagram.plant.measured + diagram.noise.y)
+        >> diagram.sensor
+        >> diagram.late
+        >> diagram.later
+    )
     diagram.later.y >> diagram.filter.measurement[0]
     diagram.command.y >> diagram.filter.command[0]
     diagram.command >> diagram.under_way >> diagram.plant.drive
@@ -86,7 +95,9 @@ def loop(block):
 @pytest.mark.parametrize("kind", KINDS)
 def test_backends_agree(kind):
     results = [
-        simulate(loop(designed(kind, DrivenPendulum())), 0.5, backend=backend, **SETTINGS)
+        simulate(
+            loop(designed(kind, DrivenPendulum())), 0.5, backend=backend, **SETTINGS
+        )
         for backend in ("numpy", "interpreted", "compiled")
     ]
     for name in ("estimate", "prediction", "innovation"):
@@ -99,11 +110,18 @@ def test_backends_agree(kind):
 @pytest.mark.parametrize("kind", KINDS)
 def test_without_noise_everything_is_found_exactly(kind):
     """So instants, commands and delays are those of the run: one sample of difference costs millimetres."""
-    wind, silence, hold = Constant(0.7, unit="N"), Constant(0.0, unit="m"), ZeroOrderHold(EVERY)
+    wind, silence, hold = (
+        Constant(0.7, unit="N"),
+        Constant(0.0, unit="m"),
+        ZeroOrderHold(EVERY),
+    )
     diagram = observed(Cart(), designed(kind, Cart()), hold, wind, silence)
     diagram.add(force=Sine(3.0, 0.5, unit="N")) >> hold
     result = simulate(diagram, 20.0, **SETTINGS)
-    estimate, position = result["filter.estimate"].values, result["plant.measured"].values
+    estimate, position = (
+        result["filter.estimate"].values,
+        result["plant.measured"].values,
+    )
     np.testing.assert_allclose(estimate[-100:, 0], position[-100:], rtol=0, atol=1e-9)
     np.testing.assert_allclose(estimate[-100:, 2], 0.7, rtol=0, atol=1e-9)
     ahead = result["filter.prediction"].values[-100:-1, 0]
@@ -137,10 +155,18 @@ def test_fmu_of_a_controller_gives_the_same_numbers_bit_by_bit(kind, tmp_path):
 
 
 def test_fmu_of_the_filter_alone(tmp_path):
-    path = export(designed("steady", DrivenPendulum()), tmp_path / "filter.fmu", version="3.0", step=EVERY)
+    path = export(
+        designed("steady", DrivenPendulum()),
+        tmp_path / "filter.fmu",
+        version="3.0",
+        step=EVERY,
+    )
     blocks = designed("steady", DrivenPendulum()), Fmu(path, step=EVERY)
     ours, theirs = (simulate(loop(block), 0.5, **SETTINGS) for block in blocks)
     for name in ("estimate", "prediction", "innovation"):
         np.testing.assert_allclose(
-            theirs[f"filter.{name}"].values, ours[f"filter.{name}"].values, rtol=0, atol=1e-13
+            theirs[f"filter.{name}"].values,
+            ours[f"filter.{name}"].values,
+            rtol=0,
+            atol=1e-13,
         )

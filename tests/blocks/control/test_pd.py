@@ -11,7 +11,10 @@ def test_mass_under_pd_control_is_a_damped_oscillator():
     kp, kd, e0 = np.array([4.0, 9.0]), np.array([0.4, 3.0]), np.array([0.5, -1.0])
     diagram = Diagram()
     rest, control, velocity, position = diagram.add(
-        rest=Constant([0.0, 0.0]), control=PD(kp, kd), velocity=Integrator(shape=2), position=Integrator(e0)
+        rest=Constant([0.0, 0.0]),
+        control=PD(kp, kd),
+        velocity=Integrator(shape=2),
+        position=Integrator(e0),
     )
     rest.y >> control.reference_position
     rest.y >> control.reference_velocity

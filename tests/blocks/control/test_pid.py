@@ -25,7 +25,9 @@ FOURTH_ORDER = 1e-6
 @pytest.mark.parametrize(("b", "c"), [(1.0, 0.0), (0.3, 1.0)])
 def test_transfer_functions_are_those_of_the_book(b, c):
     """From the reference kp b + ki/s + kd c s/(1 + T s), from the measurement minus that with b = c = 1."""
-    pid = PID(2.0, 3.0, 0.5, filter_time=0.1, reference_weight=b, reference_rate_weight=c)
+    pid = PID(
+        2.0, 3.0, 0.5, filter_time=0.1, reference_weight=b, reference_rate_weight=c
+    )
     model = linearize(pid, ["reference", "measurement"], ["y"])
     s = control.tf("s")
     omega = np.logspace(-2, 3, 30)
@@ -37,7 +39,10 @@ def test_transfer_functions_are_those_of_the_book(b, c):
 
 def loop(pid, level=1.0):
     d = Diagram("loop")
-    step, motor = d.add(step=Step(0.5, final_value=level), motor=TransferFunction([1.0], [1.0, 0.4, 0.0]))
+    step, motor = d.add(
+        step=Step(0.5, final_value=level),
+        motor=TransferFunction([1.0], [1.0, 0.4, 0.0]),
+    )
     d.add("pid", pid)
     step >> pid.reference
     pid >> motor >> pid.measurement
@@ -45,11 +50,17 @@ def loop(pid, level=1.0):
 
 
 def test_closed_loop_is_that_of_python_control():
-    result = simulate(loop(PID(2.0, 1.0, 1.5, filter_time=0.1, reference_rate_weight=1.0)), 8.5, step=0.01)
+    result = simulate(
+        loop(PID(2.0, 1.0, 1.5, filter_time=0.1, reference_rate_weight=1.0)),
+        8.5,
+        step=0.01,
+    )
     s = control.tf("s")
     law = 2.0 + 1.0 / s + 1.5 * s / (1 + 0.1 * s)
     plant = 1 / (s**2 + 0.4 * s)
-    exact = control.step_response(control.feedback(law * plant, 1), T=result["time"].values[50:] - 0.5)
+    exact = control.step_response(
+        control.feedback(law * plant, 1), T=result["time"].values[50:] - 0.5
+    )
     assert_allclose(result["motor.y"][50:], exact.outputs, rtol=0, atol=FOURTH_ORDER)
 
 
@@ -60,30 +71,51 @@ def test_back_calculation_shortens_the_overshoot_of_a_limited_loop():
         assert abs(result["pid.y"]).max() <= 0.2
         return result["motor.y"].max() - 3.0
 
-    assert 0.0 < overshoot(back_calculation=2.0) < overshoot() < 0.3 * overshoot(back_calculation=0.0)
+    assert (
+        0.0
+        < overshoot(back_calculation=2.0)
+        < overshoot()
+        < 0.3 * overshoot(back_calculation=0.0)
+    )
 
 
 def test_integral_settles_where_back_calculation_holds_it(respond):
     """With a constant error e, k_b (v - h) = k_i e: v settles at h + k_i e / k_b."""
     pid = PID(1.0, 2.0, upper=1.0, back_calculation=4.0)
-    result = respond(pid, 10.0, {"log": ["block.integral"]}, reference=3.0, measurement=0.0)
-    assert_allclose(result["block.integral"][-1], 1.0 + 2.0 * 3.0 / 4.0 - 3.0, rtol=ROUND_OFF)
+    result = respond(
+        pid, 10.0, {"log": ["block.integral"]}, reference=3.0, measurement=0.0
+    )
+    assert_allclose(
+        result["block.integral"][-1], 1.0 + 2.0 * 3.0 / 4.0 - 3.0, rtol=ROUND_OFF
+    )
 
 
-@pytest.mark.parametrize("build", [PID, lambda *a, **k: DiscretePID(*a, sample_time=0.01, **k)])
+@pytest.mark.parametrize(
+    "build", [PID, lambda *a, **k: DiscretePID(*a, sample_time=0.01, **k)]
+)
 def test_start_without_a_bump(build, respond):
     pid = build(2.0, 0.5, 0.3, start=[0.7, -0.2], reference_rate_weight=1.0)
     result = respond(pid, 0.5, reference=[1.0, 2.0], measurement=[0.0, -3.0])
     assert_allclose(result["block.y"][0], [0.7, -0.2], rtol=0, atol=ROUND_OFF)
     error = np.array([1.0, 5.0])
-    assert_allclose(result["block.y"][-1], [0.7, -0.2] + 0.5 * error * 0.5, rtol=0, atol=ROUND_OFF)
+    assert_allclose(
+        result["block.y"][-1], [0.7, -0.2] + 0.5 * error * 0.5, rtol=0, atol=ROUND_OFF
+    )
 
 
 def test_sampled_law_sample_by_sample(respond):
     """The forward Euler integral of the error, and the exact samples of the filtered derivative."""
     every, settle, (kp, ki, kd) = 0.1, 0.25, (2.0, 3.0, 0.4)
     limits = {"lower": -1.0, "upper": 1.5, "back_calculation": 2.0}
-    pid = DiscretePID(kp, ki, kd, sample_time=every, filter_time=settle, reference_weight=0.5, **limits)
+    pid = DiscretePID(
+        kp,
+        ki,
+        kd,
+        sample_time=every,
+        filter_time=settle,
+        reference_weight=0.5,
+        **limits,
+    )
     result = respond(pid, 1.0, {"step": every}, reference=1.0, measurement=Ramp(2.0))
     integral = smooth = 0.0
     for k, y in enumerate(result["block.y"].values):

@@ -19,8 +19,21 @@ from trussflow.blocks import (
 from trussflow.blocks.control.sliding_mode import signed_power, unit_vector
 
 ROUND_OFF = 1e-14  # relative: a few operations of 1e-16 each
-GAINS = {"gamma": 1.0, "mu": 0.25, "beta": 0.9, "eta": 0.001, "sigma": 0.3, "boundary_layer": 1e-3}
-INPUTS = ("reference_position", "reference_velocity", "reference_acceleration", "position", "velocity")
+GAINS = {
+    "gamma": 1.0,
+    "mu": 0.25,
+    "beta": 0.9,
+    "eta": 0.001,
+    "sigma": 0.3,
+    "boundary_layer": 1e-3,
+}
+INPUTS = (
+    "reference_position",
+    "reference_velocity",
+    "reference_acceleration",
+    "position",
+    "velocity",
+)
 
 
 def tracked(controller, duration, offset):
@@ -56,7 +69,8 @@ def test_integral_sliding_variable_obeys_its_reaching_law(integral):
     s = integral["control.sliding_variable"].values[:1000]
     norm = np.linalg.norm(s, axis=1, keepdims=True)
     law = -0.05 * s / (norm + 1e-3) - 0.3 * s
-    away = norm[2:-2, 0] > 0.02  # within some layers of zero the differences lose their order
+    # within some layers of zero the differences lose their order
+    away = norm[2:-2, 0] > 0.02
     assert away.sum() > 100
     assert_allclose(rate(s)[away], law[2:-2][away], rtol=0, atol=1e-5)
 
@@ -65,7 +79,9 @@ def test_integral_law_brings_the_error_to_zero(integral):
     assert_array_equal(integral["control.sliding_variable"][0], [-0.2, -0.2])
     assert np.abs(integral["control.error"][-1]).max() < 1e-4
     assert np.abs(integral["control.error_rate"][-1]).max() < 1e-4
-    assert_array_equal(integral["control.feedforward"], integral["trajectory.acceleration"])
+    assert_array_equal(
+        integral["control.feedforward"], integral["trajectory.acceleration"]
+    )
 
 
 def test_integral_law_is_the_published_formula(evaluate):
@@ -86,7 +102,10 @@ def test_derivatives_at_zero_are_finite():
     """Linearization at zero error sees the linear law, and the slope 1/ι of the layer."""
     x = ca.SX.sym("x", 3)
     array = ca.ArrayInterface.SX(x, (3,))
-    for result, slope in ((signed_power(array, 0.9), 1.0), (unit_vector(array, 1e-3), 1e3)):
+    for result, slope in (
+        (signed_power(array, 0.9), 1.0),
+        (unit_vector(array, 1e-3), 1e3),
+    ):
         jacobian = ca.Function("j", [x], [ca.jacobian(ca.SX(result), x)])
         assert_allclose(jacobian(np.zeros(3)).full(), slope * np.eye(3), rtol=1e-12)
 
@@ -106,24 +125,37 @@ def test_conventional_sliding_variable_is_switched_off_at_a_constant_rate():
     reached = 0.8 / 0.5
     truncation = 1e-11  # of RK4: steps of λ h = 0.02
     assert_allclose(s[t < reached], 0.8 - 0.5 * t[t < reached], rtol=0, atol=truncation)
-    assert np.abs(s[t > reached + 0.01]).max() <= 0.5 * 0.01 * 1.01  # chatters within one step
+    # chatters within one step
+    assert np.abs(s[t > reached + 0.01]).max() <= 0.5 * 0.01 * 1.01
     e = result["control.error"].values[:, 0]
     late = t >= 2.0
-    assert_allclose(e[late], e[t == 2.0] * np.exp(-2.0 * (t[late] - 2.0)), rtol=0, atol=0.5 * 0.01)
+    assert_allclose(
+        e[late], e[t == 2.0] * np.exp(-2.0 * (t[late] - 2.0)), rtol=0, atol=0.5 * 0.01
+    )
 
 
 def test_boundary_layer_smooths_the_switching(evaluate):
-    block = ConventionalSlidingMode(slope=2.0, eta=[1.0, 1.0, 1.0, 4.0], boundary_layer=0.1)
-    u = dict.fromkeys(INPUTS, np.zeros(4)) | {"position": np.array([0.5, 0.025, -0.025, 0.025])}
-    assert_allclose(evaluate(block, **u)["feedback"], [-1.0, -0.5, 0.5, -2.0], rtol=ROUND_OFF)
+    block = ConventionalSlidingMode(
+        slope=2.0, eta=[1.0, 1.0, 1.0, 4.0], boundary_layer=0.1
+    )
+    u = dict.fromkeys(INPUTS, np.zeros(4)) | {
+        "position": np.array([0.5, 0.025, -0.025, 0.025])
+    }
+    assert_allclose(
+        evaluate(block, **u)["feedback"], [-1.0, -0.5, 0.5, -2.0], rtol=ROUND_OFF
+    )
 
 
 def test_boundary_layer_does_not_hide_nan(respond):
     """An undefined position must not look like one at the edge of the layer."""
-    undefined = Function(lambda u: np.sqrt(u - 1.0), {"u": Input(default=0.0)}, {"y": Output()})
+    undefined = Function(
+        lambda u: np.sqrt(u - 1.0), {"u": Input(default=0.0)}, {"y": Output()}
+    )
     block = ConventionalSlidingMode(slope=2.0, eta=1.0, boundary_layer=0.1)
     inputs = dict.fromkeys(INPUTS, 0.0) | {"position": undefined}
-    result = respond(block, 0.01, {"log": ["block.feedback"], "not_finite": "ignore"}, **inputs)
+    result = respond(
+        block, 0.01, {"log": ["block.feedback"], "not_finite": "ignore"}, **inputs
+    )
     assert np.isnan(result["block.feedback"]).all()
 
 

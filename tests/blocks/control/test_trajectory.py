@@ -6,7 +6,14 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose, assert_array_equal
 
-from trussflow.blocks import Diagram, Integrator, Quintic, Trapezoid, Waypoints, simulate
+from trussflow.blocks import (
+    Diagram,
+    Integrator,
+    Quintic,
+    Trapezoid,
+    Waypoints,
+    simulate,
+)
 
 ROUND_OFF = 1e-12
 TIMES = [0.5, 1.0, 3.0, 4.0]
@@ -17,7 +24,9 @@ def examples():
     """Return one trajectory of each kind."""
     return [
         Quintic([6.0, -2.0], 3.0, start=[1.0, 0.0], start_time=0.5),
-        Trapezoid([6.0, -2.0], [3.0, 2.0], [4.0, 4.0], start=[1.0, 0.0], start_time=0.5),
+        Trapezoid(
+            [6.0, -2.0], [3.0, 2.0], [4.0, 4.0], start=[1.0, 0.0], start_time=0.5
+        ),
         Trapezoid([0.1, -0.2], 3.0, 4.0, start_time=0.5),
         Waypoints(TIMES, POINTS),
         Waypoints(TIMES, POINTS, stop=False),
@@ -27,19 +36,28 @@ def examples():
 def motion(block, times, evaluate):
     """Return position, velocity and acceleration at given times."""
     rows = [evaluate(block, t) for t in times]
-    return [np.array([row[name] for row in rows]) for name in ("position", "velocity", "acceleration")]
+    return [
+        np.array([row[name] for row in rows])
+        for name in ("position", "velocity", "acceleration")
+    ]
 
 
 def test_outputs_are_derivatives_of_each_other():
     """Integrals of velocity and acceleration give position and velocity, with all breakpoints."""
     diagram = Diagram()
     for i, block in enumerate(examples()):
-        initial = POINTS[0] if isinstance(block, Waypoints) else block.parameters["start"]
+        initial = (
+            POINTS[0] if isinstance(block, Waypoints) else block.parameters["start"]
+        )
         rate, position = Integrator(shape=2), Integrator(initial)
-        diagram.add(**{f"block_{i}": block, f"rate_{i}": rate, f"position_{i}": position})
+        diagram.add(
+            **{f"block_{i}": block, f"rate_{i}": rate, f"position_{i}": position}
+        )
         block.acceleration >> rate.u
         block.velocity >> position.u
-    result = simulate(diagram, 5.0, solver="DOP853", rtol=1e-10, atol=1e-12, log_step=0.05)
+    result = simulate(
+        diagram, 5.0, solver="DOP853", rtol=1e-10, atol=1e-12, log_step=0.05
+    )
     for i in range(len(examples())):
         for integral, port in (("rate", "velocity"), ("position", "position")):
             expected = result[f"block_{i}.{port}"]
@@ -53,7 +71,12 @@ def test_motion_is_held_outside(block, evaluate):
         outside = evaluate(block, t)
         assert_array_equal(outside["velocity"], 0.0)
         assert_array_equal(outside["acceleration"], 0.0)
-        assert_allclose(outside["position"], evaluate(block, edge)["position"], rtol=0, atol=ROUND_OFF)
+        assert_allclose(
+            outside["position"],
+            evaluate(block, edge)["position"],
+            rtol=0,
+            atol=ROUND_OFF,
+        )
 
 
 def test_quintic_meets_its_boundary_conditions(evaluate):
@@ -77,7 +100,9 @@ def test_quintic_meets_its_boundary_conditions(evaluate):
 def test_trapezoid_is_as_fast_as_its_limits_allow(displacement, limits, evaluate):
     delta = np.array(displacement)
     block = Trapezoid(delta, *limits)
-    position, velocity, acceleration = motion(block, np.linspace(0.0, 1.0 + block.duration, 201), evaluate)
+    position, velocity, acceleration = motion(
+        block, np.linspace(0.0, 1.0 + block.duration, 201), evaluate
+    )
     assert_allclose(position[-1], delta, rtol=0, atol=ROUND_OFF)
     assert np.abs(velocity).max() <= limits[0] * (1 + ROUND_OFF)
     assert np.abs(acceleration).max() <= limits[1] * (1 + ROUND_OFF)
@@ -85,7 +110,9 @@ def test_trapezoid_is_as_fast_as_its_limits_allow(displacement, limits, evaluate
     way, (top, rate) = np.abs(delta).max(), limits
     least = way / top + top / rate if way > top**2 / rate else 2 * np.sqrt(way / rate)
     assert block.duration == pytest.approx(least)
-    assert_allclose(np.outer(position[:, 0], delta), position * delta[0], rtol=0, atol=1e-10)
+    assert_allclose(
+        np.outer(position[:, 0], delta), position * delta[0], rtol=0, atol=1e-10
+    )
 
 
 @pytest.mark.parametrize("stop", [True, False])
@@ -111,7 +138,8 @@ def test_flowing_motion_is_smooth_with_the_least_jerk(evaluate):
         for side in (-1.0, 1.0):
             offsets = side * np.linspace(0.02, 0.4, 4)
             acceleration = motion(flowing, t + offsets, evaluate)[2]
-            sides.append(np.polyfit(offsets, acceleration, 3)[1:])  # a cubic on either side
+            # a cubic on either side
+            sides.append(np.polyfit(offsets, acceleration, 3)[1:])
         assert_allclose(sides[0], sides[1], rtol=0, atol=1e-8)
 
 

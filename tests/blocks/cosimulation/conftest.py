@@ -17,7 +17,11 @@ class SteppingRun(SelfStepping):
     restores = True
 
     def __init__(self, block):
-        self.restores, self.refreshes, self.longest = block.restores, block.refreshes, block.longest
+        self.restores, self.refreshes, self.longest = (
+            block.restores,
+            block.refreshes,
+            block.longest,
+        )
         self.session = Session(block.inner, step=block.step)
         self.shown = np.zeros(0)
         self.calls: list[str] = []
@@ -63,7 +67,12 @@ class Stepping(Block):
     y = Output("rows")
 
     def __init__(self, inner, step, *, restores=True, refreshes=True, longest=np.inf):
-        self.inner, self.step, self.restores, self.refreshes = inner, step, restores, refreshes
+        self.inner, self.step, self.restores, self.refreshes = (
+            inner,
+            step,
+            restores,
+            refreshes,
+        )
         self.longest = longest
         self.columns, self.rows = inner.u.shape, inner.y.shape
         self.runs: list[SteppingRun] = []

@@ -8,7 +8,11 @@ from scipy.linalg import expm
 from trussflow.blocks import Diagram, Integrator, StateSpace, cosimulate
 
 # An oscillator, driven through a lag with direct feedthrough.
-A1, B1, C1 = np.array([[0.0, 1.0], [-9.0, -0.6]]), np.array([[0.0], [1.0]]), np.array([[1.0, 0.0]])
+A1, B1, C1 = (
+    np.array([[0.0, 1.0], [-9.0, -0.6]]),
+    np.array([[0.0], [1.0]]),
+    np.array([[1.0, 0.0]]),
+)
 A2, B2, C2, D2 = (np.array([[v]]) for v in (-2.0, 1.0, 3.0, -1.5))
 START = np.array([1.0, 0.0, 0.5])
 END = 0.5  # s
@@ -80,10 +84,13 @@ def test_members_without_output_refresh_are_first_order(stepping):
         ("jacobi", ["a", "b"], (1.0 + 0.5 * 2.0, 2.0 + 0.5 * 1.0)),
         ("gauss-seidel", ["a", "b"], (2.0, 2.0 + 0.5 * 2.0)),
         ("gauss-seidel", ["b", "a"], (1.0 + 0.5 * 2.5, 2.5)),
-        ("iterate", ["a", "b"], (8.0 / 3.0, 10.0 / 3.0)),  # a = 1 + b / 2, b = 2 + a / 2
+        # a = 1 + b / 2, b = 2 + a / 2
+        ("iterate", ["a", "b"], (8.0 / 3.0, 10.0 / 3.0)),
     ],
 )
 def test_one_step_of_integrators_that_read_each_other(coupling, order, expected):
     diagram = loop(Integrator(1.0), Integrator(2.0))
-    result = cosimulate(diagram, 0.5, step=0.5, members=["a", "b"], coupling=coupling, order=order)
+    result = cosimulate(
+        diagram, 0.5, step=0.5, members=["a", "b"], coupling=coupling, order=order
+    )
     assert (result["a.y"][-1], result["b.y"][-1]) == pytest.approx(expected, rel=1e-9)

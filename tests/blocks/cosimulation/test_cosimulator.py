@@ -56,9 +56,14 @@ def nested():
     gain >> hold
     inner.expose(u=gain.u, y=hold.y)
     law = PythonFunction(
-        lambda a, b: 0.5 * a - b, H, inputs={"a": Input(), "b": Input(default=0.25)}, outputs={"c": Output()}
+        lambda a, b: 0.5 * a - b,
+        H,
+        inputs={"a": Input(), "b": Input(default=0.25)},
+        outputs={"c": Output()},
     )
-    system, inner, law, total = diagram.add(plant=plant(), inner=inner, law=law, total=Gain(1.0))
+    system, inner, law, total = diagram.add(
+        plant=plant(), inner=inner, law=law, total=Gain(1.0)
+    )
     system.y[1] >> inner.u
     inner.y >> total
     total.y >> system.u[1]
@@ -101,7 +106,9 @@ def test_members_that_exchange_only_sampled_signals_equal_the_whole(coupling, py
     def diagram():
         same = PythonFunction(lambda u: u, H, **ports(u=(), y=()))
         sampled = Diagram("sampled")
-        hold, a, b = sampled.add(hold=ZeroOrderHold(2 * H), a=plant(), b=same if python else ZeroOrderHold(H))
+        hold, a, b = sampled.add(
+            hold=ZeroOrderHold(2 * H), a=plant(), b=same if python else ZeroOrderHold(H)
+        )
         a.y[0] >> b.u
         b.y >> hold.u
         hold.y >> a.u[1]
@@ -113,7 +120,9 @@ def test_members_that_exchange_only_sampled_signals_equal_the_whole(coupling, py
     for members in (["a"], ["a", "b"], ["b"], ["hold", "b"], ["hold"]):
         result = cosimulate(diagram(), 8 * H, members=members, **schemes)
         for name in ("hold.y", "b.y", "a.y"):
-            assert_allclose(result[name], whole[name], rtol=1e-12, atol=1e-15, err_msg=str(members))
+            assert_allclose(
+                result[name], whole[name], rtol=1e-12, atol=1e-15, err_msg=str(members)
+            )
 
 
 def test_log_can_be_chosen(tmp_path):
@@ -134,7 +143,12 @@ def test_parameters_and_initial_states_go_to_their_units():
     a, b = diagram.add(a=Integrator(1.0), b=Gain(2.0))
     a >> b >> a
     result = cosimulate(
-        diagram, 1.0, step=1.0, members=["a"], parameters={"b.gain": -3.0}, initial={"a.integral": 5.0}
+        diagram,
+        1.0,
+        step=1.0,
+        members=["a"],
+        parameters={"b.gain": -3.0},
+        initial={"a.integral": 5.0},
     )
     assert_allclose(result["a.y"], [5.0, -10.0], rtol=1e-15)
     assert json.loads(result.attrs["parameters"])["b.gain"] == [-3.0]
@@ -152,7 +166,9 @@ def driven(block):
 
 def test_inputs_of_blocks_that_step_themselves(stepping):
     """Slices, grounds and constants reach them, and their inputs can be logged."""
-    result = cosimulate(driven(stepping(plant(), H)), 1.0, step=H, log=["own.u", "own.y"])
+    result = cosimulate(
+        driven(stepping(plant(), H)), 1.0, step=H, log=["own.u", "own.y"]
+    )
     assert_array_equal(result["own.u"], np.tile([0.0, 4.0], (17, 1)))
     whole = simulate(driven(plant()), 1.0, step=H)
     assert_allclose(result["own.y"], whole["own.y"], rtol=1e-12, atol=1e-15)
@@ -168,36 +184,102 @@ class Follower(Integrator):
 @pytest.mark.parametrize("members", [["first"], ["third", "first"], ["second"]])
 def test_initial_states_that_depend_on_other_members_are_solved(members):
     diagram = Diagram("following")
-    third, second, first = diagram.add(third=Follower(), second=Follower(), first=Integrator(3.0))
+    third, second, first = diagram.add(
+        third=Follower(), second=Follower(), first=Integrator(3.0)
+    )
     first >> second >> third >> first
     result = cosimulate(diagram, H, step=H, members=members)
-    assert [result[f"{name}.y"][0] for name in ("first", "second", "third")] == [3.0, 6.0, 12.0]
+    assert [result[f"{name}.y"][0] for name in ("first", "second", "third")] == [
+        3.0,
+        6.0,
+        12.0,
+    ]
 
 
 @pytest.mark.parametrize(
     ("settings", "error", "message"),
     [
-        ({"coupling": "seidel"}, SimulationError, "unknown coupling 'seidel'; choose from: jacobi"),
+        (
+            {"coupling": "seidel"},
+            SimulationError,
+            "unknown coupling 'seidel'; choose from: jacobi",
+        ),
         ({"step": -1.0}, SimulationError, r"step = -1\.0 must be a positive"),
         ({"tolerance": 0.0}, SimulationError, r"tolerance = 0\.0 must be a positive"),
-        ({"tolerance": 0.1, "log_step": 1.0}, SimulationError, "log_step and tolerance exclude"),
+        (
+            {"tolerance": 0.1, "log_step": 1.0},
+            SimulationError,
+            "log_step and tolerance exclude",
+        ),
         ({"log_step": 1.5 * H}, SimulationError, "log_step of .* not a whole number"),
-        ({"solver_step": H / 1.5}, SimulationError, "communication step of .* not a whole number"),
-        ({"members": ["nothing"]}, NameLookupError, "no block 'nothing' for a member; there are: plant"),
-        ({"members": ["inner", "inner.gain"]}, SimulationError, r"'inner\.gain' cannot be in two mem"),
-        ({"members": ["plant"], "order": ["plant"]}, SimulationError, "must name each member once"),
-        ({"order": ["plant"]}, NameLookupError, "no member 'plant' for the order; .* the rest"),
-        ({"parameters": {"no.p": 1.0}}, NameLookupError, r"no parameter 'no\.p': .* no block 'no'"),
+        (
+            {"solver_step": H / 1.5},
+            SimulationError,
+            "communication step of .* not a whole number",
+        ),
+        (
+            {"members": ["nothing"]},
+            NameLookupError,
+            "no block 'nothing' for a member; there are: plant",
+        ),
+        (
+            {"members": ["inner", "inner.gain"]},
+            SimulationError,
+            r"'inner\.gain' cannot be in two mem",
+        ),
+        (
+            {"members": ["plant"], "order": ["plant"]},
+            SimulationError,
+            "must name each member once",
+        ),
+        (
+            {"order": ["plant"]},
+            NameLookupError,
+            "no member 'plant' for the order; .* the rest",
+        ),
+        (
+            {"parameters": {"no.p": 1.0}},
+            NameLookupError,
+            r"no parameter 'no\.p': .* no block 'no'",
+        ),
         ({"parameters": {"plant.p": 1.0}}, NameLookupError, r"no parameter 'plant\.p'"),
-        ({"parameters": {"total.gain": np.nan}}, ParameterError, "of block 'total' is not finite: nan"),
-        ({"initial": {"no.x": 1.0}}, NameLookupError, r"no state 'no\.x': there is no block 'no'"),
+        (
+            {"parameters": {"total.gain": np.nan}},
+            ParameterError,
+            "of block 'total' is not finite: nan",
+        ),
+        (
+            {"initial": {"no.x": 1.0}},
+            NameLookupError,
+            r"no state 'no\.x': there is no block 'no'",
+        ),
         ({"log": ["plant.z"]}, NameLookupError, "no port 'z'"),
-        ({"largest_step": -1.0, "tolerance": 0.1}, SimulationError, "largest_step = -1.0"),
-        ({"largest_step": 1.0}, SimulationError, r"largest_step = 1\.0 has no meaning without"),
-        ({"absolute_tolerance": 1e-3}, SimulationError, r"0\.001 has no meaning without"),
-        ({"members": "plant"}, SimulationError, r"members = 'plant' must be a list: members=\['plant'"),
+        (
+            {"largest_step": -1.0, "tolerance": 0.1},
+            SimulationError,
+            "largest_step = -1.0",
+        ),
+        (
+            {"largest_step": 1.0},
+            SimulationError,
+            r"largest_step = 1\.0 has no meaning without",
+        ),
+        (
+            {"absolute_tolerance": 1e-3},
+            SimulationError,
+            r"0\.001 has no meaning without",
+        ),
+        (
+            {"members": "plant"},
+            SimulationError,
+            r"members = 'plant' must be a list: members=\['plant'",
+        ),
         ({"order": "plant"}, SimulationError, r"order = 'plant' must be a list"),
-        ({"log": "plant.y"}, SimulationError, r"the ports to log, 'plant\.y', must be a list"),
+        (
+            {"log": "plant.y"},
+            SimulationError,
+            r"the ports to log, 'plant\.y', must be a list",
+        ),
     ],
 )
 def test_arguments_that_make_no_sense(settings, error, message):
@@ -208,7 +290,10 @@ def test_arguments_that_make_no_sense(settings, error, message):
 @pytest.mark.parametrize(
     ("settings", "message"),
     [
-        ({"initial": {"own.x": 1.0}}, r"state 'own\.x' here: 'own' steps itself; give it"),
+        (
+            {"initial": {"own.x": 1.0}},
+            r"state 'own\.x' here: 'own' steps itself; give it",
+        ),
         ({"parameters": {"own.p": 1.0}}, r"no parameter 'own\.p'; 'own' has: none"),
     ],
 )
@@ -226,7 +311,9 @@ def test_open_inputs_are_refused(stepping):
 
 def test_a_duration_is_a_whole_number_of_steps():
     """But for round-off, as in a whole run."""
-    with pytest.raises(SimulationError, match=r"the duration of 1\.03 s is not a whole number"):
+    with pytest.raises(
+        SimulationError, match=r"the duration of 1\.03 s is not a whole number"
+    ):
         cosimulate(nested(), 1.03, step=H)
     added_up = np.cumsum([H / 3] * 3000)[-1]  # off by more than the last places
     assert added_up != 1000 * H
@@ -235,9 +322,13 @@ def test_a_duration_is_a_whole_number_of_steps():
 
 def test_divergence_names_the_signal_and_keeps_the_log():
     diagram = Diagram("growing")
-    a, b = diagram.add(a=Integrator(1.0), b=Function(lambda u: np.where(u < 5.0, 8.0 * u, np.nan)))
+    a, b = diagram.add(
+        a=Integrator(1.0), b=Function(lambda u: np.where(u < 5.0, 8.0 * u, np.nan))
+    )
     a >> b >> a
-    with pytest.raises(DivergenceError, match=r"'b\.y' stopped being finite at t = 0\.25 s") as caught:
+    with pytest.raises(
+        DivergenceError, match=r"'b\.y' stopped being finite at t = 0\.25 s"
+    ) as caught:
         cosimulate(diagram, 1.0, step=H, members=["a"])
     result = caught.value.result
     assert isinstance(result, xr.Dataset)
@@ -247,9 +338,13 @@ def test_divergence_names_the_signal_and_keeps_the_log():
 
 def test_divergence_of_a_state_is_named():
     diagram = Diagram("fast")
-    fast, gain = diagram.add(fast=StateSpace([[1e9]], [1.0], [1.0], 0.0, initial_value=[1.0]), gain=Gain(1.0))
+    fast, gain = diagram.add(
+        fast=StateSpace([[1e9]], [1.0], [1.0], 0.0, initial_value=[1.0]), gain=Gain(1.0)
+    )
     fast >> gain >> fast
-    with pytest.raises(DivergenceError, match=r"'fast\.x' \(element 0\) stopped being finite"):
+    with pytest.raises(
+        DivergenceError, match=r"'fast\.x' \(element 0\) stopped being finite"
+    ):
         cosimulate(diagram, 1.0, step=H, members=["fast"])
 
 
@@ -291,7 +386,9 @@ def test_fixed_points_of_affine_maps_need_one_round_for_each_direction():
 def test_a_run_ends_where_a_comparison_becomes_true(settings):
     """The integral of 1 passes 0.3 within a communication step: the rows before are a result, as in a run."""
     diagram = Diagram("until")
-    one, clock, stop = diagram.add(one=Constant(1.0), clock=Integrator(), stop=StopWhen("enough"))
+    one, clock, stop = diagram.add(
+        one=Constant(1.0), clock=Integrator(), stop=StopWhen("enough")
+    )
     one >> clock
     (clock.y > 0.3) >> stop
     result = cosimulate(diagram, 1.0, **settings)

@@ -4,7 +4,16 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
-from trussflow.blocks import Diagram, Gain, Integrator, StateSpace, Sum, UnitDelay, cosimulate, simulate
+from trussflow.blocks import (
+    Diagram,
+    Gain,
+    Integrator,
+    StateSpace,
+    Sum,
+    UnitDelay,
+    cosimulate,
+    simulate,
+)
 from trussflow.blocks.errors import AlgebraicLoopError, SimulationError
 
 H = 0.125  # s
@@ -28,7 +37,10 @@ def test_a_loop_is_printed_with_its_path(coupling, stepping):
     """The path leads through the blocks within a member."""
     diagram = Diagram("three")
     a, double, total, state = diagram.add(
-        a=stepping(feedthrough(0.5), H), double=Gain(2.0), total=Sum("+-"), state=Integrator()
+        a=stepping(feedthrough(0.5), H),
+        double=Gain(2.0),
+        total=Sum("+-"),
+        state=Integrator(),
     )
     a.y[0] >> double.u
     double >> total.u1
@@ -75,8 +87,12 @@ def test_iteration_with_rollback_solves_a_loop_exactly(gain, stepping):
 
 
 def test_a_loop_whose_members_cannot_go_back_is_refused(stepping):
-    diagram = coupled(stepping(feedthrough(0.5), H), stepping(feedthrough(0.5), H, restores=False))
-    with pytest.raises(AlgebraicLoopError, match=r"cannot return to an earlier state: 'b'"):
+    diagram = coupled(
+        stepping(feedthrough(0.5), H), stepping(feedthrough(0.5), H, restores=False)
+    )
+    with pytest.raises(
+        AlgebraicLoopError, match=r"cannot return to an earlier state: 'b'"
+    ):
         cosimulate(diagram, 1.0, step=H, coupling="iterate")
 
 
@@ -84,23 +100,31 @@ def test_member_that_cannot_go_back_is_neither_iterated_nor_given_a_tolerance(st
     def diagram():
         return coupled(stepping(feedthrough(0.0), H, restores=False), feedthrough(0.0))
 
-    with pytest.raises(SimulationError, match=r'couple with "iterate".*state: \'a\'; use'):
+    with pytest.raises(
+        SimulationError, match=r'couple with "iterate".*state: \'a\'; use'
+    ):
         cosimulate(diagram(), 1.0, step=H, coupling="iterate")
-    with pytest.raises(SimulationError, match=r"control steps by a tolerance.*state: 'a'; use a"):
+    with pytest.raises(
+        SimulationError, match=r"control steps by a tolerance.*state: 'a'; use a"
+    ):
         cosimulate(diagram(), 1.0, step=2 * H, tolerance=1e-3)
     cosimulate(diagram(), 1.0, step=H, coupling="jacobi")
 
 
 def test_a_loop_without_a_solution_is_reported(stepping):
     diagram = coupled(stepping(feedthrough(1.0), H), stepping(feedthrough(1.0, 2.0), H))
-    with pytest.raises(SimulationError, match=r"did not converge at t = 0 s.*'(a|b)\.y'"):
+    with pytest.raises(
+        SimulationError, match=r"did not converge at t = 0 s.*'(a|b)\.y'"
+    ):
         cosimulate(diagram, 1.0, step=H, coupling="iterate")
 
 
 def test_feedthrough_without_a_loop_is_followed_at_once():
     """Three units in a row, in the wrong order, show what a whole run shows."""
     diagram = Diagram("row")
-    last, middle, first = diagram.add(last=Gain(3.0), middle=Gain(2.0), first=Integrator(1.0))
+    last, middle, first = diagram.add(
+        last=Gain(3.0), middle=Gain(2.0), first=Integrator(1.0)
+    )
     first >> middle >> last
     diagram.connect(last.y, first.u)
     result = cosimulate(diagram, 4 * H, step=H, members=["last", "middle", "first"])
@@ -112,7 +136,9 @@ def test_feedthrough_without_a_loop_is_followed_at_once():
 def test_a_delay_breaks_a_loop(coupling):
     """The delayed signal is held, so every scheme gives the result of the whole run."""
     diagram = Diagram("delayed")
-    a, gain, delay = diagram.add(a=feedthrough(0.5), gain=Gain(-0.25), delay=UnitDelay(H))
+    a, gain, delay = diagram.add(
+        a=feedthrough(0.5), gain=Gain(-0.25), delay=UnitDelay(H)
+    )
     a.y >> gain.u
     gain >> delay
     delay.y >> a.u

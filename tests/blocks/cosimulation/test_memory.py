@@ -5,7 +5,14 @@ import pytest
 from numpy.testing import assert_allclose
 from systems import HiddenSum, HiddenSumRun
 
-from trussflow.blocks import Diagram, DiscreteStateSpace, Function, Integrator, StateSpace, cosimulate
+from trussflow.blocks import (
+    Diagram,
+    DiscreteStateSpace,
+    Function,
+    Integrator,
+    StateSpace,
+    cosimulate,
+)
 from trussflow.blocks.errors import SimulationError
 from trussflow.blocks.framework.run_state import Running
 
@@ -28,7 +35,9 @@ def summing(total):
     """Return a continuous loop of two blocks; a third sums the tanh of the first."""
     diagram = Diagram("summing")
     a, b, total = diagram.add(
-        a=StateSpace([[-1.0]], [[2.0]], [[1.0]], [[0.0]], initial_value=[1.0]), b=Integrator(0.5), total=total
+        a=StateSpace([[-1.0]], [[2.0]], [[1.0]], [[0.0]], initial_value=[1.0]),
+        b=Integrator(0.5),
+        total=total,
     )
     a.y[0] >> b.u
     b.y >> a.u[0]
@@ -49,7 +58,12 @@ def hidden():
 
 @pytest.mark.parametrize(
     ("make", "members"),
-    [(discrete, ["a"]), (discrete, ["a", "total"]), (hidden, ["a", "total"]), (hidden, ["a", "b"])],
+    [
+        (discrete, ["a"]),
+        (discrete, ["a", "total"]),
+        (hidden, ["a", "total"]),
+        (hidden, ["a", "b"]),
+    ],
 )
 @pytest.mark.parametrize(
     "settings",
@@ -62,7 +76,9 @@ def hidden():
 )
 def test_each_instant_is_summed_once(make, members, settings):
     """Each sample counts with its final value in every scheme, whatever the error of the loop."""
-    result = cosimulate(summing(make()), 2.0, members=members, step=H, solver_step=H / 8, **settings)
+    result = cosimulate(
+        summing(make()), 2.0, members=members, step=H, solver_step=H / 8, **settings
+    )
     samples = result.sel(time=np.arange(0.0, 2.0, H))
     expected = np.cumsum(np.tanh(samples["a.y"]))
     assert_allclose(samples["total.y"][0], 0.0, rtol=0, atol=1e-15)
@@ -71,5 +87,7 @@ def test_each_instant_is_summed_once(make, members, settings):
 
 def test_member_that_cannot_go_back_is_named():
     block = Forgetful().sampled(every=H)
-    with pytest.raises(SimulationError, match=r'couple with "iterate".*state: \'the rest\';'):
+    with pytest.raises(
+        SimulationError, match=r'couple with "iterate".*state: \'the rest\';'
+    ):
         cosimulate(summing(block), 1.0, step=H, members=["a"], coupling="iterate")

@@ -5,7 +5,15 @@ import pytest
 from numpy.testing import assert_array_equal
 from scipy.linalg import expm
 
-from trussflow.blocks import CoSimulator, Diagram, Function, StateSpace, Step, Sum, cosimulate
+from trussflow.blocks import (
+    CoSimulator,
+    Diagram,
+    Function,
+    StateSpace,
+    Step,
+    Sum,
+    cosimulate,
+)
 from trussflow.blocks.cosimulation.step_control import StepControl
 from trussflow.blocks.errors import DivergenceError, SimulationError
 
@@ -34,16 +42,21 @@ WHOLE = np.array([[-20.0, 10.0], [-1.0, -0.5]])
 
 
 def largest_error(result):
-    exact = np.array([expm(WHOLE * time) @ [1.0, 1.0] for time in result["time"].values])
+    exact = np.array(
+        [expm(WHOLE * time) @ [1.0, 1.0] for time in result["time"].values]
+    )
     return abs(np.column_stack([result["a.y"], result["b.y"]]) - exact).max()
 
 
 @pytest.mark.parametrize(
-    ("coupling", "tolerance"), [("jacobi", 0.03), ("gauss-seidel", 0.03), ("iterate", 0.1)]
+    ("coupling", "tolerance"),
+    [("jacobi", 0.03), ("gauss-seidel", 0.03), ("iterate", 0.1)],
 )
 def test_the_error_stays_below_the_tolerance(coupling, tolerance):
     schemes = {"coupling": coupling, "tolerance": tolerance}
-    result = cosimulate(stiff_and_slow(), END, step=SMALLEST, members=["a", "b"], **schemes)
+    result = cosimulate(
+        stiff_and_slow(), END, step=SMALLEST, members=["a", "b"], **schemes
+    )
     t = result["time"].values
     # Signals are of size one, and steps are no shorter than necessary.
     assert tolerance / 300 < largest_error(result) < tolerance
@@ -67,7 +80,9 @@ def kicked(coupling):
     b.y[0] >> total.u2
     total.y >> a.u[0]
     a.y >> b.u
-    return CoSimulator(diagram, step=2.0**-11, members=["a", "b"], coupling=coupling, tolerance=3e-2)
+    return CoSimulator(
+        diagram, step=2.0**-11, members=["a", "b"], coupling=coupling, tolerance=3e-2
+    )
 
 
 @pytest.mark.parametrize("coupling", ["jacobi", "gauss-seidel", "iterate"])
@@ -107,14 +122,29 @@ def test_steps_that_a_member_refuses_are_shortened(stepping):
     assert result.attrs["discarded_steps"] > 0
     assert np.diff(result["time"]).max() <= longest
     assert largest_error(result) < 0.05
-    with pytest.raises(SimulationError, match=r"step of 0\.03125 s is too long.*fixed.*tolerance"):
-        cosimulate(stiff_and_slow(lambda b: stepping(b, 0.03125, longest=0.01)), 1.0, step=0.03125)
-    with pytest.raises(SimulationError, match=r"too long.*smallest step of 0\.5 s: shorter steps"):
-        cosimulate(stiff_and_slow(lambda b: stepping(b, 0.25, longest=0.01)), 1.0, step=0.5, tolerance=1.0)
+    with pytest.raises(
+        SimulationError, match=r"step of 0\.03125 s is too long.*fixed.*tolerance"
+    ):
+        cosimulate(
+            stiff_and_slow(lambda b: stepping(b, 0.03125, longest=0.01)),
+            1.0,
+            step=0.03125,
+        )
+    with pytest.raises(
+        SimulationError, match=r"too long.*smallest step of 0\.5 s: shorter steps"
+    ):
+        cosimulate(
+            stiff_and_slow(lambda b: stepping(b, 0.25, longest=0.01)),
+            1.0,
+            step=0.5,
+            tolerance=1.0,
+        )
 
 
 def test_a_tolerance_that_cannot_be_kept_ends_the_run_with_its_log():
-    with pytest.raises(SimulationError, match=r"cannot keep the tolerance at t = .*'[ab]\.y'") as caught:
+    with pytest.raises(
+        SimulationError, match=r"cannot keep the tolerance at t = .*'[ab]\.y'"
+    ) as caught:
         cosimulate(stiff_and_slow(), 4.0, step=2.0**-4, members=["a"], tolerance=1e-6)
     assert caught.value.result.attrs["status"] == "failed"
 
@@ -130,7 +160,9 @@ def test_divergence_in_a_trial_is_a_rejection_until_the_step_is_the_smallest():
         b.y >> a.u
         return diagram
 
-    result = cosimulate(blow_up(1.5), 0.5, step=2.0**-12, members=["a"], tolerance=0.1, largest_step=0.5)
+    result = cosimulate(
+        blow_up(1.5), 0.5, step=2.0**-12, members=["a"], tolerance=0.1, largest_step=0.5
+    )
     assert abs(result["a.y"][-1].item()) < 0.01
     with pytest.raises(DivergenceError, match=r"'b\.y' .*stopped being finite"):
         cosimulate(blow_up(0.5), 0.5, step=2.0**-12, members=["a"], tolerance=0.1)

@@ -62,8 +62,14 @@ def texts(scene, x=0.0, y=0.0):
     found = []
     for row, pin in scene.pins:
         if row.name:
-            left = pin.box.x + 6 if row.port.is_input else pin.box.x + pin.box.width - 6 - breadth(row.name)
-            found.append((x + left, y + pin.y - 6, x + left + breadth(row.name), y + pin.y + 6))
+            left = (
+                pin.box.x + 6
+                if row.port.is_input
+                else pin.box.x + pin.box.width - 6 - breadth(row.name)
+            )
+            found.append(
+                (x + left, y + pin.y - 6, x + left + breadth(row.name), y + pin.y + 6)
+            )
         if row.note:
             right, low = x + pin.box.x - 4, y + pin.y + (-4 if row.key else 3)
             found.append((right - breadth(row.note) * 9 / 11, low - 7, right, low))
@@ -178,8 +184,12 @@ def test_notebooks_show_pictures():
 def test_notebooks_show_the_diagram_of_an_error(monkeypatch):
     """The message is as without; where no diagram is known there is no picture; other processes get none."""
     shown = []
-    tracebacks = SimpleNamespace(structured_traceback=lambda *error: [error[0].__name__, str(error[1])])
-    shell = SimpleNamespace(get_ipython=lambda: SimpleNamespace(InteractiveTB=tracebacks))
+    tracebacks = SimpleNamespace(
+        structured_traceback=lambda *error: [error[0].__name__, str(error[1])]
+    )
+    shell = SimpleNamespace(
+        get_ipython=lambda: SimpleNamespace(InteractiveTB=tracebacks)
+    )
     monkeypatch.setitem(sys.modules, "IPython", shell)
     pictures = SimpleNamespace(SVG=str, display=shown.append)
     monkeypatch.setitem(sys.modules, "IPython.display", pictures)
@@ -208,10 +218,15 @@ def test_file_holds_the_picture(tmp_path):
 
 @pytest.mark.parametrize(
     ("name", "fault"),
-    [("picture.png", "pictures are SVG; name the file .svg"), ("missing/picture.svg", "No such file")],
+    [
+        ("picture.png", "pictures are SVG; name the file .svg"),
+        ("missing/picture.svg", "No such file"),
+    ],
 )
 def test_file_that_cannot_be_written(tmp_path, name, fault):
-    with pytest.raises(DiagramError, match=f"cannot draw diagram 'nested' to .*{fault}"):
+    with pytest.raises(
+        DiagramError, match=f"cannot draw diagram 'nested' to .*{fault}"
+    ):
         nested(0).draw(tmp_path / name)
     assert not list(tmp_path.iterdir())
 

@@ -20,7 +20,10 @@ def scattered(number, density=1.6, back=0.1, seed=None):
     """Return boxes wired to some that come shortly before them, and at times to any."""
     chance = Random(number if seed is None else seed)
     inputs, outputs = ([chance.randint(1, 3) for _ in range(number)] for _ in range(2))
-    boxes = [Box(80.0, BOX_HEAD + PIN_PITCH * max(pins)) for pins in zip(inputs, outputs, strict=True)]
+    boxes = [
+        Box(80.0, BOX_HEAD + PIN_PITCH * max(pins))
+        for pins in zip(inputs, outputs, strict=True)
+    ]
     nets = {}
     free = [(i, k) for i in range(number) for k in range(inputs[i])]
     chance.shuffle(free)
@@ -33,7 +36,9 @@ def scattered(number, density=1.6, back=0.1, seed=None):
             continue
         pin = source, chance.randrange(outputs[source])
         if pin not in nets:
-            nets[pin] = Net(boxes[source].pin(1, BOX_HEAD + PIN_PITCH * (pin[1] + 0.5)), [])
+            nets[pin] = Net(
+                boxes[source].pin(1, BOX_HEAD + PIN_PITCH * (pin[1] + 0.5)), []
+            )
         nets[pin].targets.append(boxes[i].pin(0, BOX_HEAD + PIN_PITCH * (k + 0.5)))
     for side in (side for box in boxes for side in box.sides):
         side.sort(key=lambda pin: pin.dy)
@@ -61,19 +66,30 @@ def check_laws(boxes, nets, width, height):
         assert 0 <= box.x <= width - box.width + 1e-9
         assert 0 <= box.y <= height - box.height + 1e-9
     for a, b in combinations(boxes, 2):
-        assert a.x + a.width <= b.x or b.x + b.width <= a.x or a.y + a.height <= b.y or b.y + b.height <= a.y
+        assert (
+            a.x + a.width <= b.x
+            or b.x + b.width <= a.x
+            or a.y + a.height <= b.y
+            or b.y + b.height <= a.y
+        )
     for net in nets:
         source = (net.source.box.x + net.source.box.width, net.source.y)
         for path, pin in zip(net.paths, net.targets, strict=True):
             assert path[0] == source
             assert path[-1] == (pin.box.x, pin.y)
-            assert all((p[0] == q[0]) != (p[1] == q[1]) for p, q in pairwise(path))  # level or upright
+            # level or upright
+            assert all((p[0] == q[0]) != (p[1] == q[1]) for p, q in pairwise(path))
             assert path[1][0] > path[0][0]  # leaves to the right
             assert path[-2][0] < path[-1][0]  # and comes from the left
     for start, end in (line for net in nets for line in lines(net)):
         (x1, x2), (y1, y2) = sorted((start[0], end[0])), sorted((start[1], end[1]))
         for box in boxes:
-            beside = x2 <= box.x or box.x + box.width <= x1 or y2 <= box.y or box.y + box.height <= y1
+            beside = (
+                x2 <= box.x
+                or box.x + box.width <= x1
+                or y2 <= box.y
+                or box.y + box.height <= y1
+            )
             assert beside, "a wire runs through a box"
     for one, other in combinations(nets, 2):
         shared = [(p, q) for p in lines(one) for q in lines(other) if overlap(p, q)]
@@ -143,7 +159,10 @@ def test_parallel_wires_between_two_boxes_are_straight():
 
 def test_feedback_goes_back_below():
     boxes = [Box(50.0, 60.0) for _ in range(3)]
-    nets = [Net(a.pin(1, 30.0), [b.pin(0, 30.0)]) for a, b in zip(boxes, boxes[1:] + boxes[:1], strict=True)]
+    nets = [
+        Net(a.pin(1, 30.0), [b.pin(0, 30.0)])
+        for a, b in zip(boxes, boxes[1:] + boxes[:1], strict=True)
+    ]
     layout(boxes, nets)
     assert boxes[0].x < boxes[1].x < boxes[2].x
     assert [len(net.paths[0]) for net in nets] == [2, 2, 6]
@@ -152,9 +171,15 @@ def test_feedback_goes_back_below():
 
 def test_crossed_levels_are_led_over_two_tracks():
     """Two wires end at the heights at which the other begins, so neither vertical can be first."""
-    boxes = [Box(40.0, 40.0, layer=i // 2, x=i // 2 * 100.0, y=i % 2 * 100.0) for i in range(4)]
+    boxes = [
+        Box(40.0, 40.0, layer=i // 2, x=i // 2 * 100.0, y=i % 2 * 100.0)
+        for i in range(4)
+    ]
     a, b, c, d = boxes
-    nets = [Net(a.pin(1, 20.0), [d.pin(0, 20.0)]), Net(b.pin(1, 20.0), [c.pin(0, 20.0)])]
+    nets = [
+        Net(a.pin(1, 20.0), [d.pin(0, 20.0)]),
+        Net(b.pin(1, 20.0), [c.pin(0, 20.0)]),
+    ]
     channel = [Rail(net, [net.source], net.targets) for net in nets]
     places, crossings = tracks(channel)
     for rail, place in places.items():

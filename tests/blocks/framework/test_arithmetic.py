@@ -51,7 +51,9 @@ def sources():
 
 def value_of(port, backend="interpreted"):
     """Return the value of a port of constants."""
-    return simulate(port.wiring_diagram(), 0.1, log={"y": port}, step=0.1, backend=backend)["y"].values[0]
+    return simulate(
+        port.wiring_diagram(), 0.1, log={"y": port}, step=0.1, backend=backend
+    )["y"].values[0]
 
 
 @given(data=st.data())
@@ -73,7 +75,9 @@ def test_random_expressions_are_numpys(data):
             pool.append((function(port, other), 1.0 * function(value, number)))
     assume(all(np.isfinite(value).all() for _, value in pool))
     port, expected = pool[-1]
-    assert_allclose(value_of(port), expected, rtol=OPERATION_TOLERANCE, atol=OPERATION_TOLERANCE)
+    assert_allclose(
+        value_of(port), expected, rtol=OPERATION_TOLERANCE, atol=OPERATION_TOLERANCE
+    )
 
 
 @pytest.mark.parametrize(
@@ -96,7 +100,12 @@ def test_random_expressions_are_numpys(data):
 )
 def test_what_reads_as_a_formula(write, expected):
     for backend in ("interpreted", "numpy"):
-        assert_allclose(value_of(write(sources()), backend), expected, rtol=OPERATION_TOLERANCE, atol=0.0)
+        assert_allclose(
+            value_of(write(sources()), backend),
+            expected,
+            rtol=OPERATION_TOLERANCE,
+            atol=0.0,
+        )
 
 
 def test_units_follow():
@@ -106,12 +115,22 @@ def test_units_follow():
         arm=Constant(0.5, unit="m"),
         rate=Constant(1.0, unit="rad/s"),
     )
-    assert [(2.0 * force.y).unit, (force.y / 3.0).frame, (force.y + 1.0).unit] == ["N", "body", "N"]
+    assert [(2.0 * force.y).unit, (force.y / 3.0).frame, (force.y + 1.0).unit] == [
+        "N",
+        "body",
+        "N",
+    ]
     assert (arm.y * force.y).unit == "m*N"
     assert (arm.y * rate.y / arm.y).unit == "(m*(rad/s))/m"
-    assert [(force.y > 1.0).unit, np.sin(arm.y).unit, (1.0 / arm.y).unit] == [None, None, None]
+    assert [(force.y > 1.0).unit, np.sin(arm.y).unit, (1.0 / arm.y).unit] == [
+        None,
+        None,
+        None,
+    ]
     (arm.y * force.y) >> d.add("motor", Gain(1.0, input_unit="N*m"))
-    with pytest.raises(WiringError, match=r"unit 'm' does not fit 'N'(.|\n)*has its unit from"):
+    with pytest.raises(
+        WiringError, match=r"unit 'm' does not fit 'N'(.|\n)*has its unit from"
+    ):
         _ = force.y[0] > arm.y
     with pytest.raises(WiringError, match=r"shape \(\) does not fit \(2,\)"):
         force.y + arm.y
@@ -122,7 +141,9 @@ def test_shapes_that_wires_tell_later():
     d = Diagram("d")
     gain, other = d.add(gain=Gain(2.0), other=Gain(3.0))
     product = (gain.y * other.y) * d.add("k", Constant(0.5)).y
-    with pytest.raises(WiringError, match="'matmul' needs operands of known shape: connect them first"):
+    with pytest.raises(
+        WiringError, match="'matmul' needs operands of known shape: connect them first"
+    ):
         gain.y @ other.y
     source = d.add("source", Constant([1.0, 2.0]))
     source >> gain
@@ -147,7 +168,9 @@ def test_what_is_computed_already_is_not_computed_again():
 def test_constants_are_parameters():
     d = sources()
     y = 2.0 * d.a
-    result = simulate(d, 0.1, step=0.1, parameters={"multiply_1.constant": 4.0}, log={"y": y})
+    result = simulate(
+        d, 0.1, step=0.1, parameters={"multiply_1.constant": 4.0}, log={"y": y}
+    )
     assert result["y"].values[0] == 6.0
 
 
@@ -163,11 +186,20 @@ def test_operation_by_itself():
 @pytest.mark.parametrize(
     ("build", "message"),
     [
-        (lambda: Operation("^"), r"Operation has no function '\^'; give one of \+ - \* / "),
+        (
+            lambda: Operation("^"),
+            r"Operation has no function '\^'; give one of \+ - \* / ",
+        ),
         (lambda: Operation(np.divmod), "has no function <ufunc 'divmod'>"),
-        (lambda: Operation("+", 1.0, 2.0), "takes 2 operands, at least one of them an Input"),
+        (
+            lambda: Operation("+", 1.0, 2.0),
+            "takes 2 operands, at least one of them an Input",
+        ),
         (lambda: Operation("not", Input(), 2.0), "takes 1 operands"),
-        (lambda: Operation("*", Input(3), Input(2)), r"'multiply' of shapes 3 and 2: operands could not be"),
+        (
+            lambda: Operation("*", Input(3), Input(2)),
+            r"'multiply' of shapes 3 and 2: operands could not be",
+        ),
     ],
 )
 def test_operations_that_there_are_not(build, message):
@@ -186,23 +218,30 @@ def test_what_is_no_arithmetic():
         lambda: float(d.a.y),
     ):
         with pytest.raises(
-            WiringError, match=r"cannot compute with the \w+ '\w(\.y)?' in this way: it is not a number"
+            WiringError,
+            match=r"cannot compute with the \w+ '\w(\.y)?' in this way: it is not a number",
         ):
             attempt()
-    with pytest.raises(WiringError, match="the constant operand must be numeric, not 'x'"):
+    with pytest.raises(
+        WiringError, match="the constant operand must be numeric, not 'x'"
+    ):
         d.a * "x"
     two = d.add("two", Diagram("two"))
     gain, other = two.add(gain=Gain(1.0), other=Gain(1.0))
     two.expose(p=gain.y, q=other.y)
     with pytest.raises(NameLookupError, match="has 2 outputs"):
         two + 1.0
-    with pytest.raises(WiringError, match=r"'c\.y' in diagram 'd': its block is in 'e'"):
+    with pytest.raises(
+        WiringError, match=r"'c\.y' in diagram 'd': its block is in 'e'"
+    ):
         d.a * Diagram("e").add("c", Constant(1.0))
     assert set(d.blocks) == {*VALUES, "two"}
 
 
 @pytest.mark.parametrize("compare", [operator.eq, operator.ne])
-@pytest.mark.parametrize("combine", [operator.and_, operator.mul, operator.add, lambda a, b: b - a])
+@pytest.mark.parametrize(
+    "combine", [operator.and_, operator.mul, operator.add, lambda a, b: b - a]
+)
 def test_identity_of_ports_is_no_operand(compare, combine):
     d = Diagram("d")
     port = d.add(a=Constant(1.0)).y

@@ -5,9 +5,19 @@ import pytest
 from numpy.testing import assert_array_equal
 from systems import Counter, Lag
 
-from trussflow.blocks.errors import BlockError, NameLookupError, ParameterError, TrussflowError
+from trussflow.blocks.errors import (
+    BlockError,
+    NameLookupError,
+    ParameterError,
+    TrussflowError,
+)
 from trussflow.blocks.framework.block import Block
-from trussflow.blocks.framework.declarations import REQUIRED, Attribute, Parameter, State
+from trussflow.blocks.framework.declarations import (
+    REQUIRED,
+    Attribute,
+    Parameter,
+    State,
+)
 from trussflow.blocks.framework.diagram import Diagram
 from trussflow.blocks.framework.port import Input, Output
 from trussflow.blocks.simulation.simulator import simulate
@@ -41,14 +51,23 @@ def test_sizes_and_units_may_come_from_attributes():
     ("given", "message"),
     [
         ({}, "Plant needs a value for its parameter 'mass'"),
-        ({"mas": 1.0}, "Plant has no parameter 'mas'; it has: mass, damping, shape, table"),
+        (
+            {"mas": 1.0},
+            "Plant has no parameter 'mas'; it has: mass, damping, shape, table",
+        ),
         ({"mass": np.nan}, r"'mass' of Plant is not finite: nan"),
         ({"mass": 0.0}, r"'mass' of Plant is 0\.0; it must be above 0 \[kg\]"),
         ({"mass": 1, "damping": -1e-9}, r"is -1e-09; it must be at least 0"),
-        ({"mass": [1.0, 2.0]}, r"'mass' of Plant has shape \(2,\); it must have shape \(\)"),
+        (
+            {"mass": [1.0, 2.0]},
+            r"'mass' of Plant has shape \(2,\); it must have shape \(\)",
+        ),
         ({"mass": "heavy"}, "'mass' of Plant must be numeric, not 'heavy'"),
         ({"mass": 1, "shape": [1, 2, np.inf]}, r"is not finite \(element 2\): inf"),
-        ({"mass": 1, "shape": np.ones(2)}, r"has shape \(2,\); it must have shape \(3,\)"),
+        (
+            {"mass": 1, "shape": np.ones(2)},
+            r"has shape \(2,\); it must have shape \(3,\)",
+        ),
         ({"mass": 1, "table": [[1.0], [1.0, 2.0]]}, "must be numeric"),
     ],
 )
@@ -73,18 +92,34 @@ def test_sizes_must_make_sense(size):
 
 
 @pytest.mark.parametrize(
-    "name", ["output", "path", "name", "ports", "parameters", "sample_time", "inputs", "diagram"]
+    "name",
+    [
+        "output",
+        "path",
+        "name",
+        "ports",
+        "parameters",
+        "sample_time",
+        "inputs",
+        "diagram",
+    ],
 )
 @pytest.mark.parametrize("declaration", [Input(), Parameter(0.0), State()])
 def test_names_of_every_block_are_taken(name, declaration):
-    with pytest.raises(BlockError, match=f"Wrong declares '{name}', which every block already has"):
+    with pytest.raises(
+        BlockError, match=f"Wrong declares '{name}', which every block already has"
+    ):
         type("Wrong", (Block,), {name: declaration})
 
 
-@pytest.mark.parametrize("name", ["inputs", "outputs", "states", "declared", "named", "diagram"])
+@pytest.mark.parametrize(
+    "name", ["inputs", "outputs", "states", "declared", "named", "diagram"]
+)
 def test_methods_that_no_block_states_are_not_overridden(name):
     """The framework calls them: `outputs` for `output` would fail there."""
-    with pytest.raises(BlockError, match=rf"Wrong declares '{name}', which .* \(equations are output, "):
+    with pytest.raises(
+        BlockError, match=rf"Wrong declares '{name}', which .* \(equations are output, "
+    ):
         type("Wrong", (Block,), {name: lambda *_: {}})
 
 
@@ -107,8 +142,14 @@ class Extra(Block):
     [
         (5, "extra_ports of Extra must be given by name, as a dict, not as 5"),
         ({3: Input()}, "3 is no name"),
-        ({"u": 3}, r"Extra: extra port 'u' must be an Input\(...\) or an Output\(...\), not 3"),
-        ({"output": Input()}, "Extra declares 'output', but the block has an attribute"),
+        (
+            {"u": 3},
+            r"Extra: extra port 'u' must be an Input\(...\) or an Output\(...\), not 3",
+        ),
+        (
+            {"output": Input()},
+            "Extra declares 'output', but the block has an attribute",
+        ),
     ],
 )
 def test_extra_ports_are_ports_by_name(ports, message):
@@ -124,7 +165,9 @@ def test_declared_names_must_not_be_hidden_by_attributes():
             self.gain = 3.0
             super().__init__()
 
-    with pytest.raises(BlockError, match="Hidden declares 'gain', but the block has an attribute"):
+    with pytest.raises(
+        BlockError, match="Hidden declares 'gain', but the block has an attribute"
+    ):
         Hidden()
 
 
@@ -143,27 +186,37 @@ def test_declarations_are_inherited_from_all_bases():
 
 
 def test_block_is_continuous_or_sampled():
-    with pytest.raises(BlockError, match=r"Both has both derivative\(\) and update\(\)"):
+    with pytest.raises(
+        BlockError, match=r"Both has both derivative\(\) and update\(\)"
+    ):
         type("Both", (Block,), {"derivative": lambda *_: {}, "update": lambda *_: {}})
 
 
 @pytest.mark.parametrize(
-    ("every", "offset"), [(0, 0), (-1, 0), (np.nan, 0), (np.inf, 0), (1, 1), (1, -0.1), ("x", 0)]
+    ("every", "offset"),
+    [(0, 0), (-1, 0), (np.nan, 0), (np.inf, 0), (1, 1), (1, -0.1), ("x", 0)],
 )
 def test_sample_times_make_sense(every, offset):
-    with pytest.raises(BlockError, match="the sample time must be positive and finite, the offset"):
+    with pytest.raises(
+        BlockError, match="the sample time must be positive and finite, the offset"
+    ):
         Block().sampled(every, offset)
 
 
 def test_discrete_states_need_a_sample_time():
     diagram = Diagram("d")
     diagram.add(b=Counter())
-    with pytest.raises(BlockError, match=r"cannot run block 'b' .*discrete states need a sample time; add"):
+    with pytest.raises(
+        BlockError,
+        match=r"cannot run block 'b' .*discrete states need a sample time; add",
+    ):
         Plan(diagram)
 
 
 def test_continuous_states_cannot_be_sampled():
-    with pytest.raises(BlockError, match="cannot sample 'Lag': it has continuous states"):
+    with pytest.raises(
+        BlockError, match="cannot sample 'Lag': it has continuous states"
+    ):
         Lag().sampled(0.1)
 
 
@@ -187,7 +240,9 @@ def test_declared_initial_values_are_checked(initial, message):
 
 def test_initial_value_in_place_of_a_shape_is_told():
     """A mode has its initial value first, a state its shape."""
-    with pytest.raises(BlockError, match=r"-1.0 is no shape of a state; .* is State\(initial=-1.0\)"):
+    with pytest.raises(
+        BlockError, match=r"-1.0 is no shape of a state; .* is State\(initial=-1.0\)"
+    ):
         State(-1.0)
 
 

@@ -41,7 +41,9 @@ def test_common_tick_divides_all_times():
 
 
 def test_time_between_ticks_is_refused():
-    with pytest.raises(SimulationError, match=r"the time of 0\.15 s is not a whole number of steps"):
+    with pytest.raises(
+        SimulationError, match=r"the time of 0\.15 s is not a whole number of steps"
+    ):
         ticks(Fraction(3, 20), Fraction(1, 10), "the time")
 
 
@@ -50,7 +52,9 @@ def clocks(*pairs):
 
 
 def brute_force(found, tick):
-    return frozenset(c for c in found if tick >= c.offset and (tick - c.offset) % c.period == 0)
+    return frozenset(
+        c for c in found if tick >= c.offset and (tick - c.offset) % c.period == 0
+    )
 
 
 @pytest.mark.parametrize(
@@ -79,15 +83,37 @@ def test_long_patterns_are_not_scanned_but_right():
     assert np.prod(periods) > MAX_SCANNED_TICKS
     schedule = Schedule(found, Fraction(1))
     due = schedule.due(0, 3000)
-    assert [schedule.sets[i] for i in due] == [brute_force(found, k) for k in range(3000)]
+    assert [schedule.sets[i] for i in due] == [
+        brute_force(found, k) for k in range(3000)
+    ]
     last = np.prod(periods)
     assert schedule.sets[schedule.due(last, 1)[0]] == frozenset(found)
 
 
 def test_too_many_ways_to_coincide_are_refused():
     """Each set of clocks that tick together needs code of its own."""
-    primes = (101, 103, 107, 109, 113, 127, 131, 137, 139, 149, 151, 157, 163, 167, 173, 179, 181)
-    with pytest.raises(SimulationError, match=r"17 sample times coincide in more than \d+ ways"):
+    primes = (
+        101,
+        103,
+        107,
+        109,
+        113,
+        127,
+        131,
+        137,
+        139,
+        149,
+        151,
+        157,
+        163,
+        167,
+        173,
+        179,
+        181,
+    )
+    with pytest.raises(
+        SimulationError, match=r"17 sample times coincide in more than \d+ ways"
+    ):
         Schedule(clocks(*((p, 0) for p in primes)), Fraction(1))
 
 

@@ -44,7 +44,10 @@ def test_diagram_is_a_tree():
     for i in range(30):
         diagram.law.y >> diagram.add(f"gain_{i}", Gain(1.0)).u
     outer = Diagram("outer")
-    outer.add(a_very_long_name_of_a_block_that_leaves_little_room=UnitDelay(0.1, shape=3), loop=diagram)
+    outer.add(
+        a_very_long_name_of_a_block_that_leaves_little_room=UnitDelay(0.1, shape=3),
+        loop=diagram,
+    )
     assert max(map(len, repr(outer).splitlines())) == MAX_LINE_LENGTH
 
 
@@ -74,13 +77,21 @@ def test_block_that_is_not_built_has_a_text(fault):
 
 
 def test_messages_show_the_title_only():
-    with pytest.raises(DiagramError, match=r"cannot simulate law: Gain: it is not a Diagram"):
+    with pytest.raises(
+        DiagramError, match=r"cannot simulate law: Gain: it is not a Diagram"
+    ):
         simulate(loop().law, 1.0, step=0.1)
 
 
 def test_runs_tell_solver_and_sizes():
     text = repr(Simulator(loop(), step=0.05, backend="numpy", log=["law.y"]))
-    for part in ("Simulator of 'loop'", "rk4, step 0.05 s, backend numpy", "1 in x", "0.1 s", "law.y"):
+    for part in (
+        "Simulator of 'loop'",
+        "rk4, step 0.05 s, backend numpy",
+        "1 in x",
+        "0.1 s",
+        "law.y",
+    ):
         assert part in text
     with Session(Integrator(), solver="RK45", rtol=1e-6, backend="numpy") as session:
         assert repr(session.twin()).startswith("Session of 'Integrator', not started")
@@ -95,7 +106,9 @@ def test_runs_tell_solver_and_sizes():
     assert "state" in text
 
 
-@pytest.mark.parametrize("thing", [loop(), Gain(1.0), Simulator(loop(), step=0.05, backend="numpy")])
+@pytest.mark.parametrize(
+    "thing", [loop(), Gain(1.0), Simulator(loop(), step=0.05, backend="numpy")]
+)
 def test_html_is_well_formed_and_says_the_same(thing):
     description = thing._described()
     page = ET.fromstring(description.html())

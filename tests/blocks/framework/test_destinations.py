@@ -34,7 +34,9 @@ def test_what_is_no_file_is_not_replaced(tmp_path):
         lambda: simulate(growing(), 1.0, step=0.1, backend="numpy", stream_to=pipe),
         lambda: export(growing(), pipe),
     ):
-        with pytest.raises(TrussflowError, match=r"cannot write .*run\.nc': it is a device, a pipe"):
+        with pytest.raises(
+            TrussflowError, match=r"cannot write .*run\.nc': it is a device, a pipe"
+        ):
             write()
     assert stat.S_ISFIFO(pipe.stat().st_mode)
     assert list(tmp_path.iterdir()) == [pipe]
@@ -60,12 +62,19 @@ def test_temporary_folders_are_named_and_made_anew():
         "shutil.rmtree(process_folder())\n"
         "print(process_folder().is_dir(), tempfile.gettempdir())"
     )
-    said = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout
+    said = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, check=True
+    ).stdout
     first, made, place = said.replace("\n", " ").rpartition(" True ")
-    assert (first, made) == (f"(temporary files are in '{place.strip()}'): full", " True ")
+    assert (first, made) == (
+        f"(temporary files are in '{place.strip()}'): full",
+        " True ",
+    )
 
 
 def test_libraries_that_cannot_be_mapped_say_what_may_be_why():
-    said = temporary_folders.not_loaded(OSError("a.so: failed to map segment from shared object"))
+    said = temporary_folders.not_loaded(
+        OSError("a.so: failed to map segment from shared object")
+    )
     assert said.endswith("mounted noexec? TMPDIR and TRUSSFLOW_CACHE name another")
     assert temporary_folders.not_loaded(OSError("no such file")) == "no such file"

@@ -33,25 +33,35 @@ def test_blocks_are_added_under_their_keywords():
         diagram.add(out=Gained(2.0))
 
 
-@pytest.mark.parametrize("name", ["add", "name", "blocks", "output", "parent", "sampled"])
+@pytest.mark.parametrize(
+    "name", ["add", "name", "blocks", "output", "parent", "sampled"]
+)
 def test_names_must_not_hide_attributes(name):
     diagram = Diagram("d")
     block = diagram.add(block=Length(1.0))
-    with pytest.raises(DiagramError, match=f"'{name}': every diagram has an attribute of that"):
+    with pytest.raises(
+        DiagramError, match=f"'{name}': every diagram has an attribute of that"
+    ):
         diagram.add(**{name: Length(1.0)})
-    with pytest.raises(DiagramError, match=f"'{name}': every diagram has an attribute of that"):
+    with pytest.raises(
+        DiagramError, match=f"'{name}': every diagram has an attribute of that"
+    ):
         diagram.expose(**{name: block.y})
 
 
 @pytest.mark.parametrize("name", ["a.b", "a/b", "", "1a"])
 def test_names_are_identifiers(name):
-    with pytest.raises(DiagramError, match="names consist of letters, digits and underscores"):
+    with pytest.raises(
+        DiagramError, match="names consist of letters, digits and underscores"
+    ):
         Diagram("d").add(**{name: Length(1.0)})
 
 
 @pytest.mark.parametrize("value", [1.0, int, None])
 def test_only_blocks_can_be_added(value):
-    with pytest.raises(DiagramError, match=r"cannot add 'x' to diagram 'd': .* is not a block"):
+    with pytest.raises(
+        DiagramError, match=r"cannot add 'x' to diagram 'd': .* is not a block"
+    ):
         Diagram("d").add(x=value)
 
 
@@ -59,7 +69,9 @@ def test_block_is_in_one_diagram_only():
     first, second = Diagram("first"), Diagram("second")
     block = first.add(block=Length(1.0))
     for diagram in (first, second):
-        with pytest.raises(DiagramError, match="this Constant is already in diagram 'first' as 'bl"):
+        with pytest.raises(
+            DiagramError, match="this Constant is already in diagram 'first' as 'bl"
+        ):
             diagram.add(again=block)
 
 
@@ -68,14 +80,18 @@ def test_diagram_cannot_contain_itself():
     outer.add(middle=middle)
     middle.add(inner=inner)
     for around in (outer, inner):
-        with pytest.raises(DiagramError, match=r"a diagram cannot contain itself|already in diagram"):
+        with pytest.raises(
+            DiagramError, match=r"a diagram cannot contain itself|already in diagram"
+        ):
             inner.add(again=around)
     with pytest.raises(DiagramError, match="a diagram cannot contain itself"):
         outer.add(again=outer)
 
 
 def test_diagram_has_no_clock():
-    with pytest.raises(BlockError, match="cannot sample diagram 'd': sample the blocks in it"):
+    with pytest.raises(
+        BlockError, match="cannot sample diagram 'd': sample the blocks in it"
+    ):
         Diagram("d").sampled(0.1)
 
 
@@ -88,8 +104,14 @@ def test_two_levels_of_nesting():
     middle.expose(u=middle.box.u, low=middle.box.low, high=middle.extra.y)
     one, box = outer.add(one=Length(1.0), box=middle)
     one >> box.u
-    result = simulate(outer, 0.1, step=0.1, log=["box.box.first.y", box.high, "box.low"])
-    assert {n: v[-1] for n, v in result.items()} == {"box.box.first.y": 2.0, "box.high": 15.0, "box.low": 2.0}
+    result = simulate(
+        outer, 0.1, step=0.1, log=["box.box.first.y", box.high, "box.low"]
+    )
+    assert {n: v[-1] for n, v in result.items()} == {
+        "box.box.first.y": 2.0,
+        "box.high": 15.0,
+        "box.low": 2.0,
+    }
     assert result["box.high"].attrs["source"] == "box.extra.y"
 
 
@@ -97,7 +119,9 @@ def test_slices_pass_through_exposed_ports():
     outer, inner = Diagram("outer"), Diagram("inner")
     vector = inner.add(vector=Gain([1.0, 2.0, 3.0]))
     inner.expose(u=vector.u, y=vector.y)
-    box, two, last = outer.add(box=inner, two=Constant([10.0, 20.0]), last=Gain([1.0, 2.0, 3.0]))
+    box, two, last = outer.add(
+        box=inner, two=Constant([10.0, 20.0]), last=Gain([1.0, 2.0, 3.0])
+    )
     two.y >> box.u[1:]
     outer.ground(box.u[0])
     box.y[::-1] >> last.u
@@ -108,7 +132,9 @@ def test_slices_pass_through_exposed_ports():
 
 def test_exposing_what_cannot_be_exposed():
     diagram = Diagram("d")
-    one, gain, other, wide = diagram.add(one=Length(1.0), gain=Gained(2.0), other=Gained(2.0), wide=Wide())
+    one, gain, other, wide = diagram.add(
+        one=Length(1.0), gain=Gained(2.0), other=Gained(2.0), wide=Wide()
+    )
     diagram.expose(u=gain.u, y=gain.y)
     diagram.expose(again=gain.y)  # an output may be seen under two names
     for fault, port in {
@@ -123,20 +149,27 @@ def test_exposing_what_cannot_be_exposed():
             diagram.expose(x=port)
     with pytest.raises(DiagramError, match="cannot have a 'u': it already has"):
         diagram.expose(u=other.u)
-    with pytest.raises(WiringError, match=r"'gain.u' .*: it is exposed as 'u' and driven from outside"):
+    with pytest.raises(
+        WiringError, match=r"'gain.u' .*: it is exposed as 'u' and driven from outside"
+    ):
         one >> gain
     one >> other
-    with pytest.raises(DiagramError, match=r"cannot expose 'other.u' .*: it is driven inside"):
+    with pytest.raises(
+        DiagramError, match=r"cannot expose 'other.u' .*: it is driven inside"
+    ):
         diagram.expose(x=other.u)
 
 
 @pytest.mark.parametrize(
-    ("name", "fault"), [("u", r"shape \(\) does not fit \(3,\)"), ("s", "'m' does not fit 's'")]
+    ("name", "fault"),
+    [("u", r"shape \(\) does not fit \(3,\)"), ("s", "'m' does not fit 's'")],
 )
 def test_grouped_inputs_must_fit_each_other(name, fault):
     diagram = Diagram("d")
     gain, wide = diagram.add(gain=Gained(2.0), wide=Wide())
-    with pytest.raises(WiringError, match=rf"cannot group 'gain.u' .* and 'wide.{name}'(.|\n)*{fault}"):
+    with pytest.raises(
+        WiringError, match=rf"cannot group 'gain.u' .* and 'wide.{name}'(.|\n)*{fault}"
+    ):
         diagram.expose(both=(gain.u, wide.port(name)))
 
 
@@ -144,7 +177,9 @@ def test_grounding_what_is_no_input():
     diagram = Diagram("d")
     one = diagram.add(one=Length(1.0))
     for what in (one.y, 3, Gained(2.0).u):
-        with pytest.raises(WiringError, match=r"cannot ground .* it is not an input of a block in diag"):
+        with pytest.raises(
+            WiringError, match=r"cannot ground .* it is not an input of a block in diag"
+        ):
             diagram.ground(what)
 
 

@@ -8,7 +8,13 @@ from concurrent.futures import ThreadPoolExecutor
 
 import pytest
 
-from trussflow.blocks.support.files import LOCK_SUFFIX, deleted, locked, own_folder, replaced
+from trussflow.blocks.support.files import (
+    LOCK_SUFFIX,
+    deleted,
+    locked,
+    own_folder,
+    replaced,
+)
 
 KILLED_WRITER = """
 import os, sys
@@ -107,7 +113,11 @@ def test_a_deleted_file_cannot_be_locked(tmp_path, monkeypatch):
 @pytest.mark.parametrize("made", [True, False])
 def test_what_is_cut_short_is_done_later(made, tmp_path, monkeypatch):
     """A process may be killed when it has made or deleted either of a folder and its lock."""
-    first, second, theirs = tmp_path / "first.txt", tmp_path / "second.txt", tmp_path / ".trussflow-theirs"
+    first, second, theirs = (
+        tmp_path / "first.txt",
+        tmp_path / "second.txt",
+        tmp_path / ".trussflow-theirs",
+    )
     theirs.mkdir()
     with monkeypatch.context() as patched:
         patched.setattr(shutil, "rmtree", lambda *_, **__: None)

@@ -73,12 +73,16 @@ def test_inference_runs_backwards_too():
     blocks[2].y >> sink.k
     assert blocks[0].u.shape == (4,)
     forces = diagram.add(forces=Forces())
-    with pytest.raises(WiringError, match=r"shape \(2, 3\) does not fit \(4,\)") as error:
+    with pytest.raises(
+        WiringError, match=r"shape \(2, 3\) does not fit \(4,\)"
+    ) as error:
         forces.f >> blocks[0].u
     assert f"p0.u has its shape from {where}" in str(error.value)
 
 
-@pytest.mark.parametrize(("name", "what"), [("k", "shape"), ("m", "unit"), ("w", "frame")])
+@pytest.mark.parametrize(
+    ("name", "what"), [("k", "shape"), ("m", "unit"), ("w", "frame")]
+)
 def test_conflict_names_the_wire_and_the_line_that_fixed_it(name, what):
     diagram, blocks = chain(2)
     forces, sink, other = diagram.add(forces=Forces(), sink=Sink(), other=Pass())
@@ -123,7 +127,9 @@ def test_slices_give_shape_and_unit():
 def test_slice_of_an_open_shape_is_refused():
     _, blocks = chain(1)
     where = here(2)
-    with pytest.raises(WiringError, match=r"cannot index 'p0\.y': its shape is not known") as error:
+    with pytest.raises(
+        WiringError, match=r"cannot index 'p0\.y': its shape is not known"
+    ) as error:
         blocks[0].y[0]
     assert f"[{where}]" in str(error.value)
 
@@ -137,7 +143,9 @@ def test_ring_without_a_known_shape_is_scalar():
     forces = diagram.add(forces=Forces())
     third = diagram.add(third=Pass())
     blocks[0] >> third
-    with pytest.raises(WiringError, match=r"shape \(2, 3\) does not fit \(\)|cannot drive"):
+    with pytest.raises(
+        WiringError, match=r"shape \(2, 3\) does not fit \(\)|cannot drive"
+    ):
         forces.f >> third
 
 

@@ -29,7 +29,10 @@ def wait_until(end):
 def called_by_casadi():
     """Return a function that interrupts itself, and is taken for one of CasADi."""
     namespace = {"__name__": "casadi.casadi", "signal": signal}
-    exec("def converted():\n    signal.raise_signal(signal.SIGINT)\n    return 'went on'", namespace)
+    exec(
+        "def converted():\n    signal.raise_signal(signal.SIGINT)\n    return 'went on'",
+        namespace,
+    )
     return namespace["converted"]
 
 
@@ -102,7 +105,9 @@ def test_ctrl_c_waits_for_what_must_not_be_left_half_way(outer):
 
 
 @pytest.mark.skipif(os.name != "posix", reason="signals")
-@pytest.mark.parametrize("number", [5, pytest.param(100 * campaign.SIZE, marks=pytest.mark.campaign)])
+@pytest.mark.parametrize(
+    "number", [5, pytest.param(100 * campaign.SIZE, marks=pytest.mark.campaign)]
+)
 @pytest.mark.parametrize("settings", [{"step": 1e-3}, {"solver": "Radau"}])
 def test_sessions_swallow_no_ctrl_c(settings, number, request):
     """In CasADi's interpreter, that is; one of three was swallowed, or became a SystemError.
@@ -118,7 +123,9 @@ def test_sessions_swallow_no_ctrl_c(settings, number, request):
     gc.disable()
     request.addfinalizer(gc.enable)
     with Session(diagram, backend="interpreted", **settings) as session:
-        for delay in np.random.default_rng(7 + campaign.SEED).uniform(0.0, 0.02, number):
+        for delay in np.random.default_rng(7 + campaign.SEED).uniform(
+            0.0, 0.02, number
+        ):
             interrupt = threading.Timer(delay, os.kill, (os.getpid(), signal.SIGINT))
             session.start()
             try:
@@ -157,7 +164,12 @@ print(simulate(diagram, 1.0, step=0.1, backend="numpy").sizes["time"])
 
 
 def test_ctrl_c_leaves_no_module_half_imported():
-    ended = subprocess.run([sys.executable, "-c", IMPORT_SCRIPT], capture_output=True, text=True, check=False)
+    ended = subprocess.run(
+        [sys.executable, "-c", IMPORT_SCRIPT],
+        capture_output=True,
+        text=True,
+        check=False,
+    )
     assert ended.stdout.split() == ["stopped", "True", "11"], ended.stderr
 
 
@@ -216,23 +228,33 @@ JOBS = {
 JOB_DELAYS = [
     (job, delay)
     for job in JOBS
-    for delay in np.random.default_rng(5 + campaign.SEED).uniform(0.0, 1.0, 5 * campaign.SIZE)
+    for delay in np.random.default_rng(5 + campaign.SEED).uniform(
+        0.0, 1.0, 5 * campaign.SIZE
+    )
 ]
 
 
 @pytest.mark.skipif(os.name != "posix", reason="signals")
 @pytest.mark.parametrize(
     ("job", "delay"),
-    [("streamed", 0.2), *(pytest.param(*case, marks=pytest.mark.campaign) for case in JOB_DELAYS)],
+    [
+        ("streamed", 0.2),
+        *(pytest.param(*case, marks=pytest.mark.campaign) for case in JOB_DELAYS),
+    ],
 )
 def test_ctrl_c_ends_every_job_soon(job, delay):
-    code = SCRIPT_HEAD + textwrap.indent(textwrap.dedent(JOBS[job]), "    ") + SCRIPT_TAIL
-    with subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE, text=True) as process:
+    code = (
+        SCRIPT_HEAD + textwrap.indent(textwrap.dedent(JOBS[job]), "    ") + SCRIPT_TAIL
+    )
+    with subprocess.Popen(
+        [sys.executable, "-c", code], stdout=subprocess.PIPE, text=True
+    ) as process:
         assert process.stdout.readline() == "ready\n"
         time.sleep(delay)
         process.send_signal(signal.SIGINT)
         try:
-            out, _ = process.communicate(timeout=30.0)  # half a second where nobody else works
+            # half a second where nobody else works
+            out, _ = process.communicate(timeout=30.0)
         finally:
             process.kill()
     assert out.startswith("stopped")

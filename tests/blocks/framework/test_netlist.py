@@ -19,7 +19,9 @@ def last(diagram, name):
 def test_a_cell_is_run_again():
     d = Diagram("d")
     for level in (1.0, 2.0):
-        step, gain, integral = d.add(step=Constant(level), gain=Gain(3.0), integral=Integrator())
+        step, gain, integral = d.add(
+            step=Constant(level), gain=Gain(3.0), integral=Integrator()
+        )
         (2.0 * step - 0.5 * integral) >> gain >> integral
         d.expose(y=integral.y)
         box = Diagram("box")
@@ -30,7 +32,9 @@ def test_a_cell_is_run_again():
         d.ground(d.add("spare", Gain(1.0)).u)
         found = last(d, "integral.y")
     fresh = Diagram("d")
-    step, gain, integral = fresh.add(step=Constant(2.0), gain=Gain(3.0), integral=Integrator())
+    step, gain, integral = fresh.add(
+        step=Constant(2.0), gain=Gain(3.0), integral=Integrator()
+    )
     (2.0 * step - 0.5 * integral) >> gain >> integral
     assert found == last(fresh, "integral.y")
     assert d.box.u.block is box
@@ -39,7 +43,9 @@ def test_a_cell_is_run_again():
 
 def test_an_input_stays_driven_where_a_kept_wire_gave_way_to_another():
     d = Diagram("d")
-    one, two, a, b = d.add(one=Constant(1.0), two=Constant(2.0), a=Gain(1.0), b=Gain(1.0))
+    one, two, a, b = d.add(
+        one=Constant(1.0), two=Constant(2.0), a=Gain(1.0), b=Gain(1.0)
+    )
     one >> a
     one >> b
     two >> d.add("a", Gain(3.0))
@@ -74,7 +80,8 @@ def test_shapes_are_inferred_anew():
     d.add("gain", Gain(5.0))
     assert last(d, "first.y") == 5.0
     with pytest.warns(
-        RuntimeWarning, match=r"is removed: cannot index 'integral\.y': its shape is not known"
+        RuntimeWarning,
+        match=r"is removed: cannot index 'integral\.y': its shape is not known",
     ):
         d.disconnect(d.gain.u)
     d.add("source", Constant(3.0)) >> d.gain
@@ -84,9 +91,13 @@ def test_shapes_are_inferred_anew():
 
 def test_wires_that_do_not_fit_any_more_are_cut_and_told():
     d = Diagram("d")
-    source, integral = d.add(source=Constant([1.0, 2.0]), integral=Integrator([0.0, 0.0]))
+    source, integral = d.add(
+        source=Constant([1.0, 2.0]), integral=Integrator([0.0, 0.0])
+    )
     source >> integral
-    with pytest.warns(RuntimeWarning, match=r"is removed: cannot wire 'source\.y' \(shape \(3,\)\)"):
+    with pytest.warns(
+        RuntimeWarning, match=r"is removed: cannot wire 'source\.y' \(shape \(3,\)\)"
+    ):
         d.add("source", Constant([1.0, 2.0, 3.0]))
     with pytest.raises(OpenInputError, match=r"'integral\.u'"):
         last(d, "integral.y")
@@ -117,10 +128,14 @@ def test_disconnect_and_remove():
     d.remove(source)
     assert not d.blocks
     for nothing in ("both", source, 3, ["both"]):
-        with pytest.raises(NameLookupError, match=r"cannot remove .* from 'd': there is nothing"):
+        with pytest.raises(
+            NameLookupError, match=r"cannot remove .* from 'd': there is nothing"
+        ):
             d.remove(nothing)
     for port in (source.y, both.y, 3):
-        with pytest.raises(WiringError, match=r"cannot disconnect .* no port of a block in diagram 'd'"):
+        with pytest.raises(
+            WiringError, match=r"cannot disconnect .* no port of a block in diagram 'd'"
+        ):
             d.disconnect(port)
 
 
@@ -177,7 +192,10 @@ def test_random_changes_end_where_a_fresh_diagram_begins(seed):
         fresh.add(name, build(*kinds[name]))
         assert block.parent is d
     for wire in d.wires:
-        fresh.connect(fresh.blocks[wire.source.block.name].y, fresh.blocks[wire.target.block.name].u)
+        fresh.connect(
+            fresh.blocks[wire.source.block.name].y,
+            fresh.blocks[wire.target.block.name].u,
+        )
     for one in (d, fresh):
         one.ground(
             *(

@@ -52,11 +52,21 @@ def put_in(system, port, *, cut, number=1):
 @pytest.mark.parametrize("cut", [False, True])
 @pytest.mark.parametrize(
     ("name", "index"),
-    [("source", [0, 1, 2]), ("source", [2, 0]), ("part", [1, 2]), ("alone", 1), ("alone", [0, 1, 2])],
+    [
+        ("source", [0, 1, 2]),
+        ("source", [2, 0]),
+        ("part", [1, 2]),
+        ("alone", 1),
+        ("alone", [0, 1, 2]),
+    ],
 )
 def test_elements_are_added_to_or_replaced_for_all_that_read_them(name, index, cut):
     """At an output for each of its readers, at an input there alone; defaults and ground included."""
-    signals = {"source": [1.0, 2.0, 3.0], "part": [3.0, 2.0, 0.0], "alone": [7.0, 7.0, 7.0]}
+    signals = {
+        "source": [1.0, 2.0, 3.0],
+        "part": [3.0, 2.0, 0.0],
+        "alone": [7.0, 7.0, 7.0],
+    }
     expected = {each: np.array(values) for each, values in signals.items()}
     more = 10.0 * (1.0 + np.arange(3))[index]
     expected[name][index] = more + (0.0 if cut else expected[name][index])
@@ -66,7 +76,9 @@ def test_elements_are_added_to_or_replaced_for_all_that_read_them(name, index, c
     diagram = wired()
     before = flatten(diagram)
     block = diagram.blocks[name]
-    system, source = put_in(before, (block.only_output() if name == "source" else block.u)[index], cut=cut)
+    system, source = put_in(
+        before, (block.only_output() if name == "source" else block.u)[index], cut=cut
+    )
     for reader, values in expected.items():
         assert_array_equal(seen(system, reader, {source: more}), values)
     assert_array_equal(seen(before, "whole"), [1, 2, 3])
@@ -76,7 +88,9 @@ def test_elements_are_added_to_or_replaced_for_all_that_read_them(name, index, c
 def test_a_whole_output_is_replaced():
     diagram = wired()
     system, name = put_in(flatten(diagram), diagram.source.y, cut=True)
-    assert_array_equal(seen(system, "part", {name: np.array([10.0, 20.0, 30.0])}), [30, 20, 0])
+    assert_array_equal(
+        seen(system, "part", {name: np.array([10.0, 20.0, 30.0])}), [30, 20, 0]
+    )
 
 
 def test_injections_add_up_and_a_probe_keeps_what_came_before_them():

@@ -6,7 +6,13 @@ import sys
 import numpy as np
 import pytest
 
-from trussflow.blocks.errors import BlockError, DiagramError, NameLookupError, OpenInputError, WiringError
+from trussflow.blocks.errors import (
+    BlockError,
+    DiagramError,
+    NameLookupError,
+    OpenInputError,
+    WiringError,
+)
 from trussflow.blocks.framework.block import Block
 from trussflow.blocks.framework.diagram import Diagram
 from trussflow.blocks.framework.port import Input, Output
@@ -132,7 +138,9 @@ def test_slices_may_share_an_input_but_not_an_element():
     d = build()
     d.traj.pos >> d.user.grid[0]
     d.traj.pos[:2] >> d.user.grid[1, 1:]
-    with pytest.raises(WiringError, match=r"cannot drive input 'user\.grid\[1, :\]' .* twice"):
+    with pytest.raises(
+        WiringError, match=r"cannot drive input 'user\.grid\[1, :\]' .* twice"
+    ):
         d.traj.pos >> d.user.grid[1, :]
     d.traj.pos[-1] >> d.user.grid[1, 0]
     with pytest.raises(WiringError, match="selects an element twice"):
@@ -143,7 +151,10 @@ def test_slices_may_share_an_input_but_not_an_element():
     ("index", "message"),
     [
         (3, r"index \[3\] does not fit 'traj\.pos' .*out of bounds"),
-        (slice(1, 5), r"index \[1:5\] does not fit .*slice out of bounds for axis 0 with size 3"),
+        (
+            slice(1, 5),
+            r"index \[1:5\] does not fit .*slice out of bounds for axis 0 with size 3",
+        ),
         (slice(-4, None), r"index \[-4:\] does not fit"),
         (slice(2, 1), r"index \[2:1\] of 'traj\.pos' .* selects no element"),
         ((0, 0), r"index \[0, 0\] does not fit .*too many indices"),
@@ -189,29 +200,56 @@ def assigned(d, name, value=3.0):
 REFUSED_WIRES = [
     (lambda d: d.traj.clock >> d.user.m, "unit 's' does not fit 'm'"),
     # A scale is no quiet conversion: the message gives the factor.
-    (lambda d: d.traj.length >> d.user.m, r"unit 'mm' is 0\.001 'm'; insert a Gain with the"),
-    (lambda d: d.traj.celsius >> d.user.kelvin, "unit 'degC' has another zero than 'K'"),
-    (lambda d: d.traj.mixed[1] >> d.user.m, r"unit 'rad' does not fit 'm' \(element 0\)"),
+    (
+        lambda d: d.traj.length >> d.user.m,
+        r"unit 'mm' is 0\.001 'm'; insert a Gain with the",
+    ),
+    (
+        lambda d: d.traj.celsius >> d.user.kelvin,
+        "unit 'degC' has another zero than 'K'",
+    ),
+    (
+        lambda d: d.traj.mixed[1] >> d.user.m,
+        r"unit 'rad' does not fit 'm' \(element 0\)",
+    ),
     (lambda d: d.traj.mixed[2] >> d.truss.torque, r"'N' does not fit 'N\*m'"),
     (lambda d: d.alloc.f[0] >> d.truss.mode, "dtype float64 does not fit int64"),
-    (lambda d: d.connect(d.truss.f, d.truss.q), "the wire runs backwards; an output drives an input"),
-    (lambda d: d.connect(d.truss.f, d.truss.torque), "both are inputs; an output drives an input"),
-    (lambda d: d.connect(d.truss.q, d.truss.v), "both are outputs; an output drives an input"),
+    (
+        lambda d: d.connect(d.truss.f, d.truss.q),
+        "the wire runs backwards; an output drives an input",
+    ),
+    (
+        lambda d: d.connect(d.truss.f, d.truss.torque),
+        "both are inputs; an output drives an input",
+    ),
+    (
+        lambda d: d.connect(d.truss.q, d.truss.v),
+        "both are outputs; an output drives an input",
+    ),
     (lambda d: d.traj.pos[:2][0], r"'traj\.pos' is already a slice"),
     (lambda d: list(d.truss.f[:1]), r"'truss\.f' is already a slice"),
     (lambda d: list(d.truss.energy), r"index \[0\] does not fit 'truss\.energy'"),
-    (lambda d: Allocation().f >> d.truss.f, r"cannot wire: this Allocation is in no diagram yet; add"),
+    (
+        lambda d: Allocation().f >> d.truss.f,
+        r"cannot wire: this Allocation is in no diagram yet; add",
+    ),
     (in_another_diagram, r"cannot wire 'truss\.f' in diagram 'other': its block"),
     (lambda d: d.alloc.f >> Truss().f, "its block is in no diagram"),
     (nested, r"'box\.truss\.f' in diagram 'loop'(.|\n)*expose"),
-    (lambda d: assigned(d, "f"), r"cannot set 'f' of 'truss': blocks are frozen; connect it"),
+    (
+        lambda d: assigned(d, "f"),
+        r"cannot set 'f' of 'truss': blocks are frozen; connect it",
+    ),
     (lambda d: assigned(d, "mass"), r"cannot set 'mass' of 'truss'.*build a new block"),
     (lambda d: d.alloc >> d.truss, r"'truss' has 3 inputs \(f, torque, mode\); name"),
     (lambda d: d.traj >> d.truss.f, r"'traj' has 5 outputs \(pos, mixed, clock"),
     (lambda d: d.plant, "blocks: truss, traj, user, alloc"),
     (lambda d: bool(d.truss.q), r"'truss\.q' is a port, not a number"),
     (lambda d: d.traj.pos + d.truss.q, r"shape \(2,\) does not fit \(3,\)"),
-    (lambda d: d.traj.pos * d.truss.q, r"cannot compute .*'traj.pos'.*'multiply' of shapes \(3,\) and \("),
+    (
+        lambda d: d.traj.pos * d.truss.q,
+        r"cannot compute .*'traj.pos'.*'multiply' of shapes \(3,\) and \(",
+    ),
 ]
 
 
@@ -238,5 +276,7 @@ def test_unknown_port_lists_those_there_are():
 def test_vectors_can_be_unpacked_and_scalars_cannot():
     d = build()
     x, y, z = d.traj.pos
-    assert [port.full_path for port in (x, y, z)] == [f"traj.pos[{i}]" for i in range(3)]
+    assert [port.full_path for port in (x, y, z)] == [
+        f"traj.pos[{i}]" for i in range(3)
+    ]
     assert [port.shape for port in d.user.grid] == [(3,), (3,)]

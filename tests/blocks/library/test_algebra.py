@@ -31,7 +31,11 @@ v = np.array([2.0, 5.0, 0.5])
     [
         (Gain(3.0), [u], 3.0 * u),
         (Gain(v), [u], v * u),
-        (MatrixGain(np.arange(6.0).reshape(2, 3)), [u], np.arange(6.0).reshape(2, 3) @ u),
+        (
+            MatrixGain(np.arange(6.0).reshape(2, 3)),
+            [u],
+            np.arange(6.0).reshape(2, 3) @ u,
+        ),
         (Sum("+-+"), [u, v, u], u - v + u),
         (Product("*/*"), [u, v, u], u / v * u),
         (Product("/"), [v], 1.0 / v),
@@ -46,13 +50,21 @@ def test_outputs_are_those_of_numpy(block, inputs, expected, evaluate):
 
 
 def test_concatenate_keeps_units():
-    assert Concatenate([2, 3], units=("m", "rad")).y.unit == ("m", "m", "rad", "rad", "rad")
+    assert Concatenate([2, 3], units=("m", "rad")).y.unit == (
+        "m",
+        "m",
+        "rad",
+        "rad",
+        "rad",
+    )
 
 
 def test_gain_keeps_the_unit_unless_told_otherwise():
     diagram = Diagram()
     force, same, other = diagram.add(
-        force=Constant(1.0, unit="N"), same=Gain(2.0), other=Gain(1e3, input_unit="N", output_unit="mN")
+        force=Constant(1.0, unit="N"),
+        same=Gain(2.0),
+        other=Gain(1e3, input_unit="N", output_unit="mN"),
     )
     force.y >> same.u
     same.y >> other.u
@@ -95,13 +107,19 @@ def test_select_refuses_what_does_not_fit_once_wired():
         source.y >> block.u
         simulate(diagram, 1.0, step=1.0, backend="numpy")
 
-    with pytest.raises(BlockError, match="element 3 of a vector of size 3; indices go from 0 to 2"):
+    with pytest.raises(
+        BlockError, match="element 3 of a vector of size 3; indices go from 0 to 2"
+    ):
         run(u)
-    with pytest.raises(BlockError, match=r"'select' picks .* vector; its input has shape \(\)"):
+    with pytest.raises(
+        BlockError, match=r"'select' picks .* vector; its input has shape \(\)"
+    ):
         run(1.0)
 
 
 def test_function_that_returns_too_little_is_refused(evaluate):
     block = Function(np.abs, {"u": Input()}, {"a": Output(), "b": Output()})
-    with pytest.raises(BlockError, match="must return a tuple of 2 arrays, for: a, b; it returned"):
+    with pytest.raises(
+        BlockError, match="must return a tuple of 2 arrays, for: a, b; it returned"
+    ):
         evaluate(block, u=1.0)

@@ -62,16 +62,23 @@ def test_state_space_follows_the_matrix_exponential(respond):
 def test_vectors_as_matrices_give_scalar_ports(inputs, outputs, respond):
     b, u = (B[:, 0], 0.3) if inputs == "scalar" else (B, np.array([0.3, 0.0]))
     c = C[0] if outputs == "scalar" else C
-    d = D[(0 if outputs == "scalar" else slice(None)), (0 if inputs == "scalar" else slice(None))]
+    d = D[
+        (0 if outputs == "scalar" else slice(None)),
+        (0 if inputs == "scalar" else slice(None)),
+    ]
     block = StateSpace(A, b, c, d)
     assert block.u.shape == np.shape(u)
     y = respond(block, 1.0, u=u)["block.y"][-1]
     reference = respond(StateSpace(A, B, C, D), 1.0, u=[0.3, 0.0])["block.y"][-1]
-    assert_allclose(y, reference[0] if outputs == "scalar" else reference, rtol=0, atol=1e-14)
+    assert_allclose(
+        y, reference[0] if outputs == "scalar" else reference, rtol=0, atol=1e-14
+    )
 
 
 def test_state_space_agrees_with_python_control(respond):
-    system = control.ss(A, B[:, :1], C, D[:, :1], inputs=["thrust"], outputs=["angle", "rate"])
+    system = control.ss(
+        A, B[:, :1], C, D[:, :1], inputs=["thrust"], outputs=["angle", "rate"]
+    )
     block = from_control(system)
     assert (block.u.shape, block.y.shape) == ((1,), (2,))
     assert block.u.declaration.meaning == "thrust"
@@ -85,7 +92,11 @@ def test_state_space_agrees_with_python_control(respond):
 
 @pytest.mark.parametrize(
     ("numerator", "denominator"),
-    [([2.0], [0.5, 1.0]), ([1.0, 3.0], [1.0, 0.4, 4.0]), ([1.0, 2.0, 3.0], [2.0, 1.0, 4.0, 5.0])],
+    [
+        ([2.0], [0.5, 1.0]),
+        ([1.0, 3.0], [1.0, 0.4, 4.0]),
+        ([1.0, 2.0, 3.0], [2.0, 1.0, 4.0, 5.0]),
+    ],
 )
 def test_transfer_function_agrees_with_python_control(numerator, denominator, respond):
     block = TransferFunction(numerator, denominator)

@@ -30,7 +30,12 @@ def test_sampled_delay_is_exact(delay, respond):
     """y(t) = u(k T) from k T + delay on, whether or not the delay is a whole number of samples."""
     block = sampled_delay(0.02, delay, -1.0)
     log = {"y": block.y, "u": "block.hold.u"}
-    result = respond(block, 0.5, {"step": 1e-3, "log_step": 1e-3, "log": log}, u=Ramp(1.0, initial_value=3.0))
+    result = respond(
+        block,
+        0.5,
+        {"step": 1e-3, "log_step": 1e-3, "log": log},
+        u=Ramp(1.0, initial_value=3.0),
+    )
     ticks, late = np.arange(501), round(delay * 1000)
     expected = np.where(ticks < late, -1.0, 3.0 + (ticks - late) // 20 * 0.02)
     assert_allclose(result["y"], expected, rtol=0, atol=ROUND_OFF)
@@ -45,12 +50,25 @@ def test_hold_keeps_the_last_sample(respond):
 
 
 def test_state_space_agrees_with_python_control(respond):
-    system = control.ss([[0.9, 0.1], [-0.2, 0.8]], [[0.0, 1.0], [1.0, 0.0]], [[1.0, 0.5]], [[0.2, 0.0]], 0.1)
+    system = control.ss(
+        [[0.9, 0.1], [-0.2, 0.8]],
+        [[0.0, 1.0], [1.0, 0.0]],
+        [[1.0, 0.5]],
+        [[0.2, 0.0]],
+        0.1,
+    )
     x0 = [1.0, -1.0]
-    result = respond(from_control(system, initial_value=x0), 3.0, {"log_step": 0.1}, u=Ramp([1.0, -2.0]))
+    result = respond(
+        from_control(system, initial_value=x0),
+        3.0,
+        {"log_step": 0.1},
+        u=Ramp([1.0, -2.0]),
+    )
     inputs = result["u_source.y"].values.T
     reference = control.forced_response(system, result["time"].values, inputs, x0)
-    assert_allclose(result["block.y"][:, 0], reference.outputs[0], rtol=0, atol=ROUND_OFF)
+    assert_allclose(
+        result["block.y"][:, 0], reference.outputs[0], rtol=0, atol=ROUND_OFF
+    )
 
 
 def test_transfer_function_obeys_its_difference_equation(respond):

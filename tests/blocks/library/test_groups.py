@@ -60,7 +60,9 @@ def timer():
 def counter():
     """Return a group, two diagrams deep, that counts the instants at which it computes, every 0.1 s."""
     inner, group = Diagram("inner"), Diagram("counter")
-    one, total, before = inner.add(one=Constant(1.0), total=Sum("++"), before=UnitDelay(0.1))
+    one, total, before = inner.add(
+        one=Constant(1.0), total=Sum("++"), before=UnitDelay(0.1)
+    )
     one >> total.u1
     before >> total.u2
     total >> before
@@ -72,7 +74,9 @@ def counter():
 
 def pulses():
     """Return a signal above a half from 0.25 to 0.65 s, and again after each whole second."""
-    return TimeFunction(lambda t: (t - 1.0 * (t >= 1.0) - 0.25) * (0.65 - t + 1.0 * (t >= 1.0)) + 0.5)
+    return TimeFunction(
+        lambda t: (t - 1.0 * (t >= 1.0) - 0.25) * (0.65 - t + 1.0 * (t >= 1.0)) + 0.5
+    )
 
 
 def values(result, times):
@@ -106,11 +110,14 @@ TIMES = [0.2, 0.45, 0.9, 1.45, 1.9]
     ],
 )
 def test_an_enabled_group_runs_while_it_is_enabled(settings, exact):
-    assert_allclose(output(enabled(timer(), **settings), TIMES), exact, rtol=0, atol=TOLERANCE)
+    assert_allclose(
+        output(enabled(timer(), **settings), TIMES), exact, rtol=0, atol=TOLERANCE
+    )
 
 
 @pytest.mark.parametrize(
-    ("states", "exact"), [("held", [0.0, 2.0, 4.0, 6.0, 8.0]), ("reset", [0.0, 2.0, 4.0, 2.0, 4.0])]
+    ("states", "exact"),
+    [("held", [0.0, 2.0, 4.0, 6.0, 8.0]), ("reset", [0.0, 2.0, 4.0, 2.0, 4.0])],
 )
 def test_sampled_blocks_count_the_instants_at_which_they_are_enabled(states, exact):
     """0.3 to 0.6 s, and 1.3 to 1.6 s; what is shown at 0.45 s was computed at 0.4 s."""
@@ -124,13 +131,20 @@ def test_computed_initial_states_are_reset_too():
     group = Diagram("group")
     noise = group.add(noise=Noise(1.0, 0.1, seed=1))
     group.expose(y=noise.y)
-    first, second = np.split(output(enabled(group, states="reset"), [0.35, 0.45, 0.55, 1.35, 1.45, 1.55]), 2)
+    first, second = np.split(
+        output(enabled(group, states="reset"), [0.35, 0.45, 0.55, 1.35, 1.45, 1.55]), 2
+    )
     assert_array_equal(first, second)
     assert np.unique(first).size == 3
 
 
 @pytest.mark.parametrize(
-    ("edge", "exact"), [("rising", [0, 1, 1, 2, 2]), ("falling", [0, 0, 1, 1, 2]), ("both", [0, 1, 2, 3, 4])]
+    ("edge", "exact"),
+    [
+        ("rising", [0, 1, 1, 2, 2]),
+        ("falling", [0, 0, 1, 1, 2]),
+        ("both", [0, 1, 2, 3, 4]),
+    ],
 )
 def test_a_triggered_group_computes_once_at_each_edge(edge, exact):
     assert_array_equal(output(triggered(counter(), edge=edge), TIMES, "trigger"), exact)
@@ -144,7 +158,9 @@ def test_a_triggered_group_computes_once_at_each_edge(edge, exact):
         (TimesSampleTime().sampled(0.1), [0.0, 0.1, 0.1, 0.1, 0.1]),
     ],
 )
-def test_equations_in_a_triggered_group_use_the_sample_time_of_their_block(block, exact):
+def test_equations_in_a_triggered_group_use_the_sample_time_of_their_block(
+    block, exact
+):
     """An edge counts as one sample: of a limited rate, of an integral, of a block without memory."""
     group = Diagram("group")
     start, block = group.add(start=Step(0.1), block=block)
@@ -152,7 +168,9 @@ def test_equations_in_a_triggered_group_use_the_sample_time_of_their_block(block
     if isinstance(block, DiscretePID):
         group.ground(block.measurement)
     group.expose(y=block.y)
-    assert_allclose(output(triggered(group), TIMES, "trigger"), exact, rtol=0, atol=TOLERANCE)
+    assert_allclose(
+        output(triggered(group), TIMES, "trigger"), exact, rtol=0, atol=TOLERANCE
+    )
 
 
 def test_a_group_is_enabled_where_it_is_the_outermost_diagram_too():
@@ -181,7 +199,9 @@ def test_crossing_while_a_group_is_off_is_an_event_when_it_is_enabled():
 def test_limits_and_resets_of_an_integrator_wait_for_the_group():
     """It rises from 0.25 to its limit, at 0.55 s; is reset at 0.8 s while off, which it learns at 1.25 s."""
     group = Diagram("group")
-    one, total = group.add(one=Constant(1.0), total=LimitedIntegrator(upper=0.3, reset="rising"))
+    one, total = group.add(
+        one=Constant(1.0), total=LimitedIntegrator(upper=0.3, reset="rising")
+    )
     one >> total.u
     group.expose(reset=total.reset, y=total.y)
     group = enabled(group)
@@ -195,11 +215,14 @@ def test_signal_above_zero_when_a_group_is_first_enabled_has_not_risen():
     """The integral began at the start of its ramp, 0, and a reset would set it to 0.25."""
     group = Diagram("group")
     zero, total = group.add(
-        zero=Constant(0.0), total=LimitedIntegrator(reset="rising", start_from_input=True)
+        zero=Constant(0.0),
+        total=LimitedIntegrator(reset="rising", start_from_input=True),
     )
     zero >> total.u
     group.expose(reset=total.reset, start=total.start, y=total.y)
-    result = run(enabled(group), 0.5, enable=Step(0.25), reset=Constant(1.0), start=Ramp())
+    result = run(
+        enabled(group), 0.5, enable=Step(0.25), reset=Constant(1.0), start=Ramp()
+    )
     assert result["y"][-1] == 0.0
 
 
@@ -231,11 +254,23 @@ def within(group):
 @pytest.mark.parametrize(
     ("make", "message"),
     [
-        (lambda: enabled(python()), r"cannot put 'function' \(PythonFunction\) into a group: it is a P"),
-        (lambda: enabled(enabled(timer())), "cannot make a group of .*: it has a port 'enable' already"),
-        (lambda: enabled(within(enabled(timer()))), "cannot put 'inner.count' into a group: it is in one"),
+        (
+            lambda: enabled(python()),
+            r"cannot put 'function' \(PythonFunction\) into a group: it is a P",
+        ),
+        (
+            lambda: enabled(enabled(timer())),
+            "cannot make a group of .*: it has a port 'enable' already",
+        ),
+        (
+            lambda: enabled(within(enabled(timer()))),
+            "cannot put 'inner.count' into a group: it is in one",
+        ),
         (lambda: enabled(Gain(1.0)), "it is no Diagram"),
-        (lambda: triggered(timer()), r"cannot trigger 'count' \(Integrator\): it has continuous states"),
+        (
+            lambda: triggered(timer()),
+            r"cannot trigger 'count' \(Integrator\): it has continuous states",
+        ),
         (lambda: enabled(timer(), states="kept"), "states of a group"),
         (lambda: enabled(timer(), outputs="kept"), "outputs of a group"),
         (lambda: triggered(counter(), edge="up"), "edge"),

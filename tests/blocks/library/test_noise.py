@@ -32,7 +32,13 @@ def test_recurrences_are_exact_in_doubles():
     first, second = numbers.astype(float)
     x, y = numbers[0, :, 0].tolist(), numbers[1, :, 0].tolist()
     # The last two leave the largest remainders, where a rounded quotient would show.
-    extremes = [0, 1, 4294944442, pow(810728, -1, 4294967087), pow(1370589, -1, 4294944443)]
+    extremes = [
+        0,
+        1,
+        4294944442,
+        pow(810728, -1, 4294967087),
+        pow(1370589, -1, 4294944443),
+    ]
     for a, b, c in itertools.product(extremes, repeat=3):
         states = np.array([[a], [b], [c]], dtype=float)
         _, p, q = uniform(states, states)
@@ -53,7 +59,9 @@ def test_numbers_are_white_and_normal(respond):
     four_sigma = 4 / np.sqrt(z[..., 0].size)
     assert_allclose(z.mean(axis=(0, 1)), 0.0, rtol=0, atol=four_sigma)
     assert_allclose(z.var(axis=(0, 1)), 1.0, rtol=0, atol=four_sigma * np.sqrt(2))
-    assert_allclose((z**4).mean(axis=(0, 1)), 3.0, rtol=0, atol=four_sigma * np.sqrt(96))
+    assert_allclose(
+        (z**4).mean(axis=(0, 1)), 3.0, rtol=0, atol=four_sigma * np.sqrt(96)
+    )
     # No memory: neither the numbers nor their squares depend on those before.
     assert_allclose((z[1:] * z[:-1]).mean(axis=(0, 1)), 0.0, rtol=0, atol=four_sigma)
     squares = (z[1:] ** 2 * z[:-1] ** 2).mean(axis=(0, 1))
@@ -72,7 +80,9 @@ def test_numbers_are_white_and_normal(respond):
 )
 def test_numbers_depend_on_seed_and_instant_only(settings, respond):
     def noise(seed, **settings):
-        return samples(respond, Noise([1.0, 1.0], 0.02, seed=seed), 0.4, log_step=0.02, **settings)
+        return samples(
+            respond, Noise([1.0, 1.0], 0.02, seed=seed), 0.4, log_step=0.02, **settings
+        )
 
     reference = noise(7)
     assert_allclose(noise(7, **settings), reference, rtol=0, atol=BETWEEN_BACKENDS)
@@ -81,7 +91,9 @@ def test_numbers_depend_on_seed_and_instant_only(settings, respond):
 
 def allan_deviation(rate, samples, step):
     """Return the overlapping Allan deviation of rates, over all channels [IEEE Std 952, annex C]."""
-    angle = np.concatenate([np.zeros((1, rate.shape[1])), np.cumsum(rate, axis=0)]) * step
+    angle = (
+        np.concatenate([np.zeros((1, rate.shape[1])), np.cumsum(rate, axis=0)]) * step
+    )
     second = angle[2 * samples :] - 2 * angle[samples:-samples] + angle[: -2 * samples]
     return np.sqrt(np.mean(second**2) / 2) / (samples * step)
 
@@ -89,13 +101,20 @@ def allan_deviation(rate, samples, step):
 def test_drift_is_a_random_walk(respond):
     """Its standard deviation is K √t; its Allan deviation K √(t/3), that of white noise N/√t."""
     step, walk = 0.1, 0.3
-    drift = samples(respond, Drift(walk, step, seed=5, shape=400), 100.0, step=step, log_step=step)
-    white = samples(respond, Noise(np.ones(400), step, seed=6), 100.0, step=step, log_step=step)
+    drift = samples(
+        respond, Drift(walk, step, seed=5, shape=400), 100.0, step=step, log_step=step
+    )
+    white = samples(
+        respond, Noise(np.ones(400), step, seed=6), 100.0, step=step, log_step=step
+    )
     times = np.arange(1, 1000) * step
     deviation = drift[1:].std(axis=1) / np.sqrt(times)
     assert_allclose(deviation, walk, rtol=4 / np.sqrt(800), atol=0)
     averaged = np.array([10, 20, 40, 80])
-    for rate, slope, at_one in ((drift, 0.5, walk / np.sqrt(3)), (white, -0.5, np.sqrt(step))):
+    for rate, slope, at_one in (
+        (drift, 0.5, walk / np.sqrt(3)),
+        (white, -0.5, np.sqrt(step)),
+    ):
         deviations = [allan_deviation(rate, m, step) for m in averaged]
         found, level = np.polyfit(np.log(averaged * step), np.log(deviations), 1)
         assert found == pytest.approx(slope, abs=0.05)
@@ -106,17 +125,23 @@ def test_drift_with_a_correlation_time_settles(respond):
     """From its stationary distribution on: variance K² τ/2 at all times, correlation e^(-t/τ)."""
     walk, time = 0.3, 2.0
     settled = walk * np.sqrt(time / 2)
-    block = Drift(walk, 0.1, seed=5, shape=2000, correlation_time=time, initial_deviation=settled)
+    block = Drift(
+        walk, 0.1, seed=5, shape=2000, correlation_time=time, initial_deviation=settled
+    )
     y = samples(respond, block, 10.0, step=0.1, log_step=0.1)
     assert_allclose(y.std(axis=1), settled, rtol=4 / np.sqrt(4000), atol=0)
     correlation = np.mean(y[:-20] * y[20:]) / settled**2
     assert correlation == pytest.approx(np.exp(-1), abs=0.02)
 
 
-@pytest.mark.parametrize("block", [Noise, partial(Drift, shape=3, initial_deviation=1.0)])
+@pytest.mark.parametrize(
+    "block", [Noise, partial(Drift, shape=3, initial_deviation=1.0)]
+)
 def test_seed_can_change_from_run_to_run(block, respond):
     def numbers(seed, **settings):
-        return samples(respond, block(1.0, 0.1, seed=seed), 2.0, log_step=0.1, **settings)
+        return samples(
+            respond, block(1.0, 0.1, seed=seed), 2.0, log_step=0.1, **settings
+        )
 
     reference = numbers(7)
     again = numbers(8, parameters={"block.seed": 7}, backend="interpreted")

@@ -26,7 +26,9 @@ from trussflow.blocks import (
 vectors = st.lists(st.floats(-10.0, 10.0), min_size=1, max_size=4)
 
 
-@given(u=vectors, limits=st.tuples(st.floats(-5.0, 5.0), st.floats(-5.0, 5.0)).map(sorted))
+@given(
+    u=vectors, limits=st.tuples(st.floats(-5.0, 5.0), st.floats(-5.0, 5.0)).map(sorted)
+)
 def test_saturation_clips_and_dead_zone_passes_the_rest(u, limits, evaluate):
     limited = evaluate(Saturation(*limits), u=u)["y"]
     assert_array_equal(limited, np.clip(u, limits[0], limits[1]))
@@ -37,7 +39,9 @@ def test_saturation_clips_and_dead_zone_passes_the_rest(u, limits, evaluate):
 @pytest.mark.parametrize("backend", ["numpy", "interpreted", "compiled"])
 def test_saturation_does_not_hide_nan(backend, respond):
     """The minimum of CasADi's interpreter would: of a number and NaN it returns the number."""
-    undefined = Function(lambda u: np.sqrt(u - 1.0), {"u": Input(default=0.0)}, {"y": Output()})
+    undefined = Function(
+        lambda u: np.sqrt(u - 1.0), {"u": Input(default=0.0)}, {"y": Output()}
+    )
     settings = {"backend": backend, "log": ["block.y"], "not_finite": "ignore"}
     with np.errstate(invalid="ignore"):
         result = respond(Saturation(-1.0, 1.0), 0.01, settings, u=undefined)
@@ -45,7 +49,9 @@ def test_saturation_does_not_hide_nan(backend, respond):
 
 
 def test_quantizer_does_not_hide_nan(evaluate):
-    assert np.isnan(evaluate(Quantizer(0.1, 0.01), states={"previous": 0.0}, u=np.nan)["y"])
+    assert np.isnan(
+        evaluate(Quantizer(0.1, 0.01), states={"previous": 0.0}, u=np.nan)["y"]
+    )
 
 
 def test_limits_hold_for_each_element(evaluate):
@@ -55,8 +61,11 @@ def test_limits_hold_for_each_element(evaluate):
 
 def test_rate_limiter_ramps_after_a_step(respond):
     steps = Step(0.5, initial_value=[1.0, 2.0], final_value=[2.0, 1.0])
-    result = respond(RateLimiter(2.0, 0.1, falling=1.0), 2.0, {"log_step": 0.1}, u=steps)
-    moving = np.maximum(np.linspace(0.0, 2.0, 21) - 0.4, 0.0)  # the sample at 0.5 moves already
+    result = respond(
+        RateLimiter(2.0, 0.1, falling=1.0), 2.0, {"log_step": 0.1}, u=steps
+    )
+    # the sample at 0.5 moves already
+    moving = np.maximum(np.linspace(0.0, 2.0, 21) - 0.4, 0.0)
     up, down = np.minimum(1.0 + 2.0 * moving, 2.0), np.maximum(2.0 - moving, 1.0)
     assert_allclose(result["block.y"], np.stack([up, down], axis=1), rtol=0, atol=1e-12)
 

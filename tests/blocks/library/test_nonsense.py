@@ -54,9 +54,54 @@ class Strange:
 
 
 NONSENSE = [
-    *(None, True, "", "x", "3", "u", b"x", 0, -1, 2, 3, 0.0, -1.5, 2.0, 1e300, 1e-300, np.nan, np.inf, 1j),
-    *(10**400, 10**5000, 10**9, -(10**9), 2**63, Fraction(1, 3), [], (), {}, set(), [[]], [None], (None,)),
-    *([1, [2]], [[1, 2], [3]], [1.0, np.nan], ["a"], ["1", "2"], [1j], [10**400], (-1,), (2.0,), ("3",)),
+    *(
+        None,
+        True,
+        "",
+        "x",
+        "3",
+        "u",
+        b"x",
+        0,
+        -1,
+        2,
+        3,
+        0.0,
+        -1.5,
+        2.0,
+        1e300,
+        1e-300,
+        np.nan,
+        np.inf,
+        1j,
+    ),
+    *(
+        10**400,
+        10**5000,
+        10**9,
+        -(10**9),
+        2**63,
+        Fraction(1, 3),
+        [],
+        (),
+        {},
+        set(),
+        [[]],
+        [None],
+        (None,),
+    ),
+    *(
+        [1, [2]],
+        [[1, 2], [3]],
+        [1.0, np.nan],
+        ["a"],
+        ["1", "2"],
+        [1j],
+        [10**400],
+        (-1,),
+        (2.0,),
+        ("3",),
+    ),
     *(
         (2, 3),
         [1.0, 2.0],
@@ -68,16 +113,52 @@ NONSENSE = [
         {"x": 1},
         {"u": None},
     ),
-    *(np.zeros(0), np.zeros((2, 3)), np.zeros((2, 2, 2)), np.ones(2, dtype=complex), np.array("text")),
-    *(np.array([None, 1], dtype=object), np.ma.masked_equal([1.0, 2.0], 2.0), np.datetime64("2020-01-01")),
-    *(object(), Strange(), int, len, lambda *a: a, iter([1]), Gain, "foobar", "Nm", "dB*m", "m**s", ("m", 3)),
+    *(
+        np.zeros(0),
+        np.zeros((2, 3)),
+        np.zeros((2, 2, 2)),
+        np.ones(2, dtype=complex),
+        np.array("text"),
+    ),
+    *(
+        np.array([None, 1], dtype=object),
+        np.ma.masked_equal([1.0, 2.0], 2.0),
+        np.datetime64("2020-01-01"),
+    ),
+    *(
+        object(),
+        Strange(),
+        int,
+        len,
+        lambda *a: a,
+        iter([1]),
+        Gain,
+        "foobar",
+        "Nm",
+        "dB*m",
+        "m**s",
+        ("m", 3),
+    ),
 ]
 
 
 def ordinary():
     """Return what makes sense somewhere, so that calls come further."""
     return [
-        *(1.0, 2, 0.1, [1.0, 2.0], [[1.0, 0.0], [0.0, 1.0]], "m", "N", ("m", "N"), (2,), "+-", "*/", np.abs),
+        *(
+            1.0,
+            2,
+            0.1,
+            [1.0, 2.0],
+            [[1.0, 0.0], [0.0, 1.0]],
+            "m",
+            "N",
+            ("m", "N"),
+            (2,),
+            "+-",
+            "*/",
+            np.abs,
+        ),
         *(
             [0.0, 1.0, 2.0],
             {"u": Input()},
@@ -112,7 +193,9 @@ def entry_points():
     session = Session(small(), step=0.1)
     session.start()
     blocks = [
-        v for v in vars(library).values() if inspect.isclass(v) and issubclass(v, Block) and v is not Block
+        v
+        for v in vars(library).values()
+        if inspect.isclass(v) and issubclass(v, Block) and v is not Block
     ]
     port = small().g.u
 
@@ -127,15 +210,32 @@ def entry_points():
         return simulate(small(), duration, step=step, **more)
 
     others = [
-        *[Own, declared, lambda index=0: small().g.u[index], lambda name="x": Diagram(name)],
-        lambda log=None, log_step=None, solver="rk4": run(0.1, log=log, log_step=log_step, solver=solver),
-        lambda duration=1.0, step=0.1: run(duration, step) if not _long(duration, step) else None,
-        lambda parameters=None, initial=None: ready.run(0.1, parameters=parameters, initial=initial),
+        *[
+            Own,
+            declared,
+            lambda index=0: small().g.u[index],
+            lambda name="x": Diagram(name),
+        ],
+        lambda log=None, log_step=None, solver="rk4": run(
+            0.1, log=log, log_step=log_step, solver=solver
+        ),
+        lambda duration=1.0, step=0.1: (
+            run(duration, step) if not _long(duration, step) else None
+        ),
+        lambda parameters=None, initial=None: ready.run(
+            0.1, parameters=parameters, initial=initial
+        ),
         lambda not_finite="warn": ready.run(0.1, not_finite=not_finite),
         *[lambda values=None: session.set(values), lambda p=None: session.tune(p)],
-        lambda parameters=None, initial=None: session.start(parameters=parameters, initial=initial),
+        lambda parameters=None, initial=None: session.start(
+            parameters=parameters, initial=initial
+        ),
         lambda every=0.1, offset=0.0: Gain(1.0).sampled(every, offset),
-        *[lambda x=0: x >> small().g.u, lambda x=0: small().g.y * x, lambda x=0: x - small().g.y],
+        *[
+            lambda x=0: x >> small().g.u,
+            lambda x=0: small().g.y * x,
+            lambda x=0: x - small().g.y,
+        ],
         *[lambda x=0: small().g + x, lambda x=0: port < x],
         *[lambda b=0: small().add(b=b), lambda x=0: small().add(x)],
         *[lambda a=0: small().expose(a=a), lambda x=0: small().ground(x)],
@@ -174,9 +274,13 @@ def analyses():
             step=step, tolerance=tolerance, largest_step=largest_step
         ),
         lambda at=None, amplitude=None: linear.at(at, amplitude=amplitude),
-        lambda at=None, states=None, inputs=None: trim(small(), at=at, states=states, inputs=inputs),
+        lambda at=None, states=None, inputs=None: trim(
+            small(), at=at, states=states, inputs=inputs
+        ),
         lambda loop=LAG, omega=None: delay_margin(loop, omega=omega),
-        lambda delay=0.0, points=9, plant=LAG: largest_sample_time(plant, LAG, delay=delay, points=points),
+        lambda delay=0.0, points=9, plant=LAG: largest_sample_time(
+            plant, LAG, delay=delay, points=points
+        ),
         lambda omega=1.0, amplitude=1.0: frequency_response(
             small(), "g.u", "i.y", omega=omega, amplitude=amplitude
         ),
@@ -201,7 +305,9 @@ def call(function, random_):
     for name, parameter in inspect.signature(function).parameters.items():
         wanted = parameter.kind not in (parameter.VAR_POSITIONAL, parameter.VAR_KEYWORD)
         if wanted and (parameter.default is parameter.empty or random_.random() < 0.5):
-            chosen[name] = random_.choice(NONSENSE if random_.random() < 0.5 else ordinary())
+            chosen[name] = random_.choice(
+                NONSENSE if random_.random() < 0.5 else ordinary()
+            )
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
@@ -215,11 +321,15 @@ def call(function, random_):
         return type(error).__name__
     except Exception as error:
         what = f"{getattr(function, '__name__', function)}({shown(chosen)})"
-        raise AssertionError(f"{what} raised {type(error).__name__}: {shown(error)}") from error
+        raise AssertionError(
+            f"{what} raised {type(error).__name__}: {shown(error)}"
+        ) from error
     return "accepted"
 
 
-@pytest.mark.parametrize("part", [0, *(pytest.param(n, marks=pytest.mark.campaign) for n in range(1, 4))])
+@pytest.mark.parametrize(
+    "part", [0, *(pytest.param(n, marks=pytest.mark.campaign) for n in range(1, 4))]
+)
 def test_nonsense_is_refused_by_our_errors(part):
     functions, found = entry_points(), Counter[str]()
     for number in range(CALL_COUNT):
@@ -236,10 +346,15 @@ class Named(Block):
         super().__init__()
 
 
-@pytest.mark.parametrize("name", ["states", "ports", "output", "path", "name", "sample_time", "_shape"])
+@pytest.mark.parametrize(
+    "name", ["states", "ports", "output", "path", "name", "sample_time", "_shape"]
+)
 def test_names_of_blocks_are_not_taken(name):
     """Block's own code calls its methods: a number in their place would fail much later."""
-    with pytest.raises(BlockError, match=rf"Named sets '{name}', but every block has Block\.{name}; choose"):
+    with pytest.raises(
+        BlockError,
+        match=rf"Named sets '{name}', but every block has Block\.{name}; choose",
+    ):
         Named(name)
     assert vars(Named("size"))["size"] == 5
 
@@ -247,20 +362,53 @@ def test_names_of_blocks_are_not_taken(name):
 @pytest.mark.parametrize(
     ("call", "message"),
     [
-        (lambda: adaptive(rtol=1e30), r"rtol = 1e\+30 must be from 2\.2e-14, which is round-off, to below 1"),
+        (
+            lambda: adaptive(rtol=1e30),
+            r"rtol = 1e\+30 must be from 2\.2e-14, which is round-off, to below 1",
+        ),
         (lambda: adaptive(rtol=1e-30), r"rtol = 1e-30 must be from"),
-        (lambda: adaptive(progress="no"), r"a run needs progress=True or progress=False, not 'no'"),
-        (lambda: coupled().run(0.1, progress=FIVE), r"a run needs progress=True or progress=False, not 5"),
+        (
+            lambda: adaptive(progress="no"),
+            r"a run needs progress=True or progress=False, not 'no'",
+        ),
+        (
+            lambda: coupled().run(0.1, progress=FIVE),
+            r"a run needs progress=True or progress=False, not 5",
+        ),
         (lambda: coupled(members=5), r"members = 5 must be a list: members=\[5\]"),
         (lambda: coupled(order=iter("i")), r"order = .* must be a list"),
-        (lambda: coupled(tolerance=0.1, largest_step=0.05), r"largest_step = 0\.05 must be at least step ="),
-        (lambda: delay_margin(LAG, omega=[]), r"omega = \[\] must be a list of 2 or more frequencies"),
-        (lambda: delay_margin(LAG, omega=[-1.0, 1.0]), r"omega = -1\.0 must be a positive"),
-        (lambda: delay_margin(LAG, omega=np.ones((1, 2))), r"omega = array\(\[\[.* must be a list"),
-        (lambda: delay_margin(5), r"the loop must be a continuous model, a control\.StateSpace, not 5"),
-        (lambda: linearize(Integrator(), at=FIVE), r"must be an OperatingPoint\(states=.*, not 5"),
-        (lambda: OperatingPoint(time=np.nan), r"the time of an operating point is not finite: nan"),
-        (lambda: save(FIVE, "a" * 300), r"give the path of a file as text, not too long"),
+        (
+            lambda: coupled(tolerance=0.1, largest_step=0.05),
+            r"largest_step = 0\.05 must be at least step =",
+        ),
+        (
+            lambda: delay_margin(LAG, omega=[]),
+            r"omega = \[\] must be a list of 2 or more frequencies",
+        ),
+        (
+            lambda: delay_margin(LAG, omega=[-1.0, 1.0]),
+            r"omega = -1\.0 must be a positive",
+        ),
+        (
+            lambda: delay_margin(LAG, omega=np.ones((1, 2))),
+            r"omega = array\(\[\[.* must be a list",
+        ),
+        (
+            lambda: delay_margin(5),
+            r"the loop must be a continuous model, a control\.StateSpace, not 5",
+        ),
+        (
+            lambda: linearize(Integrator(), at=FIVE),
+            r"must be an OperatingPoint\(states=.*, not 5",
+        ),
+        (
+            lambda: OperatingPoint(time=np.nan),
+            r"the time of an operating point is not finite: nan",
+        ),
+        (
+            lambda: save(FIVE, "a" * 300),
+            r"give the path of a file as text, not too long",
+        ),
     ],
 )
 def test_what_was_taken_in_silence_or_refused_by_others(call, message):

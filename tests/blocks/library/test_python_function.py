@@ -34,7 +34,10 @@ def decide(u, v):
 
 def test_function_may_do_anything(respond):
     block = PythonFunction(
-        decide, 0.1, inputs={"u": Input(), "v": Input(2)}, outputs={"y": Output(2), "n": Output()}
+        decide,
+        0.1,
+        inputs={"u": Input(), "v": Input(2)},
+        outputs={"y": Output(2), "n": Output()},
     )
     result = respond(block, 0.5, {"log_step": 0.1}, u=Ramp(), v=[1.0, 2.0])
     signs = np.array([-1, -1, -1, 1, 1, 1])
@@ -47,13 +50,15 @@ FOURTH_ORDER = 1e-7
 
 
 @pytest.mark.parametrize(
-    "settings", [{"step": 0.01}, {"step": 0.01, "backend": "numpy"}, {"solver": "DOP853"}]
+    "settings",
+    [{"step": 0.01}, {"step": 0.01, "backend": "numpy"}, {"solver": "DOP853"}],
 )
 def test_continuous_function_without_memory(settings):
     """A lag whose law is Python: exact, in a loop, with its slope in linear models."""
     diagram = Diagram("lag")
     law, lag = diagram.add(
-        law=PythonFunction(lambda u: float(str(float(-u))), **ports(u=(), y=())), lag=Integrator(1.0)
+        law=PythonFunction(lambda u: float(str(float(-u))), **ports(u=(), y=())),
+        lag=Integrator(1.0),
     )
     law >> lag >> law
     result = simulate(diagram, 2.0, **settings)
@@ -99,15 +104,21 @@ def test_shapes_of_a_decorated_function_are_those_of_its_ports():
     """Each its own; what the function returns has a shape of its own, too."""
     diagram = Diagram("shapes")
     vector, number, matrix = diagram.add(
-        vector=Constant([1.0, 2.0]), number=Constant(3.0), matrix=Constant(np.diag([2.0, 4.0]))
+        vector=Constant([1.0, 2.0]),
+        number=Constant(3.0),
+        matrix=Constant(np.diag([2.0, 4.0])),
     )
-    total = as_block(lambda x, y: np.concatenate([x, np.stack([y])]).sum())(vector, number)
+    total = as_block(lambda x, y: np.concatenate([x, np.stack([y])]).sum())(
+        vector, number
+    )
     solved = as_block(lambda a, b: np.linalg.solve(a, b))(matrix, vector)
     assert (total.value.shape, solved.y.shape) == ((), (2,))
     result = simulate(diagram, 0.1, step=0.1)
     assert result["function_1.value"][0] == 6.0
     assert_array_equal(result["function_2.y"][0], [0.5, 0.5])
-    with pytest.raises(BlockError, match=r"<lambda> of arrays of shapes \[\(2,\), \(2, 2\)\]: .*index"):
+    with pytest.raises(
+        BlockError, match=r"<lambda> of arrays of shapes \[\(2,\), \(2, 2\)\]: .*index"
+    ):
         as_block(lambda x, m: x[3] * m)(vector, matrix)
 
 
@@ -116,7 +127,9 @@ def test_decorated_functions_are_blocks():
     def limited(u, gain=3.0):
         return np.clip(gain * u, -1.0, 1.0)
 
-    @as_block(force=Input(3, unit="N"), velocity=Input(3, unit="m/s"), power=Output(unit="W"))
+    @as_block(
+        force=Input(3, unit="N"), velocity=Input(3, unit="m/s"), power=Output(unit="W")
+    )
     def power(force, velocity):
         return force @ velocity
 
@@ -134,10 +147,18 @@ def test_decorated_functions_are_blocks():
     assert_array_equal(result["own.y"], result["limited_1.y"])
     assert_array_equal(result["decided_1.y"], np.arange(11) >= 5)
     assert result["power_1.power"][0] == 14.0
-    assert as_block(lambda x: 2.0 * x)(ramp).path == "function_1"  # a lambda has no name
-    with pytest.raises(WiringError, match=r"power takes 2 ports \(force, velocity\), or none, not \(<output"):
+    # a lambda has no name
+    assert as_block(lambda x: 2.0 * x)(ramp).path == "function_1"
+    with pytest.raises(
+        WiringError,
+        match=r"power takes 2 ports \(force, velocity\), or none, not \(<output",
+    ):
         power(force.y)
-    with pytest.raises(WiringError, match=r"limited takes 1 ports \(u\), or none, not \(1\.0,\)"):
+    with pytest.raises(
+        WiringError, match=r"limited takes 1 ports \(u\), or none, not \(1\.0,\)"
+    ):
         limited(1.0)
-    with pytest.raises(BlockError, match="as_block makes blocks of functions, not of 3"):
+    with pytest.raises(
+        BlockError, match="as_block makes blocks of functions, not of 3"
+    ):
         as_block(3)

@@ -98,29 +98,46 @@ MAKERS = [
     lambda r, n: Quintic(number(r, n), positive(r)),
     lambda r, n: RetimedQuintic(number(r, n), positive(r), time(r)),
     lambda r, n: Trapezoid(number(r, n), positive(r), positive(r)),
-    lambda r, n: Waypoints([0.0, 0.5, 1.0], [number(r, n) for _ in range(3)], stop=r.random() < 0.5),
+    lambda r, n: Waypoints(
+        [0.0, 0.5, 1.0], [number(r, n) for _ in range(3)], stop=r.random() < 0.5
+    ),
     lambda _r, n: Ground(n),
     lambda r, n: Gain(number(r, n)),
     lambda r, n: MatrixGain([number(r, n or 2) for _ in range(r.choice([1, 2]))]),
     lambda r, _n: Sum(r.choice(["+", "-", "++", "+-", "--+"])),
     lambda r, _n: Product(r.choice(["*", "**", "*/", "/", "**/"])),
-    lambda r, n: Select([r.randrange(-2, 3) for _ in range(r.choice([1, 2]))]) if n else Gain(number(r)),
+    lambda r, n: (
+        Select([r.randrange(-2, 3) for _ in range(r.choice([1, 2]))])
+        if n
+        else Gain(number(r))
+    ),
     lambda r, _n: Concatenate([r.choice([1, 2]) for _ in range(r.choice([1, 2]))]),
-    lambda r, _n: Function(r.choice([np.abs, np.sin, np.tanh, np.sqrt, np.exp, np.sign, np.log])),
+    lambda r, _n: Function(
+        r.choice([np.abs, np.sin, np.tanh, np.sqrt, np.exp, np.sign, np.log])
+    ),
     lambda r, _n: Table([-1.0, 0.0, 2.0], number(r, 3), extrapolate=r.random() < 0.5),
     lambda r, _n: Saturation(-positive(r), positive(r)),
     lambda r, _n: DeadZone(-positive(r), positive(r)),
     lambda r, _n: RateLimiter(positive(r), time(r)),
     lambda r, n: Integrator(number(r, n)),
-    lambda r, n: StateSpace([[number(r), 1.0], [-1.0, number(r)]], number(r, 2), [number(r, 2)] * (n or 1)),
+    lambda r, n: StateSpace(
+        [[number(r), 1.0], [-1.0, number(r)]], number(r, 2), [number(r, 2)] * (n or 1)
+    ),
     lambda r, _n: TransferFunction(number(r, r.choice([1, 2])), [1.0, positive(r)]),
-    lambda r, _n: DiscreteTransferFunction([number(r)], [1.0, number(r)], sample_time=time(r)),
+    lambda r, _n: DiscreteTransferFunction(
+        [number(r)], [1.0, number(r)], sample_time=time(r)
+    ),
     lambda r, n: UnitDelay(time(r), number(r, n)),
     lambda r, _n: ZeroOrderHold(2.0 * time(r), offset=r.choice([0.0, 0.05])),
     lambda r, _n: PD(positive(r), positive(r)),
     lambda r, _n: DisturbanceObserver(positive(r)),
     lambda r, _n: IntegralSlidingMode(
-        gamma=positive(r), mu=positive(r), beta=0.5, eta=positive(r), sigma=0.5, boundary_layer=0.1
+        gamma=positive(r),
+        mu=positive(r),
+        beta=0.5,
+        eta=positive(r),
+        sigma=0.5,
+        boundary_layer=0.1,
     ),
 ]
 
@@ -131,7 +148,11 @@ def build(seed):
     Most are wired without algebraic loops: from blocks before, or from those that hold their inputs back.
     """
     r = random.Random(seed)
-    diagram, size, loops = Diagram("random"), r.choice([None, None, 2, 3]), r.random() < 0.1
+    diagram, size, loops = (
+        Diagram("random"),
+        r.choice([None, None, 2, 3]),
+        r.random() < 0.1,
+    )
     for i in range(r.randrange(1, 9)):
         diagram.add(**{f"b{i}": r.choice(MAKERS)(r, r.choice([None, size, size]))})
     blocks = list(diagram.blocks.values())
@@ -215,7 +236,11 @@ def check(seed):
         for name, values in signals.items():
             scale = max(1.0, np.abs(values[np.isfinite(values)]).max(initial=0.0))
             assert_allclose(
-                found[name], values, rtol=0.0, atol=ROUND_OFF * scale, err_msg=f"{name} on {backend}"
+                found[name],
+                values,
+                rtol=0.0,
+                atol=ROUND_OFF * scale,
+                err_msg=f"{name} on {backend}",
             )
     return kind
 
@@ -244,9 +269,19 @@ def goes_on(seed, file):
     try:
         with np.errstate(all="ignore"), warnings.catch_warnings():
             warnings.simplefilter("ignore")
-            outputs = [port for block in flatten(diagram).blocks.values() for port in block.outputs()]
+            outputs = [
+                port
+                for block in flatten(diagram).blocks.values()
+                for port in block.outputs()
+            ]
             solver = r.choice(["rk4", "euler", "RK45"])
-            one = Session(diagram, outputs=outputs, step=0.05, solver=solver, backend="interpreted")
+            one = Session(
+                diagram,
+                outputs=outputs,
+                step=0.05,
+                solver=solver,
+                backend="interpreted",
+            )
             other = one.twin()
             with one, other:
                 one.advance(r.choice([0.0, 0.2, 0.2371]))

@@ -5,7 +5,18 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 from scipy.integrate import cumulative_trapezoid
 
-from trussflow.blocks import Chirp, Constant, Diagram, Gain, Ground, Integrator, Ramp, Sine, Step, simulate
+from trussflow.blocks import (
+    Chirp,
+    Constant,
+    Diagram,
+    Gain,
+    Ground,
+    Integrator,
+    Ramp,
+    Sine,
+    Step,
+    simulate,
+)
 
 ROUND_OFF = 1e-12
 
@@ -23,9 +34,18 @@ FREQUENCY = 0.5 + (3.0 - 0.5) * np.minimum(TIMES / 4.0, 1.0)
     ("block", "expected"),
     [
         (Constant([1.0, 2.0]), [[1.0, 2.0]] * 601),
-        (Step(2.0, initial_value=[1.0, 0.0], final_value=3.0), [[1.0, 0.0]] * 200 + [[3.0, 3.0]] * 401),
-        (Ramp(0.5, start_time=1.0, initial_value=2.0), 2.0 + 0.5 * np.maximum(TIMES - 1.0, 0.0)),
-        (Sine(3.0, 2.0, phase=0.3, bias=1.0), 1.0 + 3.0 * np.sin(4 * np.pi * TIMES + 0.3)),
+        (
+            Step(2.0, initial_value=[1.0, 0.0], final_value=3.0),
+            [[1.0, 0.0]] * 200 + [[3.0, 3.0]] * 401,
+        ),
+        (
+            Ramp(0.5, start_time=1.0, initial_value=2.0),
+            2.0 + 0.5 * np.maximum(TIMES - 1.0, 0.0),
+        ),
+        (
+            Sine(3.0, 2.0, phase=0.3, bias=1.0),
+            1.0 + 3.0 * np.sin(4 * np.pi * TIMES + 0.3),
+        ),
         # The trapezoidal rule is exact for the phase of a frequency that is piecewise linear.
         (
             Chirp(0.5, 3.0, 4.0, amplitude=2.0),
@@ -35,7 +55,9 @@ FREQUENCY = 0.5 + (3.0 - 0.5) * np.minimum(TIMES / 4.0, 1.0)
 )
 def test_sources_follow_their_formulas(block, expected, evaluate):
     """Round-off of a phase of 80 rad is 1e-12 and below."""
-    assert_allclose([evaluate(block, t)["y"] for t in TIMES], expected, rtol=0, atol=1e-11)
+    assert_allclose(
+        [evaluate(block, t)["y"] for t in TIMES], expected, rtol=0, atol=1e-11
+    )
 
 
 def test_ground_is_zero_in_the_shape_and_unit_asked_for(respond):
@@ -45,7 +67,9 @@ def test_ground_is_zero_in_the_shape_and_unit_asked_for(respond):
 
 
 @pytest.mark.parametrize("backend", ["numpy", "interpreted", "compiled"])
-@pytest.mark.parametrize(("step", "time"), [(0.1, 0.3), (0.3, 0.9), (0.01, 0.57), (1 / 3, 1.0)])
+@pytest.mark.parametrize(
+    ("step", "time"), [(0.1, 0.3), (0.3, 0.9), (0.01, 0.57), (1 / 3, 1.0)]
+)
 def test_a_jump_between_two_fixed_steps_is_exact(step, time, backend):
     """The step before sees the old value only, the one after the new one.
 

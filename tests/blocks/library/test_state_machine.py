@@ -19,14 +19,19 @@ MISSION = {
 @pytest.mark.parametrize("seed", range(5))
 def test_random_conditions(seed, respond):
     random_, times = random.Random(seed), np.arange(40) * 0.1
-    conditions = {n: [float(random_.random() < 0.4) for _ in times] for n in ("go", "abort", "near")}
+    conditions = {
+        n: [float(random_.random() < 0.4) for _ in times]
+        for n in ("go", "abort", "near")
+    }
     machine = StateMachine(MISSION, 0.1)
     sources = {n: TimeTable(times, v) for n, v in conditions.items()}
     result = respond(machine, 3.9, {"step": 0.1}, **sources)
     present, expected = "idle", []
     for k in range(40):
         leads = MISSION[present].items()
-        present = next((target for name, target in leads if conditions[name][k] > 0.5), present)
+        present = next(
+            (target for name, target in leads if conditions[name][k] > 0.5), present
+        )
         expected.append(machine.modes.index(present))
     assert_array_equal(result["block.mode"], expected)
     assert_array_equal(result["block.active"], np.eye(4)[expected])

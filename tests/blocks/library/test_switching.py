@@ -27,7 +27,9 @@ LOCATION_ERROR = 5e-8
 """Error of an integral over some switching times; DOP853 has rtol 1e-8 between them."""
 
 SOLVERS = [{"step": 0.01}, {"step": 0.01, "backend": "numpy"}, {"solver": "DOP853"}]
-over_solvers = pytest.mark.parametrize("settings", SOLVERS, ids=["rk4", "numpy", "DOP853"])
+over_solvers = pytest.mark.parametrize(
+    "settings", SOLVERS, ids=["rk4", "numpy", "DOP853"]
+)
 
 
 def run(diagram, duration, settings, **more):
@@ -40,7 +42,8 @@ def integrated(block, **inputs):
     d.add("block", block) >> d.add("area", Integrator())
     for name, source in inputs.items():
         d.add(f"{name}_source", source) >> block.port(name)
-        d.blocks[f"{name}_source"].y >> d.add(f"{name}_area", Integrator())  # so that solvers see it
+        # so that solvers see it
+        d.blocks[f"{name}_source"].y >> d.add(f"{name}_area", Integrator())
     return d
 
 
@@ -58,7 +61,10 @@ def test_relay_has_hysteresis(settings):
     [(1.0, False, 1.0), (-1.0, True, 0.0), (0.0, True, 1.0), (0.0, False, 0.0)],
 )
 def test_relay_at_the_start(level, start_on, expected, respond):
-    assert respond(Relay(0.5, -0.5, start_on=start_on), 0.01, u=level)["block.y"][0] == expected
+    assert (
+        respond(Relay(0.5, -0.5, start_on=start_on), 0.01, u=level)["block.y"][0]
+        == expected
+    )
 
 
 @over_solvers
@@ -70,7 +76,9 @@ def test_relay_oscillates_as_it_must(settings):
     first, half = np.log(1 / 0.8), np.log(1.2 / 0.8)
     result, t = run(d, 3.0, settings), 0.01 * np.arange(301)
     ups = np.mod(t - first, 2 * half)
-    expected = np.where(ups < half, 1.2 * np.exp(-ups) - 1.0, 1.0 - 1.2 * np.exp(half - ups))
+    expected = np.where(
+        ups < half, 1.2 * np.exp(-ups) - 1.0, 1.0 - 1.2 * np.exp(half - ups)
+    )
     expected = np.where(t < first, 1.0 - np.exp(-t), expected)
     assert_allclose(result["lag.y"], expected, rtol=0, atol=LOCATION_ERROR)
 
@@ -78,7 +86,11 @@ def test_relay_oscillates_as_it_must(settings):
 @over_solvers
 def test_switch_chooses_by_thresholds(settings):
     """A sine of 2 s is above 0.5 for 2/3 s, between for 2/3 s, below -0.5 for 2/3 s."""
-    sources = {"u1": Constant([1.0, 0.0]), "u2": Constant([2.0, 5.0]), "u3": Constant([3.0, 7.0])}
+    sources = {
+        "u1": Constant([1.0, 0.0]),
+        "u2": Constant([2.0, 5.0]),
+        "u3": Constant([3.0, 7.0]),
+    }
     d = integrated(Switch([-0.5, 0.5]), control=Sine(1.0, 0.5), **sources)
     area = run(d, 2.0, settings)["area.y"][-1]
     assert_allclose(area, [4.0, 8.0], rtol=0, atol=LOCATION_ERROR)
@@ -92,7 +104,9 @@ def test_pulses_are_exact(settings, start):
     result = run(integrated(pulse), 1.5, settings, start=start)
     edges = 0.13 + 0.7 * np.arange(20)
     high = np.clip(result["time"].values[:, None] - edges, 0.0, 1.4 / 3).sum(axis=1)
-    area = np.outer(high - high[0], [3.0, 3.0]) + np.outer(result["time"] - start, [-1.0, 0.0])
+    area = np.outer(high - high[0], [3.0, 3.0]) + np.outer(
+        result["time"] - start, [-1.0, 0.0]
+    )
     assert_allclose(result["area.y"], area, rtol=0, atol=LOCATION_ERROR)
 
 
@@ -108,25 +122,38 @@ def test_integral_between_limits(settings):
         [np.sin(t), 0.5, 0.5 + np.sin(t) - 1.0, -0.25],
         np.minimum(-0.25 + np.sin(t) + 1.0, 0.5),
     )
-    assert_allclose(result["block.y"], expected, rtol=0, atol=1e-7)  # interpolation of DOP853
+    # interpolation of DOP853
+    assert_allclose(result["block.y"], expected, rtol=0, atol=1e-7)
 
 
 @over_solvers
 def test_integral_is_set_back_and_starts_outside(settings):
     """Each falling crossing of a cosine of 1 s, t = 0.25, 1.25, 2.25, sets it to the start, 2 + t."""
     block = LimitedIntegrator(reset="falling", start_from_input=True)
-    sources = {"u": Constant(1.0), "reset": Sine(phase=np.pi / 2), "start": Ramp(initial_value=2.0)}
+    sources = {
+        "u": Constant(1.0),
+        "reset": Sine(phase=np.pi / 2),
+        "start": Ramp(initial_value=2.0),
+    }
     result = run(integrated(block, **sources), 3.0, settings)
     t = result["time"].values
     last = np.where(t < 0.25, 0.0, np.floor(t - 0.25 + 1e-12) + 0.25)
     expected = 2.0 + last + (t - last)
     keep = abs(np.mod(t - 0.25 + 0.005, 1.0)) > 0.01  # not the very instants
-    assert_allclose(result["block.y"][keep], expected[keep], rtol=0, atol=LOCATION_ERROR)
+    assert_allclose(
+        result["block.y"][keep], expected[keep], rtol=0, atol=LOCATION_ERROR
+    )
 
 
 def test_integral_that_starts_beyond_a_limit(respond):
-    result = respond(LimitedIntegrator(5.0, upper=1.0), 1.0, u=Step(0.5, initial_value=1.0, final_value=-1.0))
-    assert_allclose(result["block.y"][[0, 50, 100]], [1.0, 1.0, 0.5], rtol=0, atol=LOCATION_ERROR)
+    result = respond(
+        LimitedIntegrator(5.0, upper=1.0),
+        1.0,
+        u=Step(0.5, initial_value=1.0, final_value=-1.0),
+    )
+    assert_allclose(
+        result["block.y"][[0, 50, 100]], [1.0, 1.0, 0.5], rtol=0, atol=LOCATION_ERROR
+    )
 
 
 @over_solvers
@@ -158,16 +185,25 @@ def test_signal_at_its_threshold_at_the_start_leaves_it(settings):
         if isinstance(block, Switch):
             d.ground(block.u1)
             d.add(one=Constant(1.0)) >> block.u2
-        assert_allclose(run(d, 1.0, settings)["area.y"][-1], 0.0, rtol=0, atol=LOCATION_ERROR)
-    d = integrated(LimitedIntegrator(1.0, upper=1.0), u=TimeFunction(lambda t: t * (0.5 - t)))
+        assert_allclose(
+            run(d, 1.0, settings)["area.y"][-1], 0.0, rtol=0, atol=LOCATION_ERROR
+        )
+    d = integrated(
+        LimitedIntegrator(1.0, upper=1.0), u=TimeFunction(lambda t: t * (0.5 - t))
+    )
     end = 1 - 1 / 12 - 1 / 48  # the integral of t^2 - t/2 from 1/2 to 1
-    assert_allclose(run(d, 1.0, settings)["block.y"][-1], end, rtol=0, atol=LOCATION_ERROR)
+    assert_allclose(
+        run(d, 1.0, settings)["block.y"][-1], end, rtol=0, atol=LOCATION_ERROR
+    )
 
 
 def test_session_reports_the_end():
     d = integrated(Ramp())
     (d.block.y > 0.5) >> d.add("stop", StopWhen())
-    with Session(d, step=0.1) as session, pytest.raises(RunEndedError, match=r"ended the run at t = 0\.5"):
+    with (
+        Session(d, step=0.1) as session,
+        pytest.raises(RunEndedError, match=r"ended the run at t = 0\.5"),
+    ):
         session.advance(1.0)
 
 
@@ -183,9 +219,13 @@ def test_backlash_is_play(respond):
 
 def test_time_functions():
     source = TimeFunction(
-        lambda t: np.stack([t, np.exp(-t), np.where(t < 0.55, 0.0, 1.0)]), breakpoints=[0.55], unit="m"
+        lambda t: np.stack([t, np.exp(-t), np.where(t < 0.55, 0.0, 1.0)]),
+        breakpoints=[0.55],
+        unit="m",
     )
     d = integrated(source)
     result = simulate(d, 1.0, solver="DOP853")
-    assert_allclose(result["area.y"][-1], [0.5, 1 - np.exp(-1.0), 0.45], rtol=0, atol=LOCATION_ERROR)
+    assert_allclose(
+        result["area.y"][-1], [0.5, 1 - np.exp(-1.0), 0.45], rtol=0, atol=LOCATION_ERROR
+    )
     assert source.breakpoints() == (0.55,)

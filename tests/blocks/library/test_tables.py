@@ -11,7 +11,10 @@ from trussflow.blocks import GridTable, Table, TimeTable
 ROUND_OFF = 1e-14  # relative: a few operations of 1e-16 each
 numbers = st.floats(-100.0, 100.0)
 tables = st.lists(
-    st.tuples(numbers, numbers), min_size=2, max_size=8, unique_by=lambda row: round(row[0], 1)
+    st.tuples(numbers, numbers),
+    min_size=2,
+    max_size=8,
+    unique_by=lambda row: round(row[0], 1),
 ).map(lambda rows: np.array(sorted(rows)).T)
 
 
@@ -44,14 +47,26 @@ def test_nan_stays_nan(evaluate):
 
 def test_grid_is_that_of_scipy(respond):
     random = np.random.default_rng(1)
-    axes = [np.array([0.0, 0.5, 2.0]), np.array([-1.0, 1.0]), np.array([0.0, 1.0, 3.0, 4.0])]
+    axes = [
+        np.array([0.0, 0.5, 2.0]),
+        np.array([-1.0, 1.0]),
+        np.array([0.0, 1.0, 3.0, 4.0]),
+    ]
     values = random.normal(size=(3, 2, 4, 2))
     for extrapolate in (False, True):
-        exact = RegularGridInterpolator(axes, values, bounds_error=False, fill_value=None)
+        exact = RegularGridInterpolator(
+            axes, values, bounds_error=False, fill_value=None
+        )
         for point in random.uniform(-1.5, 4.5, (10, 3)):
-            table = GridTable(axes, values, extrapolate=extrapolate, units=["m", "s", "1"])
-            found = respond(table, 0.01, u1=point[0], u2=point[1], u3=point[2])["block.y"][0]
+            table = GridTable(
+                axes, values, extrapolate=extrapolate, units=["m", "s", "1"]
+            )
+            found = respond(table, 0.01, u1=point[0], u2=point[1], u3=point[2])[
+                "block.y"
+            ][0]
             inside = (
-                point if extrapolate else [np.clip(x, a[0], a[-1]) for x, a in zip(point, axes, strict=True)]
+                point
+                if extrapolate
+                else [np.clip(x, a[0], a[-1]) for x, a in zip(point, axes, strict=True)]
             )
             assert_allclose(found, exact(inside)[0], rtol=0, atol=1e-12)

@@ -51,7 +51,12 @@ def varying(delay, shortest=0.05, longest=3.0):
 
 
 @pytest.mark.parametrize(
-    "settings", [{"step": 0.05}, {"step": 0.05, "backend": "numpy"}, {"solver": "RK45", "rtol": 1e-9}]
+    "settings",
+    [
+        {"step": 0.05},
+        {"step": 0.05, "backend": "numpy"},
+        {"solver": "RK45", "rtol": 1e-9},
+    ],
 )
 def test_loop_with_a_delay(settings):
     """1 - t for one delay, then + (t-1)^2/2 besides, then - (t-2)^3/6; interpolation errs at kinks only."""
@@ -71,24 +76,32 @@ def test_smooth_signal_is_delayed(delay):
     assert_allclose(result["late.y"], exact, rtol=0, atol=SMOOTH_ERROR)
 
 
-every_solver = pytest.mark.parametrize("settings", [{"step": 0.05}, {"solver": "RK45"}, {"solver": "BDF"}])
+every_solver = pytest.mark.parametrize(
+    "settings", [{"step": 0.05}, {"solver": "RK45"}, {"solver": "BDF"}]
+)
 
 
 @every_solver
 def test_jump_of_a_source_is_delayed(settings):
     """The output before is -1, jumps to 2 and at 0.5 s to 3; the integral shows the exact times."""
     d = Diagram("d")
-    d.add("step", Step(0.5, initial_value=2.0, final_value=3.0)) >> d.add("late", TransportDelay(0.237, -1.0))
+    d.add("step", Step(0.5, initial_value=2.0, final_value=3.0)) >> d.add(
+        "late", TransportDelay(0.237, -1.0)
+    )
     d.late.y >> d.add("area", Integrator())
     result = simulate(d, 2.0, log_step=0.5, **settings)
-    assert result["area.y"][-1] == pytest.approx(-0.237 + 2 * 0.5 + 3 * (2.0 - 0.737), rel=0, abs=1e-9)
+    assert result["area.y"][-1] == pytest.approx(
+        -0.237 + 2 * 0.5 + 3 * (2.0 - 0.737), rel=0, abs=1e-9
+    )
 
 
 @every_solver
 def test_jumps_of_a_sampled_block_are_delayed(settings):
     d = Diagram("d")
     sine, hold, late = d.add(
-        sine=Sine(1.0, 1 / np.pi), hold=ZeroOrderHold(0.1), late=TransportDelay(0.237, -1.0)
+        sine=Sine(1.0, 1 / np.pi),
+        hold=ZeroOrderHold(0.1),
+        late=TransportDelay(0.237, -1.0),
     )
     sine >> hold >> late >> d.add("area", Integrator())
     result = simulate(d, 1.0, log_step=0.5, **settings)
@@ -102,15 +115,21 @@ def test_jumps_at_events_are_delayed(settings):
     """A relay in a delayed loop makes a triangle, as high as its threshold and the delay."""
     d = Diagram("relay")
     x, relay, late = d.add(
-        x=Integrator(), relay=Relay(0.5, -0.5, on=-1.0, off=1.0), late=TransportDelay(0.25)
+        x=Integrator(),
+        relay=Relay(0.5, -0.5, on=-1.0, off=1.0),
+        late=TransportDelay(0.25),
     )
     x >> relay >> late >> x
     result = simulate(d, 4.5, log_step=0.05, **settings)
     t = result["time"].values[5:]  # the delay is over
-    assert_allclose(result["x.y"][5:], 0.75 - abs((t - 2.5) % 3.0 - 1.5), rtol=0, atol=1e-8)
+    assert_allclose(
+        result["x.y"][5:], 0.75 - abs((t - 2.5) % 3.0 - 1.5), rtol=0, atol=1e-8
+    )
 
 
-@pytest.mark.parametrize("settings", [{"step": 0.01}, {"solver": "RK45", "log_step": 0.01}])
+@pytest.mark.parametrize(
+    "settings", [{"step": 0.01}, {"solver": "RK45", "log_step": 0.01}]
+)
 @pytest.mark.parametrize("periods", [1, 3])
 def test_sample_at_the_instant_of_a_delayed_jump_is_the_new_value(periods, settings):
     """Rounding does not matter: 0.1 + 0.2 is more than 0.3."""
@@ -130,8 +149,12 @@ def test_sample_at_the_instant_of_a_delayed_jump_is_the_new_value(periods, setti
 @pytest.mark.parametrize("solver", ["RK45", "DOP853", "LSODA", "BDF"])
 def test_long_steps_see_the_whole_delayed_signal(solver):
     """The solution is polynomial between multiples of the delay, for which a solver would take few steps."""
-    end = simulate(loop(TransportDelay(1.0, 1.0)), 5.0, solver=solver, log_step=5.0)["x.y"][-1]
-    assert end == pytest.approx(1 - 5 + 16 / 2 - 27 / 6 + 16 / 24 - 1 / 120, rel=0, abs=1e-6)
+    end = simulate(loop(TransportDelay(1.0, 1.0)), 5.0, solver=solver, log_step=5.0)[
+        "x.y"
+    ][-1]
+    assert end == pytest.approx(
+        1 - 5 + 16 / 2 - 27 / 6 + 16 / 24 - 1 / 120, rel=0, abs=1e-6
+    )
 
 
 @pytest.mark.parametrize("growth", [0.0, 0.1])
@@ -144,10 +167,13 @@ def test_steps_of_an_adaptive_solver_are_no_longer_than_the_shortest_delay(growt
         vary(d, other, lambda t: 0.05 + growth * t)
     result = simulate(d, 0.3, solver="RK45", log_step=0.01)
     exact = np.sin(2 * np.pi * ((1.0 - growth) * result["time"].values - 0.05))
-    assert_allclose(result["other.y"][6:], exact[6:], rtol=0, atol=1e-3)  # steps of 0.05 s
+    # steps of 0.05 s
+    assert_allclose(result["other.y"][6:], exact[6:], rtol=0, atol=1e-3)
 
 
-@pytest.mark.parametrize("late", [TransportDelay(0.5, 1.0), VariableDelay(0.1, 1.0, 1.0)])
+@pytest.mark.parametrize(
+    "late", [TransportDelay(0.5, 1.0), VariableDelay(0.1, 1.0, 1.0)]
+)
 def test_session_goes_back(late):
     d = loop(late)
     if isinstance(late, VariableDelay):
@@ -172,7 +198,9 @@ def test_linear_model_is_the_approximant(delay):
 
 @pytest.mark.parametrize("backend", ["interpreted", "numpy"])
 def test_varying_delay_reads_the_signal_of_that_time(backend):
-    result = simulate(varying(lambda t: 0.6 + 0.4 * np.sin(3 * t)), 1.5, step=0.01, backend=backend)
+    result = simulate(
+        varying(lambda t: 0.6 + 0.4 * np.sin(3 * t)), 1.5, step=0.01, backend=backend
+    )
     t = result["time"].values
     then = t - 0.6 - 0.4 * np.sin(3 * t)
     exact = np.where(then < 0.0, 0.5, np.sin(2 * np.pi * then))
@@ -190,7 +218,9 @@ def test_interpolation_between_steps_is_of_fourth_order():
     assert np.log2(error(0.02) / error(0.01)) == pytest.approx(4.0, abs=0.4)
 
 
-@pytest.mark.parametrize("settings", [{"step": 0.01}, {"solver": "RK45", "log_step": 0.01}])
+@pytest.mark.parametrize(
+    "settings", [{"step": 0.01}, {"solver": "RK45", "log_step": 0.01}]
+)
 def test_delay_that_jumps_up_leads_back_behind_a_jump(settings):
     """A step at 0.5 s is out from 0.7 s to 1 s, and again from 1.5 s; the output before is 0."""
     d = Diagram("back")
@@ -224,7 +254,8 @@ def test_linear_models_freeze_the_delay():
     omega = np.linspace(0.1, 2.5, 20) / 0.7
     response = model.frequency_response(omega).complex[0]
     assert_allclose(response[0], np.exp(-0.7j * omega), rtol=0, atol=1e-6)
-    assert_allclose(response[1], 0.0, rtol=0, atol=1e-9)  # the signal is constant at rest
+    # the signal is constant at rest
+    assert_allclose(response[1], 0.0, rtol=0, atol=1e-9)
     fixed = linearize(TransportDelay(0.7), "u", "y")
     assert_allclose(model.A, fixed.A, rtol=1e-7, atol=1e-9)
 
@@ -251,7 +282,9 @@ def test_frequency_responses_have_the_exact_delay(varies, amplitude):
         found = frequency_response(d, *ends, cut=cut, **settings).frdata[0, 0]
         assert_allclose(found, exact, rtol=1e-11 if amplitude else 1e-12, atol=0)
     if not varies:
-        assert_allclose(frequency_response(late, **settings).frdata[0, 0], turn, rtol=1e-12, atol=0)
+        assert_allclose(
+            frequency_response(late, **settings).frdata[0, 0], turn, rtol=1e-12, atol=0
+        )
 
 
 @pytest.mark.parametrize("samples", [1, 3])
@@ -261,4 +294,6 @@ def test_frequency_responses_have_exact_delays_of_whole_samples(samples):
     late = lag >> d.add(computer=sampled_delay(0.1, 0.1 * samples))
     d.expose(u=lag.u, now=lag.y, late=late.y)
     now, late = frequency_response(d, omega=TEST_FREQUENCIES[:2]).frdata[:, 0]
-    assert_allclose(late, now * np.exp(-0.1j * samples * TEST_FREQUENCIES[:2]), rtol=1e-12, atol=0)
+    assert_allclose(
+        late, now * np.exp(-0.1j * samples * TEST_FREQUENCIES[:2]), rtol=1e-12, atol=0
+    )

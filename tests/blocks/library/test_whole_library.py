@@ -81,7 +81,9 @@ from trussflow.blocks.framework.system import flatten
 
 A = 0.3 * np.array([[-1.0, 2.0, 0.0], [-2.0, -1.0, 0.5], [0.0, 0.1, -0.5]])
 P = np.array([[1.0, 0.5, 0.0, 0.2], [0.0, 1.0, 0.3, -0.4]])
-PROCESS = LinearProcess(A, np.ones((3, 2)), np.eye(2, 3), every=0.05, covariance=0.1, noise=[0.1, 0.2])
+PROCESS = LinearProcess(
+    A, np.ones((3, 2)), np.eye(2, 3), every=0.05, covariance=0.1, noise=[0.1, 0.2]
+)
 
 
 def smooth():
@@ -97,7 +99,9 @@ def smooth():
         time_table=TimeTable([0.0, 0.25, 0.45], [[0.0, 1.0], [2.0, 3.0], [-1.0, 0.0]]),
         clock=TimeFunction(lambda t: t),
         noise=Noise([0.1, 0.2], 0.05, seed=1),
-        drift=Drift(0.1, 0.05, seed=1, shape=2, correlation_time=1.0, initial_deviation=0.2),
+        drift=Drift(
+            0.1, 0.05, seed=1, shape=2, correlation_time=1.0, initial_deviation=0.2
+        ),
         quintic=Quintic([1.0, -1.0], 0.4),
         retimed=RetimedQuintic([1.0, -1.0], 0.4, 0.05),
         trapezoid=Trapezoid([1.0, -1.0], 4.0, 32.0),
@@ -115,7 +119,9 @@ def smooth():
         variable_delay=VariableDelay(0.1, 0.3, [0.0, 0.0]),
         quantizer=Quantizer(0.1, 0.05, hysteresis=0.2),
         table=Table([-1.0, 0.0, 2.0], [1.0, 0.0, 3.0]),
-        grid=GridTable([[0.0, 0.3, 2.0], [-3.0, 3.0]], [[0.0, 1.0], [2.0, 1.0], [0.0, 3.0]]),
+        grid=GridTable(
+            [[0.0, 0.3, 2.0], [-3.0, 3.0]], [[0.0, 1.0], [2.0, 1.0], [0.0, 3.0]]
+        ),
         integrator=Integrator(1.0),
         unit_delay=UnitDelay(0.1),
         hold=ZeroOrderHold(0.05),
@@ -127,11 +133,15 @@ def smooth():
         python=PythonFunction(lambda u: u.max(), 0.1, **ports(u=2, y=())),
         terminator=Terminator(),
         state_space=StateSpace(A, np.ones((3, 2)), np.eye(3)),
-        discrete_state_space=DiscreteStateSpace(A, np.ones((3, 2)), np.eye(3), sample_time=0.05),
+        discrete_state_space=DiscreteStateSpace(
+            A, np.ones((3, 2)), np.eye(3), sample_time=0.05
+        ),
         transfer=TransferFunction([1.0], [0.1, 1.0]),
         discrete_transfer=DiscreteTransferFunction([1.0], [1.0, -0.5], sample_time=0.1),
         body=RigidBody(2.0, [1.0, 2.0, 3.0], rate=[0.1, 1.0, 0.2]),
-        integral=IntegralSlidingMode(gamma=1.0, mu=0.25, beta=0.9, eta=0.1, sigma=0.3, boundary_layer=0.1),
+        integral=IntegralSlidingMode(
+            gamma=1.0, mu=0.25, beta=0.9, eta=0.1, sigma=0.3, boundary_layer=0.1
+        ),
         conventional=ConventionalSlidingMode(slope=2.0, eta=0.1, boundary_layer=0.1),
         pd=PD(4.0, 2.0),
         observer=DisturbanceObserver(4.0),
@@ -190,12 +200,16 @@ def switching():
 
 
 MAKERS = [smooth, switching]
-BLOCKS = {path: block for make in MAKERS for path, block in flatten(make()).blocks.items()}
+BLOCKS = {
+    path: block for make in MAKERS for path, block in flatten(make()).blocks.items()
+}
 
 
 def test_every_exported_block_is_in_a_diagram():
     exported = {
-        name for name, item in vars(library).items() if isinstance(item, type) and issubclass(item, Block)
+        name
+        for name, item in vars(library).items()
+        if isinstance(item, type) and issubclass(item, Block)
     }
     present = {type(block).__name__ for block in BLOCKS.values()}
     assert exported - present == {"Block", "Diagram"}
@@ -260,7 +274,9 @@ def test_import_is_light(code, allowed):
         "xarray",
     }
     code += f"; import sys; print(*{heavy} & sys.modules.keys())"
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    done = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, check=True
+    )
     assert set(done.stdout.split()) <= allowed
 
 
@@ -271,16 +287,26 @@ AROUND = {"lower": -1.0, "upper": 1.0, "spread": np.eye(2), "effectiveness": P}
 def test_every_block_of_the_library_passes(path):
     """Compiled they are compared in a whole diagram, elsewhere; so are derivatives of what needs a metric."""
     needs_metric = path in ("bounded", "rate_bounded")
-    report = check_block(BLOCKS[path], around=AROUND if needs_metric else {}, compiled=False)
+    report = check_block(
+        BLOCKS[path], around=AROUND if needs_metric else {}, compiled=False
+    )
     # Random metrics are not symmetric. Before a run a delay has no history: its length matters later.
-    excused = {"bounded": "derivatives", "rate_bounded": "derivatives", "variable_delay": "feedthrough"}
+    excused = {
+        "bounded": "derivatives",
+        "rate_bounded": "derivatives",
+        "variable_delay": "feedthrough",
+    }
     assert set(report.failures) <= {excused.get(path)}, report
 
 
 @pytest.mark.filterwarnings("ignore:.* jumps at t = ")
 @pytest.mark.parametrize("make", MAKERS)
-@pytest.mark.parametrize("backend", ["interpreted", pytest.param("compiled", marks=pytest.mark.campaign)])
-@pytest.mark.parametrize(("kind", "port"), [(enabled, "enable"), (triggered, "trigger")])
+@pytest.mark.parametrize(
+    "backend", ["interpreted", pytest.param("compiled", marks=pytest.mark.campaign)]
+)
+@pytest.mark.parametrize(
+    ("kind", "port"), [(enabled, "enable"), (triggered, "trigger")]
+)
 def test_every_block_runs_in_a_group_or_is_refused_by_name(make, backend, kind, port):
     """Each one in a group of its own, in the place of the block among the others."""
     diagram, spare = make(), make()
@@ -289,9 +315,15 @@ def test_every_block_runs_in_a_group_or_is_refused_by_name(make, backend, kind, 
         spare.remove(name)
         group = Diagram("group")
         group.add("inner", block)
-        group.expose(**{p.name: p for p in block.ports.values() if p.declaration.default is None})
-        if not block.traced or (kind is triggered and (block.continuous or block.has_events)):
-            with pytest.raises(DiagramError, match=rf"'inner' \({type(block).__name__}\)"):
+        group.expose(
+            **{p.name: p for p in block.ports.values() if p.declaration.default is None}
+        )
+        if not block.traced or (
+            kind is triggered and (block.continuous or block.has_events)
+        ):
+            with pytest.raises(
+                DiagramError, match=rf"'inner' \({type(block).__name__}\)"
+            ):
                 kind(group)
             continue
         kind(group)

@@ -29,7 +29,9 @@ from trussflow.blocks.errors import DiagramError, NameLookupError
 def attitude():
     """Return a body with two axes under a law in a diagram of its own."""
     diagram, computer = Diagram("attitude"), Diagram("computer")
-    law, trimmer = computer.add(law=MatrixGain([[-2.0, 0.0], [0.3, -1.0]]), trimmer=Sum("++"))
+    law, trimmer = computer.add(
+        law=MatrixGain([[-2.0, 0.0], [0.3, -1.0]]), trimmer=Sum("++")
+    )
     law >> trimmer.u1
     computer.expose(angles=law.u, bias=trimmer.u2, torque=trimmer.y)
     computer.add_analysis_points(wanted=law.y)
@@ -63,19 +65,27 @@ def test_every_analysis_takes_the_name_for_the_wire():
     )
     assert_same(sensitivity(diagram, "torque"), sensitivity(diagram, "plant.u"))
     assert list(loop_margins(diagram, "angles").channels) == ["angles[0]", "angles[1]"]
-    family = linearize_over(diagram, "torque", "roll", parameters={"computer.law.gain": [np.zeros((2, 2))]})
-    assert_same(family[0].item(), linearize(diagram, "plant.u", "plant.y[0]", cut="plant.u"))
+    family = linearize_over(
+        diagram, "torque", "roll", parameters={"computer.law.gain": [np.zeros((2, 2))]}
+    )
+    assert_same(
+        family[0].item(), linearize(diagram, "plant.u", "plant.y[0]", cut="plant.u")
+    )
 
 
 def test_nonlinear_analysis_trim_and_results_take_it_too():
     diagram, omega = attitude(), [0.5, 1.0]
     expected = linearize(diagram, "torque[0]", "roll").frequency_response(omega).complex
-    by_balance = frequency_response(diagram, "torque[0]", "roll", omega=omega, amplitude=1.0)
+    by_balance = frequency_response(
+        diagram, "torque[0]", "roll", omega=omega, amplitude=1.0
+    )
     np.testing.assert_allclose(by_balance.complex, expected, rtol=1e-9, atol=0)
     settings: dict[str, Any] = {"omega": omega, "amplitude": 1.0, "step": 0.01}
     estimated = estimated_response(diagram, "torque", "roll", cycles=4, **settings)
     assert estimated.output_labels == ["roll"]
-    exact = linearize(diagram, "torque", "roll").frequency_response(estimated.omega).complex
+    exact = (
+        linearize(diagram, "torque", "roll").frequency_response(estimated.omega).complex
+    )
     np.testing.assert_allclose(estimated.complex, exact, rtol=0, atol=1e-3)
     at = trim(diagram, inputs={"bias": Free()}, outputs={"angles": [0.2, -0.1]})
     np.testing.assert_allclose(at.outputs["angles"], [0.2, -0.1], rtol=0, atol=1e-8)
@@ -87,7 +97,9 @@ def test_what_is_logged_may_be_named_so_and_wires_may_start_there():
     outer.add(inner=diagram)
     outer.ground(diagram.bias)
     log = {"roll": "inner.roll", "angles": "inner.plant.y"}
-    result = simulate(outer, 0.5, step=0.01, log=log, initial={"inner.plant.x": np.ones(4)})
+    result = simulate(
+        outer, 0.5, step=0.01, log=log, initial={"inner.plant.x": np.ones(4)}
+    )
     np.testing.assert_array_equal(result["roll"], result["angles"][:, 0])
     assert diagram.roll.block is diagram.plant
     gain = diagram.add(gain=Gain(1.0))
@@ -97,7 +109,8 @@ def test_what_is_logged_may_be_named_so_and_wires_may_start_there():
 
 def test_the_name_stays_when_its_block_is_replaced_copied_or_moved():
     diagram = attitude()
-    diagram.add(plant=StateSpace(-np.eye(2), np.eye(2), 3 * np.eye(2)))  # with ports of the same names
+    # with ports of the same names
+    diagram.add(plant=StateSpace(-np.eye(2), np.eye(2), 3 * np.eye(2)))
     assert linearize(diagram, "torque", "roll", cut="torque").nstates == 2
     twin = copy.deepcopy(diagram)
     assert twin.roll.block is twin.plant
@@ -106,15 +119,24 @@ def test_the_name_stays_when_its_block_is_replaced_copied_or_moved():
     assert linearize(twin, "torque", "roll", cut="torque").C.tolist() == [[3.0, 0.0]]
     diagram.remove("plant")
     diagram.ground(diagram.computer.angles)
-    with pytest.raises(NameLookupError, match=r"analysis point 'roll' of 'attitude' is at 'plant.y', but"):
+    with pytest.raises(
+        NameLookupError,
+        match=r"analysis point 'roll' of 'attitude' is at 'plant.y', but",
+    ):
         linearize(diagram, "bias", "roll")
 
 
 def test_names_are_unique_among_blocks_ports_and_points():
     diagram = attitude()
     for points, message in (
-        ({"plant": diagram.plant.u}, "cannot have a 'plant': it already has a block of that name"),
-        ({"bias": diagram.plant.u}, "cannot have a 'bias': it already has a port of that name"),
+        (
+            {"plant": diagram.plant.u},
+            "cannot have a 'plant': it already has a block of that name",
+        ),
+        (
+            {"bias": diagram.plant.u},
+            "cannot have a 'bias': it already has a port of that name",
+        ),
         ({"wires": diagram.plant.u}, "every diagram has an attribute of that name"),
         ({"inner": diagram.computer.law.y}, "for a block of a nested diagram, add the"),
         ({"other": "plant.u"}, "cannot name 'plant.u' 'other': give a port"),
@@ -126,5 +148,8 @@ def test_names_are_unique_among_blocks_ports_and_points():
         diagram.expose(roll=diagram.plant.y)
     with pytest.raises(DiagramError, match=message):
         diagram.add(roll=Gain(1.0))
-    with pytest.raises(NameLookupError, match="analysis points: torque, roll, angles; blocks: plant, comp"):
+    with pytest.raises(
+        NameLookupError,
+        match="analysis points: torque, roll, angles; blocks: plant, comp",
+    ):
         linearize(diagram, "bias", "pitch")

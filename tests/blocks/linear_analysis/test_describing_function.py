@@ -64,7 +64,10 @@ def clipped(u):
     ("block", "law", "tolerance"),
     [
         (Function(power(0.5)), power(0.5), {"rel": 2e-3}),
-        *((Function(power(b)), power(b), {"rel": 2e-4}) for b in (0.9 / 1.1, 0.9, 1.0, 2.0)),
+        *(
+            (Function(power(b)), power(b), {"rel": 2e-4})
+            for b in (0.9 / 1.1, 0.9, 1.0, 2.0)
+        ),
         (Saturation(-1.0, 1.0), clipped, {"rel": 2e-3}),
         (DeadZone(-1.0, 1.0), lambda u: u - clipped(u), {"abs": 2e-3}),
     ],
@@ -78,7 +81,9 @@ def test_describing_functions_of_smooth_laws_tend_to_the_derivative():
     at = OperatingPoint(inputs={"u": 0.4})
     small = linearize(Function(np.sin), at=at, amplitude={"u": 1e-3}).D[0, 0]
     assert small == pytest.approx(np.cos(0.4), abs=1e-6)
-    assert linearize(Function(np.sin), at=at).D[0, 0] == pytest.approx(np.cos(0.4), abs=1e-15)
+    assert linearize(Function(np.sin), at=at).D[0, 0] == pytest.approx(
+        np.cos(0.4), abs=1e-15
+    )
 
 
 def clipped_loop():
@@ -101,7 +106,9 @@ def test_amplitudes_of_wires_put_the_gain_where_the_wire_ends():
     m = describing(clipped, 1.7)
     model = loop_transfer(loop, "plant.u", amplitude={"first.u": 3.0})
     assert model(2j) == pytest.approx(4 * n / (0.5 + 2j), rel=2e-3)
-    both = loop_transfer(loop, "plant.u", amplitude={loop.first.u[0]: 3.0, "second.u": 1.7})
+    both = loop_transfer(
+        loop, "plant.u", amplitude={loop.first.u[0]: 3.0, "second.u": 1.7}
+    )
     assert both(2j) == pytest.approx(4 * n * m / (0.5 + 2j), rel=3e-3)
     exact = loop_transfer(loop, "plant.u")
     assert exact(2j) == pytest.approx(4 / (0.5 + 2j), rel=1e-12)
@@ -113,7 +120,9 @@ def test_elements_of_one_wire_may_have_amplitudes_of_their_own():
     loop = Diagram("two channels")
     law, plant = loop.add(law=Function(power(0.9)), plant=Integrator([0.0, 0.0]))
     plant >> law >> plant
-    model = linearize(loop, plant.u, plant.y, amplitude={"law.u[0]": 1e-3, "law.u[1]": 1e-2})
+    model = linearize(
+        loop, plant.u, plant.y, amplitude={"law.u[0]": 1e-3, "law.u[1]": 1e-2}
+    )
     gains = [describing(power(0.9), amplitude) for amplitude in (1e-3, 1e-2)]
     np.testing.assert_allclose(model.A, np.diag(gains), rtol=3e-4)
 
@@ -121,13 +130,18 @@ def test_elements_of_one_wire_may_have_amplitudes_of_their_own():
 def test_amplitudes_of_states_and_of_single_elements():
     law = IntegralSlidingMode(**LAW, shape=2)
     model = linearize(
-        law, ["position", "velocity"], "acceleration", amplitude={"position[1]": 0.1, "velocity": 0.2}
+        law,
+        ["position", "velocity"],
+        "acceleration",
+        amplitude={"position[1]": 0.1, "velocity": 0.2},
     )
     steep, flat = describing(power(0.9 / 1.1), 0.1), describing(power(0.9), 0.2)
     assert model.B[1, 1] == pytest.approx(0.25 * steep, rel=3e-4)
     assert model.B[0, 0] == 0.25  # no amplitude: the slope of the linear law
     np.testing.assert_allclose(np.diag(model.B[:, 2:]), flat, rtol=3e-4)
-    vector = LAW["eta"] * describing(lambda s: s / (np.abs(s) + LAW["boundary_layer"]), 0.3)
+    vector = LAW["eta"] * describing(
+        lambda s: s / (np.abs(s) + LAW["boundary_layer"]), 0.3
+    )
     for name in ("integral", "IntegralSlidingMode.integral[0:2]"):
         one = linearize(law, "position", "acceleration", amplitude={name: 0.3})
         np.testing.assert_allclose(np.diag(one.C), -0.3 - vector, rtol=1e-4)
@@ -155,22 +169,36 @@ def tracking(beta=0.9):
 @pytest.mark.parametrize("amplitude", [0.1, 0.005])
 def test_a_loop_with_the_sliding_mode_law_answers_as_in_simulation(amplitude):
     ends = tracking(), "velocity.u[0]", "y"
-    settings: dict[str, Any] = {"amplitude": amplitude, "step": 5e-3, "cycles": 3, "realizations": 1}
-    found = [estimated_response(*ends, omega=[w], **settings) for w in OMEGA]  # one sine at a time
+    settings: dict[str, Any] = {
+        "amplitude": amplitude,
+        "step": 5e-3,
+        "cycles": 3,
+        "realizations": 1,
+    }
+    # one sine at a time
+    found = [estimated_response(*ends, omega=[w], **settings) for w in OMEGA]
     omega = np.concatenate([one.omega for one in found])
     balance = frequency_response(*ends, omega=omega, amplitude=amplitude)
     ratio = np.ravel(balance.complex) / np.ravel([one.complex for one in found])
     np.testing.assert_allclose(np.abs(ratio), 1.0, rtol=0, atol=GAIN_TOLERANCE)
-    np.testing.assert_allclose(np.degrees(np.angle(ratio)), 0.0, rtol=0, atol=PHASE_TOLERANCE)
+    np.testing.assert_allclose(
+        np.degrees(np.angle(ratio)), 0.0, rtol=0, atol=PHASE_TOLERANCE
+    )
 
 
 def test_the_balance_of_a_smooth_loop_at_small_amplitude_is_its_linear_response():
-    model = linearize(tracking(1.0), "velocity.u", "y", amplitude={"velocity.integral": 1e-9})
-    balance = frequency_response(tracking(1.0), "velocity.u", "y", omega=OMEGA, amplitude=1e-7)
+    model = linearize(
+        tracking(1.0), "velocity.u", "y", amplitude={"velocity.integral": 1e-9}
+    )
+    balance = frequency_response(
+        tracking(1.0), "velocity.u", "y", omega=OMEGA, amplitude=1e-7
+    )
     np.testing.assert_allclose(
         balance.frdata.ravel(), model(1j * OMEGA), rtol=1e-3
     )  # s / (|s| + layer) has a kink in its slope at zero
-    linear = StateSpace([[0.0, 1.0], [-4.0, -0.2]], [[0], [1]], np.eye(2), np.ones((2, 1)))
+    linear = StateSpace(
+        [[0.0, 1.0], [-4.0, -0.2]], [[0], [1]], np.eye(2), np.ones((2, 1))
+    )
     exact = linearize(linear)
     found = frequency_response(linear, omega=OMEGA, amplitude=3.0)
     assert isinstance(found, control.FrequencyResponseData)
@@ -181,7 +209,12 @@ def test_the_balance_of_a_smooth_loop_at_small_amplitude_is_its_linear_response(
 def test_a_loop_gain_at_an_amplitude_is_the_describing_function_times_the_rest():
     """With the loop cut the saturation sees a pure sine: the balance is exact."""
     found = frequency_response(
-        clipped_loop(), "first.u", "first.u", omega=[0.5, 2.0], amplitude=3.0, cut="first.u"
+        clipped_loop(),
+        "first.u",
+        "first.u",
+        omega=[0.5, 2.0],
+        amplitude=3.0,
+        cut="first.u",
     )
     expected = -4 * describing(clipped, 3.0) / (0.5 + 1j * np.array([0.5, 2.0]))
     np.testing.assert_allclose(found.frdata[0, 0], expected, rtol=2e-3)
@@ -190,29 +223,49 @@ def test_a_loop_gain_at_an_amplitude_is_the_describing_function_times_the_rest()
 def test_balances_of_blocks_without_states_and_of_two_inputs():
     two = Function(lambda a, b: power(0.9)(a) + 3 * b, **ports(a=(), b=(), y=()))
     found = frequency_response(two, omega=[1.0], amplitude=0.1)
-    np.testing.assert_allclose(found.frdata[0, :, 0], [describing(power(0.9), 0.1), 3.0], rtol=2e-4)
+    np.testing.assert_allclose(
+        found.frdata[0, :, 0], [describing(power(0.9), 0.1), 3.0], rtol=2e-4
+    )
 
 
 @pytest.mark.parametrize("omega", [0.0, -1.0, np.nan, np.inf])
 def test_bad_frequencies_are_refused(omega):
-    with pytest.raises(LinearAnalysisError, match=r"omega = .* must be a positive and finite"):
+    with pytest.raises(
+        LinearAnalysisError, match=r"omega = .* must be a positive and finite"
+    ):
         frequency_response(Gain(1.0), omega=[omega], amplitude=1.0)
 
 
 @pytest.mark.parametrize("amplitude", [0.0, -1.0, np.nan])
 def test_bad_amplitudes_are_refused(amplitude):
-    with pytest.raises(LinearAnalysisError, match=r"amplitude = .* must be a positive and finite"):
+    with pytest.raises(
+        LinearAnalysisError, match=r"amplitude = .* must be a positive and finite"
+    ):
         frequency_response(Gain(1.0), omega=[1.0], amplitude=amplitude)
-    with pytest.raises(LinearAnalysisError, match=r"amplitude of 'u' = .* must be a positive"):
+    with pytest.raises(
+        LinearAnalysisError, match=r"amplitude of 'u' = .* must be a positive"
+    ):
         linearize(Gain(1.0), amplitude={"u": amplitude})
 
 
 @pytest.mark.parametrize(
     ("name", "error", "message"),
     [
-        ("integrl", NameLookupError, r"has no port 'integrl'; .*; states: IntegralSlidingMode.integral$"),
-        ("error", LinearAnalysisError, r"'IntegralSlidingMode.error': name a state, or"),
-        ("integral[3]", NameLookupError, r"'integral\[3\]' does not fit the state's shape"),
+        (
+            "integrl",
+            NameLookupError,
+            r"has no port 'integrl'; .*; states: IntegralSlidingMode.integral$",
+        ),
+        (
+            "error",
+            LinearAnalysisError,
+            r"'IntegralSlidingMode.error': name a state, or",
+        ),
+        (
+            "integral[3]",
+            NameLookupError,
+            r"'integral\[3\]' does not fit the state's shape",
+        ),
     ],
 )
 def test_amplitudes_of_unknown_signals_are_refused(name, error, message):
@@ -221,10 +274,14 @@ def test_amplitudes_of_unknown_signals_are_refused(name, error, message):
 
 
 def test_sampled_diagrams_and_undamped_resonances_have_no_balance():
-    with pytest.raises(LinearAnalysisError, match=r"cannot balance harmonics of 'ZeroOrderHold'"):
+    with pytest.raises(
+        LinearAnalysisError, match=r"cannot balance harmonics of 'ZeroOrderHold'"
+    ):
         frequency_response(ZeroOrderHold(0.1), omega=[1.0], amplitude=1.0)
     spring = StateSpace([[0.0, 1.0], [-4.0, 0.0]], [[0.0], [1.0]], [[1.0, 0.0]])
-    with pytest.raises(LinearAnalysisError, match=r"at 2 rad/s is not finite: undamped resonance"):
+    with pytest.raises(
+        LinearAnalysisError, match=r"at 2 rad/s is not finite: undamped resonance"
+    ):
         frequency_response(spring, omega=[2.0], amplitude=1.0)
 
 
@@ -242,7 +299,9 @@ def test_what_is_found_balances(amplitude):
     found = frequency_response(held_by(np.tanh), omega=[0.7], amplitude=amplitude)
     X = found.frdata.ravel()[0] * amplitude
     phases = 2 * np.pi * (np.arange(4000) + 0.5) / 4000
-    restoring = 2 * np.mean(np.tanh(np.real(X * np.exp(1j * phases))) * np.exp(-1j * phases))
+    restoring = 2 * np.mean(
+        np.tanh(np.real(X * np.exp(1j * phases))) * np.exp(-1j * phases)
+    )
     np.testing.assert_allclose(0.7j * X, amplitude - restoring, rtol=1e-5)
 
 
@@ -250,4 +309,6 @@ def test_a_state_that_sticks_has_no_balance_and_none_is_made_up():
     """Switching takes up to five; a drive of one never moves it."""
     message = r"no harmonic balance found at 1 rad/s with an amplitude of 1; try another amplitude"
     with pytest.raises(LinearAnalysisError, match=message):
-        frequency_response(held_by(lambda u: 5 * np.sign(u)), omega=[1.0], amplitude=1.0)
+        frequency_response(
+            held_by(lambda u: 5 * np.sign(u)), omega=[1.0], amplitude=1.0
+        )

@@ -5,7 +5,14 @@ from typing import Any
 import numpy as np
 import pytest
 
-from trussflow.blocks import Diagram, Function, Gain, Integrator, OperatingPoint, linearize_over
+from trussflow.blocks import (
+    Diagram,
+    Function,
+    Gain,
+    Integrator,
+    OperatingPoint,
+    linearize_over,
+)
 from trussflow.blocks.errors import LinearAnalysisError
 
 SETTINGS: dict[str, Any] = {"step": 0.01, "backend": "interpreted"}
@@ -14,7 +21,9 @@ SETTINGS: dict[str, Any] = {"step": 0.01, "backend": "interpreted"}
 def decay():
     """Return x' = -k x^2 from 1: x = 1 / (1 + k t)."""
     diagram = Diagram("decay")
-    square, gain, place = diagram.add(square=Function(np.square), gain=Gain(-1.0), x=Integrator(1.0))
+    square, gain, place = diagram.add(
+        square=Function(np.square), gain=Gain(-1.0), x=Integrator(1.0)
+    )
     place >> square >> gain >> place
     diagram.expose(where=place.y)
     return diagram
@@ -24,7 +33,11 @@ def test_a_family_over_parameters_and_times_has_the_exact_rates():
     """The slope along the solution is -2 k x = -2 k / (1 + k t)."""
     gains, times = [1.0, 3.0], [0.0, 0.5, 2.0]
     family = linearize_over(
-        decay(), "x.u", parameters={"gain.gain": [-k for k in gains]}, times=times, **SETTINGS
+        decay(),
+        "x.u",
+        parameters={"gain.gain": [-k for k in gains]},
+        times=times,
+        **SETTINGS,
     )
     assert family.dims == ("gain.gain", "time")
     for k in gains:
@@ -47,7 +60,10 @@ def test_a_family_begins_where_it_is_told_to():
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        ({"parameters": {"gain.gain": 2.0}}, r"cannot linearize over 'gain\.gain' = 2\.0: give a sequence"),
+        (
+            {"parameters": {"gain.gain": 2.0}},
+            r"cannot linearize over 'gain\.gain' = 2\.0: give a sequence",
+        ),
         ({"parameters": {"gain.gain": []}}, "give a sequence of values to try"),
         ({"times": [0.5, 0.5]}, r"they must increase, from 0 s on"),
         ({"times": [-1.0]}, r"they must increase, from 0 s on"),

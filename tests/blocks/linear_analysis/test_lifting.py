@@ -57,10 +57,15 @@ def two_rates(offsets, *, python=False):
             [[1.0, 0.0, 0.0], [0.0, 1.0, 0.5]],
             np.zeros((2, 2)),
         ),
-        outer=DiscreteStateSpace([[0.5]], [[1.0]], [[0.7]], [[-0.3]], sample_time=0.25, offset=offsets[1]),
+        outer=DiscreteStateSpace(
+            [[0.5]], [[1.0]], [[0.7]], [[-0.3]], sample_time=0.25, offset=offsets[1]
+        ),
         mix=Gain([0.8, 0.9]),
         back=UnitDelay(0.25, [0.3], offset=offsets[2]),
-        command=Function(lambda m, b, r: -m + np.stack([b[0], 0.5 * b[0]]) + r, **ports(m=2, b=1, r=2, y=2)),
+        command=Function(
+            lambda m, b, r: -m + np.stack([b[0], 0.5 * b[0]]) + r,
+            **ports(m=2, b=1, r=2, y=2),
+        ),
     )
     plant.y[0:1] >> outer >> back
     if python:
@@ -68,7 +73,10 @@ def two_rates(offsets, *, python=False):
         # Computed before `inner`, whose update reads the new value.
         ahead = diagram.add(
             ahead=PythonFunction(
-                lambda y: np.array([y[0] + 0.5 * y[1], y[1]]), 0.1, offset=offsets[0], **ports(y=2, z=2)
+                lambda y: np.array([y[0] + 0.5 * y[1], y[1]]),
+                0.1,
+                offset=offsets[0],
+                **ports(y=2, z=2),
             )
         )
         plant.y >> ahead.y
@@ -109,28 +117,43 @@ def simulated(diagram, period, model):
 
     rest, idle = np.zeros(size), np.zeros(plan.u.size)
     zero = after(rest, idle)
-    columns = [after(e, idle) for e in np.eye(size)] + [after(rest, e) for e in np.eye(idle.size)]
+    columns = [after(e, idle) for e in np.eye(size)] + [
+        after(rest, e) for e in np.eye(idle.size)
+    ]
     step = np.stack([c[0] - zero[0] for c in columns], axis=1)
     seen = np.stack([c[1] - zero[1] for c in columns], axis=1)
     dropped = np.setdiff1d(np.arange(size), chosen)
-    assert not step[np.ix_(chosen, dropped)].any()  # what is dropped acts on nothing that is kept
+    assert not step[
+        np.ix_(chosen, dropped)
+    ].any()  # what is dropped acts on nothing that is kept
     inputs = np.arange(size, size + idle.size)
-    return (step[np.ix_(chosen, chosen)], step[np.ix_(chosen, inputs)], seen[:, chosen], seen[:, inputs])
+    return (
+        step[np.ix_(chosen, chosen)],
+        step[np.ix_(chosen, inputs)],
+        seen[:, chosen],
+        seen[:, inputs],
+    )
 
 
-@pytest.mark.parametrize("offsets", [(0.0, 0.0, 0.0), (0.03, 0.1, 0.0), (0.05, 0.0, 0.2), (0.01, 0.02, 0.03)])
+@pytest.mark.parametrize(
+    "offsets", [(0.0, 0.0, 0.0), (0.03, 0.1, 0.0), (0.05, 0.0, 0.2), (0.01, 0.02, 0.03)]
+)
 def test_two_rates_with_offsets_agree_with_the_simulation_of_a_period(offsets):
     diagram = two_rates(offsets)
     model = linearize(diagram)
     assert model.dt == 0.5
     assert model.derivatives == {}
     for found, expected in zip(
-        (model.A, model.B, model.C, model.D), simulated(diagram, 0.5, model), strict=True
+        (model.A, model.B, model.C, model.D),
+        simulated(diagram, 0.5, model),
+        strict=True,
     ):
         np.testing.assert_allclose(found, expected, rtol=0, atol=1e-9)
 
 
-@pytest.mark.parametrize("offsets", [(0.0, 0.0, 0.0), (0.03, 0.1, 0.0), (0.05, 0.05, 0.05)])
+@pytest.mark.parametrize(
+    "offsets", [(0.0, 0.0, 0.0), (0.03, 0.1, 0.0), (0.05, 0.05, 0.05)]
+)
 def test_python_blocks_are_differentiated_and_the_model_says_how_well(offsets):
     diagram = two_rates(offsets, python=True)
     model = linearize(diagram)
@@ -166,7 +189,9 @@ def test_held_outputs_that_are_computed_anew_are_no_states():
 def test_a_sampled_block_alone_is_its_own_model():
     matrices = [[0.5, 1], [0, 0.2]], [[0], [1]], [[1, 0]], [[2]]
     model = linearize(DiscreteStateSpace(*matrices, sample_time=0.1))
-    for found, expected in zip((model.A, model.B, model.C, model.D), matrices, strict=True):
+    for found, expected in zip(
+        (model.A, model.B, model.C, model.D), matrices, strict=True
+    ):
         np.testing.assert_array_equal(found, expected)
     assert model.state_labels == ["DiscreteStateSpace/x[0]", "DiscreteStateSpace/x[1]"]
     assert model.dt == 0.1
@@ -175,10 +200,14 @@ def test_a_sampled_block_alone_is_its_own_model():
 def test_a_nonlinear_law_is_linearized_at_what_it_holds():
     """x+ = x + T sin(3 x), at the sampled x; the point says what is held."""
     diagram = Diagram()
-    plant, law = diagram.add(plant=Integrator(0.4), law=Function(lambda u: np.sin(3 * u)).sampled(0.5))
+    plant, law = diagram.add(
+        plant=Integrator(0.4), law=Function(lambda u: np.sin(3 * u)).sampled(0.5)
+    )
     plant >> law >> plant
     model = linearize(diagram, "plant.u", "plant.y")
-    np.testing.assert_allclose(model.A, [[1 + 0.5 * 3 * np.cos(1.2)]], rtol=0, atol=1e-14)
+    np.testing.assert_allclose(
+        model.A, [[1 + 0.5 * 3 * np.cos(1.2)]], rtol=0, atol=1e-14
+    )
     assert model.operating_point.held["law.y"] == pytest.approx(np.sin(1.2))
 
 
@@ -192,18 +221,28 @@ def test_unused_inputs_and_wires_do_not_spoil_the_model_but_used_ones_are_named(
     plant >> hold >> root.a
     root.y >> plant.u
     diagram.expose(b=root.b, y=plant.y)
-    np.testing.assert_allclose(linearize(diagram, "plant.u").A, [[1.5]], rtol=0, atol=1e-14)
-    with pytest.raises(LinearAnalysisError, match=r"no finite derivative by b at this point"):
+    np.testing.assert_allclose(
+        linearize(diagram, "plant.u").A, [[1.5]], rtol=0, atol=1e-14
+    )
+    with pytest.raises(
+        LinearAnalysisError, match=r"no finite derivative by b at this point"
+    ):
         linearize(diagram)
     held = Diagram("root of the held signal")
-    plant, hold, root = held.add(plant=Integrator(), hold=ZeroOrderHold(0.5), root=Function(np.sqrt))
+    plant, hold, root = held.add(
+        plant=Integrator(), hold=ZeroOrderHold(0.5), root=Function(np.sqrt)
+    )
     plant >> hold >> root >> plant
-    with pytest.raises(LinearAnalysisError, match=r"no finite derivative by hold/y at this point"):
+    with pytest.raises(
+        LinearAnalysisError, match=r"no finite derivative by hold/y at this point"
+    ):
         linearize(held, "plant.u", "plant.y")
 
 
 def test_describing_functions_of_sampled_diagrams_are_refused():
-    with pytest.raises(LinearAnalysisError, match=r"'held': it has sampled blocks; use estimated_resp"):
+    with pytest.raises(
+        LinearAnalysisError, match=r"'held': it has sampled blocks; use estimated_resp"
+    ):
         linearize(held_oscillator(), "plant.u", "y", amplitude={"plant.x": 0.1})
 
 
@@ -211,5 +250,7 @@ def test_sample_times_that_hardly_ever_coincide_are_refused():
     diagram = Diagram()
     diagram.add(a=ZeroOrderHold(0.1), b=ZeroOrderHold(0.1000003))
     diagram.expose(u=(diagram.a.u, diagram.b.u), y=diagram.a.y)
-    with pytest.raises(LinearAnalysisError, match=r"0.1 s, 0.1000003 s repeat only after 100000 s"):
+    with pytest.raises(
+        LinearAnalysisError, match=r"0.1 s, 0.1000003 s repeat only after 100000 s"
+    ):
         linearize(diagram)

@@ -24,10 +24,17 @@ from trussflow.blocks import (
     linearize,
     modal_table,
 )
-from trussflow.blocks.errors import LinearAnalysisError, NameLookupError, ParameterError, WiringError
+from trussflow.blocks.errors import (
+    LinearAnalysisError,
+    NameLookupError,
+    ParameterError,
+    WiringError,
+)
 
 ROUND_OFF = 1e-13
-POINT = OperatingPoint(states={"arm.q": [0.7, -0.4], "arm.v": [1.3, 0.2]}, inputs={"force": [2, 1]})
+POINT = OperatingPoint(
+    states={"arm.q": [0.7, -0.4], "arm.v": [1.3, 0.2]}, inputs={"force": [2, 1]}
+)
 
 
 class Arm(Block):
@@ -68,7 +75,9 @@ def equations(t, z):
 @pytest.mark.parametrize("time", [0.0, 0.6])
 def test_jacobians_are_exact(time):
     model = linearize(driven_arm(), at=replace(POINT, time=time))
-    exact = jacobian(partial(equations, time), np.array([0.7, -0.4, 1.3, 0.2, 2.0, 1.0]))
+    exact = jacobian(
+        partial(equations, time), np.array([0.7, -0.4, 1.3, 0.2, 2.0, 1.0])
+    )
     found = np.block([[model.A, model.B], [model.C, model.D]])
     np.testing.assert_allclose(found, exact, rtol=0, atol=ROUND_OFF)
 
@@ -84,16 +93,24 @@ def test_names_units_and_the_point_come_with_the_model():
     assert model.input_units == ["N", "N"]
     assert model.output_units == ["rad", "rad", "W"]
     assert model.derivatives == {}
-    np.testing.assert_allclose(model.operating_point.states["arm.q"], [0.7, -0.4], rtol=ROUND_OFF)
     np.testing.assert_allclose(
-        model.operating_point.outputs["angle"], 1.5 * np.sin([0.7, -0.4]), rtol=ROUND_OFF
+        model.operating_point.states["arm.q"], [0.7, -0.4], rtol=ROUND_OFF
     )
-    np.testing.assert_allclose(model.operating_point.outputs["power"], 2 * 1.3 + 0.2, rtol=ROUND_OFF)
+    np.testing.assert_allclose(
+        model.operating_point.outputs["angle"],
+        1.5 * np.sin([0.7, -0.4]),
+        rtol=ROUND_OFF,
+    )
+    np.testing.assert_allclose(
+        model.operating_point.outputs["power"], 2 * 1.3 + 0.2, rtol=ROUND_OFF
+    )
 
 
 def test_a_single_block_is_linearized_as_it_is():
     diagram = linearize(driven_arm(), at=POINT)
-    at = OperatingPoint(states={"Arm.q": [0.7, -0.4], "Arm.v": [1.3, 0.2]}, inputs={"u": [2, 1]})
+    at = OperatingPoint(
+        states={"Arm.q": [0.7, -0.4], "Arm.v": [1.3, 0.2]}, inputs={"u": [2, 1]}
+    )
     model = linearize(Arm(), at=at)
     for name in "ABCD":
         np.testing.assert_array_equal(getattr(model, name), getattr(diagram, name))
@@ -105,7 +122,9 @@ def test_a_single_block_is_linearized_as_it_is():
 def test_slices_select_rows_and_columns_in_their_order(index, where):
     diagram = driven_arm()
     whole = linearize(diagram, at=POINT)
-    model = linearize(diagram, [where + index], [eval(f"diagram.arm.q_out{index}")], at=POINT)
+    model = linearize(
+        diagram, [where + index], [eval(f"diagram.arm.q_out{index}")], at=POINT
+    )
     chosen = np.atleast_1d(eval(f"np.arange(2){index}"))
     np.testing.assert_array_equal(model.B, whole.B[:, chosen])
     np.testing.assert_array_equal(model.C, whole.C[:2][chosen])
@@ -131,7 +150,8 @@ def test_directions_differentiate_exactly_what_has_no_simple_form():
         return np.linalg.solve(matrix + np.outer(x, y), x * np.exp(y))
 
     model = linearize(
-        Function(law, **ports(x=2, y=2, z=2)), at=OperatingPoint(inputs={"x": [0.2, -0.5], "y": [1.0, 0.3]})
+        Function(law, **ports(x=2, y=2, z=2)),
+        at=OperatingPoint(inputs={"x": [0.2, -0.5], "y": [1.0, 0.3]}),
     )
     exact = jacobian(lambda z: law(z[:2], z[2:]), np.array([0.2, -0.5, 1.0, 0.3]))
     np.testing.assert_allclose(model.D, exact, rtol=1e-13)
@@ -148,16 +168,52 @@ def test_directions_differentiate_exactly_what_has_no_simple_form():
             NameLookupError,
             r"'arm' \(Arm\) has no port 'v', it is a state.*; inputs: u; outputs: q_out, power",
         ),
-        (("leg.u", "angle"), NameLookupError, r"no block 'leg' for 'leg.u'; the blocks are: arm$"),
-        (("forc", "angle"), NameLookupError, r"has no port 'forc'; inputs: force; outputs: angle"),
-        ((7, "angle"), NameLookupError, r"name a port, as a port or as 'block.port'; not 7"),
-        (("arm.u[x]", "angle"), NameLookupError, r"an index is made of integers and slices"),
-        (("arm.u[1:2:3:4]", "angle"), NameLookupError, r"an index is made of integers and slices"),
+        (
+            ("leg.u", "angle"),
+            NameLookupError,
+            r"no block 'leg' for 'leg.u'; the blocks are: arm$",
+        ),
+        (
+            ("forc", "angle"),
+            NameLookupError,
+            r"has no port 'forc'; inputs: force; outputs: angle",
+        ),
+        (
+            (7, "angle"),
+            NameLookupError,
+            r"name a port, as a port or as 'block.port'; not 7",
+        ),
+        (
+            ("arm.u[x]", "angle"),
+            NameLookupError,
+            r"an index is made of integers and slices",
+        ),
+        (
+            ("arm.u[1:2:3:4]", "angle"),
+            NameLookupError,
+            r"an index is made of integers and slices",
+        ),
         (("arm.u[2]", "angle"), WiringError, r"index \[2\] does not fit 'arm.u'"),
-        (([], "angle"), LinearAnalysisError, r"without inputs: name ports with inputs=\[...\]"),
-        (("force", []), LinearAnalysisError, r"without outputs: name ports with outputs="),
-        ((["arm.u[0]", "arm.u"], "angle"), LinearAnalysisError, r"inputs name elements twice: arm/u\[0\]"),
-        (("arm.power", "angle"), LinearAnalysisError, r"nothing reads 'arm.power', so nothing can"),
+        (
+            ([], "angle"),
+            LinearAnalysisError,
+            r"without inputs: name ports with inputs=\[...\]",
+        ),
+        (
+            ("force", []),
+            LinearAnalysisError,
+            r"without outputs: name ports with outputs=",
+        ),
+        (
+            (["arm.u[0]", "arm.u"], "angle"),
+            LinearAnalysisError,
+            r"inputs name elements twice: arm/u\[0\]",
+        ),
+        (
+            ("arm.power", "angle"),
+            LinearAnalysisError,
+            r"nothing reads 'arm.power', so nothing can",
+        ),
     ],
 )
 def test_unknown_ports_are_refused_with_the_valid_ones(arguments, error, message):
@@ -180,11 +236,27 @@ def test_cuts_must_name_an_input_or_output_of_the_model(between):
 @pytest.mark.parametrize(
     ("point", "error", "message"),
     [
-        ({"states": {"arm.p": 0.0}}, NameLookupError, r"no state 'arm.p'; .* arm.q, arm.v"),
+        (
+            {"states": {"arm.p": 0.0}},
+            NameLookupError,
+            r"no state 'arm.p'; .* arm.q, arm.v",
+        ),
         ({"states": {"arm.q": [1, 2, 3]}}, ParameterError, r"'arm.q' has shape \(3,\)"),
-        ({"inputs": {"f": 0.0}}, NameLookupError, r"no input 'f'; the external inputs are: force"),
-        ({"held": {"arm.u": 0.0}}, NameLookupError, r"no held output 'arm.u'; .* are: none"),
-        ({"parameters": {"arm.l": 0.0}}, NameLookupError, r"no parameter 'arm.l'; .* arm.length"),
+        (
+            {"inputs": {"f": 0.0}},
+            NameLookupError,
+            r"no input 'f'; the external inputs are: force",
+        ),
+        (
+            {"held": {"arm.u": 0.0}},
+            NameLookupError,
+            r"no held output 'arm.u'; .* are: none",
+        ),
+        (
+            {"parameters": {"arm.l": 0.0}},
+            NameLookupError,
+            r"no parameter 'arm.l'; .* arm.length",
+        ),
         ({"parameters": {"arm.length": 0.0}}, ParameterError, r"'length'"),
     ],
 )
@@ -201,9 +273,18 @@ def test_modal_table_of_two_springs(period):
     B = np.zeros((6, 2))
     B[1], B[3, 1], B[4:] = [3.0, 4.0], 7.0, 1.0
     plant = StateSpace(block_diag(*springs, 0.0, -3.0), B, np.eye(6))
-    found = modal_table(plant if period is None else control.sample_system(linearize(plant), period))
-    assert [2 * np.pi * mode.frequency for mode in found.modes] == pytest.approx([5.0, 20.0])
+    found = modal_table(
+        plant if period is None else control.sample_system(linearize(plant), period)
+    )
+    assert [2 * np.pi * mode.frequency for mode in found.modes] == pytest.approx(
+        [5.0, 20.0]
+    )
     assert [mode.damping_ratio for mode in found.modes] == pytest.approx([-0.01, 0.02])
     shares = [list(mode.shares.values()) for mode in found.modes]
-    np.testing.assert_allclose(shares, [[0.0, 1.0], [0.36, 0.64]], rtol=1e-9, atol=1e-15)
-    assert "mode 2       3.183 Hz, damping  2.000%, driven by u[1] 64%, u[0] 36%" in repr(found)
+    np.testing.assert_allclose(
+        shares, [[0.0, 1.0], [0.36, 0.64]], rtol=1e-9, atol=1e-15
+    )
+    assert (
+        "mode 2       3.183 Hz, damping  2.000%, driven by u[1] 64%, u[0] 36%"
+        in repr(found)
+    )

@@ -29,9 +29,18 @@ from trussflow.blocks import (
     loop_transfer,
     sensitivity,
 )
-from trussflow.blocks.errors import LinearAnalysisError, NameLookupError, SimulationWarning, TrussflowError
+from trussflow.blocks.errors import (
+    LinearAnalysisError,
+    NameLookupError,
+    SimulationWarning,
+    TrussflowError,
+)
 from trussflow.blocks.linear_analysis.loop_transfer import margins_of
-from trussflow.blocks.linear_analysis.margins import frequencies_about, sensitivities, sensitivity_matrices
+from trussflow.blocks.linear_analysis.margins import (
+    frequencies_about,
+    sensitivities,
+    sensitivity_matrices,
+)
 
 KP, KD = 20.0, 3.0
 
@@ -59,7 +68,9 @@ def gain_of(s):
     return (KP + KD * s) / (s**2 + 0.2 * s + 4)
 
 
-@pytest.mark.parametrize("where", ["law.force", "plant.u", "plant.u[0]", "law.force[0:1]"])
+@pytest.mark.parametrize(
+    "where", ["law.force", "plant.u", "plant.u[0]", "law.force[0:1]"]
+)
 def test_the_gain_at_the_force_is_that_of_the_textbook(where):
     model = loop_transfer(spring_loop(), where)
     for omega in (0.0, 0.5, 2.0, 7.0):
@@ -81,7 +92,9 @@ def test_one_of_two_wires_is_broken_while_the_other_stays_closed():
 def test_breaking_both_channels_gives_the_matrix_whose_determinant_closes_the_loop():
     model = loop_transfer(spring_loop(), "plant.y")
     assert (model.ninputs, model.noutputs) == (2, 2)
-    closed = np.linalg.eigvals(model.A - model.B @ np.linalg.inv(np.eye(2) + model.D) @ model.C)
+    closed = np.linalg.eigvals(
+        model.A - model.B @ np.linalg.inv(np.eye(2) + model.D) @ model.C
+    )
     np.testing.assert_allclose(np.poly(closed), [1, 0.2 + KD, 4 + KP], rtol=1e-12)
     for s in (0.3j, 2j):
         matrix = np.eye(2) + model(s)
@@ -92,7 +105,9 @@ def test_the_loop_of_a_nonlinear_diagram_is_that_at_the_point():
     """The feedback is y = x1 x2, whose gain along x1 is x2, and along both x1 + x2."""
     diagram = Diagram()
     plant, product, gain = diagram.add(
-        plant=StateSpace(-np.eye(2), [[1.0], [1.0]], np.eye(2)), product=Product(), gain=Gain([-2.0])
+        plant=StateSpace(-np.eye(2), [[1.0], [1.0]], np.eye(2)),
+        product=Product(),
+        gain=Gain([-2.0]),
     )
     plant.y[0:1] >> product.u1
     plant.y[1:2] >> product.u2
@@ -105,7 +120,9 @@ def test_the_loop_of_a_nonlinear_diagram_is_that_at_the_point():
 
 def test_loops_within_nested_diagrams_are_broken_too():
     outer, inner = Diagram("outer"), Diagram("inner.1")
-    law, plant = inner.add(law=Gain([-3.0]), plant=StateSpace([[-1.0]], [[1.0]], [[1.0]]))
+    law, plant = inner.add(
+        law=Gain([-3.0]), plant=StateSpace([[-1.0]], [[1.0]], [[1.0]])
+    )
     law >> plant >> law
     inner.expose(y=plant.y)
     outer.add(inner=inner, sink=Terminator())
@@ -139,13 +156,19 @@ def test_a_loop_through_python_code_is_broken_as_any_other():
 @pytest.mark.parametrize(
     ("where", "error", "message"),
     [
-        ("goal.y", LinearAnalysisError, r"no loop passes through 'goal.y'; .*: 'law.force', 'plant.y'$"),
+        (
+            "goal.y",
+            LinearAnalysisError,
+            r"no loop passes through 'goal.y'; .*: 'law.force', 'plant.y'$",
+        ),
         ("sink.u", LinearAnalysisError, r"no loop passes through 'sink.u'"),
         ("law.forc", NameLookupError, r"no port 'forc'; inputs: .*; outputs: .*force"),
         ("lw.force", NameLookupError, r"no block 'lw' .*: goal, law, plant, sink$"),
     ],
 )
-def test_wires_without_a_loop_are_refused_with_those_that_have_one(where, error, message):
+def test_wires_without_a_loop_are_refused_with_those_that_have_one(
+    where, error, message
+):
     with pytest.raises(error, match=message):
         loop_transfer(spring_loop(), where)
 
@@ -154,7 +177,9 @@ def test_a_diagram_without_a_loop_is_refused():
     chain = Diagram()
     source, gain = chain.add(source=Constant(1.0), gain=Gain(1.0))
     source >> gain
-    with pytest.raises(LinearAnalysisError, match=r"through 'gain.u'; there is no loop$"):
+    with pytest.raises(
+        LinearAnalysisError, match=r"through 'gain.u'; there is no loop$"
+    ):
         loop_transfer(chain, "gain.u")
 
 
@@ -169,7 +194,9 @@ def test_sensitivities_are_those_of_the_textbook(where):
         s = 1j * omega
         assert S(s) == pytest.approx(1 / (1 + gain_of(s)), rel=1e-12)
         assert T(s) == pytest.approx(gain_of(s) / (1 + gain_of(s)), rel=1e-12)
-        assert opened(s) == pytest.approx(1 / (1 + KP / (s**2 + 0.2 * s + 4)), rel=1e-12)
+        assert opened(s) == pytest.approx(
+            1 / (1 + KP / (s**2 + 0.2 * s + 4)), rel=1e-12
+        )
 
 
 def test_margins_of_a_loop_are_those_of_python_control_and_of_its_sensitivity():
@@ -185,7 +212,9 @@ def test_margins_of_a_loop_are_those_of_python_control_and_of_its_sensitivity():
     plt.figure()
     control.bode_plot(opened, omega)
     assert type(control.feedback(opened)) is control.StateSpace
-    with pytest.raises(LinearAnalysisError, match=r"closed, it has the unstable poles 1\+2j, 1-2j"):
+    with pytest.raises(
+        LinearAnalysisError, match=r"closed, it has the unstable poles 1\+2j, 1-2j"
+    ):
         loop_margins(turned_loop(), "law.y")
     for omega in ([], 1.0, [1.0, 1.0], "fast", [[1.0, 2.0]]):
         with pytest.raises(TrussflowError, match=r"^omega "):
@@ -213,7 +242,9 @@ def closed_loop(A, B, C):
 def test_an_unstable_pole_beside_nearly_equal_ones_is_refused():
     """The eigenvectors of the pair at -1 are nearly parallel, so their residues are 1e12 times larger."""
     A = [[-1.0, 1.0, 0.0], [0.0, -1.0 - 1e-12, 0.0], [0.0, 0.0, 0.1]]
-    with pytest.raises(LinearAnalysisError, match=r"closed, it has the unstable poles 0\.1"):
+    with pytest.raises(
+        LinearAnalysisError, match=r"closed, it has the unstable poles 0\.1"
+    ):
         margins_of(closed_loop(A, [[0], [1], [1]], [[1, 0, 1]]))
 
 
@@ -224,9 +255,14 @@ def test_a_hidden_unstable_pole_is_a_warning(excited, seen):
     A[0, 0], A[1, 1], A[2, 3] = -2.0, 0.5, 1.0
     A[3, 0] = 1.0
     loop = closed_loop(A, [[1], [excited], [0], [0]], [[1, seen, 0, 0]])
-    with pytest.warns(SimulationWarning, match=r"loop at '.*' hides the unstable poles 0\.5 of the diagram"):
+    with pytest.warns(
+        SimulationWarning,
+        match=r"loop at '.*' hides the unstable poles 0\.5 of the diagram",
+    ):
         found = margins_of(loop)
-    assert found.disk == pytest.approx(margins_of(control.ss(-1, 1, 1, 0)).disk, rel=1e-9)
+    assert found.disk == pytest.approx(
+        margins_of(control.ss(-1, 1, 1, 0)).disk, rel=1e-9
+    )
 
 
 def test_a_loop_without_gain_takes_no_search():
@@ -241,13 +277,20 @@ def test_a_loop_without_gain_takes_no_search():
 
 def disks_and_scans(loop):
     """Return the disk margins of all channels at once and of each, and the least of a denser scan of each."""
-    poles = np.concatenate([loop.poles(), np.linalg.eigvals(sensitivity_matrices(loop)[0])])
+    poles = np.concatenate(
+        [loop.poles(), np.linalg.eigvals(sensitivity_matrices(loop)[0])]
+    )
     sizes = np.abs(poles)
     scan = frequencies_about(poles, 1e-3 * sizes.min(), 1e3 * sizes.max(), points=1200)
     S = np.einsum("kii->ki", sensitivities(loop, scan))
-    scanned = control.disk_margins(loop, scan, returnall=True)[0].min(), *(1.0 / np.abs(S - 0.5)).min(axis=0)
+    scanned = (
+        control.disk_margins(loop, scan, returnall=True)[0].min(),
+        *(1.0 / np.abs(S - 0.5)).min(axis=0),
+    )
     found = margins_of(loop)
-    return np.array([found.disk, *(one.disk for one in found.channels.values())]), np.array(scanned)
+    return np.array(
+        [found.disk, *(one.disk for one in found.channels.values())]
+    ), np.array(scanned)
 
 
 @pytest.mark.parametrize("a", [1.0, 2.0, 3.0, 5.0, 10.0, 30.0, 100.0])
@@ -263,21 +306,31 @@ def test_disk_margin_of_the_spinning_satellite(a):
 def test_margins_of_several_channels_need_slycot():
     with (
         patch("control.margins.ab13md", None),
-        pytest.raises(LinearAnalysisError, match=r"of 2 channels at once needs slycot: install it"),
+        pytest.raises(
+            LinearAnalysisError, match=r"of 2 channels at once needs slycot: install it"
+        ),
     ):
         loop_margins(spring_loop(), "plant.y")
 
 
-@pytest.mark.parametrize("loops", [5, pytest.param(200 * campaign.SIZE, marks=pytest.mark.campaign)])
+@pytest.mark.parametrize(
+    "loops", [5, pytest.param(200 * campaign.SIZE, marks=pytest.mark.campaign)]
+)
 def test_disk_margins_are_never_above_a_scan(loops):
     rng = np.random.default_rng(campaign.SEED)
     while loops:
         n, m = rng.integers(2, 7), rng.integers(2, 4)
-        A, B, C = rng.standard_normal((n, n)), rng.standard_normal((n, m)), rng.standard_normal((m, n))
+        A, B, C = (
+            rng.standard_normal((n, n)),
+            rng.standard_normal((n, m)),
+            rng.standard_normal((m, n)),
+        )
         if np.linalg.eigvals(A - B @ C).real.max() < -0.01:
             loops -= 1
             margins, scanned = disks_and_scans(control.ss(A, B, C, 0))
-            assert np.all((0.99 * scanned < margins) & (margins <= (1.0 + 1e-6) * scanned))
+            assert np.all(
+                (0.99 * scanned < margins) & (margins <= (1.0 + 1e-6) * scanned)
+            )
 
 
 def turned_loop():
@@ -298,7 +351,8 @@ def test_a_sampled_loop_has_the_margins_of_its_discrete_gain():
     period, k = 0.1, 0.5
     loop = Diagram("sampled")
     total, law = loop.add(
-        total=DiscreteStateSpace([[1.0]], [[1.0]], [[1.0]], sample_time=period), law=Gain(-k)
+        total=DiscreteStateSpace([[1.0]], [[1.0]], [[1.0]], sample_time=period),
+        law=Gain(-k),
     )
     total >> law >> total
     (channel,) = loop_margins(loop, "law.u").channels.values()
@@ -321,10 +375,14 @@ def test_a_sampled_loop_has_the_margins_of_its_discrete_gain():
 def test_a_pole_may_leave_along_the_real_axis(pole, gain, direct, limits):
     """At the gain margin the closed loop has a pole at zero, or at infinity, where no frequency is."""
     loop = Diagram("real", loops="solve")
-    law, system = loop.add(law=Gain(-1.0), system=StateSpace([[pole]], [[1.0]], [[gain]], [[direct]]))
+    law, system = loop.add(
+        law=Gain(-1.0), system=StateSpace([[pole]], [[1.0]], [[gain]], [[direct]])
+    )
     law >> system >> law
     (channel,) = loop_margins(loop, "law.y").channels.values()
-    assert (channel.gain_down, channel.gain_up) == pytest.approx(limits, rel=1e-6, abs=1e-12)
+    assert (channel.gain_down, channel.gain_up) == pytest.approx(
+        limits, rel=1e-6, abs=1e-12
+    )
 
 
 def test_actuators_that_do_the_same_work_have_margins_of_their_own():
@@ -333,23 +391,33 @@ def test_actuators_that_do_the_same_work_have_margins_of_their_own():
     loop = Diagram("redundant")
     law, system = loop.add(
         law=MatrixGain(-np.array([[1.0, 3.0, 3.0], [1.0, 3.0, 3.0]])),
-        system=StateSpace(np.diag([1.0, 1.0], 1), np.vstack([np.zeros((2, 2)), share]), np.eye(3)),
+        system=StateSpace(
+            np.diag([1.0, 1.0], 1), np.vstack([np.zeros((2, 2)), share]), np.eye(3)
+        ),
     )
     law >> system >> law
-    found = [(m.gain_down, m.gain_up) for m in loop_margins(loop, "law.y").channels.values()]
-    np.testing.assert_allclose(found, [((1 / 9 - 0.05) / 0.95, np.inf), (0.0, np.inf)], rtol=1e-4, atol=1e-9)
+    found = [
+        (m.gain_down, m.gain_up) for m in loop_margins(loop, "law.y").channels.values()
+    ]
+    np.testing.assert_allclose(
+        found, [((1 / 9 - 0.05) / 0.95, np.inf), (0.0, np.inf)], rtol=1e-4, atol=1e-9
+    )
 
 
 @pytest.mark.parametrize("at_rest", [True, False])
 def test_a_loop_gain_of_zero_is_a_warning(at_rest):
     """The gain of the loop through the product is its other input, zero at rest."""
     diagram = Diagram()
-    plant, product = diagram.add(plant=StateSpace([[-1.0]], [[1.0]], [[1.0]]), product=Product())
+    plant, product = diagram.add(
+        plant=StateSpace([[-1.0]], [[1.0]], [[1.0]]), product=Product()
+    )
     diagram.expose(factor=product.u1)
     plant.y >> product.u2
     product >> plant
     point = OperatingPoint(inputs={"factor": [0.0 if at_rest else 2.0]})
-    expected = pytest.warns(SimulationWarning, match=r"loop gain at 'plant.y' is identically zero: .*at=")
+    expected = pytest.warns(
+        SimulationWarning, match=r"loop gain at 'plant.y' is identically zero: .*at="
+    )
     with expected if at_rest else nullcontext():
         model = loop_transfer(diagram, "plant.y", at=point)
     assert model(2j) == pytest.approx(0.0 if at_rest else -2.0 / (1 + 2j))

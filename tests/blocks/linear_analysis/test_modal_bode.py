@@ -43,12 +43,18 @@ def test_each_curve_is_the_loop_of_one_mode_with_the_other_closed():
     for k, line in enumerate(upper.lines[:2]):
         one = loop_transfer(diagram, f"plant.u[{k}]")
         gain = one(1j * OMEGA)
-        np.testing.assert_allclose(line.get_ydata(), 20.0 * np.log10(abs(gain)), rtol=1e-9, atol=1e-9)
+        np.testing.assert_allclose(
+            line.get_ydata(), 20.0 * np.log10(abs(gain)), rtol=1e-9, atol=1e-9
+        )
         np.testing.assert_allclose(line.get_xdata(), OMEGA / (2.0 * np.pi), rtol=1e-12)
         turns = np.exp(1j * np.radians(lower.lines[k].get_ydata()))
         np.testing.assert_allclose(turns, gain / abs(gain), rtol=0.0, atol=1e-9)
-        text = f"plant/u[{k}]: mode {k + 1}, {FREQUENCIES[k]:.3g} Hz, ζ = 1.00%; margins"
-        numbers = f"{20.0 * np.log10(margins[k].gain_up):.1f} dB, {margins[k].phase:.0f}°"
+        text = (
+            f"plant/u[{k}]: mode {k + 1}, {FREQUENCIES[k]:.3g} Hz, ζ = 1.00%; margins"
+        )
+        numbers = (
+            f"{20.0 * np.log10(margins[k].gain_up):.1f} dB, {margins[k].phase:.0f}°"
+        )
         assert line.get_label() == f"{text} {numbers}"
 
 
@@ -59,9 +65,14 @@ def test_a_slice_is_named_after_its_element():
 
 
 def test_modes_of_a_sampled_plant_have_the_frequencies_of_the_continuous_one():
-    figure = modal_bode(loop([[-0.8, 0.0], [0.0, -0.5]], period=0.01), "plant.u", omega=OMEGA)
+    figure = modal_bode(
+        loop([[-0.8, 0.0], [0.0, -0.5]], period=0.01), "plant.u", omega=OMEGA
+    )
     for k, line in enumerate(figure.axes[0].lines[:2]):
-        assert f": mode {k + 1}, {FREQUENCIES[k]:.3g} Hz, ζ = 1.00%; margins" in line.get_label()
+        assert (
+            f": mode {k + 1}, {FREQUENCIES[k]:.3g} Hz, ζ = 1.00%; margins"
+            in line.get_label()
+        )
 
 
 def test_a_given_loop_is_used_and_no_multi_loop_margin_is_searched():
@@ -69,10 +80,15 @@ def test_a_given_loop_is_used_and_no_multi_loop_margin_is_searched():
     given = loop_transfer(loop([[-0.4, 0.0], [0.0, -0.5]]), "plant.u")
     with patch("control.disk_margins", side_effect=AssertionError):
         figure = modal_bode(diagram, "plant.u", loop=given, omega=OMEGA)
-    with pytest.raises(LinearAnalysisError, match=r"has 2 channels, but 'plant.u\[1:2\]' has 1 elements"):
+    with pytest.raises(
+        LinearAnalysisError,
+        match=r"has 2 channels, but 'plant.u\[1:2\]' has 1 elements",
+    ):
         modal_bode(diagram, "plant.u[1:2]", loop=given)
     decibels = figure.axes[0].lines[0].get_ydata()
-    np.testing.assert_allclose(decibels, 20.0 * np.log10(abs(given(1j * OMEGA)[0, 0])), rtol=1e-9, atol=1e-9)
+    np.testing.assert_allclose(
+        decibels, 20.0 * np.log10(abs(given(1j * OMEGA)[0, 0])), rtol=1e-9, atol=1e-9
+    )
 
 
 def test_an_unstable_loop_has_its_poles_in_the_title():

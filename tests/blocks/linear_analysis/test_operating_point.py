@@ -35,7 +35,9 @@ def oscillator():
     """Return a spring that stiffens, with a sampled force that wanes with time."""
     diagram = Diagram("oscillator")
     plant, law, hold = diagram.add(
-        plant=StateSpace([[0.0, 1.0], [-1.0, -0.1]], [[0], [1]], np.eye(2), initial_value=[1.0, 0.0]),
+        plant=StateSpace(
+            [[0.0, 1.0], [-1.0, -0.1]], [[0], [1]], np.eye(2), initial_value=[1.0, 0.0]
+        ),
         law=Function(lambda y, f: f - y[0:1] ** 3, **ports(y=2, f=1, u=1)),
         hold=ZeroOrderHold(0.25, shape=1),
     )
@@ -56,18 +58,26 @@ def test_a_diagram_is_linearized_where_a_simulation_has_come_to():
     closed.add(inner=oscillator(), source=Constant([0.4]))
     closed.source >> closed.inner.f
     run = simulate(closed, 1.1, step=0.01, progress=False)
-    np.testing.assert_allclose(at.states["plant.x"], run["inner.plant.y"].values[-1], rtol=1e-12)
+    np.testing.assert_allclose(
+        at.states["plant.x"], run["inner.plant.y"].values[-1], rtol=1e-12
+    )
     whole = linearize(oscillator(), at=at)
-    np.testing.assert_array_equal(whole.operating_point.states["plant.x"], at.states["plant.x"])
+    np.testing.assert_array_equal(
+        whole.operating_point.states["plant.x"], at.states["plant.x"]
+    )
     flow = np.array([[0.0, 1.0], [-1 - 3 * at.states["plant.x"][0] ** 2, -0.1]])
     poles = np.exp(0.25 * np.linalg.eigvals(flow))
-    np.testing.assert_allclose(np.sort(np.abs(whole.poles()))[-2:], np.abs(poles), rtol=1e-12)
+    np.testing.assert_allclose(
+        np.sort(np.abs(whole.poles()))[-2:], np.abs(poles), rtol=1e-12
+    )
 
 
 def test_a_session_says_where_it_is_with_the_parameters_that_were_changed():
     diagram = oscillator()
     with Session(diagram, step=0.05) as session:
-        session.start(parameters={"plant.initial_value": [2.0, 0.0]}, inputs={"f": [1.0]})
+        session.start(
+            parameters={"plant.initial_value": [2.0, 0.0]}, inputs={"f": [1.0]}
+        )
         first = OperatingPoint.of(session)
         session.advance(0.5)
         later = OperatingPoint.of(session)
@@ -85,7 +95,9 @@ def test_a_run_goes_on_from_a_point():
     half = operating_point_after(oscillator(), 0.5, step=0.01)
     rest = operating_point_after(oscillator(), 0.5, at=half, step=0.01)
     assert rest.time == there.time == 1.0
-    np.testing.assert_allclose(rest.states["plant.x"], there.states["plant.x"], rtol=1e-13)
+    np.testing.assert_allclose(
+        rest.states["plant.x"], there.states["plant.x"], rtol=1e-13
+    )
 
 
 class Clocked(Block):
@@ -126,7 +138,9 @@ def test_initial_states_from_inputs_see_the_inputs_of_the_point():
     assert model.operating_point.states["Starting.s"] == pytest.approx(np.log(2.0))
     np.testing.assert_allclose(model.A, [[-1.0]], rtol=ROUND_OFF)
     np.testing.assert_allclose(model.B, [[0.5]], rtol=ROUND_OFF)
-    with pytest.raises(ParameterError, match=r"initial value of 'Starting.s' is not finite"):
+    with pytest.raises(
+        ParameterError, match=r"initial value of 'Starting.s' is not finite"
+    ):
         linearize(Starting())
     # a cut wire reads zero before its value is known: what the point says must be enough
     diagram = Diagram()
@@ -182,7 +196,9 @@ def test_what_python_blocks_cannot_hand_over_is_no_operating_point():
     diagram = Diagram()
     diagram.add(h=Hiding().sampled(0.1))
     diagram.expose(u=diagram.h.u)
-    with pytest.raises(SimulationError, match=r"cannot save: block 'h' \(Hiding\) keeps what it"):
+    with pytest.raises(
+        SimulationError, match=r"cannot save: block 'h' \(Hiding\) keeps what it"
+    ):
         operating_point_after(diagram, 0.1, step=0.1)
     with pytest.raises(SimulationError, match=r"duration = -1.0 must be a positive"):
         operating_point_after(oscillator(), -1.0, step=0.05)
@@ -191,7 +207,11 @@ def test_what_python_blocks_cannot_hand_over_is_no_operating_point():
 def test_every_analysis_calls_the_operating_point_at():
     """And no other argument is called so."""
     functions = filter(inspect.isfunction, vars(blocks).values())
-    arguments = [p for function in functions for p in inspect.signature(function).parameters.values()]
+    arguments = [
+        p
+        for function in functions
+        for p in inspect.signature(function).parameters.values()
+    ]
     points = [p.name for p in arguments if "OperatingPoint" in str(p.annotation)]
     assert len(points) >= 12
     assert set(points) == {"at"}

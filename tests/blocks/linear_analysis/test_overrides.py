@@ -26,7 +26,9 @@ from trussflow.blocks.errors import LinearAnalysisError, NameLookupError
 
 OMEGA = np.geomspace(0.01, 100.0, 60)
 ROUND_OFF = 1e-12
-IDENTIFIED = control.ss([[-1.0, 3.0], [-3.0, -1.0]], [[1.0], [0.5]], [[2.0, 1.0]], [[0.3]])
+IDENTIFIED = control.ss(
+    [[-1.0, 3.0], [-3.0, -1.0]], [[1.0], [0.5]], [[2.0, 1.0]], [[0.3]]
+)
 
 
 def assert_same(found, expected):
@@ -62,7 +64,10 @@ PLANT = control.ss(control.tf([1.0], [1.0, 0.4, 1.0]))
     ("given", "system"),
     [
         (IDENTIFIED, IDENTIFIED),
-        (control.tf([1.0, 2.0], [1.0, 3.0, 4.0]), control.ss(control.tf([1.0, 2.0], [1.0, 3.0, 4.0]))),
+        (
+            control.tf([1.0, 2.0], [1.0, 3.0, 4.0]),
+            control.ss(control.tf([1.0, 2.0], [1.0, 3.0, 4.0])),
+        ),
         (0.7, 0.7),
         ([[0.7]], 0.7),
     ],
@@ -75,7 +80,9 @@ def test_a_loop_is_the_series_connection_with_the_override(given, system):
     assert_same(linearize(loop(), override=override), control.feedback(L))
     diagram = loop()
     assert_same(loop_transfer(diagram, "plant.u", override={diagram.valve: given}), L)
-    assert_same(sensitivity(diagram, "plant.u", override=override), control.feedback(1, L))
+    assert_same(
+        sensitivity(diagram, "plant.u", override=override), control.feedback(1, L)
+    )
 
 
 def test_margins_are_those_of_the_given_system():
@@ -88,7 +95,9 @@ def test_around_the_block_everything_is_linearized_where_it_was():
     """The block gives out 3 at the point, so the square behind it has the slope 6, whatever stands for it."""
     diagram = Diagram("chain")
     first, block, square = diagram.add(
-        first=Gain(1.0), block=Function(lambda u: 2.0 + u), square=Function(lambda u: u**2)
+        first=Gain(1.0),
+        block=Function(lambda u: 2.0 + u),
+        square=Function(lambda u: u**2),
     )
     first >> block >> square
     diagram.expose(u=first.u, y=square.y)
@@ -112,13 +121,17 @@ def group(inner=None):
     )
     lag >> product.a
     sub.expose(force=(lag.u, product.b), spare=gain.u, main=product.y, side=gain.y)
-    plant, error = diagram.add(plant=TransferFunction([2.0], [1.0, 1.0, 3.0]), error=Sum("+--"))
+    plant, error = diagram.add(
+        plant=TransferFunction([2.0], [1.0, 1.0, 3.0]), error=Sum("+--")
+    )
     diagram.add(sub=inner or sub)
     error >> diagram.sub.force
     diagram.sub.main >> plant
     plant.y >> error.u2
     diagram.sub.side >> error.u3
-    diagram.expose(r=error.u1, spare_in=diagram.sub.spare, y=plant.y, side_out=diagram.sub.side)
+    diagram.expose(
+        r=error.u1, spare_in=diagram.sub.spare, y=plant.y, side_out=diagram.sub.side
+    )
     return diagram
 
 
@@ -143,7 +156,9 @@ def built(given):
 def test_a_group_is_replaced_as_a_whole():
     rng = np.random.default_rng(3)
     A = rng.normal(size=(3, 3)) - 3 * np.eye(3)
-    given = control.ss(A, rng.normal(size=(3, 2)), rng.normal(size=(2, 3)), np.zeros((2, 2)))
+    given = control.ss(
+        A, rng.normal(size=(3, 2)), rng.normal(size=(2, 3)), np.zeros((2, 2))
+    )
     expected = linearize(group(built(given)))
     found = linearize(group(), override={"sub": given})
     assert found.nstates == expected.nstates == 5
@@ -151,7 +166,8 @@ def test_a_group_is_replaced_as_a_whole():
     # Ports at the border may be named, whole, and cut.
     for wires in ("sub.force", "sub.main"):
         assert_same(
-            loop_transfer(group(), wires, override={"sub": given}), loop_transfer(group(built(given)), wires)
+            loop_transfer(group(), wires, override={"sub": given}),
+            loop_transfer(group(built(given)), wires),
         )
     names = ["sub.spare", "plant.u"], ["sub.side", "sub.force"]
     assert_same(
@@ -216,24 +232,61 @@ def test_a_family_over_parameters_keeps_the_override():
     for gain in (1.0, 4.0):
         expected = gain * control.feedback(2.0 * PLANT)
         assert_same(family.sel({"trailer.gain": gain, "time": 0.5}).item(), expected)
-    at = OperatingPoint(states={"controller.x": np.array([0.4])})  # of a block that is not in the model
+    # of a block that is not in the model
+    at = OperatingPoint(states={"controller.x": np.array([0.4])})
     assert linearize(diagram, at=at, override=override).nstates == 2
 
 
 @pytest.mark.parametrize(
     ("override", "error", "message"),
     [
-        ({"valv": 1.0}, NameLookupError, "no block 'valv' to override; .* actuator, valve, plant, error"),
+        (
+            {"valv": 1.0},
+            NameLookupError,
+            "no block 'valv' to override; .* actuator, valve, plant, error",
+        ),
         ({"": 1.0}, NameLookupError, "no block '' to override"),
         ([("valve", 1.0)], NameLookupError, "must be given by name"),
-        ({"valve": np.eye(2)}, LinearAnalysisError, r"2 outputs: its ports have 1 elements \(u\)"),
-        ({"error": 1.0}, LinearAnalysisError, r"its ports have 2 elements \(u1, u2\) and 1 elements \(y\)"),
-        ({"valve": "1/s"}, LinearAnalysisError, "cannot override 'valve': .* not '1/s'; .*; or a control"),
-        ({"valve": np.nan}, LinearAnalysisError, "cannot override 'valve': .* is not finite"),
-        ({"valve": control.frd([1.0], [1.0])}, LinearAnalysisError, "must be numeric, not Frequency"),
-        ({"valve": Gain(1.0)}, LinearAnalysisError, "cannot override 'valve': .* not Gain"),
-        ({"valve": control.tf([1.0, 0.0], [1.0])}, LinearAnalysisError, "cannot override 'valve'"),
-        ({"valve": control.tf([1.0], [1.0, 0.5], True)}, LinearAnalysisError, "sample time is not given"),
+        (
+            {"valve": np.eye(2)},
+            LinearAnalysisError,
+            r"2 outputs: its ports have 1 elements \(u\)",
+        ),
+        (
+            {"error": 1.0},
+            LinearAnalysisError,
+            r"its ports have 2 elements \(u1, u2\) and 1 elements \(y\)",
+        ),
+        (
+            {"valve": "1/s"},
+            LinearAnalysisError,
+            "cannot override 'valve': .* not '1/s'; .*; or a control",
+        ),
+        (
+            {"valve": np.nan},
+            LinearAnalysisError,
+            "cannot override 'valve': .* is not finite",
+        ),
+        (
+            {"valve": control.frd([1.0], [1.0])},
+            LinearAnalysisError,
+            "must be numeric, not Frequency",
+        ),
+        (
+            {"valve": Gain(1.0)},
+            LinearAnalysisError,
+            "cannot override 'valve': .* not Gain",
+        ),
+        (
+            {"valve": control.tf([1.0, 0.0], [1.0])},
+            LinearAnalysisError,
+            "cannot override 'valve'",
+        ),
+        (
+            {"valve": control.tf([1.0], [1.0, 0.5], True)},
+            LinearAnalysisError,
+            "sample time is not given",
+        ),
     ],
 )
 def test_what_does_not_fit_is_refused(override, error, message):
@@ -243,7 +296,9 @@ def test_what_does_not_fit_is_refused(override, error, message):
 
 def test_what_is_within_a_group_that_is_replaced_cannot_be_named_nor_replaced_again():
     gains = np.eye(2)
-    with pytest.raises(LinearAnalysisError, match=r"'sub.lag.y' is within what override"):
+    with pytest.raises(
+        LinearAnalysisError, match=r"'sub.lag.y' is within what override"
+    ):
         linearize(group(), "r", "sub.lag.y", override={"sub": gains})
     with pytest.raises(LinearAnalysisError, match="within another override"):
         linearize(group(), override={"sub": gains, "sub.lag": 1.0})

@@ -85,7 +85,9 @@ def loop(kind, *, sampled=False, python=False):
         second.y >> lag
     if python:
         code = diagram.add(
-            code=PythonFunction(lambda z, y: np.sin(y) + 0.3 * z, 0.1, **ports(z=(), y=1, u=1))
+            code=PythonFunction(
+                lambda z, y: np.sin(y) + 0.3 * z, 0.1, **ports(z=(), y=1, u=1)
+            )
         )
         second.z >> code.z
         gain >> code.y
@@ -97,17 +99,25 @@ def loop(kind, *, sampled=False, python=False):
 
 
 @pytest.mark.parametrize("kind", [Swing, Knowing])
-@pytest.mark.parametrize(("sampled", "python"), [(False, False), (True, False), (True, True)])
+@pytest.mark.parametrize(
+    ("sampled", "python"), [(False, False), (True, False), (True, True)]
+)
 def test_models_are_those_of_the_traced_block(kind, sampled, python):
     exact = linearize(loop(Traced, sampled=sampled, python=python))
     model = linearize(loop(kind, sampled=sampled, python=python))
     assert set(model.state_labels) == set(exact.state_labels)
     order = [model.state_labels.index(label) for label in exact.state_labels]
-    found = np.block([[model.A[order][:, order], model.B[order]], [model.C[:, order], model.D]])
+    found = np.block(
+        [[model.A[order][:, order], model.B[order]], [model.C[:, order], model.D]]
+    )
     expected = np.block([[exact.A, exact.B], [exact.C, exact.D]])
     np.testing.assert_allclose(found, expected, rtol=0, atol=1e-9)
     said = {model.derivatives[name] for name in ("first", "second")}
-    assert said == {"its own"} if kind is Knowing else all("differences" in s for s in said)
+    assert (
+        said == {"its own"}
+        if kind is Knowing
+        else all("differences" in s for s in said)
+    )
     assert exact.D.any()
 
 
@@ -120,7 +130,11 @@ def test_loops_are_broken_as_with_the_traced_block():
 @pytest.mark.parametrize("sampled", [False, True])
 def test_a_point_of_rest_is_found(sampled):
     found, exact = (
-        trim(loop(kind, sampled=sampled, python=sampled), outputs={"y": [0.35]}, inputs={"r": Free()})
+        trim(
+            loop(kind, sampled=sampled, python=sampled),
+            outputs={"y": [0.35]},
+            inputs={"r": Free()},
+        )
         for kind in (Swing, Traced)
     )
     assert found.residual <= 1e-9
@@ -131,10 +145,15 @@ def test_a_point_of_rest_is_found(sampled):
 
 @pytest.mark.parametrize("kind", [Swing, Knowing])
 def test_the_equations_of_trim_have_exact_derivatives(kind):
-    problem = _Problem(loop(kind, sampled=True, python=True), {}, {"r": Free()}, {"y": [0.3]}, {}, None)
+    problem = _Problem(
+        loop(kind, sampled=True, python=True), {}, {"r": Free()}, {"y": [0.3]}, {}, None
+    )
     z = problem._z + 0.01 * np.random.default_rng(1).normal(size=problem._z.size)
     with problem._model.at(0.0, problem._p) as local:
-        ends = [[problem._residual(local, z + h * sign) for sign in (1, -1)] for h in 1e-5 * np.eye(z.size)]
+        ends = [
+            [problem._residual(local, z + h * sign) for sign in (1, -1)]
+            for h in 1e-5 * np.eye(z.size)
+        ]
         columns = [(up - down) / 2e-5 for up, down in ends]
         jacobian = problem._jacobian(local, z)
     np.testing.assert_allclose(jacobian, np.stack(columns, axis=1), rtol=0, atol=1e-8)

@@ -66,13 +66,20 @@ def test_a_block_that_knows_its_derivatives_is_asked_for_them():
     assert set(block.calls) == {"output", "update"}
     assert model.state_labels == ["source/integral[0]", "source/integral[1]", "block/z"]
     np.testing.assert_allclose(
-        model.A, [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [1.0, -4.0, 1.0]], rtol=0, atol=1e-14
+        model.A,
+        [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [1.0, -4.0, 1.0]],
+        rtol=0,
+        atol=1e-14,
     )
-    np.testing.assert_allclose(model.C, [[1.5, 0.0, 2.5], [0.0, 1.5, -10.0]], rtol=0, atol=1e-14)
+    np.testing.assert_allclose(
+        model.C, [[1.5, 0.0, 2.5], [0.0, 1.5, -10.0]], rtol=0, atol=1e-14
+    )
 
 
 def test_steps_and_kinks_are_refused_rather_than_guessed():
-    message = r"cannot differentiate Python block 'block' \(Steps\): differences .* disagree"
+    message = (
+        r"cannot differentiate Python block 'block' \(Steps\): differences .* disagree"
+    )
     with pytest.raises(LinearAnalysisError, match=message):
         linearize(alone(Steps().sampled(0.1)))
 
@@ -86,7 +93,10 @@ def function(law):
     ("law", "slopes"),
     [
         (lambda u: np.exp(u[::-1]), [[0, np.exp(-2)], [np.exp(0.5), 0]]),
-        (lambda u: np.array([1e6 * np.sin(u[0]), 1e-6 * u[1] ** 3]), [[1e6 * np.cos(0.5), 0], [0, 1.2e-5]]),
+        (
+            lambda u: np.array([1e6 * np.sin(u[0]), 1e-6 * u[1] ** 3]),
+            [[1e6 * np.cos(0.5), 0], [0, 1.2e-5]],
+        ),
         (lambda u: np.array([7.0, 0.0 * u[0]]), np.zeros((2, 2))),
         (
             lambda u: np.array([np.arctan(50 * (u[0] - 0.51)), np.linalg.norm(u)]),
@@ -96,14 +106,20 @@ def function(law):
 )
 def test_differences_are_as_good_as_they_say(law, slopes):
     model = linearize(function(law))
-    claimed = float(model.derivatives["block"].removeprefix("differences, relative error "))
+    claimed = float(
+        model.derivatives["block"].removeprefix("differences, relative error ")
+    )
     scale = np.abs(slopes).max(axis=1, keepdims=True)
     assert claimed < 1e-6
-    assert np.all(np.abs(model.C - slopes) <= max(1e-8, 10 * claimed) * np.maximum(scale, 1e-3))
+    assert np.all(
+        np.abs(model.C - slopes) <= max(1e-8, 10 * claimed) * np.maximum(scale, 1e-3)
+    )
 
 
 def test_a_kink_of_a_small_value_is_seen_beside_a_large_one():
-    with pytest.raises(LinearAnalysisError, match=r"cannot differentiate Python block 'block'"):
+    with pytest.raises(
+        LinearAnalysisError, match=r"cannot differentiate Python block 'block'"
+    ):
         linearize(function(lambda u: np.array([1e9 * u[0], abs(u[1] + 2.0 + 1e-9)])))
 
 
@@ -113,7 +129,9 @@ def test_errors_in_the_code_of_a_block_name_the_block():
             raise RuntimeError("out of range")
         return u
 
-    with pytest.raises(SimulationError, match=r"output\(\) of block 'block' .*: out of range"):
+    with pytest.raises(
+        SimulationError, match=r"output\(\) of block 'block' .*: out of range"
+    ):
         linearize(function(broken))
 
 
@@ -122,7 +140,9 @@ def test_own_derivatives_are_checked():
         def directional_derivative(self, *args):
             return {"y": np.zeros(3)}
 
-    with pytest.raises(BlockError, match=r"block 'block' \(Wrong\): 'y' is declared with shape"):
+    with pytest.raises(
+        BlockError, match=r"block 'block' \(Wrong\): 'y' is declared with shape"
+    ):
         linearize(alone(Wrong().sampled(0.1)))
 
 
@@ -141,7 +161,9 @@ def test_an_output_without_inputs_and_states_has_no_derivatives():
         def directional_derivative(self, kind, t, x, u, p, dx, du):
             return {"y": np.zeros(2)}
 
-    np.testing.assert_array_equal(linearize(alone(Fixed().sampled(0.1))).C[:, :2], np.zeros((2, 2)))
+    np.testing.assert_array_equal(
+        linearize(alone(Fixed().sampled(0.1))).C[:, :2], np.zeros((2, 2))
+    )
 
 
 class HiddenSumWithSlopes(HiddenSum):
@@ -157,7 +179,9 @@ def test_blocks_with_hidden_states_need_their_own_derivatives():
     message = r"cannot linearize Python block 'block' \(HiddenSum\): it keeps something besides"
     with pytest.raises(LinearAnalysisError, match=message):
         linearize(hidden)
-    with pytest.raises(LinearAnalysisError, match=r"cannot trim: Python block 'block' \(HiddenSum\)"):
+    with pytest.raises(
+        LinearAnalysisError, match=r"cannot trim: Python block 'block' \(HiddenSum\)"
+    ):
         trim(hidden)
     model = linearize(alone(HiddenSumWithSlopes(2).sampled(0.1)))
     np.testing.assert_array_equal(model.C, 2 * np.eye(2))
@@ -173,7 +197,9 @@ def test_python_blocks_without_outputs_do_not_matter():
             return Running()
 
     diagram = Diagram()
-    source, look = diagram.add(source=Integrator([0.5, -2.0]), look=Looker().sampled(0.1))
+    source, look = diagram.add(
+        source=Integrator([0.5, -2.0]), look=Looker().sampled(0.1)
+    )
     source >> look
     diagram.expose(u=source.u, y=source.y)
     model = linearize(diagram)

@@ -68,12 +68,16 @@ def test_a_cut_wire_keeps_the_value_it_has_at_the_point():
     cut = linearize(diagram, wires, "y", cut=wires)
     np.testing.assert_array_equal(cut.D, [[3.0, 14.0]])
     assert not cut.C.any()
-    np.testing.assert_array_equal(linearize(diagram, "u", "y", cut="gain.y").C, [[14.0]])
+    np.testing.assert_array_equal(
+        linearize(diagram, "u", "y", cut="gain.y").C, [[14.0]]
+    )
 
 
 def test_what_arrives_at_a_cut_input_can_be_read_there():
     diagram = two_readers()
-    model = linearize(diagram, ["first.u[0]", "source.y[1]"], "first.u[0]", cut="first.u[0]")
+    model = linearize(
+        diagram, ["first.u[0]", "source.y[1]"], "first.u[0]", cut="first.u[0]"
+    )
     np.testing.assert_array_equal(model.C, [[1, 0]])
     np.testing.assert_array_equal(model.D, [[0, 0]])
 
@@ -95,12 +99,18 @@ def nested():
 @pytest.mark.parametrize("where", ["middle.u", "middle.inner.u"])
 @pytest.mark.parametrize("cut", [False, True])
 def test_ports_of_nested_diagrams_stand_for_all_blocks_behind_them(where, cut):
-    model = linearize(nested(), f"{where}[1]", ["y[1]", "z[1]"], cut=f"{where}[1]" if cut else ())
+    model = linearize(
+        nested(), f"{where}[1]", ["y[1]", "z[1]"], cut=f"{where}[1]" if cut else ()
+    )
     np.testing.assert_array_equal(model.D, [[12], [10]])
-    np.testing.assert_array_equal(model.C, [[0, 0 if cut else 12], [0, 0 if cut else 10]])
+    np.testing.assert_array_equal(
+        model.C, [[0, 0 if cut else 12], [0, 0 if cut else 10]]
+    )
     assert model.input_labels == [f"{where.replace('.', '/')}[1]"]
     one = linearize(nested(), "middle.inner.h.u", ["y", "middle.inner.h.y"])
-    np.testing.assert_array_equal(one.D, np.vstack([np.zeros((2, 2)), np.diag([1, 10])]))
+    np.testing.assert_array_equal(
+        one.D, np.vstack([np.zeros((2, 2)), np.diag([1, 10])])
+    )
 
 
 def test_one_signal_under_two_names_is_one_signal():
@@ -142,13 +152,17 @@ def test_grounded_inputs_can_be_driven_too():
     diagram.add(c=Constant([1.0])) >> gain.u[1:2]
     diagram.expose(y=gain.y)
     for cut in ((), "gain.u"):
-        np.testing.assert_array_equal(linearize(diagram, "gain.u", "y", cut=cut).D, np.diag([2.0, 5.0]))
+        np.testing.assert_array_equal(
+            linearize(diagram, "gain.u", "y", cut=cut).D, np.diag([2.0, 5.0])
+        )
 
 
 def test_a_state_without_influence_stays_but_unused_inputs_may_have_no_derivative():
     block = Function(lambda a, b: a + np.sqrt(b), **ports(a=(), b=(), y=()))
     assert linearize(block, "a", "y").D == [[1.0]]
-    with pytest.raises(LinearAnalysisError, match=r"no finite derivative by b at this point"):
+    with pytest.raises(
+        LinearAnalysisError, match=r"no finite derivative by b at this point"
+    ):
         linearize(block, ["a", "b"], "y")
     lonely = Diagram()
     lonely.add(i=Integrator(), g=Gain(2.0))
@@ -162,5 +176,7 @@ def test_a_state_without_derivative_is_named():
     diagram = Diagram()
     i, root = diagram.add(i=Integrator(), root=Function(np.sqrt))
     i >> root >> i
-    with pytest.raises(LinearAnalysisError, match=r"no finite derivative by i/integral at this point"):
+    with pytest.raises(
+        LinearAnalysisError, match=r"no finite derivative by i/integral at this point"
+    ):
         linearize(diagram, "i.u", "i.y")

@@ -20,7 +20,11 @@ from trussflow.blocks import (
     operating_point_after,
     trim,
 )
-from trussflow.blocks.errors import DivergenceError, LinearAnalysisError, NameLookupError
+from trussflow.blocks.errors import (
+    DivergenceError,
+    LinearAnalysisError,
+    NameLookupError,
+)
 
 ROUND_OFF = 1e-13
 
@@ -30,7 +34,9 @@ def cubic():
     diagram = Diagram("cubic", loops="solve")
     state, bent, total = diagram.add(
         state=Integrator(2.0),
-        bent=Function(lambda u, w, back: u + w - back**3, **ports(u=(), w=(), back=(), y=())),
+        bent=Function(
+            lambda u, w, back: u + w - back**3, **ports(u=(), w=(), back=(), y=())
+        ),
         total=Sum("+-"),
     )
     state >> bent.u
@@ -49,7 +55,10 @@ def solved(right):
 
 @pytest.mark.parametrize("x", [2.0, -0.3, 0.0, 50.0])
 def test_the_slope_of_a_cubic(x):
-    model = linearize(cubic(), at=OperatingPoint(states={"state.integral": x}, inputs={"v": 0.0, "w": 0.0}))
+    model = linearize(
+        cubic(),
+        at=OperatingPoint(states={"state.integral": x}, inputs={"v": 0.0, "w": 0.0}),
+    )
     slope = 1.0 / (1.0 + 3.0 * solved(x) ** 2)
     found = np.block([[model.A, model.B], [model.C, model.D]])
     exact = [[-slope, 1.0, -slope], [slope, 0.0, slope]]
@@ -69,7 +78,10 @@ def test_a_loop_that_is_cut_is_none():
 def test_trim_solves_loops_on_its_way():
     """For y = 1 at rest x = 2 and v = 1."""
     point = trim(
-        cubic(), outputs={"y": 1.0}, inputs={"v": Free(), "w": 0.0}, states={"state.integral": Free(1.5)}
+        cubic(),
+        outputs={"y": 1.0},
+        inputs={"v": Free(), "w": 0.0},
+        states={"state.integral": Free(1.5)},
     )
     np.testing.assert_allclose(point.states["state.integral"], 2.0, rtol=0, atol=1e-10)
     np.testing.assert_allclose(point.inputs["v"], 1.0, rtol=0, atol=1e-10)
@@ -81,7 +93,9 @@ def roots():
     diagram = Diagram("roots", loops="solve")
     state, root = diagram.add(
         state=Integrator(),
-        root=Function(lambda u, back: 1.0 + u - back**2 + back, **ports(u=(), back=(), y=())),
+        root=Function(
+            lambda u, back: 1.0 + u - back**2 + back, **ports(u=(), back=(), y=())
+        ),
     )
     state >> root.u
     root >> root.back
@@ -94,14 +108,23 @@ def test_a_point_says_which_solution_is_meant(sign):
     start = OperatingPoint(loops={"root.y": sign}, inputs={"v": 1.0})
     end = operating_point_after(roots(), 3.0, step=0.1, at=start)
     np.testing.assert_allclose(end.loops["root.y"], 2.0 * sign, rtol=0, atol=1e-13)
-    np.testing.assert_allclose(linearize(roots(), at=end).C, [[sign / 4.0]], rtol=0, atol=ROUND_OFF)
-    with pytest.raises(NameLookupError, match=r"no loop signal 'root\.u'; the loop signals are: root\.y"):
+    np.testing.assert_allclose(
+        linearize(roots(), at=end).C, [[sign / 4.0]], rtol=0, atol=ROUND_OFF
+    )
+    with pytest.raises(
+        NameLookupError,
+        match=r"no loop signal 'root\.u'; the loop signals are: root\.y",
+    ):
         linearize(roots(), at=OperatingPoint(loops={"root.u": 1.0}))
 
 
 def test_where_there_is_no_solution_there_is_no_model():
-    at = OperatingPoint(states={"state.integral": -2.0}, loops={"root.y": 1.0}, inputs={"v": 0.0})
-    with pytest.raises(DivergenceError, match="cannot solve the algebraic loop at t = 0 s"):
+    at = OperatingPoint(
+        states={"state.integral": -2.0}, loops={"root.y": 1.0}, inputs={"v": 0.0}
+    )
+    with pytest.raises(
+        DivergenceError, match="cannot solve the algebraic loop at t = 0 s"
+    ):
         linearize(roots(), at=at)
 
 
@@ -118,7 +141,9 @@ def test_a_saturation_in_a_loop(x, slope):
 def test_a_sampled_loop():
     """With u = x - u^3 at samples, dx/dt = -u^3 + x: A = e^h - (e^h - 1) 3 u^2 / (1 + 3 u^2)."""
     diagram = Diagram("sampled", loops="solve")
-    state, bent = diagram.add(state=Integrator(1.0), bent=Function(lambda u: -(u**3)).sampled(0.1))
+    state, bent = diagram.add(
+        state=Integrator(1.0), bent=Function(lambda u: -(u**3)).sampled(0.1)
+    )
     total = state.y + bent.y
     total >> bent.u
     total >> state.u
@@ -137,7 +162,12 @@ def test_any_loop(seed, n):
     diagram = Diagram("any", loops="solve")
     shapes = ports(v=(), **{f"u{j}": () for j in range(n)}, y=())
     blocks = [
-        diagram.add(f"b{i}", Function(lambda v, *u, row=row: v + np.sum(np.sin(row * np.stack(u))), **shapes))
+        diagram.add(
+            f"b{i}",
+            Function(
+                lambda v, *u, row=row: v + np.sum(np.sin(row * np.stack(u))), **shapes
+            ),
+        )
         for i, row in enumerate(matrix)
     ]
     for block in blocks:
@@ -145,7 +175,9 @@ def test_any_loop(seed, n):
             other >> block.port(f"u{j}")
     diagram.expose(**{f"v{i}": block.v for i, block in enumerate(blocks)})
     diagram.expose(**{f"y{i}": block.y for i, block in enumerate(blocks)})
-    model = linearize(diagram, at=OperatingPoint(inputs={f"v{i}": each for i, each in enumerate(v)}))
+    model = linearize(
+        diagram, at=OperatingPoint(inputs={f"v{i}": each for i, each in enumerate(v)})
+    )
     y = np.zeros(n)
     for _ in range(500):
         y = v + np.sin(matrix * y).sum(axis=1)
@@ -154,5 +186,9 @@ def test_any_loop(seed, n):
 
 
 def test_what_is_stepped_inside_an_estimator_has_no_iterations():
-    with pytest.raises(LinearAnalysisError, match="it has algebraic loops that are solved by iteration"):
-        kalman_filter(cubic(), ["y"], ["v"], kind="extended", every=0.1, measurement_noise=[1.0])
+    with pytest.raises(
+        LinearAnalysisError, match="it has algebraic loops that are solved by iteration"
+    ):
+        kalman_filter(
+            cubic(), ["y"], ["v"], kind="extended", every=0.1, measurement_noise=[1.0]
+        )

@@ -21,7 +21,12 @@ from trussflow.blocks import (
     operating_point_after,
     trim,
 )
-from trussflow.blocks.errors import LinearAnalysisError, NameLookupError, ParameterError, TrimError
+from trussflow.blocks.errors import (
+    LinearAnalysisError,
+    NameLookupError,
+    ParameterError,
+    TrimError,
+)
 
 ROUND_OFF = 1e-14  # relative: a few operations of 1e-16 each
 SMALL = 1e-9
@@ -48,9 +53,13 @@ def test_a_steady_climb_has_rates_and_outputs_that_are_not_zero(aircraft):
     assert at.states["body.angle"] == pytest.approx(angle)
     lift = 9810.0 * np.cos(angle)
     assert at.inputs["lift"] == pytest.approx(lift)
-    assert at.inputs["thrust"] == pytest.approx(drag(100.0, lift) + 9810.0 * np.sin(angle))
+    assert at.inputs["thrust"] == pytest.approx(
+        drag(100.0, lift) + 9810.0 * np.sin(angle)
+    )
     assert at.outputs == {"climb": pytest.approx(5.0)}
-    same = trim(aircraft, states={"body.speed": 100.0}, rates={"height": 5.0}, inputs=FREE)
+    same = trim(
+        aircraft, states={"body.speed": 100.0}, rates={"height": 5.0}, inputs=FREE
+    )
     assert same.states["body.angle"] == pytest.approx(angle)
 
 
@@ -66,7 +75,9 @@ def test_bounds_are_kept_and_starts_choose_between_solutions():
     for start, expected in ((1.0, 2.0), (-1.0, -2.0)):
         at = trim(block, inputs={"u": Free(start=start)}, outputs={"y": 0.0})
         assert at.inputs["u"] == pytest.approx(expected)
-    inside = trim(block, inputs={"u": Free(start=3.0, lower=-5.0, upper=-0.5)}, outputs={"y": 0.0})
+    inside = trim(
+        block, inputs={"u": Free(start=3.0, lower=-5.0, upper=-0.5)}, outputs={"y": 0.0}
+    )
     assert inside.inputs["u"] == pytest.approx(-2.0)
 
 
@@ -75,7 +86,10 @@ def test_parts_of_states_and_inputs_are_fixed_or_free():
     plant = diagram.add(plant=StateSpace(-np.eye(3), np.eye(3), np.ones((1, 3))))
     diagram.expose(u=plant.u, y=plant.y)
     at = trim(
-        diagram, states={"plant.x[0:1]": 2.0}, inputs={"u[0:2]": Free(), "u[2]": 7.0}, outputs={"y": [12.0]}
+        diagram,
+        states={"plant.x[0:1]": 2.0},
+        inputs={"u[0:2]": Free(), "u[2]": 7.0},
+        outputs={"y": [12.0]},
     )
     np.testing.assert_allclose(at.states["plant.x"], [2, 3, 7], rtol=0, atol=1e-8)
     np.testing.assert_allclose(at.inputs["u"], [2, 3, 7], rtol=0, atol=1e-8)
@@ -85,12 +99,17 @@ def test_parts_of_states_and_inputs_are_fixed_or_free():
         outputs={"plant.y": 3.0},
         at=OperatingPoint(inputs={"u": [4.0, 5.0, 6.0]}),
     )
-    np.testing.assert_allclose(elsewhere.states["plant.x"].sum(), 3.0, rtol=0, atol=1e-8)
+    np.testing.assert_allclose(
+        elsewhere.states["plant.x"].sum(), 3.0, rtol=0, atol=1e-8
+    )
 
 
 def test_parameters_of_the_start_count_and_stay_in_the_point(aircraft):
     at = trim(
-        aircraft, states={"body.speed": 90.0}, inputs=FREE, at=OperatingPoint(parameters={"body.mass": 500.0})
+        aircraft,
+        states={"body.speed": 90.0},
+        inputs=FREE,
+        at=OperatingPoint(parameters={"body.mass": 500.0}),
     )
     assert at.inputs["lift"] == pytest.approx(4905.0)
     assert linearize(aircraft, at=at).operating_point.parameters == {"body.mass": 500.0}
@@ -162,7 +181,11 @@ def test_bounds_that_stand_in_the_way_are_named(aircraft):
     message = r"(?s)d\(body/speed\)/dt is off by -.*thrust is at its bound 300.*free one of these"
     little = Free(start=200.0, lower=0.0, upper=300.0)
     with pytest.raises(TrimError, match=message):
-        trim(aircraft, states={"body.speed": 100.0}, inputs={"thrust": little, "lift": Free()})
+        trim(
+            aircraft,
+            states={"body.speed": 100.0},
+            inputs={"thrust": little, "lift": Free()},
+        )
 
 
 def test_conditions_that_nothing_could_meet_say_so():
@@ -174,13 +197,19 @@ def test_conditions_that_nothing_could_meet_say_so():
 
 def test_many_violations_are_counted_not_listed():
     block = Integrator(np.zeros(20))
-    with pytest.raises(TrimError, match=r"(?s)dt is off by 1\n.*and 12 more\n.*is fixed at 1.*and 12 more"):
+    with pytest.raises(
+        TrimError,
+        match=r"(?s)dt is off by 1\n.*and 12 more\n.*is fixed at 1.*and 12 more",
+    ):
         trim(block, inputs={"u": 1.0})
 
 
 def test_sampled_values_that_cannot_rest_are_named():
     counter = DiscreteStateSpace([[1.0]], [1.0], [1.0], sample_time=0.1)
-    with pytest.raises(TrimError, match=r"change of DiscreteStateSpace/x\[0\] at an instant is off by 0.5\n"):
+    with pytest.raises(
+        TrimError,
+        match=r"change of DiscreteStateSpace/x\[0\] at an instant is off by 0.5\n",
+    ):
         trim(counter, inputs={"u": 0.5})
 
 
@@ -192,31 +221,63 @@ def test_sampled_values_that_cannot_rest_are_named():
             NameLookupError,
             r"no state 'body.mach'; the states are: body.speed, body.angle, body.height",
         ),
-        ({"states": {"body.speed[0]": 1.0}}, NameLookupError, r"does not fit the state's shape"),
+        (
+            {"states": {"body.speed[0]": 1.0}},
+            NameLookupError,
+            r"does not fit the state's shape",
+        ),
         (
             {"inputs": {"flaps": 1.0}},
             NameLookupError,
             r"no input 'flaps'; the external inputs are: thrust, lift",
         ),
         ({"inputs": {"lift[2]": 1.0}}, NameLookupError, r"'lift\[2\]' does not fit"),
-        ({"outputs": {"sink": 1.0}}, NameLookupError, r"no port 'sink'; inputs: .* outputs: climb"),
+        (
+            {"outputs": {"sink": 1.0}},
+            NameLookupError,
+            r"no port 'sink'; inputs: .* outputs: climb",
+        ),
         ({"rates": {"body.mach": 1.0}}, NameLookupError, r"no state 'body.mach'"),
-        ({"rates": {"body.angle": np.nan}}, ParameterError, r"rate of 'body.angle' is not finite"),
-        ({"outputs": {"climb": [1.0, 2.0]}}, ParameterError, r"output 'climb' has shape \(2,\)"),
-        ({"states": {"body.speed": np.nan}}, LinearAnalysisError, r"state 'body.speed' is not a number"),
+        (
+            {"rates": {"body.angle": np.nan}},
+            ParameterError,
+            r"rate of 'body.angle' is not finite",
+        ),
+        (
+            {"outputs": {"climb": [1.0, 2.0]}},
+            ParameterError,
+            r"output 'climb' has shape \(2,\)",
+        ),
+        (
+            {"states": {"body.speed": np.nan}},
+            LinearAnalysisError,
+            r"state 'body.speed' is not a number",
+        ),
         (
             {"states": {"body.speed": [1.0, 2.0]}},
             LinearAnalysisError,
             r"state 'body.speed' has 1 elements, but 2 values were given",
         ),
-        ({"states": {"body.speed": np.inf}}, LinearAnalysisError, r"state 'body.speed' is not finite"),
+        (
+            {"states": {"body.speed": np.inf}},
+            LinearAnalysisError,
+            r"state 'body.speed' is not finite",
+        ),
         (
             {"inputs": {"lift": Free(lower=2.0, upper=1.0)}},
             LinearAnalysisError,
             r"input 'lift': the lower bound must be below the upper one",
         ),
-        ({"inputs": {"lift": "much"}}, ParameterError, r"input 'lift' must be numeric, not 'much'"),
-        ({"tolerance": 0.0}, LinearAnalysisError, r"tolerance = 0.0 must be a positive and finite"),
+        (
+            {"inputs": {"lift": "much"}},
+            ParameterError,
+            r"input 'lift' must be numeric, not 'much'",
+        ),
+        (
+            {"tolerance": 0.0},
+            LinearAnalysisError,
+            r"tolerance = 0.0 must be a positive and finite",
+        ),
     ],
 )
 def test_conditions_that_make_no_sense_are_refused(aircraft, arguments, error, message):
@@ -226,9 +287,13 @@ def test_conditions_that_make_no_sense_are_refused(aircraft, arguments, error, m
 
 def test_equations_that_are_not_finite_are_named():
     root = Function(lambda u: np.sqrt(u) - 2.0)
-    with pytest.raises(LinearAnalysisError, match=r"cannot trim: y has no finite value on the way"):
+    with pytest.raises(
+        LinearAnalysisError, match=r"cannot trim: y has no finite value on the way"
+    ):
         trim(root, inputs={"u": Free(start=-1.0)}, outputs={"y": 0.0})
-    with pytest.raises(LinearAnalysisError, match=r"cannot trim: y has no finite derivative on"):
+    with pytest.raises(
+        LinearAnalysisError, match=r"cannot trim: y has no finite derivative on"
+    ):
         trim(root, inputs={"u": Free(start=0.0)}, outputs={"y": 0.0})
     at = trim(root, inputs={"u": Free(start=1.0, lower=0.0)}, outputs={"y": 0.0})
     assert at.inputs["u"] == pytest.approx(4.0)

@@ -6,7 +6,15 @@ from typing import Any
 import numpy as np
 import pytest
 
-from trussflow.blocks import Diagram, DiscreteStateSpace, Free, Gain, TransferFunction, TransportDelay, trim
+from trussflow.blocks import (
+    Diagram,
+    DiscreteStateSpace,
+    Free,
+    Gain,
+    TransferFunction,
+    TransportDelay,
+    trim,
+)
 from trussflow.blocks.errors import TrimError
 
 
@@ -30,11 +38,33 @@ def test_a_report_tells_what_was_found_element_by_element(aircraft):
         rates={"body.height": 5.0},
     )
     lines = lines_of(at)
-    assert list(lines) == ["body.speed", "body.angle", "body.height", "thrust", "lift", "climb"]
-    assert [line.role for line in lines.values()] == ["fixed", "free", "fixed", "free", "free", ""]
-    assert [line.unit for line in lines.values()] == ["m/s", "rad", "m", "N", "N", "m/s"]
+    assert list(lines) == [
+        "body.speed",
+        "body.angle",
+        "body.height",
+        "thrust",
+        "lift",
+        "climb",
+    ]
+    assert [line.role for line in lines.values()] == [
+        "fixed",
+        "free",
+        "fixed",
+        "free",
+        "free",
+        "",
+    ]
+    assert [line.unit for line in lines.values()] == [
+        "m/s",
+        "rad",
+        "m",
+        "N",
+        "N",
+        "m/s",
+    ]
     assert lines["body.height"].rate == pytest.approx(5.0, rel=1e-9)
-    assert abs(lines["body.height"].residual) < 1e-9  # a rate of 5 m/s is what was asked for
+    # a rate of 5 m/s is what was asked for
+    assert abs(lines["body.height"].residual) < 1e-9
     assert lines["climb"].value == pytest.approx(5.0, rel=1e-9)
     assert (lines["thrust"].lower, lines["thrust"].upper) == (0.0, 1e4)
     for name in ("thrust", "lift"):
@@ -46,7 +76,9 @@ def test_a_report_tells_what_was_found_element_by_element(aircraft):
     assert "body.speed" in at._repr_html_()
 
 
-def test_the_report_of_a_point_that_is_not_met_says_what_is_violated_and_at_a_bound(aircraft):
+def test_the_report_of_a_point_that_is_not_met_says_what_is_violated_and_at_a_bound(
+    aircraft,
+):
     best = best_of(
         aircraft,
         states={"body.speed": 100.0, "body.angle": 0.0},
@@ -57,14 +89,26 @@ def test_the_report_of_a_point_that_is_not_met_says_what_is_violated_and_at_a_bo
     assert lines["thrust"].role == "free, at its upper bound"
     drag = 0.05 * 100.0**2 + 1e-6 * best.inputs["lift"] ** 2
     expected = (200.0 - drag) / 1000.0
-    assert lines["body.speed"].rate == lines["body.speed"].residual == pytest.approx(expected, rel=1e-12)
-    violated = {line.split()[1] for line in repr(best).splitlines() if line.endswith("VIOLATED")}
-    assert violated == {n for n, line in lines.items() if abs(line.residual) > 1e-9} >= {"body.speed"}
+    assert (
+        lines["body.speed"].rate
+        == lines["body.speed"].residual
+        == pytest.approx(expected, rel=1e-12)
+    )
+    violated = {
+        line.split()[1] for line in repr(best).splitlines() if line.endswith("VIOLATED")
+    }
+    assert (
+        violated
+        == {n for n, line in lines.items() if abs(line.residual) > 1e-9}
+        >= {"body.speed"}
+    )
 
 
 def test_a_rate_that_was_left_alone_is_told_but_never_violated(aircraft):
     fixed = {"body.speed": 100.0, "body.angle": 0.0}
-    at: Any = trim(aircraft, states=fixed, inputs={"lift": Free()}, rates={"body.speed": None})
+    at: Any = trim(
+        aircraft, states=fixed, inputs={"lift": Free()}, rates={"body.speed": None}
+    )
     speed = lines_of(at)["body.speed"]
     assert speed.rate < -0.1  # no thrust, so it slows down
     assert np.isnan(speed.residual)
@@ -74,7 +118,8 @@ def test_a_rate_that_was_left_alone_is_told_but_never_violated(aircraft):
 def test_discrete_states_and_wanted_outputs_have_their_residuals_in_the_report():
     diagram = Diagram("count")
     memory, half = diagram.add(
-        memory=DiscreteStateSpace([[1.0]], [1.0], [1.0], sample_time=0.1), half=Gain(0.5)
+        memory=DiscreteStateSpace([[1.0]], [1.0], [1.0], sample_time=0.1),
+        half=Gain(0.5),
     )
     memory >> half
     diagram.expose(u=memory.u, y=half.y)
@@ -83,12 +128,17 @@ def test_discrete_states_and_wanted_outputs_have_their_residuals_in_the_report()
     assert lines["memory.x[0]"].value == pytest.approx(4.0, rel=1e-12)
     assert lines["y"].role == "wanted"
     assert abs(lines["y"].residual) < 1e-9
-    worst = best_of(diagram, inputs={"u": 3.0}, outputs={"y": 2.0})  # grows by 3 at each instant
+    # grows by 3 at each instant
+    worst = best_of(diagram, inputs={"u": 3.0}, outputs={"y": 2.0})
     assert lines_of(worst)["memory.x[0]"].residual == pytest.approx(3.0, rel=1e-6)
 
 
 def test_a_point_made_of_a_trimmed_one_has_no_report(aircraft):
-    at = trim(aircraft, states={"body.speed": 100.0}, inputs={"thrust": Free(), "lift": Free()})
+    at = trim(
+        aircraft,
+        states={"body.speed": 100.0},
+        inputs={"thrust": Free(), "lift": Free()},
+    )
     moved = replace(at, inputs={"thrust": 0.0})
     assert moved.report is None
     *named, value = repr(moved).splitlines()[4].split()
@@ -98,7 +148,9 @@ def test_a_point_made_of_a_trimmed_one_has_no_report(aircraft):
 
 def test_what_a_continuous_python_block_gives_out_at_once_is_no_line_of_the_report():
     diagram = Diagram("late")
-    late, lag = diagram.add(late=TransportDelay(0.3), lag=TransferFunction([1.0], [1.0, 1.0]))
+    late, lag = diagram.add(
+        late=TransportDelay(0.3), lag=TransferFunction([1.0], [1.0, 1.0])
+    )
     late >> lag
     diagram.expose(u=late.u, y=lag.y)
     *others, last = lines_of(trim(diagram, inputs={"u": 2.0})).values()

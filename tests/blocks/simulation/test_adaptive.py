@@ -20,7 +20,12 @@ from trussflow.blocks import (
     TimeFunction,
     simulate,
 )
-from trussflow.blocks.errors import DivergenceError, SimulationError, SimulationInterrupted, TimeLimitError
+from trussflow.blocks.errors import (
+    DivergenceError,
+    SimulationError,
+    SimulationInterrupted,
+    TimeLimitError,
+)
 from trussflow.blocks.simulation import run as run_module
 from trussflow.blocks.simulation.adaptive import IMPLICIT, METHODS, integrate
 from trussflow.blocks.simulation.progress import ProgressBar
@@ -28,7 +33,8 @@ from trussflow.blocks.simulation.progress import ProgressBar
 ORDER_TOLERANCE = 0.1
 SOLVER_TOLERANCE = 1e-8
 PRECISE = {"rtol": SOLVER_TOLERANCE, "atol": SOLVER_TOLERANCE}
-GLOBAL_TOLERANCE = 100.0 * SOLVER_TOLERANCE  # the error at the end adds up those of many steps
+# the error at the end adds up those of many steps
+GLOBAL_TOLERANCE = 100.0 * SOLVER_TOLERANCE
 A = np.array([[-0.3, 1.0, 0.2], [-1.5, -0.1, 0.0], [0.1, 0.4, -0.7]])
 
 
@@ -60,19 +66,25 @@ def linear(matrix):
 
 def integral_of(function, breakpoints=()):
     diagram = Diagram("integral")
-    source, block = diagram.add(source=TimeFunction(function, breakpoints=breakpoints), block=Integrator())
+    source, block = diagram.add(
+        source=TimeFunction(function, breakpoints=breakpoints), block=Integrator()
+    )
     source >> block
     return diagram
 
 
-@pytest.mark.parametrize(("solver", "order", "step"), [("euler", 1, 0.01), ("rk4", 4, 0.2)])
+@pytest.mark.parametrize(
+    ("solver", "order", "step"), [("euler", 1, 0.01), ("rk4", 4, 0.2)]
+)
 def test_order_of_fixed_steps(solver, order, step, backend):
     """Against the matrix exponential, over four halvings of the step."""
     diagram = linear(A)
     exact = scipy.linalg.expm(2.0 * A) @ np.ones(3)
     errors = []
     for halving in range(4):
-        result = simulate(diagram, 2.0, step=step / 2**halving, solver=solver, backend=backend)
+        result = simulate(
+            diagram, 2.0, step=step / 2**halving, solver=solver, backend=backend
+        )
         errors.append(np.abs(result["block.y"].values[-1] - exact).max())
     slopes = np.log2(np.divide(errors[:-1], errors[1:]))
     assert_allclose(slopes, order, rtol=0, atol=ORDER_TOLERANCE)
@@ -80,13 +92,17 @@ def test_order_of_fixed_steps(solver, order, step, backend):
 
 def test_stages_see_their_own_time(backend):
     """The rate 4 t^3 is integrated exactly by Simpson's rule, which RK4 then is."""
-    result = simulate(integral_of(lambda t: 4.0 * t**3), 1.0, step=0.25, backend=backend)
+    result = simulate(
+        integral_of(lambda t: 4.0 * t**3), 1.0, step=0.25, backend=backend
+    )
     assert_allclose(result["block.y"], result.time**4, rtol=1e-14)
 
 
 @pytest.mark.parametrize("solver", METHODS)
 def test_tolerance_is_met_at_all_logged_instants(solver):
-    result = simulate(linear(A), 5.0, solver=solver, backend="interpreted", log_step=0.5, **PRECISE)
+    result = simulate(
+        linear(A), 5.0, solver=solver, backend="interpreted", log_step=0.5, **PRECISE
+    )
     exact = [scipy.linalg.expm(t * A) @ np.ones(3) for t in result.time.values]
     assert_allclose(result["block.y"], exact, rtol=0, atol=GLOBAL_TOLERANCE)
 
@@ -95,18 +111,25 @@ def test_tolerance_is_met_at_all_logged_instants(solver):
 @pytest.mark.parametrize("backend", ["numpy", "interpreted"])
 def test_stiff_linear_system(solver, backend):
     stiff = np.diag([-1e6, -1.0, -1e3]) + np.triu(np.ones((3, 3)), 1)
-    result = simulate(linear(stiff), 1.0, solver=solver, backend=backend, log_step=0.25, **PRECISE)
+    result = simulate(
+        linear(stiff), 1.0, solver=solver, backend=backend, log_step=0.25, **PRECISE
+    )
     exact = scipy.linalg.expm(stiff) @ np.ones(3)
     assert_allclose(result["block.y"][-1], exact, rtol=0, atol=GLOBAL_TOLERANCE)
 
 
 def test_stiff_solvers_agree_on_van_der_pol():
     """Through a fast transition, where an explicit solver would crawl."""
-    diagram, settings = diagram_of(VanDerPol()), PRECISE | {"backend": "interpreted", "log_step": 100.0}
+    diagram, settings = (
+        diagram_of(VanDerPol()),
+        PRECISE | {"backend": "interpreted", "log_step": 100.0},
+    )
     first, *others = [
-        simulate(diagram, 100.0, solver=solver, **settings)["block.y"].values[-1] for solver in IMPLICIT
+        simulate(diagram, 100.0, solver=solver, **settings)["block.y"].values[-1]
+        for solver in IMPLICIT
     ]
-    assert_allclose(others, [first] * len(others), rtol=1e-4)  # the phase error of the transition
+    # the phase error of the transition
+    assert_allclose(others, [first] * len(others), rtol=1e-4)
 
 
 class Sliding(VanDerPol):
@@ -118,7 +141,9 @@ class Sliding(VanDerPol):
 
 @pytest.mark.parametrize("solver", METHODS)
 def test_steps_that_shrink_at_a_jump_end_the_run(solver):
-    with pytest.raises(DivergenceError, match=r"'block\.x'.* Declare a Mode for what switches") as error:
+    with pytest.raises(
+        DivergenceError, match=r"'block\.x'.* Declare a Mode for what switches"
+    ) as error:
         simulate(diagram_of(Sliding()), 5.0, solver=solver, log_step=0.1)
     assert ("jumps between" in str(error.value)) is (solver not in IMPLICIT)
     assert error.value.result.time[-1] == pytest.approx(1.4)
@@ -171,11 +196,17 @@ def test_break_points_are_honoured(solver):
     """A short pulse that a solver steps over unless its times are break points."""
 
     def end(breakpoints):
-        diagram = integral_of(lambda t: np.where(np.abs(t - 700.0) < 1.0, 0.5, 0.0), breakpoints)
-        result = simulate(diagram, 1000.0, solver=solver, backend="interpreted", log_step=1000.0)
+        diagram = integral_of(
+            lambda t: np.where(np.abs(t - 700.0) < 1.0, 0.5, 0.0), breakpoints
+        )
+        result = simulate(
+            diagram, 1000.0, solver=solver, backend="interpreted", log_step=1000.0
+        )
         return result["block.y"].values[-1]
 
-    assert end((699.0, 701.0, 5.0, -1.0, 2e6, 0.0, 1000.0)) == pytest.approx(1.0, abs=SOLVER_TOLERANCE)
+    assert end((699.0, 701.0, 5.0, -1.0, 2e6, 0.0, 1000.0)) == pytest.approx(
+        1.0, abs=SOLVER_TOLERANCE
+    )
     assert end(()) == 0.0
 
 
@@ -185,7 +216,9 @@ def test_break_points_must_be_times(value):
         def breakpoints(self):
             return (1.0, value)
 
-    with pytest.raises(SimulationError, match=r"breakpoints\(\) of block 'block' .*must be finite"):
+    with pytest.raises(
+        SimulationError, match=r"breakpoints\(\) of block 'block' .*must be finite"
+    ):
         simulate(diagram_of(Pulse()), 1.0, solver="RK45", backend="numpy")
 
 
@@ -211,5 +244,12 @@ def test_implicit_solvers_get_the_exact_jacobian(solver, backend, monkeypatch):
 @pytest.mark.parametrize("solver", ["rk4", *METHODS])
 @pytest.mark.parametrize("backend", ["numpy", "compiled"])
 def test_diagram_without_continuous_states(solver, backend):
-    result = simulate(diagram_of(Ramp(2.0)), 1.0, step=0.25, log_step=0.25, solver=solver, backend=backend)
+    result = simulate(
+        diagram_of(Ramp(2.0)),
+        1.0,
+        step=0.25,
+        log_step=0.25,
+        solver=solver,
+        backend=backend,
+    )
     assert_allclose(result["block.y"], [0.0, 0.5, 1.0, 1.5, 2.0], rtol=1e-14)

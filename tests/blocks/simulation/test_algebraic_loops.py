@@ -58,9 +58,13 @@ def test_loop_of_gain_and_sum_is_printed_with_its_path():
     ]
     text = str(error.value).splitlines()
     assert line != first
-    assert text[0] == ("algebraic loop of 2 wires: within one instant each signal depends on itself")
+    assert text[0] == (
+        "algebraic loop of 2 wires: within one instant each signal depends on itself"
+    )
     assert text[1:3] in (hops, hops[::-1])
-    assert text[3].startswith("break it with a state (Integrator, TransferFunction), a UnitDelay")
+    assert text[3].startswith(
+        "break it with a state (Integrator, TransferFunction), a UnitDelay"
+    )
 
 
 def test_loop_through_a_nested_diagram():
@@ -70,7 +74,9 @@ def test_loop_through_a_nested_diagram():
     box, other = outer.add(box=inner, other=Gain(0.5))
     box.y >> other
     other.y >> box.u
-    with pytest.raises(AlgebraicLoopError, match=r"other\.y --wire--> box\.gain\.u ==feedthrough"):
+    with pytest.raises(
+        AlgebraicLoopError, match=r"other\.y --wire--> box\.gain\.u ==feedthrough"
+    ):
         Simulator(outer, step=0.1)
 
 
@@ -85,14 +91,18 @@ def test_direct_output_fed_back_is_a_loop_but_the_other_one_is_not(backend):
     plant, gain = other.add(plant=Plant(), gain=Gain(0.5))
     plant.acceleration >> gain
     gain.y >> plant.force
-    with pytest.raises(AlgebraicLoopError, match=r"plant\.acceleration --wire--> gain\.u"):
+    with pytest.raises(
+        AlgebraicLoopError, match=r"plant\.acceleration --wire--> gain\.u"
+    ):
         simulate(other, 0.1, step=0.1, backend=backend)
 
 
 def test_feedthrough_is_per_pair_of_ports(backend):
     """B -> u is legal: a depends on u, b on v only."""
     crossed = Function(
-        lambda u, v: (2.0 * u, 3.0 * v), {"u": Input(), "v": Input()}, {"a": Output(), "b": Output()}
+        lambda u, v: (2.0 * u, 3.0 * v),
+        {"u": Input(), "v": Input()},
+        {"a": Output(), "b": Output()},
     )
     diagram = Diagram("crossed")
     crossed, one = diagram.add(crossed=crossed, one=Plant())
@@ -108,7 +118,9 @@ def test_slices_do_not_hide_a_loop():
     pair = diagram.add(pair=MatrixGain([[1.0, 0.0], [0.0, 1.0]]))
     pair.y[0] >> pair.u[0]
     diagram.ground(pair.u[1])
-    with pytest.raises(AlgebraicLoopError, match=r"pair\.y --wire--> pair\.u ==feedthrough"):
+    with pytest.raises(
+        AlgebraicLoopError, match=r"pair\.y --wire--> pair\.u ==feedthrough"
+    ):
         Simulator(diagram, step=0.1)
 
 
@@ -133,5 +145,7 @@ def test_loop_through_python_blocks(python):
     for block in (a, b):
         block.sampled(0.1)
     a >> b >> a
-    with pytest.raises(AlgebraicLoopError, match=r"through Python blocks: a -> (b -> )?a|b -> a -> b"):
+    with pytest.raises(
+        AlgebraicLoopError, match=r"through Python blocks: a -> (b -> )?a|b -> a -> b"
+    ):
         Simulator(diagram, step=0.1)

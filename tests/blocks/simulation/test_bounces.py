@@ -51,11 +51,14 @@ def height_after(time):
 
 
 @pytest.mark.parametrize(
-    ("kind", "settings"), [*((Ball, s) for s in SOLVERS), *((PythonBall, SOLVERS[i]) for i in (0, 1, 4))]
+    ("kind", "settings"),
+    [*((Ball, s) for s in SOLVERS), *((PythonBall, SOLVERS[i]) for i in (0, 1, 4))],
 )
 @pytest.mark.parametrize("level", [0.0, -123.0])
 def test_heights_are_exact(kind, settings, level):
-    run = simulate(room(kind, level=level, start=level + 1.0), 2.4, log_step=0.05, **settings)
+    run = simulate(
+        room(kind, level=level, start=level + 1.0), 2.4, log_step=0.05, **settings
+    )
     exact = [height_after(t)[0] for t in run["time"].values]
     tolerance = 0.1 if settings.get("solver") == "euler" else 1e-7
     assert_allclose(run["ball.height"].values - level, exact, atol=tolerance, rtol=0.0)
@@ -64,7 +67,9 @@ def test_heights_are_exact(kind, settings, level):
 @pytest.mark.parametrize("settings", [SOLVERS[i] for i in (0, 3, 4)], ids=str)
 def test_bounces_that_end_nowhere_are_an_error(settings):
     """They follow each other ever faster, up to 2.559 s; the ball does not go through the floor."""
-    with pytest.raises(SimulationError, match=r"at t = 2\.55[89].* ball that bounces ever lower"):
+    with pytest.raises(
+        SimulationError, match=r"at t = 2\.55[89].* ball that bounces ever lower"
+    ):
         simulate(room(), 4.0, **settings)
 
 
@@ -87,4 +92,6 @@ def test_a_session_that_stands_at_a_bounce_goes_on_from_it():
         session.advance(time)
         session.restore(session.save())
         exact, bounces = height_after(time)
-        assert [*session.outputs.values()] == pytest.approx([exact, bounces], rel=0.0, abs=1e-7)
+        assert [*session.outputs.values()] == pytest.approx(
+            [exact, bounces], rel=0.0, abs=1e-7
+        )

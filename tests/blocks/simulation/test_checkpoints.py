@@ -132,7 +132,11 @@ def watched(running, *times):
 
 @pytest.mark.parametrize(
     "time",
-    [0.6371, pytest.param(0.0, marks=pytest.mark.campaign), pytest.param(0.3, marks=pytest.mark.campaign)],
+    [
+        0.6371,
+        pytest.param(0.0, marks=pytest.mark.campaign),
+        pytest.param(0.3, marks=pytest.mark.campaign),
+    ],
 )
 @pytest.mark.parametrize("solver", SOLVERS)
 def test_another_session_goes_on_from_a_file_bit_for_bit(solver, time, tmp_path):
@@ -160,7 +164,9 @@ print(*(y.hex() for y in watched(running, 2.0, 3.0)))
 """
 
 
-@pytest.mark.parametrize("solver", ["rk4", pytest.param("DOP853", marks=pytest.mark.campaign)])
+@pytest.mark.parametrize(
+    "solver", ["rk4", pytest.param("DOP853", marks=pytest.mark.campaign)]
+)
 def test_another_process_goes_on_bit_for_bit(solver, tmp_path):
     running = session(solver)
     watched(running, 1.01)
@@ -174,13 +180,27 @@ def test_files_of_something_else_are_refused_by_name(tmp_path):
     file, running = tmp_path / "half.state", session("rk4")
     running.save(file)
     for item, changed, message in (
-        (everything(late=TransportDelay(0.34)), {}, "diagram_hash is '.*' there, '.*' here$"),
+        (
+            everything(late=TransportDelay(0.34)),
+            {},
+            "diagram_hash is '.*' there, '.*' here$",
+        ),
         (everything(), {"solver": "euler"}, "solver is 'rk4' there, 'euler' here$"),
         (everything(), {"step": 0.005}, r"step is 0\.01 there, 0\.005 here$"),
-        (everything(), {"backend": "numpy"}, "backend is 'interpreted' there, 'numpy' here$"),
+        (
+            everything(),
+            {"backend": "numpy"},
+            "backend is 'interpreted' there, 'numpy' here$",
+        ),
     ):
         wrong = Session(item, **(settings("rk4") | changed))
-        with wrong, pytest.raises(SimulationError, match=rf"cannot go on from '.*half\.state': .*{message}"):
+        with (
+            wrong,
+            pytest.raises(
+                SimulationError,
+                match=rf"cannot go on from '.*half\.state': .*{message}",
+            ),
+        ):
             wrong.restore(file)
     content = file.read_bytes()
     for bad, message in (
@@ -199,20 +219,32 @@ def test_files_of_something_else_are_refused_by_name(tmp_path):
         *(("now", value) for value in (1.0, Fraction(-1, 3), Fraction(10**400))),
         *(("origin", value) for value in (None, Fraction(10**30), Fraction(-(10**30)))),
         *((name, value) for name in "xdp" for value in (0.5, np.zeros(99))),
-        *((name, getattr(good, name) * scale) for name in "xp" for scale in (1j, np.nan)),
+        *(
+            (name, getattr(good, name) * scale)
+            for name in "xp"
+            for scale in (1j, np.nan)
+        ),
         ("hidden", {}),
         ("sampled", 1),
     ):
         write_state(file, replace(good, **{name: value}), running.prepared.identity)
-        with pytest.raises(SimulationError, match=rf"cannot restore .*\b{name}\b.* of the snapshot"):
+        with pytest.raises(
+            SimulationError, match=rf"cannot restore .*\b{name}\b.* of the snapshot"
+        ):
             running.restore(file)
         assert watched(running, running.time) == before
     write_state(file, replace(good, p=-good.p), running.prepared.identity)
-    with pytest.raises(ParameterError, match=r"parameter 'standard_deviation' of .* must be at least 0"):
+    with pytest.raises(
+        ParameterError, match=r"parameter 'standard_deviation' of .* must be at least 0"
+    ):
         running.restore(file)
-    with pytest.raises(SimulationError, match=r"cannot go on from '.*none': .*No such file"):
+    with pytest.raises(
+        SimulationError, match=r"cannot go on from '.*none': .*No such file"
+    ):
         running.restore(tmp_path / "none")
-    with pytest.raises(SimulationError, match=r"cannot save to '.*half\.state': .*[Nn]o such"):
+    with pytest.raises(
+        SimulationError, match=r"cannot save to '.*half\.state': .*[Nn]o such"
+    ):
         running.save(tmp_path / "no" / "half.state")
 
 
@@ -226,7 +258,10 @@ def test_memory_that_cannot_be_written_names_its_block(tmp_path):
         seen = (0.0,)
 
     for kind, message in (
-        (Odd, r"cannot save to '.*': block 'dice' keeps Generator\(PCG64\).*, which cannot be written"),
+        (
+            Odd,
+            r"cannot save to '.*': block 'dice' keeps Generator\(PCG64\).*, which cannot be written",
+        ),
         (Mute, r"cannot save: block 'dice' \(Opened\) keeps what it cannot hand over"),
     ):
 
@@ -238,7 +273,8 @@ def test_memory_that_cannot_be_written_names_its_block(tmp_path):
         running = Session(diagram, step=STEP, backend="interpreted")
         with running, pytest.raises(SimulationError, match=message):
             running.save(tmp_path / "a.state")
-        with pytest.raises(SimulationError, match=message):  # before anything is computed
+        with pytest.raises(SimulationError, match=message):
+            # before anything is computed
             Simulator(diagram, step=STEP, backend="interpreted").run(
                 1e9, stream_to=tmp_path / "a.nc", checkpoint_every=1.0
             )
@@ -271,7 +307,9 @@ def small_pieces(monkeypatch):
     monkeypatch.setattr(log, "BUFFER_ROWS", 7)
 
 
-@pytest.mark.parametrize("solver", ["rk4", "RK45", pytest.param("LSODA", marks=pytest.mark.campaign)])
+@pytest.mark.parametrize(
+    "solver", ["rk4", "RK45", pytest.param("LSODA", marks=pytest.mark.campaign)]
+)
 def test_checkpoints_change_no_rows(solver, tmp_path):
     """Not a bit of fixed steps; adaptive solvers start afresh there, and stay within their tolerance."""
     running = simulator(solver)
@@ -312,22 +350,35 @@ for seconds in sys.stdin:
 )
 def test_a_run_killed_at_any_instant_goes_on_bit_for_bit(solver, kills, tmp_path):
     expected = checkpointed(simulator(solver), tmp_path / "whole.nc")
-    random, path, resumed = np.random.default_rng(13 + campaign.SEED), tmp_path / "run.nc", 0
+    random, path, resumed = (
+        np.random.default_rng(13 + campaign.SEED),
+        tmp_path / "run.nc",
+        0,
+    )
     arguments, pipe = [sys.executable, "-c", KILLED, solver, str(path)], subprocess.PIPE
-    with subprocess.Popen(arguments, stdin=pipe, stdout=pipe, text=True, env=ENVIRONMENT) as process:
+    with subprocess.Popen(
+        arguments, stdin=pipe, stdout=pipe, text=True, env=ENVIRONMENT
+    ) as process:
         for number in range(kills + MAX_KILLS):
             if number >= kills and resumed:
                 break
             print(random.uniform(0.0, 0.6), file=process.stdin, flush=True)
             if process.stdout.readline() == "0\n":  # it was complete before
-                with xr.open_dataset(path, engine="netcdf4", decode_cf=False) as complete:
+                with xr.open_dataset(
+                    path, engine="netcdf4", decode_cf=False
+                ) as complete:
                     check_same(complete.load(), expected)
                 path.unlink()
             resumed += (tmp_path / "run.nc.partial" / "checkpoint").exists()
         process.stdin.close()
     assert resumed
     check_same(checkpointed(simulator(solver), path), expected)
-    assert sorted(p.name for p in tmp_path.iterdir()) == ["run.nc", "warm.nc", "whole.nc"]  # nothing stays
+    # nothing stays
+    assert sorted(p.name for p in tmp_path.iterdir()) == [
+        "run.nc",
+        "warm.nc",
+        "whole.nc",
+    ]
 
 
 @pytest.fixture
@@ -351,8 +402,12 @@ def stop(monkeypatch):
     return stop
 
 
-@pytest.mark.parametrize("solver", ["RK45", pytest.param("rk4", marks=pytest.mark.campaign)])
-def test_a_time_limit_and_errors_leave_a_run_that_can_be_resumed(solver, stop, tmp_path):
+@pytest.mark.parametrize(
+    "solver", ["RK45", pytest.param("rk4", marks=pytest.mark.campaign)]
+)
+def test_a_time_limit_and_errors_leave_a_run_that_can_be_resumed(
+    solver, stop, tmp_path
+):
     running, path = simulator(solver), tmp_path / "run.nc"
     expected = checkpointed(running, tmp_path / "whole.nc")
     for number, error in ((1, KeyboardInterrupt), (3, DivergenceError), (2, OSError)):
@@ -379,41 +434,69 @@ def test_other_runs_are_not_resumed(stop, tmp_path):
             {"parameters": {"sine.amplitude": 3.0}},
             r"parameter 'sine\.amplitude' is \[2\.0\] there, \[3\.0\] here$",
         ),
-        ({"initial": {"delay.previous": 1.0}}, r"initial 'delay\.\w+' is \[0\.0\] there, \[1\.0\] here$"),
+        (
+            {"initial": {"delay.previous": 1.0}},
+            r"initial 'delay\.\w+' is \[0\.0\] there, \[1\.0\] here$",
+        ),
         ({"start": 1.0}, r"start is 0\.0 there, 1\.0 here$"),
         ({"checkpoint_every": 1.0}, r"checkpoint_every is 0\.25 there, 1\.0 here$"),
     ):
         with pytest.raises(
-            SimulationError, match=rf"go on from '.*run\.nc\.partial.checkpoint': .*{message}"
+            SimulationError,
+            match=rf"go on from '.*run\.nc\.partial.checkpoint': .*{message}",
         ):
             checkpointed(running, path, **changed)
-    with pytest.raises(SimulationError, match=r"to end at t = 0\.01 s: .* of t = [0-9.]+ s;"):
+    with pytest.raises(
+        SimulationError, match=r"to end at t = 0\.01 s: .* of t = [0-9.]+ s;"
+    ):
         checkpointed(running, path, 0.01)
     folder = tmp_path / "run.nc.partial"
     folder.chmod(0o777)
-    with pytest.raises(SimulationError, match=r"from the folder '.*partial': it is another user's"):
+    with pytest.raises(
+        SimulationError, match=r"from the folder '.*partial': it is another user's"
+    ):
         checkpointed(running, path)
     folder.chmod(0o755)
     state = folder / "checkpoint"
     content = state.read_bytes()
     write_state(state, (0, 1), json.loads(content.partition(b"\n")[0])["of"])
-    with pytest.raises(SimulationError, match=r"cannot go on from '.*checkpoint': it is no checkpoint"):
+    with pytest.raises(
+        SimulationError, match=r"cannot go on from '.*checkpoint': it is no checkpoint"
+    ):
         checkpointed(running, path)
     state.write_bytes(content)
     min(folder.glob("0*.nc")).unlink()
-    with pytest.raises(SimulationError, match=r"some of the rows before it are not .*resume=True to begin"):
+    with pytest.raises(
+        SimulationError,
+        match=r"some of the rows before it are not .*resume=True to begin",
+    ):
         checkpointed(running, path)
-    check_same(checkpointed(running, path, resume=False), checkpointed(running, tmp_path / "b.nc"))
+    check_same(
+        checkpointed(running, path, resume=False),
+        checkpointed(running, tmp_path / "b.nc"),
+    )
 
 
 @pytest.mark.parametrize(
     ("given", "message"),
     [
-        ({"resume": True}, "a run is resumed from checkpoints, which are kept beside the file"),
-        ({"checkpoint_every": 1.0}, r'give stream_to="file\.nc", and checkpoint_every='),
-        ({"resume": True, "stream_to": "run.nc"}, "checkpoint_every=..., in seconds of sim"),
+        (
+            {"resume": True},
+            "a run is resumed from checkpoints, which are kept beside the file",
+        ),
+        (
+            {"checkpoint_every": 1.0},
+            r'give stream_to="file\.nc", and checkpoint_every=',
+        ),
+        (
+            {"resume": True, "stream_to": "run.nc"},
+            "checkpoint_every=..., in seconds of sim",
+        ),
         ({"checkpoint_every": 0.0, "stream_to": "run.nc"}, "checkpoint_every"),
-        ({"checkpoint_every": 0.0151, "stream_to": "run.nc"}, "checkpoint_every of 0.0151 s is not a whole"),
+        (
+            {"checkpoint_every": 0.0151, "stream_to": "run.nc"},
+            "checkpoint_every of 0.0151 s is not a whole",
+        ),
         ({"resume": "yes", "stream_to": "run.nc"}, "resume"),
     ],
 )

@@ -5,7 +5,12 @@ import pytest
 from systems import Counter
 
 from trussflow.blocks import Block, Diagram, Event, Mode, Output, State, simulate
-from trussflow.blocks.errors import BlockError, DivergenceError, ParameterError, SimulationError
+from trussflow.blocks.errors import (
+    BlockError,
+    DivergenceError,
+    ParameterError,
+    SimulationError,
+)
 
 
 class Falling(Block):
@@ -33,9 +38,24 @@ def run(**own):
 @pytest.mark.parametrize(
     ("hook", "returned", "error", "message"),
     [
-        ("on_event", {"z": 1.0}, BlockError, r"on_event.* of block .fall. .*some of: level; .*: z"),
-        ("on_event", {"level": np.ones(3)}, BlockError, r"on_event.*'level' is .*shape \(3,\)"),
-        ("on_event", None, BlockError, r"on_event.* must return a dict of some of.*'NoneType'"),
+        (
+            "on_event",
+            {"z": 1.0},
+            BlockError,
+            r"on_event.* of block .fall. .*some of: level; .*: z",
+        ),
+        (
+            "on_event",
+            {"level": np.ones(3)},
+            BlockError,
+            r"on_event.*'level' is .*shape \(3,\)",
+        ),
+        (
+            "on_event",
+            None,
+            BlockError,
+            r"on_event.* must return a dict of some of.*'NoneType'",
+        ),
         (
             "indicators",
             {"half": "up"},
@@ -48,7 +68,12 @@ def run(**own):
             SimulationError,
             r"indicator 'fall.half' is not a number at t = 0 s",
         ),
-        ("indicators", {}, BlockError, r"indicators\(\) of block 'fall' .* a dict of: half; it returned: $"),
+        (
+            "indicators",
+            {},
+            BlockError,
+            r"indicators\(\) of block 'fall' .* a dict of: half; it returned: $",
+        ),
         (
             "on_event",
             {"level": np.nan},
@@ -65,14 +90,26 @@ def test_what_hooks_return(hook, returned, error, message):
 @pytest.mark.parametrize(
     ("base", "own", "message"),
     [
-        (Counter, {"on_event": lambda *_: {}}, "event methods would never be called: declare an event"),
-        (Counter, {"stuck": Mode()}, r"declares events or modes, but has no indicators"),
+        (
+            Counter,
+            {"on_event": lambda *_: {}},
+            "event methods would never be called: declare an event",
+        ),
+        (
+            Counter,
+            {"stuck": Mode()},
+            r"declares events or modes, but has no indicators",
+        ),
         (
             Counter,
             {"hit": Event(), "indicators": lambda *_: {"hit": 1.0}},
             "a sampled block cannot have events",
         ),
-        (Falling, {"traced": True, "on_step": lambda *_: True}, r"on_step\(\) would never be called"),
+        (
+            Falling,
+            {"traced": True, "on_step": lambda *_: True},
+            r"on_step\(\) would never be called",
+        ),
     ],
 )
 def test_hooks_that_would_never_be_called(base, own, message):
@@ -85,7 +122,10 @@ def test_hooks_that_would_never_be_called(base, own, message):
 
 
 def test_a_kind_of_event_that_there_is_not():
-    with pytest.raises(BlockError, match="an event of kind 'up'; the kinds are: both, rising, falling, time"):
+    with pytest.raises(
+        BlockError,
+        match="an event of kind 'up'; the kinds are: both, rising, falling, time",
+    ):
         Event("up")
 
 
@@ -101,5 +141,7 @@ def test_an_indicator_that_is_no_number_is_named(backend):
 
     diagram = Diagram("fall")
     diagram.add(fall=Dividing())
-    with pytest.raises(SimulationError, match=r"indicator 'fall.half' is not a number at t = 0\.[45] s"):
+    with pytest.raises(
+        SimulationError, match=r"indicator 'fall.half' is not a number at t = 0\.[45] s"
+    ):
         simulate(diagram, 1.0, step=0.1, backend=backend)

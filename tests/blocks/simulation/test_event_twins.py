@@ -6,7 +6,17 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 
-from trussflow.blocks import Block, Event, Input, Mode, Output, Parameter, Simulator, State, ZeroOrderHold
+from trussflow.blocks import (
+    Block,
+    Event,
+    Input,
+    Mode,
+    Output,
+    Parameter,
+    Simulator,
+    State,
+    ZeroOrderHold,
+)
 from trussflow.blocks.framework.diagram import Diagram
 
 KINDS = ("rising", "falling", "both")
@@ -31,7 +41,9 @@ class Wild(Block):
 
     def indicators(self, t, x, u, p):
         values = {"rising": x.q[0], "falling": x.q[1], "both": x.q[0] + x.q[1]}
-        return {n: v - p.level[i] for i, (n, v) in enumerate(values.items())} | {"tick": x.following}
+        return {n: v - p.level[i] for i, (n, v) in enumerate(values.items())} | {
+            "tick": x.following
+        }
 
     def on_event(self, t, x, u, p, fired):
         happened = np.stack([np.where(fired[kind], 1.0, 0.0) for kind in KINDS])
@@ -47,7 +59,8 @@ class Wild(Block):
 def system():
     diagram = Diagram("wild")
     wild, hold = diagram.add(
-        wild=Wild(level=np.zeros(3), period=1.0, turn=1.0, kick=np.zeros(3)), hold=ZeroOrderHold(0.25)
+        wild=Wild(level=np.zeros(3), period=1.0, turn=1.0, kick=np.zeros(3)),
+        hold=ZeroOrderHold(0.25),
     )
     wild.y[0] >> hold.u
     hold.y >> wild.u
@@ -56,7 +69,10 @@ def system():
 
 @pytest.fixture(scope="module")
 def both():
-    return [Simulator(system(), step=0.0625, backend=b, log=["wild.y"]) for b in ("compiled", "interpreted")]
+    return [
+        Simulator(system(), step=0.0625, backend=b, log=["wild.y"])
+        for b in ("compiled", "interpreted")
+    ]
 
 
 numbers = st.sampled_from([-1.0, -0.5, -0.25, 0.0, 0.125, 0.5, 0.7, 1.1])
@@ -64,14 +80,30 @@ triples = st.lists(numbers, min_size=3, max_size=3)
 pairs = st.lists(numbers, min_size=2, max_size=2)
 
 
-@given(level=triples, kick=triples, period=st.sampled_from([0.25, 0.3, 1.0]), turn=numbers, q=pairs)
+@given(
+    level=triples,
+    kick=triples,
+    period=st.sampled_from([0.25, 0.3, 1.0]),
+    turn=numbers,
+    q=pairs,
+)
 def test_twins(both, level, kick, period, turn, q):
-    parameters = {"wild.level": level, "wild.kick": kick, "wild.period": period, "wild.turn": turn}
+    parameters = {
+        "wild.level": level,
+        "wild.kick": kick,
+        "wild.period": period,
+        "wild.turn": turn,
+    }
     courses = []
     for simulator in both:
         try:
             result = simulator.run(2.0, parameters=parameters, initial={"wild.q": q})
             courses.append(result["wild.y"].values)
         except Exception as error:  # noqa: BLE001 - twins fail alike
-            courses.append(np.array([ord(c) for c in f"{type(error).__name__}: {error}"[:60]], dtype=float))
+            courses.append(
+                np.array(
+                    [ord(c) for c in f"{type(error).__name__}: {error}"[:60]],
+                    dtype=float,
+                )
+            )
     assert_allclose(courses[0], courses[1], rtol=1e-9, atol=1e-9)

@@ -29,7 +29,9 @@ ROUND_OFF = 1e-13  # relative, of libm against NumPy and of fused multiply-add
 def nested(a, b):
     """Return two formulas whose signs, orders and constants a generator may confuse."""
     polynomial = 3.0 + 2.0 * a - a**2 + 0.5 * a**3 * b - b / -7.0 + 1.0 / (2.0 + a * a)
-    return np.stack([polynomial, -np.negative(a) - (-(b - a)) * -1.5 - (a - (b - (a - b)))])
+    return np.stack(
+        [polynomial, -np.negative(a) - (-(b - a)) * -1.5 - (a - (b - (a - b)))]
+    )
 
 
 def values(block, backend):
@@ -61,7 +63,11 @@ def test_quotients_that_are_rounded_or_compared_are_exact(kernel, backend):
                 return (np.stack([np.floor(n / d), n // d, np.mod(n, d), compared]),)
 
             pairs = [(n + 0.0 * t, p.divisor) for n in np.arange(50.0)]
-            rows = repeated(quotients, pairs) if kernel else [quotients(*pair) for pair in pairs]
+            rows = (
+                repeated(quotients, pairs)
+                if kernel
+                else [quotients(*pair) for pair in pairs]
+            )
             return {"y": np.stack([row for (row,) in rows])}
 
     assert_array_equal(values(Quotients(), backend), values(Quotients(), "numpy"))
@@ -97,15 +103,21 @@ class Held(Through):
 def test_arrays_of_every_shape_keep_their_order(backend):
     """Row-major everywhere, zero-size and three-dimensional ports included."""
     diagram = Diagram("d")
-    arrays = [np.arange(np.prod(shape, dtype=int)).reshape(shape) + 1.0 for shape in SHAPES]
+    arrays = [
+        np.arange(np.prod(shape, dtype=int)).reshape(shape) + 1.0 for shape in SHAPES
+    ]
     for i, numbers in enumerate(arrays):
         source = diagram.add(f"source{i}", Constant(numbers))
         held = diagram.add(f"held{i}", Held(numbers).sampled(1))
         source >> diagram.add(f"through{i}", Through(numbers)) >> held
     result = simulate(diagram, 2.0, step=1.0, backend=backend)
     for i, numbers in enumerate(arrays):
-        assert_allclose(result[f"through{i}.y"].values[-1], 12.5 * numbers, rtol=ROUND_OFF)
-        assert_allclose(result[f"held{i}.y"].values[-1], 38.25 * numbers, rtol=ROUND_OFF)
+        assert_allclose(
+            result[f"through{i}.y"].values[-1], 12.5 * numbers, rtol=ROUND_OFF
+        )
+        assert_allclose(
+            result[f"held{i}.y"].values[-1], 38.25 * numbers, rtol=ROUND_OFF
+        )
 
 
 def test_open_zero_size_inputs_need_no_wire(backend):
@@ -123,7 +135,9 @@ def test_open_zero_size_inputs_need_no_wire(backend):
 def test_one_input_made_of_slices_and_ground(backend):
     diagram = Diagram("d")
     grid = Function(lambda u: 1.0 * u, {"u": Input((2, 3))}, {"y": Output((2, 3))})
-    source, grid = diagram.add(source=TimeFunction(lambda t: t + np.arange(1.0, 4.0)), grid=grid)
+    source, grid = diagram.add(
+        source=TimeFunction(lambda t: t + np.arange(1.0, 4.0)), grid=grid
+    )
     source.y[::-1] >> grid.u[1]
     source.y[1] >> grid.u[0, 0]
     diagram.ground(grid.u[0, 1:])
@@ -160,7 +174,9 @@ print(hashlib.sha256("".join(code).encode()).hexdigest())
 def test_generated_code_is_the_same_in_every_process():
     """Otherwise the cache of compiled code would never be hit."""
     digests = {
-        subprocess.check_output([sys.executable, "-c", SCRIPT], env=os.environ | {"PYTHONHASHSEED": seed})
+        subprocess.check_output(
+            [sys.executable, "-c", SCRIPT], env=os.environ | {"PYTHONHASHSEED": seed}
+        )
         for seed in "01"
     }
     assert len(digests) == 1

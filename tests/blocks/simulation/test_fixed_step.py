@@ -10,11 +10,15 @@ from trussflow.blocks.errors import SimulationWarning
 
 
 @pytest.mark.parametrize("solver", ["rk4", "euler"])
-def test_a_signal_that_jumps_where_a_step_ends_belongs_to_the_step_after(solver, backend):
+def test_a_signal_that_jumps_where_a_step_ends_belongs_to_the_step_after(
+    solver, backend
+):
     """The integral of a unit step, whose jump is on the grid, is exact: its last stage is before."""
     diagram, jumps = Diagram("jump"), {"early": -0.5, "now": 0.0, "late": 0.5}
     for name, jump in jumps.items():
-        integral = diagram.add(f"force_{name}", Step(jump)) >> diagram.add(f"integral_{name}", Integrator())
+        integral = diagram.add(f"force_{name}", Step(jump)) >> diagram.add(
+            f"integral_{name}", Integrator()
+        )
         diagram.expose(**{name: integral.y})
     with Session(diagram, step=0.1, solver=solver, backend=backend) as session:
         for start in (-1.0, 0.0, 0.2):
@@ -32,10 +36,14 @@ def test_steps_beyond_stability_are_told_from_a_plant_that_is_unstable(solver):
         lag = StateSpace([[pole]], [[0.0]], [[1.0]], [[0.0]])
         diagram = Diagram("lag")
         diagram.ground(diagram.add(lag=lag).u)
-        result = simulate(diagram, duration, initial={"lag.x": [1.0]}, step=0.01, solver=solver)
+        result = simulate(
+            diagram, duration, initial={"lag.x": [1.0]}, step=0.01, solver=solver
+        )
         return abs(result["lag.y"][-1, 0])
 
-    with pytest.warns(SimulationWarning, match=r"'lag\.x' .*would change by more than itself"):
+    with pytest.warns(
+        SimulationWarning, match=r"'lag\.x' .*would change by more than itself"
+    ):
         assert run(-1000.0, 0.3) > 1e20
     with warnings.catch_warnings():
         warnings.simplefilter("error")

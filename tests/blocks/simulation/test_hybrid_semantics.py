@@ -64,9 +64,13 @@ def squared_time():
 def test_sampled_feedback_is_exact(solver, backend, gain):
     """X' = -2 x(t_k), sampled every 0.1 s, gives x(1) = 0.8^10 by hand."""
     loop = Diagram("loop")
-    integral, feedback = loop.add(integral=Integrator(1.0), feedback=gain(-2.0).sampled(0.1))
+    integral, feedback = loop.add(
+        integral=Integrator(1.0), feedback=gain(-2.0).sampled(0.1)
+    )
     integral >> feedback >> integral
-    result = simulate(loop, 1.0, step=0.05, log_step=0.1, solver=solver, backend=backend)
+    result = simulate(
+        loop, 1.0, step=0.05, log_step=0.1, solver=solver, backend=backend
+    )
     assert_allclose(result["integral.y"], 0.8 ** np.arange(11), rtol=0, atol=ROUND_OFF)
 
 
@@ -122,15 +126,21 @@ PRODUCT = product(
     [*CASES, *(pytest.param(*case, marks=pytest.mark.campaign) for case in PRODUCT)],
 )
 def test_multirate_chain_is_exact(ratios, offsets, solver, backend, python):
-    offsets, last = tuple(o % r for o, r in zip(offsets, ratios, strict=True)), 2 * 3 * 7 + 5
+    offsets, last = (
+        tuple(o % r for o, r in zip(offsets, ratios, strict=True)),
+        2 * 3 * 7 + 5,
+    )
     diagram = chain(ratios, offsets, python)
-    result = simulate(diagram, last * TICK, step=TICK, log_step=TICK, solver=solver, backend=backend)
+    result = simulate(
+        diagram, last * TICK, step=TICK, log_step=TICK, solver=solver, backend=backend
+    )
     rows = np.stack([result[f"f{i}.y"] for i in range(3)], axis=1)
     assert_allclose(rows, by_hand(ratios, offsets, last), rtol=ROUND_OFF)
 
 
 @pytest.mark.parametrize(
-    ("first", "second"), [(UnitDelay, UnitDelay), (PythonDelay, UnitDelay), (PythonDelay, PythonDelay)]
+    ("first", "second"),
+    [(UnitDelay, UnitDelay), (PythonDelay, UnitDelay), (PythonDelay, PythonDelay)],
 )
 def test_updates_are_simultaneous(backend, first, second):
     """Two cross-coupled delays swap their values at each instant."""
@@ -148,11 +158,15 @@ def test_first_sample_is_at_the_offset_and_holds(solver, gain):
     """Before the first instant a sampled output is zero, then what was sampled last."""
     diagram = Diagram("hold")
     source, now, later = diagram.add(
-        source=squared_time(), now=gain(1.0).sampled(0.04), later=gain(1.0).sampled(0.04, offset=0.01)
+        source=squared_time(),
+        now=gain(1.0).sampled(0.04),
+        later=gain(1.0).sampled(0.04, offset=0.01),
     )
     source >> now
     source >> later
-    result = simulate(diagram, 0.06, step=TICK, log_step=TICK, solver=solver, backend="numpy")
+    result = simulate(
+        diagram, 0.06, step=TICK, log_step=TICK, solver=solver, backend="numpy"
+    )
     t = np.array([0.0, 0.0, 0.0, 0.0, 0.04, 0.04, 0.04])
     assert_allclose(result["now.y"], t * t + 1, rtol=ROUND_OFF)
     t = np.array([np.nan, 0.01, 0.01, 0.01, 0.01, 0.05, 0.05])

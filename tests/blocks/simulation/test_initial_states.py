@@ -62,7 +62,9 @@ def followers(number, *, circle):
 @pytest.mark.parametrize("number", [1, 2, 7])
 def test_a_chain_settles_in_whatever_order(number, backend):
     result = simulate(followers(number, circle=False), 0.1, step=0.1, backend=backend)
-    assert [result[f"f{i}.y"][-1] for i in range(number)] == [i + 1.0 for i in range(number)]
+    assert [result[f"f{i}.y"][-1] for i in range(number)] == [
+        i + 1.0 for i in range(number)
+    ]
 
 
 @pytest.mark.parametrize("number", [1, 3])
@@ -71,7 +73,10 @@ def test_a_circle_is_refused_wherever_it_is_run(number):
     message = r"initial states of 'followers' do not settle: .* 'f0'.* depend on each other in a circle"
     with pytest.raises(SimulationError, match=message):
         simulate(diagram, 0.1, step=0.1)
-    with pytest.raises(SimulationError, match=message), Session(diagram, step=0.1, backend="numpy"):
+    with (
+        pytest.raises(SimulationError, match=message),
+        Session(diagram, step=0.1, backend="numpy"),
+    ):
         pass
     with pytest.raises(SimulationError, match=message):
         linearize(diagram, "f0.u", "f0.y")
@@ -80,7 +85,9 @@ def test_a_circle_is_refused_wherever_it_is_run(number):
 
 
 def test_a_circle_is_opened_by_a_value_that_is_given():
-    result = simulate(followers(2, circle=True), 0.1, step=0.1, initial={"f0.level": 3.0})
+    result = simulate(
+        followers(2, circle=True), 0.1, step=0.1, initial={"f0.level": 3.0}
+    )
     assert [result[f"f{i}.y"][-1] for i in range(2)] == [3.0, 4.0]
 
 
@@ -90,9 +97,13 @@ def test_held_outputs_in_a_circle_are_no_operating_point():
     for name, offset in (("a", 0.0), ("b", 0.1)):
         diagram.add(**{name: Function(lambda u: 2.0 * u + 1.0).sampled(0.2, offset)})
     diagram.a >> diagram.b >> diagram.a
-    with pytest.raises(SimulationError, match=r"hold at this operating point does not settle"):
+    with pytest.raises(
+        SimulationError, match=r"hold at this operating point does not settle"
+    ):
         linearize(diagram, "a.u", "a.y")
-    model = linearize(diagram, "a.u", "a.y", at=OperatingPoint(held={"a.y": -1.0, "b.y": -1.0}))
+    model = linearize(
+        diagram, "a.u", "a.y", at=OperatingPoint(held={"a.y": -1.0, "b.y": -1.0})
+    )
     assert model.operating_point.held == {"a.y": -1.0, "b.y": -1.0}
 
 
@@ -100,7 +111,13 @@ def test_a_block_may_be_wired_to_itself(backend):
     """Two states of one block that feed each other: an exact solution."""
     swing = Diagram("swing")
     state = swing.add(
-        s=StateSpace(np.zeros((2, 2)), np.eye(2), np.eye(2), np.zeros((2, 2)), initial_value=[1.0, 0.0])
+        s=StateSpace(
+            np.zeros((2, 2)),
+            np.eye(2),
+            np.eye(2),
+            np.zeros((2, 2)),
+            initial_value=[1.0, 0.0],
+        )
     )
     state.y[0] >> state.u[1]
     (-state.y[1:2]) >> state.u[0:1]
@@ -129,7 +146,13 @@ class Asked(Block):
 def test_python_blocks_are_asked_where_they_lead_to_initial_states(every, begin, runs):
     """They had shown nothing yet: what starts at their output started at zero."""
     diagram = Diagram("python")
-    diagram.add(last=begin(), second=Asked(), middle=begin(), first=Asked(), source=Constant(1.5))
+    diagram.add(
+        last=begin(),
+        second=Asked(),
+        middle=begin(),
+        first=Asked(),
+        source=Constant(1.5),
+    )
     for block in (diagram.first, diagram.second):
         if every:
             block.sampled(every)
@@ -176,11 +199,17 @@ class Stepping(Block):
 
 @pytest.mark.parametrize("begin", [Follower, PythonFollower])
 @pytest.mark.parametrize("runs", [simulate, cosimulate])
-def test_blocks_that_step_themselves_are_asked_where_they_lead_to_initial_states(begin, runs):
+def test_blocks_that_step_themselves_are_asked_where_they_lead_to_initial_states(
+    begin, runs
+):
     """It had shown nothing yet, in a simulation: what starts at its output started at zero."""
     diagram = Diagram("stepping")
     source, first, middle, second, last = diagram.add(
-        source=Constant(1.5), first=Stepping(), middle=begin(), second=Stepping(), last=begin()
+        source=Constant(1.5),
+        first=Stepping(),
+        middle=begin(),
+        second=Stepping(),
+        last=begin(),
     )
     for block in (first, second):
         block.sampled(0.1)
@@ -200,7 +229,9 @@ def test_blocks_that_step_themselves_are_asked_where_they_lead_to_initial_states
 def test_blocks_that_step_themselves_begin_again_where_a_session_is_restored_to_its_start():
     """Asked for initial states, it knew but the inputs that its outputs depend on, and none for its step."""
     diagram = Diagram("restored")
-    one, stepping, begin = diagram.add(one=Constant(1.5), stepping=Stepping(), begin=Follower())
+    one, stepping, begin = diagram.add(
+        one=Constant(1.5), stepping=Stepping(), begin=Follower()
+    )
     stepping.sampled(0.1)
     one >> stepping.u
     one >> stepping.later
@@ -221,7 +252,8 @@ def test_python_blocks_in_a_circle_are_asked_once():
     begin, asked = diagram.add(begin=Follower(), asked=Asked().sampled(0.1))
     begin >> asked >> begin
     result = simulate(diagram, 0.1, step=0.1)
-    assert result["begin.y"].values.tolist() == [3.0, 3.0]  # 1, if the loop shows 0, so 1 + 2 * 1
+    # 1, if the loop shows 0, so 1 + 2 * 1
+    assert result["begin.y"].values.tolist() == [3.0, 3.0]
     assert diagram.blocks["asked"].times == [0.0, 0.0, 0.1]
 
 

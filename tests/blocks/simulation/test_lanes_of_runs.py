@@ -56,17 +56,28 @@ class Functions(Block):
         instances = [(x.x[i], p.rate[i] * x.x[i - 1]) for i in range(3)]
         waves, powers = zip(*repeated(wave, instances), strict=True)
         bent = np.arctan2(x.x, 1.0 + t) + np.sqrt(np.abs(x.x)) + np.tanh(p.rate * x.x)
-        bent = bent + np.where(x.x > p.offset, np.minimum(x.x, t), np.mod(x.x, 0.3)) + np.floor(3.0 * x.x)
-        return {"y": np.stack(waves) + bent, "powers": np.stack(powers) - x.x**2 * p.offset}
+        bent = (
+            bent
+            + np.where(x.x > p.offset, np.minimum(x.x, t), np.mod(x.x, 0.3))
+            + np.floor(3.0 * x.x)
+        )
+        return {
+            "y": np.stack(waves) + bent,
+            "powers": np.stack(powers) - x.x**2 * p.offset,
+        }
 
     def derivative(self, t, x, u, p):
         y = self.output(t, x, u, p)["y"]
-        return {"x": np.sin(p.rate * t + x.x) - p.offset * x.x + 0.1 * u.u / (1.0 + y**2)}
+        return {
+            "x": np.sin(p.rate * t + x.x) - p.offset * x.x + 0.1 * u.u / (1.0 + y**2)
+        }
 
 
 def functions():
     diagram = Diagram("functions")
-    block, sine, noise = diagram.add(f=Functions(), sine=Sine(2.0), noise=Noise(0.3, 0.02, seed=5))
+    block, sine, noise = diagram.add(
+        f=Functions(), sine=Sine(2.0), noise=Noise(0.3, 0.02, seed=5)
+    )
     sine + noise >> block.u
     table = diagram.add(table=Table([-1.0, 0.0, 2.0], [1.0, -1.0, 3.0]))
     block.y[0] >> table
@@ -91,8 +102,12 @@ def rates(count):
 def allocated():
     """Return a controller whose actuators have limits: iterations in C, of one run after the other."""
     diagram = Diagram("allocated")
-    x, wanted = diagram.add(x=Integrator([0.5, -0.4]), wanted=MatrixGain([[-3.0, 1.0], [0.5, -4.0]]))
-    share = diagram.add(share=RateBoundedAllocation(2, np.full(3, 0.1), np.full(3, 5.0), 0.02))
+    x, wanted = diagram.add(
+        x=Integrator([0.5, -0.4]), wanted=MatrixGain([[-3.0, 1.0], [0.5, -4.0]])
+    )
+    share = diagram.add(
+        share=RateBoundedAllocation(2, np.full(3, 0.1), np.full(3, 5.0), 0.02)
+    )
     matrix = np.array([[1.0, 0.0, 0.5], [0.0, 1.0, 0.5]])
     for name, value in (
         ("effectiveness", matrix),
@@ -112,10 +127,17 @@ def several(simulator, count):
     plan, random = simulator.prepared.plan, np.random.default_rng(7)
     p = plan.parameters(None)
     x, _ = plan.initial(p, None)
-    of_p = {n: v for n, v in plan.p.named(p).items() if n.startswith(("f.", "back.", "wanted.", "sine."))}
+    of_p = {
+        n: v
+        for n, v in plan.p.named(p).items()
+        if n.startswith(("f.", "back.", "wanted.", "sine."))
+    }
     return [
         tuple(
-            {name: value + 0.3 * random.standard_normal(np.shape(value)) for name, value in own.items()}
+            {
+                name: value + 0.3 * random.standard_normal(np.shape(value))
+                for name, value in own.items()
+            }
             for own in (of_p, plan.x.named(x))
         )
         for _ in range(count)
@@ -129,7 +151,9 @@ def assert_same(found, alone):
 
 
 @pytest.mark.parametrize("solver", ["rk4", "euler"])
-@pytest.mark.parametrize("diagram", [functions(), rates(3), rates(8), allocated()], ids=lambda d: d.name)
+@pytest.mark.parametrize(
+    "diagram", [functions(), rates(3), rates(8), allocated()], ids=lambda d: d.name
+)
 def test_each_lane_is_the_run_alone_to_the_bit(diagram, solver):
     simulator = Simulator(diagram, step=STEP, log_step=3 * STEP, solver=solver)
     assert goes_in_lanes(simulator.prepared)
@@ -147,7 +171,9 @@ def test_any_number_of_lanes_computes_the_same(monkeypatch, count):
     monkeypatch.setattr("trussflow.blocks.simulation.lanes.lanes", lambda: count)
     simulator = Simulator(functions(), step=STEP)
     each = several(simulator, count)
-    for result, (parameters, initial) in zip(Lanes(simulator).run(1.0, each, "stop"), each, strict=True):
+    for result, (parameters, initial) in zip(
+        Lanes(simulator).run(1.0, each, "stop"), each, strict=True
+    ):
         assert_same(result, simulator.run(1.0, parameters=parameters, initial=initial))
 
 
@@ -155,7 +181,9 @@ def test_zeros_have_the_same_sign():
     """A matrix product of zeros, whose sign an angle shows."""
     diagram = Diagram("resting")
     matrix = np.random.default_rng(0).standard_normal((12, 12))
-    x, back, y = diagram.add(x=Integrator(np.zeros(12)), back=Gain(-1.0), y=MatrixGain(matrix))
+    x, back, y = diagram.add(
+        x=Integrator(np.zeros(12)), back=Gain(-1.0), y=MatrixGain(matrix)
+    )
     x >> back >> x
     x >> y
     np.arctan2(-y.y, -1.0 * diagram.add(one=Constant(np.ones(12))).y)
@@ -183,18 +211,26 @@ def exploding():
 
 def test_a_run_that_diverges_disturbs_no_other(monkeypatch):
     starts = [0.1, 3.0, -1.0, 0.9, 0.2, 1.5, -2.0, 0.05, 40.0, 0.3, 0.1]
-    settings = {"vary": {"x.integral": starts}, "keep": "all", "executor": "serial", "step": STEP}
+    settings = {
+        "vary": {"x.integral": starts},
+        "keep": "all",
+        "executor": "serial",
+        "step": STEP,
+    }
     alone = sweep(exploding(), 2.0, **settings)
     assert alone["status"].values.tolist().count("diverged") == 4
     monkeypatch.setattr(*ALWAYS)
     together = sweep(exploding(), 2.0, **settings)
     assert together.equals(alone)
-    everyone = sweep(exploding(), 2.0, **(settings | {"vary": {"x.integral": [3.0, 4.0, 5.0, 6.0]}}))
+    everyone = sweep(
+        exploding(), 2.0, **(settings | {"vary": {"x.integral": [3.0, 4.0, 5.0, 6.0]}})
+    )
     assert set(everyone["status"].values) == {"diverged"}
 
 
 @pytest.mark.parametrize(
-    "executor", ["serial", "threads", pytest.param("processes", marks=pytest.mark.campaign)]
+    "executor",
+    ["serial", "threads", pytest.param("processes", marks=pytest.mark.campaign)],
 )
 def test_a_sweep_is_the_same_in_lanes(monkeypatch, executor):
     used = []
@@ -228,12 +264,18 @@ def test_a_sweep_is_the_same_in_lanes(monkeypatch, executor):
 
 def test_refused_values_and_logs_are_reported_as_alone(monkeypatch):
     diagram = Diagram("root")
-    x, root, up = diagram.add(x=Integrator(1.0), root=Roots(), up=Constant([-1.0, -1.0]))
+    x, root, up = diagram.add(
+        x=Integrator(1.0), root=Roots(), up=Constant([-1.0, -1.0])
+    )
     x >> root.u
     up[1] >> x
     starts, scales = [5.0, 0.5, 3.0, 0.2, 7.0], [1.0, -1.0]
     settings = {
-        "vary": {"x.integral": starts, "root.scale": scales, "up.value[1]": [-1.0, -0.5]},
+        "vary": {
+            "x.integral": starts,
+            "root.scale": scales,
+            "up.value[1]": [-1.0, -0.5],
+        },
         "keep": "all",
         "executor": "serial",
         "step": STEP,
@@ -241,7 +283,9 @@ def test_refused_values_and_logs_are_reported_as_alone(monkeypatch):
     alone = sweep(diagram, 2.0, **settings)
     assert set(alone["status"].values) == {"complete", "diverged", "failed"}
     failed = alone["status"].values == "failed"
-    assert failed.tolist() == [scale < 0.0 for _ in starts for scale in scales for _ in range(2)]
+    assert failed.tolist() == [
+        scale < 0.0 for _ in starts for scale in scales for _ in range(2)
+    ]
     monkeypatch.setattr(*ALWAYS)
     assert sweep(diagram, 2.0, **settings).equals(alone)
 
@@ -271,7 +315,11 @@ def switched(block):
         (functions(), {"step": STEP, "backend": "interpreted"}),
         (switched(Relay(0.5, -0.5)), {"step": STEP}),
         (
-            switched(PythonFunction(lambda u: -u, STEP, inputs={"u": Input()}, outputs={"y": Output()})),
+            switched(
+                PythonFunction(
+                    lambda u: -u, STEP, inputs={"u": Input()}, outputs={"y": Output()}
+                )
+            ),
             {"step": STEP},
         ),
     ],
@@ -280,7 +328,9 @@ def test_what_differs_from_run_to_run_goes_alone(diagram, settings):
     assert not goes_in_lanes(Simulator(diagram, **settings).prepared)
 
 
-def test_short_or_small_sweeps_limits_and_functions_that_build_compile_nothing(monkeypatch):
+def test_short_or_small_sweeps_limits_and_functions_that_build_compile_nothing(
+    monkeypatch,
+):
     asked = []
     monkeypatch.setattr(samples, "Lanes", asked.append)
     monkeypatch.setattr("trussflow.blocks.sweeps.sweep.lanes", lambda: 4)
@@ -289,13 +339,18 @@ def test_short_or_small_sweeps_limits_and_functions_that_build_compile_nothing(m
     monkeypatch.setattr(*ALWAYS)
     sweep(functions(), 1.0, **settings, executor="serial", time_limit=60.0)
     sweep(rates, 1.0, vary={"count": [1, 2]}, keep="all", executor="serial", step=STEP)
-    sweep(functions(), 1.0, **settings, executor="threads", workers=2)  # each core has another one to run
+    # each core has another one to run
+    sweep(functions(), 1.0, **settings, executor="threads", workers=2)
     assert not asked
     sweep(functions(), 1.0, **settings, executor="serial")
     assert asked
 
 
 def test_as_many_lanes_as_the_processor_has(monkeypatch):
-    for flags, count in (("flags : fpu avx2 avx512f avx512dq", 8), ("flags : fpu avx2", 4), ("", 4)):
+    for flags, count in (
+        ("flags : fpu avx2 avx512f avx512dq", 8),
+        ("flags : fpu avx2", 4),
+        ("", 4),
+    ):
         monkeypatch.setattr(compiler, "_processor", lambda flags=flags: flags)
         assert compiler.lanes() == count

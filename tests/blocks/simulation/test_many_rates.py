@@ -57,11 +57,15 @@ def by_hand(steps):
     """Return what the blocks show at each tick: all that tick compute in turn, then delays store."""
     shown, stored, rows = np.zeros(len(CHAIN)), np.zeros(len(CHAIN)), []
     for k in range(steps + 1):
-        ticking = [k >= offset and (k - offset) % period == 0 for _, period, offset in CHAIN]
+        ticking = [
+            k >= offset and (k - offset) % period == 0 for _, period, offset in CHAIN
+        ]
         for i, (kind, _, _) in enumerate(CHAIN):
             if ticking[i]:
                 u = shown[i - 1] if i else k * TICK
-                shown[i] = {"hold": u, "delay": stored[i], "python": 2.0 * u + 1.0}[kind]
+                shown[i] = {"hold": u, "delay": stored[i], "python": 2.0 * u + 1.0}[
+                    kind
+                ]
         for i, (kind, _, _) in enumerate(CHAIN):
             if ticking[i] and kind == "delay":
                 stored[i] = shown[i - 1]
@@ -92,7 +96,9 @@ def test_twenty_rates_need_one_program():
     for k in range(1, 21):
         last = last >> diagram.add(f"hold{k}", ZeroOrderHold(0.01 * k))
     simulator = Simulator(diagram, step=0.01)
-    assert [p.name for p in simulator.prepared.programs if p.name.startswith("sample")] == ["sample_1"]
+    assert [
+        p.name for p in simulator.prepared.programs if p.name.startswith("sample")
+    ] == ["sample_1"]
     ticks = 50
     for k in range(20, 0, -1):
         ticks -= ticks % k
@@ -111,7 +117,9 @@ def among_many_rates(diagram):
 def test_loops_of_many_rates_are_solved_where_their_blocks_tick_together(law, backend):
     """Where one of them ticks, the other shows what it showed: linear loops, and those that are iterated."""
     diagram = among_many_rates(Diagram("loop", loops="solve"))
-    first, second = diagram.add(first=ZeroOrderHold(2 * TICK), second=ZeroOrderHold(3 * TICK))
+    first, second = diagram.add(
+        first=ZeroOrderHold(2 * TICK), second=ZeroOrderHold(3 * TICK)
+    )
     between = diagram.add(law=Function(law, {"u": Input()}, {"y": Output()}))
     (diagram.time.y + second.y) >> first.u
     first >> between >> second
@@ -133,7 +141,9 @@ def test_loops_of_many_rates_are_solved_where_their_blocks_tick_together(law, ba
 @pytest.mark.parametrize("kind", ["hold", "python"])
 def test_blocks_in_a_circle_that_never_tick_together_are_no_loop(kind):
     diagram = among_many_rates(Diagram("in turn"))
-    first, second = diagram.add(first=made(kind, 2 * TICK, 0.0), second=made(kind, 2 * TICK, TICK))
+    first, second = diagram.add(
+        first=made(kind, 2 * TICK, 0.0), second=made(kind, 2 * TICK, TICK)
+    )
     halved = diagram.add(halved=Gain(-0.25))
     (diagram.time.y + second.y) >> first.u
     first >> halved >> second
@@ -154,7 +164,10 @@ def test_loops_solved_for_initial_states_are_solved_anew_later():
     """All clocks tick at the start, and only some later."""
     diagram = among_many_rates(Diagram("started", loops="solve"))
     total, back, started, hold = diagram.add(
-        total=Sum("++"), back=Gain(-0.5), started=Backlash(0.0, 2 * TICK), hold=ZeroOrderHold(2 * TICK)
+        total=Sum("++"),
+        back=Gain(-0.5),
+        started=Backlash(0.0, 2 * TICK),
+        hold=ZeroOrderHold(2 * TICK),
     )
     diagram.hold7 >> total.u1
     total >> back >> total.u2

@@ -49,7 +49,8 @@ def test_long_runs_print_simulated_time_and_real_time_factor(clock, capsys):
 
 
 @pytest.mark.parametrize(
-    ("whole", "said"), [(5e-7, "2.5e-07/5e-07 s, 1.25e-07 x"), (4e10, "2e+10/4e+10 s, 1e+10 x")]
+    ("whole", "said"),
+    [(5e-7, "2.5e-07/5e-07 s, 1.25e-07 x"), (4e10, "2e+10/4e+10 s, 1e+10 x")],
 )
 def test_times_of_any_size_are_told(clock, capsys, whole, said):
     """Radars run for nanoseconds, reactions for thousands of years."""
@@ -84,7 +85,14 @@ def test_a_display_that_cannot_be_written_ends_nothing(stderr, monkeypatch):
     monkeypatch.setattr("tqdm.std.time", itertools.count(0.0, 2.0).__next__)
     monkeypatch.setattr("sys.stderr", stderr)
     assert simulate(decay(()), 1.0, step=0.1).status == "complete"
-    end = sweep(decay(()), 1.0, step=0.1, vary={"back.gain": [1.0, 2.0]}, keep={"x.y": "final"}, workers=1)
+    end = sweep(
+        decay(()),
+        1.0,
+        step=0.1,
+        vary={"back.gain": [1.0, 2.0]},
+        keep={"x.y": "final"},
+        workers=1,
+    )
     assert [*end.status] == ["complete"] * 2
 
 

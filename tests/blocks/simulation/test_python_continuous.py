@@ -65,7 +65,12 @@ def bounce_times(before, restitution=0.7):
 
 def closed_loop(plant):
     loop = Diagram("loop")
-    loop.add(plant=plant, gain=Gain(0.7, output_unit="N"), integral=Integrator(), total=Sum("--"))
+    loop.add(
+        plant=plant,
+        gain=Gain(0.7, output_unit="N"),
+        integral=Integrator(),
+        total=Sum("--"),
+    )
     loop.plant.y[1] >> loop.gain >> loop.total.u1
     loop.plant.y[0] >> loop.integral >> loop.total.u2
     loop.total >> loop.plant
@@ -77,10 +82,18 @@ def closed_loop(plant):
 def test_it_is_integrated_together_with_traced_blocks(solver, backend):
     """A closed loop at the level of solver stages: the same numbers as the traced twin."""
     python, traced = (
-        simulate(closed_loop(plant), 0.5, step=0.01, solver=solver, backend=backend, log_step=0.1)
+        simulate(
+            closed_loop(plant),
+            0.5,
+            step=0.01,
+            solver=solver,
+            backend=backend,
+            log_step=0.1,
+        )
         for plant in (Oscillator(), systems.Oscillator())
     )
-    tolerance = 1e-12 if solver != "Radau" else 1e-6  # Radau's Jacobian is by differences in one
+    # Radau's Jacobian is by differences in one
+    tolerance = 1e-12 if solver != "Radau" else 1e-6
     for name in ("plant.y", "integral.y"):
         assert_allclose(python[name], traced[name], rtol=0, atol=tolerance)
 
@@ -222,7 +235,9 @@ def test_time_events_at_instants_come_before_what_is_sampled_and_logged(solver):
 def test_an_indicator_that_is_zero_at_the_end_of_a_step_is_an_event(solver):
     """A ball whose steps, powers of two, end exactly at its bounce."""
     diagram = Diagram("ball")
-    block, hold = diagram.add(ball=systems.PythonBall(gravity=0.0, restitution=1.0), hold=ZeroOrderHold(0.25))
+    block, hold = diagram.add(
+        ball=systems.PythonBall(gravity=0.0, restitution=1.0), hold=ZeroOrderHold(0.25)
+    )
     block.height >> hold.u
     result = simulate(diagram, 1.5, step=0.25, solver=solver, initial={"ball.v": -1.0})
     assert result["ball.height"].values[-1] == pytest.approx(0.5, abs=1e-12)
@@ -248,7 +263,10 @@ def test_equations_are_evaluated_in_the_order_of_their_dependencies():
 
     diagram = Diagram("row")
     second, first, gain, zero = diagram.add(
-        second=Direct(), first=Oscillator(), gain=Gain(3.0, output_unit="N"), zero=Constant(0.0)
+        second=Direct(),
+        first=Oscillator(),
+        gain=Gain(3.0, output_unit="N"),
+        zero=Constant(0.0),
     )
     zero >> first
     first.y[0] >> gain >> second
@@ -260,7 +278,9 @@ def test_sampled_python_blocks_read_their_outputs_of_the_instant():
     diagram = Diagram("mixed")
     plant, zero = diagram.add(plant=Oscillator(), zero=Constant(0.0))
     reader = diagram.add(
-        reader=PythonFunction(lambda u: u, 0.1, inputs={"u": Input(2)}, outputs={"y": Output(2)})
+        reader=PythonFunction(
+            lambda u: u, 0.1, inputs={"u": Input(2)}, outputs={"y": Output(2)}
+        )
     )
     zero >> plant >> reader
     result = simulate(diagram, 1.0, step=0.1)

@@ -88,7 +88,9 @@ def test_python_code_sees_numbers_and_tunable_parameters(backend):
     for limit in (0.25, 0.05):
         result = simulator.run(0.45, parameters={"python.limit": limit})
         t = np.floor(result.time.values / 0.1 + 1e-9) / 10
-        expected = np.stack([np.where(t > limit, t, 0), np.where(t > limit, 0, 1)], axis=1)
+        expected = np.stack(
+            [np.where(t > limit, t, 0), np.where(t > limit, 0, 1)], axis=1
+        )
         assert_allclose(result["python.y"], expected, rtol=0, atol=ROUND_OFF)
 
 
@@ -102,11 +104,17 @@ def test_self_stepping_plant_may_stand_in_a_direct_loop(backend, python):
 
     diagram = Diagram("d")
     gain = (PythonGain if python else MatrixGain)(-2.0 * np.eye(2))
-    plant, feedback = diagram.add(plant=Stepper().sampled(0.1), feedback=gain.sampled(0.1))
+    plant, feedback = diagram.add(
+        plant=Stepper().sampled(0.1), feedback=gain.sampled(0.1)
+    )
     plant >> feedback >> plant
     result = simulate(diagram, 1.0, step=0.1, backend=backend)
-    assert_allclose(result["plant.y"][:, 0], 0.8 ** np.arange(11), rtol=0, atol=ROUND_OFF)
-    assert_allclose(result["feedback.y"][:, 1], -2 * 0.8 ** np.arange(11), rtol=0, atol=ROUND_OFF)
+    assert_allclose(
+        result["plant.y"][:, 0], 0.8 ** np.arange(11), rtol=0, atol=ROUND_OFF
+    )
+    assert_allclose(
+        result["feedback.y"][:, 1], -2 * 0.8 ** np.arange(11), rtol=0, atol=ROUND_OFF
+    )
 
 
 @pytest.mark.parametrize("solver", ["rk4", "RK45"])
@@ -114,19 +122,31 @@ def test_self_stepping_plant_may_stand_in_a_direct_loop(backend, python):
 @pytest.mark.parametrize(
     ("kind", "cause", "message"),
     [
-        ("raise", SimulationError, r"\(Faulty\) raised ZeroDivisionError at t = 0\.3 s: no such"),
-        ("shape", BlockError, r"is declared with shape \(\), but was returned with shape \(2,\)"),
+        (
+            "raise",
+            SimulationError,
+            r"\(Faulty\) raised ZeroDivisionError at t = 0\.3 s: no such",
+        ),
+        (
+            "shape",
+            BlockError,
+            r"is declared with shape \(\), but was returned with shape \(2,\)",
+        ),
         ("nan", DivergenceError, r"'block\.[yn]' stopped being finite at t = 0\.3 s: "),
     ],
 )
-def test_fault_names_block_and_time_and_keeps_the_log(kind, cause, message, where, solver):
+def test_fault_names_block_and_time_and_keeps_the_log(
+    kind, cause, message, where, solver
+):
     diagram = Diagram("d")
     time, after, block = diagram.add(
         time=Time(), after=UnitDelay(0.1), block=Faulty(kind, where).sampled(0.1)
     )
     time >> block >> after
     with pytest.raises(cause, match=message) as error:
-        simulate(diagram, 1.0, step=0.1, log_step=0.1, backend="interpreted", solver=solver)
+        simulate(
+            diagram, 1.0, step=0.1, log_step=0.1, backend="interpreted", solver=solver
+        )
     assert "block" in str(error.value)
     assert where + "()" in str(error.value)
     assert_allclose(error.value.result.time, [0.0, 0.1, 0.2], rtol=0, atol=ROUND_OFF)

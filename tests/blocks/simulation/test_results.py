@@ -47,7 +47,13 @@ AXES = ("x", "y", "z")
 
 class Truss(Block):
     f = Input((2,), unit="N", frame="body", meaning="force")
-    q = Output((2, 3), unit="m", frame="world", meaning="deflection", labels={"node": (1, 2), "axis": AXES})
+    q = Output(
+        (2, 3),
+        unit="m",
+        frame="world",
+        meaning="deflection",
+        labels={"node": (1, 2), "axis": AXES},
+    )
     pose = Output((2,), unit=("m", "rad"), labels={"axis": ("place", "turn")})
     mixed = Output(5, labels={"axis": AXES, "angle": ("phi", "psi")})
     energy = Output(meaning="no unit")
@@ -58,7 +64,13 @@ class Truss(Block):
     def output(self, t, x, u, p):
         rows = np.stack([x.x, x.x, t * x.x])
         mixed = np.concatenate([x.x, x.x, x.x[:1]])
-        return {"q": np.transpose(rows), "pose": x.x, "mixed": mixed, "energy": x.x[0] ** 2, "lag": t}
+        return {
+            "q": np.transpose(rows),
+            "pose": x.x,
+            "mixed": mixed,
+            "energy": x.x[0] ** 2,
+            "lag": t,
+        }
 
     def derivative(self, t, x, u, p):
         return {"x": u.f / p.mass - x.x}
@@ -88,7 +100,14 @@ def result():
 
 
 def test_all_outputs_are_logged_with_units_frames_and_axes(result):
-    assert set(result) == {"truss.q", "truss.pose", "truss.mixed", "truss.energy", "truss.lag", "push.f"}
+    assert set(result) == {
+        "truss.q",
+        "truss.pose",
+        "truss.mixed",
+        "truss.energy",
+        "truss.lag",
+        "push.f",
+    }
     assert result["truss.q"].dims == ("time", "node", "axis")
     assert result["truss.q"].attrs == {
         "long_name": "deflection",
@@ -99,7 +118,11 @@ def test_all_outputs_are_logged_with_units_frames_and_axes(result):
     assert "units" not in result["truss.energy"].attrs
     assert result["truss.pose"].attrs["units"] == "m, rad"
     assert result.time.attrs["units"] == "s"
-    assert_allclose(result["truss.q"][:, 1, 2], result["truss.pose"][:, 1] * result.time, rtol=ROUND_OFF)
+    assert_allclose(
+        result["truss.q"][:, 1, 2],
+        result["truss.pose"][:, 1] * result.time,
+        rtol=ROUND_OFF,
+    )
 
 
 def test_signals_of_one_shape_share_their_axis_and_others_have_their_own(result):
@@ -118,22 +141,35 @@ def test_labels_follow_wires_and_slices_and_are_kept_in_files(tmp_path):
     result = run(0.3, item=found, log=log)
     dims = ["axis", "coordinate", "coordinate_2", "coordinate_3", "angle"]
     assert [signal.dims[1] for signal in result.values()] == dims
-    assert [*result["truss.mixed"]["coordinate_3"].values] == ["x", "y", "z", "phi", "psi"]
-    assert_array_equal(result["limit.y"].sel(axis="turn"), result["truss.x"].sel(coordinate_2="b"))
+    assert [*result["truss.mixed"]["coordinate_3"].values] == [
+        "x",
+        "y",
+        "z",
+        "phi",
+        "psi",
+    ]
+    assert_array_equal(
+        result["limit.y"].sel(axis="turn"), result["truss.x"].sel(coordinate_2="b")
+    )
     streamed = run(0.3, item=found, log=log, stream_to=tmp_path / "run.nc")
     xr.testing.assert_equal(streamed.load(), result)
 
 
 def test_labels_that_do_not_fit_the_shape():
     port = replace(Truss().mixed, inferable_labels=Inferable(("x",), fixed=True))
-    with pytest.raises(WiringError, match=r"'Truss\.mixed' has labels for \(1,\) .* shape is \(5,\)"):
+    with pytest.raises(
+        WiringError, match=r"'Truss\.mixed' has labels for \(1,\) .* shape is \(5,\)"
+    ):
         port.axes()
 
 
 def test_diagram_hash_depends_on_the_equations_alone(result):
     """Other values, other logs and another backend leave it; another equation does not."""
     reference = result.attrs["diagram_hash"]
-    assert run(log=["push.f"], parameters={"truss.mass": 3.0}).attrs["diagram_hash"] == reference
+    assert (
+        run(log=["push.f"], parameters={"truss.mass": 3.0}).attrs["diagram_hash"]
+        == reference
+    )
     assert run(backend="numpy").attrs["diagram_hash"] == reference
     larger, slower = diagram(), diagram()
     larger.ground(larger.add(second=Truss()).f)
@@ -152,22 +188,45 @@ def test_logged_ports_by_name_port_slice_and_input():
     }
     result = run(0.2, item=found, log=log)
     assert list(result) == ["force", "second", "corner", "axis"]
-    assert result["force"].attrs == {"long_name": "force", "source": "truss.f", "units": "N", "frame": "body"}
+    assert result["force"].attrs == {
+        "long_name": "force",
+        "source": "truss.f",
+        "units": "N",
+        "frame": "body",
+    }
     assert_allclose(result["second"], [0.0, 0.2, 0.4], rtol=ROUND_OFF)
     assert_array_equal(result["second"], result["force"][:, 1])
     assert_array_equal(result["corner"], result["axis"][:, [0, 0]])
-    result = run(0.2, item=found, log=[found.push.f, found.truss.q[0, :2], "truss.energy"])
+    result = run(
+        0.2, item=found, log=[found.push.f, found.truss.q[0, :2], "truss.energy"]
+    )
     assert list(result) == ["push.f", "truss.q[0, :2]", "truss.energy"]
 
 
 @pytest.mark.parametrize(
     ("log", "cause", "message"),
     [
-        (["truss.q", "truss.q"], SimulationError, "ports are to be logged twice: truss.q"),
-        (["truss.qq"], NameLookupError, "'truss' .* has no port 'qq'; inputs: f; outputs: q, pose"),
-        (["tras.q"], NameLookupError, "no block 'tras' for 'tras.q'; the blocks are: truss, push"),
+        (
+            ["truss.q", "truss.q"],
+            SimulationError,
+            "ports are to be logged twice: truss.q",
+        ),
+        (
+            ["truss.qq"],
+            NameLookupError,
+            "'truss' .* has no port 'qq'; inputs: f; outputs: q, pose",
+        ),
+        (
+            ["tras.q"],
+            NameLookupError,
+            "no block 'tras' for 'tras.q'; the blocks are: truss, push",
+        ),
         ([Truss().q], NameLookupError, "port 'Truss.q' is not in this diagram"),
-        ({"time": "truss.q"}, SimulationError, "cannot log .* as 'time': names are not empty"),
+        (
+            {"time": "truss.q"},
+            SimulationError,
+            "cannot log .* as 'time': names are not empty",
+        ),
         ({"a/b": "truss.q"}, SimulationError, "cannot log .* as 'a/b'"),
         ({"": "truss.q"}, SimulationError, "cannot log .* as ''"),
         ({1: "truss.q"}, SimulationError, "cannot log .* as 1"),
@@ -201,7 +260,8 @@ def test_log_step_and_the_last_instant(solver, log_step, times):
     result = run(solver=solver, log_step=log_step, backend="compiled")
     assert_allclose(result.time, times, rtol=0, atol=ROUND_OFF)
     exact = 1.5 * np.exp(-result.time) + result.time / 2 - 0.5
-    assert_allclose(result["truss.pose"][:, 0], exact, rtol=0, atol=1e-6)  # RK4: h^4 / 120
+    # RK4: h^4 / 120
+    assert_allclose(result["truss.pose"][:, 0], exact, rtol=0, atol=1e-6)
 
 
 def test_decimated_log_holds_the_same_rows():
@@ -212,7 +272,9 @@ def test_decimated_log_holds_the_same_rows():
 
 def test_provenance():
     simulator = Simulator(diagram(), step=0.1, backend="interpreted")
-    attrs = simulator.run(1, parameters={"truss.mass": 3.0}, initial={"truss.x": [4.0, 5.0]}).attrs
+    attrs = simulator.run(
+        1, parameters={"truss.mass": 3.0}, initial={"truss.x": [4.0, 5.0]}
+    ).attrs
     assert json.loads(attrs["parameters"]) == {"truss.mass": [3.0]}
     assert json.loads(attrs["initial_states"]) == {"truss.x": [4.0, 5.0]}
     expected = {
@@ -225,7 +287,12 @@ def test_provenance():
         "numpy_version": np.__version__,
     }
     assert expected.items() <= attrs.items()
-    assert {"trussflow_version", "python_version", "casadi_version", "created"} <= attrs.keys()
+    assert {
+        "trussflow_version",
+        "python_version",
+        "casadi_version",
+        "created",
+    } <= attrs.keys()
 
 
 def test_save_replaces_in_one_piece(tmp_path):
@@ -247,7 +314,9 @@ def test_save_that_fails_leaves_the_old_file(tmp_path, monkeypatch):
         raise OSError("no space left on device")
 
     monkeypatch.setattr(xr.Dataset, "to_netcdf", full)
-    with pytest.raises(SimulationError, match=r"cannot write the result to .*run\.nc.*no space left"):
+    with pytest.raises(
+        SimulationError, match=r"cannot write the result to .*run\.nc.*no space left"
+    ):
         save(xr.Dataset(), path)
     assert path.read_text() == "old"
     assert list(tmp_path.iterdir()) == [path]
@@ -261,7 +330,11 @@ def test_path_that_cannot_be_written_is_an_error_before_the_run(place, tmp_path)
     (tmp_path / "file").write_text("")
     (tmp_path / "folder").mkdir()
     found = diagram()
-    found.add(bomb=PythonFunction(bomb, 0.1, inputs={"u": Input(default=0.0)}, outputs={"y": Output()}))
+    found.add(
+        bomb=PythonFunction(
+            bomb, 0.1, inputs={"u": Input(default=0.0)}, outputs={"y": Output()}
+        )
+    )
     before = sorted(tmp_path.rglob("*"))
     with pytest.raises(SimulationError, match="cannot write the result to"):
         run(item=found, stream_to=tmp_path / place)
@@ -278,14 +351,18 @@ def test_path_that_cannot_be_written_is_an_error_before_the_run(place, tmp_path)
         pytest.param(
             "run\\1.nc",  # of what stands before it the netCDF library would make a folder
             r"run\\1\.nc': to netCDF a backslash parts folders",
-            marks=pytest.mark.skipif(os.sep == "\\", reason="a backslash parts folders there"),
+            marks=pytest.mark.skipif(
+                os.sep == "\\", reason="a backslash parts folders there"
+            ),
         ),
     ],
 )
 def test_names_of_other_files_are_refused(name, message, result, tmp_path):
     with pytest.raises(SimulationError, match=message):
         save(result, tmp_path / name)
-    with pytest.raises(SimulationError, match=message.removesuffix(r".*save\(\) writes .csv and .mat")):
+    with pytest.raises(
+        SimulationError, match=message.removesuffix(r".*save\(\) writes .csv and .mat")
+    ):
         run(0.1, stream_to=tmp_path / name)
     with pytest.raises(SimulationError, match="results are netCDF files"):
         run(0.1, stream_to=tmp_path / "run.csv")
@@ -297,9 +374,15 @@ def test_states_are_logged_by_path():
     found = diagram()
     delay = found.add("delay", UnitDelay(0.2))
     found.push.f[0] >> delay
-    result = simulate(found, 1.0, step=0.1, log=["truss.x", "truss.pose", "delay.previous"])
+    result = simulate(
+        found, 1.0, step=0.1, log=["truss.x", "truss.pose", "delay.previous"]
+    )
     assert_array_equal(result["truss.x"], result["truss.pose"])
-    assert result["truss.x"].attrs == {"long_name": "truss.x", "source": "truss.x", "units": "m"}
+    assert result["truss.x"].attrs == {
+        "long_name": "truss.x",
+        "source": "truss.x",
+        "units": "m",
+    }
     assert_allclose(result["delay.previous"][-2:], [0.8, 1.0], rtol=0, atol=ROUND_OFF)
     named = simulate(found, 1.0, solver="RK45", log={"x": "truss.x"}, log_step=0.5)
     assert named["x"].shape == (3, 2)
@@ -315,9 +398,12 @@ def test_runs_may_begin_at_any_time(settings):
     whole = simulate(found, 2.0, log_step=0.1, log=["truss.x", "push.f"], **settings)
     middle = {"truss.x": whole["truss.x"].sel(time=1.2, method="nearest").values}
     log = ["truss.x", "push.f", "hold.y"]
-    rest = simulate(found, 0.8, start=1.2, initial=middle, log_step=0.1, log=log, **settings)
+    rest = simulate(
+        found, 0.8, start=1.2, initial=middle, log_step=0.1, log=log, **settings
+    )
     assert_allclose(rest["time"], np.arange(12, 21) / 10, rtol=0, atol=ROUND_OFF)
-    assert_allclose(rest["truss.x"], whole["truss.x"][12:], rtol=0, atol=1e-8)  # rtol of DOP853
+    # rtol of DOP853
+    assert_allclose(rest["truss.x"], whole["truss.x"][12:], rtol=0, atol=1e-8)
     assert_allclose(rest["hold.y"], [1.2] * 5 + [1.7] * 4, rtol=0, atol=ROUND_OFF)
     logged = simulate(found, 0.5, start=1.25, log_step=0.2, **settings)
     assert_allclose(logged["time"], [1.25, 1.45, 1.65, 1.75], rtol=0, atol=ROUND_OFF)
@@ -330,7 +416,9 @@ def test_results_in_other_forms(result, tmp_path):
     assert [*table][:3] == ["truss.q[1, x]", "truss.q[1, y]", "truss.q[1, z]"]
     assert_array_equal(table["truss.q[2, z]"], result["truss.q"][:, 1, 2])
     save(result, tmp_path / "run.csv")
-    read = np.loadtxt(tmp_path / "run.csv", delimiter=",", skiprows=1, usecols=[0, table.shape[1]])
+    read = np.loadtxt(
+        tmp_path / "run.csv", delimiter=",", skiprows=1, usecols=[0, table.shape[1]]
+    )
     assert_array_equal(read, np.column_stack([result["time"], table.iloc[:, -1]]))
     save(result, tmp_path / "run.mat")
     matlab = loadmat(tmp_path / "run.mat")
@@ -338,7 +426,11 @@ def test_results_in_other_forms(result, tmp_path):
     assert_array_equal(matlab["time"].ravel(), result["time"])
     xr.testing.assert_identical(load(save(result, tmp_path / "run.nc")), result)
     response = to_control(result, ["truss.pose", "truss.energy"], ["push.f"])
-    assert response.output_labels == ["truss.pose[place]", "truss.pose[turn]", "truss.energy"]
+    assert response.output_labels == [
+        "truss.pose[place]",
+        "truss.pose[turn]",
+        "truss.energy",
+    ]
     assert_array_equal(response.outputs[2], result["truss.energy"])
     assert_array_equal(response.inputs.T, result["push.f"])
     assert to_control(result, ["truss.energy"]).inputs is None
@@ -351,14 +443,32 @@ def test_results_in_other_forms(result, tmp_path):
 @pytest.mark.parametrize(
     ("call", "message"),
     [
-        (lambda r: plot(r, "truss"), "cannot plot 'truss': the signals of the result are: truss.q, "),
-        (lambda r: to_control(r, ["nothing"]), "cannot hand over 'nothing': the signals"),
+        (
+            lambda r: plot(r, "truss"),
+            "cannot plot 'truss': the signals of the result are: truss.q, ",
+        ),
+        (
+            lambda r: to_control(r, ["nothing"]),
+            "cannot hand over 'nothing': the signals",
+        ),
         (lambda r: to_control(r, []), "cannot hand over nothing: name the outputs"),
         (lambda _: to_pandas(3), "cannot tabulate 3: it is no result of a run"),
-        (lambda _: save(3, "run.csv"), r"cannot write to 'run\.csv' 3: it is no result"),
-        (lambda _: load("run.csv"), r"cannot read a result from 'run\.csv': .*load\(\) reads no others"),
-        (lambda _: load("/dev/zero"), "cannot read a result from '/dev/zero': it is a device"),
-        (lambda _: load("there/is/none.nc"), r"cannot read a result from 'there/is/none\.nc': "),
+        (
+            lambda _: save(3, "run.csv"),
+            r"cannot write to 'run\.csv' 3: it is no result",
+        ),
+        (
+            lambda _: load("run.csv"),
+            r"cannot read a result from 'run\.csv': .*load\(\) reads no others",
+        ),
+        (
+            lambda _: load("/dev/zero"),
+            "cannot read a result from '/dev/zero': it is a device",
+        ),
+        (
+            lambda _: load("there/is/none.nc"),
+            r"cannot read a result from 'there/is/none\.nc': ",
+        ),
     ],
 )
 def test_other_objects_are_no_results(call, message, result):
@@ -368,7 +478,16 @@ def test_other_objects_are_no_results(call, message, result):
 
 def test_completion_knows_the_settings():
     settings = inspect.signature(simulate).parameters
-    assert {"step", "solver", "rtol", "atol", "backend", "log", "log_step", "start"} <= set(settings)
+    assert {
+        "step",
+        "solver",
+        "rtol",
+        "atol",
+        "backend",
+        "log",
+        "log_step",
+        "start",
+    } <= set(settings)
     assert settings["rtol"].default == 1e-8
     for other in (Simulator, Session, operating_point_after):
         assert "solver" in inspect.signature(other).parameters

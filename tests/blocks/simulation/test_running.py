@@ -124,7 +124,9 @@ def test_sessions_of_one_diagram_do_not_touch_each_other(backend):
                 values.append(session.outputs["python.y"])
             rows.append(values)
             if k == 3 and len(sessions) > 1:
-                whole = cosimulate(diagram, 0.5, step=0.1, members=["time"], backend=backend)
+                whole = cosimulate(
+                    diagram, 0.5, step=0.1, members=["time"], backend=backend
+                )
                 assert_allclose(whole["python.y"][1:], expected, rtol=1e-12)
                 other = Simulator(diagram, step=STEP, backend=backend).run(0.5)
                 assert_array_equal(other["python.y"][11::10], expected[:4])
@@ -143,7 +145,9 @@ def test_one_simulator_runs_in_many_threads_at_once(backend, python):
     diagram = loop(Counter()) if python else Diagram("feedback")
     rate = diagram.add(rate=Integrator(1.0))
     rate >> rate
-    simulator = Simulator(diagram, step=1e-3 if backend == "compiled" else 0.02, backend=backend)
+    simulator = Simulator(
+        diagram, step=1e-3 if backend == "compiled" else 0.02, backend=backend
+    )
     duration = 20.0 if backend == "compiled" else 0.4
     starts = np.linspace(0.5, 2.0, 8)
 
@@ -154,18 +158,26 @@ def test_one_simulator_runs_in_many_threads_at_once(backend, python):
     for _ in range(3):
         with ThreadPoolExecutor(len(starts)) as pool:
             found = list(pool.map(run, starts))
-        assert all(one.equals(other) for one, other in zip(expected, found, strict=True))
+        assert all(
+            one.equals(other) for one, other in zip(expected, found, strict=True)
+        )
 
 
 def test_a_block_that_cannot_hand_over_its_memory_is_named():
-    with Session(loop(Counter(run=SecretiveRun)), step=STEP, backend="numpy") as session:
+    with Session(
+        loop(Counter(run=SecretiveRun)), step=STEP, backend="numpy"
+    ) as session:
         session.advance(0.1)
-        with pytest.raises(SimulationError, match=r"cannot save: block 'python' \(Counter\)"):
+        with pytest.raises(
+            SimulationError, match=r"cannot save: block 'python' \(Counter\)"
+        ):
             session.save()
 
 
 def test_update_is_called_without_declared_states_too():
-    with Session(loop(Counter()), step=STEP, backend="numpy", outputs=["python.y"]) as session:
+    with Session(
+        loop(Counter()), step=STEP, backend="numpy", outputs=["python.y"]
+    ) as session:
         session.advance(0.2 + STEP)
         assert_allclose(session.outputs["python.y"], np.tanh(0.1), rtol=1e-15)
 
@@ -194,7 +206,9 @@ class ScaledRun(CounterRun):
 
 def test_a_parameter_that_is_tuned_or_restored_is_seen_by_an_open_block():
     block = Scaled()
-    with Session(loop(block), step=STEP, backend="numpy", outputs=["python.y"]) as session:
+    with Session(
+        loop(block), step=STEP, backend="numpy", outputs=["python.y"]
+    ) as session:
         session.advance(0.2 + STEP)
         assert session.outputs["python.y"] == 1.0
         snapshot = session.save()
@@ -206,7 +220,8 @@ def test_a_parameter_that_is_tuned_or_restored_is_seen_by_an_open_block():
 
 
 @pytest.mark.parametrize(
-    ("returned", "steps_itself"), [(None, False), (3, False), (Running(), True), (SelfStepping(), False)]
+    ("returned", "steps_itself"),
+    [(None, False), (3, False), (Running(), True), (SelfStepping(), False)],
 )
 def test_what_open_must_return(returned, steps_itself):
     class Odd(Counter):
@@ -251,11 +266,15 @@ def test_an_open_that_would_go_wrong_silently_is_refused():
 
     simulator = Simulator(loop(Shared()), step=STEP, backend="numpy")
     simulator.run(0.5)
-    with pytest.raises(SimulationError, match="it was opened before; each run needs a new one"):
+    with pytest.raises(
+        SimulationError, match="it was opened before; each run needs a new one"
+    ):
         simulator.run(0.5)
     with pytest.raises(SimulationError, match="the block must declare them"):
         Simulator(loop(Counter(run=SwitchingRun)), step=STEP, backend="numpy").run(0.5)
-    with pytest.raises(BlockError, match=r"open\(\) would never be called: only Python blocks"):
+    with pytest.raises(
+        BlockError, match=r"open\(\) would never be called: only Python blocks"
+    ):
         Session(Traced(), step=STEP)
 
 
@@ -308,8 +327,11 @@ def test_a_block_that_steps_itself_takes_no_step_while_what_is_held_settles():
     diagram = loop(Steps())
     lag = diagram.add(lag=StateSpace([[-1.0]], [[1.0]], [[1.0]]))
     diagram.expose(u=lag.u)
-    found = estimated_response(diagram, "u", "lag.y", omega=[1.0], amplitude=1.0, step=STEP)
-    assert_allclose(np.ravel(found.complex), 1 / (1j * found.omega + 1), rtol=2e-3)  # twice the tolerance
+    found = estimated_response(
+        diagram, "u", "lag.y", omega=[1.0], amplitude=1.0, step=STEP
+    )
+    # twice the tolerance
+    assert_allclose(np.ravel(found.complex), 1 / (1j * found.omega + 1), rtol=2e-3)
 
 
 def test_errors_name_the_member_and_keep_its_messages():
@@ -322,7 +344,10 @@ def test_errors_name_the_member_and_keep_its_messages():
 
 @pytest.mark.parametrize("run", [cosimulate, simulate])
 def test_outputs_of_another_size_are_refused(run):
-    with pytest.raises(SimulationError, match=r"outputs\(\) of 'python' returned .* one vector of 1 numbers"):
+    with pytest.raises(
+        SimulationError,
+        match=r"outputs\(\) of 'python' returned .* one vector of 1 numbers",
+    ):
         run(loop(Steps(size=3)), 0.5, step=0.1)
 
 

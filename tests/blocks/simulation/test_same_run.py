@@ -9,7 +9,9 @@ from trussflow.blocks import Block, Diagram, Function, Input, Output, Simulator,
 from trussflow.blocks.errors import SimulationError, TimeLimitError
 
 
-def test_runs_of_other_logged_equations_and_other_starts_of_loops_are_not_resumed(tmp_path):
+def test_runs_of_other_logged_equations_and_other_starts_of_loops_are_not_resumed(
+    tmp_path,
+):
     def changed(gain, start):
         diagram, path = Diagram("d", loops="solve"), ({"u": Input()}, {"y": Output()})
         sine, logged, loop, back = diagram.add(
@@ -28,9 +30,13 @@ def test_runs_of_other_logged_equations_and_other_starts_of_loops_are_not_resume
     settings = {"stream_to": path, "checkpoint_every": 1.0, "resume": True}
     with pytest.raises(TimeLimitError):
         changed(2.0, 2.0).run(1e9, time_limit=0.3, **settings)
-    with pytest.raises(SimulationError, match=r": logged_hash is '\w+' there, '\w+' here$"):
+    with pytest.raises(
+        SimulationError, match=r": logged_hash is '\w+' there, '\w+' here$"
+    ):
         changed(3.0, 2.0).run(1e9, **settings)
-    with pytest.raises(SimulationError, match=r": initial '\w+\.y' is \[2\.0\] there, \[-2\.0\] here"):
+    with pytest.raises(
+        SimulationError, match=r": initial '\w+\.y' is \[2\.0\] there, \[-2\.0\] here"
+    ):
         changed(2.0, -2.0).run(1e9, **settings)
 
 
@@ -39,14 +45,20 @@ def test_a_complete_run_is_returned_as_it_is(tmp_path):
         diagram = Diagram("d")
         diagram.add(sine=Sine(1.0))
         running = Simulator(diagram, step=0.25, backend="interpreted")
-        with running.run(duration, stream_to=tmp_path / "a.nc", checkpoint_every=1.0, **others) as result:
+        with running.run(
+            duration, stream_to=tmp_path / "a.nc", checkpoint_every=1.0, **others
+        ) as result:
             return result.load()
 
     first = run(2.0)
     again = run(2.0, resume=True)
     assert again.identical(first)  # with the time that it took
     assert [p.name for p in tmp_path.iterdir()] == ["a.nc"]
-    for duration, others in ((2.0, {}), (3.0, {"resume": True}), (3.0, {"resume": True, "start": 1.0})):
+    for duration, others in (
+        (2.0, {}),
+        (3.0, {"resume": True}),
+        (3.0, {"resume": True, "start": 1.0}),
+    ):
         other = run(duration, **others)
         assert other.attrs["wall_time"] != first.attrs["wall_time"]
         assert len(other.time) == 4 * duration + 1

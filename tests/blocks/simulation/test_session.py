@@ -7,11 +7,22 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal, assert_equal
 from systems import HiddenSum, Lag, Time
 
-from trussflow.blocks import Block, Diagram, Input, Output, Parameter, Session, Simulator, State, TimeFunction
+from trussflow.blocks import (
+    Block,
+    Diagram,
+    Input,
+    Output,
+    Parameter,
+    Session,
+    Simulator,
+    State,
+    TimeFunction,
+)
 from trussflow.blocks.errors import NameLookupError, ParameterError
 from trussflow.blocks.framework.run_state import SelfStepping
 
-STEP, POINT, SAMPLE = 0.01, Fraction(1, 20), 0.04  # clocks that do and do not meet the points
+# clocks that do and do not meet the points
+STEP, POINT, SAMPLE = (0.01, Fraction(1, 20), 0.04)
 ADAPTIVE_TOLERANCE = 1e-7  # of the exact solution, with the default tolerances
 ROUND_OFF = 1e-12
 
@@ -27,7 +38,10 @@ class Pendulum(Block):
         return {"angle": x.q, "load": u.torque - p.stiffness * np.sin(x.q)}
 
     def derivative(self, t, x, u, p):
-        return {"q": x.v, "v": u.torque - p.stiffness * np.sin(x.q) + 0.1 * np.cos(3 * t)}
+        return {
+            "q": x.v,
+            "v": u.torque - p.stiffness * np.sin(x.q) + 0.1 * np.cos(3 * t),
+        }
 
 
 class Controller(Block):
@@ -90,7 +104,9 @@ def test_session_equals_a_whole_run_whose_inputs_blocks_make(backend, solver):
         log=names,
         log_step=float(POINT),
     ).run(1.0)
-    with Session(loop(python=HiddenSum(2)), step=STEP, solver=solver, backend=backend) as session:
+    with Session(
+        loop(python=HiddenSum(2)), step=STEP, solver=solver, backend=backend
+    ) as session:
         found = pieces(session, 0, 20)
     assert list(found[0]) == names
     for name in names:
@@ -104,19 +120,28 @@ def test_the_length_of_the_pieces_does_not_matter(solver):
     """To the last bit for fixed steps, to the tolerance for solvers that start afresh."""
     ends = []
     for times in ([1.2], [0.01, 0.3, 0.3, 0.31, 0.9, 1.2], np.arange(1, 121) / 100):
-        with Session(loop(), step=STEP, solver=solver, backend="interpreted") as session:
+        with Session(
+            loop(), step=STEP, solver=solver, backend="interpreted"
+        ) as session:
             session.set(goal=[0.5, -0.5])
             for time in times:
                 session.advance(time)
             assert session.time == 1.2
             ends.append(session.outputs["angle"])
-    assert_allclose(ends[1:], ends[:1] * 2, rtol=0, atol=ADAPTIVE_TOLERANCE if solver != "rk4" else 0)
+    assert_allclose(
+        ends[1:],
+        ends[:1] * 2,
+        rtol=0,
+        atol=ADAPTIVE_TOLERANCE if solver != "rk4" else 0,
+    )
 
 
 @pytest.mark.parametrize("solver", ["rk4", "LSODA"])
 def test_restored_session_goes_on_bit_by_bit(backend, solver):
     """In the same session and in another one, hidden memory of a Python block included."""
-    session = Session(loop(python=HiddenSum(2)), step=STEP, solver=solver, backend=backend)
+    session = Session(
+        loop(python=HiddenSum(2)), step=STEP, solver=solver, backend=backend
+    )
     other = session.twin()
     with session, other:
         pieces(session, 0, 7)
@@ -140,7 +165,9 @@ def test_points_off_the_grid_cost_no_accuracy_and_move_no_instant(backend):
                 session.set(goal=[1.0, float(k < 9)])
                 session.advance(k * 0.04 - offset)
                 if offset:
-                    assert session.time == pytest.approx(k * 0.04 - offset, rel=ROUND_OFF)
+                    assert session.time == pytest.approx(
+                        k * 0.04 - offset, rel=ROUND_OFF
+                    )
             session.advance(1.0)
             ends.append(session.outputs["angle"])
             torques.append(session.outputs["torque"])
@@ -155,7 +182,9 @@ def test_adaptive_session_follows_the_exact_solution():
         session.set(u=1.0)
         session.advance(np.exp(1.0))
         exact = 1.0 + (np.exp(-np.pi / 4) - 1.0) * np.exp(np.pi / 4 - np.exp(1.0))
-        assert session.outputs["y"] == pytest.approx(exact, rel=0, abs=ADAPTIVE_TOLERANCE)
+        assert session.outputs["y"] == pytest.approx(
+            exact, rel=0, abs=ADAPTIVE_TOLERANCE
+        )
 
 
 def test_outputs_follow_inputs_at_once():
@@ -163,8 +192,12 @@ def test_outputs_follow_inputs_at_once():
         before = session.outputs
         session.set(goal=[1.0, 0.0])
         after = session.outputs
-        assert_allclose(after["torque"] - before["torque"], [2.0, 0.0], rtol=0, atol=ROUND_OFF)
-        assert_allclose(after["load"] - before["load"], [2.0, 0.0], rtol=0, atol=ROUND_OFF)
+        assert_allclose(
+            after["torque"] - before["torque"], [2.0, 0.0], rtol=0, atol=ROUND_OFF
+        )
+        assert_allclose(
+            after["load"] - before["load"], [2.0, 0.0], rtol=0, atol=ROUND_OFF
+        )
         session.advance(STEP)  # between two samples of the law: it holds
         session.set(goal=[5.0, 5.0])
         assert_array_equal(session.outputs["torque"], after["torque"])
@@ -199,7 +232,11 @@ def test_blocks_that_step_themselves_begin_with_the_inputs_of_their_first_step()
             return Model()
 
     with Session(SteppingItself().sampled(0.1), step=0.1, backend="numpy") as session:
-        for until, value, shown in ((0.0, 1.0, [1.0, 1.0]), (0.1, 2.0, [2.0, 2.0]), (0.2, 3.0, [2.0, 3.0])):
+        for until, value, shown in (
+            (0.0, 1.0, [1.0, 1.0]),
+            (0.1, 2.0, [2.0, 2.0]),
+            (0.2, 3.0, [2.0, 3.0]),
+        ):
             session.set(u=value)
             assert_array_equal(session.outputs["y"], shown)
             session.advance(until)
@@ -217,7 +254,9 @@ def test_single_block_with_inputs_at_the_start():
     assert list(session.outputs) == ["angle"]
     session.advance(STEP)
     assert_allclose(session.outputs["angle"], [0.1, 0.2], rtol=1e-2)
-    session.start(initial={"Follower.v": 0.0, "Follower.q": 0.5}, inputs={"torque": [1.0, 2.0]})
+    session.start(
+        initial={"Follower.v": 0.0, "Follower.q": 0.5}, inputs={"torque": [1.0, 2.0]}
+    )
     assert session.time == 0.0
     assert_array_equal(session.outputs["angle"], [0.5, 0.5])
     session.stop()
@@ -257,9 +296,13 @@ def test_tuned_parameter_counts_from_now_on():
         other.start()
         other.advance(1.0)
         assert np.abs(session.outputs["angle"] - other.outputs["angle"]).max() > 0.01
-        with pytest.raises(ParameterError, match=r"'stiffness' of block 'Pendulum' is -1\.0; it m"):
+        with pytest.raises(
+            ParameterError, match=r"'stiffness' of block 'Pendulum' is -1\.0; it m"
+        ):
             session.tune({"Pendulum.stiffness": -1.0})
-        with pytest.raises(NameLookupError, match=r"no parameter 'Pendulum\.mass'; the parameters"):
+        with pytest.raises(
+            NameLookupError, match=r"no parameter 'Pendulum\.mass'; the parameters"
+        ):
             session.tune({"Pendulum.mass": 1.0})
 
 

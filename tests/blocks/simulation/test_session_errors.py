@@ -36,10 +36,22 @@ class Bad(Block):
 def test_wrong_inputs_are_refused_and_change_nothing():
     with Session(pair(), step=STEP, backend="numpy") as session:
         for values, error, message in (
-            ({"aim": 1.0}, NameLookupError, "no input 'aim'; the external inputs are: goal"),
+            (
+                {"aim": 1.0},
+                NameLookupError,
+                "no input 'aim'; the external inputs are: goal",
+            ),
             ({"goal": [1.0, np.nan]}, ParameterError, "input 'goal' is not finite"),
-            ({"goal": [1.0, 2.0, 3.0]}, ParameterError, r"input 'goal' has shape \(3,\); it must"),
-            ({"goal": "far"}, ParameterError, "input 'goal' must be numeric, not 'far'"),
+            (
+                {"goal": [1.0, 2.0, 3.0]},
+                ParameterError,
+                r"input 'goal' has shape \(3,\); it must",
+            ),
+            (
+                {"goal": "far"},
+                ParameterError,
+                "input 'goal' must be numeric, not 'far'",
+            ),
             ({"goal": 7.0, "aim": 1.0}, NameLookupError, "no input 'aim'"),
         ):
             before = session.outputs["y"]
@@ -50,20 +62,31 @@ def test_wrong_inputs_are_refused_and_change_nothing():
 
 def test_wrong_times_and_orders_are_refused():
     session = Session(pair(), step=STEP, backend="numpy")
-    with pytest.raises(SimulationError, match="the session of 'Function' is not started; call start"):
+    with pytest.raises(
+        SimulationError, match="the session of 'Function' is not started; call start"
+    ):
         session.advance(1.0)
     with session:
         session.advance(0.3 + 1e-12)  # meant: thirty steps
         assert session.time == 0.3
-        with pytest.raises(SimulationError, match=r"cannot advance 'Function' to t = 0\.2 s: it is"):
+        with pytest.raises(
+            SimulationError, match=r"cannot advance 'Function' to t = 0\.2 s: it is"
+        ):
             session.advance(0.2)
-        with pytest.raises(SimulationError, match=r"the start time of 0\.305 s is not a whole num"):
+        with pytest.raises(
+            SimulationError, match=r"the start time of 0\.305 s is not a whole num"
+        ):
             Session(pair(), step=STEP, backend="numpy").start(time=0.305)
-        with pytest.raises(SimulationError, match="cannot advance to nan: a time must be a finite"):
+        with pytest.raises(
+            SimulationError, match="cannot advance to nan: a time must be a finite"
+        ):
             session.advance(float("nan"))
         session.advance(0.31)  # none of these did any harm
         alien = Session(Bad(), step=STEP, backend="numpy")
-        with alien, pytest.raises(SimulationError, match="snapshot is of a diagram with other"):
+        with (
+            alien,
+            pytest.raises(SimulationError, match="snapshot is of a diagram with other"),
+        ):
             alien.restore(session.save())
     diagram = Diagram("open")
     diagram.add(plant=Bad())
@@ -79,9 +102,13 @@ def test_after_a_failed_advance_only_restore_or_start_help(solver):
         session.set(u=1e3)
         with pytest.raises(DivergenceError, match=r"t = 0\.1"):
             session.advance(5.0)
-        with pytest.raises(SimulationError, match=r"because it failed there: .*Restore a snapshot"):
+        with pytest.raises(
+            SimulationError, match=r"because it failed there: .*Restore a snapshot"
+        ):
             session.advance(6.0)
-        with pytest.raises(SimulationError, match="cannot save a session that failed: "):
+        with pytest.raises(
+            SimulationError, match="cannot save a session that failed: "
+        ):
             session.save()
         session.restore(snapshot)
         session.advance(1.0)

@@ -75,13 +75,17 @@ class Alarm(Block):
 def test_modes_that_become_infinite_are_logged():
     diagram = Diagram("clock")
     diagram.add(alarm=Alarm())
-    result = simulate(diagram, 1.0, **SETTINGS, log=["alarm.following"], not_finite="stop")
+    result = simulate(
+        diagram, 1.0, **SETTINGS, log=["alarm.following"], not_finite="stop"
+    )
     assert_array_equal(result["alarm.following"], [0.25] * 3 + [np.inf] * 8)
 
 
 @pytest.mark.parametrize("backend", ["interpreted", "compiled"])
 def test_output_that_stops_being_finite_warns_at_the_line_of_the_user(backend):
-    with pytest.warns(SimulationWarning, match=r"'root\.y' stopped being finite at t = 0\.6 s") as caught:
+    with pytest.warns(
+        SimulationWarning, match=r"'root\.y' stopped being finite at t = 0\.6 s"
+    ) as caught:
         result = simulate(falling(), 1.0, step=0.1, backend=backend)
     assert caught[0].filename == __file__
     assert result.sizes["time"] == 11
@@ -90,7 +94,9 @@ def test_output_that_stops_being_finite_warns_at_the_line_of_the_user(backend):
 
 
 def test_run_stops_where_an_output_stops_being_finite(path):
-    with pytest.raises(DivergenceError, match=r"'root\.y' stopped.* t = 0\.6 s; the log") as caught:
+    with pytest.raises(
+        DivergenceError, match=r"'root\.y' stopped.* t = 0\.6 s; the log"
+    ) as caught:
         simulate(falling(), 1.0, not_finite="stop", stream_to=path, **SETTINGS)
     assert_allclose(caught.value.result["time"], np.arange(6) / 10, rtol=0, atol=1e-15)
 
@@ -99,8 +105,12 @@ def test_run_stops_there_also_if_a_state_stops_being_finite_soon_after(path):
     """The error of the log came while that of the state was handled, and had no result."""
     diagram = falling()
     diagram.blocks["root"] >> diagram.add(i=Integrator())
-    with pytest.raises(DivergenceError, match=r"^'root\.y' stopped.* t = 0\.6 s; the log") as caught:
-        simulate(diagram, 1.0, solver="euler", not_finite="stop", stream_to=path, **SETTINGS)
+    with pytest.raises(
+        DivergenceError, match=r"^'root\.y' stopped.* t = 0\.6 s; the log"
+    ) as caught:
+        simulate(
+            diagram, 1.0, solver="euler", not_finite="stop", stream_to=path, **SETTINGS
+        )
     assert caught.value.result.sizes["time"] == 6
     assert path is None or [*path.parent.iterdir()] == [path]
 
@@ -118,12 +128,16 @@ def test_ctrl_c_after_an_output_stopped_being_finite_is_ctrl_c(path, monkeypatch
 
 def test_ignoring_says_nothing_and_other_words_are_refused():
     simulate(falling(), 1.0, **SETTINGS, not_finite="ignore")
-    with pytest.raises(SimulationError, match="unknown way to treat what is not finite 'raise'"):
+    with pytest.raises(
+        SimulationError, match="unknown way to treat what is not finite 'raise'"
+    ):
         simulate(falling(), 1.0, **SETTINGS, not_finite="raise")
 
 
 def test_jump_between_two_steps_warns_once():
-    with pytest.warns(SimulationWarning, match=r"'source\.y' jumps at t = 0\.105 s") as caught:
+    with pytest.warns(
+        SimulationWarning, match=r"'source\.y' jumps at t = 0\.105 s"
+    ) as caught:
         simulate(lag(Step(0.105)), 1.0, step=0.01, backend="interpreted")
     assert len(caught) == 1
 
@@ -147,19 +161,26 @@ def test_checks_between_parameters_hold_in_runs_and_sessions():
     one >> s
     diagram.expose(y=s.y)
     simulator = Simulator(diagram, **SETTINGS)
-    with pytest.raises(ParameterError, match=r"'lower' of block 's' is 3\.0, but 'upper' is 1\.0"):
+    with pytest.raises(
+        ParameterError, match=r"'lower' of block 's' is 3\.0, but 'upper' is 1\.0"
+    ):
         simulator.run(1.0, parameters={"s.lower": 3.0})
-    assert simulator.run(1.0, parameters={"s.lower": 3.0, "s.upper": 4.0})["s.y"][-1] == 4.0
+    assert (
+        simulator.run(1.0, parameters={"s.lower": 3.0, "s.upper": 4.0})["s.y"][-1]
+        == 4.0
+    )
     with Session(diagram, **SETTINGS) as session:
         session.tune({"s.upper": 4.0})
-        session.tune({"s.lower": 3.0})  # beside what was tuned before, not beside the block's own
+        # beside what was tuned before, not beside the block's own
+        session.tune({"s.lower": 3.0})
         with pytest.raises(ParameterError, match="must not exceed"):
             session.tune({"s.upper": 2.0})
         assert session.outputs["y"] == 4.0
 
 
 @pytest.mark.parametrize(
-    ("unit", "hint"), [("newtn", "did you mean 'newton'"), ("Nm", r"'N\*m'"), (3, "is text")]
+    ("unit", "hint"),
+    [("newtn", "did you mean 'newton'"), ("Nm", r"'N\*m'"), (3, "is text")],
 )
 def test_unknown_units_are_refused_where_they_are_declared(unit, hint):
     with pytest.raises(BlockError, match=rf"Constant\.y.*{hint}"):
@@ -175,7 +196,9 @@ def test_simulators_and_sessions_are_rebuilt_by_pickle_and_copy():
         other.set(u=2.0)
         other.advance(0.5)
         assert other.outputs["y"] == pytest.approx(1.0, rel=0, abs=1e-12)
-        with pytest.raises(SimulationError, match=r"it is started; pickle what save\(\) returns"):
+        with pytest.raises(
+            SimulationError, match=r"it is started; pickle what save\(\) returns"
+        ):
             pickle.dumps(other)
 
 

@@ -76,17 +76,35 @@ def counter(every=0.1):
 @pytest.mark.parametrize("name", ["step", "log_step", "rtol", "atol", "duration"])
 def test_times_and_tolerances_are_positive_numbers(name, value):
     settings = {"step": 0.1, "duration": 1.0, name: value}
-    with pytest.raises(SimulationError, match=f"{name} = .* must be a positive and finite number"):
+    with pytest.raises(
+        SimulationError, match=f"{name} = .* must be a positive and finite number"
+    ):
         simulate(grower(), **settings)
 
 
 @pytest.mark.parametrize(
     ("diagram", "settings", "message"),
     [
-        (grower(), {"duration": 0.25}, r"the duration of 0\.25 s is not a whole number of steps of"),
-        (grower(), {"log_step": 0.15}, r"log_step of 0\.15 s is not a whole number of steps of"),
-        (grower(), {"log_step": 0.05}, r"log_step of 0\.05 s is not a whole number of steps of"),
-        (counter(0.15), {}, r"the sample time of 0\.15 s is not a whole number of steps of 0\.1 s"),
+        (
+            grower(),
+            {"duration": 0.25},
+            r"the duration of 0\.25 s is not a whole number of steps of",
+        ),
+        (
+            grower(),
+            {"log_step": 0.15},
+            r"log_step of 0\.15 s is not a whole number of steps of",
+        ),
+        (
+            grower(),
+            {"log_step": 0.05},
+            r"log_step of 0\.05 s is not a whole number of steps of",
+        ),
+        (
+            counter(0.15),
+            {},
+            r"the sample time of 0\.15 s is not a whole number of steps of 0\.1 s",
+        ),
     ],
 )
 def test_fixed_steps_must_divide_all_times(diagram, settings, message, tmp_path):
@@ -95,7 +113,9 @@ def test_fixed_steps_must_divide_all_times(diagram, settings, message, tmp_path)
     old.write_text("old")
     duration = settings.pop("duration", 1.0)
     with pytest.raises(SimulationError, match=message + r"(.|\n)*adaptive solver"):
-        simulate(diagram, duration, step=0.1, stream_to=old, backend="numpy", **settings)
+        simulate(
+            diagram, duration, step=0.1, stream_to=old, backend="numpy", **settings
+        )
     assert old.read_text() == "old"
     assert list(tmp_path.iterdir()) == [old]
 
@@ -113,7 +133,9 @@ def session(start, end):
         lambda: simulate(grower(), 1.0, step=0.01, start=-1e300),
         lambda: simulate(grower(), 1e300, step=0.01),
         lambda: simulate(grower(), 1.0, solver="RK45", start=1e16),
-        lambda: simulate(counter(0.01), 100.0, solver="RK45", log_step=100.0, start=1e14),
+        lambda: simulate(
+            counter(0.01), 100.0, solver="RK45", log_step=100.0, start=1e14
+        ),
         lambda: cosimulate(grower(), 1e300, step=0.01),
         lambda: session(1e16, 2e16),
         lambda: session(0.0, 1e16),
@@ -127,13 +149,17 @@ def test_times_that_cannot_be_told_apart_are_refused(run):
 
 def test_steps_of_a_tenth_of_a_millisecond_at_the_time_of_the_clock():
     """Seconds since 1970."""
-    assert simulate(systems.approach(), 1e-3, step=1e-4, start=1.8e9).sizes["time"] == 11
+    assert (
+        simulate(systems.approach(), 1e-3, step=1e-4, start=1.8e9).sizes["time"] == 11
+    )
 
 
 def test_adaptive_solvers_need_no_dividing_step():
     result = simulate(counter(0.15), 0.4, solver="RK45", log_step=0.1, backend="numpy")
     assert_allclose(result.time, [0.0, 0.1, 0.2, 0.3, 0.4], rtol=ROUND_OFF)
-    assert_allclose(result["count.y"], np.sqrt([3.5, 3.5, 2.5, 1.5, 1.5]), rtol=ROUND_OFF)
+    assert_allclose(
+        result["count.y"], np.sqrt([3.5, 3.5, 2.5, 1.5, 1.5]), rtol=ROUND_OFF
+    )
 
 
 def test_divergence_names_the_state_and_keeps_the_log(backend, tmp_path):
@@ -157,7 +183,9 @@ def test_divergence_names_the_signal_that_caused_it():
     root = TimeFunction(lambda t: np.sqrt(0.45 - t))
     body, double, root = diagram.add(body=Integrator(), double=Gain(2.0), root=root)
     root >> double >> body
-    message = r"'body\.integral' stopped being finite at t = 0\.5 s, because 'root\.y' did"
+    message = (
+        r"'body\.integral' stopped being finite at t = 0\.5 s, because 'root\.y' did"
+    )
     with pytest.raises(DivergenceError, match=message):
         simulate(diagram, 1.0, step=0.1, backend="compiled")
 
@@ -165,7 +193,9 @@ def test_divergence_names_the_signal_that_caused_it():
 @pytest.mark.parametrize("solver", ["RK45", "DOP853", "LSODA", "BDF", "Radau"])
 @pytest.mark.parametrize("backend", ["numpy", "interpreted"])
 def test_adaptive_solver_that_gives_up_keeps_the_log(solver, backend):
-    with pytest.raises(DivergenceError, match=f"solver {solver} gave up after t = 0.4") as error:
+    with pytest.raises(
+        DivergenceError, match=f"solver {solver} gave up after t = 0.4"
+    ) as error:
         simulate(grower(rate=-1.0), 1.0, solver=solver, backend=backend, log_step=0.05)
     result = error.value.result
     assert_allclose(result.time[:9], 0.05 * np.arange(9), rtol=0, atol=1e-12)
@@ -178,7 +208,9 @@ def test_derivative_that_is_not_finite_at_the_start(solver):
     diagram = Diagram("d")
     bad, log = diagram.add(bad=Integrator(), log=Function(np.log))
     bad >> log >> bad
-    with pytest.raises(DivergenceError, match=r"after t = 0 s: .* derivative of 'bad\.integral' is not"):
+    with pytest.raises(
+        DivergenceError, match=r"after t = 0 s: .* derivative of 'bad\.integral' is not"
+    ):
         simulate(diagram, 1.0, solver=solver, backend="interpreted")
 
 
@@ -193,14 +225,42 @@ def test_divergence_of_a_sampled_block(backend, solver):
 @pytest.mark.parametrize(
     ("settings", "cause", "message"),
     [
-        ({"parameters": {"box.rat": 1}}, NameLookupError, "no parameter 'box.rat'; the parameters ar"),
-        ({"parameters": {"rate": 1}}, NameLookupError, "no parameter 'rate'; .* box.rate"),
-        ({"parameters": {"box.rate": np.nan}}, ParameterError, "'rate' of block 'box' is not finite"),
-        ({"parameters": {"box.rate": [1, 2]}}, ParameterError, r"has shape \(2,\); it must have"),
-        ({"initial": {"box.v": 0}}, NameLookupError, "no state 'box.v'; the states are: box.q"),
-        ({"initial": {"box.q": np.ones(3)}}, ParameterError, r"'box.q' has shape \(3,\); it must"),
+        (
+            {"parameters": {"box.rat": 1}},
+            NameLookupError,
+            "no parameter 'box.rat'; the parameters ar",
+        ),
+        (
+            {"parameters": {"rate": 1}},
+            NameLookupError,
+            "no parameter 'rate'; .* box.rate",
+        ),
+        (
+            {"parameters": {"box.rate": np.nan}},
+            ParameterError,
+            "'rate' of block 'box' is not finite",
+        ),
+        (
+            {"parameters": {"box.rate": [1, 2]}},
+            ParameterError,
+            r"has shape \(2,\); it must have",
+        ),
+        (
+            {"initial": {"box.v": 0}},
+            NameLookupError,
+            "no state 'box.v'; the states are: box.q",
+        ),
+        (
+            {"initial": {"box.q": np.ones(3)}},
+            ParameterError,
+            r"'box.q' has shape \(3,\); it must",
+        ),
         ({"initial": {"box.q": [1, np.inf]}}, ParameterError, "'box.q' is not finite"),
-        ({"initial": {"box.q": "one"}}, ParameterError, "'box.q' must be numeric, not 'one'"),
+        (
+            {"initial": {"box.q": "one"}},
+            ParameterError,
+            "'box.q' must be numeric, not 'one'",
+        ),
     ],
 )
 def test_overrides_are_checked(settings, cause, message):
@@ -225,7 +285,9 @@ def interrupt(t):
 def test_interrupted_run_keeps_its_log(solver):
     diagram = grower()
     ports = {"inputs": {"u": Input()}, "outputs": {"y": Output()}}
-    diagram.add(time=systems.Time()) >> diagram.add(block=PythonFunction(interrupt, 0.1, **ports))
+    diagram.add(time=systems.Time()) >> diagram.add(
+        block=PythonFunction(interrupt, 0.1, **ports)
+    )
     with pytest.raises(SimulationInterrupted, match=r"stopped at t = 0\.4 s") as error:
         simulate(diagram, 1.0, step=0.1, log_step=0.1, solver=solver, backend="numpy")
     result = error.value.result
@@ -252,7 +314,9 @@ except SimulationInterrupted as error:
 """
 
 
-@pytest.mark.parametrize("solver", ["rk4", pytest.param("DOP853", marks=pytest.mark.campaign)])
+@pytest.mark.parametrize(
+    "solver", ["rk4", pytest.param("DOP853", marks=pytest.mark.campaign)]
+)
 def test_control_c_stops_a_long_run(solver):
     """A signal, as the terminal sends it, in the middle of compiled or solver code."""
     with subprocess.Popen(

@@ -54,7 +54,9 @@ def values(diagram, *names, duration=1.0, step=0.1, **settings):
 def cubic():
     """Return y + y^3 = x, dx/dt = -y."""
     diagram = Diagram("cubic", loops="solve")
-    state, bent = diagram.add(state=Integrator(1.0), bent=law(lambda u, back: u - back**3, "u", "back"))
+    state, bent = diagram.add(
+        state=Integrator(1.0), bent=law(lambda u, back: u - back**3, "u", "back")
+    )
     state.y >> bent.u
     bent.y >> bent.back
     -bent.y >> state.u
@@ -75,21 +77,36 @@ def circle(y, *inputs):
 def test_a_gain_around_a_sum(backend):
     """With y = u - y / 2 - x and dx/dt = y, x goes to u as exp(-t / 1.5)."""
     diagram = Diagram("loop", loops="solve")
-    one, half, state = diagram.add(one=Constant(1.0), half=Gain(-0.5), state=Integrator())
+    one, half, state = diagram.add(
+        one=Constant(1.0), half=Gain(-0.5), state=Integrator()
+    )
     total = one.y + half.y - state.y
     total >> half
     total >> state.u
     assert not Plan(diagram).guesses.size  # linear: an expression
-    x, y = values(diagram, "state.y", "half.y", backend=backend, step=0.01, log_step=0.1)
-    assert_allclose(x, 1.0 - np.exp(-np.linspace(0.0, 1.0, 11) / 1.5), rtol=0, atol=1e-11)
+    x, y = values(
+        diagram, "state.y", "half.y", backend=backend, step=0.01, log_step=0.1
+    )
+    assert_allclose(
+        x, 1.0 - np.exp(-np.linspace(0.0, 1.0, 11) / 1.5), rtol=0, atol=1e-11
+    )
     assert_allclose(y, -(1.0 - x) / 3.0, rtol=0, atol=ROUND_OFF)
 
 
 @pytest.mark.parametrize(
-    ("backend", "solver"), [*((b, "rk4") for b in BACKENDS), *(("compiled", s) for s in ("RK45", "BDF"))]
+    ("backend", "solver"),
+    [*((b, "rk4") for b in BACKENDS), *(("compiled", s) for s in ("RK45", "BDF"))],
 )
 def test_a_cubic(backend, solver):
-    x, y = values(cubic(), "state.y", "bent.y", backend=backend, solver=solver, rtol=1e-9, log_step=0.1)
+    x, y = values(
+        cubic(),
+        "state.y",
+        "bent.y",
+        backend=backend,
+        solver=solver,
+        rtol=1e-9,
+        log_step=0.1,
+    )
     assert_allclose(y + y**3, x, rtol=0, atol=ROUND_OFF)
     # dt = -(1 + 3 y^2) dy / y
     passed = -np.log(y / y[0]) - 1.5 * (y**2 - y[0] ** 2)
@@ -102,16 +119,25 @@ def test_a_vector_of_many_signals(backend):
     units = 10.0 ** rng.uniform(-6.0, 6.0, 12)
     matrix = units[:, None] * rng.uniform(-1.0, 1.0, (12, 12)) / units
     diagram = Diagram("vector", loops="solve")
-    law = diagram.add(law=Function(lambda y: units - matrix @ y, {"y": Input(12)}, {"z": Output(12)}))
+    law = diagram.add(
+        law=Function(lambda y: units - matrix @ y, {"y": Input(12)}, {"z": Output(12)})
+    )
     law.z >> law.y
     z = values(diagram, "law.z", backend=backend, duration=0.1)[0, -1] / units
-    assert_allclose(z, np.linalg.solve(np.eye(12) + matrix, units) / units, rtol=0, atol=1e4 * ROUND_OFF)
+    assert_allclose(
+        z,
+        np.linalg.solve(np.eye(12) + matrix, units) / units,
+        rtol=0,
+        atol=1e4 * ROUND_OFF,
+    )
 
 
 def test_a_saturation_in_the_loop(backend):
     """For y = sat(u - 3 y) y is u / 4 within the limits."""
     diagram = Diagram("limited", loops="solve")
-    u, limit, clock = diagram.add(u=Sine(8.0, 1.0), limit=Saturation(-1.0, 1.0), clock=Integrator())
+    u, limit, clock = diagram.add(
+        u=Sine(8.0, 1.0), limit=Saturation(-1.0, 1.0), clock=Integrator()
+    )
     (u.y - 3.0 * limit.y) >> limit.u
     limit.y >> clock.u
     u, y = values(diagram, "u.y", "limit.y", backend=backend, duration=7.0)
@@ -123,21 +149,35 @@ def test_a_saturation_in_the_loop(backend):
 def test_a_switch_in_the_loop(backend, solver):
     """Feedback -y or -3 y, by what the loop itself drives: dx/dt = y is 1/2, from x = 1 on 1/4."""
     diagram = Diagram("switched", loops="solve")
-    one, state, switch = diagram.add(one=Constant(1.0), state=Integrator(), switch=Switch(1.0))
+    one, state, switch = diagram.add(
+        one=Constant(1.0), state=Integrator(), switch=Switch(1.0)
+    )
     y = one.y - switch.y
     y >> state.u
     state.y >> switch.control
     y >> switch.u1
     (3.0 * y) >> switch.u2
-    (x,) = values(diagram, "state.y", backend=backend, solver=solver, duration=3.0, step=0.3, log_step=0.3)
+    (x,) = values(
+        diagram,
+        "state.y",
+        backend=backend,
+        solver=solver,
+        duration=3.0,
+        step=0.3,
+        log_step=0.3,
+    )
     t = np.linspace(0.0, 3.0, 11)
-    assert_allclose(x, np.where(t < 2.0, t / 2, 1.0 + (t - 2.0) / 4), rtol=0, atol=1e-12)
+    assert_allclose(
+        x, np.where(t < 2.0, t / 2, 1.0 + (t - 2.0) / 4), rtol=0, atol=1e-12
+    )
 
 
 def test_a_sampled_loop(backend):
     """With u = x - u^3 at samples only; in between what it makes is held."""
     diagram = Diagram("sampled", loops="solve")
-    state, bent = diagram.add(state=Integrator(1.0), bent=law(lambda u: -(u**3), "u").sampled(0.2))
+    state, bent = diagram.add(
+        state=Integrator(1.0), bent=law(lambda u: -(u**3), "u").sampled(0.2)
+    )
     total = state.y + bent.y
     total >> bent.u
     total >> state.u
@@ -150,7 +190,10 @@ def test_a_loop_within_one_rate_beside_others(backend):
     """Two gains of one rate in a ring, fed by a hold of another: y = u / (1 - 0.25)."""
     diagram = Diagram("rates", loops="solve")
     ramp, hold, a, b = diagram.add(
-        ramp=Ramp(1.0), hold=ZeroOrderHold(0.3), a=Gain(0.5).sampled(0.2), b=Gain(0.5).sampled(0.2)
+        ramp=Ramp(1.0),
+        hold=ZeroOrderHold(0.3),
+        a=Gain(0.5).sampled(0.2),
+        b=Gain(0.5).sampled(0.2),
     )
     ramp >> hold
     (hold.y + b.y) >> a
@@ -164,11 +207,24 @@ def test_a_loop_within_one_rate_beside_others(backend):
 @pytest.mark.parametrize("start", [1.0, -1.0])
 def test_a_start_chooses_among_solutions_and_is_followed(start, solver):
     """Of y^2 = 1 + t the root of the sign of the start, which the solutions before keep."""
-    diagram = circle(law(lambda back, u: u - back**2 + back, "back", "u"), Ramp(1.0, initial_value=1.0))
-    (y,) = values(diagram, "law.y", initial={"law.y": start}, solver=solver, duration=3.0, log_step=0.1)
-    assert_allclose(y, start * np.sqrt(1.0 + np.linspace(0.0, 3.0, 31)), rtol=1e-14, atol=0)
+    diagram = circle(
+        law(lambda back, u: u - back**2 + back, "back", "u"),
+        Ramp(1.0, initial_value=1.0),
+    )
+    (y,) = values(
+        diagram,
+        "law.y",
+        initial={"law.y": start},
+        solver=solver,
+        duration=3.0,
+        log_step=0.1,
+    )
+    assert_allclose(
+        y, start * np.sqrt(1.0 + np.linspace(0.0, 3.0, 31)), rtol=1e-14, atol=0
+    )
     with pytest.raises(
-        NameLookupError, match=r"no state or loop signal 'law\.x'; .* are: clock\.\w+, law\.y"
+        NameLookupError,
+        match=r"no state or loop signal 'law\.x'; .* are: clock\.\w+, law\.y",
     ):
         values(diagram, "law.y", initial={"law.x": 1.0})
 
@@ -184,7 +240,9 @@ def test_a_solution_is_followed_far_from_the_first_start(backend, solver):
         diagram = circle(moving, Ramp(20.0))
         diagram.add(ball=Ball())  # whose events stand beside the solutions in memory
         (y,) = values(diagram, "law.y", solver=solver, backend=backend, **settings)
-        assert_allclose(y, 20.0 * np.linspace(0.0, 1.0, 11), rtol=0, atol=20 * ROUND_OFF)
+        assert_allclose(
+            y, 20.0 * np.linspace(0.0, 1.0, 11), rtol=0, atol=20 * ROUND_OFF
+        )
 
 
 def test_sessions_go_on_to_the_bit():
@@ -218,10 +276,18 @@ def test_no_solution_is_an_error_that_says_where_and_when(backend, solver):
     )
     with pytest.raises(DivergenceError, match=message) as caught:
         values(
-            diagram, "law.y", initial={"law.y": 1.0}, solver=solver, backend=backend, step=0.01, log_step=0.1
+            diagram,
+            "law.y",
+            initial={"law.y": 1.0},
+            solver=solver,
+            backend=backend,
+            step=0.01,
+            log_step=0.1,
         )
     result = caught.value.result
-    assert_allclose(result["law.y"] ** 2, 1.0 - result["state.y"], rtol=0, atol=ROUND_OFF)
+    assert_allclose(
+        result["law.y"] ** 2, 1.0 - result["state.y"], rtol=0, atol=ROUND_OFF
+    )
 
 
 def ring(gain):
@@ -244,8 +310,14 @@ def root_of_two():
         (ring(Gain(0.1 + 0.2 + 0.7)), r"at t = 0 s: its equations are singular"),
         (ring(law(lambda u: u, "u")), r"at t = 0 s: its equations are singular"),
         # The slope is constant, but y is 1 up to 1/2, and 0 above.
-        (circle(law(lambda back: np.where(back > 0.5, 0.0, 1.0), "back")), r"residual of 0\.5"),
-        (root_of_two(), "its signals are not finite at the initial guess of Newton's method"),
+        (
+            circle(law(lambda back: np.where(back > 0.5, 0.0, 1.0), "back")),
+            r"residual of 0\.5",
+        ),
+        (
+            root_of_two(),
+            "its signals are not finite at the initial guess of Newton's method",
+        ),
     ],
     ids=["gain", "gain to round-off", "identity", "jump", "start"],
 )
@@ -256,12 +328,16 @@ def test_loops_without_a_solution(diagram, message, backend):
 
 def python(block, *arguments, **settings):
     """Return a block that is not traced."""
-    return type(f"Python{block.__name__}", (block,), {"traced": False})(*arguments, **settings)
+    return type(f"Python{block.__name__}", (block,), {"traced": False})(
+        *arguments, **settings
+    )
 
 
 def test_loops_through_python_blocks_settle_at_zero():
     """The residual of y = 100 (1 - (x + y / 10)) at x = 1 is round-off of 1, not of y = 0."""
-    law = python(Function, lambda x, y: 100.0 * (1.0 - (x + 0.1 * y)), **ports(x=(), y=(), z=()))
+    law = python(
+        Function, lambda x, y: 100.0 * (1.0 - (x + 0.1 * y)), **ports(x=(), y=(), z=())
+    )
     diagram = Diagram("settling", loops="solve")
     diagram.add(law=law, x=Constant(1.0))
     diagram.x >> law.x
@@ -273,7 +349,9 @@ def test_loops_through_python_blocks_without_a_single_solution():
     diagram = Diagram("identity", loops="solve")
     law = diagram.add(law=python(Gain, 1.0))
     law.y >> law.u
-    with pytest.raises(DivergenceError, match="Newton's method finds no single solution"):
+    with pytest.raises(
+        DivergenceError, match="Newton's method finds no single solution"
+    ):
         values(diagram, "law.y")
 
 
@@ -283,13 +361,18 @@ def test_loops_through_continuous_python_blocks(gain):
     diagram = ring(python(Gain, gain))
     if gain == 1.0:
         with pytest.raises(
-            DivergenceError, match=r"at t = 0 s, among 'law': Newton's method finds no single solution"
+            DivergenceError,
+            match=r"at t = 0 s, among 'law': Newton's method finds no single solution",
         ):
             values(diagram, "law.y")
     else:
-        assert_allclose(values(diagram, "law.y"), gain / (1.0 - gain), rtol=0, atol=ROUND_OFF)
+        assert_allclose(
+            values(diagram, "law.y"), gain / (1.0 - gain), rtol=0, atol=ROUND_OFF
+        )
     object.__setattr__(diagram, "loop_policy", "refuse")
-    with pytest.raises(AlgebraicLoopError, match=r"let it be solved: Diagram\(\.\.\., loops="):
+    with pytest.raises(
+        AlgebraicLoopError, match=r"let it be solved: Diagram\(\.\.\., loops="
+    ):
         values(diagram, "law.y")
 
 
@@ -301,7 +384,9 @@ def test_each_loop_through_python_blocks_needs_the_policy():
     outer = Diagram("outer")
     _, law = outer.add(inner=inner, law=python(Gain, 0.5))
     law >> law.u
-    with pytest.raises(AlgebraicLoopError, match="loop through Python blocks: law -> law;"):
+    with pytest.raises(
+        AlgebraicLoopError, match="loop through Python blocks: law -> law;"
+    ):
         values(outer, "law.y")
 
 
@@ -309,7 +394,10 @@ def test_python_blocks_behind_a_loop_are_not_iterated_with_it():
     """Such a block sees the solution alone, not the signals that Newton's method tries."""
     diagram = ring(python(Gain, 0.5))
     calls = []
-    diagram.law.y >> diagram.add(behind=python(Function, lambda u: calls.append(u) or u)).u
+    (
+        diagram.law.y
+        >> diagram.add(behind=python(Function, lambda u: calls.append(u) or u)).u
+    )
     assert_allclose(values(diagram, "behind.y"), 1.0, rtol=0, atol=ROUND_OFF)
     assert_allclose(calls[-3:], 1.0, rtol=0, atol=ROUND_OFF)
 
@@ -333,9 +421,14 @@ def test_loops_are_refused_unless_their_diagram_says_so():
     assert_allclose(values(outer, "inner.gain.y"), 2.0, rtol=0, atol=ROUND_OFF)
     outer.disconnect(inner.u)
     inner.back >> outer.add(outside=Gain(0.5)) >> inner.u
-    with pytest.raises(AlgebraicLoopError, match=r'or solve it.*Diagram\(\.\.\., loops="solve"\)'):
+    with pytest.raises(
+        AlgebraicLoopError, match=r'or solve it.*Diagram\(\.\.\., loops="solve"\)'
+    ):
         values(outer, "inner.y")
-    with pytest.raises(DiagramError, match="unknown policy for algebraic loops 'delay'; choose from: refuse"):
+    with pytest.raises(
+        DiagramError,
+        match="unknown policy for algebraic loops 'delay'; choose from: refuse",
+    ):
         Diagram("outer", loops="delay")
 
 
@@ -345,7 +438,9 @@ def test_functions_without_an_expression_are_refused_in_loops():
 
         def output(self, t, x, u, p):
             target, one = np.stack([u.back + 1.0]), np.ones(2)
-            found = bounded_least_squares(np.ones((1, 2)), np.eye(1), target, one, 0.0 * one, -one, one)
+            found = bounded_least_squares(
+                np.ones((1, 2)), np.eye(1), target, one, 0.0 * one, -one, one
+            )
             return {"y": found[0][0]}
 
     with pytest.raises(Exception, match="not inside an algebraic loop"):
@@ -357,7 +452,9 @@ def test_guesses_of_what_is_not_solved_are_refused():
     gain, one = diagram.add(gain=Gain(2.0), one=Constant(1.0))
     one >> gain
     diagram.guess(gain.y, 1.0)
-    with pytest.raises(DiagramError, match=r"'gain\.y' is in no algebraic loop that is solved"):
+    with pytest.raises(
+        DiagramError, match=r"'gain\.y' is in no algebraic loop that is solved"
+    ):
         values(diagram, "gain.y")
     diagram = cubic()
     diagram.guess(diagram.bent.y, [1.0, 2.0])
@@ -395,11 +492,17 @@ class Mix(Block):
     def output(self, t, x, u, p):
         terms = [f * u[f"u{j}"] for j, f in enumerate(self.row) if f]
         return {
-            "y": self.constant + sum(self.unit * np.sin(v / self.unit) if self.unit else v for v in terms)
+            "y": self.constant
+            + sum(self.unit * np.sin(v / self.unit) if self.unit else v for v in terms)
         }
 
 
-@given(seed=st.integers(0, 2**32 - 1), n=st.integers(1, 12), density=st.floats(0.1, 1.0), bent=st.booleans())
+@given(
+    seed=st.integers(0, 2**32 - 1),
+    n=st.integers(1, 12),
+    density=st.floats(0.1, 1.0),
+    bent=st.booleans(),
+)
 def test_any_wires_between_any_blocks(seed, n, density, bent):
     """Matrices whose rows sum to less than one, in mixed units: there is one solution."""
     rng = np.random.default_rng(seed)
@@ -409,11 +512,16 @@ def test_any_wires_between_any_blocks(seed, n, density, bent):
     matrix = units[:, None] * pure / units
     constants = rng.uniform(-1.0, 1.0, n) * units
     diagram = Diagram("any", loops="solve")
-    blocks = [diagram.add(f"b{i}", Mix(matrix[i], constants[i], units[i] if bent else 0.0)) for i in range(n)]
+    blocks = [
+        diagram.add(f"b{i}", Mix(matrix[i], constants[i], units[i] if bent else 0.0))
+        for i in range(n)
+    ]
     for block in blocks:
         for j, other in enumerate(blocks):
             other.y >> block.port(f"u{j}")
-    evaluation = Plan(diagram).evaluate(0.0, np.zeros(0), np.zeros(Plan(diagram).d_size), np.zeros(0))
+    evaluation = Plan(diagram).evaluate(
+        0.0, np.zeros(0), np.zeros(Plan(diagram).d_size), np.zeros(0)
+    )
     found = np.array([float(evaluation.output(block.port("y"))) for block in blocks])
     inner = pure * (found / units)
     computed = constants / units + (np.sin(inner) if bent else inner).sum(axis=1)
@@ -421,5 +529,8 @@ def test_any_wires_between_any_blocks(seed, n, density, bent):
     assert_allclose(computed, found / units, rtol=0, atol=1e-9)
     if not bent:
         assert_allclose(
-            found / units, np.linalg.solve(np.eye(n) - pure, constants / units), rtol=0, atol=1e-9
+            found / units,
+            np.linalg.solve(np.eye(n) - pure, constants / units),
+            rtol=0,
+            atol=1e-9,
         )

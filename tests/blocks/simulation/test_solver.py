@@ -35,23 +35,36 @@ USERS = {
 
 @pytest.mark.parametrize("user", USERS)
 @pytest.mark.parametrize(
-    ("given", "meant"), [("stepp", "step"), ("solvr", "solver"), ("back_end", "backend"), ("rtoll", "rtol")]
+    ("given", "meant"),
+    [
+        ("stepp", "step"),
+        ("solvr", "solver"),
+        ("back_end", "backend"),
+        ("rtoll", "rtol"),
+    ],
 )
 def test_misspelt_settings_are_named(user, given, meant):
-    message = rf"unknown setting '{given}'; did you mean '{meant}'\? there are: .*{meant}"
+    message = (
+        rf"unknown setting '{given}'; did you mean '{meant}'\? there are: .*{meant}"
+    )
     with pytest.raises(SimulationError, match=message):
         USERS[user](**{given: 0.1})
 
 
 def test_settings_that_resemble_nothing_are_named_too():
-    with pytest.raises(SimulationError, match=r"unknown setting 'colour'; there are: step, .*log_step"):
+    with pytest.raises(
+        SimulationError, match=r"unknown setting 'colour'; there are: step, .*log_step"
+    ):
         USERS["simulate"](colour="red")
 
 
 @pytest.mark.parametrize(
     ("settings", "message"),
     [
-        ({"step": 0.1, "solver": "rk5"}, "unknown solver 'rk5'; choose from: rk4, euler, RK45"),
+        (
+            {"step": 0.1, "solver": "rk5"},
+            "unknown solver 'rk5'; choose from: rk4, euler, RK45",
+        ),
         ({"step": 0.1, "backend": "fast"}, "unknown backend 'fast'; choose from: auto"),
         ({}, r"solver 'rk4' needs a step, such as step=1e-3"),
     ],

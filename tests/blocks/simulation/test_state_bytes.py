@@ -12,7 +12,9 @@ from hypothesis import strategies as st
 from trussflow.blocks.results.state_file import decode, encode
 
 OF = {"FMU": "an FMU", "step": 0.1}
-NUMBERS = np.random.default_rng(0).standard_normal((2, 3)) * 10.0 ** np.arange(-300, 300, 200)
+NUMBERS = np.random.default_rng(0).standard_normal((2, 3)) * 10.0 ** np.arange(
+    -300, 300, 200
+)
 VALUES = (
     None,
     True,
@@ -46,11 +48,19 @@ VALUES = (
 
 def same(a, b):
     if isinstance(a, np.ndarray):
-        return type(a) is type(b) and (a.dtype, a.shape, a.tobytes()) == (b.dtype, b.shape, b.tobytes())
+        return type(a) is type(b) and (a.dtype, a.shape, a.tobytes()) == (
+            b.dtype,
+            b.shape,
+            b.tobytes(),
+        )
     if isinstance(a, list | tuple):
         return type(a) is type(b) and len(a) == len(b) and all(map(same, a, b))
     if isinstance(a, dict):
-        return isinstance(b, dict) and list(a) == list(b) and all(same(a[k], b[k]) for k in a)
+        return (
+            isinstance(b, dict)
+            and list(a) == list(b)
+            and all(same(a[k], b[k]) for k in a)
+        )
     return type(a) is type(b) and a == b
 
 
@@ -73,7 +83,9 @@ def test_read_arrays_can_be_changed():
 
 def test_other_objects_are_refused():
     for value in (object(), {1, 2}, np.array([object()])):
-        with pytest.raises(TypeError, match="cannot be written as bytes: a state consists of"):
+        with pytest.raises(
+            TypeError, match="cannot be written as bytes: a state consists of"
+        ):
             encode([value], OF)
 
 
@@ -86,9 +98,21 @@ def test_other_bytes_are_refused(data):
 @pytest.mark.parametrize(
     ("old", "new", "message"),
     [
-        (b"an FMU", b"another", "state of something else: FMU is 'another' there, 'an FMU' here$"),
-        (b'"step": 0.1', b'"stop": 0', "step is None there, 0.1 here; stop is 0 there, None here"),
-        (b'state": 3', b'state": 4', "it was written in format 4; this version of trussflow reads 3"),
+        (
+            b"an FMU",
+            b"another",
+            "state of something else: FMU is 'another' there, 'an FMU' here$",
+        ),
+        (
+            b'"step": 0.1',
+            b'"stop": 0',
+            "step is None there, 0.1 here; stop is 0 there, None here",
+        ),
+        (
+            b'state": 3',
+            b'state": 4',
+            "it was written in format 4; this version of trussflow reads 3",
+        ),
         (b"8D8", b"8D9", r"it is damaged or cut off \([0-9]+ bytes\)"),
         (b"]}", b"]", "it is damaged or cut off"),
     ],
@@ -114,7 +138,9 @@ def test_damage_that_knows_its_hash_runs_no_code(old, new, message):
     head, body = encode({"x": np.ones(3)}, OF).split(b"\n")
     forged = body.replace(old, new)
     assert forged != body
-    head = head.replace(sha256(body).hexdigest().encode(), sha256(forged).hexdigest().encode())
+    head = head.replace(
+        sha256(body).hexdigest().encode(), sha256(forged).hexdigest().encode()
+    )
     with pytest.raises(ValueError, match=message):
         decode(head + b"\n" + forged, OF)
 

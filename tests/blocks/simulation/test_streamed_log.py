@@ -25,7 +25,9 @@ STEP = 1e-3
 
 def diagram():
     diagram = Diagram("wave")
-    diagram.add(sine=Sine([1.0, 2.0], 3.0)) >> diagram.add(integral=Integrator([0.0, 1.0]))
+    diagram.add(sine=Sine([1.0, 2.0], 3.0)) >> diagram.add(
+        integral=Integrator([0.0, 1.0])
+    )
     return diagram
 
 
@@ -63,10 +65,14 @@ def check_rows(found, whole):
         (streamed_log.PIECE_NUMBERS, streamed_log.PIECE_SECONDS),
     ],
 )
-def test_streamed_result_equals_the_one_in_memory(numbers, seconds, solver, tmp_path, monkeypatch):
+def test_streamed_result_equals_the_one_in_memory(
+    numbers, seconds, solver, tmp_path, monkeypatch
+):
     monkeypatch.setattr(streamed_log, "PIECE_NUMBERS", numbers)
     monkeypatch.setattr(streamed_log, "PIECE_SECONDS", seconds)
-    simulator = Simulator(diagram(), step=0.1, solver=solver, log_step=0.1, backend="interpreted")
+    simulator = Simulator(
+        diagram(), step=0.1, solver=solver, log_step=0.1, backend="interpreted"
+    )
     memory = simulator.run(5.0)
     streamed = simulator.run(5.0, stream_to=tmp_path / "run.nc")
     for result in (memory, streamed):
@@ -130,7 +136,9 @@ def interrupted(place, name, number, monkeypatch):
 
 
 @pytest.mark.usefixtures("small_pieces")
-@pytest.mark.parametrize("number", [4, *(pytest.param(n, marks=pytest.mark.campaign) for n in range(1, 12))])
+@pytest.mark.parametrize(
+    "number", [4, *(pytest.param(n, marks=pytest.mark.campaign) for n in range(1, 12))]
+)
 @pytest.mark.parametrize(
     ("place", "name"),
     [
@@ -179,7 +187,9 @@ def full_disk(monkeypatch):
 
 @pytest.mark.usefixtures("small_pieces")
 @pytest.mark.parametrize("pieces", [0, 1, 4])
-def test_a_full_disk_is_one_error_that_names_the_kept_pieces(pieces, simulator, whole, full_disk, tmp_path):
+def test_a_full_disk_is_one_error_that_names_the_kept_pieces(
+    pieces, simulator, whole, full_disk, tmp_path
+):
     path = tmp_path / "run.nc"
     full_disk(pieces)
     message = r"cannot write .*run\.nc': NetCDF: HDF error \(is the disk full\? .* MB are free\)"
@@ -196,7 +206,9 @@ def test_a_full_disk_is_one_error_that_names_the_kept_pieces(pieces, simulator, 
     assert not path.exists()
 
 
-def test_a_file_that_cannot_be_joined_keeps_its_pieces(simulator, tmp_path, monkeypatch):
+def test_a_file_that_cannot_be_joined_keeps_its_pieces(
+    simulator, tmp_path, monkeypatch
+):
     path, whole = tmp_path / "run.nc", simulator.run(1.0)
 
     def full(_log, target):
@@ -205,7 +217,9 @@ def test_a_file_that_cannot_be_joined_keeps_its_pieces(simulator, tmp_path, monk
 
     with monkeypatch.context() as patched:
         patched.setattr(streamed_log.StreamedLog, "_join", full)
-        with pytest.raises(SimulationError, match=r"No space left on device; .* recover\("):
+        with pytest.raises(
+            SimulationError, match=r"No space left on device; .* recover\("
+        ):
             simulator.run(1.0, stream_to=path)
     check_rows(recover(path), whole)
     assert recover(path).sizes == whole.sizes
@@ -220,7 +234,9 @@ def test_two_runs_do_not_write_to_one_place(simulator, tmp_path):
     first = streamed_log.StreamedLog([], {}, path)
     first.reserve(1)
     first.keep(0.0)
-    with pytest.raises(SimulationError, match=r"another run is writing to .*run\.nc\.partial"):
+    with pytest.raises(
+        SimulationError, match=r"another run is writing to .*run\.nc\.partial"
+    ):
         simulator.run(0.1, stream_to=path)
     assert first.finish({}, status="complete").sizes == {"time": 1}
 
@@ -241,9 +257,12 @@ def interrupting(place, name, monkeypatch, of=""):
 
 @pytest.mark.usefixtures("small_pieces")
 @pytest.mark.parametrize(
-    ("place", "name", "of"), [(shutil, "rmtree", "run.nc.partial"), (xr, "open_dataset", "run.nc")]
+    ("place", "name", "of"),
+    [(shutil, "rmtree", "run.nc.partial"), (xr, "open_dataset", "run.nc")],
 )
-def test_ctrl_c_waits_for_files_that_are_deleted(place, name, of, simulator, whole, tmp_path, monkeypatch):
+def test_ctrl_c_waits_for_files_that_are_deleted(
+    place, name, of, simulator, whole, tmp_path, monkeypatch
+):
     """The rest of the pieces was joined again, in place of all."""
     interrupting(place, name, monkeypatch, of)
     with pytest.raises(SimulationInterrupted, match="stopped at") as stopped:
@@ -255,16 +274,22 @@ def test_ctrl_c_waits_for_files_that_are_deleted(place, name, of, simulator, who
 
 
 @pytest.mark.usefixtures("small_pieces")
-def test_ctrl_c_ends_joining_and_leaves_the_pieces(simulator, whole, tmp_path, monkeypatch):
+def test_ctrl_c_ends_joining_and_leaves_the_pieces(
+    simulator, whole, tmp_path, monkeypatch
+):
     path = tmp_path / "run.nc"
     interrupting(streamed_log.StreamedLog, "_join", monkeypatch)
-    with pytest.raises(SimulationInterrupted, match=r"Ctrl-C came; what was written .*recover\("):
+    with pytest.raises(
+        SimulationInterrupted, match=r"Ctrl-C came; what was written .*recover\("
+    ):
         simulator.run(3.0, stream_to=path)
     xr.testing.assert_equal(recover(path), whole)
     assert [p.name for p in tmp_path.iterdir()] == ["run.nc.partial"]
 
 
-@pytest.mark.parametrize("path", [None, 5, xr.Dataset(), "", "/", "x" * 300, "a\0b", "run.csv"])
+@pytest.mark.parametrize(
+    "path", [None, 5, xr.Dataset(), "", "/", "x" * 300, "a\0b", "run.csv"]
+)
 def test_what_is_no_path_is_refused(path, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     with pytest.raises(SimulationError, match=r"cannot (recover|read) ") as refused:
@@ -273,7 +298,9 @@ def test_what_is_no_path_is_refused(path, tmp_path, monkeypatch):
 
 
 @pytest.mark.usefixtures("small_pieces")
-def test_damaged_pieces_are_named_and_the_others_read(simulator, whole, tmp_path, monkeypatch):
+def test_damaged_pieces_are_named_and_the_others_read(
+    simulator, whole, tmp_path, monkeypatch
+):
     path = tmp_path / "run.nc"
     interrupting(streamed_log.StreamedLog, "_join", monkeypatch)
     with pytest.raises(SimulationInterrupted):
@@ -282,7 +309,9 @@ def test_damaged_pieces_are_named_and_the_others_read(simulator, whole, tmp_path
     content = last.read_bytes()
     for damaged in (b"", content[: len(content) // 2], b"x" * 1000):
         last.write_bytes(damaged)
-        with pytest.raises(SimulationError, match=rf"cannot read '.*{last.name}' \(.*\); without it"):
+        with pytest.raises(
+            SimulationError, match=rf"cannot read '.*{last.name}' \(.*\); without it"
+        ):
             recover(path)
     last.unlink()
     check_rows(recover(path), whole)
@@ -292,10 +321,16 @@ def test_damaged_pieces_are_named_and_the_others_read(simulator, whole, tmp_path
 def test_a_run_that_ends_while_it_is_read_is_complete(simulator, tmp_path, monkeypatch):
     path = tmp_path / "run.nc"
     simulator.run(1.0, stream_to=path).close()
-    with pytest.raises(SimulationError, match=r"nothing to recover .*; but '.*' is there, and complete"):
+    with pytest.raises(
+        SimulationError, match=r"nothing to recover .*; but '.*' is there, and complete"
+    ):
         recover(path)
-    monkeypatch.setattr(streamed_log, "_pieces", lambda folder: [folder / "000000000000000.nc"])
-    with pytest.raises(SimulationError, match=r"nothing to recover .*; but '.*' is there, and complete"):
+    monkeypatch.setattr(
+        streamed_log, "_pieces", lambda folder: [folder / "000000000000000.nc"]
+    )
+    with pytest.raises(
+        SimulationError, match=r"nothing to recover .*; but '.*' is there, and complete"
+    ):
         recover(path)
 
 
@@ -308,19 +343,24 @@ simulator.run(1e6, stream_to=sys.argv[1])
 """
 
 
-KILL_TIMES = np.random.default_rng(11 + campaign.SEED).uniform(0.0, 0.5, 3 * campaign.SIZE)
+KILL_TIMES = np.random.default_rng(11 + campaign.SEED).uniform(
+    0.0, 0.5, 3 * campaign.SIZE
+)
 """Times from the first piece to the kill [s]."""
 
 
 @pytest.mark.skipif(os.name != "posix", reason="kill -9")
 @pytest.mark.parametrize(
-    "delay", [0.2, *(pytest.param(time, marks=pytest.mark.campaign) for time in KILL_TIMES)]
+    "delay",
+    [0.2, *(pytest.param(time, marks=pytest.mark.campaign) for time in KILL_TIMES)],
 )
 def test_written_rows_survive_a_kill(delay, simulator, tmp_path):
     path, folder = tmp_path / "run.nc", tmp_path / "run.nc.partial"
     here = Path(__file__).parent
     environment = os.environ | {"PYTHONPATH": f"{here}{os.pathsep}{here.parents[1]}"}
-    with subprocess.Popen([sys.executable, "-c", KILLED, str(path)], env=environment) as process:
+    with subprocess.Popen(
+        [sys.executable, "-c", KILLED, str(path)], env=environment
+    ) as process:
         while not list(folder.glob("*.nc")) and process.poll() is None:
             time.sleep(0.01)
         time.sleep(delay)

@@ -37,13 +37,17 @@ def test_a_singular_matrix_of_large_gains(backend, bend):
     gains = np.array([[0.0, 1e6, 1.0], [1e6, 0.0, -2.0], [1e6 - 1.0, 1e6 - 1.0, 0.0]])
     assert np.linalg.matrix_rank(gains - np.eye(3)) == 2
     with pytest.raises(DivergenceError, match="cannot solve the algebraic loop"):
-        solution(lambda y: gains @ y + np.array([1.0, 2.0, 7.0]) + bend * y**3, 3, backend)
+        solution(
+            lambda y: gains @ y + np.array([1.0, 2.0, 7.0]) + bend * y**3, 3, backend
+        )
 
 
 @pytest.mark.parametrize("unit", [1e-13, 1e13])
 def test_small_signals_are_solved_as_large_ones_are(backend, unit):
     """For y = y - atan(5 (y - 3)) y is 3, in any unit, and for y = y - 1 - y^2 there is none."""
-    found = solution(lambda y: y - unit * np.arctan(5.0 * (y / unit - 3.0)), 1, backend, 2.9 * unit)
+    found = solution(
+        lambda y: y - unit * np.arctan(5.0 * (y / unit - 3.0)), 1, backend, 2.9 * unit
+    )
     assert_allclose(found, 3.0 * unit, rtol=1e-14, atol=0)
     with pytest.raises(DivergenceError, match="Newton's method stops at a residual of"):
         solution(lambda y: y - unit * (1.0 + (y / unit) ** 2), 1, backend, 2.0 * unit)

@@ -23,7 +23,12 @@ from trussflow.blocks import (
     gradient,
     simulate,
 )
-from trussflow.blocks.errors import DivergenceError, NameLookupError, SimulationError, TracingError
+from trussflow.blocks.errors import (
+    DivergenceError,
+    NameLookupError,
+    SimulationError,
+    TracingError,
+)
 from trussflow.blocks.tracing.clock_counters import MAX_SEPARATE_CLOCKS
 from trussflow.models.plant.tunable_truss import TunableTruss
 
@@ -45,12 +50,16 @@ def growth(z):
 
 
 def test_a_decay_has_the_derivatives_of_its_steps():
-    value, by = gradient(decay(), 1.0, end, {"law.gain": -2.0, "level.integral": 3.0}, step=0.1)
+    value, by = gradient(
+        decay(), 1.0, end, {"law.gain": -2.0, "level.integral": 3.0}, step=0.1
+    )
     whole = growth(-0.2) ** 10
     slope = 1.0 - 0.2 + 0.2**2 / 2.0 - 0.2**3 / 6.0
     assert value == pytest.approx(3.0 * whole, rel=1e-13)
     assert by["level.integral"] == pytest.approx(whole, rel=1e-13)
-    assert by["law.gain"] == pytest.approx(3.0 * 10.0 * whole / growth(-0.2) * slope * 0.1, rel=1e-13)
+    assert by["law.gain"] == pytest.approx(
+        3.0 * 10.0 * whole / growth(-0.2) * slope * 0.1, rel=1e-13
+    )
 
 
 def test_where_a_parameter_is_the_initial_state_both_count():
@@ -61,7 +70,9 @@ def test_where_a_parameter_is_the_initial_state_both_count():
 def test_what_is_logged_is_what_a_run_logs():
     """The end as well, where it is no multiple of the step of the log."""
     settings = {"step": 0.1, "log_step": 0.3}
-    value, _ = gradient(decay(), 1.0, lambda run: run["level.y"], {"law.gain": -2.0}, **settings)
+    value, _ = gradient(
+        decay(), 1.0, lambda run: run["level.y"], {"law.gain": -2.0}, **settings
+    )
     result = simulate(decay(), 1.0, **settings)
     assert_allclose(value, result["level.y"], rtol=1e-14, atol=0)
 
@@ -69,7 +80,11 @@ def test_what_is_logged_is_what_a_run_logs():
 def test_derivatives_of_arrays_by_arrays():
     gains = -np.arange(1.0, 4.0)
     value, by = gradient(
-        decay(gains, np.ones(3)), 1.0, lambda run: run["level.y"][-1], {"law.gain": gains}, step=0.01
+        decay(gains, np.ones(3)),
+        1.0,
+        lambda run: run["level.y"][-1],
+        {"law.gain": gains},
+        step=0.01,
     )
     assert by["law.gain"].shape == (3, 3)
     assert_allclose(value, np.exp(gains), rtol=1e-7)
@@ -80,7 +95,9 @@ def sampled(periods):
     """Return a plant under a law that is held, late, and behind filters of these periods."""
     diagram = Diagram("sampled")
     plant, late, law, wave = diagram.add(
-        plant=StateSpace([[0.0, 1.0], [-4.0, -0.2]], [[0.0], [1.0]], [[1.0, 0.0]], [[0.0]]),
+        plant=StateSpace(
+            [[0.0, 1.0], [-4.0, -0.2]], [[0.0], [1.0]], [[1.0, 0.0]], [[0.0]]
+        ),
         late=UnitDelay(0.05, offset=0.01, shape=1),
         law=Gain(-1.5, shape=1),
         wave=Sine(np.array([0.5]), 3.0),
@@ -93,7 +110,11 @@ def sampled(periods):
 
 
 def spent(run):
-    return np.mean(run["plant.y"] ** 2) + 0.1 * np.max(np.abs(run["law.y"])) + run["plant.y"][-1, 0]
+    return (
+        np.mean(run["plant.y"] ** 2)
+        + 0.1 * np.max(np.abs(run["law.y"]))
+        + run["plant.y"][-1, 0]
+    )
 
 
 def truss():
@@ -114,7 +135,11 @@ CASES = {
         lambda periods=periods: sampled(periods),
         3.0,
         spent,
-        {"law.gain": -1.5, "wave.amplitude": np.array([0.5]), "late.previous": np.array([0.3])},
+        {
+            "law.gain": -1.5,
+            "wave.amplitude": np.array([0.5]),
+            "late.previous": np.array([0.3]),
+        },
         {"step": 0.01, "log_step": 0.02, "solver": solver},
     )
     for solver in ("rk4", "euler")
@@ -124,7 +149,10 @@ CASES = {
         truss,
         0.2,
         bent,
-        {"truss.damping_ratio": np.full(2, 0.005), "truss.frequency": np.array([0.36, 0.97])},
+        {
+            "truss.damping_ratio": np.full(2, 0.005),
+            "truss.frequency": np.array([0.36, 0.97]),
+        },
         {"step": 5e-3, "log": ["truss.grasp_displacement"]},
     )
 }
@@ -163,12 +191,20 @@ def test_curved_initial_states_are_refused():
     one, curved = diagram.add(one=Constant(1.0), curved=Curved())
     one >> curved
     with pytest.raises(SimulationError, match=r"no affine function of 'curved\.start'"):
-        gradient(diagram, 1.0, lambda run: run["curved.y"][-1], {"curved.start": 2.0}, step=0.1)
+        gradient(
+            diagram,
+            1.0,
+            lambda run: run["curved.y"][-1],
+            {"curved.start": 2.0},
+            step=0.1,
+        )
 
 
 def untraced():
     diagram = decay()
-    diagram.level >> diagram.add("own", PythonFunction(lambda u: u, 0.1, **ports(u=(), y=())))
+    diagram.level >> diagram.add(
+        "own", PythonFunction(lambda u: u, 0.1, **ports(u=(), y=()))
+    )
     return diagram
 
 
@@ -176,11 +212,25 @@ def untraced():
     ("build", "function", "at", "settings", "error", "match"),
     [
         (untraced, end, {"law.gain": 1.0}, {}, SimulationError, "Python blocks"),
-        (decay, end, {"law.gain": 1.0}, {"solver": "RK45"}, SimulationError, "adaptive solver 'RK45'"),
+        (
+            decay,
+            end,
+            {"law.gain": 1.0},
+            {"solver": "RK45"},
+            SimulationError,
+            "adaptive solver 'RK45'",
+        ),
         (decay, end, {}, {}, SimulationError, "nothing varies"),
         (decay, end, {"law.gian": 1.0}, {}, NameLookupError, r"law\.gain"),
         (decay, end, {"law.gain": "x"}, {}, Exception, "numeric"),
-        (decay, lambda run: float(end(run)), {"law.gain": 1.0}, {}, TracingError, "cannot diff"),
+        (
+            decay,
+            lambda run: float(end(run)),
+            {"law.gain": 1.0},
+            {},
+            TracingError,
+            "cannot diff",
+        ),
         (
             decay,
             lambda run: run["level.z"],
@@ -189,9 +239,18 @@ def untraced():
             NameLookupError,
             r"'level\.z' is logged; there are: time, law\.y, level\.y$",
         ),
-        (decay, end, {"law.gain": 1e5}, {}, DivergenceError, "not finite with law.gain = 1"),
+        (
+            decay,
+            end,
+            {"law.gain": 1e5},
+            {},
+            DivergenceError,
+            "not finite with law.gain = 1",
+        ),
     ],
 )
-def test_what_cannot_be_differentiated_is_refused(build, function, at, settings, error, match):
+def test_what_cannot_be_differentiated_is_refused(
+    build, function, at, settings, error, match
+):
     with pytest.raises(error, match=match):
         gradient(build(), 10.0, function, at, **settings or {"step": 0.1})

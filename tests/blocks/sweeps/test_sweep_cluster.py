@@ -48,8 +48,16 @@ def started(tmp_path):
         def start(words):
             part, *more = words
             said = stack.enter_context((tmp_path / f"{part}.log").open("ab"))
-            command = [sys.executable, "-m", f"distributed.cli.dask_{part}", *more, "--no-dashboard"]
-            process = subprocess.Popen(command, stdout=said, stderr=said, cwd=tmp_path, process_group=0)
+            command = [
+                sys.executable,
+                "-m",
+                f"distributed.cli.dask_{part}",
+                *more,
+                "--no-dashboard",
+            ]
+            process = subprocess.Popen(
+                command, stdout=said, stderr=said, cwd=tmp_path, process_group=0
+            )
             stack.callback(process.wait)
             stack.callback(os.killpg, process.pid, signal.SIGKILL)
             return process
@@ -65,14 +73,23 @@ def cluster(started, tmp_path):
         port = free.getsockname()[1]
     address = f"tcp://127.0.0.1:{port}"
     parts = [started(["scheduler", "--host", "127.0.0.1", "--port", str(port)])]
-    parts += [started(["worker", address, "--nthreads", "1", "--no-nanny"]) for _ in range(3)]
+    parts += [
+        started(["worker", address, "--nthreads", "1", "--no-nanny"]) for _ in range(3)
+    ]
     (tmp_path / "script.py").write_text(SWEEP_SCRIPT.format(folder=tmp_path))
     return address, parts
 
 
 def command(folder, *words):
     given = ["--path", f"{folder}/kept", "--output", f"{folder}/found.nc", *words]
-    sweep = [sys.executable, "-m", "trussflow", "sweep", f"{folder}/script.py:campaign", *given]
+    sweep = [
+        sys.executable,
+        "-m",
+        "trussflow",
+        "sweep",
+        f"{folder}/script.py:campaign",
+        *given,
+    ]
     return subprocess.Popen(sweep, stderr=subprocess.PIPE)
 
 
@@ -110,14 +127,21 @@ def test_a_scheduler_that_is_killed_loses_nothing_that_is_finished(cluster, tmp_
     assert b"error: the workers cannot go on: " in said, said.decode()
     # What workers have finished and the scheduler has not passed on dies with it: how much, depends.
     kept = re.search(
-        rb"; (\d+) of 200 samples are finished and kept: the same call goes on with the others", said
+        rb"; (\d+) of 200 samples are finished and kept: the same call goes on with the others",
+        said,
     )
     before = (tmp_path / "ran").stat().st_size
-    assert main(["sweep", f"{tmp_path}/script.py:campaign", "--path", f"{tmp_path}/kept"]) == 0
+    assert (
+        main(["sweep", f"{tmp_path}/script.py:campaign", "--path", f"{tmp_path}/kept"])
+        == 0
+    )
     assert (tmp_path / "ran").stat().st_size - before == 200 - int(kept[1])
 
 
 def test_there_may_be_no_scheduler(tmp_path, capsys):
     (tmp_path / "script.py").write_text(SWEEP_SCRIPT.format(folder=tmp_path))
-    assert main(["sweep", f"{tmp_path}/script.py:campaign", "--scheduler", "127.0.0.1:9"]) == 2
+    assert (
+        main(["sweep", f"{tmp_path}/script.py:campaign", "--scheduler", "127.0.0.1:9"])
+        == 2
+    )
     assert "there is no scheduler at '127.0.0.1:9'" in capsys.readouterr().err

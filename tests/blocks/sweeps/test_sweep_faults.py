@@ -45,11 +45,19 @@ found.to_netcdf("found.nc")
 """
 """A sweep of 100 samples, which write down themselves that they ran."""
 
-cloudpickle.register_pickle_by_value(sys.modules[__name__])  # workers cannot import tests
+# workers cannot import tests
+cloudpickle.register_pickle_by_value(sys.modules[__name__])
 
 
 def swept(gains, keep, **settings):
-    return sweep(decay(()), 1.0, vary={"back.gain": gains}, keep={"end": keep}, step=0.1, **settings)
+    return sweep(
+        decay(()),
+        1.0,
+        vary={"back.gain": gains},
+        keep={"end": keep},
+        step=0.1,
+        **settings,
+    )
 
 
 def end(run):
@@ -62,27 +70,47 @@ def gain(run):
 
 @pytest.mark.skipif(os.name != "posix", reason="kill -9")
 @pytest.mark.parametrize(
-    "number", [0, *(pytest.param(1 + k, marks=pytest.mark.campaign) for k in range(10 * campaign.SIZE))]
+    "number",
+    [
+        0,
+        *(
+            pytest.param(1 + k, marks=pytest.mark.campaign)
+            for k in range(10 * campaign.SIZE)
+        ),
+    ],
 )
 def test_a_sweep_that_is_killed_goes_on_where_it_was(number, tmp_path):
-    finished, done = np.random.default_rng(number + campaign.SEED).integers(0, 100), tmp_path / "done"
+    finished, done = (
+        np.random.default_rng(number + campaign.SEED).integers(0, 100),
+        tmp_path / "done",
+    )
     command = [sys.executable, "-c", SWEEP_SCRIPT]
     with subprocess.Popen(command, cwd=tmp_path, stderr=subprocess.PIPE) as process:
-        while finished and (not done.exists() or len(done.read_text().splitlines()) < finished):
+        while finished and (
+            not done.exists() or len(done.read_text().splitlines()) < finished
+        ):
             time.sleep(0.01)
         process.kill()
     time.sleep(0.5)  # its workers end by themselves
-    kept = [n for f in (tmp_path / "kept").glob("[0-9]*.nc") for n in xr.load_dataset(f)["sample"].values]
+    kept = [
+        n
+        for f in (tmp_path / "kept").glob("[0-9]*.nc")
+        for n in xr.load_dataset(f)["sample"].values
+    ]
     assert len(set(kept)) == len(kept)
     subprocess.run(command, cwd=tmp_path, check=True, timeout=100)
     found = xr.load_dataset(tmp_path / "found.nc")
     assert found["sample"].values.tolist() == list(range(100))
-    assert_array_equal(found["end"], swept(found["back.gain"].values, end, executor="serial")["end"])
+    assert_array_equal(
+        found["end"], swept(found["back.gain"].values, end, executor="serial")["end"]
+    )
     ran = Counter(done.read_text().splitlines())
     again = [line for line, times in ran.items() if times > 1]
     # What was under way: two workers with a task each, and what waited for a second.
     assert max(ran.values()) <= 2
-    assert not {f"{-(n + 1) / 100}" for n in kept} & {line.split("[")[-1].strip("]}") for line in again}
+    assert not {f"{-(n + 1) / 100}" for n in kept} & {
+        line.split("[")[-1].strip("]}") for line in again
+    }
 
 
 def test_a_worker_that_dies_costs_its_samples_a_retry(tmp_path):
@@ -111,7 +139,10 @@ def test_samples_have_a_time_limit_each():
 
     found = swept([-1.0, -2.0, -3.0], keep, workers=2, time_limit=8.0)
     assert found["status"].values.tolist() == ["complete", "timeout", "complete"]
-    assert found["message"].values[1] == "it did not stop at its time limit, so its process was ended"
+    assert (
+        found["message"].values[1]
+        == "it did not stop at its time limit, so its process was ended"
+    )
     slow = sweep(
         decay(()),
         1000.0,
@@ -123,32 +154,56 @@ def test_samples_have_a_time_limit_each():
         log_step=1.0,
     )
     assert slow["status"].values.tolist() == ["timeout"]
-    assert slow["message"].values[0] == "the run takes longer than 0.2 s; what was logged is kept"
+    assert (
+        slow["message"].values[0]
+        == "the run takes longer than 0.2 s; what was logged is kept"
+    )
 
 
 def test_a_folder_of_something_else_is_refused(tmp_path):
     def again(**changed):
-        return swept([-1.0, -2.0], **{"keep": end, "path": tmp_path / "kept", "executor": "serial"} | changed)
+        return swept(
+            [-1.0, -2.0],
+            **{"keep": end, "path": tmp_path / "kept", "executor": "serial"} | changed,
+        )
 
     first = again()
     xr.testing.assert_equal(first, again())
-    with pytest.raises(SimulationError, match=r"kept' holds another sweep: its keep differ"):
+    with pytest.raises(
+        SimulationError, match=r"kept' holds another sweep: its keep differ"
+    ):
         again(keep=gain)
-    with pytest.raises(SimulationError, match=r"kept' holds another sweep: its vary differ"):
-        sweep(decay(()), 1.0, vary={"back.gain": [-1.0]}, keep={"end": end}, step=0.1, path=tmp_path / "kept")
+    with pytest.raises(
+        SimulationError, match=r"kept' holds another sweep: its vary differ"
+    ):
+        sweep(
+            decay(()),
+            1.0,
+            vary={"back.gain": [-1.0]},
+            keep={"end": end},
+            step=0.1,
+            path=tmp_path / "kept",
+        )
     (tmp_path / "thesis.tex").touch()
-    with pytest.raises(SimulationError, match="is no folder of a sweep, and not empty; give another path"):
+    with pytest.raises(
+        SimulationError,
+        match="is no folder of a sweep, and not empty; give another path",
+    ):
         again(path=tmp_path)
     with pytest.raises(SimulationError, match="cannot write"):
         again(path=tmp_path / "thesis.tex")
     piece = next((tmp_path / "kept").glob("[0-9]*.nc"))
     piece.write_bytes(b"half")
-    with pytest.raises(SimulationError, match=r"cannot read .* the same call runs its samples again"):
+    with pytest.raises(
+        SimulationError, match=r"cannot read .* the same call runs its samples again"
+    ):
         again()
     piece.unlink()
     xr.testing.assert_equal(first, again())
     (tmp_path / "kept" / "sweep.json").write_text("{")
-    with pytest.raises(SimulationError, match=r"go on with the sweep of .*json': it is damaged \(Exp"):
+    with pytest.raises(
+        SimulationError, match=r"go on with the sweep of .*json': it is damaged \(Exp"
+    ):
         again()
 
 
@@ -158,10 +213,15 @@ def test_two_sweeps_do_not_write_to_one_folder(tmp_path):
             swept([-1.0, -2.0], end, path=tmp_path, executor="serial")
         return end(run)
 
-    assert (swept([-1.0, -2.0], keep, path=tmp_path, executor="serial")["status"] == "complete").all()
+    assert (
+        swept([-1.0, -2.0], keep, path=tmp_path, executor="serial")["status"]
+        == "complete"
+    ).all()
 
 
-def test_a_full_disk_is_one_error_and_nothing_that_was_written_is_lost(monkeypatch, tmp_path):
+def test_a_full_disk_is_one_error_and_nothing_that_was_written_is_lost(
+    monkeypatch, tmp_path
+):
     monkeypatch.setattr(chunk_store, "PIECE_SECONDS", 0.0)
     left, original = itertools.count(), xr.Dataset.to_netcdf
 
@@ -178,11 +238,15 @@ def test_a_full_disk_is_one_error_and_nothing_that_was_written_is_lost(monkeypat
 
     monkeypatch.setattr(xr.Dataset, "to_netcdf", full)
     gains = -np.arange(1.0, 11.0)
-    with pytest.raises(SimulationError, match=r"is the disk full\?.*the same call goes on with the others"):
+    with pytest.raises(
+        SimulationError,
+        match=r"is the disk full\?.*the same call goes on with the others",
+    ):
         swept(gains, keep, path=tmp_path / "kept", executor="serial")
     found = swept(gains, keep, path=tmp_path / "kept", executor="serial")
     assert found["sample"].values.tolist() == list(range(10))
-    assert len((tmp_path / "ran").read_text()) <= 10 + 2  # what could not be written, and what was under way
+    # what could not be written, and what was under way
+    assert len((tmp_path / "ran").read_text()) <= 10 + 2
 
 
 def test_many_small_pieces_become_one(monkeypatch, tmp_path):
@@ -201,11 +265,16 @@ def test_ctrl_c_leaves_what_is_finished(tmp_path):
         return end(run)
 
     gains = -np.arange(1.0, 11.0)
-    with pytest.raises(SimulationInterrupted, match="the same call goes on with those in") as stopped:
+    with pytest.raises(
+        SimulationInterrupted, match="the same call goes on with those in"
+    ) as stopped:
         swept(gains, keep, path=tmp_path / "kept", executor="serial")
     result = stopped.value.result
     assert 1 <= result.sizes["sample"] <= 6
-    assert swept(gains, keep, path=tmp_path / "kept", executor="serial").sizes["sample"] == 10
+    assert (
+        swept(gains, keep, path=tmp_path / "kept", executor="serial").sizes["sample"]
+        == 10
+    )
 
 
 def test_an_executor_that_breaks_is_one_error(tmp_path):
@@ -214,11 +283,20 @@ def test_an_executor_that_breaks_is_one_error(tmp_path):
             os._exit(1)
         return end(run)
 
-    wanted = r"the workers cannot go on: Broken.*; (\d+) of 10 samples are finished and kept"
-    with ProcessPoolExecutor(1) as pool, pytest.raises(SimulationError, match=wanted) as broken:
+    wanted = (
+        r"the workers cannot go on: Broken.*; (\d+) of 10 samples are finished and kept"
+    )
+    with (
+        ProcessPoolExecutor(1) as pool,
+        pytest.raises(SimulationError, match=wanted) as broken,
+    ):
         swept(-np.arange(1.0, 11.0), keep, path=tmp_path, executor=pool)
     said = re.search(wanted, str(broken.value))
-    kept = [n for f in tmp_path.glob("[0-9]*.nc") for n in xr.load_dataset(f)["sample"].values]
+    kept = [
+        n
+        for f in tmp_path.glob("[0-9]*.nc")
+        for n in xr.load_dataset(f)["sample"].values
+    ]
     assert len(kept) == int(said[1]) > 0
 
 
@@ -229,7 +307,11 @@ def test_what_cannot_be_sent_is_said_at_once():
 
 
 def test_samples_of_other_shapes_stand_beside_each_other():
-    found = swept([-1.0, -2.0, -3.0], lambda run: np.zeros(2 + (gain(run) == -2.0)), executor="serial")
+    found = swept(
+        [-1.0, -2.0, -3.0],
+        lambda run: np.zeros(2 + (gain(run) == -2.0)),
+        executor="serial",
+    )
     assert_array_equal(found["end"], [[0, 0, np.nan], [0, 0, 0], [0, 0, np.nan]])
 
 
@@ -242,7 +324,10 @@ ORDERS = {"first": {-1.0}, "last": {-3.0}, "all": {-1.0, -2.0, -3.0}}
     [
         ("hang", "first"),
         ("exit", "all"),
-        *(pytest.param(*each, marks=pytest.mark.campaign) for each in itertools.product(FAILURES, ORDERS)),
+        *(
+            pytest.param(*each, marks=pytest.mark.campaign)
+            for each in itertools.product(FAILURES, ORDERS)
+        ),
     ],
 )
 def test_no_order_of_failures_ends_a_sweep(failure, order):
@@ -260,12 +345,18 @@ def test_no_order_of_failures_ends_a_sweep(failure, order):
 
     gains = [-1.0, -2.0, -3.0]
     found = swept(gains, keep, workers=1, time_limit=1.0, progress=False)
-    expected = [FAILURES[failure] if each in ORDERS[order] else "complete" for each in gains]
+    expected = [
+        FAILURES[failure] if each in ORDERS[order] else "complete" for each in gains
+    ]
     assert found["status"].values.tolist() == expected
 
 
 @pytest.mark.parametrize("executor", ["serial", "threads"])
 def test_a_sample_that_exits_fails_alone(executor):
-    found = swept([-1.0, -2.0], lambda run: sys.exit(3) if gain(run) == -1.0 else end(run), executor=executor)
+    found = swept(
+        [-1.0, -2.0],
+        lambda run: sys.exit(3) if gain(run) == -1.0 else end(run),
+        executor=executor,
+    )
     assert found["status"].values.tolist() == ["failed", "complete"]
     assert found["message"].values[0] == "SystemExit: 3"

@@ -100,11 +100,19 @@ def height(time, restitution=0.8, gravity=10.0, start=1.0):
 def test_a_ball_has_the_derivatives_of_its_arcs(duration, step):
     """RK4 follows a parabola exactly: what is left is round-off, and the differences of the closed form."""
     at = {"ball.restitution": 0.8, "ball.gravity": 10.0, "ball.z": 1.0}
-    value, by = gradient(room(), duration, lambda run: run["ball.height"][-1], at, step=step)
+    value, by = gradient(
+        room(), duration, lambda run: run["ball.height"][-1], at, step=step
+    )
     assert value == pytest.approx(height(duration), abs=1e-12)
-    names = {"ball.restitution": "restitution", "ball.gravity": "gravity", "ball.z": "start"}
+    names = {
+        "ball.restitution": "restitution",
+        "ball.gravity": "gravity",
+        "ball.z": "start",
+    }
     for name, word in names.items():
-        there = [height(duration, **{word: at[name] + k * 1e-5}) for k in (-2, -1, 1, 2)]
+        there = [
+            height(duration, **{word: at[name] + k * 1e-5}) for k in (-2, -1, 1, 2)
+        ]
         exact = np.dot([1.0, -8.0, 8.0, -1.0], there) / 12e-5
         assert by[name] == pytest.approx(exact, rel=1e-8, abs=1e-9), name
 
@@ -135,7 +143,9 @@ def saturated():
 
 def charged():
     diagram = Diagram("charged")
-    charge, growth, late = diagram.add(charge=Charge(), growth=Gain(0.7), late=UnitDelay(0.1, 0.5))
+    charge, growth, late = diagram.add(
+        charge=Charge(), growth=Gain(0.7), late=UnitDelay(0.1, 0.5)
+    )
     charge >> growth >> late >> charge
     return diagram
 
@@ -144,7 +154,9 @@ def delayed():
     """Return a relay that a sampled value switches: at an instant, which does not move."""
     diagram = Diagram("delayed")
     relay, late, level = diagram.add(
-        relay=Relay(0.3, -0.3, on=-1.0, off=1.2), late=UnitDelay(0.1), level=Integrator(0.1)
+        relay=Relay(0.3, -0.3, on=-1.0, off=1.2),
+        late=UnitDelay(0.1),
+        level=Integrator(0.1),
     )
     level >> late >> relay
     (relay.y - level.y) >> level
@@ -160,22 +172,43 @@ def bounced():
 
 
 CASES = [
-    (thermostat, "level.y", {"level.integral": 0.1, "relay.on": -1.0, "loss.gain": -0.3}),
+    (
+        thermostat,
+        "level.y",
+        {"level.integral": 0.1, "relay.on": -1.0, "loss.gain": -0.3},
+    ),
     (saturated, "level.y", {"wave.amplitude": 2.0, "level.integral": 0.2}),
     (saturated, "stop.y", {"wave.amplitude": 2.0, "level.integral": 0.2}),
-    (charged, "charge.y", {"charge.wait": 0.4, "growth.gain": 0.7, "charge.q": 1.0, "charge.due": 0.23}),
+    (
+        charged,
+        "charge.y",
+        {"charge.wait": 0.4, "growth.gain": 0.7, "charge.q": 1.0, "charge.due": 0.23},
+    ),
     (delayed, "level.y", {"level.integral": 0.1, "relay.off": 1.2}),
-    (kept, "kept.y", {"kept.pull": 1.4, "wave.amplitude": 2.0, "wave.phase": -1.0, "kept.before": 0.3}),
+    (
+        kept,
+        "kept.y",
+        {
+            "kept.pull": 1.4,
+            "wave.amplitude": 2.0,
+            "wave.phase": -1.0,
+            "kept.before": 0.3,
+        },
+    ),
     (bounced, "level.y", {"ball.restitution": 0.8, "ball.z": 1.0}),
 ]
 
 
 @pytest.mark.parametrize("solver", ["rk4", "euler"])
-@pytest.mark.parametrize(("build", "signal", "at"), CASES, ids=lambda value: getattr(value, "__name__", ""))
+@pytest.mark.parametrize(
+    ("build", "signal", "at"), CASES, ids=lambda value: getattr(value, "__name__", "")
+)
 def test_events_agree_with_differences(build, signal, at, solver):
     settings = {"step": 0.02, "solver": solver, "log_step": 0.1}
     value, by = gradient(build(), 2.5, lambda run: run[signal], at, **settings)
-    expected, slopes = differences(build(), 2.5, lambda run: run[signal], at, 1e-6, **settings)
+    expected, slopes = differences(
+        build(), 2.5, lambda run: run[signal], at, 1e-6, **settings
+    )
     assert_allclose(value, expected, rtol=1e-12, atol=1e-13)
     for name, slope in slopes.items():
         assert np.abs(slope).max() > 1e-3
@@ -187,9 +220,12 @@ def test_where_there_is_no_derivative_it_is_said():
     diagram = Diagram("two")
     diagram.add(one=Ball(), two=Ball())
     with pytest.raises(
-        SimulationError, match=r"'two'.* at t = 0\.44\d* s .*one.* and .*two.* happen at the same time"
+        SimulationError,
+        match=r"'two'.* at t = 0\.44\d* s .*one.* and .*two.* happen at the same time",
     ):
-        gradient(diagram, 1.0, lambda run: run["one.height"][-1], {"one.z": 1.0}, step=0.01)
+        gradient(
+            diagram, 1.0, lambda run: run["one.height"][-1], {"one.z": 1.0}, step=0.01
+        )
 
 
 class Counted(Ball):
@@ -205,7 +241,9 @@ def test_events_that_are_one_move_as_one():
     both = Diagram("both")
     both.add(ball=Counted(restitution=0.8))
     found = [
-        gradient(diagram, 0.9, lambda run: run["ball.height"][-1], {"ball.z": 1.0}, step=0.01)
+        gradient(
+            diagram, 0.9, lambda run: run["ball.height"][-1], {"ball.z": 1.0}, step=0.01
+        )
         for diagram in (both, room())
     ]
     assert found[0] == found[1]
@@ -220,4 +258,6 @@ def test_tuning_goes_through_events():
         {"ball.restitution": (0.5, 0.95)},
         step=0.01,
     )
-    assert height(0.85, found.values["ball.restitution"]) == pytest.approx(0.5, abs=1e-4)
+    assert height(0.85, found.values["ball.restitution"]) == pytest.approx(
+        0.5, abs=1e-4
+    )

@@ -46,7 +46,9 @@ def test_a_requirement_on_poles_holds(derivatives):
     def pole(values):
         gain = values["law.gain"]
         gains.append(gain)
-        return np.abs(linearize(approach(gain), "law.u", "level.y").poles()).max() + gain
+        return (
+            np.abs(linearize(approach(gain), "law.u", "level.y").poles()).max() + gain
+        )
 
     found = tune(
         approach(),
@@ -68,7 +70,13 @@ def test_the_mean_over_samples_is_least():
     costs = []
     for gain in (found.values["law.gain"] + e for e in (-1e-3, 0.0, 1e-3)):
         runs = [
-            simulate(approach(), 2.0, step=TIME_STEP, parameters={"law.gain": gain}, initial=s)
+            simulate(
+                approach(),
+                2.0,
+                step=TIME_STEP,
+                parameters={"law.gain": gain},
+                initial=s,
+            )
             for s in samples
         ]
         costs.append(np.mean([missed(run) for run in runs]))
@@ -95,7 +103,15 @@ def test_a_search_comes_back_from_where_runs_diverge(derivatives):
 @over_both_ways
 def test_limits_that_cannot_be_met_are_reported(derivatives):
     late = {"late": (lambda run: -run["level.y"][-1], -1.5)}
-    found = tune(approach(), 2.0, missed, GAIN_RANGE, limits=late, derivatives=derivatives, step=TIME_STEP)
+    found = tune(
+        approach(),
+        2.0,
+        missed,
+        GAIN_RANGE,
+        limits=late,
+        derivatives=derivatives,
+        step=TIME_STEP,
+    )
     assert "limits are not met" in found.message
 
 
@@ -116,17 +132,35 @@ def test_derivatives_go_through_what_values_become():
 @pytest.mark.parametrize(
     ("more", "match"),
     [
-        ({"vary": {"law.gain": 3.0}}, r"'law\.gain' is to be tuned within 3\.0; give \(least, greatest\)"),
+        (
+            {"vary": {"law.gain": 3.0}},
+            r"'law\.gain' is to be tuned within 3\.0; give \(least, greatest\)",
+        ),
         ({"vary": {"law.gain": (3.0, 1.0)}}, "the first one less"),
         ({"vary": {"law.gain": ([1.0, 2.0], 3.0)}}, "arrays of the shape"),
         ({"vary": {"law.gain": (1.0, 9.0, 8.0)}}, "in increasing order"),
-        ({"vary": {"law.gian": (1.0, 8.0)}, "derivatives": False}, r"no parameter or state 'law\.gian'"),
+        (
+            {"vary": {"law.gian": (1.0, 8.0)}, "derivatives": False},
+            r"no parameter or state 'law\.gian'",
+        ),
         ({"vary": {}}, "nothing varies"),
-        ({"vary": {"k": (1.0, 8.0)}, "becoming": dict}, r"give \(least, begin, greatest\)"),
-        ({"vary": {"k": (1.0, 2.0, 8.0)}, "becoming": lambda k: {"law.gian": k}}, r"'law\.gian'"),
-        ({"vary": {"k": (1.0, 2.0, 8.0)}, "becoming": lambda k: k}, "what is tuned must be"),
+        (
+            {"vary": {"k": (1.0, 8.0)}, "becoming": dict},
+            r"give \(least, begin, greatest\)",
+        ),
+        (
+            {"vary": {"k": (1.0, 2.0, 8.0)}, "becoming": lambda k: {"law.gian": k}},
+            r"'law\.gian'",
+        ),
+        (
+            {"vary": {"k": (1.0, 2.0, 8.0)}, "becoming": lambda k: k},
+            "what is tuned must be",
+        ),
         ({"cost": lambda run: run["level.y"]}, "must be one number"),
-        ({"cost": lambda run: run["level.y"], "derivatives": False}, "must be one number"),
+        (
+            {"cost": lambda run: run["level.y"], "derivatives": False},
+            "must be one number",
+        ),
         ({"cost": lambda run: run["level.z"][-1], "derivatives": False}, r"level\.z"),
         ({"limits": {"force": 3.0}}, r"give \(function, most\)"),
         ({"samples": []}, "samples must be"),
@@ -150,6 +184,14 @@ def test_derivatives_go_through_what_values_become():
     ],
 )
 def test_bad_input_is_refused(more, match):
-    usual = {"model": approach(), "duration": 1.0, "cost": missed, "vary": GAIN_RANGE, "step": TIME_STEP}
-    with pytest.raises((SimulationError, NameLookupError, DivergenceError), match=match):
+    usual = {
+        "model": approach(),
+        "duration": 1.0,
+        "cost": missed,
+        "vary": GAIN_RANGE,
+        "step": TIME_STEP,
+    }
+    with pytest.raises(
+        (SimulationError, NameLookupError, DivergenceError), match=match
+    ):
         tune(**usual | more)

@@ -4,7 +4,17 @@ import numpy as np
 import pytest
 from systems import approach, ports
 
-from trussflow.blocks import Constant, Diagram, Gain, Integrator, PythonFunction, Relay, Sum, simulate, tune
+from trussflow.blocks import (
+    Constant,
+    Diagram,
+    Gain,
+    Integrator,
+    PythonFunction,
+    Relay,
+    Sum,
+    simulate,
+    tune,
+)
 from trussflow.blocks.errors import SimulationError, SimulationInterrupted
 from trussflow.blocks.simulation.lanes import Lanes
 from trussflow.blocks.simulation.prepared import Prepared
@@ -51,16 +61,26 @@ def test_the_switching_time_of_a_relay_is_found():
 def test_python_blocks_may_run_and_any_function_may_cost():
     """Held for 0.1 s, the error is gone after one sample where the gain is 10, though it is rounded."""
     diagram = Diagram("dead-beat")
-    goal, law, level = diagram.add(goal=Constant(1.0), law=Gain(6.0), level=Integrator())
+    goal, law, level = diagram.add(
+        goal=Constant(1.0), law=Gain(6.0), level=Integrator()
+    )
     rounded = PythonFunction(lambda u: float(f"{u:.4f}"), 0.1, **ports(u=(), y=()))
     (goal.y - level.y) >> law >> diagram.add(rounded=rounded).u
     rounded.y >> level
 
     def cost(run):
-        return sum((value - 1.0) ** 2 for value in run["level.y"].values[10::10].tolist())
+        return sum(
+            (value - 1.0) ** 2 for value in run["level.y"].values[10::10].tolist()
+        )
 
     found = tune(
-        diagram, 1.0, cost, {"law.gain": (1.0, 15.0)}, derivatives=False, executor="serial", step=TIME_STEP
+        diagram,
+        1.0,
+        cost,
+        {"law.gain": (1.0, 15.0)},
+        derivatives=False,
+        executor="serial",
+        step=TIME_STEP,
     )
     assert found.values["law.gain"] == pytest.approx(10.0, abs=0.02)
     assert found.runs < 30
@@ -79,7 +99,9 @@ def test_the_optimum_is_that_found_with_derivatives():
         tune(
             diagram,
             10.0,
-            lambda run: (run["place.y"] ** 2).mean() + 0.1 * (run["force.y"] ** 2).mean(),
+            lambda run: (
+                (run["place.y"] ** 2).mean() + 0.1 * (run["force.y"] ** 2).mean()
+            ),
             {"stiff.gain": (0.0, 5.0), "damp.gain": (0.0, 5.0)},
             limits={"force": (lambda run: abs(run["force.y"]).max(), 4.0)},
             samples=[
@@ -111,7 +133,11 @@ def test_the_mean_of_all_samples_counts_and_limits_hold_in_each():
     assert found.values["law.gain"] == pytest.approx(2.0, rel=1e-5)
     assert found.limits["force"][0] == pytest.approx(3.0, rel=1e-5)
     costs = [
-        mean_error(simulate(approach(), 2.0, step=TIME_STEP, parameters=found.values, initial=one))
+        mean_error(
+            simulate(
+                approach(), 2.0, step=TIME_STEP, parameters=found.values, initial=one
+            )
+        )
         for one in samples
     ]
     assert found.cost == pytest.approx(np.mean(costs), rel=1e-12)
@@ -138,12 +164,23 @@ def test_no_trial_traces_or_compiles(monkeypatch, tmp_path, worth):
     counted(Lanes, "run", "in lanes")
     samples = [{"level.integral": 0.01 * k} for k in range(2 * compiler.lanes())]
     found = tune(
-        approach(), 2.0, missed, GAIN_RANGE, samples=samples, derivatives=False, step=TIME_STEP, workers=2
+        approach(),
+        2.0,
+        missed,
+        GAIN_RANGE,
+        samples=samples,
+        derivatives=False,
+        step=TIME_STEP,
+        workers=2,
     )
     trials = found.runs // len(samples)
     assert trials > 5
     lanes = worth == 1e5
-    assert counts == {"prepared": 1, "compiled": 1 + lanes, "in lanes": 2 * trials * lanes}
+    assert counts == {
+        "prepared": 1,
+        "compiled": 1 + lanes,
+        "in lanes": 2 * trials * lanes,
+    }
 
 
 def test_an_interrupted_search_goes_on(monkeypatch, tmp_path):
@@ -159,7 +196,9 @@ def test_an_interrupted_search_goes_on(monkeypatch, tmp_path):
     whole = tune(approach(), 2.0, missed, GAIN_RANGE, **settings)
     number = len(runs)
     assert whole.runs == number
-    first = tune(approach(), 2.0, missed, GAIN_RANGE, iterations=4, path=tmp_path, **settings)
+    first = tune(
+        approach(), 2.0, missed, GAIN_RANGE, iterations=4, path=tmp_path, **settings
+    )
     assert "exceeded" in first.message
     again = tune(approach(), 2.0, missed, GAIN_RANGE, path=tmp_path, **settings)
     assert again.values == whole.values
@@ -168,7 +207,9 @@ def test_an_interrupted_search_goes_on(monkeypatch, tmp_path):
         tune(approach(), 2.0, mean_error, GAIN_RANGE, path=tmp_path, **settings)
 
 
-@pytest.mark.parametrize("most", [8.0, 1.9, -1.0], ids=["free", "limited", "not to be met"])
+@pytest.mark.parametrize(
+    "most", [8.0, 1.9, -1.0], ids=["free", "limited", "not to be met"]
+)
 def test_what_is_stopped_by_hand_returns_the_best_until_then(most):
     """Return the best trial, within the limits if any was; the gains are those of the runs."""
     gains = []
@@ -182,7 +223,9 @@ def test_what_is_stopped_by_hand_returns_the_best_until_then(most):
             raise KeyboardInterrupt
         return missed(run)
 
-    with pytest.raises(SimulationInterrupted, match="stopped after 6 trials; the best is") as stopped:
+    with pytest.raises(
+        SimulationInterrupted, match="stopped after 6 trials; the best is"
+    ) as stopped:
         tune(
             approach(), 2.0, cost, GAIN_RANGE, requirements={"gain": (lambda v: v["law.gain"], most)},
             derivatives=False, executor="serial", step=TIME_STEP,

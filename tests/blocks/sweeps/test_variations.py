@@ -20,7 +20,12 @@ from trussflow.blocks.sweeps.variations import SAMPLING_METHODS, drawn
 VALUE_LISTS = st.lists(st.lists(st.integers(0, 9), min_size=1, max_size=4), max_size=3)
 
 
-@given(VALUE_LISTS, st.integers(0, 3), st.integers(1, 20), st.sampled_from(["random", "latin", "halton"]))
+@given(
+    VALUE_LISTS,
+    st.integers(0, 3),
+    st.integers(1, 20),
+    st.sampled_from(["random", "latin", "halton"]),
+)
 def test_all_combinations_come_with_all_draws(lists, distributions, samples, method):
     if not lists and not distributions:
         return
@@ -34,7 +39,9 @@ def test_all_combinations_come_with_all_draws(lists, distributions, samples, met
     for k in range(distributions):
         assert ((found[f"b.{k}"] >= k) & (found[f"b.{k}"] <= k + 1)).all()
         first = found[f"b.{k}"][:count]
-        assert_array_equal(found[f"b.{k}"], np.tile(first, len(found[f"b.{k}"]) // count))
+        assert_array_equal(
+            found[f"b.{k}"], np.tile(first, len(found[f"b.{k}"]) // count)
+        )
 
 
 @pytest.mark.parametrize("method", SAMPLING_METHODS)
@@ -88,7 +95,21 @@ def test_more_samples_begin_with_the_same():
 
 
 NONSENSE_VALUES = [
-    *(None, True, 0, -1, 1.5, math.nan, math.inf, 10**30, 1 + 2j, "", "x", b"x", object()),
+    *(
+        None,
+        True,
+        0,
+        -1,
+        1.5,
+        math.nan,
+        math.inf,
+        10**30,
+        1 + 2j,
+        "",
+        "x",
+        b"x",
+        object(),
+    ),
     *(
         [],
         [[]],
@@ -106,16 +127,25 @@ NONSENSE_VALUES = [
 ]
 
 
-@pytest.mark.parametrize("argument", sorted({*function.__annotations__} - {"return", "settings", "progress"}))
+@pytest.mark.parametrize(
+    "argument", sorted({*function.__annotations__} - {"return", "settings", "progress"})
+)
 def test_nonsense_is_refused_by_our_errors(argument, tmp_path):
     diagram = decay(())
     for k, value in enumerate(NONSENSE_VALUES):
         if argument == "duration" and isinstance(value, int) and value > 1:
             continue  # a run that takes so long is no nonsense
-        usual = {"vary": {"back.gain": stats.norm()}, "samples": 2, "executor": "serial"}
+        usual = {
+            "vary": {"back.gain": stats.norm()},
+            "samples": 2,
+            "executor": "serial",
+        }
         if argument == "path":
             value = str(tmp_path / str(k)) if isinstance(value, str) else value
-        model, duration = {"model": value}.get(argument, diagram), {"duration": value}.get(argument, 0.2)
+        model, duration = (
+            {"model": value}.get(argument, diagram),
+            {"duration": value}.get(argument, 0.2),
+        )
         more = {} if argument in ("model", "duration") else {argument: value}
         with contextlib.suppress(TrussflowError):
             sweep(model, duration, step=0.1, **usual | more)
@@ -123,6 +153,20 @@ def test_nonsense_is_refused_by_our_errors(argument, tmp_path):
         with contextlib.suppress(TrussflowError):
             sweep(diagram, 0.2, vary={"back.gain": value}, step=0.1, executor="serial")
         with contextlib.suppress(TrussflowError):
-            sweep(diagram, 0.2, vary={"back.gain": [1.0]}, keep={"x": value}, step=0.1, executor="serial")
+            sweep(
+                diagram,
+                0.2,
+                vary={"back.gain": [1.0]},
+                keep={"x": value},
+                step=0.1,
+                executor="serial",
+            )
         with contextlib.suppress(TrussflowError, TypeError):  # of unhashable keys
-            sweep(diagram, 0.2, vary={value: [1.0]}, keep={value: "max"}, step=0.1, executor="serial")
+            sweep(
+                diagram,
+                0.2,
+                vary={value: [1.0]},
+                keep={value: "max"},
+                step=0.1,
+                executor="serial",
+            )

@@ -225,10 +225,26 @@ FAULTS = (
         r"output\(\): 'y' is .*, then .* for the same arguments: .* keeps something between calls\. Declare "
         "what it keeps as a State",
     ),
-    (WritesIntoStates, "purity", r"derivative\(\) writes into its argument x\.q, .*; return a new array"),
-    (WritesIntoParameters, "purity", r"output\(\) writes into its argument p\.stiffness"),
-    (WrongShape, "numbers", r"'q' is declared with shape \(2,\), but was returned with shape \(\)"),
-    (NotANumber, "numbers", rf"output\(\): 'y' is not finite at {ANY} nan; look for .* logarithm of a neg"),
+    (
+        WritesIntoStates,
+        "purity",
+        r"derivative\(\) writes into its argument x\.q, .*; return a new array",
+    ),
+    (
+        WritesIntoParameters,
+        "purity",
+        r"output\(\) writes into its argument p\.stiffness",
+    ),
+    (
+        WrongShape,
+        "numbers",
+        r"'q' is declared with shape \(2,\), but was returned with shape \(\)",
+    ),
+    (
+        NotANumber,
+        "numbers",
+        rf"output\(\): 'y' is not finite at {ANY} nan; look for .* logarithm of a neg",
+    ),
     (Misspelt, "numbers", r"position"),
     (Branches, "tracing", r"cannot be traced: .*np\.where"),
     (UsesMath, "tracing", r"cannot be traced: "),
@@ -240,24 +256,54 @@ FAULTS = (
         "numbers",
         r"on_event\(\) .*'stuck' is declared with shape \(\), but was returned with shape \(2,\)",
     ),
-    (Undeclared, "feedthrough", r"'y' changes at once with v, .*return \{'y': \('u', 'v'\)\}"),
+    (
+        Undeclared,
+        "feedthrough",
+        r"'y' changes at once with v, .*return \{'y': \('u', 'v'\)\}",
+    ),
     (
         NeverUsed,
         "feedthrough",
         r"at once depend y on u, v, but the numbers show less\. Let .* return \{'y': \('u',\)\}: what",
     ),
-    (UnknownInput, "feedthrough", r"feedthrough\(\) of block 'UnknownInput' returned .* some of its inputs"),
-    (WrongSlope, "derivatives", r"derivative of 'y' by u\.u is .*, by differences .*directional_derivative"),
-    (WrongSlopeBesideALargeOne, "derivatives", r"derivative of 'z' by u\.u is 0, by differences 5"),
-    (SlopeOfNothing, "derivatives", r"directional_derivative\(\) of .* raised KeyError at t = .*: 'y'"),
-    (FeedthroughRaises, "feedthrough", r"feedthrough\(\) of block 'FeedthroughRaises' raised KeyError: 'q'"),
-    (InitialRaises, "declarations", r"initial\(\) of block 'InitialRaises' raised ValueError: ini"),
+    (
+        UnknownInput,
+        "feedthrough",
+        r"feedthrough\(\) of block 'UnknownInput' returned .* some of its inputs",
+    ),
+    (
+        WrongSlope,
+        "derivatives",
+        r"derivative of 'y' by u\.u is .*, by differences .*directional_derivative",
+    ),
+    (
+        WrongSlopeBesideALargeOne,
+        "derivatives",
+        r"derivative of 'z' by u\.u is 0, by differences 5",
+    ),
+    (
+        SlopeOfNothing,
+        "derivatives",
+        r"directional_derivative\(\) of .* raised KeyError at t = .*: 'y'",
+    ),
+    (
+        FeedthroughRaises,
+        "feedthrough",
+        r"feedthrough\(\) of block 'FeedthroughRaises' raised KeyError: 'q'",
+    ),
+    (
+        InitialRaises,
+        "declarations",
+        r"initial\(\) of block 'InitialRaises' raised ValueError: ini",
+    ),
     (ChangesInOutput, "purity", r"output\(\): 'y' is .* keeps something between calls"),
     (OpensTheSame, "purity", r"it was opened before; each run needs a new one"),
 )
 
 
-@pytest.mark.parametrize(("block", "check", "message"), FAULTS, ids=[fault[0].__name__ for fault in FAULTS])
+@pytest.mark.parametrize(
+    ("block", "check", "message"), FAULTS, ids=[fault[0].__name__ for fault in FAULTS]
+)
 def test_planted_faults_are_found_by_name(block, check, message):
     report = check_block(block(), compiled=False)
     assert check in report.failures, report
@@ -267,7 +313,9 @@ def test_planted_faults_are_found_by_name(block, check, message):
         raise BlockError(found)
     if check not in ("purity", "tracing"):  # what is impure does not trace either
         assert [*report.failures] == [check], report
-    with pytest.raises(BlockError, match=rf"{block.__name__}\): \d of \d checks failed"):
+    with pytest.raises(
+        BlockError, match=rf"{block.__name__}\): \d of \d checks failed"
+    ):
         report.raise_for_failures()
 
 
@@ -277,7 +325,16 @@ def test_good_blocks_pass(block):
     report = check_block(item)
     report.raise_for_failures()
     assert set(report.findings) == {
-        *("declarations", "numbers", "purity", "tracing", "compiled", "feedthrough", "derivatives", "units")
+        *(
+            "declarations",
+            "numbers",
+            "purity",
+            "tracing",
+            "compiled",
+            "feedthrough",
+            "derivatives",
+            "units",
+        )
     }
     assert repr(report).startswith(
         f"{block.__name__} ({block.__name__}): all is well\n  declarations  passed\n"
@@ -286,9 +343,14 @@ def test_good_blocks_pass(block):
 
 
 def test_what_does_not_apply_says_why():
-    report = check_block(PythonFunction(lambda u: u, inputs={"u": Input()}, outputs={"y": Output()}))
+    report = check_block(
+        PythonFunction(lambda u: u, inputs={"u": Input()}, outputs={"y": Output()})
+    )
     report.raise_for_failures()
-    assert report.findings["tracing"] == "not applicable: the block says traced = False, and runs in Python"
+    assert (
+        report.findings["tracing"]
+        == "not applicable: the block says traced = False, and runs in Python"
+    )
     assert "no unit is declared for u, y" in report.findings["units"]
     assert "it does not trace" in check_block(Branches()).findings["compiled"]
 
@@ -323,5 +385,7 @@ def test_numbers_that_make_sense_together_may_be_said():
 
 @pytest.mark.parametrize("item", [Good, None, Diagram("d"), 5.0])
 def test_what_is_no_block_is_refused(item):
-    with pytest.raises(BlockError, match=r"cannot check .*: give one block, such as MyBlock\(\)"):
+    with pytest.raises(
+        BlockError, match=r"cannot check .*: give one block, such as MyBlock\(\)"
+    ):
         check_block(item)

@@ -30,10 +30,16 @@ class Mass(Block):
     energy, loss = Output(unit="J"), Output(unit="W")
     v = State(unit="m/s", initial=1.0)
     mass, damping = Parameter(2.0, unit="kg"), Parameter(0.3, unit="N*s/m")
-    energy_account = EnergyAccount(supplied=[("force", "velocity")], stored="energy", dissipated="loss")
+    energy_account = EnergyAccount(
+        supplied=[("force", "velocity")], stored="energy", dissipated="loss"
+    )
 
     def output(self, t, x, u, p):
-        return {"velocity": x.v, "energy": p.mass * x.v**2 / 2, "loss": p.damping * x.v**2}
+        return {
+            "velocity": x.v,
+            "energy": p.mass * x.v**2 / 2,
+            "loss": p.damping * x.v**2,
+        }
 
     def derivative(self, t, x, u, p):
         return {"v": (u.force - p.damping * x.v) / p.mass}
@@ -46,7 +52,10 @@ class Spring(Block):
     energy_account = EnergyAccount(supplied=[("velocity", "force")], stored="energy")
 
     def output(self, t, x, u, p):
-        return {"force": p.stiffness * x.length, "energy": p.stiffness * x.length**2 / 2}
+        return {
+            "force": p.stiffness * x.length,
+            "energy": p.stiffness * x.length**2 / 2,
+        }
 
     def derivative(self, t, x, u, p):
         return {"length": u.velocity}
@@ -64,31 +73,43 @@ def audit(spring, signs="+-", **settings):
     """Return the audit of 1 s of mass and spring, driven by a force that a sampler holds."""
     diagram = Diagram("oscillator")
     wave, hold, total, mass, _ = diagram.add(
-        wave=Sine(5.0, 0.7), hold=ZeroOrderHold(0.1), total=Sum(signs), mass=Mass(), spring=spring
+        wave=Sine(5.0, 0.7),
+        hold=ZeroOrderHold(0.1),
+        total=Sum(signs),
+        mass=Mass(),
+        spring=spring,
     )
     wave >> hold >> total.u1
     spring.force >> total.u2
     total >> mass.force
     mass.velocity >> spring.velocity
-    return energy_audit(diagram, 1.0, supplied=[(hold.y, mass.velocity)], **(SETTINGS | settings))
+    return energy_audit(
+        diagram, 1.0, supplied=[(hold.y, mass.velocity)], **(SETTINGS | settings)
+    )
 
 
 @pytest.mark.parametrize(
-    "more", [{}, {"solver": "DOP853", "rtol": 1e-11}, {"backend": "numpy", "step": 0.01}]
+    "more",
+    [{}, {"solver": "DOP853", "rtol": 1e-11}, {"backend": "numpy", "step": 0.01}],
 )
 def test_energy_is_kept_to_the_error_of_the_solver(more):
     found = audit(Spring(), **more)
     found.raise_for_missing(1e-8)
     assert list(found.drift) == ["mass", "spring", "oscillator"]
     end = found.result.isel(time=-1).sel(account="oscillator")
-    supplied, stored, dissipated = (float(end[name]) for name in ("supplied", "stored", "dissipated"))
+    supplied, stored, dissipated = (
+        float(end[name]) for name in ("supplied", "stored", "dissipated")
+    )
     assert supplied == pytest.approx(stored + dissipated, rel=1e-7)
     assert abs(supplied) > 0.1
     assert dissipated > 0.1
 
 
 def test_the_drift_falls_with_the_order_of_the_solver():
-    drifts = [audit(Spring(), step=step).drift["oscillator"] for step in (0.0125, 0.00625, 0.003125)]
+    drifts = [
+        audit(Spring(), step=step).drift["oscillator"]
+        for step in (0.0125, 0.00625, 0.003125)
+    ]
     slopes = -np.diff(np.log2(drifts))
     assert_allclose(slopes, 4.0, rtol=0, atol=0.15)
 
@@ -101,7 +122,9 @@ def test_a_wrong_sign_in_a_block_and_one_in_a_wire_are_told_apart():
     assert wire["spring"] < 1e-7
     assert wire["mass"] < 1e-7
     assert wire["oscillator"] > 0.1
-    with pytest.raises(SimulationError, match=r"beyond 1e-06: energy audit of 1 s\n  mass .*drift"):
+    with pytest.raises(
+        SimulationError, match=r"beyond 1e-06: energy audit of 1 s\n  mass .*drift"
+    ):
         audit(Spring(), "++").raise_for_missing(1e-6)
 
 
@@ -133,7 +156,9 @@ def test_steady_power_is_supplied_delivered_or_dissipated():
     audit = energy_audit(diagram, 2.0, initial={"tug.v": 10.0}, **SETTINGS)
     end = audit.result.isel(time=-1).sel(account="tug")
     values = [end[name] for name in ("supplied", "stored", "dissipated", "missing")]
-    assert_allclose(values, [2.0 * (50.0 - 20.0), 0.0, 2.0 * 30.0, 0.0], rtol=0, atol=1e-9)
+    assert_allclose(
+        values, [2.0 * (50.0 - 20.0), 0.0, 2.0 * 30.0, 0.0], rtol=0, atol=1e-9
+    )
 
 
 class Ball(systems.Ball):
@@ -155,9 +180,13 @@ def test_energy_that_an_event_takes_away_is_counted():
     """Of 10 J a bounce leaves a quarter; without the count as much is missing."""
     diagram = Diagram("fall")
     ball = diagram.add(ball=Ball())
-    energy_audit(diagram, 0.8, step=1e-2, backend="interpreted").raise_for_missing(1e-10)
+    energy_audit(diagram, 0.8, step=1e-2, backend="interpreted").raise_for_missing(
+        1e-10
+    )
     forgetful = {"ball": EnergyAccount(stored=ball.energy)}
-    found = energy_audit(diagram, 0.8, step=1e-2, backend="interpreted", accounts=forgetful)
+    found = energy_audit(
+        diagram, 0.8, step=1e-2, backend="interpreted", accounts=forgetful
+    )
     assert found.drift["ball"] == pytest.approx(0.75, abs=1e-9)
 
 
@@ -174,18 +203,33 @@ def test_account_errors():
             {"mass": EnergyAccount(stored=mass.loss)},
             r"cannot take 'mass.loss'.*what is stored in 'mass'.*'W'",
         ),
-        ({"mass": EnergyAccount(dissipated=mass.velocity)}, r"cannot take 'mass.velocity'.*what is lost in"),
-        ({"mass": EnergyAccount(supplied=[("mass.force", "nothing.velocity")])}, "no block 'nothing'"),
+        (
+            {"mass": EnergyAccount(dissipated=mass.velocity)},
+            r"cannot take 'mass.velocity'.*what is lost in",
+        ),
+        (
+            {"mass": EnergyAccount(supplied=[("mass.force", "nothing.velocity")])},
+            "no block 'nothing'",
+        ),
         ({"mass": 1.0}, r"cannot audit 'mass' by 1\.0: give EnergyAccounts by name"),
         ({"oscillator": EnergyAccount()}, "cannot audit 'oscillator' by"),
     ):
-        with pytest.raises((BlockError, SimulationError, AttributeError), match=message):
+        with pytest.raises(
+            (BlockError, SimulationError, AttributeError), match=message
+        ):
             energy_audit(diagram, 1.0, accounts=accounts, **SETTINGS)
     with pytest.raises(BlockError, match=r"'force' is no pair of ports; give tuples"):
         EnergyAccount(supplied=("force", "velocity"))
     wide = Diagram("wide")
-    constant, other = wide.add(constant=Constant(np.ones(2)), other=Constant(np.ones(3)))
+    constant, other = wide.add(
+        constant=Constant(np.ones(2)), other=Constant(np.ones(3))
+    )
     with pytest.raises(BlockError, match="they have 2 and 3 elements"):
-        energy_audit(wide, 1.0, accounts={"a": EnergyAccount(supplied=[(constant.y, other.y)])}, **SETTINGS)
+        energy_audit(
+            wide,
+            1.0,
+            accounts={"a": EnergyAccount(supplied=[(constant.y, other.y)])},
+            **SETTINGS,
+        )
     with pytest.raises(SimulationError, match="no block in it has an energy_account"):
         energy_audit(wide, 1.0, **SETTINGS)

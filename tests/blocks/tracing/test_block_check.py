@@ -57,9 +57,18 @@ def random(u):
     ("equation", "advice"),
     [
         (lambda u: u if u[0] > 0 else -u, "np.where instead of 'if'"),
-        (lambda u: max(u[0], 0.0) * u, "np.maximum and np.minimum instead of max() and min()"),
-        (lambda u: u if u[0] > 0 and u[1] > 0 else -u, "np.logical_and and np.logical_or"),
-        (lambda u: np.where((u > 0.0) & (u < 0.5), u, -u), "write np.logical_and, np.logical_or"),
+        (
+            lambda u: max(u[0], 0.0) * u,
+            "np.maximum and np.minimum instead of max() and min()",
+        ),
+        (
+            lambda u: u if u[0] > 0 and u[1] > 0 else -u,
+            "np.logical_and and np.logical_or",
+        ),
+        (
+            lambda u: np.where((u > 0.0) & (u < 0.5), u, -u),
+            "write np.logical_and, np.logical_or",
+        ),
         (assigned, "write np.stack, np.concatenate or np.where"),
         (overwritten, "write np.stack, np.concatenate or np.where"),
         (added_in_place, "write np.stack, np.concatenate or np.where"),
@@ -68,10 +77,16 @@ def random(u):
         (lambda u: u if float(u[0]) > 0 else -u, "leave float() out"),
         (lambda u: u * math.sin(u[0]), "np.sin instead of math.sin"),
         (lambda u: np.array([u[0], u[1], u[2]]), "write np.stack or np.concatenate"),
-        (lambda u: u * np.arange(3.0)[int(u[0])], "write np.where or np.select to choose"),
+        (
+            lambda u: u * np.arange(3.0)[int(u[0])],
+            "write np.where or np.select to choose",
+        ),
         (lambda u: np.sort(u), "np.sort does not trace"),
         (lambda u: u * np.argmax(u), "np.argmax does not trace"),
-        (lambda u: u * np.searchsorted([0.0, 1.0], u), "np.searchsorted does not trace"),
+        (
+            lambda u: u * np.searchsorted([0.0, 1.0], u),
+            "np.searchsorted does not trace",
+        ),
         (lambda u: expit(u), "expit() of another library does not trace"),
         (random, "traced and NumPy values of 'y' differ"),
     ],
@@ -80,14 +95,18 @@ def test_equations_that_cannot_be_traced_are_refused(equation, advice):
     with pytest.raises(TracingError) as error:
         isolate(block_of(equation))
     head, place, last = str(error.value).split("\n")
-    assert head.startswith("the equations of block 'custom' (Custom) cannot be traced: ")
+    assert head.startswith(
+        "the equations of block 'custom' (Custom) cannot be traced: "
+    )
     assert advice in head
     if equation is not random:  # the place is the call, not where values differ
         lines, first = inspect.getsourcelines(equation)
         path, number, text = place.split(":", 2)
         assert path.endswith(__file__)
         assert text.strip() == lines[int(number) - first].strip()
-    assert last.startswith("  docs/traceable.md lists the supported operations; a Python block")
+    assert last.startswith(
+        "  docs/traceable.md lists the supported operations; a Python block"
+    )
 
 
 @pytest.mark.parametrize(
@@ -98,8 +117,10 @@ def test_equations_that_cannot_be_traced_are_refused(equation, advice):
         lambda u: np.eye(3) @ u / np.linalg.norm(u),
         lambda u: u @ np.reshape(np.concatenate([u, u, u]), (3, 3)),
         lambda _: np.arange(3.0),
-        lambda u: u / u + (u - u) + 0.0 * u,  # finite where NumPy has NaN, as the README says
-        lambda u: np.arctan2(np.where(u > 1.0, u, -u), -1.0),  # hangs on the sign of zero
+        # finite where NumPy has NaN, as the README says
+        lambda u: u / u + (u - u) + 0.0 * u,
+        # hangs on the sign of zero
+        lambda u: np.arctan2(np.where(u > 1.0, u, -u), -1.0),
         lambda u: np.sin(u * 1e9),
         lambda u: np.linalg.solve(np.outer(u, u) + np.diag(u), u),
     ],
@@ -109,8 +130,12 @@ def test_ordinary_equations_are_accepted(equation):
 
 
 def test_values_that_differ_are_told():
-    with pytest.raises(TracingError, match=r"values of 'y' differ: element 0 is 1 traced, 2 in NumPy"):
-        isolate(block_of(lambda u: np.ones(3) * (2.0 if isinstance(u, np.ndarray) else 1.0)))
+    with pytest.raises(
+        TracingError, match=r"values of 'y' differ: element 0 is 1 traced, 2 in NumPy"
+    ):
+        isolate(
+            block_of(lambda u: np.ones(3) * (2.0 if isinstance(u, np.ndarray) else 1.0))
+        )
 
 
 @pytest.mark.parametrize(
@@ -129,9 +154,14 @@ def test_values_are_compared_at_special_points(equation):
         isolate(block_of(equation))
 
 
-@pytest.mark.parametrize("returned", [None, "text", [1.0, None, 2.0], np.ma.masked_array(np.ones(3)), 1j])
+@pytest.mark.parametrize(
+    "returned", [None, "text", [1.0, None, 2.0], np.ma.masked_array(np.ones(3)), 1j]
+)
 def test_what_is_no_array_of_numbers_is_refused(returned):
-    with pytest.raises(BlockError, match=r"'y' must be an array of numbers, not (?s:.*)test_block_check.py:"):
+    with pytest.raises(
+        BlockError,
+        match=r"'y' must be an array of numbers, not (?s:.*)test_block_check.py:",
+    ):
         isolate(block_of(lambda _: returned))
 
 
@@ -140,15 +170,23 @@ def test_functions_are_called_with_the_inputs():
         return u + v + w
 
     with pytest.raises(
-        BlockError, match=r"three \(.*py:\d+\) is called with the inputs, \(u\): missing .* 'v'"
+        BlockError,
+        match=r"three \(.*py:\d+\) is called with the inputs, \(u\): missing .* 'v'",
     ):
         Function(three)
-    block = Diagram("d").add(f=Function(lambda u: u[0], {"u": Input(3)}, {"y": Output(3)}))
-    with pytest.raises(BlockError, match=r"return that shape, or declare outputs=\{'y': Output\(\(\)\)\}"):
+    block = Diagram("d").add(
+        f=Function(lambda u: u[0], {"u": Input(3)}, {"y": Output(3)})
+    )
+    with pytest.raises(
+        BlockError,
+        match=r"return that shape, or declare outputs=\{'y': Output\(\(\)\)\}",
+    ):
         isolate(block)
     diagram = Diagram("d")
     diagram.add(f=Function(lambda t: t**2))
-    with pytest.raises(OpenInputError, match=r"'f.u' .*: argument 't' is not the time: TimeFunction is"):
+    with pytest.raises(
+        OpenInputError, match=r"'f.u' .*: argument 't' is not the time: TimeFunction is"
+    ):
         flatten(diagram)
 
 
@@ -159,7 +197,8 @@ def test_error_in_numpy_is_told():
         return u
 
     with pytest.raises(
-        TracingError, match=r"in NumPy, with random numbers: RuntimeError: numbers only\n.*raise Run"
+        TracingError,
+        match=r"in NumPy, with random numbers: RuntimeError: numbers only\n.*raise Run",
     ):
         isolate(block_of(fails))
 
@@ -176,7 +215,9 @@ def test_random_matrix_without_a_solution_proves_nothing():
                 np.linalg.cholesky(u.matrix)
             return {"y": np.linalg.solve(u.matrix, np.ones(2))}
 
-    assert isolate(Diagram("d").add(b=Solver())).feedthrough == {"y": frozenset({"matrix"})}
+    assert isolate(Diagram("d").add(b=Solver())).feedthrough == {
+        "y": frozenset({"matrix"})
+    }
 
 
 class Wrong(Block):
@@ -199,12 +240,24 @@ class Wrong(Block):
 @pytest.mark.parametrize(
     ("block", "message"),
     [
-        (Wrong(None), r"output\(\) of block 'b' \(Wrong\) must return a dict of: y; .*'NoneType'"),
+        (
+            Wrong(None),
+            r"output\(\) of block 'b' \(Wrong\) must return a dict of: y; .*'NoneType'",
+        ),
         (Wrong({"z": 1.0}), "must return a dict of: y; it returned: z"),
         (Wrong({}), "must return a dict of: y; it returned: $"),
-        (Wrong({"y": np.ones(3)}), r"'y' is declared with shape \(2,\), but was .* shape \(3,\)"),
-        (Wrong({"y": np.ones(2)}, {}), r"derivative\(\) of block 'b' .* must return a dict of: q"),
-        (Wrong({"y": np.ones(2)}, {"q": np.ones((3, 1))}), r"'q' is .*returned with shape \(3, 1\)"),
+        (
+            Wrong({"y": np.ones(3)}),
+            r"'y' is declared with shape \(2,\), but was .* shape \(3,\)",
+        ),
+        (
+            Wrong({"y": np.ones(2)}, {}),
+            r"derivative\(\) of block 'b' .* must return a dict of: q",
+        ),
+        (
+            Wrong({"y": np.ones(2)}, {"q": np.ones((3, 1))}),
+            r"'q' is .*returned with shape \(3, 1\)",
+        ),
     ],
 )
 def test_what_equations_return_is_checked(block, message):
@@ -220,7 +273,9 @@ def test_misspelt_names_in_equations_are_told():
         def output(self, t, x, u, p):
             return {"y": u.forces}
 
-    with pytest.raises(AttributeError, match="block 'b' has no 'forces'; it has: force"):
+    with pytest.raises(
+        AttributeError, match="block 'b' has no 'forces'; it has: force"
+    ):
         isolate(Diagram("d").add(b=Misspelt()))
 
 
@@ -234,7 +289,8 @@ def test_feedthrough_is_per_pair_of_ports():
         time = Output()
         product = Output()
         q = State()
-        gain = Parameter(0.0)  # a parameter that is zero now may be another number later
+        # a parameter that is zero now may be another number later
+        gain = Parameter(0.0)
 
         def output(self, t, x, u, p):
             return {
@@ -255,7 +311,9 @@ def test_feedthrough_is_per_pair_of_ports():
     }
 
 
-@pytest.mark.parametrize("declared", [{}, {"y": ("v",)}, {"y": (), "z": ()}, {"z": ("u",)}])
+@pytest.mark.parametrize(
+    "declared", [{}, {"y": ("v",)}, {"y": (), "z": ()}, {"z": ("u",)}]
+)
 def test_feedthrough_of_python_blocks_is_declared_and_checked(declared):
     class Python(Block):
         traced = False
@@ -265,7 +323,9 @@ def test_feedthrough_of_python_blocks_is_declared_and_checked(declared):
         def feedthrough(self):
             return declared
 
-    with pytest.raises(BlockError, match=r"feedthrough\(\) of block 'b' returned .* outputs \(y\)"):
+    with pytest.raises(
+        BlockError, match=r"feedthrough\(\) of block 'b' returned .* outputs \(y\)"
+    ):
         isolate(Diagram("d").add(b=Python()))
 
 

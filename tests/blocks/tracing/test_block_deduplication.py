@@ -82,11 +82,23 @@ DIFFERENT_ATTRIBUTES = {
         np.array([1.0]),
         lambda made: 2.0 if made.dtype == float else 3.0,
     ),
-    "the shape of an array": (np.ones((2, 3)), np.ones((3, 2)), lambda made: 1.0 * len(made)),
+    "the shape of an array": (
+        np.ones((2, 3)),
+        np.ones((3, 2)),
+        lambda made: 1.0 * len(made),
+    ),
     "something nested": ({"k": [0.0, (1.0,)]}, {"k": [0.0, (2.0,)]}, nested),
-    "a list or a tuple": ([1.0], (1.0,), lambda made: 2.0 if isinstance(made, list) else 3.0),
+    "a list or a tuple": (
+        [1.0],
+        (1.0,),
+        lambda made: 2.0 if isinstance(made, list) else 3.0,
+    ),
     "a function": (DOUBLE, TRIPLE, called),
-    "an order": ({"a": 1.0, "b": 2.0}, {"b": 2.0, "a": 1.0}, lambda made: next(iter(made.values()))),
+    "an order": (
+        {"a": 1.0, "b": 2.0},
+        {"b": 2.0, "a": 1.0},
+        lambda made: next(iter(made.values())),
+    ),
     "text": ("fast", "slow", lambda made: 2.0 if made == "fast" else 3.0),
 }
 
@@ -94,7 +106,10 @@ DIFFERENT_ATTRIBUTES = {
 def shown(diagram, **settings):
     """Return the outputs of a run at its end, by the name of the block."""
     result = simulate(diagram, 0.1, step=0.1, **settings)
-    return {str(n).removesuffix(".y"): float(np.ravel(v.values[-1])[0]) for n, v in result.items()}
+    return {
+        str(n).removesuffix(".y"): float(np.ravel(v.values[-1])[0])
+        for n, v in result.items()
+    }
 
 
 def many(**blocks):
@@ -109,7 +124,14 @@ def many(**blocks):
 def test_equal_blocks_are_traced_once_and_keep_their_own_parameters():
     Made.traces = 0
     slopes = {f"b{k}": 0.1 * k for k in range(30)}
-    found = shown(many(**{name: Made([0.0, 2.0], second, slope=slope) for name, slope in slopes.items()}))
+    found = shown(
+        many(
+            **{
+                name: Made([0.0, 2.0], second, slope=slope)
+                for name, slope in slopes.items()
+            }
+        )
+    )
     assert Made.traces == 1
     for name, slope in slopes.items():
         assert found[name] == 0.7 * slope * 2.0
@@ -161,7 +183,11 @@ IDENTITY_READERS = {
 
 @pytest.mark.parametrize("asks", IDENTITY_READERS)
 def test_blocks_that_ask_who_they_are_are_told_it(asks):
-    found = shown(many(a=Asking(IDENTITY_READERS[asks], 2.0), b=Asking(IDENTITY_READERS[asks], 3.0)))
+    found = shown(
+        many(
+            a=Asking(IDENTITY_READERS[asks], 2.0), b=Asking(IDENTITY_READERS[asks], 3.0)
+        )
+    )
     assert found == {"source": 0.7, "a": 1.4, "b": 0.7 * 3.0}
 
 
@@ -183,7 +209,11 @@ class Slotted(Block):
 
 def test_what_is_not_in_the_dictionary_of_a_block_counts_too():
     assert equations_key(Slotted(2.0)) is None
-    assert shown(many(a=Slotted(2.0), b=Slotted(3.0))) == {"source": 0.7, "a": 1.4, "b": 0.7 * 3.0}
+    assert shown(many(a=Slotted(2.0), b=Slotted(3.0))) == {
+        "source": 0.7,
+        "a": 1.4,
+        "b": 0.7 * 3.0,
+    }
 
 
 class Ported(Block):
@@ -217,10 +247,21 @@ def test_a_fault_is_told_of_the_first_block_that_has_it():
 LINEAR_BLOCKS = {
     "ones": lambda k: [TransferFunction([k - 2.0, 1.0], [1.0, k - 3.0, 1.0, k - 4.0])],
     "state space": lambda k: [
-        StateSpace(*(np.random.default_rng(k).integers(-2, 3, s) * 0.5 for s in ((3, 3), 3, 3, ())))
+        StateSpace(
+            *(
+                np.random.default_rng(k).integers(-2, 3, s) * 0.5
+                for s in ((3, 3), 3, 3, ())
+            )
+        )
     ],
-    "sampled": lambda k: [DiscreteStateSpace([[0.1 * k]], [1.0], [0.3 * k], 0.1 * k, sample_time=0.1)],
-    "others": lambda k: [Saturation(-k, k), UnitDelay(0.1), TransferFunction([1.0], [0.1 * k, 1.0])],
+    "sampled": lambda k: [
+        DiscreteStateSpace([[0.1 * k]], [1.0], [0.3 * k], 0.1 * k, sample_time=0.1)
+    ],
+    "others": lambda k: [
+        Saturation(-k, k),
+        UnitDelay(0.1),
+        TransferFunction([1.0], [0.1 * k, 1.0]),
+    ],
 }
 
 
@@ -247,7 +288,10 @@ def test_what_is_shared_is_the_same_program_to_the_bit(which, monkeypatch):
 def test_linear_blocks_share_where_they_have_the_same_zeros():
     lags = [TransferFunction([k], [0.1 * k, 1.0]) for k in range(1, 4)]
     assert len({equations_key(block) for block in lags}) == 1
-    direct = [TransferFunction([0.5, 1.0], [0.1, 1.0]), TransferFunction([0.0, 1.0], [0.1, 1.0])]
+    direct = [
+        TransferFunction([0.5, 1.0], [0.1, 1.0]),
+        TransferFunction([0.0, 1.0], [0.1, 1.0]),
+    ]
     assert len({equations_key(block) for block in [*lags, *direct]}) == 2
     many(**{f"b{k}": block for k, block in enumerate([*lags, *direct])})
     shared = {}
@@ -265,7 +309,11 @@ class Stiff(StateSpace):
 
 
 def test_a_linear_block_with_equations_of_its_own_keeps_its_numbers():
-    slow, stiff = (Stiff([[a]], [1.0], [1.0], initial_value=[1.0]) for a in (-1.0, -10.0))
+    slow, stiff = (
+        Stiff([[a]], [1.0], [1.0], initial_value=[1.0]) for a in (-1.0, -10.0)
+    )
     assert equations_key(slow) != equations_key(stiff)
-    found = shown(many(slow=slow, stiff=stiff), initial={"slow.x": [1.0], "stiff.x": [1.0]})
+    found = shown(
+        many(slow=slow, stiff=stiff), initial={"slow.x": [1.0], "stiff.x": [1.0]}
+    )
     assert found["slow"] < 0.0 < found["stiff"]

@@ -48,7 +48,12 @@ def test_equal_content_is_compiled_once(cache, builds):
     assert len(builds) == 1
     assert library_of(SOURCE + "\n") != first
     assert len(builds) == 2
-    assert sorted(p.suffix for p in cache.iterdir()) == [".sha256", ".sha256", ".so", ".so"]
+    assert sorted(p.suffix for p in cache.iterdir()) == [
+        ".sha256",
+        ".sha256",
+        ".so",
+        ".so",
+    ]
 
 
 @pytest.mark.parametrize(
@@ -59,7 +64,9 @@ def test_equal_content_is_compiled_once(cache, builds):
         ("_processor", lambda: "another processor"),
     ],
 )
-def test_compiler_flags_and_processor_are_part_of_the_name(name, value, builds, monkeypatch):
+def test_compiler_flags_and_processor_are_part_of_the_name(
+    name, value, builds, monkeypatch
+):
     first = library_of(SOURCE)
     monkeypatch.setattr(compiler, name, value)
     compiler.identity.cache_clear()
@@ -67,13 +74,19 @@ def test_compiler_flags_and_processor_are_part_of_the_name(name, value, builds, 
     assert len(builds) == 2
 
 
-@pytest.mark.parametrize("file", ["codegen.py", "operations.py", "fma.h", "lanes.h", "driver.c"])
-def test_code_that_writes_the_source_is_part_of_the_name(file, run, builds, monkeypatch):
+@pytest.mark.parametrize(
+    "file", ["codegen.py", "operations.py", "fma.h", "lanes.h", "driver.c"]
+)
+def test_code_that_writes_the_source_is_part_of_the_name(
+    file, run, builds, monkeypatch
+):
     first, second = run("compiled"), run("compiled")
     assert_array_equal(first["spring.y"], second["spring.y"])
     assert len(builds) == 1
     read = codegen.c_file
-    monkeypatch.setattr(codegen, "c_file", lambda n: read(n) + ("\n" if n == file else ""))
+    monkeypatch.setattr(
+        codegen, "c_file", lambda n: read(n) + ("\n" if n == file else "")
+    )
     run("compiled")
     assert len(builds) == 2
 
@@ -81,7 +94,9 @@ def test_code_that_writes_the_source_is_part_of_the_name(file, run, builds, monk
 def test_folder_that_cannot_be_written_is_replaced(tmp_path, run, monkeypatch, builds):
     (tmp_path / "file").write_text("")
     monkeypatch.setenv("TRUSSFLOW_CACHE", str(tmp_path / "file" / "cache"))
-    with pytest.warns(RuntimeWarning, match="compiled code cannot be cached in .*Not a directory") as hints:
+    with pytest.warns(
+        RuntimeWarning, match="compiled code cannot be cached in .*Not a directory"
+    ) as hints:
         assert run("compiled").attrs["backend"] == "compiled"
     assert len(hints) == 1
     library = library_of(SOURCE)
@@ -103,7 +118,9 @@ def test_two_processes_may_compile_at_once(cache):
 
     def started():
         command = [sys.executable, "-c", code, SOURCE]
-        return subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
+        return subprocess.Popen(
+            command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
+        )
 
     processes = [started() for _ in range(2)]
     for process in processes:
@@ -119,7 +136,9 @@ def test_two_processes_may_compile_at_once(cache):
 def test_without_a_compiler_the_interpreter_runs_with_one_hint(run):
     """The hint names the line of the user, here that of the fixture."""
     expected = run("interpreted")
-    with pytest.warns(RuntimeWarning, match="no C compiler was found.*pip install ziglang") as hints:
+    with pytest.warns(
+        RuntimeWarning, match="no C compiler was found.*pip install ziglang"
+    ) as hints:
         result = run()
     (hint,) = hints
     assert hint.filename == run.__code__.co_filename
@@ -136,7 +155,9 @@ def test_several_files_become_one_library():
     """The files are compiled at the same time, and refer to each other."""
     caller = "double part(void);\ndouble answer(void) { return 2 * part(); }\n"
     callee = "double part(void) { return 21.0; }\n"
-    library = ctypes.CDLL(str(compile_library(caller + callee, lambda: [caller, callee])))
+    library = ctypes.CDLL(
+        str(compile_library(caller + callee, lambda: [caller, callee]))
+    )
     library.answer.restype = ctypes.c_double
     assert library.answer() == 42.0
 
@@ -197,4 +218,6 @@ def test_cache_is_in_the_users_folder_by_default(monkeypatch):
 
 def test_compiled_and_interpreted_code_agree(run):
     """Ten steps with and without fused multiply-add differ by round-off."""
-    assert_allclose(run("compiled")["spring.y"], run("interpreted")["spring.y"], rtol=0, atol=1e-14)
+    assert_allclose(
+        run("compiled")["spring.y"], run("interpreted")["spring.y"], rtol=0, atol=1e-14
+    )

@@ -88,7 +88,13 @@ if os.name != "nt" and os.geteuid() == 0:  # only the superuser can give files a
 
 @pytest.mark.parametrize(
     "seed",
-    [*range(6), *(pytest.param(6 + k, marks=pytest.mark.campaign) for k in range(100 * campaign.SIZE))],
+    [
+        *range(6),
+        *(
+            pytest.param(6 + k, marks=pytest.mark.campaign)
+            for k in range(100 * campaign.SIZE)
+        ),
+    ],
 )
 def test_cached_files_that_are_damaged_or_not_ours_are_made_anew(seed, cache):
     """Damage the library, its hash, or both; afterwards the cache is used again."""
@@ -111,7 +117,9 @@ def test_cached_files_that_are_damaged_or_not_ours_are_made_anew(seed, cache):
 def test_a_library_that_fits_its_hash_and_is_none_is_made_anew(content):
     library = answer()
     if content is None:  # a library without the function
-        content = compile_library("int nothing;\n", lambda: ["int nothing;\n"]).read_bytes()
+        content = compile_library(
+            "int nothing;\n", lambda: ["int nothing;\n"]
+        ).read_bytes()
     script = (
         "import sys; from trussflow.blocks.tracing.compiler import compile_library\n"
         f"print(compile_library({SOURCE!r}, lambda: [{SOURCE!r}], ['answer']))"
@@ -121,19 +129,25 @@ def test_a_library_that_fits_its_hash_and_is_none_is_made_anew(content):
     library.chmod(0o600)
     library.with_suffix(".sha256").write_text(hashlib.sha256(content).hexdigest())
     for _ in range(2):  # a process that has loaded it would not see the new one
-        ended = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
+        ended = subprocess.run(
+            [sys.executable, "-c", script], capture_output=True, text=True, check=True
+        )
     assert (ended.stdout.strip(), ended.stderr) == (str(library), "")
     assert library.read_bytes() != content
 
 
-@pytest.mark.parametrize("spoil", [foreign, lambda path: path.chmod(0o777), lambda path: path.chmod(0o770)])
+@pytest.mark.parametrize(
+    "spoil", [foreign, lambda path: path.chmod(0o777), lambda path: path.chmod(0o770)]
+)
 def test_folder_that_others_may_write_to_is_not_used(spoil, cache):
     """Refuse a folder that another user could have written to, whatever the hash."""
     if spoil is foreign and os.geteuid() != 0:
         pytest.skip("only the superuser can give files away")
     planted = answer()
     spoil(cache)
-    with pytest.warns(RuntimeWarning, match="cannot be cached in .*others may write to it") as hints:
+    with pytest.warns(
+        RuntimeWarning, match="cannot be cached in .*others may write to it"
+    ) as hints:
         used = answer()
     assert len(hints) == 1
     assert planted != used
@@ -155,11 +169,20 @@ def test_a_new_folder_is_ours_alone(cache):
 
 COMPILER_SCRIPTS = {
     "fails": ("exit 3", "ended with code 3 and without a message"),
-    "fails in no language": (r"printf '\377\376 no' >&2; exit 1", "failed:\n\ufffd\ufffd no"),
+    "fails in no language": (
+        r"printf '\377\376 no' >&2; exit 1",
+        "failed:\n\ufffd\ufffd no",
+    ),
     "killed": ("kill -9 $$", "ended with code -9"),
     "writes nothing": ("exit 0", "ended with code 0 and without a message"),
-    "chats and writes nothing": (r"printf '\377 all is well'; exit 0", "ended with code 0"),
-    "writes nonsense": (r'for o; do :; done; printf nonsense > "$o"', "cannot store and load"),
+    "chats and writes nothing": (
+        r"printf '\377 all is well'; exit 0",
+        "ended with code 0",
+    ),
+    "writes nonsense": (
+        r'for o; do :; done; printf nonsense > "$o"',
+        "cannot store and load",
+    ),
     "writes a folder": ('for o; do :; done; mkdir "$o"', "without a message"),
     "hangs": ("sleep 1000 & wait", r"did not end within 0\.2 s"),
     "hangs when asked": ("sleep 1000", r"--version did not end within 0\.2 s"),
@@ -182,7 +205,9 @@ def test_compilers_that_do_not_work(script, run, tmp_path, monkeypatch):
         run("compiled")
     assert time.monotonic() - begin < 20.0
     call_site._said.clear()
-    with pytest.warns(RuntimeWarning, match=rf"interpreter, 20 times slower(.|\n)*({message})") as hints:
+    with pytest.warns(
+        RuntimeWarning, match=rf"interpreter, 20 times slower(.|\n)*({message})"
+    ) as hints:
         assert run().attrs["backend"] == "interpreted"
     assert sum("interpreter" in str(hint.message) for hint in hints) == 1
     with warnings.catch_warnings():
@@ -225,7 +250,11 @@ def test_temporary_folders_go_with_their_process_or_at_the_next_start(tmp_path):
     assert [p.exists() for _, p in (killed, lives, last)] == [False, True, True]
     for process, _ in (lives, last):
         process.communicate("\n")
-    assert sorted(p.name for p in tmp_path.iterdir()) == ["lock", "trussflow-link", "trussflow-of-mine"]
+    assert sorted(p.name for p in tmp_path.iterdir()) == [
+        "lock",
+        "trussflow-link",
+        "trussflow-of-mine",
+    ]
 
 
 # -- surroundings -------------------------------------------------------------------------------
@@ -252,12 +281,21 @@ NO_FOLDER = "if small: cannot compile .*No such file or directory: '/nowhere"
 @pytest.mark.parametrize(
     ("variables", "arguments", "backend", "message"),
     [
-        ({"TRUSSFLOW_CACHE": "/dev/null/x"}, ["0"], "compiled", "code cannot be cached in '/dev/null/x'"),
+        (
+            {"TRUSSFLOW_CACHE": "/dev/null/x"},
+            ["0"],
+            "compiled",
+            "code cannot be cached in '/dev/null/x'",
+        ),
         pytest.param({"HOME": "/nowhere"}, ["0"], "compiled", "", marks=in_campaign),
         pytest.param({"TMPDIR": "/nowhere"}, ["0"], "compiled", "", marks=in_campaign),
         ({}, ["100"], "interpreted", TOO_LARGE),
         pytest.param(
-            {}, ["3000"], "interpreted", r"if small: .*\.so', which|File too large", marks=in_campaign
+            {},
+            ["3000"],
+            "interpreted",
+            r"if small: .*\.so', which|File too large",
+            marks=in_campaign,
         ),
         ({}, ["0", "/nowhere"], "interpreted", NO_FOLDER),
     ],

@@ -11,17 +11,36 @@ from systems import compiled_program
 
 from trussflow.blocks.tracing.codegen import vector_functions as declarations
 from trussflow.blocks.tracing.compiler import compile_library
-from trussflow.blocks.tracing.kernels import from_expression, repeated, symbol, to_expression, tracing
+from trussflow.blocks.tracing.kernels import (
+    from_expression,
+    repeated,
+    symbol,
+    to_expression,
+    tracing,
+)
 from trussflow.blocks.tracing.operations import FORMULAS
 
-FUNCTION_ERROR = 3.0  # units in the last place: of the series, and of NumPy's own functions
+FUNCTION_ERROR = (
+    3.0  # units in the last place: of the series, and of NumPy's own functions
+)
 POWER_ERROR = 45.0  # the same for a power, whose logarithm is multiplied by up to 20
 
 NAMES = {number: name for name, number in vars(ca).items() if name.startswith("OP_")}
 OPERATIONS = {NAMES[number]: number for number in FORMULAS if number >= 0}
 
 ORDINARY_NUMBERS = (0.7, -0.7, 3.5, -2.0, 1.0, 5e4)
-EXTREME_NUMBERS = (0.0, -0.0, 1e-310, -1e-310, 1e200, -1e200, 1e308, np.inf, -np.inf, np.nan)
+EXTREME_NUMBERS = (
+    0.0,
+    -0.0,
+    1e-310,
+    -1e-310,
+    1e200,
+    -1e200,
+    1e308,
+    np.inf,
+    -np.inf,
+    np.nan,
+)
 OPERANDS = np.array(list(product(ORDINARY_NUMBERS + EXTREME_NUMBERS, repeat=2)))
 
 
@@ -46,7 +65,9 @@ def compiled(count):
         results = [to_expression(r) for (r,) in repeated(everything, instances)]
     assert len(trace.calls) == (count > 1)
     _, call = compiled_program(results, pairs, trace)
-    found = [call(np.resize(OPERANDS[i:], 2 * count)) for i in range(0, len(OPERANDS), count)]
+    found = [
+        call(np.resize(OPERANDS[i:], 2 * count)) for i in range(0, len(OPERANDS), count)
+    ]
     return np.concatenate(found).reshape(-1, len(OPERATIONS))[: len(OPERANDS)]
 
 
@@ -55,7 +76,15 @@ LOSE_NAN = {"OP_FMIN": np.minimum, "OP_FMAX": np.maximum}
 
 
 @pytest.mark.parametrize(
-    "count", [1, 3, 4, 7, 9, *(pytest.param(n, marks=pytest.mark.campaign) for n in (2, 5, 6, 8))]
+    "count",
+    [
+        1,
+        3,
+        4,
+        7,
+        9,
+        *(pytest.param(n, marks=pytest.mark.campaign) for n in (2, 5, 6, 8)),
+    ],
 )
 def test_c_does_what_the_interpreter_does(count):
     """Numbers (1), two lanes (2, 3), four lanes (the others), and groups that overlap."""
@@ -64,11 +93,17 @@ def test_c_does_what_the_interpreter_does(count):
     found = compiled(count)
     with np.errstate(all="ignore"):
         for column, (name, operation) in enumerate(OPERATIONS.items()):
-            function = LOSE_NAN.get(name) or ca.Function("one", [x, y], [apply(operation, x, y)])
+            function = LOSE_NAN.get(name) or ca.Function(
+                "one", [x, y], [apply(operation, x, y)]
+            )
             expected = np.asarray(function(a, b)).ravel()
             tolerance = POWER_ERROR if "POW" in name else FUNCTION_ERROR
             assert_allclose(
-                found[:, column], expected, rtol=tolerance * np.finfo(float).eps, atol=0, err_msg=name
+                found[:, column],
+                expected,
+                rtol=tolerance * np.finfo(float).eps,
+                atol=0,
+                err_msg=name,
             )
 
 
@@ -77,12 +112,16 @@ def test_every_numpy_function_that_can_be_traced_has_its_c():
     a, b = symbol("a", (2,)), symbol("b", (2,))
     known = {ca.OP_INPUT, ca.OP_OUTPUT, ca.OP_CONST} | set(OPERATIONS.values())
     reached = set()
-    for ufunc in (f for f in vars(np).values() if isinstance(f, np.ufunc) and f.nout == 1):
+    for ufunc in (
+        f for f in vars(np).values() if isinstance(f, np.ufunc) and f.nout == 1
+    ):
         try:
             result = ufunc(*(a, b)[: ufunc.nin])
         except TypeError:  # CasADi has nothing like it
             continue
-        function = ca.Function("f", [to_expression(a), to_expression(b)], [to_expression(result)])
+        function = ca.Function(
+            "f", [to_expression(a), to_expression(b)], [to_expression(result)]
+        )
         used = {function.instruction_id(k) for k in range(function.n_instructions())}
         assert used <= known, ufunc.__name__
         reached |= used
@@ -91,7 +130,13 @@ def test_every_numpy_function_that_can_be_traced_has_its_c():
 
 # -- the functions that lanes.h has of its own ------------------------------------------------
 
-FUNCTIONS = {"sin": np.sin, "cos": np.cos, "exp": np.exp, "log": np.log, "pow": np.power}
+FUNCTIONS = {
+    "sin": np.sin,
+    "cos": np.cos,
+    "exp": np.exp,
+    "log": np.log,
+    "pow": np.power,
+}
 ERROR_LIMITS = dict.fromkeys(FUNCTIONS, FUNCTION_ERROR) | {"pow": POWER_ERROR}
 
 
@@ -100,7 +145,9 @@ def lanes():
     """Return a caller of the functions in lanes.h."""
     source = declarations()
     for (name, function), width in product(FUNCTIONS.items(), (2, 4)):
-        given = ", ".join(f"*(const tf_lanes{width}*)({v} + i)" for v in "ab"[: function.nin])
+        given = ", ".join(
+            f"*(const tf_lanes{width}*)({v} + i)" for v in "ab"[: function.nin]
+        )
         source += (
             f"\nvoid {name}_{width}(const double* a, const double* b, double* r, long long n) {{\n"
             f"  for (long long i = 0; i < n; i += {width})\n"
@@ -160,13 +207,17 @@ def test_functions_of_lanes_are_accurate(name, width, lanes):
     found = lanes(function, width, *arguments)
     expected = FUNCTIONS[function](*(v.astype(np.longdouble) for v in arguments))
     error = np.abs(found - expected) / np.spacing(np.abs(expected.astype(float)))
-    assert error.max() < ERROR_LIMITS[function], [v[np.argmax(error)] for v in arguments]
+    assert error.max() < ERROR_LIMITS[function], [
+        v[np.argmax(error)] for v in arguments
+    ]
 
 
 @pytest.mark.parametrize("width", [2, 4])
 @pytest.mark.parametrize("function", FUNCTIONS)
 def test_one_lane_at_the_edge_leaves_the_others_right(function, width, lanes):
-    edges = np.array([np.nan, np.inf, -np.inf, 0.0, -0.0, -1.0, 1e308, 5e-324, 1e5, 750.0, -750.0])
+    edges = np.array(
+        [np.nan, np.inf, -np.inf, 0.0, -0.0, -1.0, 1e308, 5e-324, 1e5, 750.0, -750.0]
+    )
     for lane in range(width):
         first = np.full((len(edges), width), 0.7)
         first[:, lane] = edges
@@ -183,10 +234,20 @@ def test_one_lane_at_the_edge_leaves_the_others_right(function, width, lanes):
 def test_remainders_of_products_stay_in_their_range(count):
     """A product that is rounded only after the remainder is taken off leaves the range by 1e-17."""
     x, modulus = symbol("x", (count,)), 0.1
-    parts = [np.mod(x * 0.3, modulus), x % modulus, np.modf(x * 10.0)[0], np.rint(x * 10.0)]
+    parts = [
+        np.mod(x * 0.3, modulus),
+        x % modulus,
+        np.modf(x * 10.0)[0],
+        np.rint(x * 10.0),
+    ]
     _, call = compiled_program(map(to_expression, parts), x)
     for number in np.random.default_rng(0).integers(0, 2000, 2000) / 20.0:
         tenfold = number * 10.0
-        expected = [np.mod(number * 0.3, modulus), number % modulus, np.modf(tenfold)[0], np.rint(tenfold)]
+        expected = [
+            np.mod(number * 0.3, modulus),
+            number % modulus,
+            np.modf(tenfold)[0],
+            np.rint(tenfold),
+        ]
         found = call(np.full(count, number)).reshape(4, count)
         assert_array_equal(found, np.outer(expected, np.ones(count)))

@@ -13,7 +13,10 @@ from trussflow.blocks.framework.diagram import Diagram
 from trussflow.blocks.framework.port import Output
 from trussflow.blocks.simulation.simulator import Simulator, simulate
 from trussflow.blocks.tracing.kernels import symbol, to_expression, tracing
-from trussflow.blocks.tracing.linear_algebra import solve_positive_definite, weighted_gramian
+from trussflow.blocks.tracing.linear_algebra import (
+    solve_positive_definite,
+    weighted_gramian,
+)
 from trussflow.blocks.tracing.program import lower
 
 ROUND_OFF = 1e-11  # times the condition of the matrices, below a hundred
@@ -50,7 +53,9 @@ def matrix_of(pattern):
     """Return a positive definite matrix with that pattern, and random numbers."""
     random = np.random.default_rng(4).uniform(-1.0, 1.0, pattern.shape)
     symmetric = pattern * (random + random.T)
-    return symmetric + (1.0 + np.abs(symmetric).sum(axis=1).max()) * np.eye(len(pattern))
+    return symmetric + (1.0 + np.abs(symmetric).sum(axis=1).max()) * np.eye(
+        len(pattern)
+    )
 
 
 class Solver(Block):
@@ -64,7 +69,12 @@ class Solver(Block):
 
     def output(self, t, x, u, p):
         rows = [  # structural zeros, as equations of motion have them
-            np.stack([p.m[i, j] if self.pattern[i, j] else 0.0 * p.m[0, 0] for j in range(self.n)])
+            np.stack(
+                [
+                    p.m[i, j] if self.pattern[i, j] else 0.0 * p.m[0, 0]
+                    for j in range(self.n)
+                ]
+            )
             for i in range(self.n)
         ]
         return {"y": solve_positive_definite(np.stack(rows), p.b)}
@@ -74,14 +84,20 @@ class Solver(Block):
 def test_solution_equals_numpy_from_the_lower_triangle_alone(backend):
     """Rounding may leave a mass matrix not quite symmetric; all backends read the same half."""
     diagram, expected = Diagram("d"), {}
-    for number, ((name, pattern), columns) in enumerate(product(PATTERNS.items(), [(), (1,), (3,)])):
+    for number, ((name, pattern), columns) in enumerate(
+        product(PATTERNS.items(), [(), (1,), (3,)])
+    ):
         shape = (len(pattern), *columns)
         m, b = matrix_of(pattern), np.random.default_rng(6).standard_normal(shape)
-        diagram.add(f"solver{number}", Solver(pattern, shape, m=m + np.triu(pattern, 1), b=b))
+        diagram.add(
+            f"solver{number}", Solver(pattern, shape, m=m + np.triu(pattern, 1), b=b)
+        )
         expected[f"solver{number}.y"] = name, np.linalg.solve(m, b)
     found = simulate(diagram, 1.0, step=1.0, backend=backend)
     for signal, (name, solution) in expected.items():
-        assert_allclose(found[signal][0], solution, rtol=0, atol=ROUND_OFF, err_msg=name)
+        assert_allclose(
+            found[signal][0], solution, rtol=0, atol=ROUND_OFF, err_msg=name
+        )
 
 
 @pytest.mark.parametrize("side", ["matrix", "vector"])
@@ -92,12 +108,21 @@ def test_only_one_side_may_be_traced(side):
     with tracing() as trace:
         found = solve_positive_definite(*(values | {side: traced}).values())
     program = lower("f", [to_expression(traced)], to_expression(found), trace)
-    assert_allclose(program.evaluate([values[side].ravel()]), np.linalg.solve(m, b), rtol=0, atol=ROUND_OFF)
+    assert_allclose(
+        program.evaluate([values[side].ravel()]),
+        np.linalg.solve(m, b),
+        rtol=0,
+        atol=ROUND_OFF,
+    )
 
 
 @pytest.mark.parametrize("backend", ["interpreted", "compiled"])
-@pytest.mark.parametrize(("border", "blocks"), [(0, (4,)), (1, (2, 2)), (3, (2, 2, 2)), (0, (2, 2))])
-def test_traced_code_solves_what_is_indefinite_and_does_not_hide_what_is_singular(border, blocks, backend):
+@pytest.mark.parametrize(
+    ("border", "blocks"), [(0, (4,)), (1, (2, 2)), (3, (2, 2, 2)), (0, (2, 2))]
+)
+def test_traced_code_solves_what_is_indefinite_and_does_not_hide_what_is_singular(
+    border, blocks, backend
+):
     pattern = arrow(border, blocks)
     n = len(pattern)
     m, b = matrix_of(pattern), np.arange(1.0, n + 1)
@@ -111,7 +136,9 @@ def test_traced_code_solves_what_is_indefinite_and_does_not_hide_what_is_singula
     m[border, border] *= -1.0  # the first block fails to be positive definite
     assert_allclose(solution(m), np.linalg.solve(m, b), rtol=0, atol=ROUND_OFF)
     m[border : border + 2, :] = m[:, border : border + 2] = 0.0
-    with pytest.warns(SimulationWarning, match="'solver.y' stopped being finite at t = 0 s"):
+    with pytest.warns(
+        SimulationWarning, match="'solver.y' stopped being finite at t = 0 s"
+    ):
         assert np.isnan(solution(m)).any()
 
 
@@ -135,13 +162,17 @@ def test_weighted_gramian_equals_numpy(groups):
     entries, w = symbol("a", (filled.sum(),)), symbol("w", weights.shape)
     numbers = iter(range(filled.sum()))
     rows_of_symbols = [
-        np.stack([entries[next(numbers)] if f else np.zeros(()) for f in row]) for row in filled
+        np.stack([entries[next(numbers)] if f else np.zeros(()) for f in row])
+        for row in filled
     ]
     with tracing() as trace:
         found = weighted_gramian(np.stack(rows_of_symbols), w)
     assert len(trace.calls) == (groups > 1)
-    program = lower("f", [to_expression(entries), to_expression(w)], to_expression(found), trace)
+    program = lower(
+        "f", [to_expression(entries), to_expression(w)], to_expression(found), trace
+    )
     expected = (matrix * weights) @ matrix.T
     values = program.evaluate([matrix[filled], weights]).reshape(expected.shape)
-    assert np.abs(values - expected).max() < 1e-12 * np.abs(expected).max()  # order of sums
+    # order of sums
+    assert np.abs(values - expected).max() < 1e-12 * np.abs(expected).max()
     assert np.array_equal(weighted_gramian(matrix, weights), expected)

@@ -49,7 +49,10 @@ class Alike(Block):
 
     def derivative(self, t, x, u, p):
         """Return differences of neighbours."""
-        left, right = np.concatenate([x.x[-1:], x.x[:-1]]), np.concatenate([x.x[1:], x.x[:1]])
+        left, right = (
+            np.concatenate([x.x[-1:], x.x[:-1]]),
+            np.concatenate([x.x[1:], x.x[:1]]),
+        )
         return {"x": p.k * (left - 2.0 * x.x + right) + np.cos(t) / (1.0 + x.x**2)}
 
 
@@ -66,7 +69,11 @@ class Rod(Block):
     def derivative(self, t, x, u, p):
         """Return second differences."""
         ends = np.zeros(1)
-        return {"x": np.concatenate([ends, x.x[:-1]]) - 2.0 * x.x + np.concatenate([x.x[1:], ends])}
+        return {
+            "x": np.concatenate([ends, x.x[:-1]])
+            - 2.0 * x.x
+            + np.concatenate([x.x[1:], ends])
+        }
 
 
 def chain(count):
@@ -74,7 +81,9 @@ def chain(count):
     diagram = Diagram("chain")
     last = diagram.add(source=Sine(1.0, 1.0))
     for k in range(count):
-        block = diagram.add(f"lag{k}", TransferFunction([1.0, 2.0], [0.1, 0.3 + 0.01 * k, 1.0]))
+        block = diagram.add(
+            f"lag{k}", TransferFunction([1.0, 2.0], [0.1, 0.3 + 0.01 * k, 1.0])
+        )
         last >> block
         last = block
     return diagram
@@ -92,7 +101,11 @@ def full(n):
     """Return a linear block whose matrix is full."""
     draw = np.random.default_rng(1).standard_normal
     diagram = Diagram("full")
-    diagram.add(plant=StateSpace(0.1 * draw((n, n)) - 2.0 * np.eye(n), draw((n, 2)), draw((9, n)), 0.0))
+    diagram.add(
+        plant=StateSpace(
+            0.1 * draw((n, n)) - 2.0 * np.eye(n), draw((n, 2)), draw((9, n)), 0.0
+        )
+    )
     source = diagram.add(source=Sine(np.ones(2), 1.0))
     source >> diagram.plant
     return diagram
@@ -108,7 +121,10 @@ def rod(n):
 @pytest.mark.parametrize("diagram", [many(40), chain(24), full(90), rod(200)])
 def test_loops_give_the_numbers_of_code_written_out(diagram, monkeypatch, tmp_path):
     results = []
-    for name, least in (("rolled", loop_rerolling.MIN_LOOP_ELEMENTS), ("written out", 10**9)):
+    for name, least in (
+        ("rolled", loop_rerolling.MIN_LOOP_ELEMENTS),
+        ("written out", 10**9),
+    ):
         monkeypatch.setenv("TRUSSFLOW_CACHE", str(tmp_path / name))
         monkeypatch.setattr(loop_rerolling, "MIN_LOOP_ELEMENTS", least)
         simulator = Simulator(diagram, step=1e-3, backend="compiled")
@@ -124,7 +140,16 @@ def test_loops_give_the_numbers_of_code_written_out(diagram, monkeypatch, tmp_pa
 
 def test_a_long_vector_is_as_much_code_as_a_short_one():
     short, long = (
-        sum(map(len, c_sources(Simulator(rod(n), step=1e-3, backend="interpreted").prepared.programs)))
+        sum(
+            map(
+                len,
+                c_sources(
+                    Simulator(
+                        rod(n), step=1e-3, backend="interpreted"
+                    ).prepared.programs
+                ),
+            )
+        )
         for n in (100, 3000)
     )
     assert long < short + 200
@@ -172,23 +197,37 @@ def test_loops_compute_no_long_value_again_and_again():
     )
     source >> product >> steps
     source >> back >> source
-    code = c_sources(Simulator(diagram, step=1e-3, backend="interpreted").prepared.programs)[0]
+    code = c_sources(
+        Simulator(diagram, step=1e-3, backend="interpreted").prepared.programs
+    )[0]
     body = code[code.index("tf_run_derivative") :]
     loops = re.findall(r"i < (\d+); \+\+i\) \{\n(.*?)\n    \}", body, re.DOTALL)
-    written, run = body.count("fma("), sum((int(n) - 1) * text.count("fma(") for n, text in loops)
+    written, run = (
+        body.count("fma("),
+        sum((int(n) - 1) * text.count("fma(") for n, text in loops),
+    )
     assert written + run < 2 * (16 * 100 + 16 * 12)
 
 
 def test_what_all_elements_take_is_computed_once():
     diagram = many(300)
-    code = "".join(c_sources(Simulator(diagram, step=1e-3, backend="interpreted").prepared.programs))
+    code = "".join(
+        c_sources(
+            Simulator(diagram, step=1e-3, backend="interpreted").prepared.programs
+        )
+    )
     assert code.count("= sqrt(") == 1
-    assert sum(int(length) for length in re.findall(r"i < (\d+); \+\+i\) \{", code)) >= 4 * 298
+    assert (
+        sum(int(length) for length in re.findall(r"i < (\d+); \+\+i\) \{", code))
+        >= 4 * 298
+    )
 
 
 def test_a_constant_of_many_elements_is_built_and_runs():
     diagram = Diagram("many")
-    constant, gain = diagram.add(constant=Constant(np.arange(30_000) / 7.0), gain=Gain(2.0))
+    constant, gain = diagram.add(
+        constant=Constant(np.arange(30_000) / 7.0), gain=Gain(2.0)
+    )
     constant >> gain
     result = simulate(diagram, 0.01, step=1e-2, log=["gain.y"])
     assert_array_equal(result["gain.y"][-1], 2.0 * np.arange(30_000) / 7.0)

@@ -46,7 +46,10 @@ def test_equations_with_the_same_arguments_share_the_work_and_others_do_not():
     block, other = Shared(), Shared()
     u = np.array([2.0, 3.0])
     x, inputs, p = given(u)
-    for each in (block.output(0.0, x, inputs, p)["y"], block.derivative(0.0, x, inputs, p)["q"]):
+    for each in (
+        block.output(0.0, x, inputs, p)["y"],
+        block.derivative(0.0, x, inputs, p)["q"],
+    ):
         assert_array_equal(each, [4.0, 9.0])
         each[:] = 7.0  # changes this result alone
     assert len(block.asked) == 1
@@ -62,7 +65,10 @@ def test_expressions_are_shared_within_a_trace_and_each_trace_has_its_kernel_cal
     traces = []
     for _ in range(2):
         with tracing() as trace:
-            both = block.output(0.0, *arguments)["y"], block.derivative(0.0, *arguments)["q"]
+            both = (
+                block.output(0.0, *arguments)["y"],
+                block.derivative(0.0, *arguments)["q"],
+            )
         assert both[0] is both[1]
         traces.append(trace)
     assert [len(trace.calls) for trace in traces] == [1, 1]

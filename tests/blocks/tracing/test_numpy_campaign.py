@@ -27,23 +27,119 @@ VECTOR_SIZE = 3
 T, X = symbol("t", ()), symbol("x", (2 * VECTOR_SIZE,))
 
 UNARY_CALLS = [
-    *("abs", "sqrt", "square", "reciprocal", "sign", "exp", "expm1", "log", "log1p", "log10", "log2", "exp2"),
+    *(
+        "abs",
+        "sqrt",
+        "square",
+        "reciprocal",
+        "sign",
+        "exp",
+        "expm1",
+        "log",
+        "log1p",
+        "log10",
+        "log2",
+        "exp2",
+    ),
     *("sin", "cos", "tan", "arcsin", "arccos", "arctan", "sinh", "cosh", "tanh"),
     *("arcsinh", "arccosh", "arctanh"),
-    *("floor", "ceil", "trunc", "fix", "rint", "round", "cbrt", "degrees", "radians", "sinc", "negative"),
-    *("isnan", "isinf", "isfinite", "isposinf", "isneginf", "logical_not", "nan_to_num", "cumsum", "cumprod"),
-    *("nancumsum", "flip", "ediff1d", "sort", "argmax", "positive", "nanmax", "nanmin", "nansum", "nanprod"),
-    *("nanmean", "max", "min", "sum", "mean", "prod", "ptp", "std", "var", "all", "any", "median"),
+    *(
+        "floor",
+        "ceil",
+        "trunc",
+        "fix",
+        "rint",
+        "round",
+        "cbrt",
+        "degrees",
+        "radians",
+        "sinc",
+        "negative",
+    ),
+    *(
+        "isnan",
+        "isinf",
+        "isfinite",
+        "isposinf",
+        "isneginf",
+        "logical_not",
+        "nan_to_num",
+        "cumsum",
+        "cumprod",
+    ),
+    *(
+        "nancumsum",
+        "flip",
+        "ediff1d",
+        "sort",
+        "argmax",
+        "positive",
+        "nanmax",
+        "nanmin",
+        "nansum",
+        "nanprod",
+    ),
+    *(
+        "nanmean",
+        "max",
+        "min",
+        "sum",
+        "mean",
+        "prod",
+        "ptp",
+        "std",
+        "var",
+        "all",
+        "any",
+        "median",
+    ),
     "count_nonzero",
 ]
 BINARY_CALLS = [
-    *("add", "subtract", "multiply", "divide", "power", "mod", "fmod", "floor_divide", "maximum", "minimum"),
-    *("fmax", "fmin", "arctan2", "hypot", "copysign", "heaviside", "logaddexp", "logaddexp2", "isclose"),
-    *("less", "less_equal", "greater", "greater_equal", "equal", "not_equal", "logical_and", "logical_or"),
+    *(
+        "add",
+        "subtract",
+        "multiply",
+        "divide",
+        "power",
+        "mod",
+        "fmod",
+        "floor_divide",
+        "maximum",
+        "minimum",
+    ),
+    *(
+        "fmax",
+        "fmin",
+        "arctan2",
+        "hypot",
+        "copysign",
+        "heaviside",
+        "logaddexp",
+        "logaddexp2",
+        "isclose",
+    ),
+    *(
+        "less",
+        "less_equal",
+        "greater",
+        "greater_equal",
+        "equal",
+        "not_equal",
+        "logical_and",
+        "logical_or",
+    ),
     *("logical_xor", "cross", "float_power", "nextafter"),
 ]
 NUMBERS = (0.0, 1.0, -1.0, 0.5, 2.0, 3.0, 0.1, -2.5, 7.0, 1e-3, 1e6)
-REFUSED_BY_NUMPY = (TypeError, ValueError, IndexError, AttributeError, OverflowError, np.linalg.LinAlgError)
+REFUSED_BY_NUMPY = (
+    TypeError,
+    ValueError,
+    IndexError,
+    AttributeError,
+    OverflowError,
+    np.linalg.LinAlgError,
+)
 
 SPECIAL_CALLS = {
     "where": lambda a, b, c: np.where(np.greater(a, 0), b, c),
@@ -59,7 +155,9 @@ SPECIAL_CALLS = {
     "%": lambda a, b: a % b,
     "**": lambda a, b: a**b,
     # NumPy's own rounds sums of products once, and loses the sign of zero in a number times a vector.
-    "dot": lambda a, b: np.sum(np.multiply(a, b)) if np.ndim(a) and np.ndim(b) else np.multiply(a, b),
+    "dot": lambda a, b: (
+        np.sum(np.multiply(a, b)) if np.ndim(a) and np.ndim(b) else np.multiply(a, b)
+    ),
     "select": lambda a, b: np.select([np.less(a, -1), np.less(a, 1)], [a, b], 0.5),
 }
 
@@ -69,7 +167,9 @@ ARITY = (
     | dict.fromkeys(UNARY_CALLS, 1)
     | dict.fromkeys(BINARY_CALLS, 2)
 )
-FUNCTIONS = {name: getattr(np, name) for name in (*UNARY_CALLS, *BINARY_CALLS)} | SPECIAL_CALLS
+FUNCTIONS = {
+    name: getattr(np, name) for name in (*UNARY_CALLS, *BINARY_CALLS)
+} | SPECIAL_CALLS
 
 
 @dataclass(frozen=True)
@@ -80,11 +180,19 @@ class Node:
     operands: tuple[Node, ...] = ()
 
     def __str__(self):
-        return f"{self.name}({', '.join(map(str, self.operands))})" if self.operands else self.name
+        return (
+            f"{self.name}({', '.join(map(str, self.operands))})"
+            if self.operands
+            else self.name
+        )
 
     def __call__(self, u, v, watch=lambda _name, _operands, result: result):
         if not self.operands:
-            return {"u": u, "v": v}[self.name] if self.name in "uv" else np.float64(self.name)
+            return (
+                {"u": u, "v": v}[self.name]
+                if self.name in "uv"
+                else np.float64(self.name)
+            )
         operands = [each(u, v, watch) for each in self.operands]
         return watch(self.name, operands, FUNCTIONS[self.name](*operands))
 
@@ -92,7 +200,9 @@ class Node:
 def drawn(rng, depth):
     """Return a random composition."""
     if depth == 0 or rng.random() < 0.1:
-        return Node(str(rng.choice([*"uvuv", *map(repr, NUMBERS[: rng.integers(1, 12)])])))
+        return Node(
+            str(rng.choice([*"uvuv", *map(repr, NUMBERS[: rng.integers(1, 12)])]))
+        )
     name = str(rng.choice([*UNARY_CALLS, *BINARY_CALLS, *BINARY_CALLS, *SPECIAL_CALLS]))
     return Node(name, tuple(drawn(rng, depth - 1) for _ in range(ARITY[name])))
 
@@ -120,7 +230,9 @@ def points():
     found = [rng.uniform(-3, 3, (2, VECTOR_SIZE)) for _ in range(4)]
     found += [rng.choice(mixed, (2, VECTOR_SIZE)) for _ in range(12)]
     found += [np.full((2, VECTOR_SIZE), a) for a in (0.5, 0.0, 2.0, np.inf, np.nan)]
-    return found + [np.round(rng.uniform(-9, 9, (2, VECTOR_SIZE))) / [[2], [10]] for _ in range(4)]
+    return found + [
+        np.round(rng.uniform(-9, 9, (2, VECTOR_SIZE))) / [[2], [10]] for _ in range(4)
+    ]
 
 
 @dataclass
@@ -128,7 +240,9 @@ class Watch:
     """Observations on the way to NumPy's result."""
 
     largest: float = 1.0
-    simplified: bool = False  # CasADi may have simplified where NumPy gets NaN or infinity
+    simplified: bool = (
+        False  # CasADi may have simplified where NumPy gets NaN or infinity
+    )
     interpreter: bool = False  # CasADi's interpreter drops NaN here
 
     def __call__(self, name, operands, result):
@@ -138,15 +252,31 @@ class Watch:
         self.simplified |= bool(found > given or (not nan and np.isnan(result).any()))
         self.simplified |= nan and name in ARITHMETIC
         # A power of one half is a square root, which has none of minus infinity.
-        self.simplified |= name in {"power", "float_power"} and bool(np.isneginf(operands[0]).any())
+        self.simplified |= name in {"power", "float_power"} and bool(
+            np.isneginf(operands[0]).any()
+        )
         self.simplified |= nan and name == "copysign"  # the sign of NaN means nothing
         self.interpreter |= nan and name in MAXIMA
-        self.largest = np.abs(np.where(np.isfinite(result), result, 0.0)).max(initial=self.largest)
+        self.largest = np.abs(np.where(np.isfinite(result), result, 0.0)).max(
+            initial=self.largest
+        )
         return result
 
 
 ARITHMETIC = {
-    *("add", "subtract", "multiply", "divide", "dot", "cross", "%", "fmod", "mod", "floor_divide", "divmod"),
+    *(
+        "add",
+        "subtract",
+        "multiply",
+        "divide",
+        "dot",
+        "cross",
+        "%",
+        "fmod",
+        "mod",
+        "floor_divide",
+        "divmod",
+    ),
     *(
         "less",
         "less_equal",
@@ -160,10 +290,32 @@ ARITHMETIC = {
         "linalg.norm",
     ),
     "isclose",
-    *("power", "float_power", "**", "prod", "cumprod", "nanprod", "nanmean", "where", "select", "hypot"),
+    *(
+        "power",
+        "float_power",
+        "**",
+        "prod",
+        "cumprod",
+        "nanprod",
+        "nanmean",
+        "where",
+        "select",
+        "hypot",
+    ),
 }
 MEANS = {"mean", "nanmean", "var", "std"}
-MAXIMA = {"maximum", "minimum", "clip", "max", "min", "amax", "amin", "ptp", "logaddexp", "logaddexp2"}
+MAXIMA = {
+    "maximum",
+    "minimum",
+    "clip",
+    "max",
+    "min",
+    "amax",
+    "amin",
+    "ptp",
+    "logaddexp",
+    "logaddexp2",
+}
 
 
 def shaken(seed):
@@ -174,7 +326,9 @@ def shaken(seed):
         shake = 1e-13 * rng.uniform(-1.0, 1.0, np.shape(result))
         if name in MEANS:  # also of equal numbers, from which nothing should differ
             return result + rng.integers(2) * np.abs(shake)
-        return result if np.asarray(result).dtype.kind in "bi" else result * (1.0 + shake)
+        return (
+            result if np.asarray(result).dtype.kind in "bi" else result * (1.0 + shake)
+        )
 
     return watch
 
@@ -191,14 +345,21 @@ def judged(node, u, v, found):
         same = (values == expected) | (np.isnan(values) & np.isnan(expected))
         if (same | (np.abs(values - expected) <= ROUND_OFF * watch.largest)).all():
             continue
-        others = [node(u, v, lambda _n, _o, result: np.add(result, 0.0)), node(u + 0.0, v + 0.0)]
+        others = [
+            node(u, v, lambda _n, _o, result: np.add(result, 0.0)),
+            node(u + 0.0, v + 0.0),
+        ]
         for k in range(4):
-            factor = 1.0 + 1e-12 * np.random.default_rng(k).choice([-1.0, 1.0], VECTOR_SIZE)
+            factor = 1.0 + 1e-12 * np.random.default_rng(k).choice(
+                [-1.0, 1.0], VECTOR_SIZE
+            )
             others += [node(u * factor, v), node(u, v * factor), node(u, v, shaken(k))]
         spread = [np.ravel(np.asarray(other, dtype=float)) for other in others]
         if any(
             (
-                (s != expected) & ~(np.abs(s - expected) <= ROUND_OFF * watch.largest) & ~np.isnan(expected)
+                (s != expected)
+                & ~(np.abs(s - expected) <= ROUND_OFF * watch.largest)
+                & ~np.isnan(expected)
             ).any()
             for s in spread
         ):
@@ -215,20 +376,28 @@ def evaluated(batch, judge):
     for u, v in points():
         x = np.concatenate([u, v])
         values = {
-            "interpreted": np.asarray(program.function(0.0, x, np.zeros(0), np.zeros(0))).ravel(),
+            "interpreted": np.asarray(
+                program.function(0.0, x, np.zeros(0), np.zeros(0))
+            ).ravel(),
             "compiled": compiled(x),
         }
         parts = {name: np.split(each, ends) for name, each in values.items()}
         for k, (node, _) in enumerate(batch):
-            wrong.append(judge(node, u, v, {name: each[k] for name, each in parts.items()}))
+            wrong.append(
+                judge(node, u, v, {name: each[k] for name, each in parts.items()})
+            )
     return [w for w in wrong if w]
 
 
 def traced(node):
     """Return the expression of a composition; None if it is refused by one error of ours."""
-    shape = np.shape(node(*np.random.default_rng(1).uniform(0.5, 1.0, (2, VECTOR_SIZE))))
+    shape = np.shape(
+        node(*np.random.default_rng(1).uniform(0.5, 1.0, (2, VECTOR_SIZE)))
+    )
     block = Function(
-        lambda u, v: node(u, v), {"u": Input(VECTOR_SIZE), "v": Input(VECTOR_SIZE)}, {"y": Output(shape)}
+        lambda u, v: node(u, v),
+        {"u": Input(VECTOR_SIZE), "v": Input(VECTOR_SIZE)},
+        {"y": Output(shape)},
     )
     Diagram("d").add(f=block)
     try:
@@ -239,7 +408,9 @@ def traced(node):
 
 
 @pytest.mark.filterwarnings("ignore")
-@pytest.mark.parametrize("number", [150, pytest.param(5000 * campaign.SIZE, marks=pytest.mark.campaign)])
+@pytest.mark.parametrize(
+    "number", [150, pytest.param(5000 * campaign.SIZE, marks=pytest.mark.campaign)]
+)
 def test_random_compositions_agree_or_are_refused(number):
     rng = np.random.default_rng(campaign.SEED)
     counts = Counter()
@@ -267,7 +438,11 @@ def test_random_compositions_agree_or_are_refused(number):
 def strictly(node, u, v, found):
     expected = np.ravel(np.asarray(node(u, v), dtype=float))
     for backend, values in found.items():
-        if backend == "interpreted" and node.name.split("(")[0] in MAXIMA and np.isnan([u, v]).any():
+        if (
+            backend == "interpreted"
+            and node.name.split("(")[0] in MAXIMA
+            and np.isnan([u, v]).any()
+        ):
             continue  # blocks/tracing/README.md says so
         if not np.allclose(values, expected, rtol=1e-12, atol=1e-15, equal_nan=True):
             return f"{node} at u = {u}, v = {v}: {backend} {values}, NumPy {expected}"
@@ -286,9 +461,13 @@ def refused_of(nodes):
 def test_single_calls_are_right_at_every_point_or_refused():
     orders = {1: ["u", "v"], 2: ["uv", "vu"], 3: ["uvu"]}
     nodes = [
-        Node(n, tuple(map(Node, o))) for n, k in ARITY.items() if n not in ("dot", "cross") for o in orders[k]
+        Node(n, tuple(map(Node, o)))
+        for n, k in ARITY.items()
+        if n not in ("dot", "cross")
+        for o in orders[k]
     ]
-    nodes.append(Node("divide", (Node("u"), Node("5e-324"))))  # the reciprocal is infinite, and 0 * inf NaN
+    # the reciprocal is infinite, and 0 * inf NaN
+    nodes.append(Node("divide", (Node("u"), Node("5e-324"))))
     with np.errstate(all="ignore"):
         refused = refused_of(nodes)
     without = {"sort", "argmax", "median", "nextafter"}
@@ -315,13 +494,25 @@ def calls_with_keywords():
             parameters = list(inspect.signature(function).parameters.values())
         except (TypeError, ValueError):
             continue
-        required = [p.name for p in parameters if p.default is p.empty and p.kind < p.VAR_KEYWORD]
-        if not required or required[0] not in {*"axm", "arr", "ary", "array", "element"} or len(required) > 2:
+        required = [
+            p.name
+            for p in parameters
+            if p.default is p.empty and p.kind < p.VAR_KEYWORD
+        ]
+        if (
+            not required
+            or required[0] not in {*"axm", "arr", "ary", "array", "element"}
+            or len(required) > 2
+        ):
             continue
-        for keyword in {p.name for p in parameters}.intersection(KEYWORDS).difference(required):
+        for keyword in {p.name for p in parameters}.intersection(KEYWORDS).difference(
+            required
+        ):
             for value in KEYWORDS[keyword]:
                 extra = (
-                    {"initial": 1.0} if keyword == "where" and name in ("max", "min", "amax", "amin") else {}
+                    {"initial": 1.0}
+                    if keyword == "where" and name in ("max", "min", "amax", "amin")
+                    else {}
                 )
                 text = f"{name}({keyword}={value})"
                 found[text] = functools.partial(function, **{keyword: value}, **extra)
@@ -351,9 +542,17 @@ def test_no_argument_of_a_numpy_function_is_dropped(monkeypatch):
 def test_compilers_do_not_make_numbers_of_nan():
     """Without errno GCC writes sin(atan(x)) as a quotient where |x| is small, else as ±1, also of NaN."""
     v = Node("v")
-    outers, inners = ("sin", "cos", "tan", "sinh", "ceil"), ("arctan", "arcsin", "arctanh")
-    nodes = [Node(outer, (Node(inner, (v,)),)) for outer, inner in itertools.product(outers, inners)]
+    outers, inners = (
+        ("sin", "cos", "tan", "sinh", "ceil"),
+        ("arctan", "arcsin", "arctanh"),
+    )
+    nodes = [
+        Node(outer, (Node(inner, (v,)),))
+        for outer, inner in itertools.product(outers, inners)
+    ]
     _, compiled = compiled_program(map(traced, nodes), X)
-    values = compiled(np.concatenate([np.zeros(VECTOR_SIZE), [np.nan, 0.5, np.nan]])).reshape(-1, VECTOR_SIZE)
+    values = compiled(
+        np.concatenate([np.zeros(VECTOR_SIZE), [np.nan, 0.5, np.nan]])
+    ).reshape(-1, VECTOR_SIZE)
     for node, found in zip(nodes, values, strict=True):
         assert_array_equal(np.isnan(found), [True, False, True], err_msg=str(node))

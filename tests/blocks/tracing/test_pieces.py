@@ -23,10 +23,17 @@ class Ring(Block):
         def pull(a, b):
             return (np.sin(a) * np.cos(b) - np.exp(-a * a) / (2.0 + b * b),)
 
-        first = [pulled for (pulled,) in repeated(pull, [(x.x[i], x.x[i - 1]) for i in range(7)])]
+        first = [
+            pulled
+            for (pulled,) in repeated(pull, [(x.x[i], x.x[i - 1]) for i in range(7)])
+        ]
         total = sum(first)
         second = repeated(pull, [(first[i] * total, x.x[i]) for i in range(7)])
-        return {"x": np.stack([a / total + b for a, (b,) in zip(first, second, strict=True)])}
+        return {
+            "x": np.stack(
+                [a / total + b for a, (b,) in zip(first, second, strict=True)]
+            )
+        }
 
 
 @pytest.mark.parametrize(("length", "file"), [(1, 300), (5, 900), (40, 10**9)])

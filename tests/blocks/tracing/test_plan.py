@@ -104,7 +104,9 @@ def test_code_is_shared_by_what_differs_in_parameters_only(monkeypatch):
 
 def test_overrides_win_and_are_seen_by_those_who_start_at_their_input():
     diagram = Diagram("d")
-    level, first, second, third = diagram.add(level=Constant(3.0), first=Lag(), second=Lag(), third=Lag())
+    level, first, second, third = diagram.add(
+        level=Constant(3.0), first=Lag(), second=Lag(), third=Lag()
+    )
     level >> first >> second >> third
     plan = Plan(diagram)
     p = plan.parameters({"level.value": 7.0})
@@ -115,11 +117,27 @@ def test_overrides_win_and_are_seen_by_those_who_start_at_their_input():
 @pytest.mark.parametrize(
     ("returned", "cause", "message"),
     [
-        ({"v": 1.0}, NameLookupError, r"initial_state\(\) of block 'lag' returned 'v'; .*: x"),
-        ([1.0], NameLookupError, r"initial_state\(\) of block 'lag' returned \[1\.0\]; .*: x"),
-        ({"x": np.ones(2)}, ParameterError, r"'lag\.x' has shape \(2,\); it must have shape \(\)"),
+        (
+            {"v": 1.0},
+            NameLookupError,
+            r"initial_state\(\) of block 'lag' returned 'v'; .*: x",
+        ),
+        (
+            [1.0],
+            NameLookupError,
+            r"initial_state\(\) of block 'lag' returned \[1\.0\]; .*: x",
+        ),
+        (
+            {"x": np.ones(2)},
+            ParameterError,
+            r"'lag\.x' has shape \(2,\); it must have shape \(\)",
+        ),
         ({"x": np.nan}, ParameterError, r"'lag\.x' is not finite"),
-        (None, SimulationError, r"initial_state\(\) of block 'lag' .* raised ZeroDivisionError"),
+        (
+            None,
+            SimulationError,
+            r"initial_state\(\) of block 'lag' .* raised ZeroDivisionError",
+        ),
     ],
 )
 def test_initial_states_from_inputs_are_checked(returned, cause, message):
@@ -139,7 +157,8 @@ def test_initial_states_from_inputs_are_checked(returned, cause, message):
 def test_error_in_plain_numpy_names_block_and_time():
     class Late(Lag):
         def derivative(self, t, x, u, p):
-            if isinstance(t, np.ndarray) and t > 1.0:  # not in the random check before the run
+            if isinstance(t, np.ndarray) and t > 1.0:
+                # not in the random check before the run
                 raise RuntimeError("too late")
             return {"x": u.u}
 
@@ -147,6 +166,7 @@ def test_error_in_plain_numpy_names_block_and_time():
     late = diagram.add(late=Late())
     diagram.ground(late.u)
     with pytest.raises(
-        SimulationError, match=r"derivative\(\) of block 'late' \(Late\) raised Run.* at t = 1.05"
+        SimulationError,
+        match=r"derivative\(\) of block 'late' \(Late\) raised Run.* at t = 1.05",
     ):
         simulate(diagram, 2.0, step=0.1, backend="numpy")

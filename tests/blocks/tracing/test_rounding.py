@@ -28,7 +28,9 @@ SHOWN = {
 @pytest.mark.parametrize("block", SHOWN)
 def test_difference_from_a_block_that_shows_its_input_is_zero(block, backend):
     diagram = Diagram("zero")
-    source, product, shown = diagram.add(source=Sine(1.0, 3.0), product=Gain(0.1), shown=SHOWN[block]())
+    source, product, shown = diagram.add(
+        source=Sine(1.0, 3.0), product=Gain(0.1), shown=SHOWN[block]()
+    )
     source >> product >> shown
     error = product.y - shown.y
     log = [error, product.y, shown.y]
@@ -41,9 +43,13 @@ def test_difference_from_a_block_that_shows_its_input_is_zero(block, backend):
 @pytest.mark.parametrize("backend", BACKENDS)
 def test_zone_of_a_product_is_dead(backend):
     diagram = Diagram("zone")
-    source, product, zone = diagram.add(source=Sine(1.0, 3.0), product=Gain(0.1), zone=DeadZone(-0.2, 0.2))
+    source, product, zone = diagram.add(
+        source=Sine(1.0, 3.0), product=Gain(0.1), zone=DeadZone(-0.2, 0.2)
+    )
     source >> product >> zone
-    assert not simulate(diagram, 2.0, step=STEP, backend=backend, progress=False)["zone.y"].any()
+    assert not simulate(diagram, 2.0, step=STEP, backend=backend, progress=False)[
+        "zone.y"
+    ].any()
 
 
 @pytest.mark.parametrize("backend", BACKENDS)
@@ -55,4 +61,6 @@ def test_product_used_twice_in_an_equation_is_rounded_once(backend):
     diagram = Diagram("excess")
     source, law = diagram.add(source=Sine(1.0, 3.0), law=Function(excess))
     source >> law
-    assert not simulate(diagram, 2.0, step=STEP, backend=backend, progress=False)["law.y"].any()
+    assert not simulate(diagram, 2.0, step=STEP, backend=backend, progress=False)[
+        "law.y"
+    ].any()

@@ -78,7 +78,9 @@ simulate(allocation, 2.0, step=0.1, backend="compiled", progress=False)
     [
         (LOOP_SCRIPT, "clean"),
         pytest.param(
-            LOOP_SCRIPT + OTHER_SCRIPT, "diverged diverged diverged clean", marks=pytest.mark.campaign
+            LOOP_SCRIPT + OTHER_SCRIPT,
+            "diverged diverged diverged clean",
+            marks=pytest.mark.campaign,
         ),
     ],
     ids=["short", "long"],
@@ -87,7 +89,12 @@ simulate(allocation, 2.0, step=0.1, backend="compiled", progress=False)
 def test_simulations(code, printed, tmp_path):
     libraries = []
     for name in ("libasan.so", "libubsan.so"):
-        found = subprocess.run(["cc", f"-print-file-name={name}"], capture_output=True, text=True, check=True)
+        found = subprocess.run(
+            ["cc", f"-print-file-name={name}"],
+            capture_output=True,
+            text=True,
+            check=True,
+        )
         libraries.append(found.stdout.strip())
     if not all(map(os.path.isabs, libraries)):
         pytest.skip("the compiler has no sanitizers")
@@ -97,5 +104,7 @@ def test_simulations(code, printed, tmp_path):
         "TRUSSFLOW_CACHE": str(tmp_path),
     }
     command = [sys.executable, "-c", f"{code}print('clean')"]
-    run = subprocess.run(command, env=environment, capture_output=True, text=True, check=False)
+    run = subprocess.run(
+        command, env=environment, capture_output=True, text=True, check=False
+    )
     assert run.stdout.split() == printed.split(), run.stderr[-4000:]

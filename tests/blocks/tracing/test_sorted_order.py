@@ -17,7 +17,9 @@ def test_order_components_and_cycles_of_random_graphs(seed):
         reaches |= np.outer(reaches[:, k], reaches[k])
     both = reaches & reaches.T
     parts = [*components(graph)]
-    assert {frozenset(part) for part in parts} == {frozenset(np.flatnonzero(row)) for row in both}
+    assert {frozenset(part) for part in parts} == {
+        frozenset(np.flatnonzero(row)) for row in both
+    }
     place = {node: k for k, part in enumerate(parts) for node in part}
     assert all(place[j] <= place[i] for i in graph for j in graph[i])
     circular = set().union(*cycles(graph))
@@ -26,4 +28,6 @@ def test_order_components_and_cycles_of_random_graphs(seed):
     assert sorted(order) == [i for i in graph if not circular]
     assert all(order.index(j) < order.index(i) for i in order for j in graph[i])
     assert bool(cycle) == bool(circular)
-    assert all(first in graph[second] for first, second in pairwise([*cycle, *cycle[1:2]]))
+    assert all(
+        first in graph[second] for first, second in pairwise([*cycle, *cycle[1:2]])
+    )

@@ -31,7 +31,12 @@ class Source(Block):
     def output(self, t, x, u, p):
         pairs = np.array([[5.0, 1.0], [1.0, 4.0]])
         rows = [
-            np.stack([p.a * pairs[i % 2, j % 2] if i // 2 == j // 2 else 0.0 for j in range(4)])
+            np.stack(
+                [
+                    p.a * pairs[i % 2, j % 2] if i // 2 == j // 2 else 0.0
+                    for j in range(4)
+                ]
+            )
             for i in range(4)
         ]
         vector = np.stack([p.a * i + t for i in range(6)])
@@ -54,12 +59,18 @@ class Everything(Block):
     def output(self, t, x, u, p):
         first = repeated(bent, [(u.vector[i], u.scalar * (i % 2)) for i in range(6)])
         between = [b / (2.0 + p.k) + x.q[i] for i, (_, b) in enumerate(first)]
-        second = repeated(bent, [(between[i], u.pair[i % 2] * first[5 - i][0]) for i in range(6)])
+        second = repeated(
+            bent, [(between[i], u.pair[i % 2] * first[5 - i][0]) for i in range(6)]
+        )
         regular = u.matrix + 3.0 * p.k * np.eye(4)
         return {
-            "kernels": np.stack([a[0] + p.k * b[0] for a, b in zip(first, second, strict=True)]),
+            "kernels": np.stack(
+                [a[0] + p.k * b[0] for a, b in zip(first, second, strict=True)]
+            ),
             "solution": solve_positive_definite(regular, u.vector[:4]),
-            "branch": np.where(u.scalar > 0.5, u.vector[0] / (2.0 + u.scalar), np.sum(u.pair)),
+            "branch": np.where(
+                u.scalar > 0.5, u.vector[0] / (2.0 + u.scalar), np.sum(u.pair)
+            ),
         }
 
     def derivative(self, t, x, u, p):
@@ -78,7 +89,9 @@ def build(wiring):
     elif wiring == "zeros among signals":
         source.vector[:3] >> block.vector[3:]
         source.matrix[:2, :2] >> block.matrix[2:, 2:]
-        diagram.ground(block.vector[:3], block.scalar, block.matrix[:2], block.matrix[2:, :2])
+        diagram.ground(
+            block.vector[:3], block.scalar, block.matrix[:2], block.matrix[2:, :2]
+        )
     else:
         diagram.ground(block.vector, block.scalar, block.matrix)
     return diagram
@@ -93,4 +106,6 @@ def test_filled_in_equals_numpy(wiring, fits, backend, monkeypatch):
     expected = simulate(build(wiring), 1.0, step=0.1, backend="numpy")
     assert (np.abs(expected["block.solution"]).max() > 0.1) == (wiring != "zeros")
     for name in expected:
-        assert_allclose(found[name], expected[name], rtol=0, atol=ROUND_OFF, err_msg=str(name))
+        assert_allclose(
+            found[name], expected[name], rtol=0, atol=ROUND_OFF, err_msg=str(name)
+        )

@@ -11,7 +11,13 @@ from trussflow.blocks.framework.declarations import Parameter, State
 from trussflow.blocks.framework.diagram import Diagram
 from trussflow.blocks.framework.port import Input, Output
 from trussflow.blocks.tracing.block_check import isolate
-from trussflow.blocks.tracing.kernels import repeated, shape_of, symbol, to_expression, tracing
+from trussflow.blocks.tracing.kernels import (
+    repeated,
+    shape_of,
+    symbol,
+    to_expression,
+    tracing,
+)
 from trussflow.blocks.tracing.plan import Plan
 from trussflow.blocks.tracing.program import lower
 from trussflow.blocks.tracing.quantities import outputs
@@ -84,10 +90,14 @@ def test_constants_and_symmetric_duplicates_are_preserved():
 
     def kernel(a, b):
         zero = 0.0 * a
-        return (np.reshape(np.stack([a * b, a + b, zero, a + b, b, zero + 1.0]), (2, 3)),)
+        return (
+            np.reshape(np.stack([a * b, a + b, zero, a + b, b, zero + 1.0]), (2, 3)),
+        )
 
     with tracing() as trace:
-        results = repeated(kernel, [(symbol("a", ()), symbol("b", ())) for _ in range(3)])
+        results = repeated(
+            kernel, [(symbol("a", ()), symbol("b", ())) for _ in range(3)]
+        )
     for (result,) in results:
         elements = to_expression(result)
         assert elements[2].is_zero()
@@ -188,7 +198,11 @@ def test_what_differs_between_instances_must_be_an_argument():
             def kernel(a):
                 return (a * u.u[0],)
 
-            return {"y": np.stack([r for (r,) in repeated(kernel, [(u.u[0],), (u.u[1],)])])}
+            return {
+                "y": np.stack([r for (r,) in repeated(kernel, [(u.u[0],), (u.u[1],)])])
+            }
 
-    with pytest.raises(TracingError, match=r"block 'b' .*repeated\(\) .* must be an argument"):
+    with pytest.raises(
+        TracingError, match=r"block 'b' .*repeated\(\) .* must be an argument"
+    ):
         isolate(Diagram("d").add(b=Captured()))

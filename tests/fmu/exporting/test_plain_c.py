@@ -39,7 +39,17 @@ class Compiled:
     def __init__(self, source, *flags):
         library, compiler = source.with_suffix(".so"), find_compiler()
         assert compiler is not None
-        command = [*compiler, *STRICT, *flags, "-shared", "-fPIC", str(source), "-o", str(library), "-lm"]
+        command = [
+            *compiler,
+            *STRICT,
+            *flags,
+            "-shared",
+            "-fPIC",
+            str(source),
+            "-o",
+            str(library),
+            "-lm",
+        ]
         subprocess.run(command, check=True)
         self._library, self._name = ctypes.CDLL(str(library)), source.stem
         self._memory = ctypes.create_string_buffer(1 << 20)
@@ -53,7 +63,10 @@ class Compiled:
     def set(self, name, value):
         if np.ndim(value) == 0:
             return self(f"set_{name}", ctypes.c_double(value))
-        return self(f"set_{name}", np.ascontiguousarray(value, dtype=float).ctypes.data_as(ctypes.c_void_p))
+        return self(
+            f"set_{name}",
+            np.ascontiguousarray(value, dtype=float).ctypes.data_as(ctypes.c_void_p),
+        )
 
     def get(self, name, shape):
         if not shape:
@@ -71,13 +84,19 @@ def check_equal(item, inputs, tmp_path, steps=200, **settings):
     with Session(item, step=TIME_STEP) as session:
         session.start()
         for k in range(steps):
-            given = {name: rng.standard_normal(np.shape(like)) for name, like in inputs.items()}
+            given = {
+                name: rng.standard_normal(np.shape(like))
+                for name, like in inputs.items()
+            }
             session.set(given)
             for name, value in given.items():
                 compiled.set(name, value)
             for name, value in session.outputs.items():
                 got = compiled.get(name.replace(".", "_"), np.shape(value))
-                assert got.tobytes() == np.asarray(value, dtype=float).tobytes(), (name, k)
+                assert got.tobytes() == np.asarray(value, dtype=float).tobytes(), (
+                    name,
+                    k,
+                )
             assert compiled("step") == 0
             session.advance((k + 1) * TIME_STEP)
             assert compiled("time", returns=ctypes.c_double) == session.time
@@ -86,7 +105,9 @@ def check_equal(item, inputs, tmp_path, steps=200, **settings):
 def filters():
     diagram = Diagram("filters")
     sine, low, gain = diagram.add(
-        sine=Sine(1.0, 3.0), low=TransferFunction([1.0], [0.01, 1.0]), gain=Gain([2.0, 3.0])
+        sine=Sine(1.0, 3.0),
+        low=TransferFunction([1.0], [0.01, 1.0]),
+        gain=Gain([2.0, 3.0]),
     )
     sine >> low
     diagram.expose(u=gain.u, y=gain.y, smooth=low.y)
@@ -95,7 +116,11 @@ def filters():
 
 @pytest.mark.parametrize(
     ("name", "inputs"),
-    [("hybrid", {"target": np.zeros(1)}), ("Rotor", {"torque": 0.0}), ("filters", {"u": np.zeros(2)})],
+    [
+        ("hybrid", {"target": np.zeros(1)}),
+        ("Rotor", {"torque": 0.0}),
+        ("filters", {"u": np.zeros(2)}),
+    ],
 )
 def test_outputs_of_small_systems(name, inputs, systems, tmp_path):
     """A plant under sampled control, a matrix and defaults, and filters."""
@@ -111,13 +136,17 @@ def test_the_plant_with_its_kernels(tmp_path):
     check_equal(plant, {"force": np.zeros(truss.actuation.size)}, tmp_path, steps=20)
 
 
-@pytest.mark.parametrize("optimized", ["-O3", pytest.param("-O0", marks=pytest.mark.campaign)])
+@pytest.mark.parametrize(
+    "optimized", ["-O3", pytest.param("-O0", marks=pytest.mark.campaign)]
+)
 def test_no_warnings_from_clang(optimized, systems, tmp_path):
     pytest.importorskip("ziglang")
     for i, item in enumerate((systems.hybrid(), systems.Rotor())):
         source = export(item, tmp_path / f"c{i}.c", kind="c")
         object_file = str(source.with_suffix(".o"))
-        subprocess.run([*ZIG, *STRICT, optimized, "-c", str(source), "-o", object_file], check=True)
+        subprocess.run(
+            [*ZIG, *STRICT, optimized, "-c", str(source), "-o", object_file], check=True
+        )
 
 
 def test_the_header_suits_c_plus_plus_and_two_exports_one_program(systems, tmp_path):
@@ -135,10 +164,15 @@ def test_the_header_suits_c_plus_plus_and_two_exports_one_program(systems, tmp_p
     objects = []
     for compiler, source in (("cc", "one.c"), ("cc", "two.c"), ("c++", "main.cpp")):
         objects.append(str(tmp_path / source) + ".o")
-        subprocess.run([compiler, *warnings, "-c", str(tmp_path / source), "-o", objects[-1]], check=True)
+        subprocess.run(
+            [compiler, *warnings, "-c", str(tmp_path / source), "-o", objects[-1]],
+            check=True,
+        )
     subprocess.run(["c++", *objects, "-o", str(program), "-lm"], check=True)
     out = subprocess.run([program], capture_output=True, text=True, check=True).stdout
-    np.testing.assert_allclose([float(v) for v in out.split()], [1e-3, 2.5e-3], rtol=1e-15)
+    np.testing.assert_allclose(
+        [float(v) for v in out.split()], [1e-3, 2.5e-3], rtol=1e-15
+    )
 
 
 def test_nothing_is_allocated(systems, tmp_path):
@@ -181,7 +215,9 @@ class Sampled(Block):
         return {"total": x.total + u.u, "scaled": x.scaled}
 
 
-@pytest.mark.parametrize("block", [Continuous(), Sampled().sampled(TIME_STEP)], ids=["continuous", "sampled"])
+@pytest.mark.parametrize(
+    "block", [Continuous(), Sampled().sampled(TIME_STEP)], ids=["continuous", "sampled"]
+)
 def test_states_can_be_set_until_time_goes_on(block, tmp_path):
     made = Compiled(export(block, tmp_path / "made.c", kind="c", step=TIME_STEP))
     with Session(block, step=TIME_STEP) as session:
@@ -226,11 +262,31 @@ def equal_names():
 @pytest.mark.parametrize(
     ("make", "name", "settings", "message"),
     [
-        (lambda: Gain(1.0), "made.cpp", {}, "the name must be a C identifier, such as controller.c"),
+        (
+            lambda: Gain(1.0),
+            "made.cpp",
+            {},
+            "the name must be a C identifier, such as controller.c",
+        ),
         (lambda: Gain(1.0), "2made.c", {}, "the name must be a C identifier"),
-        (lambda: Gain(1.0), "made.c", {"platforms": "all"}, "leave out version and platforms"),
-        (lambda: Gain(1.0), "made.c", {"version": "3.0"}, "leave out version and platforms"),
-        (lambda: Gain(1.0), "made.c", {"solver": "BDF"}, "plain C contains the solver rk4"),
+        (
+            lambda: Gain(1.0),
+            "made.c",
+            {"platforms": "all"},
+            "leave out version and platforms",
+        ),
+        (
+            lambda: Gain(1.0),
+            "made.c",
+            {"version": "3.0"},
+            "leave out version and platforms",
+        ),
+        (
+            lambda: Gain(1.0),
+            "made.c",
+            {"solver": "BDF"},
+            "plain C contains the solver rk4",
+        ),
         (lambda: Gain(1.0), "no/made.c", {}, "there is no folder"),
         (
             lambda: PythonFunction(abs, 0.1, **ports(u=(), y=())),

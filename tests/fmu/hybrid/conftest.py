@@ -49,7 +49,11 @@ class RestingBall(Ball):
     def on_event(self, t, x, u, p, fired):
         rests = np.abs(x.v) < p.slow
         speed = np.where(rests, 0.0, -p.restitution * x.v)
-        return {"z": 0.0, "v": speed, "bounces": np.where(rests, -x.bounces - 1.0, x.bounces + 1.0)}
+        return {
+            "z": 0.0,
+            "v": speed,
+            "bounces": np.where(rests, -x.bounces - 1.0, x.bounces + 1.0),
+        }
 
 
 class Relay(Block):
@@ -88,7 +92,10 @@ class Slider(Block):
         return {"stops": x.v, "slips": u.force - 1.0}
 
     def on_event(self, t, x, u, p, fired):
-        return {"v": np.where(fired.stops, 0.0, x.v), "stuck": np.where(fired.slips, 0.0, 1.0)}
+        return {
+            "v": np.where(fired.stops, 0.0, x.v),
+            "stuck": np.where(fired.slips, 0.0, 1.0),
+        }
 
 
 class Tank(Block):
@@ -125,9 +132,15 @@ class Counter(Block):
         return {"rise": u.u, "fall": u.u}
 
     def on_event(self, t, x, u, p, fired):
-        rises, falls = np.sum(np.where(fired.rise, 1.0, 0.0)), np.sum(np.where(fired.fall, 1.0, 0.0))
+        rises, falls = (
+            np.sum(np.where(fired.rise, 1.0, 0.0)),
+            np.sum(np.where(fired.fall, 1.0, 0.0)),
+        )
         at_once = np.where(rises + falls > 1.5, 0.5, 0.0)
-        return {"count": x.count + rises + 100.0 * falls + at_once, "last": np.where(rises > 0.5, 1.0, -1.0)}
+        return {
+            "count": x.count + rises + 100.0 * falls + at_once,
+            "last": np.where(rises > 0.5, 1.0, -1.0),
+        }
 
 
 class Stair(Block):
@@ -146,7 +159,10 @@ class Stair(Block):
 
     def on_event(self, t, x, u, p, fired):
         ends = np.logical_and(x.level > 2.5, p.period > 0.0)
-        return {"level": x.level + 1.0, "following": np.where(ends, np.inf, x.following + p.period)}
+        return {
+            "level": x.level + 1.0,
+            "following": np.where(ends, np.inf, x.following + p.period),
+        }
 
 
 @dataclass(frozen=True)
@@ -157,14 +173,20 @@ class Case:
     build: Callable[[], Diagram]
     exact: dict[float, float]
     straight: bool = True  # whether its states are straight lines between events, exact for Euler too
-    tolerance: float = 1e-9  # for solvers that are exact but for round-off and their own tolerances
+    tolerance: float = (
+        1e-9  # for solvers that are exact but for round-off and their own tolerances
+    )
 
     def check(self, found, solver="rk4"):
         """Compare y at the times, in a list or in a result."""
         if not isinstance(found, list):
-            found = [float(found["y"].sel(time=t, method="nearest")) for t in self.exact]
+            found = [
+                float(found["y"].sel(time=t, method="nearest")) for t in self.exact
+            ]
         tolerance = TOLERANCES.get(solver, self.tolerance)
-        np.testing.assert_allclose(found, list(self.exact.values()), rtol=0, atol=tolerance)
+        np.testing.assert_allclose(
+            found, list(self.exact.values()), rtol=0, atol=tolerance
+        )
 
     def run(self, solver, diagram=None, **options):
         """Simulate it, or the `diagram` that holds it as an FMU, and check the logged y."""
@@ -173,8 +195,16 @@ class Case:
             diagram = self.build()
             y = diagram.port("y")
         settings: dict[str, Any] = FIXED_STEP if solver in ("rk4", "euler") else PRECISE
-        settings = {"log": {"y": y}, "log_step": 0.1, "progress": False, **settings, **options}
-        self.check(simulate(diagram, max(self.exact), solver=solver, **settings), solver)
+        settings = {
+            "log": {"y": y},
+            "log_step": 0.1,
+            "progress": False,
+            **settings,
+            **options,
+        }
+        self.check(
+            simulate(diagram, max(self.exact), solver=solver, **settings), solver
+        )
 
 
 def exposed(diagram, port):
@@ -259,7 +289,9 @@ def crossings():
 def cascade():
     """Let a stair make a counter count, which makes another one count; and show how long ago that was."""
     diagram = Diagram("cascade")
-    stair, half, since = diagram.add(stair=Stair(), half=Constant(-0.5), since=Integrator())
+    stair, half, since = diagram.add(
+        stair=Stair(), half=Constant(-0.5), since=Integrator()
+    )
     source = stair.y
     for name in ("first", "second"):
         counter = diagram.add(name, Counter())
@@ -274,7 +306,10 @@ def sampled_jump():
     """Put a relay behind a sampler, and integrate what it says."""
     diagram = Diagram("jump")
     jump, hold, relay, integral = diagram.add(
-        jump=Step(0.6, final_value=2.0), hold=ZeroOrderHold(0.5), relay=Relay(), integral=Integrator()
+        jump=Step(0.6, final_value=2.0),
+        hold=ZeroOrderHold(0.5),
+        relay=Relay(),
+        integral=Integrator(),
     )
     jump >> hold >> relay >> integral
     return exposed(diagram, integral.y)
@@ -283,7 +318,9 @@ def sampled_jump():
 def multirate():
     """Add what two samplers see of a stair, at 0.1 + 0.2 k and at 0.5 k, the second a period late."""
     diagram = Diagram("multirate")
-    stair, odd, late = diagram.add(stair=Stair(), odd=ZeroOrderHold(0.2, offset=0.1), late=UnitDelay(0.5))
+    stair, odd, late = diagram.add(
+        stair=Stair(), odd=ZeroOrderHold(0.2, offset=0.1), late=UnitDelay(0.5)
+    )
     return exposed(diagram, (stair >> odd).y + (stair >> late).y)
 
 
@@ -304,7 +341,9 @@ def bent_oscillator():
     """Let a relay look at y, y + y^3 = u + v, that depends on it: y jumps where the relay switches."""
     diagram = Diagram("bent oscillator", loops="solve")
     law = Function(lambda u, v, y: u + v - y**3, **ports(u=(), v=(), y=(), z=()))
-    relay, integral, bent = diagram.add(relay=Relay(width=1.0), integral=Integrator(), bent=law)
+    relay, integral, bent = diagram.add(
+        relay=Relay(width=1.0), integral=Integrator(), bent=law
+    )
     bent >> relay >> integral
     (2.0 * integral.y) >> bent.u
     (0.5 * relay.y) >> bent.v
@@ -334,20 +373,47 @@ def bent(integral, relay):
 LAST_HEIGHT = 5.0 * (1.403 / 3.0) ** 2
 
 CASES = [
-    Case("bouncing ball", ball, {t: flights(t) for t in (0.4, 0.8, 1.2, 1.3)}, straight=False),
+    Case(
+        "bouncing ball",
+        ball,
+        {t: flights(t) for t in (0.4, 0.8, 1.2, 1.3)},
+        straight=False,
+    ),
     Case(
         "flights shorter than a step",
         lambda: ball(start=LAST_HEIGHT),
         {1.3: flights(1.3, height=LAST_HEIGHT), 1.4: flights(1.4, height=LAST_HEIGHT)},
         False,
     ),
-    Case("a ball comes to rest", lambda: ball(slow=1.0), {1.0: flights(1.0), 1.4: 0.0, 3.0: 0.0}, False),
+    Case(
+        "a ball comes to rest",
+        lambda: ball(slow=1.0),
+        {1.0: flights(1.0), 1.4: 0.0, 3.0: 0.0},
+        False,
+    ),
     Case("relay oscillator", oscillator, {0.4: 0.4, 0.8: 0.2, 1.8: -0.2, 10.3: 0.3}),
-    Case("thermostat", thermostat, {t: exponentials(t) for t in (0.4, 1.0, 3.0, 5.0)}, False, 1e-8),
-    Case("stick and slip", slider, {0.5: 0.375, 1.5: 0.5, 3.0: 0.5, 4.0: 0.5 + 1 / 6}, straight=False),
+    Case(
+        "thermostat",
+        thermostat,
+        {t: exponentials(t) for t in (0.4, 1.0, 3.0, 5.0)},
+        False,
+        1e-8,
+    ),
+    Case(
+        "stick and slip",
+        slider,
+        {0.5: 0.375, 1.5: 0.5, 3.0: 0.5, 4.0: 0.5 + 1 / 6},
+        straight=False,
+    ),
     Case("reset with feedthrough", tank, {0.5: 0.75, 1.0: 0.5, 1.6: 0.35}),
-    Case("event at a sample", stair_at_samples, {0.4: 0.0, 0.6: 1.0, 1.2: 2.0, 1.4: 2.0, 3.0: 4.0}),
-    Case("simultaneous events", crossings, {0.2: 0.0, 0.5: 101.5, 1.2: 203.0, 3.2: 609.0}),
+    Case(
+        "event at a sample",
+        stair_at_samples,
+        {0.4: 0.0, 0.6: 1.0, 1.2: 2.0, 1.4: 2.0, 3.0: 4.0},
+    ),
+    Case(
+        "simultaneous events", crossings, {0.2: 0.0, 0.5: 101.5, 1.2: 203.0, 3.2: 609.0}
+    ),
     Case("a cascade", cascade, {0.2: 0.0, 0.4: 0.1, 0.5: 0.2}),
     Case("an input jumps", sampled_jump, {0.8: 0.8, 1.0: 1.0, 1.5: 0.5}),
     Case("time events", stair, {0.2: 0.0, 0.4: 1.0, 1.3: 4.0, 2.0: 4.0}),
@@ -356,26 +422,57 @@ CASES = [
         bent_oscillator,
         {0.4: bent(0.4, 1.0), 1.0: bent(0.5, -1.0), 2.6: bent(-0.4, 1.0)},
     ),
-    Case("enabled group", lambda: grouped(enabled), {0.4: 0.08, 1.0: 0.125, 1.8: 0.62, 3.0: 2.125}, False),
-    Case("triggered group", lambda: grouped(triggered), {1.0: 0.0, 2.0: 1.5, 3.4: 1.5, 4.0: 5.0}),
-    Case("many rates", many_rates, {0.2: 0.0, 0.6: 0.26, 1.1: 0.78, 5.7: 5.46, 6.0: 5.72}),
-    Case("several rates", multirate, {0.2: 0.0, 0.4: 1.0, 0.6: 1.0, 0.8: 2.0, 1.1: 4.0}),
+    Case(
+        "enabled group",
+        lambda: grouped(enabled),
+        {0.4: 0.08, 1.0: 0.125, 1.8: 0.62, 3.0: 2.125},
+        False,
+    ),
+    Case(
+        "triggered group",
+        lambda: grouped(triggered),
+        {1.0: 0.0, 2.0: 1.5, 3.4: 1.5, 4.0: 5.0},
+    ),
+    Case(
+        "many rates", many_rates, {0.2: 0.0, 0.6: 0.26, 1.1: 0.78, 5.7: 5.46, 6.0: 5.72}
+    ),
+    Case(
+        "several rates", multirate, {0.2: 0.0, 0.4: 1.0, 0.6: 1.0, 0.8: 2.0, 1.1: 4.0}
+    ),
 ]
 
 ENDLESS = {
     "a ball that bounces ever lower": (ball, r"1\.34164"),
-    "a relay without hysteresis": (lambda: oscillator(0.3, width=0.0, start=0.0), r"0\.3"),
-    "the same, zero to the bit": (lambda: oscillator(0.25, width=0.0, start=0.0), r"0\.25"),
-    "the same, from the start on": (lambda: oscillator(0.0, width=0.0, start=0.0), r"\S+e-1\d"),
+    "a relay without hysteresis": (
+        lambda: oscillator(0.3, width=0.0, start=0.0),
+        r"0\.3",
+    ),
+    "the same, zero to the bit": (
+        lambda: oscillator(0.25, width=0.0, start=0.0),
+        r"0\.25",
+    ),
+    "the same, from the start on": (
+        lambda: oscillator(0.0, width=0.0, start=0.0),
+        r"\S+e-1\d",
+    ),
     "a time that stays": (lambda: stair(0.0), "0"),
 }
 """Diagrams whose events never end, and when [s]."""
 
 NAMES = [case.name for case in CASES]
 ORDINARY = {
-    "test_simulated_by_other_solvers": ("bouncing ball", "stick and slip", "an input jumps"),
+    "test_simulated_by_other_solvers": (
+        "bouncing ball",
+        "stick and slip",
+        "an input jumps",
+    ),
     "test_native_fmus": NAMES[::2],
-    "test_native_fmus_of_fmi_2": ("stick and slip", "event at a sample", "time events", "enabled group"),
+    "test_native_fmus_of_fmi_2": (
+        "stick and slip",
+        "event at a sample",
+        "time events",
+        "enabled group",
+    ),
     "test_a_foreign_importer": ("bouncing ball", "simultaneous events"),
     "test_python_fmus": ("bouncing ball", "time events", "enabled group"),
 }

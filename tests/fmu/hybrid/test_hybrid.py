@@ -8,7 +8,16 @@ import pytest
 from fmpy import read_model_description, simulate_fmu
 from fmpy.validation import validate_fmu
 
-from trussflow.blocks import Diagram, Free, OperatingPoint, Session, cosimulate, linearize, simulate, trim
+from trussflow.blocks import (
+    Diagram,
+    Free,
+    OperatingPoint,
+    Session,
+    cosimulate,
+    linearize,
+    simulate,
+    trim,
+)
 from trussflow.blocks.errors import SimulationError
 from trussflow.fmu import Fmu, export
 
@@ -69,16 +78,24 @@ def test_a_foreign_importer(case, kind, exported):
     path = str(exported_case(case, "3.0", exported))
     assert validate_fmu(path) == []
     rows = simulate_fmu(
-        path, stop_time=max(case.exact), output_interval=0.1, fmi_type=kind, relative_tolerance=1e-10
+        path,
+        stop_time=max(case.exact),
+        output_interval=0.1,
+        fmi_type=kind,
+        relative_tolerance=1e-10,
     )
-    last = [np.flatnonzero(np.abs(rows["time"] - t) < 1e-9)[-1] for t in case.exact]  # after events
+    # after events
+    last = [np.flatnonzero(np.abs(rows["time"] - t) < 1e-9)[-1] for t in case.exact]
     case.check(list(rows["y"][last]), "LSODA")
 
 
 def test_python_fmus(case, tmp_path):
     importer = Diagram("importer")
     importer.add(
-        fmu=Fmu(export(case.build(), tmp_path / "case.fmu", kind="python", step=TIME_STEP), step=0.1)
+        fmu=Fmu(
+            export(case.build(), tmp_path / "case.fmu", kind="python", step=TIME_STEP),
+            step=0.1,
+        )
     )
     case.run("rk4", importer, step=0.1)
 
@@ -104,8 +121,12 @@ int main(void) {{
 """
     )
     program = tmp_path / "program"
-    subprocess.run(["cc", "-std=c99", "-O1", "-o", program, main, path, "-lm"], check=True)
-    printed = subprocess.run([program], check=True, capture_output=True, text=True).stdout
+    subprocess.run(
+        ["cc", "-std=c99", "-O1", "-o", program, main, path, "-lm"], check=True
+    )
+    printed = subprocess.run(
+        [program], check=True, capture_output=True, text=True
+    ).stdout
     case.check([float(word) for word in printed.split()])
 
 
@@ -127,7 +148,11 @@ def test_members_of_a_co_simulation(case):
     """Communication is at samples and every 0.1 s, events are anywhere in between."""
     diagram = case.build()
     result = cosimulate(
-        diagram, max(case.exact), step=0.1, solver_step=TIME_STEP, log={"y": diagram.port("y")}
+        diagram,
+        max(case.exact),
+        step=0.1,
+        solver_step=TIME_STEP,
+        log={"y": diagram.port("y")},
     )
     case.check(result)
 
@@ -150,16 +175,28 @@ def test_linear_models_keep_modes(cases):
 @pytest.mark.parametrize("version", ["2.0", "3.0"])
 def test_model_descriptions(cases, version, exported):
     """One indicator; the mode is a discrete variable, which nobody can set."""
-    about = read_model_description(exported_case(cases["bouncing ball"], version, exported))
-    assert (about.numberOfEventIndicators if version == "2.0" else len(about.eventIndicators)) == 1
+    about = read_model_description(
+        exported_case(cases["bouncing ball"], version, exported)
+    )
+    assert (
+        about.numberOfEventIndicators
+        if version == "2.0"
+        else len(about.eventIndicators)
+    ) == 1
     mode = next(v for v in about.modelVariables if v.name == "ball.bounces")
-    assert (mode.causality, mode.variability, mode.initial) == ("local", "discrete", "calculated")
+    assert (mode.causality, mode.variability, mode.initial) == (
+        "local",
+        "discrete",
+        "calculated",
+    )
 
 
 @pytest.mark.parametrize("early", [False, True])
 def test_steps_that_end_at_an_event(cases, early, exported, instance):
     """Early return needs the consent of the importer; the first bounce is at sqrt(0.2) s."""
-    one = instance(exported_case(cases["bouncing ball"], "3.0", exported), earlyReturnAllowed=early).start()
+    one = instance(
+        exported_case(cases["bouncing ball"], "3.0", exported), earlyReturnAllowed=early
+    ).start()
     _, _, returned, reached = one.doStep(0.0, 0.5)
     assert returned == early
     assert reached == pytest.approx(np.sqrt(0.2) if early else 0.5, abs=1e-12)
@@ -168,8 +205,12 @@ def test_steps_that_end_at_an_event(cases, early, exported, instance):
 @solvers
 def test_events_without_end(endless, solver, backend):
     build, t = endless
-    with pytest.raises(SimulationError, match=rf"events without end at t = {t} s: .* bring it to rest"):
-        simulate(build(), 2.0, solver=solver, backend=backend, progress=False, step=2**-5)
+    with pytest.raises(
+        SimulationError, match=rf"events without end at t = {t} s: .* bring it to rest"
+    ):
+        simulate(
+            build(), 2.0, solver=solver, backend=backend, progress=False, step=2**-5
+        )
 
 
 def test_the_page_names_every_case(cases):

@@ -66,7 +66,12 @@ UNITS = """<UnitDefinitions>
 <Unit name="N.m"><BaseUnit kg="1" m="2" s="-2"/></Unit>
 </UnitDefinitions>"""
 OFFSETS3 = {"Real": 0, "Integer": 200, "Boolean": 300, "String": 400}
-TYPES3 = {"Real": "Float64", "Integer": "Int32", "Boolean": "Boolean", "String": "String"}
+TYPES3 = {
+    "Real": "Float64",
+    "Integer": "Int32",
+    "Boolean": "Boolean",
+    "String": "String",
+}
 
 FLAGS2 = 'canGetAndSetFMUstate="true" canSerializeFMUstate="true"'
 FLAGS3 = 'canGetAndSetFMUState="true" canSerializeFMUState="true"'
@@ -86,7 +91,8 @@ def _scalar2(variable):
 
 def _scalar3(variable):
     name, kind, reference, causality, variability, rest = variable
-    reference += OFFSETS3[kind]  # unlike in FMI 2, all types share one set of references
+    # unlike in FMI 2, all types share one set of references
+    reference += OFFSETS3[kind]
     head = (
         f'<{TYPES3[kind]} name="{name}" valueReference="{reference}" causality="{causality}" '
         f'variability="{variability}"'
@@ -112,12 +118,21 @@ def description(model, version, kinds, flags=""):
         for k in kinds
     )
     states = STATES.get(model, [])
-    depends = {"x": [], "h": [], "y": ["u"], "next": ["number"], "inverse": ["flag"], "bounces": []}
+    depends = {
+        "x": [],
+        "h": [],
+        "y": ["u"],
+        "next": ["number"],
+        "inverse": ["flag"],
+        "bounces": [],
+    }
     if model == "stair":
         depends["y"] = []
     if version == 2:
         listed = "".join(
-            _scalar2(v).replace("{index}", str(names.index(v[0][4:-1]) + 1 if v[0][:4] == "der(" else 0))
+            _scalar2(v).replace(
+                "{index}", str(names.index(v[0][4:-1]) + 1 if v[0][:4] == "der(" else 0)
+            )
             for v in variables
         )
         structure = (
@@ -132,14 +147,18 @@ def description(model, version, kinds, flags=""):
         if states:
             structure += (
                 "<Derivatives>"
-                + "".join(f'<Unknown index="{names.index(f"der({s})") + 1}"/>' for s in states)
+                + "".join(
+                    f'<Unknown index="{names.index(f"der({s})") + 1}"/>' for s in states
+                )
                 + "</Derivatives>"
             )
         token, fmi = "guid", "2.0"
         head = f'numberOfEventIndicators="{INDICATORS.get(model, 0)}"'
     else:
         references = {v[0]: v[2] + OFFSETS3[v[1]] for v in variables}
-        listed = "".join(map(_scalar3, variables)) + (ARRAYS if model == "types" else "")
+        listed = "".join(map(_scalar3, variables)) + (
+            ARRAYS if model == "types" else ""
+        )
         if model in INDICATORS:
             listed += '<Float64 name="z" valueReference="50" causality="local"/>'
         structure = "".join(
@@ -150,7 +169,8 @@ def description(model, version, kinds, flags=""):
         if model == "types":
             structure += '<Output valueReference="101" dependencies="100"/>'
         structure += "".join(
-            f'<ContinuousStateDerivative valueReference="{references[f"der({s})"]}"/>' for s in states
+            f'<ContinuousStateDerivative valueReference="{references[f"der({s})"]}"/>'
+            for s in states
         )
         if model in INDICATORS:
             structure += '<EventIndicator valueReference="50"/>'
@@ -171,7 +191,16 @@ def compiled(folder, *flags):
     found = {}
     for version, choice in ((2, "-DFMI2"), (3, "-DFMI3")):
         library = folder / f"model{version}.so"
-        always = ("-O1", "-fPIC", "-shared", f"-I{HEADERS}", str(SOURCE), "-o", str(library), "-lm")
+        always = (
+            "-O1",
+            "-fPIC",
+            "-shared",
+            f"-I{HEADERS}",
+            str(SOURCE),
+            "-o",
+            str(library),
+            "-lm",
+        )
         subprocess.run([*compiler, choice, *flags, *always], check=True)
         found[version] = library.read_bytes()
     return found
@@ -223,7 +252,11 @@ def make_fmu(binaries, tmp_path):
 @pytest.fixture(scope="session")
 def children():
     """Return a function that lists the child processes of this one."""
-    return lambda: {p for f in Path("/proc/self/task").glob("*/children") for p in f.read_text().split()}
+    return lambda: {
+        p
+        for f in Path("/proc/self/task").glob("*/children")
+        for p in f.read_text().split()
+    }
 
 
 @pytest.fixture(autouse=True)

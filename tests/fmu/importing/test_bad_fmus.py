@@ -92,7 +92,9 @@ def test_archives_that_are_refused(make_fmu, tmp_path, make, message):
 def test_no_room_for_temporary_files(make_fmu, tmp_path, monkeypatch):
     path = make_fmu("ball")
     monkeypatch.setattr(tempfile, "tempdir", str(tmp_path / "nowhere"))
-    with pytest.raises(FmuArchiveError, match=r"or unpack .* \(temporary files are in '.*nowhere'\)"):
+    with pytest.raises(
+        FmuArchiveError, match=r"or unpack .* \(temporary files are in '.*nowhere'\)"
+    ):
         archive.unpack(path)
 
 
@@ -111,7 +113,14 @@ def test_a_damaged_file_inside(make_fmu):
 
 @pytest.mark.parametrize(
     "name",
-    ["../evil.so", "a/../../evil.so", "/etc/evil.so", "C:/evil.so", "a\\..\\evil.so", "../" + "a" * 5000],
+    [
+        "../evil.so",
+        "a/../../evil.so",
+        "/etc/evil.so",
+        "C:/evil.so",
+        "a\\..\\evil.so",
+        "../" + "a" * 5000,
+    ],
 )
 def test_names_that_lead_outside(make_fmu, tmp_path, name):
     path = make_fmu("ball", more={name: b"evil"})
@@ -119,7 +128,8 @@ def test_names_that_lead_outside(make_fmu, tmp_path, name):
         FmuArchiveError, match=r"refused to unpack .*(outside|not allowed in a path)"
     ) as error:
         Fmu(path)
-    assert len(str(error.value).removeprefix(f"refused to unpack '{path}'")) < 400  # long names are cut
+    # long names are cut
+    assert len(str(error.value).removeprefix(f"refused to unpack '{path}'")) < 400
     assert not list(tmp_path.rglob("evil*"))
 
 
@@ -127,7 +137,9 @@ def test_names_twice(make_fmu):
     """Folders and files that are listed twice with the same content do no harm."""
     with pytest.warns(UserWarning, match="Duplicate"):
         path = appended(make_fmu, "modelDescription.xml", "<other/>")
-    with pytest.raises(FmuArchiveError, match=r"'modelDescription\.xml' is there twice"):
+    with pytest.raises(
+        FmuArchiveError, match=r"'modelDescription\.xml' is there twice"
+    ):
         Fmu(path)
     for name, content in (("extra/", b""), ("extra/a.xml", b"<a/>")):
         with pytest.warns(UserWarning, match="Duplicate"):
@@ -142,7 +154,9 @@ def test_archives_that_are_too_large(make_fmu, monkeypatch):
     with pytest.raises(FmuArchiveError, match=r"would take 5\.\d+ MB, more than 4 MB"):
         Fmu(path, max_bytes=4e6)
     monkeypatch.setattr(archive, "MAX_XML_BYTES", 1000)
-    with pytest.raises(FmuArchiveError, match=r"its modelDescription\.xml has .* MB, more than"):
+    with pytest.raises(
+        FmuArchiveError, match=r"its modelDescription\.xml has .* MB, more than"
+    ):
         Fmu(path)
     monkeypatch.setattr(archive, "MAX_FILES", 1)
     with pytest.raises(FmuArchiveError, match="it has 3 files, more than 1"):
@@ -182,7 +196,10 @@ READER = """<?xml version="1.0"?><!DOCTYPE x [<!ENTITY a SYSTEM "file:///etc/pas
         (READER, "declares a document type or entities"),
         ("<a>" * 200 + "</a>" * 200, "nested more than 100 deep"),
         ("<a/>", "it is not an FMI model description"),
-        ('<fmiModelDescription fmiVersion="1.0"/>', r"FMI 1\.0; FMI 2\.0 and 3\.0 can be imported"),
+        (
+            '<fmiModelDescription fmiVersion="1.0"/>',
+            r"FMI 1\.0; FMI 2\.0 and 3\.0 can be imported",
+        ),
         ('<fmiModelDescription fmiVersion="2.0"/>', "has no ModelVariables"),
         (
             '<fmiModelDescription fmiVersion="2.0" modelName="x" guid="x"><ModelVariables/>'
@@ -209,11 +226,23 @@ UNREADABLE = "cannot read the model description"
         ("types", 3, SIZE, "<Dimension/>", NO_SIZE),
         ("types", 3, SIZE, '<Dimension valueReference="77"/>', NO_SIZE),
         ("types", 3, SIZE, '<Dimension start="²"/>', NO_SIZE),
-        ("types", 3, 'start="3"', 'start="30000000000"', "'in' has 30000000000 elements"),
+        (
+            "types",
+            3,
+            'start="3"',
+            'start="30000000000"',
+            "'in' has 30000000000 elements",
+        ),
         ("types", 3, 'start="3"', f'start="{"9" * 5000}"', UNREADABLE),
         ("ball", 2, 'index="1"', 'index="99"', UNREADABLE),
         ("ball", 2, 'valueReference="0"', 'valueReference="x"', UNREADABLE),
-        ("ball", 2, 'start="9.81"', 'start="much"', "start value 'much' of variable 'g' does not fit"),
+        (
+            "ball",
+            2,
+            'start="9.81"',
+            'start="much"',
+            "start value 'much' of variable 'g' does not fit",
+        ),
     ],
 )
 def test_descriptions_that_are_refused(make_fmu, model, version, old, new, message):
@@ -228,17 +257,26 @@ def test_derivatives_that_nobody_needs_may_be_wrong(make_fmu, version):
     for kinds in (["cs"], ["cs", "me"]):
         path = make_fmu("ball", version, kinds, replace={f'derivative="{state}"': ""})
         run(Fmu(path, kind="cs", step=0.1))
-    with pytest.raises(FmuDescriptionError, match=r"model exchange: 'der\(h\)' is listed as a derivative"):
+    with pytest.raises(
+        FmuDescriptionError,
+        match=r"model exchange: 'der\(h\)' is listed as a derivative",
+    ):
         Fmu(path, kind="me")
 
 
 @versions
 def test_units_that_do_not_fit(make_fmu, version):
     """An FMU whose metre is a foot: the name means something else there than here."""
-    path = make_fmu("ball", version, replace={'<BaseUnit m="1"/>': '<BaseUnit m="1" factor="0.3"/>'})
-    with pytest.raises(FmuUnitError, match=r"defines its unit 'm' as 0\.3 m, which differs from"):
+    path = make_fmu(
+        "ball", version, replace={'<BaseUnit m="1"/>': '<BaseUnit m="1" factor="0.3"/>'}
+    )
+    with pytest.raises(
+        FmuUnitError, match=r"defines its unit 'm' as 0\.3 m, which differs from"
+    ):
         Fmu(path, kind="me")
-    with pytest.raises(FmuUnitError, match=r"'ft' does not fit 'm' of FMU 'ball'.*0\.3 m"):
+    with pytest.raises(
+        FmuUnitError, match=r"'ft' does not fit 'm' of FMU 'ball'.*0\.3 m"
+    ):
         Fmu(path, kind="me", units={"m": "ft"})
     assert Fmu(path, kind="me", units={"m": None}).h.unit is None
 
@@ -251,7 +289,9 @@ def test_a_missing_platform(make_fmu, version):
     folder = fmpy.platform if version == 2 else fmpy.platform_tuple
     here = LIBRARY.replace(fmpy.platform, folder)
     path = make_fmu("ball", version, more={here: None, "binaries/amiga/model.so": b""})
-    with pytest.raises(FmuBinaryError, match=r"no binary for this machine .*it has: amiga"):
+    with pytest.raises(
+        FmuBinaryError, match=r"no binary for this machine .*it has: amiga"
+    ):
         Fmu(path)
 
 
@@ -269,7 +309,9 @@ def test_a_kind_that_is_not_there(make_fmu):
 def test_a_wrong_token(make_fmu, version):
     token = "guid" if version == 2 else "instantiationToken"
     path = make_fmu("ball", version, replace={f'{token}="ball"': f'{token}="bell"'})
-    with pytest.raises(FmuCallError, match=r"could not be instantiated(.|\n)*this is not my token"):
+    with pytest.raises(
+        FmuCallError, match=r"could not be instantiated(.|\n)*this is not my token"
+    ):
         run(Fmu(path, kind="me"))
 
 
@@ -288,7 +330,12 @@ def test_a_file_that_was_written_anew(make_fmu):
 def test_a_failing_initialization(make_fmu, version, kind):
     """The error has the FMU's own text, with what C's printf would write into it."""
     given = {"fault": 1, "text": "too much fuel"}
-    block = Fmu(make_fmu("ball", version), kind=kind, start=given, step=0.1 if kind == "cs" else None)
+    block = Fmu(
+        make_fmu("ball", version),
+        kind=kind,
+        start=given,
+        step=0.1 if kind == "cs" else None,
+    )
     with pytest.raises(FmuCallError, match=r"too much fuel \(number 1\)") as caught:
         run(block)
     assert caught.value.status == 3
@@ -299,14 +346,21 @@ def test_a_failing_initialization(make_fmu, version, kind):
     ("fault", "text", "more", "status"),
     [
         (2, r"DoStep returned status 'error'(.|\n)*spring broke \(n", {}, 3),
-        (2, r"DoStep returned status 'error'(.|\n)*spring broke \(n", {"time_limit": 20.0}, 3),
+        (
+            2,
+            r"DoStep returned status 'error'(.|\n)*spring broke \(n",
+            {"time_limit": 20.0},
+            3,
+        ),
         (5, "and all parts of it", {}, 2),
         (12, r"discarded its step of 0\.1 s from t = 0 s, and does not go on", {}, 2),
     ],
 )
 def test_a_failing_step(make_fmu, version, fault, text, more, status):
     """A text that the FMU logs after a discarded step is not the cause."""
-    block = Fmu(make_fmu("ball", version), step=0.1, parameters={"fault": fault}, **more)
+    block = Fmu(
+        make_fmu("ball", version), step=0.1, parameters={"fault": fault}, **more
+    )
     with pytest.raises(FmuCallError, match=text) as caught:
         run(block)
     assert caught.value.status == status
@@ -327,9 +381,16 @@ def test_discarded_steps_that_cannot_be_shorter(make_fmu, version):
         (4, 20.0, FmuCrashError, r"signal SIGABRT(.|\n)*about to crash \(number 7\)"),
     ],
 )
-def test_a_step_that_never_ends_or_crashes(make_fmu, children, version, fault, limit, error, text):
+def test_a_step_that_never_ends_or_crashes(
+    make_fmu, children, version, fault, limit, error, text
+):
     before, begin = children(), time.monotonic()
-    block = Fmu(make_fmu("ball", version), step=0.1, parameters={"fault": fault}, time_limit=limit)
+    block = Fmu(
+        make_fmu("ball", version),
+        step=0.1,
+        parameters={"fault": fault},
+        time_limit=limit,
+    )
     with pytest.raises(error, match=text):
         run(block)
     assert time.monotonic() - begin < 30

@@ -10,7 +10,14 @@ import numpy as np
 import pytest
 from pythonfmu.builder import FmuBuilder
 
-from trussflow.blocks import Constant, CoSimulator, Diagram, StateSpace, cosimulate, simulate
+from trussflow.blocks import (
+    Constant,
+    CoSimulator,
+    Diagram,
+    StateSpace,
+    cosimulate,
+    simulate,
+)
 from trussflow.blocks.errors import AlgebraicLoopError, SimulationError
 from trussflow.fmu import Fmu, export
 from trussflow.fmu.runtime.loaded_co_simulation import LoadedCoSimulation
@@ -46,7 +53,8 @@ class RefusingLag(Fmi2Slave):
 @pytest.fixture(scope="module")
 def lag(tmp_path_factory):
     folder = tmp_path_factory.mktemp("lag")
-    script = folder / "refusing_lag.py"  # no other FMU of this process may have that module
+    # no other FMU of this process may have that module
+    script = folder / "refusing_lag.py"
     script.write_text(LAG)
     return Path(FmuBuilder.build_FMU(script, dest=folder, canGetAndSetFMUstate=True))
 
@@ -61,7 +69,10 @@ def lines(tmp_path_factory):
     """Return two lines with feedthrough, and one without."""
     folder = tmp_path_factory.mktemp("lines")
     blocks = line(-2.0), line(-2.0, -0.3), line(0.0)
-    return [export(block, folder / f"{i}.fmu", step=INNER_STEP) for i, block in enumerate(blocks)]
+    return [
+        export(block, folder / f"{i}.fmu", step=INNER_STEP)
+        for i, block in enumerate(blocks)
+    ]
 
 
 def loop(a, b, y="y"):
@@ -102,7 +113,9 @@ def without(file, target, flags=STATES):
             content = old.read(name)
             if name == "modelDescription.xml":
                 for flag in flags:
-                    true, false = (f'{flag}="{word}"'.encode() for word in ("true", "false"))
+                    true, false = (
+                        f'{flag}="{word}"'.encode() for word in ("true", "false")
+                    )
                     assert true in content
                     content = content.replace(true, false)
             new.writestr(name, content)
@@ -112,7 +125,9 @@ def without(file, target, flags=STATES):
 def test_a_loop_is_refused_with_its_path(lines, tmp_path):
     a, b, _ = lines
     stuck = without(b, tmp_path / "stuck.fmu")
-    fixed = without(b, tmp_path / "fixed.fmu", ["canHandleVariableCommunicationStepSize"])
+    fixed = without(
+        b, tmp_path / "fixed.fmu", ["canHandleVariableCommunicationStepSize"]
+    )
     for second, text, coupling in (
         (b, "==feedthrough==>", "jacobi"),
         (stuck, r"cannot return to an earlier state: 'b'", "iterate"),
@@ -160,7 +175,9 @@ def test_trying_leaves_no_trace(lines):
         diagram.add(block=block, push=push)
         diagram.ground(push.u)
         push.y >> block.u
-        return cosimulate(diagram, 2.0, step=H, solver_step=INNER_STEP, **members)["block.y"]
+        return cosimulate(diagram, 2.0, step=H, solver_step=INNER_STEP, **members)[
+            "block.y"
+        ]
 
     ours = run(line(-2.0), members=["block"])
     np.testing.assert_allclose(run(Fmu(lines[0])), ours, rtol=1e-13)
@@ -169,7 +186,9 @@ def test_trying_leaves_no_trace(lines):
 def test_unknown_dependencies_are_a_loop_that_iteration_solves(lag):
     """The implicit solution: x_new = f x + (1 - f) / 2 x_new of the other; both start at one."""
     diagram = loop(Fmu(lag, step=H), Fmu(lag, step=H), "x")
-    with pytest.raises(AlgebraicLoopError, match=r"a\.x --wire--> b\.u ==feedthrough==> b\.x"):
+    with pytest.raises(
+        AlgebraicLoopError, match=r"a\.x --wire--> b\.u ==feedthrough==> b\.x"
+    ):
         cosimulate(diagram, 1.0, step=H)
     result = cosimulate(diagram, 1.0, step=H, coupling="iterate")
     f = np.exp(-2.0 * H)
@@ -196,10 +215,15 @@ def test_steps_that_an_fmu_discards_are_taken_shorter(lag):
     free = cosimulate(diagram(), 1.0, **chosen)
     assert free.attrs["discarded_steps"] == 0
     assert free.attrs["communication_steps"] < result.attrs["communication_steps"]
-    with pytest.raises(SimulationError, match=r"'RefusingLag' .*discarded its step of .*, and all parts"):
+    with pytest.raises(
+        SimulationError,
+        match=r"'RefusingLag' .*discarded its step of .*, and all parts",
+    ):
         cosimulate(diagram(longest=1e-6), 1.0, step=H)
     for run in (cosimulate, simulate):  # one rule wherever it runs
-        found, expected = (run(diagram(**limit), 1.0, step=H) for limit in ({"longest": 0.01}, {}))
+        found, expected = (
+            run(diagram(**limit), 1.0, step=H) for limit in ({"longest": 0.01}, {})
+        )
         np.testing.assert_allclose(found["a.x"][-1], expected["a.x"][-1], rtol=1e-12)
 
 
@@ -212,12 +236,16 @@ def test_parameters_reach_the_fmu(lag):
     result = cosimulate(diagram, 1.0, step=H)
     assert json.loads(result.attrs["parameters"])["lag.longest"] == [1e9]
     assert result.attrs["diagram_hash"] == diagram.lag.description.token
-    np.testing.assert_allclose(result["lag.x"], np.exp(-2.0 * result["time"]), rtol=1e-12)
+    np.testing.assert_allclose(
+        result["lag.x"], np.exp(-2.0 * result["time"]), rtol=1e-12
+    )
 
 
 @pytest.mark.parametrize("coupling", ["jacobi", "iterate"])
 @pytest.mark.parametrize("order", [["fmu", "number"], ["number", "fmu"]])
-def test_no_fmu_begins_with_inputs_that_nobody_gave(order, coupling, make_fmu, monkeypatch):
+def test_no_fmu_begins_with_inputs_that_nobody_gave(
+    order, coupling, make_fmu, monkeypatch
+):
     """It begins with its own start values, then with the wired signals; zero may not be allowed."""
     inputs_at_start = set()
     setup = LoadedCoSimulation.setup

@@ -62,9 +62,19 @@ def in_diagram(block):
 @pytest.mark.parametrize("solver", SOLVERS)
 def test_a_ball_bounces_at_the_right_times(make_fmu, version, solver):
     ball = made(make_fmu("ball", version), "me")
-    result = simulate(in_diagram(ball), 2.0, step=0.01, solver=solver, rtol=1e-10, atol=1e-12, log_step=0.1)
+    result = simulate(
+        in_diagram(ball),
+        2.0,
+        step=0.01,
+        solver=solver,
+        rtol=1e-10,
+        atol=1e-12,
+        log_step=0.1,
+    )
     expected = height(result["time"].values)
-    np.testing.assert_allclose(result["fmu.h"], expected, rtol=0, atol=ACCURACY.get(solver, 1e-9))
+    np.testing.assert_allclose(
+        result["fmu.h"], expected, rtol=0, atol=ACCURACY.get(solver, 1e-9)
+    )
     assert result["fmu.bounces"][-1] == 4  # at 0.45, 1.08, 1.53 and 1.84 s
 
 
@@ -88,8 +98,15 @@ def test_inputs_that_jump_at_an_instant_are_events(make_fmu, version, solver):
     x' = -x + r + d with r = 1 where u > 0.5, from 0.3 to 0.6 s, and d = 2 from 0.5 s on.
     """
     diagram = in_diagram(made(make_fmu("relay", version), "me"))
-    held = PythonFunction(lambda u: np.asarray((u > 0.25) & (u < 0.55)) * 1.0, 0.1, **ports(u=(), y=()))
-    diagram.add(clock=Ramp(), held=held, jump=Step(0.5, final_value=2.0), hold=ZeroOrderHold(0.1))
+    held = PythonFunction(
+        lambda u: np.asarray((u > 0.25) & (u < 0.55)) * 1.0, 0.1, **ports(u=(), y=())
+    )
+    diagram.add(
+        clock=Ramp(),
+        held=held,
+        jump=Step(0.5, final_value=2.0),
+        hold=ZeroOrderHold(0.1),
+    )
     diagram.clock >> diagram.held >> diagram.fmu.u
     diagram.jump >> diagram.hold >> diagram.fmu.d
     result = simulate(diagram, 1.0, step=0.01, solver=solver, rtol=1e-11, atol=1e-13)
@@ -117,7 +134,9 @@ def test_events_inside_co_simulation(make_fmu, version, flags):
     for model in ("ball", "stair"):
         diagram.add(model, made(make_fmu(model, version, flags=flags), "cs"))
     result = simulate(diagram, 2.0, step=0.1)
-    np.testing.assert_allclose(result["ball.h"], height(result["time"].values), rtol=0, atol=1e-12)
+    np.testing.assert_allclose(
+        result["ball.h"], height(result["time"].values), rtol=0, atol=1e-12
+    )
     assert result["ball.bounces"][-1] == 4
     np.testing.assert_array_equal(result["stair.y"][[3, 4, 7, 8, 20]], [0, 1, 2, 2, 5])
 
@@ -131,7 +150,9 @@ def test_linear_analysis_settles_discrete_states(make_fmu, version):
     for u in (0.0, 1.0):
         point = trim(diagram, inputs={"u": u, "d": 2.0})
         assert point.states["fmu.x_state"] == pytest.approx(u + 2.0, abs=1e-9)
-        np.testing.assert_allclose(linearize(diagram, at=point).B, [[0.0, 1.0]], rtol=0, atol=1e-9)
+        np.testing.assert_allclose(
+            linearize(diagram, at=point).B, [[0.0, 1.0]], rtol=0, atol=1e-9
+        )
 
 
 @versions
@@ -153,7 +174,9 @@ def test_a_session_goes_back_before_a_bounce(make_fmu, version, kind):
 
 
 @versions
-def test_a_session_goes_back_before_a_time_event_and_a_discrete_input(make_fmu, version):
+def test_a_session_goes_back_before_a_time_event_and_a_discrete_input(
+    make_fmu, version
+):
     """In x' = -x + d, d jumps to 2 after the snapshot, is undone with it, and jumps again."""
     relay = made(make_fmu("relay", version), "me", start={"u": 0.0})
     diagram = in_diagram(relay)
@@ -165,7 +188,9 @@ def test_a_session_goes_back_before_a_time_event_and_a_discrete_input(make_fmu, 
         for _ in range(2):
             session.set(d=2.0)
             session.advance(0.6)
-            assert session.outputs["x"] == pytest.approx(2 * (1 - np.exp(-0.5)), abs=1e-9)
+            assert session.outputs["x"] == pytest.approx(
+                2 * (1 - np.exp(-0.5)), abs=1e-9
+            )
             assert session.outputs["y"] == 1
             session.restore(snapshot)
             assert session.outputs["y"] == 0
@@ -190,7 +215,9 @@ def test_states_that_are_no_bytes_serve_their_own_run(make_fmu, version, kind):
             heights.add(float(session.outputs["h"]))
         assert len(heights) == 1
         session.start()
-        with pytest.raises(FmuError, match="only the run that saved the state can restore it"):
+        with pytest.raises(
+            FmuError, match="only the run that saved the state can restore it"
+        ):
             session.restore(snapshot)
 
 
@@ -214,13 +241,19 @@ def test_an_fmu_may_end_the_run(make_fmu, version, kind, runs):
     """It may discard the step to 0.6 s, or end after it: that row is logged like any other."""
     path = make_fmu("ball", version)
     free, discarding, ending = (
-        in_diagram(made(path, kind, parameters={"fault": fault})) for fault in (0, 7, 13)
+        in_diagram(made(path, kind, parameters={"fault": fault}))
+        for fault in (0, 7, 13)
     )
     whole = runs(free, 0.6, step=0.1)
     # For co-simulation it discards the step; for model exchange it asks once it is there.
     rows = 6 if kind == "cs" else 7
-    for diagram, number, time in ((discarding, rows, r"0\.[56]"), (ending, 7, r"0\.6 s")):
-        with pytest.raises(RunEndedError, match=rf"asks to end the run at t = {time}") as caught:
+    for diagram, number, time in (
+        (discarding, rows, r"0\.[56]"),
+        (ending, 7, r"0\.6 s"),
+    ):
+        with pytest.raises(
+            RunEndedError, match=rf"asks to end the run at t = {time}"
+        ) as caught:
             runs(diagram, 1.0, step=0.1)
         result: Any = caught.value.result
         assert result.attrs["status"] == "ended"
@@ -232,7 +265,9 @@ def test_an_fmu_may_end_the_run(make_fmu, version, kind, runs):
 @versions
 def test_a_run_may_stop_where_an_event_ends_it(make_fmu, version):
     """The second step of the stair, at 0.7 s, asks to end: there the run stops, or goes no further."""
-    diagram = in_diagram(made(make_fmu("stair", version), "me", parameters={"fault": 11}))
+    diagram = in_diagram(
+        made(make_fmu("stair", version), "me", parameters={"fault": 11})
+    )
     assert simulate(diagram, 0.7, step=0.1)["fmu.y"][-1] == 2
     with pytest.raises(RunEndedError, match=r"asks to end the run at t = 0\.7 s"):
         simulate(diagram, 0.8, step=0.1)
@@ -244,10 +279,24 @@ def test_a_run_may_stop_where_an_event_ends_it(make_fmu, version):
         # It asks to end in the event mode in which its inputs and start values settle.
         ("ball", 2, "me", "", 11, r"asks to end the run at (its start, )?t = 0 s"),
         ("ball", 3, "me", "", 11, r"asks to end the run at (its start, )?t = 0 s"),
-        ("ball", 3, "cs", 'hasEventMode="true"', 11, r"asks to end the run at (its start, )?t = 0 s"),
+        (
+            "ball",
+            3,
+            "cs",
+            'hasEventMode="true"',
+            11,
+            r"asks to end the run at (its start, )?t = 0 s",
+        ),
         ("ball", 2, "me", "", 8, "did not converge within 100 updates"),
         ("ball", 3, "me", "", 8, "did not converge within 100 updates"),
-        ("ball", 3, "cs", 'hasEventMode="true"', 8, "did not converge within 100 updates"),
+        (
+            "ball",
+            3,
+            "cs",
+            'hasEventMode="true"',
+            8,
+            "did not converge within 100 updates",
+        ),
         (
             "stair",
             3,
@@ -259,6 +308,8 @@ def test_a_run_may_stop_where_an_event_ends_it(make_fmu, version):
     ],
 )
 def test_event_faults(make_fmu, model, version, kind, flags, fault, message):
-    block = made(make_fmu(model, version, flags=flags), kind, parameters={"fault": fault})
+    block = made(
+        make_fmu(model, version, flags=flags), kind, parameters={"fault": fault}
+    )
     with pytest.raises(FmuError, match=message):
         simulate(in_diagram(block), 1.0, step=0.1)

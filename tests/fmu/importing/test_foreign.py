@@ -22,7 +22,10 @@ ROUND_OFF = 1e-12
 def casadi_fmu(tmp_path_factory):
     """Return an FMU (FMI 3, model exchange) by CasADi's own exporter."""
     dae = ca.DaeBuilder("oscillator")
-    q, w = dae.add("q", "output", {"start": 0.5, "unit": "m"}), dae.add("w", {"start": 0.0})
+    q, w = (
+        dae.add("q", "output", {"start": 0.5, "unit": "m"}),
+        dae.add("w", {"start": 0.0}),
+    )
     force = dae.add("u", "input")
     damping = dae.add("damping", "parameter", "tunable", {"start": 0.1})
     dae.eq(dae.der(q), w)
@@ -47,18 +50,32 @@ def test_casadi_model_exchange_equals_the_block_in_process(casadi_fmu, solver):
     plant = Fmu(casadi_fmu, parameters={"damping": 0.4})
     theirs = run(plant, solver, initial={"plant.q_state": 0.2})
     ours = run(Oscillator(damping=0.4, start=0.2), solver)
-    np.testing.assert_allclose(theirs["plant.q"], ours["plant.y"][:, 0], rtol=0, atol=ROUND_OFF)
+    np.testing.assert_allclose(
+        theirs["plant.q"], ours["plant.y"][:, 0], rtol=0, atol=ROUND_OFF
+    )
     assert theirs["plant.q"].attrs["units"] == "m"
     model = linearize(plant)
     assert set(model.derivatives.values()) == {"its own"}
-    np.testing.assert_allclose(model.A, [[0.0, 1.0], [-4.0, -0.4]], rtol=0, atol=ROUND_OFF)
+    np.testing.assert_allclose(
+        model.A, [[0.0, 1.0], [-4.0, -0.4]], rtol=0, atol=ROUND_OFF
+    )
 
 
 def built(folder, text, name):
     """Return an FMU that pythonfmu3 makes of a script."""
-    script = folder / f"{name.lower()}.py"  # a module of its own for each FMU of this process
+    # a module of its own for each FMU of this process
+    script = folder / f"{name.lower()}.py"
     script.write_text(text)
-    command = [sys.executable, "-m", "pythonfmu3", "build", "-f", str(script), "-d", str(folder)]
+    command = [
+        sys.executable,
+        "-m",
+        "pythonfmu3",
+        "build",
+        "-f",
+        str(script),
+        "-d",
+        str(folder),
+    ]
     subprocess.run(command, check=True, capture_output=True)
     return folder / f"{name}.fmu"
 
@@ -66,17 +83,31 @@ def built(folder, text, name):
 def test_a_table_by_pythonfmu(tmp_path):
     """`pythonfmu buildcsv` interpolates its table: a parabola sampled each 0.5 s."""
     times = np.arange(0, 5.01, 0.5)
-    rows = ["time, parabola [real], count [integer]", *(f"{t}, {t * t}, {int(2 * t)}" for t in times)]
+    rows = [
+        "time, parabola [real], count [integer]",
+        *(f"{t}, {t * t}, {int(2 * t)}" for t in times),
+    ]
     table = tmp_path / "table.csv"
     table.write_text("\n".join(rows))
-    command = [sys.executable, "-m", "pythonfmu", "buildcsv", "-f", str(table), "-d", str(tmp_path)]
+    command = [
+        sys.executable,
+        "-m",
+        "pythonfmu",
+        "buildcsv",
+        "-f",
+        str(table),
+        "-d",
+        str(tmp_path),
+    ]
     subprocess.run(command, check=True, capture_output=True)
     diagram = Diagram("table")
     diagram.add(table=Fmu(tmp_path / "Table.fmu", step=0.1))
     result = simulate(diagram, 3.0, step=0.1)
     t = result["time"].values
     expected = np.interp(t, times, times**2)
-    np.testing.assert_allclose(result["table.parabola"].values, expected, rtol=0, atol=1e-9)
+    np.testing.assert_allclose(
+        result["table.parabola"].values, expected, rtol=0, atol=1e-9
+    )
     assert result["table.end_time"][-1] == 5.0
     assert result["table.num_rows"][-1] == len(times)
 
@@ -118,7 +149,9 @@ class Lag(Fmi3Slave):
 
 def test_arrays_by_pythonfmu3(tmp_path):
     """Arrays of FMI 3, in and out, and a parameter, against exponentials."""
-    block = Fmu(built(tmp_path, LAG, "Lag"), step=0.01, parameters={"rate": 3.0}, delayed=True)
+    block = Fmu(
+        built(tmp_path, LAG, "Lag"), step=0.01, parameters={"rate": 3.0}, delayed=True
+    )
     assert block.u.shape == block.y.shape == (3,)
     diagram = Diagram("lag")
     diagram.add(lag=block, goal=Constant([1.0, -1.0, 4.0]))
@@ -159,5 +192,7 @@ class Decay(Fmi3SlaveBase, ModelExchange):
 def test_model_exchange_by_pythonfmu3(tmp_path):
     diagram = Diagram("decay")
     diagram.add(decay=Fmu(built(tmp_path, DECAY, "Decay"), parameters={"k": 2.0}))
-    result = simulate(diagram, 1.0, solver="DOP853", rtol=1e-10, atol=1e-12, log_step=0.5)
+    result = simulate(
+        diagram, 1.0, solver="DOP853", rtol=1e-10, atol=1e-12, log_step=0.5
+    )
     assert result["decay.x"][-1].item() == pytest.approx(math.exp(-2.0), abs=1e-9)

@@ -19,11 +19,34 @@ LONG_LIMIT = 60.0  # [s] for a call that ends by itself, however busy the machin
 MAX_DELAY = 2.0  # [s] over the limit, until all is gone
 MEMORY_LIMIT = 300e6  # [B]
 
-SETUP = ("load", "Instantiate", "SetReal", "EnterInitializationMode", "ExitInitializationMode", "GetReal")
-STATES = ("GetFMUstate", "SerializedFMUstateSize", "SerializeFMUstate", "DeSerializeFMUstate")
+SETUP = (
+    "load",
+    "Instantiate",
+    "SetReal",
+    "EnterInitializationMode",
+    "ExitInitializationMode",
+    "GetReal",
+)
+STATES = (
+    "GetFMUstate",
+    "SerializedFMUstateSize",
+    "SerializeFMUstate",
+    "DeSerializeFMUstate",
+)
 RESTORED = ("SetFMUstate", "FreeFMUstate")
-CONTINUOUS = ("SetTime", "SetContinuousStates", "GetDerivatives", "GetEventIndicators", "NewDiscreteStates")
-EVENTS = ("CompletedIntegratorStep", "EnterEventMode", "EnterContinuousTimeMode", "GetContinuousStates")
+CONTINUOUS = (
+    "SetTime",
+    "SetContinuousStates",
+    "GetDerivatives",
+    "GetEventIndicators",
+    "NewDiscreteStates",
+)
+EVENTS = (
+    "CompletedIntegratorStep",
+    "EnterEventMode",
+    "EnterContinuousTimeMode",
+    "GetContinuousStates",
+)
 END = ("Terminate", "FreeInstance")
 FUNCTIONS = {
     "cs": (*SETUP, *STATES, *RESTORED, "DoStep", *END),
@@ -37,7 +60,18 @@ OF_FMI3 = {
     "DeSerializeFMUstate": "DeserializeFMUState",
 }
 MISDEEDS = (
-    *("hang", "sleep", "stop", "segv", "abort", "trap", "kill", "realtime", "exit", "_exit"),
+    *(
+        "hang",
+        "sleep",
+        "stop",
+        "segv",
+        "abort",
+        "trap",
+        "kill",
+        "realtime",
+        "exit",
+        "_exit",
+    ),
     *("garbage", "zeros", "huge", "byte", "close", "close_hang"),
     *("fork", "fork_hang", "daemon", "daemon_crash", "daemons", "daemon_exec"),
     *("allocate", "allocate_quietly", "flood"),
@@ -71,10 +105,18 @@ def run(path, kind, limit=CALL_LIMIT):
     """Call each function that an FMU has here."""
     step = 0.1 if kind == "cs" else None
     diagram = Diagram("d")
-    block = Fmu(path, step=step, parameters={"g": 9.8}, time_limit=limit, memory_limit=MEMORY_LIMIT)
+    block = Fmu(
+        path,
+        step=step,
+        parameters={"g": 9.8},
+        time_limit=limit,
+        memory_limit=MEMORY_LIMIT,
+    )
     ball = diagram.add(ball=block)
     diagram.expose(h=ball.h)
-    with Session(diagram, step=step, solver="rk4" if kind == "cs" else "RK45") as session:
+    with Session(
+        diagram, step=step, solver="rk4" if kind == "cs" else "RK45"
+    ) as session:
         session.advance(0.3)
         saved = session.save()
         session.advance(0.6)  # it bounces
@@ -86,8 +128,14 @@ def run(path, kind, limit=CALL_LIMIT):
     ("function", "misdeed", "error", "message"),
     [
         ("load", "hang", FmuTimeoutError, "'open' within 1 s"),
-        ("fmi2DoStep", "huge", FmuCrashError, "wrote into the descriptor reserved for answers"),
-        ("fmi2DoStep", "garbage", FmuTimeoutError, "'do_step' within 1 s"),  # announces more than it sends
+        (
+            "fmi2DoStep",
+            "huge",
+            FmuCrashError,
+            "wrote into the descriptor reserved for answers",
+        ),
+        # announces more than it sends
+        ("fmi2DoStep", "garbage", FmuTimeoutError, "'do_step' within 1 s"),
         ("fmi2DoStep", "allocate", FmuCrashError, "'do_step' with signal SIGABRT"),
         ("fmi2DoStep", "realtime", FmuCrashError, r"'do_step' with signal \d\d;"),
         (
@@ -96,10 +144,17 @@ def run(path, kind, limit=CALL_LIMIT):
             FmuCrashError,
             "descriptor reserved for answers in 'do_step', or closed it",
         ),
-        ("fmi2SetFMUstate", "segv", FmuCrashError, "'restore_state' with signal SIGSEGV"),
+        (
+            "fmi2SetFMUstate",
+            "segv",
+            FmuCrashError,
+            "'restore_state' with signal SIGSEGV",
+        ),
     ],
 )
-def test_error_messages(make_fmu, hostile_binaries, tmp_path, monkeypatch, function, misdeed, error, message):
+def test_error_messages(
+    make_fmu, hostile_binaries, tmp_path, monkeypatch, function, misdeed, error, message
+):
     monkeypatch.setenv("MISDEED", f"{function}:{misdeed}")
     monkeypatch.setenv("MISDEED_DONE", str(tmp_path / "done"))
     with pytest.raises(error, match=message):
@@ -119,13 +174,20 @@ def marked(mark):
 
 
 @pytest.mark.campaign
-@pytest.mark.parametrize("chosen", PARTS, ids=lambda part: f"{len(part)} from {part[0]}")
-@pytest.mark.skipif(not Path("/proc/self/environ").exists(), reason="processes that fled are found in /proc")
-def test_whatever_an_fmu_does(make_fmu, hostile_binaries, tmp_path, monkeypatch, chosen):
+@pytest.mark.parametrize(
+    "chosen", PARTS, ids=lambda part: f"{len(part)} from {part[0]}"
+)
+@pytest.mark.skipif(
+    not Path("/proc/self/environ").exists(),
+    reason="processes that fled are found in /proc",
+)
+def test_whatever_an_fmu_does(
+    make_fmu, hostile_binaries, tmp_path, monkeypatch, chosen
+):
     files = {
-        (version, kind): make_fmu("ball", version, kinds=(kind,), more=hostile_binaries).rename(
-            tmp_path / f"{version}{kind}.fmu"
-        )
+        (version, kind): make_fmu(
+            "ball", version, kinds=(kind,), more=hostile_binaries
+        ).rename(tmp_path / f"{version}{kind}.fmu")
         for version in (2, 3)
         for kind in ("cs", "me")
     }
@@ -134,7 +196,10 @@ def test_whatever_an_fmu_does(make_fmu, hostile_binaries, tmp_path, monkeypatch,
     faults: list[str] = []
     for number in chosen:
         version, kind, function, misdeed = ALL[number]
-        case, mark = f"FMI {version} {kind}: {misdeed} in {function}", tmp_path / f"done{number}"
+        case, mark = (
+            f"FMI {version} {kind}: {misdeed} in {function}",
+            tmp_path / f"done{number}",
+        )
         monkeypatch.setenv("MISDEED", f"{function}:{misdeed}")
         monkeypatch.setenv("MISDEED_DONE", str(mark))
         descriptors = len(os.listdir("/proc/self/fd"))
@@ -149,10 +214,14 @@ def test_whatever_an_fmu_does(make_fmu, hostile_binaries, tmp_path, monkeypatch,
         monkeypatch.delenv("MISDEED_DONE")
         wrong += [f"took {took:.2f} s"] * (took > CALL_LIMIT + MAX_DELAY)
         wrong += [f"left process {process}" for process in marked(mark)]
-        wrong += ["left a descriptor"] * (len(os.listdir("/proc/self/fd")) > descriptors)
+        wrong += ["left a descriptor"] * (
+            len(os.listdir("/proc/self/fd")) > descriptors
+        )
         left = (tmp_path / "scratch").glob("trussflow-*/*")
         wrong += [f"left {path}" for path in left if path.name != "lock"]
-        lines.append(f"{case}: {outcome}, {took:.2f} s, {'' if mark.exists() else 'not called, '}{wrong}")
+        lines.append(
+            f"{case}: {outcome}, {took:.2f} s, {'' if mark.exists() else 'not called, '}{wrong}"
+        )
         faults += [lines[-1]] if wrong else []
     (tmp_path / "outcomes.txt").write_text("\n".join(lines))
     assert not faults, "\n".join(faults)

@@ -21,7 +21,8 @@ ZEROS = {"u": 0.0, "number": 0.0, "flag": 0.0}
 
 def variables(names, causality="input"):
     return [
-        FmuVariable(name, i, "Real", causality, "continuous", "", "0", "", ()) for i, name in enumerate(names)
+        FmuVariable(name, i, "Real", causality, "continuous", "", "0", "", ())
+        for i, name in enumerate(names)
     ]
 
 
@@ -32,14 +33,18 @@ def variables(names, causality="input"):
         (["u[0]", "u[1]"], [("u", (2,))]),
         (["u[1]"], [("u", (1,))]),
         (["u[2]", "u[1]"], [("u", (2,))]),
-        (["J[1,1]", "J[1,2]", "J[2,1]", "J[2, 2]", "J[3,1]", "J[3,2]"], [("J", (3, 2))]),
+        (
+            ["J[1,1]", "J[1,2]", "J[2,1]", "J[2, 2]", "J[3,1]", "J[3,2]"],
+            [("J", (3, 2))],
+        ),
         (["a.b[1]", "a.b[2]", "x"], [("a.b", (2,)), ("x", ())]),
         (["der(x[1])", "der(x[2])"], [("der(x)", (2,))]),
         (["arm[1].q", "arm[2].q"], [("arm[1].q", ()), ("arm[2].q", ())]),
         (["u[1]", "u[3]"], [("u[1]", ()), ("u[3]", ())]),  # a gap
         (["u[5]", "u[6]"], [("u[5]", ()), ("u[6]", ())]),  # counts from five
         (["u[1]", "u[1,1]"], [("u[1]", ()), ("u[1,1]", ())]),  # two shapes
-        (["u[1]", "u[2]", "u"], [("u[1]", ()), ("u[2]", ()), ("u", ())]),  # the name is taken
+        # the name is taken
+        (["u[1]", "u[2]", "u"], [("u[1]", ()), ("u[2]", ()), ("u", ())]),
     ],
 )
 def test_scalars_become_arrays(names, expected):
@@ -58,7 +63,17 @@ def test_elements_of_two_kinds_stay_apart():
 
 def test_legal_names():
     names = ["arm.q", "der(x)", "u[3]", "for", "2nd", "arm_q", "name", "α β", "[]"]
-    legal = ["arm_q", "der_x", "u_3", "for_", "_2nd", "arm_q_", "name_", "α_β", "variable"]
+    legal = [
+        "arm_q",
+        "der_x",
+        "u_3",
+        "for_",
+        "_2nd",
+        "arm_q_",
+        "name_",
+        "α_β",
+        "variable",
+    ]
     assert list(legal_names(names, {"name"}).values()) == legal
 
 
@@ -85,7 +100,8 @@ def table(name, definition=None, factor=1.0, offset=0.0, given=None):
         ("-", None, 1.0, ""),
         ("kN", {"kg": 1, "m": 1, "s": -2}, 1000.0, "kN"),
         ("N.m", None, 1.0, "N*m"),
-        ("kg**0.5*m", None, 1.0, "kg**0.5*m"),  # as our own exports write modal quantities
+        # as our own exports write modal quantities
+        ("kg**0.5*m", None, 1.0, "kg**0.5*m"),
         ("thrust", {"kg": 1, "m": 1, "s": -2}, 1.0, "kg*m*s**-2"),  # by its definition
     ],
 )
@@ -99,13 +115,16 @@ def test_degrees_celsius_keep_their_zero():
 
 def test_unknown_units_can_be_named():
     with pytest.raises(
-        FmuUnitError, match="the unit 'smoot', which is unknown and which the FMU does not define"
+        FmuUnitError,
+        match="the unit 'smoot', which is unknown and which the FMU does not define",
     ):
         table("smoot").unit("smoot")
     with pytest.raises(FmuUnitError, match=r"defines its unit 'smoot' as 1\.7 m; name"):
         table("smoot", {"m": 1}, 1.7).unit("smoot")
     assert table("smoot", given={"smoot": "m"}).unit("smoot") == "m"
-    with pytest.raises(FmuUnitError, match="has no unit 'furlong'; its units are: smoot"):
+    with pytest.raises(
+        FmuUnitError, match="has no unit 'furlong'; its units are: smoot"
+    ):
         table("smoot", given={"furlong": "m"})
     with pytest.raises(FmuUnitError, match="cannot use 'blah' for 'smoot'"):
         table("smoot", given={"smoot": "blah"})
@@ -114,12 +133,19 @@ def test_unknown_units_can_be_named():
 # -- blocks ---------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(("version", "flags"), [(2, ""), (3, ""), (3, 'hasEventMode="true"')])
+@pytest.mark.parametrize(
+    ("version", "flags"), [(2, ""), (3, ""), (3, 'hasEventMode="true"')]
+)
 def test_types_arrays_and_units_of_ports(make_fmu, version, flags):
     block = Fmu(make_fmu("types", version, flags=flags), kind="cs", step=0.1)
     assert block.u.unit == block.y.unit == "N*m"
     diagram = Diagram("types")
-    diagram.add(fmu=block, torque=Constant(1.5, unit="N*m"), number=Constant(7.0), on=Constant(1.0))
+    diagram.add(
+        fmu=block,
+        torque=Constant(1.5, unit="N*m"),
+        number=Constant(7.0),
+        on=Constant(1.0),
+    )
     diagram.torque >> diagram.fmu.u
     diagram.number >> diagram.fmu.number
     diagram.on >> diagram.fmu.flag
@@ -139,13 +165,17 @@ def test_a_unit_may_be_only_a_name(make_fmu):
     assert Fmu(path, step=0.1).description.units["m/s2"].exponents is None
 
 
-@pytest.mark.parametrize(("value", "name"), [(2.5, "number"), (3e9, "number"), (0.5, "flag")])
+@pytest.mark.parametrize(
+    ("value", "name"), [(2.5, "number"), (3e9, "number"), (0.5, "flag")]
+)
 def test_values_of_another_type(make_fmu, value, name):
     block = Fmu(make_fmu("types"), kind="cs", step=0.1, start=ZEROS)
     diagram = Diagram("types")
     diagram.add(fmu=block, wrong=Constant(value))
     diagram.wrong >> block.port(name)
-    with pytest.raises(FmuError, match=re.escape(f"'{name}' cannot be {value:g}; it is of")):
+    with pytest.raises(
+        FmuError, match=re.escape(f"'{name}' cannot be {value:g}; it is of")
+    ):
         simulate(diagram, 0.3, step=0.1)
 
 
@@ -161,8 +191,16 @@ WITH_BLOB = ("types", 3, {"</ModelVariables>": BLOB})
 @pytest.mark.parametrize(
     ("fmu", "settings", "message"),
     [
-        (BALL, {"parameters": {"gg": 1.0}}, r"no variable 'gg' that can be set; some that can: .*g"),
-        (BALL, {"parameters": {"der(h)": 1.0}}, r"'der\(h\)' cannot be set; it is local, continuous, and"),
+        (
+            BALL,
+            {"parameters": {"gg": 1.0}},
+            r"no variable 'gg' that can be set; some that can: .*g",
+        ),
+        (
+            BALL,
+            {"parameters": {"der(h)": 1.0}},
+            r"'der\(h\)' cannot be set; it is local, continuous, and",
+        ),
         (BALL, {"parameters": {"g": [1.0, 2.0]}}, "'g' has 1 elements, not 2"),
         (BALL, {"parameters": {"g": "much"}}, "'g' must be a number, not 'much'"),
         (BALL, {"parameters": {"g": np.inf}}, "'g' must be finite"),
@@ -173,13 +211,29 @@ WITH_BLOB = ("types", 3, {"</ModelVariables>": BLOB})
             "'g' is given both as a parameter and as a start value",
         ),
         (TYPES, {"start": {"n": -1}}, r"'n' sets array sizes; .* not -1"),
-        (TYPES, {"start": {"in": [1.0, 2.0, 3.0]}}, "input 'in' can be given one value for all its elements"),
-        (WITH_BLOB, {"start": {"blob": 1}}, "'blob' is of type Binary, which cannot be set from here"),
+        (
+            TYPES,
+            {"start": {"in": [1.0, 2.0, 3.0]}},
+            "input 'in' can be given one value for all its elements",
+        ),
+        (
+            WITH_BLOB,
+            {"start": {"blob": 1}},
+            "'blob' is of type Binary, which cannot be set from here",
+        ),
         (BALL, {"kind": "cs", "step": None}, "suggests no step size; give step"),
         (BALL, {"step": 0.0}, r"every 0\.0 s(.|\n)*must be positive and finite"),
         (BALL, {"kind": "me"}, "the diagram's solver sets the step; leave out step"),
-        (BALL, {"kind": "me", "step": None, "delayed": True}, "inputs are not held; leave out delay"),
-        (BALL, {"memory_limit": 1e9}, "memory_limit needs a child process; give time_limit too"),
+        (
+            BALL,
+            {"kind": "me", "step": None, "delayed": True},
+            "inputs are not held; leave out delay",
+        ),
+        (
+            BALL,
+            {"memory_limit": 1e9},
+            "memory_limit needs a child process; give time_limit too",
+        ),
         *(
             (BALL, {option: value}, f"Fmu: {option} = .* must be a positive and finite")
             for option in ("tolerance", "time_limit", "memory_limit")
@@ -196,30 +250,46 @@ def test_settings_that_are_refused(make_fmu, fmu, settings, message):
 
 def test_a_step_may_come_from_the_fmu(make_fmu):
     experiment = '<DefaultExperiment stepSize="0.25"/><ModelVariables>'
-    assert Fmu(make_fmu("ball", replace={"<ModelVariables>": experiment})).sample_time == 0.25
+    assert (
+        Fmu(make_fmu("ball", replace={"<ModelVariables>": experiment})).sample_time
+        == 0.25
+    )
 
 
 def test_variables_that_cannot_be_set_are_no_parameters(make_fmu):
     model, version, replace = WITH_BLOB
-    assert "blob" not in Fmu(make_fmu(model, version, replace=replace), step=0.1).variables
+    assert (
+        "blob" not in Fmu(make_fmu(model, version, replace=replace), step=0.1).variables
+    )
 
 
 def ball(make_fmu, version, kind, **settings):
-    return Fmu(make_fmu("ball", version), kind=kind, step=0.1 if kind == "cs" else None, **settings)
+    return Fmu(
+        make_fmu("ball", version),
+        kind=kind,
+        step=0.1 if kind == "cs" else None,
+        **settings,
+    )
 
 
 @pytest.mark.parametrize(("version", "time_limit"), [(2, None), (3, None), (3, 20.0)])
 @kinds
 def test_parameters_and_start_values(make_fmu, version, kind, time_limit):
     """A ball on the moon, let go at 2 m with 1 m/s: a parabola; by name, by run, and tuned."""
-    moon = {"parameters": {"g": 1.6}, "start": {"h": 2.0, "v": 1.0}, "time_limit": time_limit}
+    moon = {
+        "parameters": {"g": 1.6},
+        "start": {"h": 2.0, "v": 1.0},
+        "time_limit": time_limit,
+    }
     diagram = Diagram("moon")
     diagram.add(fmu=ball(make_fmu, version, kind, **moon))
     assert diagram.fmu.variables["g"] == ("g",)
     for g, parameters in ((1.6, {}), (3.7, {"fmu.g": 3.7})):
         result = simulate(diagram, 0.5, step=0.1, parameters=parameters)
         t = result["time"].values
-        np.testing.assert_allclose(result["fmu.h"], 2 + t - g * t**2 / 2, rtol=0, atol=1e-12)
+        np.testing.assert_allclose(
+            result["fmu.h"], 2 + t - g * t**2 / 2, rtol=0, atol=1e-12
+        )
 
 
 @versions
@@ -236,16 +306,22 @@ def test_parameters_may_be_tuned(make_fmu, version, kind):
 
 def test_gathered_parameters(make_fmu):
     """Two scalars with indices are one vector parameter, and either name reaches them."""
-    path = make_fmu("ball", replace={'name="g"': 'name="k[1]"', 'name="hmax"': 'name="k[2]"'})
+    path = make_fmu(
+        "ball", replace={'name="g"': 'name="k[1]"', 'name="hmax"': 'name="k[2]"'}
+    )
     block = Fmu(path, kind="me", parameters={"k": [1.6, 7.0]})
     np.testing.assert_array_equal(block.parameters["k"], [1.6, 7.0])
     assert block.variables["k"] == ("k[1]", "k[2]")
-    np.testing.assert_array_equal(Fmu(path, kind="me", parameters={"k[2]": 7.0}).parameters["k"], [9.81, 7.0])
+    np.testing.assert_array_equal(
+        Fmu(path, kind="me", parameters={"k[2]": 7.0}).parameters["k"], [9.81, 7.0]
+    )
     diagram = Diagram("gathered")
     diagram.add(fmu=block)
     last = simulate(diagram, 0.5, step=0.1)["fmu.h"][-1]
     assert last.item() == pytest.approx(1 - 1.6 * 0.125, abs=1e-12)
-    with pytest.raises(FmuError, match=r"'k\[1\]' is given two values, the second by 'k\[1\]'"):
+    with pytest.raises(
+        FmuError, match=r"'k\[1\]' is given two values, the second by 'k\[1\]'"
+    ):
         Fmu(path, kind="me", parameters={"k": [1.6, 7.0], "k[1]": 2.0})
 
 

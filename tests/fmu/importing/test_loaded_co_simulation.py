@@ -97,7 +97,9 @@ def test_early_return_has_time_and_event(loaded):
     assert slave.handle_event() is False
     assert slave.read(("v",))[0] == pytest.approx(0.7 * 9.81 * impact, abs=1e-14)
     # Without event mode there is nothing to do at an event, so the step may end as it should.
-    done = loaded(version=3, flags='mightReturnEarlyFromDoStep="true"').do_step(0.0, 1.0)
+    done = loaded(version=3, flags='mightReturnEarlyFromDoStep="true"').do_step(
+        0.0, 1.0
+    )
     assert (done.early, done.event, done.time) == (False, False, 1.0)
 
 
@@ -113,15 +115,21 @@ def test_a_discarded_step_has_its_last_time(loaded, version):
 def test_dependencies(make_fmu, version):
     expected = {"y": ("u",), "next": ("number",), "inverse": ("flag",)}
     expected |= {"out": ("in_",)} if version == 3 else {}
-    assert Fmu(make_fmu("types", version), kind="cs", step=0.1).feedthrough() == expected
+    assert (
+        Fmu(make_fmu("types", version), kind="cs", step=0.1).feedthrough() == expected
+    )
     replaced = {'dependencies="1"': ""} if version == 2 else {'dependencies="6"': ""}
     unknown = Fmu(make_fmu("types", version, replace=replaced), kind="cs", step=0.1)
-    assert unknown.feedthrough()["y"] == tuple(p.name for p in unknown.inputs())  # not stated: on everything
+    # not stated: on everything
+    assert unknown.feedthrough()["y"] == tuple(p.name for p in unknown.inputs())
 
 
 def test_input_derivatives(loaded):
     """U = 1 + 3 t within the step, so that y = 2 u ends at 2.6."""
-    alone = {f'valueReference="{k}" causality="input"': f'valueReference="{k}"' for k in (0, 2)}
+    alone = {
+        f'valueReference="{k}" causality="input"': f'valueReference="{k}"'
+        for k in (0, 2)
+    }
     slave = loaded("types", flags='canInterpolateInputs="true"', replace=alone)
     assert slave.can_interpolate
     slave.set_inputs(np.array([1.0]))
@@ -171,14 +179,18 @@ def test_after_an_error_the_instance_is_only_freed(loaded, version):
     with pytest.raises(FmuCallError, match="spring broke"):
         slave.do_step(0.0, 0.1)
     slave.close()
-    assert [text for _, _, text in slave.log] == ["the model says: the spring broke (number 42)"]
+    assert [text for _, _, text in slave.log] == [
+        "the model says: the spring broke (number 42)"
+    ]
 
 
 def test_after_a_fatal_error_there_is_no_other_instance(loaded):
     slave = loaded()
     with pytest.raises(FmuCallError, match="returned status 'fatal'"):
         slave._library.fail("DoStep", 4)
-    with pytest.raises(FmuError, match="failed fatally before; close it and load it again"):
+    with pytest.raises(
+        FmuError, match="failed fatally before; close it and load it again"
+    ):
         slave.setup()
 
 
@@ -190,7 +202,9 @@ def test_names_that_cannot_be_read(loaded, name):
 
 def test_missing_functions_hurt_only_their_callers(loaded):
     """FMI 3's model has no fmi3GetString, which only reading text would need."""
-    with pytest.raises(FmuBinaryError, match="has no function fmi3GetString; it was built"):
+    with pytest.raises(
+        FmuBinaryError, match="has no function fmi3GetString; it was built"
+    ):
         loaded(version=3)._library.function("GetString")
 
 
@@ -199,7 +213,9 @@ def test_an_instance_in_a_child_process_does_the_same(make_fmu, version):
     file = FmuFile.read(make_fmu("relay", version))
     found = []
     for time_limit in (None, 20.0):
-        with open_instance(LoadedModelExchange, file, time_limit=time_limit, start={"x": 0.5}) as model:
+        with open_instance(
+            LoadedModelExchange, file, time_limit=time_limit, start={"x": 0.5}
+        ) as model:
             model.setup(inputs=np.array([1.0, 0.0]))
             model.place(0.1, np.array([0.25]), np.array([0.75, 2.0]))
             assert model.event_inputs_changed(np.array([0.75, 2.0]))
@@ -238,7 +254,10 @@ def test_a_child_process_ends_with_its_parent(make_fmu, tmp_path):
     )
     environment = {**os.environ, "TMPDIR": str(tmp_path)}
     parent = subprocess.Popen(
-        [sys.executable, "-c", script], stdout=subprocess.PIPE, env=environment, text=True
+        [sys.executable, "-c", script],
+        stdout=subprocess.PIPE,
+        env=environment,
+        text=True,
     )
     assert parent.stdout is not None
     child = int(parent.stdout.readline())

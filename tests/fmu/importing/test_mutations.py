@@ -100,7 +100,9 @@ def with_changed_tree(text, chance):
         elif kind == 5 and len(element):
             element.append(copy.deepcopy(chance.choice(list(element))))
         elif kind == 6:
-            element.append(Element(chance.choice(everything).tag, chance.choice(everything).attrib))
+            element.append(
+                Element(chance.choice(everything).tag, chance.choice(everything).attrib)
+            )
         else:
             element.tag = chance.choice(everything).tag
     return ElementTree.tostring(root, "unicode").encode()
@@ -112,7 +114,14 @@ def with_changed_bytes(data, chance):
         begin, size = chance.randrange(len(data) + 1), chance.choice([1, 1, 2, 8, 300])
         here = data[begin : begin + size]
         changed = chance.choice(
-            [b"", here * 2, chance.randbytes(len(here)), chance.randbytes(size), b"\0", b"<"]
+            [
+                b"",
+                here * 2,
+                chance.randbytes(len(here)),
+                chance.randbytes(size),
+                b"\0",
+                b"<",
+            ]
         )
         data = data[:begin] + changed + data[begin + len(here) :]
     return data
@@ -123,7 +132,9 @@ def with_changed_names(files, chance):
     name = chance.choice(list(files))
     content = files[name] if chance.random() < 0.5 else b""
     kept = {n: c for n, c in files.items() if n != name or chance.random() < 0.3}
-    other = chance.choice([*JUNK[1:], *files, f"/{name}", f"{name}/x", name.upper(), f"a/{name}"])
+    other = chance.choice(
+        [*JUNK[1:], *files, f"/{name}", f"{name}/x", name.upper(), f"a/{name}"]
+    )
     return {**kept, other: content}
 
 
@@ -138,7 +149,9 @@ def mutated(data, chance):
         files = with_changed_names(files, chance)
     else:
         name = chance.choice([n for n in files if n.endswith((".xml", ".ssd"))])
-        files[name] = (with_changed_tree if kind == "tree" else with_changed_bytes)(files[name], chance)
+        files[name] = (with_changed_tree if kind == "tree" else with_changed_bytes)(
+            files[name], chance
+        )
     made = io.BytesIO()
     with zipfile.ZipFile(made, "w") as new:
         for name, content in files.items():
@@ -153,7 +166,9 @@ def used(path, runs):
     else:
         diagram = Diagram("d")
         seconds, size = (CALL_LIMIT, 500e6) if runs else (None, None)
-        block = diagram.add(fmu=Fmu(path, step=0.1, time_limit=seconds, memory_limit=size))
+        block = diagram.add(
+            fmu=Fmu(path, step=0.1, time_limit=seconds, memory_limit=size)
+        )
         for port in block.inputs():
             diagram.ground(port)
     if runs and path.suffix != ".ssp":
@@ -166,22 +181,35 @@ def descriptors():
 
 def sources(make_fmu, folder):
     """Return the files that are changed."""
-    found = [make_fmu(model, version) for model in ("ball", "relay", "stair", "types") for version in (2, 3)]
+    found = [
+        make_fmu(model, version)
+        for model in ("ball", "relay", "stair", "types")
+        for version in (2, 3)
+    ]
     inner, outer = Diagram("inner"), Diagram("outer")
-    a, b = inner.add(a=Fmu(found[2], step=0.1, kind="cs"), b=Fmu(found[6], step=0.1, kind="cs"))
+    a, b = inner.add(
+        a=Fmu(found[2], step=0.1, kind="cs"), b=Fmu(found[6], step=0.1, kind="cs")
+    )
     a.x >> b.u
     inner.ground(a.d, b.number, b.flag)
     inner.expose(u=a.u)
-    outer.add(inner=inner, ball=Fmu(found[0], step=0.1, kind="cs", parameters={"g": 9.8}))
+    outer.add(
+        inner=inner, ball=Fmu(found[0], step=0.1, kind="cs", parameters={"g": 9.8})
+    )
     outer.expose(u=inner.u)
     return [*found, *[export_ssp(outer, folder / "outer.ssp")] * len(found)]
 
 
 @pytest.mark.campaign
 @pytest.mark.filterwarnings("ignore")
-@pytest.mark.skipif(not Path("/proc/self/fd").exists(), reason="descriptors and processes are found in /proc")
+@pytest.mark.skipif(
+    not Path("/proc/self/fd").exists(),
+    reason="descriptors and processes are found in /proc",
+)
 def test_changed_files_are_used_or_refused(make_fmu, children, tmp_path):
-    originals = [(path.suffix, path.read_bytes()) for path in sources(make_fmu, tmp_path)]
+    originals = [
+        (path.suffix, path.read_bytes()) for path in sources(make_fmu, tmp_path)
+    ]
     outcomes: Counter[str] = Counter()
     faults = []
     used(make_fmu("ball"), runs=True)  # what is opened once is opened now
@@ -197,13 +225,16 @@ def test_changed_files_are_used_or_refused(make_fmu, children, tmp_path):
             used(path, runs=seed % RUN_INTERVAL == 0)
         except TrussflowError as error:
             outcome = type(error).__name__
-            text = str(error).split("the FMU's own log:")[0].strip()  # which has lines of its own
+            # which has lines of its own
+            text = str(error).split("the FMU's own log:")[0].strip()
             wrong += ["more than a line"] * ("\n" in text)
         except Exception as error:  # noqa: BLE001 - none of ours
             wrong.append(repr(error))
         took = monotonic() - started
         wrong += [f"took {took:.1f} s"] * (took > MAX_SECONDS)
-        wrong += ["left a descriptor or a process"] * ((descriptors(), children()) != before)
+        wrong += ["left a descriptor or a process"] * (
+            (descriptors(), children()) != before
+        )
         outcomes[f"{suffix} {outcome}"] += 1
         faults += [f"seed {seed}: {wrong}"] if wrong else []
     gc.collect()  # folders of SSP files go with their diagrams

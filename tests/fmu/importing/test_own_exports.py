@@ -34,7 +34,9 @@ def driven(plant, duration, step, **options):
     diagram.add(plant=plant, drive=Sine([1.0, 2.0, 3.0], frequency=2.0, unit="N"))
     diagram.drive >> diagram.plant.force
     result = simulate(diagram, duration, step=step, **options)
-    return np.column_stack([result[f"plant.{name}"] for name in ("position", "angle", "total")])
+    return np.column_stack(
+        [result[f"plant.{name}"] for name in ("position", "angle", "total")]
+    )
 
 
 @versions
@@ -44,7 +46,8 @@ def test_model_exchange_equals_the_block(exported, systems, version, solver):
     settings = {"solver": solver, "parameters": {"plant.stiffness": [7.0, 8.0, 9.0]}}
     path = exported(systems.Oscillator(3), version, "three")
     ours, theirs = (
-        driven(plant, 1.0, 1e-2, **settings) for plant in (systems.Oscillator(3), Fmu(path, kind="me"))
+        driven(plant, 1.0, 1e-2, **settings)
+        for plant in (systems.Oscillator(3), Fmu(path, kind="me"))
     )
     np.testing.assert_allclose(theirs, ours, rtol=0, atol=ROUND_OFF)
 
@@ -86,7 +89,9 @@ RNG = np.random.default_rng(campaign.SEED)
         (10, 4, 0, 0.04),
         *(
             pytest.param(
-                *RNG.integers((5, 1, 0), (30, 5, 9)), RNG.integers(1, 90) / 1e3, marks=pytest.mark.campaign
+                *RNG.integers((5, 1, 0), (30, 5, 9)),
+                RNG.integers(1, 90) / 1e3,
+                marks=pytest.mark.campaign,
             )
             for _ in range(20 * campaign.SIZE)
         ),
@@ -96,7 +101,8 @@ def test_events_on_sample_instants(version, period, high, late, sample, tmp_path
     """Edges of pulses, counted in samples, are held at once: 0.56 s is early by round-off, 0.16 s late."""
     diagram = Diagram("edges")
     pulse, hold = diagram.add(
-        pulse=Pulse(period * sample, high / period, delay=late * sample), hold=ZeroOrderHold(sample)
+        pulse=Pulse(period * sample, high / period, delay=late * sample),
+        hold=ZeroOrderHold(sample),
     )
     pulse >> hold
     diagram.expose(y=hold.y)
@@ -104,7 +110,9 @@ def test_events_on_sample_instants(version, period, high, late, sample, tmp_path
     count = np.rint(np.arange(0.0, end + sample / 2, sample) / sample) - late
     expected = (count >= 0) & (count % period < high)
     for backend in ("numpy", "compiled"):
-        found = simulate(diagram, end, step=sample, log={"y": hold.y}, backend=backend)["y"]
+        found = simulate(diagram, end, step=sample, log={"y": hold.y}, backend=backend)[
+            "y"
+        ]
         np.testing.assert_array_equal(found, expected, err_msg=backend)
     path = export(diagram, tmp_path / "edges.fmu", version=version, step=sample)
     for kind, name in (("cs", "CoSimulation"), ("me", "ModelExchange")):
@@ -114,16 +122,29 @@ def test_events_on_sample_instants(version, period, high, late, sample, tmp_path
         np.testing.assert_array_equal(ours, expected, err_msg=kind)
         for early in {version == "3.0" and kind == "cs", False}:
             rows = simulate_fmu(
-                str(path), stop_time=end, output_interval=sample, fmi_type=name, early_return_allowed=early
+                str(path),
+                stop_time=end,
+                output_interval=sample,
+                fmi_type=name,
+                early_return_allowed=early,
             )
-            after = np.searchsorted(rows["time"], np.arange(expected.size) * sample + sample / 9) - 1
-            np.testing.assert_array_equal(rows["y"][after], expected, err_msg=f"FMPy {kind} {early}")
+            after = (
+                np.searchsorted(
+                    rows["time"], np.arange(expected.size) * sample + sample / 9
+                )
+                - 1
+            )
+            np.testing.assert_array_equal(
+                rows["y"][after], expected, err_msg=f"FMPy {kind} {early}"
+            )
 
 
 SYSTEMS = {
     "three": lambda systems: systems.Oscillator(3),
     "rotor": lambda systems: systems.Rotor(),
-    "direct": lambda _: StateSpace(-np.eye(2), np.ones((2, 2)), [[1.0, 2.0]], [[0.5, -0.25]]),
+    "direct": lambda _: StateSpace(
+        -np.eye(2), np.ones((2, 2)), [[1.0, 2.0]], [[0.5, -0.25]]
+    ),
 }
 
 
@@ -137,13 +158,23 @@ def alone(block):
 @versions
 @pytest.mark.parametrize("own", [True, False])
 @pytest.mark.parametrize("name", SYSTEMS)
-def test_linear_models_are_those_of_the_block(name, own, version, exported, systems, tmp_path):
+def test_linear_models_are_those_of_the_block(
+    name, own, version, exported, systems, tmp_path
+):
     """By derivatives of the FMU's own, or by differences if it has none; and trimmed."""
-    ours, path = alone(SYSTEMS[name](systems)), exported(SYSTEMS[name](systems), version, name)
+    ours, path = (
+        alone(SYSTEMS[name](systems)),
+        exported(SYSTEMS[name](systems), version, name),
+    )
     if not own:
-        with zipfile.ZipFile(path) as old, zipfile.ZipFile(tmp_path / "none.fmu", "w") as new:
+        with (
+            zipfile.ZipFile(path) as old,
+            zipfile.ZipFile(tmp_path / "none.fmu", "w") as new,
+        ):
             for file in old.namelist():
-                new.writestr(file, old.read(file).replace(b"providesDirectional", b"needsNo"))
+                new.writestr(
+                    file, old.read(file).replace(b"providesDirectional", b"needsNo")
+                )
         path = tmp_path / "none.fmu"
     theirs = alone(Fmu(path, kind="me"))
     start, rng = linearize(ours).operating_point, np.random.default_rng(1)
@@ -155,13 +186,18 @@ def test_linear_models_are_those_of_the_block(name, own, version, exported, syst
     expected, found = linearize(ours, at=point), linearize(theirs, at=point)
     for matrix in "ABCD":
         np.testing.assert_allclose(
-            getattr(found, matrix), getattr(expected, matrix), rtol=0, atol=ROUND_OFF if own else 1e-7
+            getattr(found, matrix),
+            getattr(expected, matrix),
+            rtol=0,
+            atol=ROUND_OFF if own else 1e-7,
         )
     assert found.derivatives["f"].startswith("its own" if own else "differences")
     if name != "rotor":
         rests = (trim(d, at=point).states for d in (ours, theirs))
         np.testing.assert_allclose(
-            *(np.concatenate([*map(np.ravel, r.values())]) for r in rests), rtol=0, atol=1e-7
+            *(np.concatenate([*map(np.ravel, r.values())]) for r in rests),
+            rtol=0,
+            atol=1e-7,
         )
 
 
@@ -180,7 +216,9 @@ def test_solved_loops(version, exported, systems):
         models.append(linearize(loop, loop.error.u1, loop.f.y))
         runs.append(simulate(loop, 1.0, step=0.01)["f.y"])
     for matrix in "ABCD":
-        np.testing.assert_allclose(*(getattr(m, matrix) for m in models), rtol=0, atol=ROUND_OFF)
+        np.testing.assert_allclose(
+            *(getattr(m, matrix) for m in models), rtol=0, atol=ROUND_OFF
+        )
     np.testing.assert_allclose(*runs, rtol=0, atol=ROUND_OFF)
 
 
@@ -190,8 +228,14 @@ def test_open_inputs_may_keep_declared_start_values(exported, systems):
     ours.add(f=systems.Oscillator(2), drive=Constant([0.5, 0.5], unit="N"))
     ours.drive >> ours.f.force
     runs = [simulate(ours, 1.0, step=0.01)["f.position"]]
-    for name, force, option in (("same", 0.5, True), ("same", 0.5, False), ("mixed", 1.0, True)):
-        path = exported(systems.Oscillator(2), "2.0", name, start={"force": [0.5, force]})
+    for name, force, option in (
+        ("same", 0.5, True),
+        ("same", 0.5, False),
+        ("mixed", 1.0, True),
+    ):
+        path = exported(
+            systems.Oscillator(2), "2.0", name, start={"force": [0.5, force]}
+        )
         theirs = Diagram("theirs")
         theirs.add(f=Fmu(path, kind="me", declared_starts=option))
         if not option or force != 0.5:

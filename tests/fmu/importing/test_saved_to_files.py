@@ -24,9 +24,16 @@ def bouncing(path, kind, **options):
 
 @pytest.mark.parametrize(
     ("kind", "version", "options"),
-    [("cs", 2, {}), ("me", 3, {}), ("cs", 3, {"time_limit": 30.0}), ("me", 2, {"time_limit": 30.0})],
+    [
+        ("cs", 2, {}),
+        ("me", 3, {}),
+        ("cs", 3, {"time_limit": 30.0}),
+        ("me", 2, {"time_limit": 30.0}),
+    ],
 )
-def test_another_session_goes_on_bit_for_bit(make_fmu, kind, version, options, tmp_path):
+def test_another_session_goes_on_bit_for_bit(
+    make_fmu, kind, version, options, tmp_path
+):
     diagram = bouncing(make_fmu("ball", version), kind, **options)
     one, other = (Session(diagram, step=TIME_STEP) for _ in "ab")
     with one, other:
@@ -48,7 +55,11 @@ def test_a_run_is_resumed_bit_for_bit(make_fmu, kind, tmp_path, monkeypatch):
 
     def result(name):
         path = tmp_path / f"{name}.nc"
-        given: dict[str, Any] = {"checkpoint_every": 0.25, "resume": True, "progress": False}
+        given: dict[str, Any] = {
+            "checkpoint_every": 0.25,
+            "resume": True,
+            "progress": False,
+        }
         with running.run(2.0, stream_to=path, **given) as found:
             return found.load()
 
@@ -70,12 +81,12 @@ def test_a_run_is_resumed_bit_for_bit(make_fmu, kind, tmp_path, monkeypatch):
 def test_fmus_that_cannot_be_written_down_say_why(make_fmu, kind, tmp_path):
     """In one process they go back all the same, if they can do that."""
     held = make_fmu("ball", 2, replace={'canSerializeFMUstate="true"': ""})
-    message = (
-        r"block 'ball' keeps a state of FMU 'ball', which cannot serialize it to bytes \(no canSerialize"
-    )
+    message = r"block 'ball' keeps a state of FMU 'ball', which cannot serialize it to bytes \(no canSerialize"
     with Session(bouncing(held, kind), step=TIME_STEP) as session:
         session.advance(0.3)
-        with pytest.raises(SimulationError, match=rf"cannot save to '.*a\.state': {message}"):
+        with pytest.raises(
+            SimulationError, match=rf"cannot save to '.*a\.state': {message}"
+        ):
             session.save(tmp_path / "a.state")
         session.restore(session.save())
     with pytest.raises(SimulationError, match=message):  # before anything is computed

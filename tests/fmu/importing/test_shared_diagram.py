@@ -16,7 +16,9 @@ TIME_STEP = 0.05
 def diagram(make_fmu):
     found = Diagram("shared")
     found.add(
-        stepping=Fmu(make_fmu("ball"), kind="cs", step=TIME_STEP, parameters={"e": 0.6}),
+        stepping=Fmu(
+            make_fmu("ball"), kind="cs", step=TIME_STEP, parameters={"e": 0.6}
+        ),
         exchanging=Fmu(make_fmu("ball", 3), kind="me"),
         total=HiddenSum().sampled(TIME_STEP),
     )
@@ -43,7 +45,9 @@ def test_every_run_of_it_is_equal_to_a_run_alone(diagram):
     assert np.ptp(alone, axis=0).min() > 0.5
     simulator = Simulator(diagram, step=TIME_STEP, log=PORTS)
     whole = values(simulator.run(1.0, progress=False))
-    coupled = values(cosimulate(diagram, 1.0, step=TIME_STEP, log=PORTS, progress=False))
+    coupled = values(
+        cosimulate(diagram, 1.0, step=TIME_STEP, log=PORTS, progress=False)
+    )
 
     one = Session(diagram, step=TIME_STEP, outputs=PORTS)
     other = one.twin()
@@ -53,8 +57,12 @@ def test_every_run_of_it_is_equal_to_a_run_alone(diagram):
             pair = [advanced(session, float(t)) for session in (one, other)]
             interleaved.append(pair)
             if number == 9:  # in the middle of both sessions
-                runs = [pool.submit(simulator.run, 1.0, progress=False) for _ in range(3)]
-                beside = cosimulate(diagram, 1.0, step=TIME_STEP, log=PORTS, progress=False)
+                runs = [
+                    pool.submit(simulator.run, 1.0, progress=False) for _ in range(3)
+                ]
+                beside = cosimulate(
+                    diagram, 1.0, step=TIME_STEP, log=PORTS, progress=False
+                )
                 for run in runs:
                     np.testing.assert_array_equal(values(run.result()), whole)
                 np.testing.assert_array_equal(values(beside), coupled)

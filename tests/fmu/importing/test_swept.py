@@ -17,7 +17,8 @@ def test_a_sweep_over_a_diagram_with_an_fmu(kind, tmp_path):
     export(TransferFunction([1.0], [1.0, 1.0]), tmp_path / "lag.fmu")
     diagram = Diagram("d")
     constant, lag = diagram.add(
-        constant=Constant(1.0), lag=Fmu(tmp_path / "lag.fmu", kind=kind, step=0.01 if kind == "cs" else None)
+        constant=Constant(1.0),
+        lag=Fmu(tmp_path / "lag.fmu", kind=kind, step=0.01 if kind == "cs" else None),
     )
     constant >> lag
     swept, alone = (

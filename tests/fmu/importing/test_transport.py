@@ -19,7 +19,9 @@ LOG_STEP = 4e-3  # s
 
 # As steep as in Case 1: 6 m in 60 s.
 CASE = Mission.of_case(1)
-MISSION = replace(CASE, duration=2.0, position=CASE.position * (2.0 / CASE.duration) ** 2)
+MISSION = replace(
+    CASE, duration=2.0, position=CASE.position * (2.0 / CASE.duration) ** 2
+)
 SIGNALS = ("task_position", "task_velocity", "coordinates", "speeds", "rigid_speeds")
 
 
@@ -36,7 +38,9 @@ def controller():
         diagram.blocks["observer"].velocity,
     )
     command = diagram.blocks["allocation"].command
-    diagram.expose(**dict(zip(SIGNALS, inputs, strict=True)), command=command, error=errors.error)
+    diagram.expose(
+        **dict(zip(SIGNALS, inputs, strict=True)), command=command, error=errors.error
+    )
     return diagram
 
 
@@ -54,7 +58,11 @@ LOG = {"coordinates": "truss.coordinates", "error": "controller.error"}
 
 @pytest.fixture(scope="module")
 def plant(tmp_path_factory):
-    return export(SpaceTruss.published(), tmp_path_factory.mktemp("plant") / "p.fmu", step=INNER_STEP)
+    return export(
+        SpaceTruss.published(),
+        tmp_path_factory.mktemp("plant") / "p.fmu",
+        step=INNER_STEP,
+    )
 
 
 @pytest.fixture(scope="module")
@@ -66,7 +74,11 @@ def command(tmp_path_factory):
 @pytest.fixture(scope="module")
 def whole():
     return simulate(
-        loop(SpaceTruss.published(), controller()), RUN_DURATION, step=INNER_STEP, log_step=LOG_STEP, log=LOG
+        loop(SpaceTruss.published(), controller()),
+        RUN_DURATION,
+        step=INNER_STEP,
+        log_step=LOG_STEP,
+        log=LOG,
     )
 
 
@@ -82,7 +94,10 @@ def check(diagram, steps, whole, duration=RUN_DURATION, **settings):
         master = CoSimulator(diagram, step=h, log=LOG, log_step=LOG_STEP, **settings)
         result = master.run(duration)
         errors.append(error(result, whole))
-        tracking, best = (float(abs(r["error"]).max()) for r in (result, whole.sel(time=result["time"])))
+        tracking, best = (
+            float(abs(r["error"]).max())
+            for r in (result, whole.sel(time=result["time"]))
+        )
         assert tracking < 1.02 * best
     assert np.log2(errors[-2] / errors[-1]) == pytest.approx(1, abs=0.1), errors
 
@@ -102,7 +117,9 @@ def test_the_plant_as_a_native_fmu(coupling, steps, duration, plant, whole):
     check(diagram, steps, whole, duration, coupling=coupling, solver_step=INNER_STEP)
 
 
-@pytest.mark.parametrize(("coupling", "steps"), [("jacobi", (1e-3, 5e-4)), ("gauss-seidel", (5e-4, 2.5e-4))])
+@pytest.mark.parametrize(
+    ("coupling", "steps"), [("jacobi", (1e-3, 5e-4)), ("gauss-seidel", (5e-4, 2.5e-4))]
+)
 def test_the_controller_as_a_pythonfmu_fmu(coupling, steps, plant, command, whole):
     diagram = loop(Fmu(plant, declared_starts=True), Fmu(command))
     check(diagram, steps, whole, coupling=coupling)

@@ -43,7 +43,9 @@ def test_a_resized_array_has_the_values_of_the_block(make_fmu, chosen, gains):
     assert (gains is None) == ("gains" not in block.parameters)
     if gains is not None:
         np.testing.assert_array_equal(block.parameters["gains"], expected)
-    np.testing.assert_array_equal(simulate(diagram, 0.1, step=0.1)["fmu.out"].values[-1], expected)
+    np.testing.assert_array_equal(
+        simulate(diagram, 0.1, step=0.1)["fmu.out"].values[-1], expected
+    )
 
 
 @pytest.mark.parametrize("kind", [*INTEGER_TYPES, "Float32", "Boolean"])
@@ -61,26 +63,41 @@ def test_a_resized_array_has_the_values_of_the_block(make_fmu, chosen, gains):
 def test_no_number_is_bent_to_fit_a_type(kind, value):
     """An FMU receives the number itself, or its single precision, or there is an error."""
     variable = replace(VARIABLE, type=kind)
-    library = SimpleNamespace(accessors=Library3.accessors, description=SimpleNamespace(name="f"))
+    library = SimpleNamespace(
+        accessors=Library3.accessors, description=SimpleNamespace(name="f")
+    )
     bank = VariableBuffers([variable], cast("Library", library), writes=True)
     sent: list[Any] = []
-    bank._calls, bank._only = [lambda: sent.append(bank._parts[0].buffer[0].item())], None
+    bank._calls, bank._only = (
+        [lambda: sent.append(bank._parts[0].buffer[0].item())],
+        None,
+    )
     bank.values[:] = value
     try:
         bank.write()
     except FmuError:
         assert not sent
-        exact = value.is_integer() and abs(value) < 2.0 ** (64 if kind == "UInt64" else 63)
-        assert not (exact and kind.endswith("Int64") and (value >= 0 or kind == "Int64"))
+        exact = value.is_integer() and abs(value) < 2.0 ** (
+            64 if kind == "UInt64" else 63
+        )
+        assert not (
+            exact and kind.endswith("Int64") and (value >= 0 or kind == "Int64")
+        )
     else:
-        assert sent[0] == (pytest.approx(value, rel=1e-7, abs=1e-45) if kind == "Float32" else value)
+        assert sent[0] == (
+            pytest.approx(value, rel=1e-7, abs=1e-45) if kind == "Float32" else value
+        )
 
 
 @pytest.mark.parametrize("value", [2**53 + 1, 2**63 - 1, [2**64 - 1]])
 def test_whole_numbers_that_no_float_is_are_refused(make_fmu, value):
     """They became the next float, and 2^63 - 1 as Int64 became -2^63."""
-    path = make_fmu("types", 3, replace={'<Int32 name="number"': '<Int64 name="number"'})
-    with pytest.raises(FmuError, match=r"'number' cannot be .*: numbers are floats here"):
+    path = make_fmu(
+        "types", 3, replace={'<Int32 name="number"': '<Int64 name="number"'}
+    )
+    with pytest.raises(
+        FmuError, match=r"'number' cannot be .*: numbers are floats here"
+    ):
         Fmu(path, kind="cs", step=0.1, start={"number": value})
 
 
@@ -88,7 +105,9 @@ def test_whole_numbers_that_no_float_is_are_refused(make_fmu, value):
 @pytest.mark.parametrize("name", ["number", "flag", "fault"])
 def test_fractions_of_what_is_whole_are_refused(make_fmu, version, name):
     """They were refused in a run only, and written to SSP without the fraction."""
-    with pytest.raises(FmuError, match=rf"'{name}' is of type .*; it takes whole numbers, not 2\.5"):
+    with pytest.raises(
+        FmuError, match=rf"'{name}' is of type .*; it takes whole numbers, not 2\.5"
+    ):
         Fmu(make_fmu("types", version), kind="cs", step=0.1, start={name: 2.5})
 
 
@@ -113,7 +132,9 @@ def test_states_of_size_zero(make_fmu):
 def test_discrete_inputs_come_with_the_others(make_fmu, version, solver):
     """Discrete inputs must not arrive one step later than continuous ones."""
     diagram = Diagram("jump")
-    fmu = Fmu(make_fmu("types", version), kind="me", start={"in": 0.0} if version == 3 else {})
+    fmu = Fmu(
+        make_fmu("types", version), kind="me", start={"in": 0.0} if version == 3 else {}
+    )
     jump = Step(0.5)
     diagram.add(fmu=fmu, jump=jump)
     for name in ("u", "number", "flag"):
@@ -121,7 +142,9 @@ def test_discrete_inputs_come_with_the_others(make_fmu, version, solver):
     result = simulate(diagram, 1.0, step=0.1, solver=solver)
     after = (result["time"].values >= 0.5).astype(float)
     for name, before, change in (("y", 0, 2), ("next", 1, 1), ("inverse", 1, -1)):
-        np.testing.assert_array_equal(result[f"fmu.{name}"].values, before + change * after)
+        np.testing.assert_array_equal(
+            result[f"fmu.{name}"].values, before + change * after
+        )
 
 
 @versions
@@ -130,12 +153,18 @@ def test_an_fmu_begins_with_what_python_blocks_show(make_fmu, version, every):
     """It was initialized with zeros, which may not be allowed, and followed them at the start."""
     diagram = Diagram("start")
     given = {"u": 1.5, "flag": 1.0} | ({"in": 0.0} if version == 3 else {})
-    diagram.add(fmu=Fmu(make_fmu("types", version), kind="me", start=given), goal=Constant(2.0))
+    diagram.add(
+        fmu=Fmu(make_fmu("types", version), kind="me", start=given), goal=Constant(2.0)
+    )
     more = PythonFunction(lambda u: u + 1.0, every, **ports(u=(), y=()))
     number = diagram.add("number", more)
     diagram.goal >> number
     number.y >> diagram.fmu.port("number")
-    assert simulate(diagram, 0.2, step=0.1)["fmu.next"].values.tolist() == [4.0, 4.0, 4.0]
+    assert simulate(diagram, 0.2, step=0.1)["fmu.next"].values.tolist() == [
+        4.0,
+        4.0,
+        4.0,
+    ]
 
 
 @versions
@@ -143,6 +172,8 @@ def test_all_states_of_an_fmu_may_be_given(make_fmu, version):
     """It was not initialized then: there was nothing to find out."""
     diagram = Diagram("given")
     diagram.add(fmu=Fmu(make_fmu("ball", version), kind="me"))
-    result = simulate(diagram, 0.2, step=0.1, initial={"fmu.h_state": 3.0, "fmu.v": 1.0})
+    result = simulate(
+        diagram, 0.2, step=0.1, initial={"fmu.h_state": 3.0, "fmu.v": 1.0}
+    )
     t = result["time"].values
     np.testing.assert_allclose(result["fmu.h"], 3.0 + t - 9.81 * t**2 / 2, rtol=1e-12)

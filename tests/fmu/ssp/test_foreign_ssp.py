@@ -22,7 +22,9 @@ def fmus(tmp_path_factory):
 
 def foreign(fmus, target, structure):
     """Return a file with one FMU and a structure as other tools write it."""
-    text = "".join(f' xmlns:{p}="{XML_NAMESPACES[p]}"' for p in ("ssd", "ssc", "ssv", "ssm"))
+    text = "".join(
+        f' xmlns:{p}="{XML_NAMESPACES[p]}"' for p in ("ssd", "ssc", "ssv", "ssm")
+    )
     with zipfile.ZipFile(target, "w") as archive:
         archive.write(fmus / "mass.fmu", "resources/mass.fmu")
         root = f'<ssd:SystemStructureDescription{text} name="s" version="1.0"><ssd:System name="s">'
@@ -38,17 +40,28 @@ def test_the_step_may_be_given(fmus, tmp_path):
     """An FMU that suggests none could not be imported."""
     silent = tmp_path / "silent"
     silent.mkdir()
-    with zipfile.ZipFile(fmus / "mass.fmu") as old, zipfile.ZipFile(silent / "mass.fmu", "w") as new:
+    with (
+        zipfile.ZipFile(fmus / "mass.fmu") as old,
+        zipfile.ZipFile(silent / "mass.fmu", "w") as new,
+    ):
         for name in old.namelist():
             content = old.read(name)
             new.writestr(
-                name, content.replace(b'stepSize="', b'version="') if name.endswith(".xml") else content
+                name,
+                content.replace(b'stepSize="', b'version="')
+                if name.endswith(".xml")
+                else content,
             )
     file = foreign(silent, tmp_path / "s.ssp", MASS)
     with pytest.raises(FmuError, match="suggests no step size; give step"):
         import_ssp(file)
     assert import_ssp(file, step=0.25).blocks["mass"].sample_time == 0.25
-    assert import_ssp(foreign(fmus, tmp_path / "s.ssp", MASS), step=0.25).blocks["mass"].sample_time == 0.25
+    assert (
+        import_ssp(foreign(fmus, tmp_path / "s.ssp", MASS), step=0.25)
+        .blocks["mass"]
+        .sample_time
+        == 0.25
+    )
 
 
 @pytest.mark.parametrize("outer", ['startElement="" ', ""])
@@ -67,7 +80,11 @@ def test_parameters_of_a_system_reach_its_fmus(outer, fmus, tmp_path):
     assert block.parameters["initial_value"][1] == 3.5
 
 
-REAL, TEXT, LINEAR = '<ssv:Real value="3.5"/>', '<ssv:String value="red"/>', "<ssc:LinearTransformation"
+REAL, TEXT, LINEAR = (
+    '<ssv:Real value="3.5"/>',
+    '<ssv:String value="red"/>',
+    "<ssc:LinearTransformation",
+)
 
 
 @pytest.mark.parametrize(
@@ -76,7 +93,11 @@ REAL, TEXT, LINEAR = '<ssv:Real value="3.5"/>', '<ssv:String value="red"/>', "<s
         (REAL, "", 3.5),
         (REAL, f'{LINEAR} factor="2" offset="-1"/>', 6.0),
         (REAL, f"{LINEAR} factor='x'/>", "factor 'x' is not a number"),
-        (REAL, "<ssc:BooleanMappingTransformation/>", r"'k' to 'mass.initial_value\[2\]' is not linear"),
+        (
+            REAL,
+            "<ssc:BooleanMappingTransformation/>",
+            r"'k' to 'mass.initial_value\[2\]' is not linear",
+        ),
         (TEXT, f'{LINEAR} factor="2"/>', r"'k' to 'mass.*' converts .* the text 'red'"),
         (TEXT, "", r"'initial_value\[2\]' must be a number, not 'red'"),
     ],
@@ -97,27 +118,35 @@ def test_parameter_mappings(given, conversion, result, fmus, tmp_path):
         with pytest.raises(FmuError, match=result):
             import_ssp(file)
     else:
-        assert import_ssp(file).blocks["mass"].parameters["initial_value"].tolist() == [0.0, result]
+        assert import_ssp(file).blocks["mass"].parameters["initial_value"].tolist() == [
+            0.0,
+            result,
+        ]
 
 
 def test_open_inputs_may_keep_their_start_values(fmus, tmp_path):
     """In x' = x + u: the FMU declares u = 0."""
     connectors = "".join(f'<ssd:Connector name="u[{i}]" kind="input"/>' for i in (1, 2))
     connections = "".join(
-        f'<ssd:Connection startConnector="u[{i}]" endElement="mass" endConnector="u[{i}]"/>' for i in (1, 2)
+        f'<ssd:Connection startConnector="u[{i}]" endElement="mass" endConnector="u[{i}]"/>'
+        for i in (1, 2)
     )
-    structure = (
-        f"<ssd:Connectors>{connectors}</ssd:Connectors>{MASS}<ssd:Connections>{connections}</ssd:Connections>"
-    )
+    structure = f"<ssd:Connectors>{connectors}</ssd:Connectors>{MASS}<ssd:Connections>{connections}</ssd:Connections>"
     file = foreign(fmus, tmp_path / "s.ssp", structure)
     with pytest.raises(OpenInputError):
         cosimulate(import_ssp(file), 0.25, step=0.125)
-    assert not cosimulate(import_ssp(file, open_inputs="start"), 0.25, step=0.125)["mass.y"].any()
-    with pytest.raises(SspError, match="unknown open_inputs 'zero'; choose from: expose, start"):
+    assert not cosimulate(import_ssp(file, open_inputs="start"), 0.25, step=0.125)[
+        "mass.y"
+    ].any()
+    with pytest.raises(
+        SspError, match="unknown open_inputs 'zero'; choose from: expose, start"
+    ):
         import_ssp(file, open_inputs="zero")
 
 
 def test_names_of_no_known_space_are_said(fmus, tmp_path):
     file = foreign(fmus, tmp_path / "s.ssp", f"{MASS}<osp:Annotation/>")
-    with pytest.raises(FmuError, match=r"'SystemStructure\.ssd' of 's\.ssp': .*unbound prefix: line 1"):
+    with pytest.raises(
+        FmuError, match=r"'SystemStructure\.ssd' of 's\.ssp': .*unbound prefix: line 1"
+    ):
         import_ssp(file)

@@ -11,7 +11,17 @@ import numpy as np
 import pytest
 from fmpy.ssp.simulation import simulate_ssp
 
-from trussflow.blocks import Block, Diagram, Input, Output, Parameter, State, StateSpace, Step, cosimulate
+from trussflow.blocks import (
+    Block,
+    Diagram,
+    Input,
+    Output,
+    Parameter,
+    State,
+    StateSpace,
+    Step,
+    cosimulate,
+)
 from trussflow.blocks.errors import WiringError
 from trussflow.fmu import ExportError, Fmu, FmuArchiveError, SspError, export
 from trussflow.fmu.ssp import export_ssp, import_ssp
@@ -31,7 +41,10 @@ class Mass(Block):
         return {"position": x.q, "motion": np.stack([x.q, x.v])}
 
     def derivative(self, t, x, u, p):
-        return {"q": x.v, "v": u.force[0] + u.force[1] + u.wind - p.stiffness * x.q - 0.3 * x.v}
+        return {
+            "q": x.v,
+            "v": u.force[0] + u.force[1] + u.wind - p.stiffness * x.q - 0.3 * x.v,
+        }
 
 
 class Filter(Block):
@@ -44,7 +57,11 @@ class Filter(Block):
         return {"force": x.x}
 
     def derivative(self, t, x, u, p):
-        return {"x": np.stack([-2.0 * x.x[0] + 3.0 * u.position, -5.0 * x.x[1] - u.position])}
+        return {
+            "x": np.stack(
+                [-2.0 * x.x[0] + 3.0 * u.position, -5.0 * x.x[1] - u.position]
+            )
+        }
 
 
 @pytest.fixture(scope="module")
@@ -58,8 +75,16 @@ def fmus(tmp_path_factory):
 def loop(fmus, **limits):
     diagram = Diagram("loop")
     mass, law = diagram.add(
-        mass=Fmu(fmus / "mass.fmu", parameters={"stiffness": 7.0}, start={"wind": 0.25}),
-        law=Fmu(fmus / "filter.fmu", step=2 * TIME_STEP, tolerance=1e-6, delayed=True, **limits),
+        mass=Fmu(
+            fmus / "mass.fmu", parameters={"stiffness": 7.0}, start={"wind": 0.25}
+        ),
+        law=Fmu(
+            fmus / "filter.fmu",
+            step=2 * TIME_STEP,
+            tolerance=1e-6,
+            delayed=True,
+            **limits,
+        ),
     )
     mass.position >> law.position
     law.force >> mass.force
@@ -115,8 +140,13 @@ def facts(diagram):
         sources: list[Any] = [None] * elements.size
         if wire.source is not None:
             sources = [(wire.source.path, i) for i in wire.source.elements().ravel()]
-        found["wires"] |= {(s, wire.target.path, i) for s, i in zip(sources, elements, strict=True)}
-    found["exposed"] = {name: tuple(port.path for port in ports) for name, ports in diagram.exposed.items()}
+        found["wires"] |= {
+            (s, wire.target.path, i) for s, i in zip(sources, elements, strict=True)
+        }
+    found["exposed"] = {
+        name: tuple(port.path for port in ports)
+        for name, ports in diagram.exposed.items()
+    }
     return found
 
 
@@ -136,7 +166,8 @@ def test_fmpy_runs_it_with_the_same_digits(fmus, tmp_path):
     def diagram():
         found = Diagram("open")
         mass, law = found.add(
-            mass=Fmu(fmus / "mass.fmu", parameters={"stiffness": 7.0}), law=Fmu(fmus / "filter.fmu")
+            mass=Fmu(fmus / "mass.fmu", parameters={"stiffness": 7.0}),
+            law=Fmu(fmus / "filter.fmu"),
         )
         mass.position >> law.position
         law.force >> mass.force
@@ -146,7 +177,9 @@ def test_fmpy_runs_it_with_the_same_digits(fmus, tmp_path):
     # fmpy connects inputs without a connection to something: leave none
     theirs.expose(wind=theirs.mass.wind)
     file = export_ssp(theirs, tmp_path / "loop.ssp", step=TIME_STEP)
-    stiffness = SimpleNamespace(parameters=[SimpleNamespace(name="mass.stiffness", value=7.0)])
+    stiffness = SimpleNamespace(
+        parameters=[SimpleNamespace(name="mass.stiffness", value=7.0)]
+    )
     expected = simulate_ssp(
         str(file),
         stop_time=2.0,
@@ -169,7 +202,10 @@ def test_fmpy_runs_it_with_the_same_digits(fmus, tmp_path):
 
 def test_fmus_may_be_kept_in_a_folder(file, tmp_path):
     import_ssp(file, tmp_path / "kept")
-    assert sorted(p.name for p in (tmp_path / "kept" / "resources").iterdir()) == ["filter.fmu", "mass.fmu"]
+    assert sorted(p.name for p in (tmp_path / "kept" / "resources").iterdir()) == [
+        "filter.fmu",
+        "mass.fmu",
+    ]
 
 
 def test_the_fmus_of_an_import_are_deleted_with_the_diagram(file):
@@ -190,14 +226,24 @@ def with_plant(fmus):
 @pytest.mark.parametrize(
     ("make", "path", "step", "message"),
     [
-        (with_plant, "a.ssp", TIME_STEP, r"'loop' to SSP.*'plant' \(StateSpace\).*trussflow\.fmu"),
+        (
+            with_plant,
+            "a.ssp",
+            TIME_STEP,
+            r"'loop' to SSP.*'plant' \(StateSpace\).*trussflow\.fmu",
+        ),
         (
             lambda fmus: Fmu(fmus / "mass.fmu"),
             "a.ssp",
             TIME_STEP,
             "to SSP: it is not a diagram; add it to a diagram",
         ),
-        (lambda _: Diagram("empty"), "a.ssp", TIME_STEP, r"'empty' to SSP.*it has no block"),
+        (
+            lambda _: Diagram("empty"),
+            "a.ssp",
+            TIME_STEP,
+            r"'empty' to SSP.*it has no block",
+        ),
         (loop, "a.ssp", -1.0, r"step = -1\.0 must be a positive"),
         (loop, "nowhere/a.ssp", TIME_STEP, r"cannot write .*there is no folder"),
     ],
@@ -212,7 +258,9 @@ def test_arrays_of_fmi_3_are_refused(tmp_path):
     export(Filter(), tmp_path / "three.fmu", version="3.0", step=TIME_STEP)
     diagram = Diagram("three")
     diagram.ground(diagram.add(law=Fmu(tmp_path / "three.fmu")).position)
-    with pytest.raises(ExportError, match=r"'law\.force' to SSP.*array variable of FMI 3.*FMI 2\.0"):
+    with pytest.raises(
+        ExportError, match=r"'law\.force' to SSP.*array variable of FMI 3.*FMI 2\.0"
+    ):
         export_ssp(diagram, tmp_path / "three.ssp")
 
 
@@ -237,13 +285,19 @@ def rewritten(file, target, changes):
         ({"resources/mass.fmu": "../mass.fmu"}, r"'\.\./mass\.fmu' is not inside"),
         ({"resources/mass.fmu": "n" * 300}, "it contains no file 'nnn"),
         ({"resources/mass.fmu": "resources/no.fmu"}, r"no file 'resources/no\.fmu'"),
-        ({'type="application/x-fmu-sharedlibrary"': 'type="text/plain"'}, "of type 'text/plain'"),
+        (
+            {'type="application/x-fmu-sharedlibrary"': 'type="text/plain"'},
+            "of type 'text/plain'",
+        ),
         (
             {'startConnector="position"': 'startConnector="speed"'},
             "connector 'speed' of 'mass', which does not exist",
         ),
         ({'name="law"': 'name="mass"'}, "two elements have the same name"),
-        ({'value="7.0"': 'value="seven"'}, "parameter 'stiffness' 'seven' is not a number"),
+        (
+            {'value="7.0"': 'value="seven"'},
+            "parameter 'stiffness' 'seven' is not a number",
+        ),
         (
             {
                 'endConnector="position" />': 'endConnector="position"><ssc:LinearTransformation '
@@ -300,7 +354,9 @@ def test_units_are_checked_as_everywhere(file, tmp_path):
     wrong = rewritten(
         file,
         tmp_path / "wrong.ssp",
-        {'Connector="position" endElement="law"': 'Connector="motion[2]" endElement="law"'},
+        {
+            'Connector="position" endElement="law"': 'Connector="motion[2]" endElement="law"'
+        },
     )
     with pytest.raises(WiringError, match="m/s"):
         import_ssp(wrong)
@@ -314,7 +370,11 @@ def test_other_tools_find_nothing_but_ssp(fmus, tmp_path):
     with zipfile.ZipFile(file) as archive:
         assert [n for n in archive.namelist() if n.endswith(".xml")] == []
         root = ElementTree.fromstring(archive.read("SystemStructure.ssd"))
-    named = [e.get("name", "") for e in root.iter() if e.tag.endswith(("System", "Component", "Description"))]
+    named = [
+        e.get("name", "")
+        for e in root.iter()
+        if e.tag.endswith(("System", "Component", "Description"))
+    ]
     assert len(named) == 7
     assert all(re.fullmatch("[a-zA-Z][a-zA-Z0-9_-]*", name) for name in named), named
     notes = [e for e in root.iter() if e.tag.endswith("}Annotation")]
@@ -335,7 +395,10 @@ def test_other_tools_find_nothing_but_ssp(fmus, tmp_path):
     ],
 )
 def test_damaged_notes_are_refused(notes, message, file, tmp_path):
-    with zipfile.ZipFile(file) as old, zipfile.ZipFile(tmp_path / "bad.ssp", "w") as new:
+    with (
+        zipfile.ZipFile(file) as old,
+        zipfile.ZipFile(tmp_path / "bad.ssp", "w") as new,
+    ):
         for name in old.namelist():
             new.writestr(name, notes if name.endswith(".json") else old.read(name))
     with pytest.raises(SspError, match=message):

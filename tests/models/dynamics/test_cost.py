@@ -15,27 +15,43 @@ RING = Path(__file__).parents[3] / "examples" / "missions" / "ring.toml"
 def arm_of(joints):
     """Return the shipped arm with its first joints alone, the base at their end."""
     arm = RobotArm.literal()
-    counts = dict.fromkeys(("joint_origins", "joint_rotations", "rest_angles", "joint_data"), joints)
+    counts = dict.fromkeys(
+        ("joint_origins", "joint_rotations", "rest_angles", "joint_data"), joints
+    )
     counts |= dict.fromkeys(("masses", "static_moments", "inertias"), joints + 1)
-    return replace(arm, **{name: getattr(arm, name)[:count] for name, count in counts.items()})
+    return replace(
+        arm, **{name: getattr(arm, name)[:count] for name, count in counts.items()}
+    )
 
 
 def operations(*, robots=2, joints=2, modes=2):
     """Return how many operations one right-hand side takes."""
     truss = reduced_modes(
-        Frame.from_file(RING).structure(), modes, list(range(1, robots + 1)), attachments=False
+        Frame.from_file(RING).structure(),
+        modes,
+        list(range(1, robots + 1)),
+        attachments=False,
     )
-    dynamics = TrussDynamics(modes=truss, arms=(arm_of(joints),) * robots, elastic_integrals=True)
+    dynamics = TrussDynamics(
+        modes=truss, arms=(arm_of(joints),) * robots, elastic_integrals=True
+    )
     diagram = Diagram("ring")
     plant = diagram.add(truss=SpaceTruss(dynamics))
     diagram.ground(plant.actuation)
-    simulator = Simulator(diagram, step=1e-3, log=["truss.modal_rate"], backend="interpreted")
+    simulator = Simulator(
+        diagram, step=1e-3, log=["truss.modal_rate"], backend="interpreted"
+    )
     derivative = simulator.prepared.programs[0]
-    kernels = sum(call.inputs.shape[1] * call.kernel.function.n_instructions() for call in derivative.calls)
+    kernels = sum(
+        call.inputs.shape[1] * call.kernel.function.n_instructions()
+        for call in derivative.calls
+    )
     return derivative.graph.n_instructions() + kernels
 
 
-@pytest.mark.parametrize(("size", "counts"), [("robots", (2, 4, 6)), ("joints", (1, 4, 7))])
+@pytest.mark.parametrize(
+    ("size", "counts"), [("robots", (2, 4, 6)), ("joints", (1, 4, 7))]
+)
 def test_cost_is_linear(size, counts):
     """Grasps on an axis of the ring are cheaper, as some elements are zero."""
     first, second = np.diff([operations(**{size: count}) for count in counts])

@@ -37,7 +37,9 @@ def assert_traced_equals_computed(system, q, v, *, kernels=True):
     return trace
 
 
-@pytest.mark.parametrize(("kernels", "elastic_integrals"), [(True, True), (False, False)])
+@pytest.mark.parametrize(
+    ("kernels", "elastic_integrals"), [(True, True), (False, False)]
+)
 def test_traced_equations_equal_computed_ones(
     random_system, random_state, arrangement, kernels, elastic_integrals
 ):
@@ -53,7 +55,10 @@ def test_equal_arms_share_one_kernel(modes, random_state):
     trace = assert_traced_equals_computed(system, *random_state(system))
     assert [call.inputs.size2() for call in trace.calls] == [2, 2]
     assert np.array_equal(
-        system.rest, np.concatenate([np.zeros(6), *(2 * [a.rest_angles, b.rest_angles]), np.zeros(6)])
+        system.rest,
+        np.concatenate(
+            [np.zeros(6), *(2 * [a.rest_angles, b.rest_angles]), np.zeros(6)]
+        ),
     )
 
 
@@ -64,7 +69,9 @@ def test_structural_zeros_survive_tracing(published):
     assert ca.sparsify(mass[6:13, 6:13]).nnz() > 40
 
 
-def test_mass_matrix_is_symmetric_and_positive_definite(published, consistent, random_state):
+def test_mass_matrix_is_symmetric_and_positive_definite(
+    published, consistent, random_state
+):
     for system in (published, consistent):
         for q in (system.rest, random_state(system)[0]):
             mass = system.evaluate(q).mass_matrix
@@ -76,7 +83,10 @@ def test_bias_is_quadratic_in_the_speeds(published, random_state):
     q, v = random_state(published)
     assert not np.any(published.evaluate(q, 0.0 * v).bias)
     assert (
-        relative_error(published.evaluate(q, 3.0 * v).bias, 9.0 * published.evaluate(q, v).bias) < ROUND_OFF
+        relative_error(
+            published.evaluate(q, 3.0 * v).bias, 9.0 * published.evaluate(q, v).bias
+        )
+        < ROUND_OFF
     )
 
 
@@ -88,19 +98,31 @@ def test_elastic_force_is_that_of_damped_oscillators(published):
     q[34:], v[34:] = np.arange(1.0, 7.0), np.arange(6.0, 0.0, -1.0)
     force = system.elastic_force(q, v)
     assert not np.any(force[:34])
-    assert relative_error(force[34:], -(w**2) * q[34:] - 2 * 0.005 * w * v[34:]) < ROUND_OFF
+    assert (
+        relative_error(force[34:], -(w**2) * q[34:] - 2 * 0.005 * w * v[34:])
+        < ROUND_OFF
+    )
     stiffer = system.elastic_force(q, v, 2 * system.modes.frequencies, np.full(6, 0.01))
-    assert relative_error(stiffer[34:], -4 * (w**2) * q[34:] - 2 * 0.01 * 2 * w * v[34:]) < ROUND_OFF
+    assert (
+        relative_error(stiffer[34:], -4 * (w**2) * q[34:] - 2 * 0.01 * 2 * w * v[34:])
+        < ROUND_OFF
+    )
 
 
 def test_one_arm_per_grasp_point(modes):
     with pytest.raises(ModelError, match="4 grasp points but 3 arms"):
-        TrussDynamics(modes=modes, arms=(RobotArm.literal(),) * 3, elastic_integrals=False)
+        TrussDynamics(
+            modes=modes, arms=(RobotArm.literal(),) * 3, elastic_integrals=False
+        )
 
 
-@pytest.mark.parametrize("method", ["evaluate", "kinematics", "elastic_force", "energy", "momentum"])
+@pytest.mark.parametrize(
+    "method", ["evaluate", "kinematics", "elastic_force", "energy", "momentum"]
+)
 def test_sizes_are_checked(published, method):
-    with pytest.raises(ModelError, match=r"q has shape \(34,\); it must be \(40,\): 6 for the"):
+    with pytest.raises(
+        ModelError, match=r"q has shape \(34,\); it must be \(40,\): 6 for the"
+    ):
         getattr(published, method)(np.zeros(34), np.zeros(40))
     with pytest.raises(ModelError, match=r"v has shape \(40, 1\); it must be \(40,\)"):
         getattr(published, method)(np.zeros(40), np.zeros((40, 1)))

@@ -49,16 +49,22 @@ def frames(system, q):
     tau = q[6 + system.joints :]
     joint = 6
     for i, arm in enumerate(system.arms):
-        local = system.modes.grasp_positions[i] + system.modes.grasp_translations[i] @ tau
+        local = (
+            system.modes.grasp_positions[i] + system.modes.grasp_translations[i] @ tau
+        )
         origin = q[:3] + turned @ local
-        rotation = turned @ cayley(system.modes.grasp_rotations[i] @ tau) @ arm.hand_rotation
+        rotation = (
+            turned @ cayley(system.modes.grasp_rotations[i] @ tau) @ arm.hand_rotation
+        )
         yield rotation, origin, arm, 0
         for j in range(arm.joints):
             origin = origin + rotation @ arm.joint_origins[j]
             rotation = rotation @ arm.joint_rotations[j] @ turn(2, q[joint])
             joint += 1
             yield rotation, origin, arm, j + 1
-        origin = origin + rotation @ (arm.base_origin + arm.base_rotation @ arm.base_centroid)
+        origin = origin + rotation @ (
+            arm.base_origin + arm.base_rotation @ arm.base_centroid
+        )
         yield rotation @ arm.base_rotation, origin, arm, -1
 
 
@@ -79,7 +85,9 @@ def positions(system, q):
         if k < 0:
             weight, points = particles_of(arm.base_mass, np.zeros(3), arm.base_inertia)
         else:
-            weight, points = particles_of(arm.masses[k], arm.static_moments[k], arm.inertias[k])
+            weight, points = particles_of(
+                arm.masses[k], arm.static_moments[k], arm.inertias[k]
+            )
         places.append(points[:, :3] @ rotation.T + points[:, 3:] * origin)
         weights.append(weight)
     return np.concatenate(places), np.concatenate(weights)
@@ -91,7 +99,9 @@ def axial(matrix):
 
 def spins(rotation, derivatives):
     """Return the angular velocities in body axes, R^T dR/dt = w×, a column for each derivative."""
-    return np.array([axial(rotation.T @ column.reshape(3, 3)) for column in derivatives.T]).T
+    return np.array(
+        [axial(rotation.T @ column.reshape(3, 3)) for column in derivatives.T]
+    ).T
 
 
 def rates(system, q):
@@ -99,7 +109,9 @@ def rates(system, q):
     turned = np.real(attitude(q[3:6]))
     matrix = np.eye(system.coordinates)
     matrix[:3, :3] = turned
-    matrix[3:6, 3:6] = np.linalg.inv(spins(turned, jacobian(lambda angles: attitude(angles).ravel(), q[3:6])))
+    matrix[3:6, 3:6] = np.linalg.inv(
+        spins(turned, jacobian(lambda angles: attitude(angles).ravel(), q[3:6]))
+    )
     return matrix
 
 
@@ -110,7 +122,9 @@ def brute_force(system, q, v):
         return positions(system, q)[0].ravel()
 
     def velocity(q):
-        return jacobian(lambda s: place(q + s * (rates(system, q) @ v)), np.zeros(1))[:, 0]
+        return jacobian(lambda s: place(q + s * (rates(system, q) @ v)), np.zeros(1))[
+            :, 0
+        ]
 
     to_rates = rates(system, q)
     step = STEP * (to_rates @ v)
@@ -144,12 +158,22 @@ def assert_agrees(system, q, v):
     mass, bias = brute_force(system, q, v)
     scale = 1.0 / np.sqrt(np.diag(mass))
     rows = scale[:, None]
-    assert relative_error(rows * terms.mass_matrix * scale, rows * mass * scale) < TOLERANCE
+    assert (
+        relative_error(rows * terms.mass_matrix * scale, rows * mass * scale)
+        < TOLERANCE
+    )
     assert relative_error(scale * terms.bias, scale * bias) < TOLERANCE
-    assert relative_error(rows * terms.actuation_matrix, rows * brute_force_actuation(system, q)) < TOLERANCE
+    assert (
+        relative_error(
+            rows * terms.actuation_matrix, rows * brute_force_actuation(system, q)
+        )
+        < TOLERANCE
+    )
 
 
-def test_published_equations_are_exact_where_the_truss_is_undeformed(published, random_state):
+def test_published_equations_are_exact_where_the_truss_is_undeformed(
+    published, random_state
+):
     """At tau = 0 nothing is neglected in Eq. 19, whatever the modal rates."""
     q, v = random_state(published)
     q[published.rigid_coordinates :] = 0.0
@@ -181,4 +205,7 @@ def test_base_frames_are_where_the_chain_leads(consistent, random_state):
     bases = [(np.real(r), np.real(p)) for r, p, _, k in frames(consistent, q) if k < 0]
     terms = consistent.evaluate(q, v)
     assert np.max(np.abs(terms.base_positions - [p for _, p in bases])) < ROUND_OFF
-    assert np.max(np.abs(np.array(terms.base_rotations) - [r for r, _ in bases])) < ROUND_OFF
+    assert (
+        np.max(np.abs(np.array(terms.base_rotations) - [r for r, _ in bases]))
+        < ROUND_OFF
+    )

@@ -37,15 +37,24 @@ def power_scale(system, q, v):
 
 def external_power(system, q, v, actuation):
     """Return the generalized force of the actuators, and their power less the power of the damping."""
-    force, rates = system.evaluate(q).actuation_matrix @ actuation, v[system.rigid_freedoms :]
+    force, rates = (
+        system.evaluate(q).actuation_matrix @ actuation,
+        v[system.rigid_freedoms :],
+    )
     damping = 4 * np.pi * system.modes.damping_ratios * system.modes.frequencies
     return force, v @ force - rates @ (damping * rates)
 
 
-@pytest.mark.parametrize("attitude", [EULER, QUATERNION], ids=lambda kind: str(kind.name))
-def test_any_arrangement_conserves_both(random_system, random_state, arrangement, attitude):
+@pytest.mark.parametrize(
+    "attitude", [EULER, QUATERNION], ids=lambda kind: str(kind.name)
+)
+def test_any_arrangement_conserves_both(
+    random_system, random_state, arrangement, attitude
+):
     """Momentum is constant; the rate of the energy is the power of the actuators less that of the damping."""
-    system = replace(random_system(*arrangement, elastic_integrals=True), attitude=attitude)
+    system = replace(
+        random_system(*arrangement, elastic_integrals=True), attitude=attitude
+    )
     system = replace(system, modes=system.modes.damped(0.005))
 
     def momentum(q, v):
@@ -57,7 +66,9 @@ def test_any_arrangement_conserves_both(random_system, random_state, arrangement
     scale = np.max(np.abs(rate(momentum, q, v, 0.0 * dq, dv)))
     assert np.max(np.abs(rate(momentum, q, v, dq, dv))) < TOLERANCE * scale
     for factor in (0.0, 1.0):
-        force, power = external_power(system, q, v, factor * np.arange(1.0, system.actuators + 1.0))
+        force, power = external_power(
+            system, q, v, factor * np.arange(1.0, system.actuators + 1.0)
+        )
         error = rate(system.energy, q, v, *flow(system, q, v, force)) - power
         assert abs(error) < TOLERANCE * (power_scale(system, q, v) + abs(power))
 
@@ -74,10 +85,14 @@ def missing_power(modes, v, joints):
     return modes.masses @ (swept @ linear + moment @ angular)
 
 
-def test_published_equations_lose_a_known_power(without_grasp_rotation, random_state, rng):
+def test_published_equations_lose_a_known_power(
+    without_grasp_rotation, random_state, rng
+):
     """Hands that do not turn with the truss: dE/dt = power - v·(w × P tau') - w·(H_w tau')."""
     system = TrussDynamics(
-        modes=without_grasp_rotation.damped(0.01), arms=(RobotArm.literal(),) * 4, elastic_integrals=False
+        modes=without_grasp_rotation.damped(0.01),
+        arms=(RobotArm.literal(),) * 4,
+        elastic_integrals=False,
     )
     q, v = random_state(system)
     force, power = external_power(system, q, v, rng.standard_normal(system.actuators))
@@ -88,7 +103,9 @@ def test_published_equations_lose_a_known_power(without_grasp_rotation, random_s
     assert abs(error) < TOLERANCE * scale
 
 
-def test_published_energy_defect_of_turning_hands_is_of_first_order_in_deformation(published, random_state):
+def test_published_energy_defect_of_turning_hands_is_of_first_order_in_deformation(
+    published, random_state
+):
     """Eqs. 32-34 turn a hand at R tau' whatever tau: wrong by the order of R tau."""
     q, v = random_state(published)
     defects = []
@@ -96,7 +113,9 @@ def test_published_energy_defect_of_turning_hands_is_of_first_order_in_deformati
         deformed = q.copy()
         deformed[published.rigid_coordinates :] *= factor
         energy_rate = rate(published.energy, deformed, v, *flow(published, deformed, v))
-        defects.append(energy_rate + missing_power(published.modes, v, published.joints))
+        defects.append(
+            energy_rate + missing_power(published.modes, v, published.joints)
+        )
     slopes = np.diff(np.log10(np.abs(defects)))
     assert np.all(np.abs(slopes + 1.0) < 0.1)
 
@@ -104,7 +123,9 @@ def test_published_energy_defect_of_turning_hands_is_of_first_order_in_deformati
 def test_rigid_truss_conserves_in_both_variants(modes, random_state):
     """Without modes nothing is neglected, and the two variants are one."""
     systems = [
-        TrussDynamics(modes=modes.rigid(), arms=(RobotArm.literal(),) * 4, elastic_integrals=e)
+        TrussDynamics(
+            modes=modes.rigid(), arms=(RobotArm.literal(),) * 4, elastic_integrals=e
+        )
         for e in (False, True)
     ]
     q, v = random_state(systems[0])

@@ -56,8 +56,16 @@ def stored():
 
 def system_of(data, truss, names, *, exact=True):
     """Return the equations of a stored truss with the named arms at its first grasps."""
-    fields = {key.removeprefix(f"{truss}."): data[key] for key in data if key.startswith(f"{truss}.")}
-    grasps = {key: value[: len(names)] for key, value in fields.items() if key.startswith("grasp")}
+    fields = {
+        key.removeprefix(f"{truss}."): data[key]
+        for key in data
+        if key.startswith(f"{truss}.")
+    }
+    grasps = {
+        key: value[: len(names)]
+        for key, value in fields.items()
+        if key.startswith("grasp")
+    }
     modes = TrussModes(**fields | grasps, source="Exudyn")
     arms = tuple(getattr(RobotArm, name)() for name in names)
     return TrussDynamics(modes=modes, arms=arms, elastic_integrals=exact)
@@ -71,7 +79,8 @@ def assert_agrees(errors, tolerance=TOLERANCE):
 def errors(data, truss, case, *, exact=True):
     """Return the relative difference of accelerations by kind."""
     q, v, actuation, names, theirs = (
-        data[f"{case}.{key}"] for key in ("q", "v", "actuation", "arms", "accelerations")
+        data[f"{case}.{key}"]
+        for key in ("q", "v", "actuation", "arms", "accelerations")
     )
     system = system_of(data, truss, names, exact=exact)
     terms = system.evaluate(q, v)
@@ -81,7 +90,10 @@ def errors(data, truss, case, *, exact=True):
     kinds = {"velocity": slice(0, 3), "spin": slice(3, 6), "modes": slice(first, None)}
     if system.joints:
         kinds["joints"] = slice(6, first)
-    return {kind: relative_error(ours[place], theirs[place]) for kind, place in kinds.items()}
+    return {
+        kind: relative_error(ours[place], theirs[place])
+        for kind, place in kinds.items()
+    }
 
 
 @pytest.mark.parametrize("i", range(2))
@@ -106,7 +118,9 @@ def test_deformed_truss_with_hands_not_turned(stored, i):
 @pytest.mark.parametrize("i", range(5))
 def test_hands_turned_about_one_axis(stored, monkeypatch, i):
     """With the exponential map the equations are Exudyn's, at any deformation."""
-    monkeypatch.setattr(hand_motion, "cayley_rotation", lambda c: Rotation.from_rotvec(c).as_matrix())
+    monkeypatch.setattr(
+        hand_motion, "cayley_rotation", lambda c: Rotation.from_rotvec(c).as_matrix()
+    )
     # About one axis the angular velocity is the rate of the angle.
     monkeypatch.setattr(hand_motion, "cayley_rate_matrix", lambda *_: np.eye(3))
     monkeypatch.setattr(hand_motion, "cayley_bias_acceleration", lambda *_: np.zeros(3))
@@ -115,7 +129,9 @@ def test_hands_turned_about_one_axis(stored, monkeypatch, i):
 
 def test_cayleys_formula_differs_by_the_square_of_the_rotation(stored):
     """Deformation, speeds and inputs all scaled: four states, each half of the one before."""
-    differences = [errors(stored, "one_axis", f"deformed_one_axis.{i}") for i in range(1, 5)]
+    differences = [
+        errors(stored, "one_axis", f"deformed_one_axis.{i}") for i in range(1, 5)
+    ]
     for kind in TOLERANCE:
         orders = -np.diff(np.log2([each[kind] for each in differences]))
         np.testing.assert_allclose(orders, 2.0, rtol=0, atol=0.1)
@@ -127,12 +143,15 @@ def test_motion_equals_exudyns_extrapolated():
     data = np.load(FOLDER / "motion.npz")
     diagram = Diagram("motion")
     truss, inputs = diagram.add(
-        truss=SpaceTruss(system_of(data, "one_axis", data["arms"])), forces=Constant(data["actuation"])
+        truss=SpaceTruss(system_of(data, "one_axis", data["arms"])),
+        forces=Constant(data["actuation"]),
     )
     inputs.y >> truss.actuation
     times = data["times"]
     log = [truss.coordinates, truss.speeds]
-    simulator = Simulator(diagram, solver="DOP853", rtol=1e-11, atol=1e-11, log=log, log_step=times[0])
+    simulator = Simulator(
+        diagram, solver="DOP853", rtol=1e-11, atol=1e-11, log=log, log_step=times[0]
+    )
     initial = {"truss.q": data["q"], "truss.v": data["v"]}
     result = simulator.run(times[-1], initial=initial, progress=False)
     q, v = (result[f"truss.{name}"].values[1:] for name in ("coordinates", "speeds"))

@@ -29,7 +29,9 @@ def tree(system):
     model = pin.Model()
     root = model.addJoint(0, pin.JointModelFreeFlyer(), pin.SE3.Identity(), "truss")
     model.appendBodyToJoint(
-        root, inertia_of(modes.mass, modes.static_moment, modes.inertia), pin.SE3.Identity()
+        root,
+        inertia_of(modes.mass, modes.static_moment, modes.inertia),
+        pin.SE3.Identity(),
     )
     for i, arm in enumerate(system.arms):
         hand = pin.SE3(arm.hand_rotation, modes.grasp_positions[i])
@@ -37,11 +39,17 @@ def tree(system):
         model.appendBodyToJoint(root, bodies[0], hand)
         joint, placement = root, hand
         for j in range(arm.joints):
-            placement = placement * pin.SE3(arm.joint_rotations[j], arm.joint_origins[j])
-            joint = model.addJoint(joint, JOINT_MODELS[arm.sliding[j]](), placement, f"C_{i},{j}")
+            placement = placement * pin.SE3(
+                arm.joint_rotations[j], arm.joint_origins[j]
+            )
+            joint = model.addJoint(
+                joint, JOINT_MODELS[arm.sliding[j]](), placement, f"C_{i},{j}"
+            )
             model.appendBodyToJoint(joint, bodies[j + 1], pin.SE3.Identity())
             placement = pin.SE3.Identity()
-        mount = pin.SE3(arm.base_rotation, arm.base_origin + arm.base_rotation @ arm.base_centroid)
+        mount = pin.SE3(
+            arm.base_rotation, arm.base_origin + arm.base_rotation @ arm.base_centroid
+        )
         base = pin.Inertia(arm.base_mass, np.zeros(3), arm.base_inertia)
         model.appendBodyToJoint(joint, base, placement * mount)
     model.gravity = pin.Motion.Zero()
@@ -54,7 +62,9 @@ def test_any_arrangement_equals_pinocchio(random_system, arrangement, rng):
     model, n = tree(system), system.coordinates
     data = model.createData()
     q, v = rng.uniform(-1.3, 1.3, n), rng.standard_normal(n)
-    configuration = np.concatenate([q[:3], pin.Quaternion(euler_rotation(q[3:6])).coeffs(), q[6:]])
+    configuration = np.concatenate(
+        [q[:3], pin.Quaternion(euler_rotation(q[3:6])).coeffs(), q[6:]]
+    )
     mass = np.triu(pin.crba(model, data, configuration))
     mass = mass + np.triu(mass, 1).T
     bias = pin.nonLinearEffects(model, data, configuration, v)
@@ -62,7 +72,10 @@ def test_any_arrangement_equals_pinocchio(random_system, arrangement, rng):
     assert relative_error(terms.mass_matrix, mass) < TOLERANCE
     assert relative_error(terms.bias, bias) < TOLERANCE
     scale = 1.0 / np.sqrt(np.diag(mass))
-    assert np.max(np.abs((terms.mass_matrix - mass) * np.outer(scale, scale))) < SCALED_TOLERANCE
+    assert (
+        np.max(np.abs((terms.mass_matrix - mass) * np.outer(scale, scale)))
+        < SCALED_TOLERANCE
+    )
     assert relative_error(terms.bias * scale, bias * scale) < SCALED_TOLERANCE
     about_centre = pin.computeCentroidalMomentum(model, data, configuration, v)
     centre = pin.centerOfMass(model, data, configuration)

@@ -9,7 +9,13 @@ from scipy.spatial.transform import Rotation
 
 from trussflow.blocks import Quintic, simulate
 from trussflow.models import Hardware, ModelError, SpaceTruss
-from trussflow.models.feasibility import Failure, attitude_along, best_attitude, single_failures, survey
+from trussflow.models.feasibility import (
+    Failure,
+    attitude_along,
+    best_attitude,
+    single_failures,
+    survey,
+)
 from trussflow.models.geometry.rotation import euler_rotation
 from trussflow.models.transport import Mission, mean_axes_transport, path_of
 
@@ -25,15 +31,22 @@ def worst(direction, limits=LIMITS, failures=BASES):
     """Return the least duration of 6 m along a direction of the truss after each failure [s]."""
     way = np.concatenate([6.0 * direction / np.linalg.norm(direction), np.zeros(31)])
     path = Quintic(way, 60.0, start=DYNAMICS.rest)
-    return max(each.least_duration for each in survey(DYNAMICS, path, limits, failures, instants=2))
+    return max(
+        each.least_duration
+        for each in survey(DYNAMICS, path, limits, failures, instants=2)
+    )
 
 
 def test_known_directions():
     """Figures of an independent programme of the same equations, in the plane of y and z and along x [s]."""
     for degrees, known in ((-65.0, 75.8), (-70.0, 58.7), (-75.0, 71.6)):
         angle = np.radians(degrees)
-        assert worst(np.array([0.0, np.sin(angle), np.cos(angle)])) == pytest.approx(known, abs=0.05)
-    assert worst(np.array([1.0, 0.0, 0.0]), failures=BASES[-1:]) == pytest.approx(44.4, abs=0.05)
+        assert worst(np.array([0.0, np.sin(angle), np.cos(angle)])) == pytest.approx(
+            known, abs=0.05
+        )
+    assert worst(np.array([1.0, 0.0, 0.0]), failures=BASES[-1:]) == pytest.approx(
+        44.4, abs=0.05
+    )
 
 
 @pytest.mark.parametrize("normal", [[1.0, 0.0, 0.0], [0.0, 0.0, 0.0]])
@@ -42,13 +55,17 @@ def test_no_direction_is_better(normal):
     best = best_attitude(DYNAMICS, ALONG_Z, LIMITS, BASES, normal=normal)
     assert abs(best.direction @ normal) < EXACT
     assert worst(best.direction) == pytest.approx(best.least_duration, rel=EXACT)
-    climbed = best_attitude(DYNAMICS, ALONG_Z, LIMITS, BASES, normal=normal, directions=1)
+    climbed = best_attitude(
+        DYNAMICS, ALONG_Z, LIMITS, BASES, normal=normal, directions=1
+    )
     assert climbed.least_duration == pytest.approx(best.least_duration, rel=EXACT)
     random = np.random.default_rng(1)
     for size in (0.01, 0.1, 10.0):
         for _ in range(10):
             other = best.direction + size * random.standard_normal(3)
-            assert worst(other - (other @ normal) * np.array(normal)) > best.least_duration * (1.0 - EXACT)
+            assert worst(
+                other - (other @ normal) * np.array(normal)
+            ) > best.least_duration * (1.0 - EXACT)
 
 
 def test_every_single_failure_is_survived():
@@ -58,19 +75,28 @@ def test_every_single_failure_is_survived():
     turned = TRUSS.turned(best.attitude)
     found = survey(DYNAMICS, path_of(Mission.of_case(1), turned), LIMITS)
     assert all(each.feasible for each in found)
-    assert max(each.least_duration for each in found) == pytest.approx(best.least_duration, rel=EXACT)
+    assert max(each.least_duration for each in found) == pytest.approx(
+        best.least_duration, rel=EXACT
+    )
 
 
 def test_attitude_along_a_direction():
     random = np.random.default_rng(2)
     for _ in range(20):
-        own, way, spin = random.standard_normal(3), random.standard_normal(3), random.uniform(-3.0, 3.0)
-        turned, spun = (euler_rotation(attitude_along(own, way, spin=each)) for each in (0.0, spin))
+        own, way, spin = (
+            random.standard_normal(3),
+            random.standard_normal(3),
+            random.uniform(-3.0, 3.0),
+        )
+        turned, spun = (
+            euler_rotation(attitude_along(own, way, spin=each)) for each in (0.0, spin)
+        )
         for rotation in (turned, spun):
             along = rotation @ own / np.linalg.norm(own)
             assert_allclose(along, way / np.linalg.norm(way), rtol=0, atol=1e-12)
         cosine = own @ way / np.linalg.norm(own) / np.linalg.norm(way)
-        assert_allclose(np.trace(turned), 1.0 + 2.0 * cosine, rtol=0, atol=1e-12)  # the smallest turn
+        # the smallest turn
+        assert_allclose(np.trace(turned), 1.0 + 2.0 * cosine, rtol=0, atol=1e-12)
         about = Rotation.from_rotvec(spin * way / np.linalg.norm(way)).as_matrix()
         assert_allclose(spun, about @ turned, rtol=0, atol=1e-12)
 
@@ -89,8 +115,14 @@ ALONE = [Failure(name="alone", effectiveness=np.eye(DYNAMICS.actuators)[0])]
             lambda: best_attitude(DYNAMICS, ALONG_Z, LIMITS, ALONE, directions=2),
             "no direction is feasible after each of the failures",
         ),
-        (lambda: attitude_along([0, 0, 0], [0, 0, 6]), "direction and displacement must not be zero"),
-        (lambda: attitude_along([0, 1, 0], [0, 0, 6]), "the Euler angles of the attitude are singular"),
+        (
+            lambda: attitude_along([0, 0, 0], [0, 0, 6]),
+            "direction and displacement must not be zero",
+        ),
+        (
+            lambda: attitude_along([0, 1, 0], [0, 0, 6]),
+            "the Euler angles of the attitude are singular",
+        ),
     ],
 )
 def test_bad_input(build, message):
@@ -106,9 +138,16 @@ def test_everything_starts_where_the_truss_does():
     flight = replace(flight, star_tracker=replace(flight.star_tracker, delay=0.02))
     diagram = mean_axes_transport(Mission.of_case(1), truss, hardware=flight, seed=1)
     blocks = [diagram.blocks[name] for name in ("trajectory", "controller", "sensors")]
-    ports = [b.port(n) for b, n in zip(blocks, ("position", "mean_position", "task_position"), strict=True)]
+    ports = [
+        b.port(n)
+        for b, n in zip(
+            blocks, ("position", "mean_position", "task_position"), strict=True
+        )
+    ]
     log = [truss.task_position, *ports]
-    result = simulate(diagram, 0.1, step=5e-3, log=log, backend="interpreted", progress=False)
+    result = simulate(
+        diagram, 0.1, step=5e-3, log=log, backend="interpreted", progress=False
+    )
     start = truss.parameters["initial_coordinates"][: truss.rigid]
     assert_array_equal(start[3:6], attitude)
     for variable in result.data_vars.values():

@@ -8,7 +8,13 @@ from scipy.optimize import linprog
 from trussflow.blocks import Quintic
 from trussflow.blocks.control.trajectory import PEAK_ACCELERATION
 from trussflow.models import Hardware, ModelError, SpaceTruss
-from trussflow.models.feasibility import Failure, actuator_limits, shares_left, single_failures, survey
+from trussflow.models.feasibility import (
+    Failure,
+    actuator_limits,
+    shares_left,
+    single_failures,
+    survey,
+)
 from trussflow.models.transport import Mission, path_of
 
 TRUSS = SpaceTruss.consistent(modes=0)
@@ -40,7 +46,9 @@ def test_moment_about_the_line_of_bases():
     assert moment == pytest.approx(11.48, abs=0.005)
     found = checked(ALONG_Z, LIMITS, BASE_4)
     assert found.needed_torque == pytest.approx(moment / 3.0, rel=EXACT)
-    assert found.least_duration == pytest.approx(60.0 * np.sqrt(moment / 3.0 / 0.3), rel=EXACT)
+    assert found.least_duration == pytest.approx(
+        60.0 * np.sqrt(moment / 3.0 / 0.3), rel=EXACT
+    )
     assert str(found) == (
         "base 4 along body z: bases 1, 2, 3 lie on one line, 2.07 m beside the force that moves the centre "
         "of mass; needs 3.83 N·m of base and joint torque, has 0.3 at 60 s; least duration 214.3 s"
@@ -49,16 +57,32 @@ def test_moment_about_the_line_of_bases():
 
 def test_single_failures_of_case_1():
     """Figures of an independent programme of the same equations: least durations at 0.3 and 1 N·m [s]."""
-    for torque, known in ((0.3, [48.2, 53.4, 48.6, 48.6, 214.3]), (1.0, [44.8, 49.6, 46.0, 46.0, 117.4])):
-        limits = actuator_limits(DYNAMICS, force=5.0, base_torque=torque, joint_torque=torque)
+    for torque, known in (
+        (0.3, [48.2, 53.4, 48.6, 48.6, 214.3]),
+        (1.0, [44.8, 49.6, 46.0, 46.0, 117.4]),
+    ):
+        limits = actuator_limits(
+            DYNAMICS, force=5.0, base_torque=torque, joint_torque=torque
+        )
         found = survey(DYNAMICS, ALONG_Z, limits)
         assert len(found) == 13
         for each in found:
             robot = int(each.failure.split(",")[0].split()[-1].replace("healthy", "0"))
-            assert each.least_duration == pytest.approx(known[robot], abs=0.05), each.failure
+            assert each.least_duration == pytest.approx(known[robot], abs=0.05), (
+                each.failure
+            )
             assert each.feasible == (robot != 4)
-    weak = survey(DYNAMICS, ALONG_Z, actuator_limits(DYNAMICS, force=3.0, base_torque=0.3, joint_torque=0.3))
-    assert_allclose([e.needed_torque for e in weak[:5]], [0.39, 1.02, 0.51, 0.51, 3.83], rtol=0, atol=0.005)
+    weak = survey(
+        DYNAMICS,
+        ALONG_Z,
+        actuator_limits(DYNAMICS, force=3.0, base_torque=0.3, joint_torque=0.3),
+    )
+    assert_allclose(
+        [e.needed_torque for e in weak[:5]],
+        [0.39, 1.02, 0.51, 0.51, 3.83],
+        rtol=0,
+        atol=0.005,
+    )
 
 
 def asked(path, t):
@@ -71,7 +95,9 @@ def asked(path, t):
         p, s = path.parameters, t / 60.0
         q = p["start"] + p["displacement"] * s**3 * (10 - 15 * s + 6 * s**2)
         rates = p["displacement"] * 30 * s**2 * (1 - s) ** 2 / 60.0
-        kinematics = np.column_stack([DYNAMICS.kinematics(q, e) for e in np.eye(len(q))])
+        kinematics = np.column_stack(
+            [DYNAMICS.kinematics(q, e) for e in np.eye(len(q))]
+        )
         return q, np.linalg.solve(kinematics, rates)
 
     (q, v), step = state(t), 1e-3
@@ -80,7 +106,9 @@ def asked(path, t):
     return terms.mass_matrix @ slope + terms.bias, terms.actuation_matrix
 
 
-@pytest.mark.parametrize("failure", [HEALTHY, BASE_4, Failure.of(DYNAMICS, 2, axes=["force z"])])
+@pytest.mark.parametrize(
+    "failure", [HEALTHY, BASE_4, Failure.of(DYNAMICS, 2, axes=["force z"])]
+)
 def test_least_duration_by_the_dual(failure):
     r"""The share of the limits that is needed is the dual's: the most work of the demand per effort.
 
@@ -93,7 +121,13 @@ def test_least_duration_by_the_dual(failure):
         m, n = P.shape
         result = linprog(
             np.concatenate([-w, np.zeros(n)]),
-            A_ub=np.block([[P.T, -np.eye(n)], [-P.T, -np.eye(n)], [np.zeros((1, m)), limits[None]]]),
+            A_ub=np.block(
+                [
+                    [P.T, -np.eye(n)],
+                    [-P.T, -np.eye(n)],
+                    [np.zeros((1, m)), limits[None]],
+                ]
+            ),
             b_ub=np.append(np.zeros(2 * n), 1.0),
             bounds=[(None, None)] * m + [(0.0, None)] * n,
         )
@@ -111,9 +145,13 @@ def test_demands_scale_as_the_theory_says():
         slower = Quintic(p["displacement"], found.least_duration, start=p["start"])
         assert checked(slower, LIMITS, failure).margin == pytest.approx(1.0, rel=EXACT)
         torque = found.needed_torque
-        enough = actuator_limits(DYNAMICS, force=5.0, base_torque=torque, joint_torque=torque)
+        enough = actuator_limits(
+            DYNAMICS, force=5.0, base_torque=torque, joint_torque=torque
+        )
         assert checked(path, enough, failure).margin == pytest.approx(1.0, rel=EXACT)
-        assert found.margin == pytest.approx((60.0 / found.least_duration) ** 2, rel=EXACT)
+        assert found.margin == pytest.approx(
+            (60.0 / found.least_duration) ** 2, rel=EXACT
+        )
 
 
 def test_limp_joints_move_and_locked_ones_hold():
@@ -133,9 +171,16 @@ def test_path_out_of_reach():
     dead[2] = 1.0  # force z of base 1 alone
     joints = np.where(np.arange(len(dead)) < 24, dead, np.inf)
     found = checked(ALONG_Z, LIMITS, Failure(name="all but one", effectiveness=joints))
-    assert (found.margin, found.least_duration, found.needed_torque) == (0.0, np.inf, np.inf)
+    assert (found.margin, found.least_duration, found.needed_torque) == (
+        0.0,
+        np.inf,
+        np.inf,
+    )
     assert "base 1 is alone" in str(found)
-    assert "needs more force, whatever the torque at 60 s; cannot be flown in any time" in str(found)
+    assert (
+        "needs more force, whatever the torque at 60 s; cannot be flown in any time"
+        in str(found)
+    )
 
 
 def limits_of(force):
@@ -149,24 +194,41 @@ OVER = Quintic(np.pi * np.eye(34)[3], 60.0, start=DYNAMICS.rest)
 @pytest.mark.parametrize(
     ("build", "message"),
     [
-        *((lambda value=value: limits_of(value), "limits: force") for value in (-1.0, np.nan, [[1.0, -2.0]])),
-        (lambda: limits_of([1.0, 2.0]), r"4 robots and 28 joints: those of bases must be of sh.*\(\)"),
+        *(
+            (lambda value=value: limits_of(value), "limits: force")
+            for value in (-1.0, np.nan, [[1.0, -2.0]])
+        ),
+        (
+            lambda: limits_of([1.0, 2.0]),
+            r"4 robots and 28 joints: those of bases must be of sh.*\(\)",
+        ),
         (lambda: Failure.of(DYNAMICS, 5), "no robot 5; choose from: 1, 2, 3, 4"),
-        (lambda: Failure.of(DYNAMICS, 1, axes=["z"]), "no axis of a base 'z'; choose from: force x"),
+        (
+            lambda: Failure.of(DYNAMICS, 1, axes=["z"]),
+            "no axis of a base 'z'; choose from: force x",
+        ),
         (
             lambda: Failure.of(DYNAMICS, 1, joints="stiff"),
             "no state of joints 'stiff'; choose from: working, limp",
         ),
-        (lambda: survey(DYNAMICS, ALONG_Z, NO_ACTUATOR), "healthy: no actuator is left; raise its limit"),
         (
-            lambda: checked(ALONG_Z, LIMITS, Failure(name="two", effectiveness=np.ones(2))),
+            lambda: survey(DYNAMICS, ALONG_Z, NO_ACTUATOR),
+            "healthy: no actuator is left; raise its limit",
+        ),
+        (
+            lambda: checked(
+                ALONG_Z, LIMITS, Failure(name="two", effectiveness=np.ones(2))
+            ),
             "two: effectiveness must be 52 numbers from 0 on",
         ),
         (
             lambda: survey(DYNAMICS, Quintic([1.0, 2.0, 3.0], 60.0), LIMITS),
             r"cannot check a path of shape \(3,\)",
         ),
-        (lambda: survey(DYNAMICS, Quintic(np.zeros(34), 60.0), LIMITS), "cannot check a path"),
+        (
+            lambda: survey(DYNAMICS, Quintic(np.zeros(34), 60.0), LIMITS),
+            "cannot check a path",
+        ),
         (
             lambda: survey(DYNAMICS, OVER, LIMITS),
             "at 30 s the path comes to φ = 90°, where the Euler angles are",
@@ -185,7 +247,12 @@ def test_bad_input(build, message):
 def test_shares_left():
     """What can be flown after a loss stays as it is; of all else a reserve is kept."""
     margins = np.array(
-        [each.margin for each in survey(DYNAMICS, ALONG_Z, LIMITS, single_failures(DYNAMICS)[1:5])]
+        [
+            each.margin
+            for each in survey(
+                DYNAMICS, ALONG_Z, LIMITS, single_failures(DYNAMICS)[1:5]
+            )
+        ]
     )
     assert (margins >= 1.0).tolist() == [True, True, True, False]
     found = shares_left(DYNAMICS, ALONG_Z, LIMITS, reserve=0.4)

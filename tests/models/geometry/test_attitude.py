@@ -24,7 +24,10 @@ def scipy_of(a):
 def test_rotation_does_not_depend_on_the_length():
     a = attitude()
     for length in (1.0, -1.0, 0.7):
-        assert np.abs(QUATERNION.rotation(length * a) - scipy_of(a).as_matrix()).max() < ROUND_OFF
+        assert (
+            np.abs(QUATERNION.rotation(length * a) - scipy_of(a).as_matrix()).max()
+            < ROUND_OFF
+        )
 
 
 def test_rates_turn_at_the_angular_velocity_and_restore_the_length():
@@ -32,7 +35,10 @@ def test_rates_turn_at_the_angular_velocity_and_restore_the_length():
     for length in (1.0, 0.9):
         rates = QUATERNION.rates(length * a, turning)
         change = np.imag(QUATERNION.rotation(length * a + 1j * STEP * rates)) / STEP
-        assert np.abs(QUATERNION.rotation(a).T @ change - cross_matrix(turning)).max() < ROUND_OFF
+        assert (
+            np.abs(QUATERNION.rotation(a).T @ change - cross_matrix(turning)).max()
+            < ROUND_OFF
+        )
         assert a @ rates == pytest.approx((1.0 - length**2) * length, abs=ROUND_OFF)
 
 
@@ -42,13 +48,20 @@ def test_turns_of_any_size():
         turn = angle * np.array([2.0, -1.0, 2.0]) / 3.0
         expected = scipy_of(a) * Rotation.from_rotvec(turn)
         turned = QUATERNION.integrate(a, turn)
-        assert np.abs(QUATERNION.rotation(turned) - expected.as_matrix()).max() < ROUND_OFF
+        assert (
+            np.abs(QUATERNION.rotation(turned) - expected.as_matrix()).max() < ROUND_OFF
+        )
         way = (scipy_of(a).inv() * expected).as_rotvec()
         size = np.linalg.norm(way)
         if angle < 3.0 or angle > 4.0:  # half a turn has two ways
-            error = way * np.sinc(size / 2.0 / np.pi)  # the sine of half the angle, twice, along the axis
-            for sign in (1.0, -1.0):  # both quaternions of the goal: never the longer way
-                assert np.abs(QUATERNION.difference(a, sign * turned) - error).max() < ROUND_OFF
+            # the sine of half the angle, twice, along the axis
+            error = way * np.sinc(size / 2.0 / np.pi)
+            for sign in (1.0, -1.0):
+                # both quaternions of the goal: never the longer way
+                assert (
+                    np.abs(QUATERNION.difference(a, sign * turned) - error).max()
+                    < ROUND_OFF
+                )
 
 
 def test_motion_of_a_goal_relative_to_an_attitude():
@@ -56,7 +69,10 @@ def test_motion_of_a_goal_relative_to_an_attitude():
     a, goal = attitude(), attitude()
     turning, rate, acceleration = RNG.standard_normal((3, 3))
     seen, steeply = QUATERNION.reference_rates(a, turning, goal, rate, acceleration)
-    assert np.abs(QUATERNION.rotation(a) @ seen - QUATERNION.rotation(goal) @ rate).max() < ROUND_OFF
+    assert (
+        np.abs(QUATERNION.rotation(a) @ seen - QUATERNION.rotation(goal) @ rate).max()
+        < ROUND_OFF
+    )
     step = 1j * STEP
     later, _ = QUATERNION.reference_rates(
         a + step * QUATERNION.rates(a, turning),
@@ -73,7 +89,10 @@ def test_a_truss_in_the_same_attitude(angles):
     euler = SpaceTruss.published(modes=0).turned(np.array(angles))
     truss = euler.with_quaternion()
     q = truss.parameters["initial_coordinates"]
-    assert np.abs(QUATERNION.rotation(q[3:7]) - EULER.rotation(np.array(angles))).max() < ROUND_OFF
+    assert (
+        np.abs(QUATERNION.rotation(q[3:7]) - EULER.rotation(np.array(angles))).max()
+        < ROUND_OFF
+    )
     again = truss.with_quaternion().parameters["initial_coordinates"]
     assert np.abs(again - q).max() < ROUND_OFF
     left = truss.without(2)

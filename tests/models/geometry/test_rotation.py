@@ -65,13 +65,18 @@ def test_rate_matrix_inverse(rng):
 
 def test_rate_matrix_derivative(rng):
     angles, rates = rng.uniform(-1.2, 1.2, (2, 3))
-    exact = np.imag(euler_rate_matrix(angles + 1j * COMPLEX_STEP * rates)) / COMPLEX_STEP
+    exact = (
+        np.imag(euler_rate_matrix(angles + 1j * COMPLEX_STEP * rates)) / COMPLEX_STEP
+    )
     assert error(euler_rate_matrix_derivative(angles, rates), exact) < ROUND_OFF
 
 
 def test_fixed_rotation_is_about_moving_axes(rng):
     angles = rng.uniform(-3.0, 3.0, 3)
-    assert error(fixed_rotation(angles), Rotation.from_euler("XYZ", angles).as_matrix()) < ROUND_OFF
+    assert (
+        error(fixed_rotation(angles), Rotation.from_euler("XYZ", angles).as_matrix())
+        < ROUND_OFF
+    )
 
 
 def test_quarter_turns_have_exact_zeros():
@@ -81,7 +86,10 @@ def test_quarter_turns_have_exact_zeros():
 
 
 def test_fixed_rotation_needs_three_finite_angles():
-    with pytest.raises(ModelError, match=r"angles of a fixed rotation has shape \(2,\); it must be \(3,\)"):
+    with pytest.raises(
+        ModelError,
+        match=r"angles of a fixed rotation has shape \(2,\); it must be \(3,\)",
+    ):
         fixed_rotation(np.array([0.0, 1.0]))
     with pytest.raises(ModelError, match="angles of a fixed rotation is not finite"):
         fixed_rotation(np.array([0.0, 1.0, np.inf]))
@@ -90,7 +98,10 @@ def test_fixed_rotation_needs_three_finite_angles():
 def test_cayley_rotation_is_the_product_of_its_definition(rng):
     c = rng.standard_normal(3)
     half = cross_matrix(c) / 2.0
-    assert error(cayley_rotation(c), np.linalg.solve(np.eye(3) - half, np.eye(3) + half)) < ROUND_OFF
+    assert (
+        error(cayley_rotation(c), np.linalg.solve(np.eye(3) - half, np.eye(3) + half))
+        < ROUND_OFF
+    )
 
 
 def test_cayley_rate_is_the_angular_velocity(rng):
@@ -103,5 +114,7 @@ def test_cayley_rate_is_the_angular_velocity(rng):
 
 def test_cayley_bias_acceleration_is_the_rate_of_the_angular_velocity(rng):
     c, rate = rng.standard_normal((2, 3))
-    exact = np.imag(cayley_rate_matrix(c + 1j * COMPLEX_STEP * rate) @ rate) / COMPLEX_STEP
+    exact = (
+        np.imag(cayley_rate_matrix(c + 1j * COMPLEX_STEP * rate) @ rate) / COMPLEX_STEP
+    )
     assert error(cayley_bias_acceleration(c, rate), exact) < ROUND_OFF

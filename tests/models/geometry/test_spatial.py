@@ -19,12 +19,17 @@ ROUND_OFF = 1e-13
 
 
 def cloud_inertia(masses, places):
-    inertia = sum(m * (p @ p * np.eye(3) - np.outer(p, p)) for m, p in zip(masses, places, strict=True))
+    inertia = sum(
+        m * (p @ p * np.eye(3) - np.outer(p, p))
+        for m, p in zip(masses, places, strict=True)
+    )
     return SpatialInertia(float(masses.sum()), masses @ places, np.asarray(inertia))
 
 
 def off(one, two):
-    return max(float(np.max(np.abs(np.subtract(a, b)))) for a, b in zip(one, two, strict=True))
+    return max(
+        float(np.max(np.abs(np.subtract(a, b)))) for a, b in zip(one, two, strict=True)
+    )
 
 
 @pytest.fixture
@@ -50,7 +55,9 @@ def test_momentum_is_the_sum_over_particles(cloud, rng):
     masses, places = cloud
     motion = rng.standard_normal(6)
     velocities = motion[:3] + np.cross(motion[3:], places)
-    expected = np.concatenate([masses @ velocities, masses @ np.cross(places, velocities)])
+    expected = np.concatenate(
+        [masses @ velocities, masses @ np.cross(places, velocities)]
+    )
     body = cloud_inertia(masses, places)
     assert np.max(np.abs(momentum(body, motion) - expected)) < ROUND_OFF
     assert np.max(np.abs(inertia_matrix(body) @ motion - expected)) < ROUND_OFF
@@ -75,5 +82,7 @@ def test_inertial_force_is_the_sum_over_particles(cloud, rng):
 def test_products_leave_power_unchanged(rng):
     """Moving a motion and a force together does not change their power: the two are dual."""
     velocity, motion, force = rng.standard_normal((3, 6))
-    change = motion_product(velocity, motion) @ force + motion @ force_product(velocity, force)
+    change = motion_product(velocity, motion) @ force + motion @ force_product(
+        velocity, force
+    )
     assert abs(change) < ROUND_OFF

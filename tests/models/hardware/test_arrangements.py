@@ -20,7 +20,9 @@ from trussflow.models import (
 
 def wired(truss):
     """Return a truss with actuators and sensors; accelerometers too."""
-    hardware = replace(Hardware.flight(), accelerometer=Measurement(sample_time=0.02, noise=0.0))
+    hardware = replace(
+        Hardware.flight(), accelerometer=Measurement(sample_time=0.02, noise=0.0)
+    )
     diagram = Diagram("wired")
     plant, actuators, sensors, nothing = diagram.add(
         truss=truss,
@@ -39,7 +41,9 @@ def test_any_arrangement_carries_hardware(random_system, arrangement):
     """Without commands each keeps its place: all connected ports have equal units and sizes."""
     truss = SpaceTruss(random_system(*arrangement, elastic_integrals=True))
     if not truss.robots:
-        with pytest.raises(ModelError, match="has no robots, so there are no actuators"):
+        with pytest.raises(
+            ModelError, match="has no robots, so there are no actuators"
+        ):
             wired(truss)
         return
     assert Hardware.flight().limits(truss).shape == (truss.actuators,)
@@ -55,4 +59,6 @@ def test_drives_have_the_units_of_their_joints():
 
 def test_a_truss_without_robots_is_not_controlled(random_system):
     with pytest.raises(ModelError, match="a truss without robots has no actuators"):
-        MeanAxesLaw(random_system((), 3, elastic_integrals=True), MeanAxesDesign.shipped())
+        MeanAxesLaw(
+            random_system((), 3, elastic_integrals=True), MeanAxesDesign.shipped()
+        )

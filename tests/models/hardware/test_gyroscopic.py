@@ -35,9 +35,16 @@ def tumbling(dynamics, *, gyroscopic):
         initial={"truss.v": speeds, **held},
     )
     found = []
-    for q, v in zip(result["truss.coordinates"].values, result["truss.speeds"].values, strict=True):
-        turn, bases = dynamics.attitude.rotation(q[3:6]), dynamics.evaluate(q, v).base_rotations
-        rotors = sum(turn @ base @ h for base, h in zip(bases, ROTORS.values(), strict=True))
+    for q, v in zip(
+        result["truss.coordinates"].values, result["truss.speeds"].values, strict=True
+    ):
+        turn, bases = (
+            dynamics.attitude.rotation(q[3:6]),
+            dynamics.evaluate(q, v).base_rotations,
+        )
+        rotors = sum(
+            turn @ base @ h for base, h in zip(bases, ROTORS.values(), strict=True)
+        )
         found.append(dynamics.momentum(q, v)[1] + rotors)
     return np.array(found), result["truss.energy"].values
 

@@ -12,7 +12,14 @@ from trussflow.models import Hardware, Measurement, SpaceTruss, ThrusterSet
 from trussflow.models.transport import Mission, transport_diagram
 
 STEP = 0.02
-PAIRS = partial(ThrusterSet.pairs, 0.2, maximum=5.0, period=STEP, quantum=1e-6, specific_impulse=70.0)
+PAIRS = partial(
+    ThrusterSet.pairs,
+    0.2,
+    maximum=5.0,
+    period=STEP,
+    quantum=1e-6,
+    specific_impulse=70.0,
+)
 
 
 @pytest.fixture(scope="module")
@@ -23,10 +30,14 @@ def truss():
 def act(truss, hardware, duration, command, **inputs):
     """Return the outputs of the actuators of a truss."""
     actuators = hardware.actuators(truss)
-    log = {name: actuators.port(name) for name in ("actuation", "propellant")} | {"command": command.y}
+    log = {name: actuators.port(name) for name in ("actuation", "propellant")} | {
+        "command": command.y
+    }
     if hardware.wheels:
         log["momentum"] = actuators.wheels_1.momentum
-    return simulate_block(actuators, duration, {"command": command, **inputs}, step=STEP, log=log)
+    return simulate_block(
+        actuators, duration, {"command": command, **inputs}, step=STEP, log=log
+    )
 
 
 def test_commands_come_late_in_steps_and_within_limits(truss):
@@ -40,16 +51,23 @@ def test_commands_come_late_in_steps_and_within_limits(truss):
     assert np.abs(force).max() == pytest.approx(5.0, abs=1e-12)
     np.testing.assert_allclose(force / 0.1, np.rint(force / 0.1), rtol=0, atol=1e-9)
     wanted = command[:-1, :24].reshape(-1, 4, 6)
-    np.testing.assert_allclose(torque[1:], np.clip(wanted[..., 3:], -0.3, 0.3), rtol=0, atol=1e-12)
-    np.testing.assert_allclose(actuation[1:, 24:], np.clip(command[:-1, 24:], -0.3, 0.3), rtol=0, atol=1e-12)
+    np.testing.assert_allclose(
+        torque[1:], np.clip(wanted[..., 3:], -0.3, 0.3), rtol=0, atol=1e-12
+    )
+    np.testing.assert_allclose(
+        actuation[1:, 24:], np.clip(command[:-1, 24:], -0.3, 0.3), rtol=0, atol=1e-12
+    )
 
 
 def test_impulse_follows_the_command(truss):
     noise = Noise(np.full(truss.actuators, 0.08), 0.02, seed=1, mean=0.01)
     result = act(truss, Hardware.flight(), 10.0, noise)
-    missing = np.cumsum(result["command"].values[:-1] - result["actuation"].values[1:], axis=0)
+    missing = np.cumsum(
+        result["command"].values[:-1] - result["actuation"].values[1:], axis=0
+    )
     forces = missing[:, :24].reshape(-1, 4, 6)[..., :3]
-    assert np.abs(forces).max() <= 0.05 + 1e-9  # half a quantum; a plain quantizer would lose 5
+    # half a quantum; a plain quantizer would lose 5
+    assert np.abs(forces).max() <= 0.05 + 1e-9
     assert (result["propellant"].values[-1] > 0).all()
 
 
@@ -61,13 +79,17 @@ def test_a_base_and_joints_fail_at_the_time_set(truss):
         Hardware.flight(),
         2.0,
         Constant(np.full(truss.actuators, 0.2)),
-        base_effectiveness=Step(1.0, initial_value=np.ones(4), final_value=[1.0, 0.0, 1.0, 0.5]),
+        base_effectiveness=Step(
+            1.0, initial_value=np.ones(4), final_value=[1.0, 0.0, 1.0, 0.5]
+        ),
         joint_effectiveness=Step(1.0, initial_value=np.ones(28), final_value=joints),
     )
     before, after = result["actuation"].values[[49, 60]]
     np.testing.assert_allclose(before, 0.2, rtol=0, atol=1e-12)
     bases = after[:24].reshape(4, 6)
-    np.testing.assert_allclose(bases, np.outer([0.2, 0, 0.2, 0.1], np.ones(6)), rtol=0, atol=1e-12)
+    np.testing.assert_allclose(
+        bases, np.outer([0.2, 0, 0.2, 0.1], np.ones(6)), rtol=0, atol=1e-12
+    )
     np.testing.assert_allclose(after[24:], 0.2 * joints, rtol=0, atol=1e-12)
     used = result["propellant"].values
     assert used[-1, 1] == pytest.approx(used[50, 1], rel=1e-12)
@@ -90,17 +112,27 @@ def test_thrusters_make_up_for_unloading(truss):
 
 def test_without_wheels_thrusters_make_the_torques(truss):
     command = np.linspace(-0.3, 0.3, truss.actuators)
-    result = act(truss, replace(Hardware.flight(), wheels=None, thrusters=PAIRS), 0.1, Constant(command))
+    result = act(
+        truss,
+        replace(Hardware.flight(), wheels=None, thrusters=PAIRS),
+        0.1,
+        Constant(command),
+    )
     np.testing.assert_allclose(result["actuation"][-1], command, rtol=0, atol=1e-5)
 
 
 def measured(truss, hardware, seed, duration):
     """Return the outputs of the sensors of a truss that moves evenly."""
     sensors = hardware.sensors(truss, seed=seed)
-    coordinates = Ramp(np.linspace(0.01, 0.02, truss.n), initial_value=truss.dynamics.rest)
+    coordinates = Ramp(
+        np.linspace(0.01, 0.02, truss.n), initial_value=truss.dynamics.rest
+    )
     speeds = Constant(np.linspace(-0.1, 0.1, truss.n))
     names = ("task_position", "task_velocity", "rigid_speeds")
-    log = {name: sensors.port(name) for name in names} | {"coordinates": coordinates.y, "speeds": speeds.y}
+    log = {name: sensors.port(name) for name in names} | {
+        "coordinates": coordinates.y,
+        "speeds": speeds.y,
+    }
     sources = {"coordinates": coordinates, "speeds": speeds}
     return simulate_block(sensors, duration, sources, step=STEP, log=log)
 
@@ -108,10 +140,16 @@ def measured(truss, hardware, seed, duration):
 def test_sensors_show_the_truth_with_their_noise(truss):
     result = measured(truss, Hardware.flight(), 1, 60.0)
     for shown, true in (("task_position", "coordinates"), ("rigid_speeds", "speeds")):
-        error = (result[shown].values - result[true].values[:, : truss.rigid])[:-1] / 1e-4
+        error = (result[shown].values - result[true].values[:, : truss.rigid])[
+            :-1
+        ] / 1e-4
         count = len(error)
-        np.testing.assert_allclose(error.std(axis=0), 1.0, rtol=4.5 / np.sqrt(2 * count), atol=0)
-        assert np.abs(np.corrcoef(error.T) - np.eye(truss.rigid)).max() < 5 / np.sqrt(count)
+        np.testing.assert_allclose(
+            error.std(axis=0), 1.0, rtol=4.5 / np.sqrt(2 * count), atol=0
+        )
+        assert np.abs(np.corrcoef(error.T) - np.eye(truss.rigid)).max() < 5 / np.sqrt(
+            count
+        )
     # The task velocity follows from the measured signals.
     q, v = (
         np.pad(result[name], ((0, 0), (0, truss.n - truss.rigid)))
@@ -123,7 +161,8 @@ def test_sensors_show_the_truth_with_their_noise(truss):
 
 def test_noise_is_that_of_the_seed(truss):
     first, again, other = (
-        measured(truss, Hardware.flight(), s, 0.2)["task_position"].values for s in (1, 1, 2)
+        measured(truss, Hardware.flight(), s, 0.2)["task_position"].values
+        for s in (1, 1, 2)
     )
     np.testing.assert_array_equal(first, again)
     assert np.abs(first - other).min() > 1e-9
@@ -134,11 +173,14 @@ def test_sensors_start_at_rest(truss):
     late = Measurement(sample_time=STEP, delay=0.04)
     hardware = replace(Hardware.flight(), encoder=late, metrology=late)
     result = measured(truss, hardware, 1, 0.2)
-    np.testing.assert_array_equal(result["task_position"][1, 6:], truss.dynamics.rest[6 : truss.rigid])
+    np.testing.assert_array_equal(
+        result["task_position"][1, 6:], truss.dynamics.rest[6 : truss.rigid]
+    )
 
 
 @pytest.mark.parametrize(
-    ("duration", "least_speed"), [(0.1, 8e-6), pytest.param(3.0, 2e-3, marks=pytest.mark.campaign)]
+    ("duration", "least_speed"),
+    [(0.1, 8e-6), pytest.param(3.0, 2e-3, marks=pytest.mark.campaign)],
 )
 def test_ideal_hardware_does_not_change_the_transport_loop(duration, least_speed):
     """Ports, units, signs and order: the difference is the motion of about a millisecond."""

@@ -16,12 +16,19 @@ def watch(measurement, source, size, duration, **settings):
         "backend": "numpy",
         "log": ["block.y", "u_source.y"],
     } | settings
-    result = simulate_block(measurement.sensor(size, seed=3), duration, {"u": source}, **settings)
+    result = simulate_block(
+        measurement.sensor(size, seed=3), duration, {"u": source}, **settings
+    )
     return result["block.y"].values, result["u_source.y"].values
 
 
 def test_noise_is_white_and_has_the_deviation_asked_for():
-    measured, true = watch(Measurement(sample_time=0.1, noise=1e-4), Constant(np.full(100, 7.0)), 100, 100.0)
+    measured, true = watch(
+        Measurement(sample_time=0.1, noise=1e-4),
+        Constant(np.full(100, 7.0)),
+        100,
+        100.0,
+    )
     error = (measured - true)[:-1] / 1e-4
     count = error.size
     assert error.var() == pytest.approx(1.0, abs=4 * np.sqrt(2 / count))
@@ -41,11 +48,16 @@ def test_a_gyro_obeys_its_data_sheet():
     rate = gyro_rate(1000, 10.0, angle_random_walk=0.01, bias_instability=0.0)
     angle = rate.sum(axis=0) * 0.1
     assert angle.std() == pytest.approx(0.01 * np.sqrt(10.0), rel=4 / np.sqrt(2000))
-    rate = gyro_rate(1000, 10.0, angle_random_walk=0.0, bias_instability=0.02, correlation_time=0.5)
+    rate = gyro_rate(
+        1000, 10.0, angle_random_walk=0.0, bias_instability=0.02, correlation_time=0.5
+    )
     np.testing.assert_allclose(rate.std(axis=1), 0.02, rtol=4 / np.sqrt(2000), atol=0)
-    assert np.mean(rate[:-5] * rate[5:]) / 0.02**2 == pytest.approx(np.exp(-1), abs=0.02)
+    assert np.mean(rate[:-5] * rate[5:]) / 0.02**2 == pytest.approx(
+        np.exp(-1), abs=0.02
+    )
     rate = gyro_rate(50, 2.0, angle_random_walk=0.0, bias_instability=0.02)
-    np.testing.assert_array_equal(rate[0], rate[-1])  # without a correlation time the bias stays
+    # without a correlation time the bias stays
+    np.testing.assert_array_equal(rate[0], rate[-1])
     assert rate.std() == pytest.approx(0.02, rel=0.4)
 
 
@@ -53,7 +65,9 @@ def test_an_encoder_counts_steps_of_a_turn():
     measured, true = watch(Measurement.encoder(0.1, bits=8), Ramp([0.5, -0.3]), 2, 20.0)
     step = 2 * np.pi / 256
     assert np.abs(measured - true).max() <= step / 2 * (1 + 1e-9)
-    np.testing.assert_allclose(measured / step, np.rint(measured / step), rtol=0, atol=1e-9)
+    np.testing.assert_allclose(
+        measured / step, np.rint(measured / step), rtol=0, atol=1e-9
+    )
 
 
 @pytest.mark.parametrize("delay", [0.0, 0.04, 0.1, 0.25])
@@ -66,8 +80,18 @@ def test_a_sample_is_shown_after_the_delay(delay):
 
 
 def test_everything_together_is_the_same_in_every_run():
-    law = Measurement(sample_time=0.1, noise=0.1, random_walk=0.1, initial_bias=0.1, quantum=0.01, delay=0.1)
-    first, second = (watch(law, Constant([1.0, 2.0]), 2, 5.0, backend=b)[0] for b in ("numpy", "compiled"))
+    law = Measurement(
+        sample_time=0.1,
+        noise=0.1,
+        random_walk=0.1,
+        initial_bias=0.1,
+        quantum=0.01,
+        delay=0.1,
+    )
+    first, second = (
+        watch(law, Constant([1.0, 2.0]), 2, 5.0, backend=b)[0]
+        for b in ("numpy", "compiled")
+    )
     # Round-off of the noise may choose another step, but did not for this seed.
     np.testing.assert_allclose(first, second, rtol=0, atol=1e-12)
 
@@ -81,7 +105,10 @@ def test_drives_limit_torque_and_rub():
     }
     result = simulate_block(drives, 0.1, sources, step=0.1)
     np.testing.assert_allclose(
-        result["block.torque"][0], [0.3, -0.3 - 0.15, 0.05 + 0.15, -0.15], rtol=0, atol=1e-12
+        result["block.torque"][0],
+        [0.3, -0.3 - 0.15, 0.05 + 0.15, -0.15],
+        rtol=0,
+        atol=1e-12,
     )
 
 
@@ -91,7 +118,10 @@ def test_drives_limit_torque_and_rub():
         ({"sample_time": 0.0}, "a measurement: sample_time is 0; it must be above 0"),
         ({"noise": -1.0}, "a measurement: noise is -1; it must be at least 0"),
         ({"delay": -0.1}, r"a measurement: delay is -0.1; it must be at least 0"),
-        ({"correlation_time": 0.0}, "a measurement: correlation_time is 0; it must be above 0"),
+        (
+            {"correlation_time": 0.0},
+            "a measurement: correlation_time is 0; it must be above 0",
+        ),
         ({"delay": 0.012345678}, r"cannot delay samples of 0.1 s by 0.0123457 s"),
     ],
 )
@@ -102,7 +132,10 @@ def test_errors_of_measurements(settings, message):
 
 @pytest.mark.parametrize(
     ("joints", "torque", "message"),
-    [(7, -0.3, r"'maximum' of JointDrives is -0.3"), (0, 0.3, "JointDrives needs at least one joint, not 0")],
+    [
+        (7, -0.3, r"'maximum' of JointDrives is -0.3"),
+        (0, 0.3, "JointDrives needs at least one joint, not 0"),
+    ],
 )
 def test_errors_of_drives(joints, torque, message):
     with pytest.raises(TrussflowError, match=message):

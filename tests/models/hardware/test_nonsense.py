@@ -9,7 +9,13 @@ import numpy as np
 import pytest
 
 from trussflow.blocks.errors import TrussflowError
-from trussflow.models import JointDrives, Measurement, Pulses, ReactionWheels, ThrusterSet
+from trussflow.models import (
+    JointDrives,
+    Measurement,
+    Pulses,
+    ReactionWheels,
+    ThrusterSet,
+)
 
 NONSENSE = [
     *(
@@ -46,9 +52,30 @@ NONSENSE = [
         np.zeros(0),
         np.zeros((2, 2, 2)),
     ),
-    *(np.zeros((0, 3)), np.ones((2, 3)), np.array("text"), object(), int, len, np.eye(3), [[1, 2, 3]]),
+    *(
+        np.zeros((0, 3)),
+        np.ones((2, 3)),
+        np.array("text"),
+        object(),
+        int,
+        len,
+        np.eye(3),
+        [[1, 2, 3]],
+    ),
 ]
-ORDINARY = [0.1, 0.02, 0.3, 1, 2, 6, 70.0, 1.0, (2, 3), np.eye(3), np.concatenate([np.eye(3), -np.eye(3)])]
+ORDINARY = [
+    0.1,
+    0.02,
+    0.3,
+    1,
+    2,
+    6,
+    70.0,
+    1.0,
+    (2, 3),
+    np.eye(3),
+    np.concatenate([np.eye(3), -np.eye(3)]),
+]
 
 
 def axial(maximum, period, specific_impulse, quantum, hysteresis=None):
@@ -57,8 +84,15 @@ def axial(maximum, period, specific_impulse, quantum, hysteresis=None):
 
 
 def pulsed(maximum, tick, minimum_impulse=0.0, on_delay=0.0, off_delay=0.0):
-    law = {"maximum": maximum, "period": 0.1, "specific_impulse": 70.0, "minimum_impulse": minimum_impulse}
-    return ThrusterSet.pairs(0.3, tick=tick, on_delay=on_delay, off_delay=off_delay, **law)
+    law = {
+        "maximum": maximum,
+        "period": 0.1,
+        "specific_impulse": 70.0,
+        "minimum_impulse": minimum_impulse,
+    }
+    return ThrusterSet.pairs(
+        0.3, tick=tick, on_delay=on_delay, off_delay=off_delay, **law
+    )
 
 
 def gyro(sample_time, angle_random_walk, bias_instability=0.0, correlation_time=None):
@@ -71,7 +105,9 @@ def encoder(sample_time, bits):
 
 
 def sensor(shape, seed, initial_value=0.0, delay=0.0):
-    law = Measurement(sample_time=0.1, noise=1.0, random_walk=1.0, quantum=0.1, delay=delay)
+    law = Measurement(
+        sample_time=0.1, noise=1.0, random_walk=1.0, quantum=0.1, delay=delay
+    )
     return law.sensor(shape, seed=seed, initial_value=initial_value)
 
 

@@ -10,7 +10,8 @@ from trussflow.models import Hardware, SpaceTruss
 
 NOISE = 1e-3  # rad
 SAMPLES = 4000
-SCATTER = 4.0 / np.sqrt(2.0 * SAMPLES)  # four standard deviations of an estimated standard deviation
+# four standard deviations of an estimated standard deviation
+SCATTER = 4.0 / np.sqrt(2.0 * SAMPLES)
 
 
 @pytest.mark.parametrize("attitude", [(1.0, 0.0, 0.0, 0.0), (0.1, -0.7, 0.5, -0.5)])
@@ -30,5 +31,6 @@ def test_noise_is_a_small_turn_about_each_axis(attitude):
     assert np.abs(covariance - np.eye(3)).max() < 2.0 * SCATTER
     assert np.abs(errors.mean(axis=0)).max() < 4.0 * NOISE / np.sqrt(SAMPLES)
     assert (
-        np.abs(run["block.task_velocity"].values[1:, 3:6] - speeds[3:6]).max() < 6.0 * NOISE
+        np.abs(run["block.task_velocity"].values[1:, 3:6] - speeds[3:6]).max()
+        < 6.0 * NOISE
     )  # along body axes

@@ -30,20 +30,40 @@ def given_away(result):
 def test_momentum_is_conserved(axes, friction):
     """The base gains what the wheels lose, with limits, friction and saturation as without."""
     wheels = ReactionWheels(axes, STEP, torque=0.5, momentum=0.8, **friction)
-    result = spin(wheels, 50.0, demand=Noise([0.5, 0.3, 0.4], STEP, seed=1, mean=[0.1, 0.0, -0.1]))
+    result = spin(
+        wheels, 50.0, demand=Noise([0.5, 0.3, 0.4], STEP, seed=1, mean=[0.1, 0.0, -0.1])
+    )
     momentum = result["block.momentum"].values
-    np.testing.assert_allclose(given_away(result) + momentum[1:] @ axes, 0.0, rtol=0, atol=ROUND_OFF)
-    assert np.abs(np.diff(momentum, axis=0)).max() <= (0.5 + 0.02 * 0.8 + 0.05) * STEP + ROUND_OFF
-    assert np.abs(momentum).max() == pytest.approx(0.8, abs=ROUND_OFF)  # the limit is reached, not passed
+    np.testing.assert_allclose(
+        given_away(result) + momentum[1:] @ axes, 0.0, rtol=0, atol=ROUND_OFF
+    )
+    assert (
+        np.abs(np.diff(momentum, axis=0)).max()
+        <= (0.5 + 0.02 * 0.8 + 0.05) * STEP + ROUND_OFF
+    )
+    # the limit is reached, not passed
+    assert np.abs(momentum).max() == pytest.approx(0.8, abs=ROUND_OFF)
 
 
 def test_torque_is_the_one_wanted_within_limits():
     wanted = [0.2, -0.1, 0.3]
     for axes in (np.eye(3), TETRAHEDRON):
-        result = spin(ReactionWheels(axes, STEP, torque=0.5, momentum=50.0), 5.0, demand=Constant(wanted))
-        np.testing.assert_allclose(result["block.torque"], np.tile(wanted, (51, 1)), rtol=0, atol=ROUND_OFF)
-    result = spin(ReactionWheels(np.eye(3), STEP, torque=0.15, momentum=50.0), 5.0, demand=Constant(wanted))
-    np.testing.assert_allclose(result["block.torque"][-1], [0.15, -0.1, 0.15], rtol=0, atol=ROUND_OFF)
+        result = spin(
+            ReactionWheels(axes, STEP, torque=0.5, momentum=50.0),
+            5.0,
+            demand=Constant(wanted),
+        )
+        np.testing.assert_allclose(
+            result["block.torque"], np.tile(wanted, (51, 1)), rtol=0, atol=ROUND_OFF
+        )
+    result = spin(
+        ReactionWheels(np.eye(3), STEP, torque=0.15, momentum=50.0),
+        5.0,
+        demand=Constant(wanted),
+    )
+    np.testing.assert_allclose(
+        result["block.torque"][-1], [0.15, -0.1, 0.15], rtol=0, atol=ROUND_OFF
+    )
 
 
 def test_friction_slows_down_and_stops():
@@ -51,11 +71,16 @@ def test_friction_slows_down_and_stops():
     start, samples = [1.0, -1.0, 0.5], np.arange(51.0)[:, None]
     for friction, expected in (
         ({"viscous": 0.3}, 1.03**-samples * start),
-        ({"coulomb": 0.35}, np.sign(start) * np.maximum(np.abs(start) - 0.035 * samples, 0.0)),
+        (
+            {"coulomb": 0.35},
+            np.sign(start) * np.maximum(np.abs(start) - 0.035 * samples, 0.0),
+        ),
     ):
         wheels = ReactionWheels(np.eye(3), STEP, torque=1, momentum=2, **friction)
         result = spin(wheels, 5.0, start, demand=Constant(np.zeros(3)))
-        np.testing.assert_allclose(result["block.momentum"], expected, rtol=0, atol=ROUND_OFF)
+        np.testing.assert_allclose(
+            result["block.momentum"], expected, rtol=0, atol=ROUND_OFF
+        )
 
 
 def test_motors_below_friction_do_not_turn_a_wheel():
@@ -68,12 +93,20 @@ def test_motors_below_friction_do_not_turn_a_wheel():
 def test_unloading_gives_momentum_away_and_says_how_much():
     start, rate = [1.0, -0.5, 0.2], 0.2
     wheels = ReactionWheels(np.eye(3), STEP, torque=1.0, momentum=2.0)
-    result = spin(wheels, 20.0, start, demand=Constant([0.1, 0.0, 0.0]), unloading=Constant(rate))
+    result = spin(
+        wheels, 20.0, start, demand=Constant([0.1, 0.0, 0.0]), unloading=Constant(rate)
+    )
     h = result["block.momentum"].values
-    np.testing.assert_allclose(result["block.unloading_torque"], rate * h, rtol=0, atol=ROUND_OFF)
+    np.testing.assert_allclose(
+        result["block.unloading_torque"], rate * h, rtol=0, atol=ROUND_OFF
+    )
     extra = result["block.torque"] - result["block.unloading_torque"]
-    np.testing.assert_allclose(extra, np.tile([0.1, 0, 0], (201, 1)), rtol=0, atol=ROUND_OFF)
-    np.testing.assert_allclose(h[:, 1], -0.5 * 0.98 ** np.arange(201), rtol=0, atol=ROUND_OFF)
+    np.testing.assert_allclose(
+        extra, np.tile([0.1, 0, 0], (201, 1)), rtol=0, atol=ROUND_OFF
+    )
+    np.testing.assert_allclose(
+        h[:, 1], -0.5 * 0.98 ** np.arange(201), rtol=0, atol=ROUND_OFF
+    )
 
 
 def test_a_turning_base_feels_the_momentum_that_it_turns():
@@ -81,7 +114,10 @@ def test_a_turning_base_feels_the_momentum_that_it_turns():
     omega, drifts = 0.4, []
     for step in (0.02, 0.01):
         wheels = ReactionWheels(np.eye(3), step, torque=1.0, momentum=9.0)
-        sources = {"demand": Sine([0.3, 0.2, 0.1], 0.3), "angular_velocity": Constant([0.0, 0.0, omega])}
+        sources = {
+            "demand": Sine([0.3, 0.2, 0.1], 0.3),
+            "angular_velocity": Constant([0.0, 0.0, omega]),
+        }
         result = simulate_block(wheels, 5.0, sources, step=step)
         rotations = Rotation.from_rotvec(np.outer(result["time"], [0.0, 0.0, omega]))
         impulse = np.cumsum(rotations.apply(result["block.torque"])[:-1], axis=0) * step
@@ -93,19 +129,39 @@ def test_a_turning_base_feels_the_momentum_that_it_turns():
 
 def test_dead_motors_give_no_torque():
     wheels = ReactionWheels(np.eye(3), STEP, torque=1.0, momentum=2.0)
-    result = spin(wheels, 1.0, demand=Constant([0.1, 0.2, 0.3]), effectiveness=Constant(0.0))
+    result = spin(
+        wheels, 1.0, demand=Constant([0.1, 0.2, 0.3]), effectiveness=Constant(0.0)
+    )
     assert abs(result["block.torque"]).max() == 0.0
 
 
 @pytest.mark.parametrize(
     ("axes", "settings", "message"),
     [
-        (np.eye(3)[:2], {}, r"none has a torque along \[.*0.0, .*0.0, .*1.0\]; add a wheel"),
-        (np.diag([1.0, 1.0, 2.0]), {}, r"reaction wheels: axis 2 has length 2; it must be"),
-        (np.eye(3), {"torque": [1, -1, 1]}, r"'maximum_torque' of ReactionWheels is -1.0 .element 1."),
-        (np.eye(3), {"sample_time": 0.0}, r"cannot sample 'ReactionWheels' every 0.0 s"),
+        (
+            np.eye(3)[:2],
+            {},
+            r"none has a torque along \[.*0.0, .*0.0, .*1.0\]; add a wheel",
+        ),
+        (
+            np.diag([1.0, 1.0, 2.0]),
+            {},
+            r"reaction wheels: axis 2 has length 2; it must be",
+        ),
+        (
+            np.eye(3),
+            {"torque": [1, -1, 1]},
+            r"'maximum_torque' of ReactionWheels is -1.0 .element 1.",
+        ),
+        (
+            np.eye(3),
+            {"sample_time": 0.0},
+            r"cannot sample 'ReactionWheels' every 0.0 s",
+        ),
     ],
 )
 def test_errors(axes, settings, message):
     with pytest.raises(TrussflowError, match=message):
-        ReactionWheels(axes, **{"sample_time": STEP, "torque": 1.0, "momentum": 1.0} | settings)
+        ReactionWheels(
+            axes, **{"sample_time": STEP, "torque": 1.0, "momentum": 1.0} | settings
+        )

@@ -72,7 +72,9 @@ def test_prices_and_preferences():
     plain = allocated(wanted)
     price = np.ones(len(LIMITS))
     price[0:3] = 10.0
-    assert np.linalg.norm(allocated(wanted, price=price)[:3]) < 0.6 * np.linalg.norm(plain[:3])
+    assert np.linalg.norm(allocated(wanted, price=price)[:3]) < 0.6 * np.linalg.norm(
+        plain[:3]
+    )
     preferred = np.zeros(len(LIMITS))
     preferred[3] = 0.1
     moved = allocated(wanted, preferred=preferred)

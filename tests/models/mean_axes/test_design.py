@@ -19,10 +19,16 @@ DESIGN = MeanAxesDesign.shipped()
         ({"sample_time": "long"}, "sample_time must be numeric, not 'long'"),
         ({"sample_time": 0.0}, "sample_time is 0; it must be above 0"),
         ({"bandwidth": np.array([1.0, np.nan, 1.0])}, "bandwidth.* finite"),
-        ({"bandwidth": np.array([1.0, 2.0])}, r"bandwidth has shape \(2,\); it must be \(3,\)"),
+        (
+            {"bandwidth": np.array([1.0, 2.0])},
+            r"bandwidth has shape \(2,\); it must be \(3,\)",
+        ),
         ({"modal_noise": np.ones(3)}, r"modal_noise has shape \(3,\); it must be \(\)"),
         ({"modal_damping": -0.1}, "modal_damping is -0.1; it must be at least 0"),
-        ({"damped_modes": 4}, "4 modes cannot be damped with 3 estimated and 3 neutral ones; at most 3"),
+        (
+            {"damped_modes": 4},
+            "4 modes cannot be damped with 3 estimated and 3 neutral ones; at most 3",
+        ),
     ],
 )
 def test_designs_that_make_no_sense(changes, message):
@@ -32,10 +38,18 @@ def test_designs_that_make_no_sense(changes, message):
 
 def test_gain_depends_on_the_ratio_of_noises_alone():
     free = FreeModes.of(SpaceTruss.consistent().dynamics, DESIGN.estimated_modes)
-    names = ("acceleration_noise", "modal_noise", "disturbance_noise", "position_noise", "rate_noise")
+    names = (
+        "acceleration_noise",
+        "modal_noise",
+        "disturbance_noise",
+        "position_noise",
+        "rate_noise",
+    )
     louder = replace(DESIGN, **{name: 10.0 * getattr(DESIGN, name) for name in names})
     gain = DESIGN.estimator_gain(free)
-    assert_allclose(louder.estimator_gain(free), gain, rtol=0, atol=1e-6 * np.abs(gain).max())
+    assert_allclose(
+        louder.estimator_gain(free), gain, rtol=0, atol=1e-6 * np.abs(gain).max()
+    )
     blind = replace(DESIGN, position_noise=1e-2, rate_noise=1e-2).estimator_gain(free)
     assert np.abs(blind[:68]).max() < 0.5 * np.abs(gain[:68]).max()
 
@@ -48,9 +62,13 @@ def test_estimator_settles():
     A[:m, m : 2 * m] = np.eye(m)
     A[m : 2 * m, 2 * m + 2 * h :] = np.linalg.inv(free.inertia)
     A[2 * m : 2 * m + h, 2 * m + h : 2 * m + 2 * h] = np.eye(h)
-    A[2 * m + h : 2 * m + 2 * h, 2 * m : 2 * m + h] = -np.diag(free.frequencies[:h] ** 2)
+    A[2 * m + h : 2 * m + 2 * h, 2 * m : 2 * m + h] = -np.diag(
+        free.frequencies[:h] ** 2
+    )
     C = np.zeros((2 * m, len(A)))
     C[:, : 2 * m] = np.eye(2 * m)
     C[:m, 2 * m : 2 * m + h] = C[m:, 2 * m + h : 2 * m + 2 * h] = -free.root_motion
-    error = expm(A * DESIGN.sample_time) @ (np.eye(len(A)) - DESIGN.estimator_gain(free) @ C)
+    error = expm(A * DESIGN.sample_time) @ (
+        np.eye(len(A)) - DESIGN.estimator_gain(free) @ C
+    )
     assert np.abs(np.linalg.eigvals(error)).max() < 0.99995

@@ -7,7 +7,13 @@ from hypothesis.extra.numpy import arrays
 from numpy.testing import assert_allclose, assert_array_equal
 from systems import respond
 
-from trussflow.models import ActuatorEconomy, Hardware, MeanAxesAllocation, MeanAxesDesign, SpaceTruss
+from trussflow.models import (
+    ActuatorEconomy,
+    Hardware,
+    MeanAxesAllocation,
+    MeanAxesDesign,
+    SpaceTruss,
+)
 
 TRUSS = SpaceTruss.consistent()
 DYNAMICS, RIGID = TRUSS.dynamics, TRUSS.rigid
@@ -25,7 +31,9 @@ def shared(**used):
     """Return the command for a rising truss whose economy has these inputs."""
     forces = {"slow_force": WANTED, "force": WANTED}
     allocation = MeanAxesAllocation(DYNAMICS, LIMITS, DESIGN)
-    return respond(allocation, actuation_matrix=P, inertia=G, **forces, **respond(ECONOMY, **used))["command"]
+    return respond(
+        allocation, actuation_matrix=P, inertia=G, **forces, **respond(ECONOMY, **used)
+    )["command"]
 
 
 @given(
@@ -56,6 +64,10 @@ def test_wheels_are_unloaded_and_the_truss_does_not_feel_it():
 
 
 def test_a_base_that_has_used_more_thrusts_less():
-    even, spent = (shared(propellant=np.array([1.0, 1.0, used, 1.0])) for used in (1.0, 1.4))
+    even, spent = (
+        shared(propellant=np.array([1.0, 1.0, used, 1.0])) for used in (1.0, 1.4)
+    )
     assert np.linalg.norm(spent[12:15]) < 0.8 * np.linalg.norm(even[12:15])
-    assert_allclose((P @ spent)[:6], (P @ even)[:6], rtol=0, atol=1e-3 * np.abs(WANTED).max())
+    assert_allclose(
+        (P @ spent)[:6], (P @ even)[:6], rtol=0, atol=1e-3 * np.abs(WANTED).max()
+    )

@@ -12,7 +12,9 @@ def pushed(sample_time):
     """Return where a rigid truss is that is pushed at random for 0.4 s, and what is predicted of it."""
     flexible = SpaceTruss.consistent().dynamics
     truss = SpaceTruss(replace(flexible, modes=flexible.modes.rigid()))
-    estimator = MeanAxesEstimator(flexible, replace(MeanAxesDesign.shipped(), sample_time=sample_time))
+    estimator = MeanAxesEstimator(
+        flexible, replace(MeanAxesDesign.shipped(), sample_time=sample_time)
+    )
     commands = 0.002 * np.random.default_rng(3).standard_normal(truss.actuators)
     diagram = Diagram("pushed")
     push = diagram.add(push=Constant(commands, unit=truss.actuator_units))
@@ -30,7 +32,9 @@ def pushed(sample_time):
         parameters={"estimator.gain": np.zeros_like(estimator.parameters["gain"])},
         progress=False,
     )
-    return result["truss.task_position"][-1].values, result["estimator.mean_position"][-1].values
+    return result["truss.task_position"][-1].values, result["estimator.mean_position"][
+        -1
+    ].values
 
 
 def test_prediction_is_of_first_order():
@@ -38,7 +42,9 @@ def test_prediction_is_of_first_order():
     errors = []
     for sample_time in (0.04, 0.02):
         position, predicted = pushed(sample_time)
-        assert np.abs(position - SpaceTruss.consistent().dynamics.rest[:34]).max() > 0.05
+        assert (
+            np.abs(position - SpaceTruss.consistent().dynamics.rest[:34]).max() > 0.05
+        )
         errors.append(np.abs(position - predicted).max())
     assert errors[0] < 1e-2
     assert 0.8 < np.log2(errors[0] / errors[1]) < 1.2

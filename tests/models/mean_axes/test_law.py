@@ -16,9 +16,13 @@ def at_rest(error=0.0, **changed):
     """Return the signal `at_rest` at a position error, at rest in all other inputs but the changed ones."""
     rest = DYNAMICS.rest[: DYNAMICS.rigid_coordinates]
     joints = rest[-DYNAMICS.joints :]
-    return respond(LAW, reference_position=rest, mean_position=rest + error, joint_angles=joints, **changed)[
-        "at_rest"
-    ]
+    return respond(
+        LAW,
+        reference_position=rest,
+        mean_position=rest + error,
+        joint_angles=joints,
+        **changed,
+    )["at_rest"]
 
 
 def along(k, value, length=DYNAMICS.rigid_coordinates):
@@ -32,7 +36,10 @@ def test_at_rest_is_close_in_position_and_attitude(k):
 
 
 def test_arms_may_be_elsewhere_and_the_truss_may_move():
-    assert at_rest(along(8, 0.1), mean_speeds=along(0, 1.0, DYNAMICS.rigid_freedoms)) == 1.0
+    assert (
+        at_rest(along(8, 0.1), mean_speeds=along(0, 1.0, DYNAMICS.rigid_freedoms))
+        == 1.0
+    )
 
 
 @pytest.mark.parametrize("moving", ["reference_velocity", "reference_acceleration"])

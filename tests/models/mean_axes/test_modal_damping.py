@@ -8,9 +8,18 @@ from trussflow.models import MeanAxesDesign, MeanAxesLaw, SpaceTruss
 
 def test_the_modal_force_takes_energy_from_the_damped_modes_only(rng):
     dynamics, design = SpaceTruss.consistent().dynamics, MeanAxesDesign.shipped()
-    rest, rates = dynamics.rest[: dynamics.rigid_coordinates], rng.standard_normal(design.estimated_modes)
-    pose = {"reference_position": rest, "mean_position": rest, "joint_angles": rest[-dynamics.joints :]}
-    force = respond(MeanAxesLaw(dynamics, design), modal_rate=rates, **pose)["modal_force"]
+    rest, rates = (
+        dynamics.rest[: dynamics.rigid_coordinates],
+        rng.standard_normal(design.estimated_modes),
+    )
+    pose = {
+        "reference_position": rest,
+        "mean_position": rest,
+        "joint_angles": rest[-dynamics.joints :],
+    }
+    force = respond(MeanAxesLaw(dynamics, design), modal_rate=rates, **pose)[
+        "modal_force"
+    ]
     damped = design.damped_modes
     assert damped > 0
     assert np.all(force[:damped] * rates[:damped] < 0.0)

@@ -30,7 +30,9 @@ DESIGN = MeanAxesDesign.shipped()
 MONITOR = ActuatorMonitor(DYNAMICS, DESIGN)
 STEP = DESIGN.sample_time
 TERMS = DYNAMICS.evaluate(DYNAMICS.rest, np.zeros(DYNAMICS.coordinates))
-RESPONSE = np.linalg.solve(TERMS.mass_matrix[:RIGID, :RIGID], TERMS.actuation_matrix[:RIGID])
+RESPONSE = np.linalg.solve(
+    TERMS.mass_matrix[:RIGID, :RIGID], TERMS.actuation_matrix[:RIGID]
+)
 PARTS = MONITOR.members.T > 0.0
 """Actuators of each base, then of the drives of each arm."""
 LOSSES = [*((part,) for part in range(8)), *((robot, robot + 4) for robot in range(4))]
@@ -48,7 +50,11 @@ def session():
     monitor = ActuatorMonitor(DYNAMICS, DESIGN)
     probe = ActuatorProbe(DYNAMICS, DESIGN, monitor)
     diagram.add(monitor=monitor, probe=probe)
-    diagram.expose(position=monitor.position, velocity=monitor.velocity, actuation=monitor.actuation)
+    diagram.expose(
+        position=monitor.position,
+        velocity=monitor.velocity,
+        actuation=monitor.actuation,
+    )
     diagram.ground(monitor.disturbance)
     diagram.expose(effectiveness=monitor.effectiveness, torques=probe.probe)
     with Session(diagram, step=STEP) as found:
@@ -65,7 +71,11 @@ def isolation_time(session, failed, commands, strength=0.0, seed=0):
     half = len(commands) // 2
     speeds = np.zeros(RIGID)
     shown = []
-    inputs = {"position": DYNAMICS.rest[:RIGID], "velocity": speeds, "actuation": 0.0 * commands[0]}
+    inputs = {
+        "position": DYNAMICS.rest[:RIGID],
+        "velocity": speeds,
+        "actuation": 0.0 * commands[0],
+    }
     session.start(inputs=inputs, parameters={"probe.strength": strength})
     for k, command in enumerate(commands):
         acting = command + session.outputs["torques"]
@@ -98,7 +108,9 @@ def test_no_alarm_of_healthy_actuators(session, size):
 
 
 @pytest.mark.parametrize("failed", LOSSES)
-@pytest.mark.parametrize("seed", [1, *(pytest.param(seed, marks=pytest.mark.campaign) for seed in SEEDS)])
+@pytest.mark.parametrize(
+    "seed", [1, *(pytest.param(seed, marks=pytest.mark.campaign) for seed in SEEDS)]
+)
 def test_the_probe_shows_a_loss_of_idle_actuators(session, failed, seed):
     """Without the probe, no loss of a base, of the drives of an arm, or of a robot is isolated."""
     assert 0.0 < isolation_time(session, failed, IDLE, DESIGN.probe, seed) < 0.3
@@ -106,7 +118,8 @@ def test_the_probe_shows_a_loss_of_idle_actuators(session, failed, seed):
 
 
 @pytest.mark.parametrize(
-    ("duration", "arrival"), [(6.0, 41.0), pytest.param(60.0, 240.0, marks=pytest.mark.campaign)]
+    ("duration", "arrival"),
+    [(6.0, 41.0), pytest.param(60.0, 240.0, marks=pytest.mark.campaign)],
 )
 def test_a_path_becomes_slower_after_a_loss(duration, arrival):
     """Base 4 fails at a sixth of the way, which then is beyond reach along body z in that time.
@@ -114,15 +127,26 @@ def test_a_path_becomes_slower_after_a_loss(duration, arrival):
     Shorter missions have the same accelerations. Attitude and joints are held all the same.
     """
     scale = duration / 60.0
-    mission = replace(Mission.of_case(1), position=6.0 * scale**2 * np.eye(3)[2], duration=duration)
+    mission = replace(
+        Mission.of_case(1), position=6.0 * scale**2 * np.eye(3)[2], duration=duration
+    )
     plant = SpaceTruss.consistent()
-    shares = shares_left(DYNAMICS, path_of(mission, plant), Hardware.flight().limits(plant))
+    shares = shares_left(
+        DYNAMICS, path_of(mission, plant), Hardware.flight().limits(plant)
+    )
     assert_array_equal(shares[:3], 1.0)
-    diagram = mean_axes_transport(mission, plant, hardware=Hardware.flight(), shares=shares, seed=1)
+    diagram = mean_axes_transport(
+        mission, plant, hardware=Hardware.flight(), shares=shares, seed=1
+    )
     trajectory = diagram.blocks["trajectory"]
     diagram.expose(health=diagram.blocks["actuators"].port("base_effectiveness"))
-    diagram.expose(position=plant.task_position, known=diagram.blocks["controller"].port("effectiveness"))
-    diagram.expose(wanted=trajectory.port("position"), arrival=trajectory.port("arrival"))
+    diagram.expose(
+        position=plant.task_position,
+        known=diagram.blocks["controller"].port("effectiveness"),
+    )
+    diagram.expose(
+        wanted=trajectory.port("position"), arrival=trajectory.port("arrival")
+    )
     worst = np.zeros(RIGID)
     with Session(diagram, step=2e-3) as session:
         session.start(inputs={"health": np.ones(4)})
@@ -131,7 +155,9 @@ def test_a_path_becomes_slower_after_a_loss(duration, arrival):
         session.set(health=np.array([1.0, 1.0, 1.0, 0.0]))
         for time in np.arange(10.5, 40.0, 0.5) * scale:
             session.advance(time)
-            worst = np.maximum(worst, np.abs(session.outputs["position"] - session.outputs["wanted"]))
+            worst = np.maximum(
+                worst, np.abs(session.outputs["position"] - session.outputs["wanted"])
+            )
         assert_array_equal(session.outputs["known"], np.where(PARTS[3], 0.0, 1.0))
         assert session.outputs["arrival"] == pytest.approx(arrival, rel=0.16)
         assert worst[:6].max() < 0.02 * scale
@@ -154,16 +180,27 @@ def without_joints():
 def test_a_robot_without_joints_is_never_suspected(modes, rng):
     """Joints tell of their own robot; of a module bolted on they tell what the truss's bending does, too."""
     arm, module = RobotArm.jaco(), without_joints()
-    system = TrussDynamics(modes=modes, arms=(arm, module, arm, module), elastic_integrals=True)
+    system = TrussDynamics(
+        modes=modes, arms=(arm, module, arm, module), elastic_integrals=True
+    )
     monitor = ActuatorMonitor(system, MeanAxesDesign.shipped())
-    x = Signals("x", {n: rng.standard_normal(monitor.state_shape(n)) for n in monitor.states()})
+    x = Signals(
+        "x", {n: rng.standard_normal(monitor.state_shape(n)) for n in monitor.states()}
+    )
     for name in ("before", "sums", "suspected", "dead", "truce"):
         x[name] = 0.0 * x[name]
-    u = Signals("u", {n.name: rng.standard_normal(n.whole_shape or ()) for n in monitor.inputs()})
+    u = Signals(
+        "u",
+        {n.name: rng.standard_normal(n.whole_shape or ()) for n in monitor.inputs()},
+    )
     u["position"] = system.rest[: system.rigid_coordinates]
     for lost in (0, 1):  # an arm's base, a module
-        x["rates"] = u["velocity"][6:] - x["expected"].sum(axis=1) + x["expected"][:, lost]
-        sums = monitor.update(np.array(0.0), x, u, Signals("p", monitor.parameters))["sums"]
+        x["rates"] = (
+            u["velocity"][6:] - x["expected"].sum(axis=1) + x["expected"][:, lost]
+        )
+        sums = monitor.update(np.array(0.0), x, u, Signals("p", monitor.parameters))[
+            "sums"
+        ]
         assert not np.any(sums[1::2])
         assert (sums[0] > 0.0) == (lost == 0)
 
@@ -175,7 +212,10 @@ def test_the_evidence_is_that_of_its_formula(scale, modules, rng):
     arms = (*DYNAMICS.arms[modules:], *[without_joints()] * modules)
     monitor = ActuatorMonitor(replace(DYNAMICS, arms=arms), DESIGN)
     n = monitor.joints  # more than parts, and fewer
-    effects, residue = scale * rng.standard_normal((n, 8)), scale * rng.standard_normal(n)
+    effects, residue = (
+        scale * rng.standard_normal((n, 8)),
+        scale * rng.standard_normal(n),
+    )
     each = np.hstack([effects, effects[:, :4] + effects[:, 4:]])
     p = Signals("p", monitor.parameters)
     p["unknown_share"] = 2.0 * DESIGN.unknown_share

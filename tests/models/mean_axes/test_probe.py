@@ -25,7 +25,9 @@ STEP = DESIGN.sample_time
 MONITOR = ActuatorMonitor(DYNAMICS, DESIGN)
 MODES = FreeModes.of(DYNAMICS, DYNAMICS.modes.modes)
 TERMS = DYNAMICS.evaluate(DYNAMICS.rest)
-RESPONSE = np.linalg.solve(TERMS.mass_matrix[:RIGID, :RIGID], TERMS.actuation_matrix[:RIGID])
+RESPONSE = np.linalg.solve(
+    TERMS.mass_matrix[:RIGID, :RIGID], TERMS.actuation_matrix[:RIGID]
+)
 PARTS = MONITOR.members.T > 0.0
 """Of each base, then of the drives of each arm: which actuators are its."""
 
@@ -33,13 +35,17 @@ PARTS = MONITOR.members.T > 0.0
 def probed(dynamics=DYNAMICS, design=DESIGN, samples=1):
     """Return the torques of each sample."""
     block = ActuatorProbe(dynamics, design, ActuatorMonitor(dynamics, design))
-    return np.array([respond(block, k * design.sample_time)["probe"] for k in range(samples)])
+    return np.array(
+        [respond(block, k * design.sample_time)["probe"] for k in range(samples)]
+    )
 
 
 def test_neither_the_root_nor_a_mode_feels_it():
     probe = probed()[0]
     felt = np.append(RESPONSE[:6] @ probe, MODES.influence @ probe)
-    could = np.append(np.abs(RESPONSE[:6]) @ np.abs(probe), np.abs(MODES.influence) @ np.abs(probe))
+    could = np.append(
+        np.abs(RESPONSE[:6]) @ np.abs(probe), np.abs(MODES.influence) @ np.abs(probe)
+    )
     assert np.all(np.abs(felt) < 1e-9 * could)
     assert np.count_nonzero(probe[:24].reshape(4, 6)[:, :3]) == 0  # no thrust
 
@@ -49,14 +55,19 @@ def test_each_part_stands_out_alike(strength):
     probe = probed(design=replace(DESIGN, probe=strength))[0]
     for mine in PARTS:
         change = STEP * RESPONSE[6:] @ np.where(mine, probe, 0.0)
-        assert np.sqrt(change @ MONITOR.precision @ change) == pytest.approx(strength, rel=1e-9)
+        assert np.sqrt(change @ MONITOR.precision @ change) == pytest.approx(
+            strength, rel=1e-9
+        )
 
 
 def test_no_other_torques_of_a_part_stand_out_more(rng):
     """Of those that leave the root alone, and are as large."""
     probe, drives = probed()[0], np.flatnonzero(PARTS[5])
     still = np.linalg.svd(RESPONSE[:6, drives])[2][3:].T
-    assert np.abs(RESPONSE[:6, drives] @ still).max() < 1e-9 * np.abs(RESPONSE[:6, drives]).max()
+    assert (
+        np.abs(RESPONSE[:6, drives] @ still).max()
+        < 1e-9 * np.abs(RESPONSE[:6, drives]).max()
+    )
     for ways in rng.standard_normal((20, still.shape[1])):
         other = still @ ways
         other *= np.linalg.norm(probe[drives]) / np.linalg.norm(other)
@@ -81,7 +92,9 @@ def test_none_at_no_strength_and_of_robots_without_enough_joints(random_system):
     assert not probed(design=replace(DESIGN, probe=0.0)).any()
     none = DESIGN.neutral_modes
     for joints in (0, 4, 6):
-        assert not probed(random_system((joints, joints), none, elastic_integrals=True)).any()
+        assert not probed(
+            random_system((joints, joints), none, elastic_integrals=True)
+        ).any()
     probe = probed(random_system((7, 4), none, elastic_integrals=True))[0]
     assert_array_equal(np.flatnonzero(probe), np.arange(12, 19))
 
@@ -90,6 +103,11 @@ def test_within_limits_and_not_of_failed_actuators():
     limits = Hardware.flight().limits(SpaceTruss(DYNAMICS))
     allocation = MeanAxesAllocation(DYNAMICS, limits, DESIGN)
     left = np.where(PARTS[6], 0.0, 1.0)
-    matrices = {"actuation_matrix": TERMS.actuation_matrix[:RIGID], "inertia": MODES.inertia}
-    command = respond(allocation, probe=2.0 * limits, effectiveness=left, **matrices)["command"]
+    matrices = {
+        "actuation_matrix": TERMS.actuation_matrix[:RIGID],
+        "inertia": MODES.inertia,
+    }
+    command = respond(allocation, probe=2.0 * limits, effectiveness=left, **matrices)[
+        "command"
+    ]
     assert_array_equal(command, left * limits)

@@ -21,8 +21,12 @@ class FreeMotion(NamedTuple):
     @property
     def drifts(self):
         """Largest relative change of each conserved quantity."""
-        changes = [np.linalg.norm(values - values[0], axis=1) for values in self.conserved]
-        return np.max(changes, axis=1) / [np.linalg.norm(values[0]) for values in self.conserved]
+        changes = [
+            np.linalg.norm(values - values[0], axis=1) for values in self.conserved
+        ]
+        return np.max(changes, axis=1) / [
+            np.linalg.norm(values[0]) for values in self.conserved
+        ]
 
 
 @pytest.fixture
@@ -33,8 +37,13 @@ def free_motion():
         diagram = Diagram("free truss")
         diagram.add(truss=truss)
         diagram.ground(truss.actuation)
-        result = simulate(diagram, duration, initial={"truss.q": q, "truss.v": v}, **settings)
-        q, v, energy = (result[f"truss.{name}"].values for name in ("coordinates", "speeds", "energy"))
+        result = simulate(
+            diagram, duration, initial={"truss.q": q, "truss.v": v}, **settings
+        )
+        q, v, energy = (
+            result[f"truss.{name}"].values
+            for name in ("coordinates", "speeds", "energy")
+        )
         linear, angular = zip(*map(truss.dynamics.momentum, q, v), strict=True)
         return FreeMotion(q, v, [energy[:, None], np.array(linear), np.array(angular)])
 

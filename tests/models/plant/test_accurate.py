@@ -3,11 +3,21 @@
 import numpy as np
 import pytest
 
-from trussflow.models import ModelError, RobotArm, SpaceTruss, TrussDynamics, reduced_modes
+from trussflow.models import (
+    ModelError,
+    RobotArm,
+    SpaceTruss,
+    TrussDynamics,
+    reduced_modes,
+)
 from trussflow.models.dynamics.locked_joints import locked_frequencies, locked_inertia
 from trussflow.models.plant.space_truss import arm_by_name
 from trussflow.models.truss.natural_frequencies import natural_frequencies
-from trussflow.models.truss.paper_truss import CLAMPED_FACE, paper_structure, printed_grasps
+from trussflow.models.truss.paper_truss import (
+    CLAMPED_FACE,
+    paper_structure,
+    printed_grasps,
+)
 from trussflow.models.truss.reduction import nearest
 
 STEP = 1e-3  # s
@@ -20,7 +30,9 @@ def errors(truss, arm, angles):
     structure = paper_structure()
     robot, postures = arm_by_name(arm), np.split(angles, 4)
     nodes = [nearest(structure.positions, grasp) for grasp in printed_grasps()]
-    bodies = {n + 1: locked_inertia(robot, a) for n, a in zip(nodes, postures, strict=True)}
+    bodies = {
+        n + 1: locked_inertia(robot, a) for n, a in zip(nodes, postures, strict=True)
+    }
     exact = natural_frequencies(structure, 10, bodies, rigid=CLAMPED_FACE)
     return locked_frequencies(truss.dynamics, angles)[:10] / exact - 1.0
 
@@ -56,12 +68,16 @@ def test_condensed_shapes_leave_fixed_steps_a_margin(arm):
 
 
 def test_damping_is_that_of_the_consistent_plant():
-    assert np.array_equal(SpaceTruss.accurate().parameters["damping_ratio"], np.full(38, 0.005))
+    assert np.array_equal(
+        SpaceTruss.accurate().parameters["damping_ratio"], np.full(38, 0.005)
+    )
     assert not np.any(SpaceTruss.accurate(damping=0.0).parameters["damping_ratio"])
 
 
 def test_too_few_modes():
-    with pytest.raises(ModelError, match="cannot keep 4 modes: the accurate truss has at least the 6"):
+    with pytest.raises(
+        ModelError, match="cannot keep 4 modes: the accurate truss has at least the 6"
+    ):
         SpaceTruss.accurate(modes=4)
 
 
@@ -79,10 +95,18 @@ def drifts(free_motion, truss, step, **settings):
 def test_a_robot_on_condensed_shapes_conserves_energy_and_momentum(free_motion):
     """RK4 at 1 ms. The energy drifts as RK4 damps the fastest vibrations."""
     modes = reduced_modes(
-        paper_structure(), 8, [printed_grasps()[1]], clamped=CLAMPED_FACE, highest_frequency=100.0
+        paper_structure(),
+        8,
+        [printed_grasps()[1]],
+        clamped=CLAMPED_FACE,
+        highest_frequency=100.0,
     )
-    dynamics = TrussDynamics(modes=modes, arms=(RobotArm.jaco(),), elastic_integrals=True)
-    coarse, fine = (drifts(free_motion, SpaceTruss(dynamics), step) for step in (STEP, STEP / 2))
+    dynamics = TrussDynamics(
+        modes=modes, arms=(RobotArm.jaco(),), elastic_integrals=True
+    )
+    coarse, fine = (
+        drifts(free_motion, SpaceTruss(dynamics), step) for step in (STEP, STEP / 2)
+    )
     assert np.all(coarse < [1e-7, 1e-10, 1e-10])
     assert np.all(fine < coarse / [1, 16, 16])
 
@@ -91,4 +115,6 @@ def test_a_robot_on_condensed_shapes_conserves_energy_and_momentum(free_motion):
 def test_the_default_plant_conserves_energy_and_momentum(free_motion):
     """RK4 at 1 ms, four robots and 38 shapes; not compiled, which would take minutes."""
     truss = SpaceTruss.accurate(damping=0.0)
-    assert np.all(drifts(free_motion, truss, STEP, backend="interpreted") < [2e-5, 1e-7, 1e-7])
+    assert np.all(
+        drifts(free_motion, truss, STEP, backend="interpreted") < [2e-5, 1e-7, 1e-7]
+    )

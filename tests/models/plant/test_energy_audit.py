@@ -31,7 +31,13 @@ def audit(dynamics, *, wire=1.0, modal_actuation=True):
     (wire * feedback.force) >> plant.actuation
     supplied = [(feedback.force, plant.actuator_rates)]
     return energy_audit(
-        loop, 0.04, step=STEP, initial=start, supplied=supplied, log_step=0.01, backend="numpy"
+        loop,
+        0.04,
+        step=STEP,
+        initial=start,
+        supplied=supplied,
+        log_step=0.01,
+        backend="numpy",
     )
 
 

@@ -15,15 +15,21 @@ def test_momentum_and_energy_are_sums_over_robots(kind, rng):
     v = rng.standard_normal(plant.n)
 
     def of(truss):
-        q, v = (truss.parameters[f"initial_{name}"] for name in ("coordinates", "speeds"))
-        return np.concatenate([*truss.dynamics.momentum(q, v), [truss.dynamics.energy(q, v)]])
+        q, v = (
+            truss.parameters[f"initial_{name}"] for name in ("coordinates", "speeds")
+        )
+        return np.concatenate(
+            [*truss.dynamics.momentum(q, v), [truss.dynamics.energy(q, v)]]
+        )
 
     three = [plant.without(robot, q, v) for robot in range(1, 5)]
     whole, bare = kind(plant.dynamics, start=q, speeds=v), three[3]
     for _ in range(3):
         bare = bare.without(1)
     assert bare.robots == 0
-    np.testing.assert_allclose(sum(map(of, three)), 3 * of(whole) + of(bare), rtol=1e-12, atol=1e-10)
+    np.testing.assert_allclose(
+        sum(map(of, three)), 3 * of(whole) + of(bare), rtol=1e-12, atol=1e-10
+    )
     # Each takes another part with it.
     assert len({round(float(of(each)[-1]), 6) for each in three}) == 4
 
@@ -35,8 +41,13 @@ def test_those_that_stay_keep_their_places(rng):
     kept = left.parameters["initial_coordinates"]
     np.testing.assert_array_equal(kept[:13], q[:13])
     np.testing.assert_array_equal(kept[13:], q[20:])
-    np.testing.assert_array_equal(left.parameters["initial_speeds"], np.zeros(plant.n - 7))
-    shown, before = left.dynamics.grasp_displacement(kept), plant.dynamics.grasp_displacement(q)
+    np.testing.assert_array_equal(
+        left.parameters["initial_speeds"], np.zeros(plant.n - 7)
+    )
+    shown, before = (
+        left.dynamics.grasp_displacement(kept),
+        plant.dynamics.grasp_displacement(q),
+    )
     np.testing.assert_allclose(shown, before[[0, 2, 3]], rtol=1e-14, atol=0.0)
 
 

@@ -6,7 +6,12 @@ from systems import relative_error
 
 from trussflow.blocks.framework.declarations import Signals
 from trussflow.models import NominalAcceleration, NominalModel, SpaceTruss
-from trussflow.models.dynamics.task_space import task_drift, task_force_to_body, task_velocity, to_body
+from trussflow.models.dynamics.task_space import (
+    task_drift,
+    task_force_to_body,
+    task_velocity,
+    to_body,
+)
 from trussflow.models.geometry.attitude import EULER, QUATERNION
 
 RNG = np.random.default_rng(5)
@@ -27,11 +32,15 @@ def outputs(block, **inputs):
     """Return a block's outputs for given inputs; the others are zero."""
     values = {p.name: np.zeros(p.whole_shape) for p in block.inputs()} | inputs
     signals = Signals("test", values)
-    return block.output(np.float64(0), Signals("x", {}), signals, Signals("p", block.parameters))
+    return block.output(
+        np.float64(0), Signals("x", {}), signals, Signals("p", block.parameters)
+    )
 
 
 def actuation_of(commanded):
-    return np.linalg.lstsq(commanded["actuation_matrix"], commanded["generalized_force"], rcond=None)[0]
+    return np.linalg.lstsq(
+        commanded["actuation_matrix"], commanded["generalized_force"], rcond=None
+    )[0]
 
 
 def test_commanded_acceleration_comes_out(truss):
@@ -40,7 +49,12 @@ def test_commanded_acceleration_comes_out(truss):
     q, v = state(truss)
     wanted, correction, estimate = RNG.standard_normal((3, truss.rigid))
     commanded = outputs(
-        model, coordinates=q, speeds=v, feedforward=wanted, feedback=correction, disturbance_estimate=estimate
+        model,
+        coordinates=q,
+        speeds=v,
+        feedforward=wanted,
+        feedback=correction,
+        disturbance_estimate=estimate,
     )
     x = Signals("x", {"q": q, "v": v})
     u = Signals("u", {"actuation": actuation_of(commanded)})
@@ -50,7 +64,8 @@ def test_commanded_acceleration_comes_out(truss):
     speeds = v[: truss.rigid]
     achieved = acceleration - (disturbance - estimate)
     expected = to_body(EULER, q, wanted + correction - task_drift(EULER, q, speeds))
-    assert np.abs(achieved - expected).max() < 1e-7 * np.abs(acceleration).max()  # cond(G) ~ 1e8
+    # cond(G) ~ 1e8
+    assert np.abs(achieved - expected).max() < 1e-7 * np.abs(acceleration).max()
 
 
 def test_nominal_acceleration_is_that_of_the_forward_model(truss):
@@ -58,18 +73,35 @@ def test_nominal_acceleration_is_that_of_the_forward_model(truss):
     model, forward = NominalModel(truss.dynamics), NominalAcceleration(truss.dynamics)
     q, v = state(truss)
     wanted, estimate = RNG.standard_normal((2, truss.rigid))
-    commanded = outputs(model, coordinates=q, speeds=v, feedforward=wanted, disturbance_estimate=estimate)
-    computed = outputs(forward, coordinates=q, speeds=v, actuation=actuation_of(commanded))
-    assert relative_error(computed["nominal_acceleration"], commanded["nominal_acceleration"]) < 1e-7
+    commanded = outputs(
+        model,
+        coordinates=q,
+        speeds=v,
+        feedforward=wanted,
+        disturbance_estimate=estimate,
+    )
+    computed = outputs(
+        forward, coordinates=q, speeds=v, actuation=actuation_of(commanded)
+    )
+    assert (
+        relative_error(
+            computed["nominal_acceleration"], commanded["nominal_acceleration"]
+        )
+        < 1e-7
+    )
 
 
 def test_parts_add_up(truss):
     model = NominalModel(truss.dynamics)
     q, v = state(truss)
-    found = outputs(model, coordinates=q, speeds=v, feedback=RNG.standard_normal(truss.rigid))
+    found = outputs(
+        model, coordinates=q, speeds=v, feedback=RNG.standard_normal(truss.rigid)
+    )
     total = found["feedforward_force"] + found["feedback_force"]
     assert np.allclose(found["generalized_force"], total, rtol=1e-12, atol=1e-12)
-    assert np.array_equal(found["full_actuation_matrix"][: truss.rigid], found["actuation_matrix"])
+    assert np.array_equal(
+        found["full_actuation_matrix"][: truss.rigid], found["actuation_matrix"]
+    )
 
 
 @pytest.fixture(params=[EULER, QUATERNION], ids=lambda kind: kind.name)
@@ -79,7 +111,12 @@ def kind(request):
 
 def position(kind):
     """Return a place and a turned attitude."""
-    return np.concatenate([[1.0, 2.0, 3.0], kind.integrate(np.array(kind.rest), np.array([0.3, -0.4, 0.8]))])
+    return np.concatenate(
+        [
+            [1.0, 2.0, 3.0],
+            kind.integrate(np.array(kind.rest), np.array([0.3, -0.4, 0.8])),
+        ]
+    )
 
 
 def test_task_drift_is_the_rate_of_the_task_velocity(kind):

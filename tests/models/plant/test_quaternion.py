@@ -23,14 +23,29 @@ def modules(random_system):
 def test_the_same_motion_as_with_euler_angles(modules, rng, free_motion):
     speeds = 0.3 * rng.standard_normal(modules.n)
     euler, ours = (
-        free_motion(truss, 2.0, truss.parameters["initial_coordinates"], speeds, log_step=0.05, **ADAPTIVE)
+        free_motion(
+            truss,
+            2.0,
+            truss.parameters["initial_coordinates"],
+            speeds,
+            log_step=0.05,
+            **ADAPTIVE,
+        )
         for truss in (modules, modules.with_quaternion())
     )
     assert np.ptp(euler.q[:, 3]) > 0.1
     assert np.abs(ours.v - euler.v).max() < SOLVER_ERROR
-    assert np.abs(np.delete(ours.q, np.s_[3:7], 1) - np.delete(euler.q, np.s_[3:6], 1)).max() < SOLVER_ERROR
+    assert (
+        np.abs(
+            np.delete(ours.q, np.s_[3:7], 1) - np.delete(euler.q, np.s_[3:6], 1)
+        ).max()
+        < SOLVER_ERROR
+    )
     for one, other in zip(euler.q, ours.q, strict=True):
-        assert np.abs(EULER.rotation(one[3:6]) - QUATERNION.rotation(other[3:7])).max() < SOLVER_ERROR
+        assert (
+            np.abs(EULER.rotation(one[3:6]) - QUATERNION.rotation(other[3:7])).max()
+            < SOLVER_ERROR
+        )
 
 
 def test_a_tumble_through_the_singularity_conserves_all(modules, free_motion):
@@ -51,5 +66,7 @@ def test_the_length_comes_back(modules, free_motion):
     truss = modules.with_quaternion()
     q = truss.parameters["initial_coordinates"]
     start = np.concatenate([q[:3], 0.9 * q[3:7], q[7:]])
-    motion = free_motion(truss, 12.0, start, np.zeros(truss.n), log_step=12.0, **ADAPTIVE)
+    motion = free_motion(
+        truss, 12.0, start, np.zeros(truss.n), log_step=12.0, **ADAPTIVE
+    )
     assert np.abs(motion.q[-1] - q).max() < SOLVER_ERROR

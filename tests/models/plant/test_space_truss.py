@@ -12,10 +12,14 @@ def test_runs_converge_at_fourth_order(random_system, free_motion):
     system = random_system(("RR", "P"), 2, elastic_integrals=True)
     q, v = 0.3 * np.random.default_rng(3).standard_normal((2, system.coordinates))
     motions = [
-        free_motion(SpaceTruss(system), 2.0, system.rest + q, v, step=step, log_step=2.0)
+        free_motion(
+            SpaceTruss(system), 2.0, system.rest + q, v, step=step, log_step=2.0
+        )
         for step in (0.1, 0.05, 0.025, 0.025 / 8)
     ]
-    *ends, reference = [np.concatenate([motion.q[-1], motion.v[-1]]) for motion in motions]
+    *ends, reference = [
+        np.concatenate([motion.q[-1], motion.v[-1]]) for motion in motions
+    ]
     errors = [np.linalg.norm(end - reference) for end in ends]
     *drifts, last = [motion.drifts for motion in motions]
     np.testing.assert_allclose(-np.diff(np.log2(errors)), 4.0, rtol=0, atol=0.1)
@@ -23,23 +27,37 @@ def test_runs_converge_at_fourth_order(random_system, free_motion):
     assert np.max(last) < 1e-13
 
 
-def test_any_arrangement_conserves_energy_and_momentum(random_system, arrangement, free_motion):
+def test_any_arrangement_conserves_energy_and_momentum(
+    random_system, arrangement, free_motion
+):
     truss = SpaceTruss(random_system(*arrangement, elastic_integrals=True))
     v = 0.1 * np.random.default_rng(3).standard_normal(truss.n)
-    assert np.max(free_motion(truss, 0.04, truss.dynamics.rest, v, step=1e-2).drifts) < 1e-9
+    assert (
+        np.max(free_motion(truss, 0.04, truss.dynamics.rest, v, step=1e-2).drifts)
+        < 1e-9
+    )
 
 
 def test_published_actuators_do_no_work_on_the_modes():
     """M (v'(Q) - v'(0)) is P Q; the modal rows of P are zero for `published` alone."""
     rng = np.random.default_rng(4)
-    for truss, works in ((SpaceTruss.published(), False), (SpaceTruss.consistent(), True)):
-        q, v = truss.dynamics.rest + 0.1 * rng.standard_normal(truss.n), 0.03 * rng.standard_normal(truss.n)
+    for truss, works in (
+        (SpaceTruss.published(), False),
+        (SpaceTruss.consistent(), True),
+    ):
+        q, v = (
+            truss.dynamics.rest + 0.1 * rng.standard_normal(truss.n),
+            0.03 * rng.standard_normal(truss.n),
+        )
         x, p = Signals("x", {"q": q, "v": v}), Signals("p", truss.parameters)
         actuation, still = rng.standard_normal(truss.actuators), np.zeros(truss.modes)
         accelerations = [
-            truss.derivative(np.float64(0), x, Signals("u", {"actuation": values, "modal_force": still}), p)[
-                "v"
-            ]
+            truss.derivative(
+                np.float64(0),
+                x,
+                Signals("u", {"actuation": values, "modal_force": still}),
+                p,
+            )["v"]
             for values in (actuation, np.zeros(truss.actuators))
         ]
         terms = truss.dynamics.evaluate(q, v)

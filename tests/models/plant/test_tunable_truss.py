@@ -15,14 +15,18 @@ from trussflow.models.truss.variations import loaded, misjudged, scaled
 
 def other_truss():
     truss = scaled(TrussModes.reconstructed(), mass=0.9, frequency=1.1)
-    return misjudged(loaded(truss, truss.positions[-1], 15.0), 1.0 + 0.1 * np.arange(6)).damped(0.003)
+    return misjudged(
+        loaded(truss, truss.positions[-1], 15.0), 1.0 + 0.1 * np.arange(6)
+    ).damped(0.003)
 
 
 @pytest.mark.parametrize("exact", [True, False])
 def test_moves_as_the_truss_itself(exact):
     make = TunableTruss.consistent if exact else TunableTruss.published
     tunable, truss = make(), other_truss()
-    itself = SpaceTruss(replace(tunable.dynamics, modes=truss), modal_actuation=tunable.modal_actuation)
+    itself = SpaceTruss(
+        replace(tunable.dynamics, modes=truss), modal_actuation=tunable.modal_actuation
+    )
     speeds = np.random.default_rng(3).uniform(-0.02, 0.02, tunable.n)
     runs = []
     for plant, values in ((tunable, tunable.truss_parameters(truss)), (itself, {})):
@@ -31,7 +35,9 @@ def test_moves_as_the_truss_itself(exact):
         diagram.ground(plant.actuation)
         parameters = {f"truss.{name}": value for name, value in values.items()}
         simulator = Simulator(diagram, step=1e-3, log_step=0.02)
-        runs.append(simulator.run(0.04, parameters=parameters, initial={"truss.v": speeds}))
+        runs.append(
+            simulator.run(0.04, parameters=parameters, initial={"truss.v": speeds})
+        )
     for port in ("coordinates", "energy", "grasp_displacement"):
         one, two = (run[f"truss.{port}"].values for run in runs)
         assert relative_error(one, two) < 1e-9
@@ -42,13 +48,15 @@ def test_moves_as_the_truss_itself(exact):
     ("build", "message"),
     [
         (
-            lambda plant: plant.truss_parameters(TrussModes.reconstructed().truncated(5)),
+            lambda plant: plant.truss_parameters(
+                TrussModes.reconstructed().truncated(5)
+            ),
             r"a truss of 5 modes.*must be the same",
         ),
         (
-            lambda plant: replace(Hardware.flight(), accelerometer=Measurement(sample_time=0.02)).sensors(
-                plant, seed=1
-            ),
+            lambda plant: replace(
+                Hardware.flight(), accelerometer=Measurement(sample_time=0.02)
+            ).sensors(plant, seed=1),
             "would measure its nominal truss, not that of the run",
         ),
     ],
@@ -60,6 +68,8 @@ def test_errors(build, message):
 
 def test_limits_of_hardware_without_torques():
     truss = SpaceTruss.consistent()
-    np.testing.assert_allclose(Hardware.flight().limits(truss)[:6], [5.0] * 3 + [0.3] * 3, rtol=1e-12)
+    np.testing.assert_allclose(
+        Hardware.flight().limits(truss)[:6], [5.0] * 3 + [0.3] * 3, rtol=1e-12
+    )
     with pytest.raises(ModelError, match="makes no torques on the bases"):
         replace(Hardware.flight(), wheels=None).limits(truss)

@@ -14,7 +14,9 @@ def test_published_motion_is_the_one_printed(modes, rng):
     for grasp in range(modes.grasps):
         T, R = modes.grasp_translations[grasp], modes.grasp_rotations[grasp]
         rho = modes.grasp_positions[grasp] + T @ tau
-        hand = hand_motion(modes.data, grasp, tau, np.concatenate([v, w]), rates, exact=False)
+        hand = hand_motion(
+            modes.data, grasp, tau, np.concatenate([v, w]), rates, exact=False
+        )
         point_velocity = v + np.cross(w, rho) + T @ rates
         spin = w + R @ rates
         assert np.allclose(hand.position, rho, rtol=0, atol=ROUND_OFF)
@@ -23,8 +25,16 @@ def test_published_motion_is_the_one_printed(modes, rng):
         assert np.allclose(found, point_velocity, rtol=0, atol=ROUND_OFF)
         # Accelerations in inertial space at zero dv/dt, dw/dt, tau''.
         spin_acceleration = np.cross(w, R @ rates)
-        point_acceleration = np.cross(w, v) + np.cross(w, np.cross(w, rho)) + 2 * np.cross(w, T @ rates)
-        assert np.allclose(hand.acceleration[3:], spin_acceleration, rtol=0, atol=ROUND_OFF)
+        point_acceleration = (
+            np.cross(w, v) + np.cross(w, np.cross(w, rho)) + 2 * np.cross(w, T @ rates)
+        )
+        assert np.allclose(
+            hand.acceleration[3:], spin_acceleration, rtol=0, atol=ROUND_OFF
+        )
         # From the spatial acceleration, which is of the body's point passing through O_t.
-        found = hand.acceleration[:3] + np.cross(hand.acceleration[3:], rho) + np.cross(spin, point_velocity)
+        found = (
+            hand.acceleration[:3]
+            + np.cross(hand.acceleration[3:], rho)
+            + np.cross(spin, point_velocity)
+        )
         assert np.allclose(found, point_acceleration, rtol=0, atol=ROUND_OFF)

@@ -59,7 +59,9 @@ def test_jaco_arm_stretched_reaches_as_far_as_the_real_one():
 @pytest.mark.parametrize(("arm", "rank"), [(LITERAL, 3), (RobotArm.jaco(), 6)])
 def test_rest_posture_is_singular_as_printed_and_regular_for_the_real_arm(arm, rank):
     still = np.zeros(6)
-    terms = arm_terms(arm, arm.rest_angles, np.zeros(7), np.eye(3), np.zeros(3), still, still)
+    terms = arm_terms(
+        arm, arm.rest_angles, np.zeros(7), np.eye(3), np.zeros(3), still, still
+    )
     assert np.linalg.matrix_rank(terms.screws, tol=1e-6) == rank
 
 
@@ -73,8 +75,12 @@ def test_arms_are_compared_by_their_numbers():
     assert not LITERAL.same_as(RobotArm.jaco())
     assert not LITERAL.same_as(replace(LITERAL, base_mass=14.0))
     limited, slider = (Joint("a", upper=1.0), Joint("a", sliding=True))
-    assert LITERAL.same_as(replace(LITERAL, joint_data=(limited, *LITERAL.joint_data[1:])))
-    assert not LITERAL.same_as(replace(LITERAL, joint_data=(slider, *LITERAL.joint_data[1:])))
+    assert LITERAL.same_as(
+        replace(LITERAL, joint_data=(limited, *LITERAL.joint_data[1:]))
+    )
+    assert not LITERAL.same_as(
+        replace(LITERAL, joint_data=(slider, *LITERAL.joint_data[1:]))
+    )
 
 
 def changed(name, index, value):
@@ -87,7 +93,11 @@ def changed(name, index, value):
 def massless(link):
     """Return the fields of the arm with a link that is only a frame."""
     names = ("masses", "static_moments", "inertias")
-    return {name: values for part in names for name, values in changed(part, link, 0.0).items()}
+    return {
+        name: values
+        for part in names
+        for name, values in changed(part, link, 0.0).items()
+    }
 
 
 def test_the_last_link_may_be_no_more_than_a_frame():
@@ -106,18 +116,30 @@ ERROR_CASES = [
         changed("inertias", 5, 0.3 * LITERAL.inertias[5]),
         r"inertia of link 5 about its centre of mass is not positive definite.*kg",
     ),
-    ({"base_inertia": np.diag([0.2, 0.4, 1.194])}, r"no rigid body has the inertia of the base.*triangle"),
+    (
+        {"base_inertia": np.diag([0.2, 0.4, 1.194])},
+        r"no rigid body has the inertia of the base.*triangle",
+    ),
     ({"base_inertia": SKEWED}, "inertia of the base is not symmetric"),
     ({"masses": np.ones(7)}, r"masses has shape \(7,\); it must be \(8,\)"),
-    ({"joint_origins": np.zeros((0, 3))}, r"joint_rotations has shape \(7, 3, 3\); it must be \(0, 3, 3\)"),
-    (changed("joint_origins", 3, np.nan), "robot arm 'literal': joint_origins is not finite"),
+    (
+        {"joint_origins": np.zeros((0, 3))},
+        r"joint_rotations has shape \(7, 3, 3\); it must be \(0, 3, 3\)",
+    ),
+    (
+        changed("joint_origins", 3, np.nan),
+        "robot arm 'literal': joint_origins is not finite",
+    ),
     ({"masses": np.array(["heavy"] * 8)}, "masses must be numeric, not"),
     ({"hand_rotation": 2.0 * np.eye(3)}, r"hand_rotation is not a rotation matrix"),
     (
         changed("joint_rotations", 2, -LITERAL.joint_rotations[2]),
         r"joint_rotations\[2\] is not a rotation matrix",
     ),
-    ({"joint_data": (Joint("a"), Joint("a"))}, "joint_data must name each of 7 joints once, got a, a"),
+    (
+        {"joint_data": (Joint("a"), Joint("a"))},
+        "joint_data must name each of 7 joints once, got a, a",
+    ),
     (
         {"joint_data": (Joint("a", lower=1.0, upper=0.0), *LITERAL.joint_data[1:])},
         r"robot arm 'literal': joint 'a' has the limits 1 to 0 rad",
@@ -161,9 +183,13 @@ def test_jaco_arm_is_the_description_reversed(rng):
     arm = RobotArm.jaco()
     angles = rng.uniform(-3.0, 3.0, 7)
     rotation, origin = np.eye(3), np.zeros(3)
-    for (place, (roll, pitch, yaw)), angle in zip(DESCRIPTION, -angles[::-1], strict=True):
+    for (place, (roll, pitch, yaw)), angle in zip(
+        DESCRIPTION, -angles[::-1], strict=True
+    ):
         origin = origin + rotation @ place
-        turn = Rotation.from_euler("xyz", [roll, pitch, yaw]) * Rotation.from_euler("z", angle)
+        turn = Rotation.from_euler("xyz", [roll, pitch, yaw]) * Rotation.from_euler(
+            "z", angle
+        )
         rotation = rotation @ turn.as_matrix()
     hand = origin + rotation @ END_EFFECTOR
     # Base frame as the hand sees it, then in truss axes. The paper's base frame is turned by
@@ -172,7 +198,12 @@ def test_jaco_arm_is_the_description_reversed(rng):
     expected_origin = -to_truss @ hand
     expected_rotation = to_truss @ np.diag([-1.0, -1.0, 1.0])
     position, base_rotation = base_of(arm, angles)
-    assert np.allclose(position - base_rotation @ arm.base_centroid, expected_origin, rtol=0, atol=1e-12)
+    assert np.allclose(
+        position - base_rotation @ arm.base_centroid,
+        expected_origin,
+        rtol=0,
+        atol=1e-12,
+    )
     assert np.allclose(base_rotation, expected_rotation, rtol=0, atol=1e-12)
 
 
@@ -185,7 +216,8 @@ def test_printed_inertias_are_those_of_the_description_s_cylinders():
         centre = LITERAL.static_moments[j] / mass
         central = RobotArm.jaco().inertias[j] - mass * (centre @ centre * np.eye(3))
         cylinder = np.diag(central) + mass * centre**2
-        if 2 <= j <= 6:  # an error of the table: y and z of the link's tensor are not exchanged
+        if 2 <= j <= 6:
+            # an error of the table: y and z of the link's tensor are not exchanged
             cylinder = cylinder[[0, 2, 1]]
         shift = mass * (centre @ centre - centre**2)
         assert np.max(np.abs(cylinder + shift - printed)) < PRINTED_DIGIT / 2, j

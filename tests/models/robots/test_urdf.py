@@ -7,7 +7,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from trussflow.models import Joint, ModelError, RobotArm, SpaceTruss, TrussDynamics, arm_terms
+from trussflow.models import (
+    Joint,
+    ModelError,
+    RobotArm,
+    SpaceTruss,
+    TrussDynamics,
+    arm_terms,
+)
 from trussflow.models.geometry.rotation import fixed_rotation, roll_pitch_yaw
 
 ROUND_OFF = 1e-13  # of numbers of order 1
@@ -45,7 +52,9 @@ def file(tmp_path):
 
 
 def read(path, **changed):
-    return RobotArm.from_urdf(path, **{"hand": "tool", "base": "body", "locked": {"grip": 0.3}, **changed})
+    return RobotArm.from_urdf(
+        path, **{"hand": "tool", "base": "body", "locked": {"grip": 0.3}, **changed}
+    )
 
 
 def test_names_limits_and_kinds_are_those_of_the_file(file):
@@ -59,7 +68,8 @@ def test_names_limits_and_kinds_are_those_of_the_file(file):
     assert (arm.name, arm.mass, arm.base_mass) == ("two", 8.0, 2.0)
     assert np.array_equal(arm.masses, [4.0, 2.0, 0.0])  # the finger is held by the hand
     shorter = read(file, base="upper", locked={"grip": 0.3, "shoulder": 1.0})
-    assert np.array_equal(shorter.masses, [4.0, 2.0])  # the body is held beside the base
+    # the body is held beside the base
+    assert np.array_equal(shorter.masses, [4.0, 2.0])
     assert shorter.joint_data == arm.joint_data[:1]
 
 
@@ -68,7 +78,9 @@ def test_coordinates_keep_their_sign_against_the_direction_of_the_file(file):
     there, back = read(file), read(file, hand="body", base="tool")
     still, angles = np.zeros(6), np.array([0.4, 0.7])
     one = arm_terms(there, angles, 0.0 * angles, np.eye(3), np.zeros(3), still, still)
-    other = arm_terms(back, angles[::-1], 0.0 * angles, np.eye(3), np.zeros(3), still, still)
+    other = arm_terms(
+        back, angles[::-1], 0.0 * angles, np.eye(3), np.zeros(3), still, still
+    )
     # Centroids of body and tool, less where they are in the frames of these links.
     origin = one.base_position - one.base_rotation @ there.base_centroid
     assert np.allclose(one.base_rotation, other.base_rotation.T, rtol=0, atol=ROUND_OFF)
@@ -77,7 +89,12 @@ def test_coordinates_keep_their_sign_against_the_direction_of_the_file(file):
 
 
 def test_units_follow_the_kinds_of_the_joints(file, modes):
-    arms = (read(file), RobotArm.literal(), read(file, hand="lower", base="lower", locked=LOCKED), read(file))
+    arms = (
+        read(file),
+        RobotArm.literal(),
+        read(file, hand="lower", base="lower", locked=LOCKED),
+        read(file),
+    )
     truss = SpaceTruss(TrussDynamics(modes=modes, arms=arms, elastic_integrals=True))
     assert truss.task_units[6:] == ("m", *("rad",) * 8, "m", "rad")
     assert truss.actuator_units[24:] == ("N", *("N*m",) * 8, "N", "N*m")
@@ -97,7 +114,10 @@ ERROR_CASES = {
         '<link name="body">',
         '<xacro:macro name="a"/><link name="body">',
     ),
-    "line 7, link 'upper': the name is already used (arm.urdf, line 5)": ('"lower">', '"upper">'),
+    "line 7, link 'upper': the name is already used (arm.urdf, line 5)": (
+        '"lower">',
+        '"upper">',
+    ),
     "joint 'slide': link 'arm' does not exist; there are: body, upper": (
         '<parent link="upper"/>',
         '<parent link="arm"/>',
@@ -107,19 +127,37 @@ ERROR_CASES = {
         '<child link="lower"/>',
     ),
     "it closes a cycle": ('<parent link="body"/>', '<parent link="finger"/>'),
-    "link 'spare': no joints connect it to 'body'": ("</robot>", '<link name="spare"/></robot>'),
-    "line 12, joint 'shoulder': joint type 'floating' is not supported": ('"revolute"', '"floating"'),
+    "link 'spare': no joints connect it to 'body'": (
+        "</robot>",
+        '<link name="spare"/></robot>',
+    ),
+    "line 12, joint 'shoulder': joint type 'floating' is not supported": (
+        '"revolute"',
+        '"floating"',
+    ),
     "attribute 'type' is missing": ('type="fixed"', ""),
     "line 3, <mass>: value is 'two'": ('<mass value="2"/>', '<mass value="two"/>'),
-    "mass of link 'body' is -2.0 kg; it must be positive": ('<mass value="2"/>', '<mass value="-2"/>'),
+    "mass of link 'body' is -2.0 kg; it must be positive": (
+        '<mass value="2"/>',
+        '<mass value="-2"/>',
+    ),
     "<inertial>: <mass> is missing": ('<mass value="2"/>', ""),
     "no rigid body has the inertia of link 'body'": ('izz="1"', 'izz="3"'),
-    "line 3, link 'body': neither it nor a link fixed to it has an <inertial>": (INERTIAL, ""),
+    "line 3, link 'body': neither it nor a link fixed to it has an <inertial>": (
+        INERTIAL,
+        "",
+    ),
     "ixx is 'nan'; it must be 1 finite number": ('ixx="1"', 'ixx="nan"'),
-    "<origin>: xyz is '0.1 0'; it must be 3 finite numbers": ('xyz="0.1 0 0"', 'xyz="0.1 0"'),
+    "<origin>: xyz is '0.1 0'; it must be 3 finite numbers": (
+        'xyz="0.1 0 0"',
+        'xyz="0.1 0"',
+    ),
     "rpy is '0 0 ${pi}'": ('rpy="0 0 0.5"', 'rpy="0 0 ${pi}"'),
     "link 'body' has two <inertial>": (INERTIAL, INERTIAL + INERTIAL),
-    "joint 'shoulder': its axis has length 2; it must be a unit vector": ('xyz="0 1 0"', 'xyz="0 2 0"'),
+    "joint 'shoulder': its axis has length 2; it must be a unit vector": (
+        'xyz="0 1 0"',
+        'xyz="0 2 0"',
+    ),
     "joint 'shoulder': <parent> is missing": ('<parent link="body"/>', ""),
     "the upper limit must not be below the lower one": ('lower="0.2"', 'lower="3"'),
     "effort is 'much'": ('effort="5"', 'effort="much"'),
@@ -176,7 +214,9 @@ def test_every_wrong_attribute_is_read_or_raises_a_model_error(file):
     values = list(re.finditer(r'"([^"]*)"', ARM))
     for value in values:
         for junk in ("", "nan", "1e308", "x", "1 2", "\u0663", "&#0;", "base"):
-            file.write_text(ARM[: value.start(1)] + junk + ARM[value.end(1) :], encoding="utf-8")
+            file.write_text(
+                ARM[: value.start(1)] + junk + ARM[value.end(1) :], encoding="utf-8"
+            )
             try:
                 read(file)
             except ModelError:
@@ -187,8 +227,14 @@ def test_every_wrong_attribute_is_read_or_raises_a_model_error(file):
 @pytest.mark.parametrize(
     ("changed", "message"),
     [
-        ({"hand": "gripper"}, r"no link in arm.urdf 'gripper'; choose from: body, upper"),
-        ({"locked": {"flange": 0.0}}, r"no movable joint in arm.urdf 'flange'; choose from: shoulder"),
+        (
+            {"hand": "gripper"},
+            r"no link in arm.urdf 'gripper'; choose from: body, upper",
+        ),
+        (
+            {"locked": {"flange": 0.0}},
+            r"no movable joint in arm.urdf 'flange'; choose from: shoulder",
+        ),
         ({"locked": {"grip": np.nan}}, r"locked joint 'grip' is not finite"),
         ({"path": "none.urdf"}, r"cannot read robot 'none.urdf': No such file"),
     ],
@@ -200,7 +246,9 @@ def test_errors_of_arguments(file, changed, message):
 
 def test_joints_beside_the_chain_must_be_held(file):
     """The error names them all, ready to be pasted: also those that hang on others."""
-    with pytest.raises(ModelError, match=r"joint 'grip': it is movable but outside the chain"):
+    with pytest.raises(
+        ModelError, match=r"joint 'grip': it is movable but outside the chain"
+    ):
         read(file, locked=None)
     named = re.escape("locked={'shoulder': 0.0, 'slide': 0.0, 'grip': 0.0}")
     with pytest.raises(ModelError, match=named):
@@ -219,13 +267,24 @@ def test_written_files_are_read_back(name, file):
     limits = Joint("a <name> & more", lower=-2.0, speed=3.0)
     arm = replace(arm, joint_data=(limits, *arm.joint_data[1:]))
     file.write_text(arm.to_urdf())
-    again = RobotArm.from_urdf(file, hand="hand", base="base", hand_rotation=arm.hand_rotation)
+    again = RobotArm.from_urdf(
+        file, hand="hand", base="base", hand_rotation=arm.hand_rotation
+    )
     assert again.joint_data == arm.joint_data
     for part in (
         *("joint_origins", "joint_rotations", "masses", "static_moments", "inertias"),
-        *("base_origin", "base_rotation", "base_centroid", "base_mass", "base_inertia", "hand_rotation"),
+        *(
+            "base_origin",
+            "base_rotation",
+            "base_centroid",
+            "base_mass",
+            "base_inertia",
+            "hand_rotation",
+        ),
     ):
-        assert np.allclose(getattr(again, part), getattr(arm, part), rtol=0, atol=ROUND_OFF), part
+        assert np.allclose(
+            getattr(again, part), getattr(arm, part), rtol=0, atol=ROUND_OFF
+        ), part
 
 
 @pytest.mark.parametrize("pitch", [0.3, np.pi / 2, -np.pi / 2, np.pi / 2 - 1e-9])

@@ -38,7 +38,11 @@ PUBLIC = [
 
 
 def public_file(package, name):
-    return next(Path(str(file.locate())) for file in files(package) or () if str(file).endswith(name))
+    return next(
+        Path(str(file.locate()))
+        for file in files(package) or ()
+        if str(file).endswith(name)
+    )
 
 
 def held(path, hand, base):
@@ -49,7 +53,9 @@ def held(path, hand, base):
         proposed = re.search(r"locked=(\{.*\})", str(error))
         if proposed is None:
             raise
-        return {name: 0.1 + 0.01 * k for k, name in enumerate(ast.literal_eval(proposed[1]))}
+        return {
+            name: 0.1 + 0.01 * k for k, name in enumerate(ast.literal_eval(proposed[1]))
+        }
     return {}
 
 
@@ -59,7 +65,9 @@ def configuration(model, values):
     for name, value in values.items():
         joint = model.joints[model.getJointId(name)]
         # A continuous joint is a point on the unit circle.
-        q[joint.idx_q : joint.idx_q + joint.nq] = [value] if joint.nq == 1 else [np.cos(value), np.sin(value)]
+        q[joint.idx_q : joint.idx_q + joint.nq] = (
+            [value] if joint.nq == 1 else [np.cos(value), np.sin(value)]
+        )
     return q
 
 
@@ -85,10 +93,17 @@ def assert_equals_pinocchio(path, arm, hand, locked, rng):
     frame = model.getFrameId(hand, pin.FrameType.BODY)
     motion = np.asarray(pin.getFrameVelocity(model, data, frame, pin.LOCAL))
     drift = np.asarray(pin.getFrameAcceleration(model, data, frame, pin.LOCAL))
-    T = np.concatenate([pin.computeFrameJacobian(model, data, q, frame, pin.LOCAL), np.eye(6 + n)[order]])
+    T = np.concatenate(
+        [
+            pin.computeFrameJacobian(model, data, q, frame, pin.LOCAL),
+            np.eye(6 + n)[order],
+        ]
+    )
     terms = arm_terms(arm, angles, v[order], np.eye(3), np.zeros(3), motion, drift)
     root = inertia_matrix(SpatialInertia(arm.mass, terms.static_moment, terms.inertia))
-    own = np.block([[root, terms.root_coupling.T], [terms.root_coupling, terms.mass_matrix]])
+    own = np.block(
+        [[root, terms.root_coupling.T], [terms.root_coupling, terms.mass_matrix]]
+    )
     forces = np.concatenate([terms.root_bias, terms.joint_bias])
     assert relative_error(T.T @ own @ T, mass) < TOLERANCE
     assert relative_error(T.T @ forces, bias) < TOLERANCE
@@ -103,7 +118,9 @@ def test_public_robots_equal_pinocchio(package, name, hand, base, joints, rng):
     assert_equals_pinocchio(path, arm, hand, locked, rng)
 
 
-@pytest.mark.parametrize(("package", "name", "hand", "base", "joints"), [PUBLIC[1], PUBLIC[8]])
+@pytest.mark.parametrize(
+    ("package", "name", "hand", "base", "joints"), [PUBLIC[1], PUBLIC[8]]
+)
 def test_visuals_of_public_robots_are_where_pinocchio_has_them(
     package, name, hand, base, joints, rng, monkeypatch
 ):
@@ -113,22 +130,35 @@ def test_visuals_of_public_robots_are_where_pinocchio_has_them(
     locked = held(path, hand, base)
     arm = RobotArm.from_urdf(path, hand=hand, base=base, locked=locked)
     model = pin.buildModelFromUrdf(str(path))
-    shapes = pin.buildGeomFromUrdf(model, str(path), pin.GeometryType.VISUAL, package_dirs=[str(path.parent)])
+    shapes = pin.buildGeomFromUrdf(
+        model, str(path), pin.GeometryType.VISUAL, package_dirs=[str(path.parent)]
+    )
     angles = rng.uniform(-1.0, 1.0, joints)
     data = model.createData()
     values = dict(zip(names_of(arm), angles, strict=True)) | locked
     pin.framesForwardKinematics(model, data, configuration(model, values))
-    theirs = {Path(s.meshPath).name: data.oMi[s.parentJoint] * s.placement for s in shapes.geometryObjects}
+    theirs = {
+        Path(s.meshPath).name: data.oMi[s.parentJoint] * s.placement
+        for s in shapes.geometryObjects
+    }
     bodies = [(np.eye(3), np.zeros(3))]
-    for origin, rotation, angle in zip(arm.joint_origins, arm.joint_rotations, angles, strict=True):
+    for origin, rotation, angle in zip(
+        arm.joint_origins, arm.joint_rotations, angles, strict=True
+    ):
         axes, place = bodies[-1]
-        bodies.append((axes @ rotation @ rotation_about_z(angle), place + axes @ origin))
+        bodies.append(
+            (axes @ rotation @ rotation_about_z(angle), place + axes @ origin)
+        )
     assert len(arm.visuals) > 5
     for visual in arm.visuals:
         axes, place = bodies[visual.body]
-        ours = visual._replace(kind="box", size=np.ones(3)).triangles()[0] @ axes.T + place
+        ours = (
+            visual._replace(kind="box", size=np.ones(3)).triangles()[0] @ axes.T + place
+        )
         placed = data.oMf[model.getFrameId(hand)].actInv(theirs[visual.file.name])
-        np.testing.assert_allclose(ours, [placed.act(c) for c in BOX_CORNERS], rtol=0, atol=TOLERANCE)
+        np.testing.assert_allclose(
+            ours, [placed.act(c) for c in BOX_CORNERS], rtol=0, atol=TOLERANCE
+        )
 
 
 def random_urdf(rng, links):
@@ -147,9 +177,15 @@ def random_urdf(rng, links):
             points = rng.standard_normal((8, 3))
             points = points - points.mean(axis=0)
             J = np.sum(points**2) * np.eye(3) - points.T @ points
-            elements = zip(("ixx", "ixy", "ixz", "iyy", "iyz", "izz"), J[np.triu_indices(3)], strict=True)
+            elements = zip(
+                ("ixx", "ixy", "ixz", "iyy", "iyz", "izz"),
+                J[np.triu_indices(3)],
+                strict=True,
+            )
             moments = " ".join(f'{name}="{value}"' for name, value in elements)
-            lines.append(f'<inertial>{origin()}<mass value="8"/><inertia {moments}/></inertial>')
+            lines.append(
+                f'<inertial>{origin()}<mass value="8"/><inertia {moments}/></inertial>'
+            )
         lines.append("</link>")
         if k:
             axis = rng.standard_normal(3)

@@ -37,7 +37,11 @@ def arm_with(folder, geometry):
     [
         ('<box size="1 2 3"/>', 6.0, 1.0),
         # A prism of 16 sides in place of the cylinder; of the sphere, 8 rings of them.
-        ('<cylinder radius="0.5" length="2"/>', np.pi / 2.0, 16.0 * np.sin(np.pi / 8.0) / (2.0 * np.pi)),
+        (
+            '<cylinder radius="0.5" length="2"/>',
+            np.pi / 2.0,
+            16.0 * np.sin(np.pi / 8.0) / (2.0 * np.pi),
+        ),
         ('<sphere radius="0.5"/>', np.pi / 6.0, 0.937),
     ],
 )
@@ -81,7 +85,9 @@ def obj(triangles):
     return "\n".join(lines).encode()
 
 
-@pytest.mark.parametrize(("name", "write"), [("box.stl", stl), ("BOX.STL", stl_text), ("box.obj", obj)])
+@pytest.mark.parametrize(
+    ("name", "write"), [("box.stl", stl), ("BOX.STL", stl_text), ("box.obj", obj)]
+)
 def test_meshes_of_both_locations(tmp_path, name, write):
     """Beside the URDF file, or in a package around it; scaled from millimetres."""
     size = np.array([100.0, 200.0, 300.0])
@@ -102,7 +108,10 @@ ERROR_CASES = [
     ('<mesh filename="arm.dae"/>', "arm.dae, which is none of .stl, .obj"),
     ('<mesh filename="package://nowhere/arm.stl"/>', "arm.stl, which was not found"),
     (f'<mesh filename="{"a" * 300}.stl"/>', f"{'a' * 300}.stl, which was not found"),
-    (f'<mesh filename="package://x/{"a" * 300}.stl"/>', f"{'a' * 300}.stl, which was not found"),
+    (
+        f'<mesh filename="package://x/{"a" * 300}.stl"/>',
+        f"{'a' * 300}.stl, which was not found",
+    ),
     ('<mesh filename="broken.stl"/>', "broken.stl, which cannot be read: "),
     ('<mesh filename="broken.obj"/>', "broken.obj, which cannot be read: "),
     ('<capsule radius="1" length="2"/>', "a capsule, which is no shape of URDF"),
@@ -112,7 +121,10 @@ ERROR_CASES = [
 @pytest.mark.parametrize(("geometry", "message"), ERROR_CASES)
 def test_errors_of_shapes(tmp_path, geometry, message):
     """The arm is read all the same, as its equations need no picture."""
-    for name, content in (("broken.stl", b"solid nothing"), ("broken.obj", b"v 0 0 0\nf 1 2 3")):
+    for name, content in (
+        ("broken.stl", b"solid nothing"),
+        ("broken.obj", b"v 0 0 0\nf 1 2 3"),
+    ):
         (tmp_path / name).write_bytes(content)
     arm = arm_with(tmp_path, geometry)
     with pytest.raises(ModelError) as raised:
@@ -121,5 +133,7 @@ def test_errors_of_shapes(tmp_path, geometry, message):
 
 
 def test_error_of_a_shape_without_size(tmp_path):
-    with pytest.raises(ModelError, match=r"two.urdf, line 3, <box>: attribute 'size' is missing"):
+    with pytest.raises(
+        ModelError, match=r"two.urdf, line 3, <box>: attribute 'size' is missing"
+    ):
         arm_with(tmp_path, "<box/>")

@@ -11,9 +11,9 @@ from trussflow.models import ModelError, shipped_file
 from trussflow.models.transport import MissionFile
 
 EXAMPLES = Path(__file__).parents[3] / "examples" / "missions"
-BAD = tomllib.loads((Path(__file__).parents[1] / "data" / "bad_files.toml").read_text(encoding="utf-8"))[
-    "bad"
-]
+BAD = tomllib.loads(
+    (Path(__file__).parents[1] / "data" / "bad_files.toml").read_text(encoding="utf-8")
+)["bad"]
 
 MISSION = """title = "boom"
 extends = "transport.toml"
@@ -74,7 +74,9 @@ def test_the_mission_is_good_as_it_stands(mission):
     assert MissionFile.read(mission).diagram().blocks
 
 
-@pytest.mark.parametrize("bad", BAD, ids=[f"{bad['file']}: {bad['after']}" for bad in BAD])
+@pytest.mark.parametrize(
+    "bad", BAD, ids=[f"{bad['file']}: {bad['after']}" for bad in BAD]
+)
 def test_a_bad_file_is_one_clear_error(bad, mission):
     file = mission.parent / bad["file"]
     text = file.read_text(encoding="utf-8")
@@ -85,4 +87,6 @@ def test_a_bad_file_is_one_clear_error(bad, mission):
     with pytest.raises(ModelError) as caught:
         MissionFile.read(mission).diagram()
     said = str(caught.value).replace(str(mission.parent), "DIR")
-    assert re.fullmatch(re.escape(bad["message"]).replace(re.escape("..."), ".*"), said), said
+    assert re.fullmatch(
+        re.escape(bad["message"]).replace(re.escape("..."), ".*"), said
+    ), said

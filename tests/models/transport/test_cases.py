@@ -36,7 +36,9 @@ def flown(request):
         truss = getattr(SpaceTruss, plant)()
         diagram = transport_diagram(Mission.of_case(case), truss, **options)
         solver = "LSODA" if name == "pd" else "rk4"
-        simulator = Simulator(diagram, step=1e-3, solver=solver, log=logged(diagram), log_step=0.01)
+        simulator = Simulator(
+            diagram, step=1e-3, solver=solver, log=logged(diagram), log_step=0.01
+        )
         return simulator.run(request.param, progress=False)
 
     return fly
@@ -44,7 +46,10 @@ def flown(request):
 
 over_cases = pytest.mark.parametrize(
     ("name", "flown"),
-    [("case 1", 1.5), *(pytest.param(f"case {k}", 80.0, marks=pytest.mark.campaign) for k in (1, 2))],
+    [
+        ("case 1", 1.5),
+        *(pytest.param(f"case {k}", 80.0, marks=pytest.mark.campaign) for k in (1, 2)),
+    ],
     indirect=["flown"],
 )
 
@@ -56,7 +61,10 @@ def peak(result, name):
 @begun_and_whole
 @pytest.mark.parametrize(
     ("name", "position", "attitude", "torque"),
-    [("case 1", 1e-5, 2e-5, 0.3), pytest.param("case 2", 1e-5, 1e-5, 0.85, marks=pytest.mark.campaign)],
+    [
+        ("case 1", 1e-5, 2e-5, 0.3),
+        pytest.param("case 2", 1e-5, 1e-5, 0.85, marks=pytest.mark.campaign),
+    ],
 )
 def test_published_tracking_and_torque(flown, name, position, attitude, torque):
     """Errors stay small throughout, and base torques near the source's 0.25 and 0.8 N·m."""
@@ -93,7 +101,9 @@ def test_consistent_plant_tracks_better(flown, name):
     ours, published = flown(f"{name} consistent"), flown(name)
     for error in ("position_error", "attitude_error"):
         assert peak(ours, error) < peak(published, error)
-    assert peak(ours, "grasp_displacement") < 0.3 * peak(published, "grasp_displacement")
+    assert peak(ours, "grasp_displacement") < 0.3 * peak(
+        published, "grasp_displacement"
+    )
     assert peak(ours, "base_torque") < 1.25 * peak(published, "base_torque")
 
 
@@ -103,7 +113,8 @@ def test_consistent_plant_is_stable(flown, name):
     ours = flown(f"{name} consistent")
     late, moving = ours["time"].values > 70.0, ours["time"].values < 60.0
     rates = np.abs(ours["modal_rate"].values)
-    assert rates[late].max() < rates[moving].max()  # 0.5 % damping takes minutes, but it does not grow
+    # 0.5 % damping takes minutes, but it does not grow
+    assert rates[late].max() < rates[moving].max()
 
 
 @whole
@@ -122,7 +133,9 @@ def test_conventional_sliding_mode_is_worse_and_chatters(flown):
     steady = [peak(r.isel(time=late), "position_error") for r in (smc, ours)]
     assert steady[0] > 2 * steady[1]
 
-    jumps = [np.abs(np.diff(each["base_force"].values, axis=0)).max() for each in (smc, ours)]
+    jumps = [
+        np.abs(np.diff(each["base_force"].values, axis=0)).max() for each in (smc, ours)
+    ]
     assert jumps[0] > 100 * jumps[1]
 
 

@@ -52,16 +52,30 @@ def test_files_and_variables(tmp_path, capsys):
         assert np.isfinite(result["energy"].values).all()
         assert result.attrs["status"] == "complete"
         assert result.attrs["allocation"] == "published"
-        assert {"trussflow_version", "casadi_version", "parameters"} <= set(result.attrs)
+        assert {"trussflow_version", "casadi_version", "parameters"} <= set(
+            result.attrs
+        )
     summary = json.loads((tmp_path / "summary.json").read_text(encoding="utf-8"))
-    assert {f["name"] for f in summary["figures"]} >= {"peak position error", "peak base torque"}
-    assert sorted(p.suffix for p in tmp_path.iterdir()) == [".html", ".json", ".nc"] + [".png"] * 5
+    assert {f["name"] for f in summary["figures"]} >= {
+        "peak position error",
+        "peak base torque",
+    }
+    assert (
+        sorted(p.suffix for p in tmp_path.iterdir())
+        == [".html", ".json", ".nc"] + [".png"] * 5
+    )
     page, said = tmp_path / "index.html", capsys.readouterr().out
     *_, opened, figures = said.splitlines()  # the page is there before the figures
     assert f"open {page} in a browser" in opened
     assert f"written to {tmp_path}" in figures
     text = page.read_text(encoding="utf-8")
-    for part in ("Summary", "peak base torque", "Parameters", "paper, section 4.2 (L)", "Provenance"):
+    for part in (
+        "Summary",
+        "peak base torque",
+        "Parameters",
+        "paper, section 4.2 (L)",
+        "Provenance",
+    ):
         assert part in text
     assert "casadi_version</td>" in text
     assert f"--case 1 --duration 0.2 --output {tmp_path}" in text
@@ -69,7 +83,9 @@ def test_files_and_variables(tmp_path, capsys):
     assert "<h2>Diagram</h2><svg" in text
 
 
-@pytest.mark.parametrize("words", [["mission.toml", "--case", "1"], ["--case", "2", "mission.toml"]])
+@pytest.mark.parametrize(
+    "words", [["mission.toml", "--case", "1"], ["--case", "2", "mission.toml"]]
+)
 def test_mission_file_and_case_together_are_one_error(words, capsys):
     with pytest.raises(SystemExit) as caught:
         main(words)
@@ -81,7 +97,15 @@ def test_mission_file_and_case_together_are_one_error(words, capsys):
 @pytest.mark.usefixtures("undrawn")
 def test_plant_and_observer_are_options(tmp_path):
     """The consistent plant gets the allocation that suits it; without observer the estimate is zero."""
-    words = ["--plant", "consistent", "--no-observer", "--duration", "0.05", "--output", str(tmp_path)]
+    words = [
+        "--plant",
+        "consistent",
+        "--no-observer",
+        "--duration",
+        "0.05",
+        "--output",
+        str(tmp_path),
+    ]
     assert main(words) == 0
     with xr.open_dataset(tmp_path / "result.nc") as result:
         assert result.attrs["allocation"] == "mode-neutral"
@@ -96,8 +120,14 @@ def test_plant_and_observer_are_options(tmp_path):
         (["--duration", "nan"], "simulation: 'duration' is not finite: nan"),
         (["--step", "0"], "simulation: step is 0; it must be above 0"),
         (["--step", "inf"], "simulation: 'step' is not finite: inf"),
-        (["--case", "2", "--hardware", "flight"], "need at least 67.33 s for this path"),
-        (["--step", "0.003", "--duration", "1"], r"the duration of 1 s is not a whole number"),
+        (
+            ["--case", "2", "--hardware", "flight"],
+            "need at least 67.33 s for this path",
+        ),
+        (
+            ["--step", "0.003", "--duration", "1"],
+            r"the duration of 1 s is not a whole number",
+        ),
     ],
 )
 def test_nonsense_is_one_clear_line(words, message, tmp_path, capsys):
@@ -109,8 +139,13 @@ def test_nonsense_is_one_clear_line(words, message, tmp_path, capsys):
 
 
 def test_a_path_too_fast_for_the_actuators_is_run_if_asked_for(capsys):
-    assert main(["--case", "2", "--hardware", "flight", "--infeasible", "--explain"]) == 0
-    assert "need at least 67.33 s for the path, which takes 60 s" in capsys.readouterr().out
+    assert (
+        main(["--case", "2", "--hardware", "flight", "--infeasible", "--explain"]) == 0
+    )
+    assert (
+        "need at least 67.33 s for the path, which takes 60 s"
+        in capsys.readouterr().out
+    )
 
 
 def test_unwritable_output_is_found_before_anything_runs(tmp_path, capsys):
@@ -122,7 +157,16 @@ def test_unwritable_output_is_found_before_anything_runs(tmp_path, capsys):
 @pytest.mark.usefixtures("undrawn")
 def test_divergence_keeps_what_was_logged(tmp_path, capsys):
     """A step far beyond the stability limit: one message, and the log up to the end."""
-    words = ["--controller", "pd", "--solver", "rk4", "--duration", "1", "--output", str(tmp_path)]
+    words = [
+        "--controller",
+        "pd",
+        "--solver",
+        "rk4",
+        "--duration",
+        "1",
+        "--output",
+        str(tmp_path),
+    ]
     assert main(words) == 1
     assert "stopped being finite at t =" in capsys.readouterr().err
     with xr.open_dataset(tmp_path / "result.nc") as result:
@@ -132,9 +176,18 @@ def test_divergence_keeps_what_was_logged(tmp_path, capsys):
 
 @pytest.mark.campaign
 def test_interrupt_keeps_what_was_logged(tmp_path):
-    words = ["trussflow.models.transport", "--duration", "10000", "--output", str(tmp_path)]
+    words = [
+        "trussflow.models.transport",
+        "--duration",
+        "10000",
+        "--output",
+        str(tmp_path),
+    ]
     process = subprocess.Popen(
-        [sys.executable, "-m", *words], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+        [sys.executable, "-m", *words],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
     )
     assert process.stderr is not None
     while "real time" not in process.stderr.read(1) + process.stderr.readline():

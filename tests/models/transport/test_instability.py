@@ -27,7 +27,9 @@ def modal_rate(bandwidth, allocation, duration):
         switching_gain=0.0,
         observer_bandwidth=bandwidth or 1.0,
     )
-    diagram = transport_diagram(mission, truss, observer=bandwidth is not None, allocation=allocation)
+    diagram = transport_diagram(
+        mission, truss, observer=bandwidth is not None, allocation=allocation
+    )
     start = np.zeros(truss.n)
     start[truss.rigid :] = 1e-8
     simulator = Simulator(diagram, step=1e-3, log=["truss.modal_rate"])
@@ -35,7 +37,8 @@ def modal_rate(bandwidth, allocation, duration):
 
 
 @pytest.mark.parametrize(
-    "bandwidth", [4.0, *(pytest.param(each, marks=pytest.mark.campaign) for each in (None, 2.0))]
+    "bandwidth",
+    [4.0, *(pytest.param(each, marks=pytest.mark.campaign) for each in (None, 2.0))],
 )
 def test_published_allocation_grows_at_the_rate_of_the_linear_poles(bandwidth):
     """Fitted to the size of the modal rates over the second half of the run."""
@@ -50,10 +53,14 @@ def test_published_allocation_grows_at_the_rate_of_the_linear_poles(bandwidth):
     assert rate == pytest.approx(expected, rel=0.05)
 
 
-@pytest.mark.parametrize("duration", [1.0, pytest.param(10.0, marks=pytest.mark.campaign)])
+@pytest.mark.parametrize(
+    "duration", [1.0, pytest.param(10.0, marks=pytest.mark.campaign)]
+)
 def test_mode_neutral_allocation_does_not_grow(duration):
     """The same loop with feedback allocated so that it does no work on the modes."""
-    size = np.abs(modal_rate(4.0, "mode-neutral", duration)["truss.modal_rate"].values).max(axis=1)
+    size = np.abs(
+        modal_rate(4.0, "mode-neutral", duration)["truss.modal_rate"].values
+    ).max(axis=1)
     assert (
         size[-len(size) // 4 :].max() < 1.1 * size[: len(size) // 4].max()
     )  # undamped modes keep their size

@@ -16,7 +16,9 @@ from trussflow.models.transport import MissionFile
 FeModel = pytest.importorskip("Pynite", reason="Pynite makes the matrices").FEModel3D
 
 # A tetrahedron of rods with a mast at its top.
-POSITIONS = np.array([[0, 0, 0], [2, 0, 0], [1, 2, 0], [1, 0.7, 1.5], [1, 0.7, 4.0]], dtype=float)
+POSITIONS = np.array(
+    [[0, 0, 0], [2, 0, 0], [1, 2, 0], [1, 0.7, 1.5], [1, 0.7, 4.0]], dtype=float
+)
 ENDS = [(0, 1), (1, 2), (2, 0), (0, 3), (1, 3), (2, 3), (3, 4)]
 FILES = "mass", "stiffness", "positions"
 MASSES = [20.0, 20.0, 30.0, 10.0, 15.0]  # kg
@@ -93,8 +95,12 @@ def frequencies(matrices):
     """Return those of the free body [Hz], the rotations that have no mass condensed."""
     mass, stiffness = (matrices[name].toarray() for name in ("mass", "stiffness"))
     heavy = np.diagonal(mass) > 0.0
-    flexibility = np.linalg.solve(stiffness[np.ix_(~heavy, ~heavy)], stiffness[np.ix_(~heavy, heavy)])
-    held = stiffness[np.ix_(heavy, heavy)] - stiffness[np.ix_(heavy, ~heavy)] @ flexibility
+    flexibility = np.linalg.solve(
+        stiffness[np.ix_(~heavy, ~heavy)], stiffness[np.ix_(~heavy, heavy)]
+    )
+    held = (
+        stiffness[np.ix_(heavy, heavy)] - stiffness[np.ix_(heavy, ~heavy)] @ flexibility
+    )
     roots = 1.0 / np.sqrt(np.diagonal(mass)[heavy])
     found = np.sort(np.linalg.eigvalsh(held * np.outer(roots, roots)))
     return np.asarray(np.sqrt(found[6:]) / (2.0 * np.pi))
@@ -111,11 +117,16 @@ def test_matrices_of_another_program_are_a_mission(tmp_path, kind, matrices):
     assert len(flown.rods) == len(ENDS)
 
 
-@pytest.mark.parametrize("duration", [0.1, pytest.param(2.0, marks=pytest.mark.campaign)])
+@pytest.mark.parametrize(
+    "duration", [0.1, pytest.param(2.0, marks=pytest.mark.campaign)]
+)
 def test_such_a_mission_runs(tmp_path, matrices, duration):
     flown = MissionFile.read(mission(tmp_path, written(tmp_path, "npz", matrices)))
     run = flown.simulator(flown.diagram()).run(duration, progress=False)
-    assert max(np.abs(run[f"{name}_error"]).max() for name in ("position", "attitude")) < 1.5e-4
+    assert (
+        max(np.abs(run[f"{name}_error"]).max() for name in ("position", "attitude"))
+        < 1.5e-4
+    )
 
 
 @pytest.mark.parametrize(
@@ -124,11 +135,31 @@ def test_such_a_mission_runs(tmp_path, matrices, duration):
         ("mass", "M.mtx", "mission.toml, structure: 'mass' is refused: "),
         ("mass", "other.npz", "array in other.npz: 'mass'; choose from: M"),
         ("mass", None, "has no 'mass'"),
-        ("stiffness", "broken.npz", "mission.toml, structure: 'stiffness' is refused: "),
-        ("mass", "huge.npz", "the mass matrix cannot be read from .*it needs more memory than there is"),
-        ("mass", "huge.npy", "the mass matrix cannot be read from .*mmap length is greater than file size"),
-        ("mass", "huge.mtx", "too short for the 10,000,000,000 entries that it declares"),
-        ("positions", "wide.mtx", r"positions has shape \(1000000000, 1000000000\), more than 10,000,000 el"),
+        (
+            "stiffness",
+            "broken.npz",
+            "mission.toml, structure: 'stiffness' is refused: ",
+        ),
+        (
+            "mass",
+            "huge.npz",
+            "the mass matrix cannot be read from .*it needs more memory than there is",
+        ),
+        (
+            "mass",
+            "huge.npy",
+            "the mass matrix cannot be read from .*mmap length is greater than file size",
+        ),
+        (
+            "mass",
+            "huge.mtx",
+            "too short for the 10,000,000,000 entries that it declares",
+        ),
+        (
+            "positions",
+            "wide.mtx",
+            r"positions has shape \(1000000000, 1000000000\), more than 10,000,000 el",
+        ),
         ("positions", "two.npy", r"positions has shape \(5, 2\)"),
         ("positions", "nodes.csv", "for files '.csv'; choose from: .mtx, .npz, .npy"),
     ],
@@ -142,9 +173,13 @@ def test_what_cannot_be_a_structure_is_said(tmp_path, matrices, key, name, messa
     (tmp_path / "huge.npy").write_bytes(head.getvalue())
     with ZipFile(tmp_path / "huge.npz", "w") as archive:
         archive.writestr("mass.npy", head.getvalue())
-    (tmp_path / "huge.mtx").write_text("%%MatrixMarket matrix array real general\n100000 100000\n1\n")
+    (tmp_path / "huge.mtx").write_text(
+        "%%MatrixMarket matrix array real general\n100000 100000\n1\n"
+    )
     sizes = "1000000000 1000000000 1\n1 1 1.0\n"
-    (tmp_path / "wide.mtx").write_text(f"%%MatrixMarket matrix coordinate real general\n{sizes}")
+    (tmp_path / "wide.mtx").write_text(
+        f"%%MatrixMarket matrix coordinate real general\n{sizes}"
+    )
     np.save(tmp_path / "two.npy", POSITIONS[:, :2])
     files = written(tmp_path, "mtx", matrices) | {key: name}
     if name is None:

@@ -18,10 +18,20 @@ def test_flight_behind_hardware():
     source's law is metres off within a second, and without the torques that hold the arms they buckle.
     """
     truss = SpaceTruss.consistent()
-    diagram = mean_axes_transport(Mission.of_case(1), truss, hardware=Hardware.flight(), seed=1)
-    ports = [truss.task_position, diagram.blocks["trajectory"].port("position"), truss.base_torque]
-    result = Simulator(diagram, step=2e-3, log=ports, log_step=0.02).run(12.0, progress=False)
-    error = np.abs(result["truss.task_position"].values - result["trajectory.position"].values)
+    diagram = mean_axes_transport(
+        Mission.of_case(1), truss, hardware=Hardware.flight(), seed=1
+    )
+    ports = [
+        truss.task_position,
+        diagram.blocks["trajectory"].port("position"),
+        truss.base_torque,
+    ]
+    result = Simulator(diagram, step=2e-3, log=ports, log_step=0.02).run(
+        12.0, progress=False
+    )
+    error = np.abs(
+        result["truss.task_position"].values - result["trajectory.position"].values
+    )
     assert error[:, :6].max() < 3e-4
     assert error[:, 6:].max() < 0.05
     assert np.abs(result["truss.base_torque"]).max() < 0.2
@@ -31,5 +41,7 @@ def test_hardware_that_does_not_fit():
     mission = Mission.of_case(1)
     flight = Hardware.flight()
     for hardware in (replace(flight, sample_time=0.01), replace(flight, delay=0.0)):
-        with pytest.raises(ModelError, match="the sample times must be equal, and the delay not less"):
+        with pytest.raises(
+            ModelError, match="the sample times must be equal, and the delay not less"
+        ):
             mean_axes_transport(mission, SpaceTruss.consistent(), hardware=hardware)

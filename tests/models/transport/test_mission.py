@@ -30,7 +30,11 @@ def test_weights():
     ("case", "options", "message"),
     [
         (3, {}, "no transport case 3; choose from: 1, 2"),
-        (1, {"allocation": "lp"}, "no allocation 'lp'; choose from: published, mode-neutral"),
+        (
+            1,
+            {"allocation": "lp"},
+            "no allocation 'lp'; choose from: published, mode-neutral",
+        ),
         (1, {"controller": "lqr"}, "no controller 'lqr'; choose from: ismc, smc, pd"),
     ],
 )

@@ -31,17 +31,26 @@ def test_missions_of_the_source_are_files(case):
     flown, mission = MissionFile.of_case(case), Mission.of_case(case)
     assert flown.mission.case == case
     assert repr(flown.mission) == repr(mission)
-    assert (flown.law, flown.solver, flown.duration, flown.hardware) == ("ismc", "rk4", 80.0, None)
+    assert (flown.law, flown.solver, flown.duration, flown.hardware) == (
+        "ismc",
+        "rk4",
+        80.0,
+        None,
+    )
     assert not flown.truss.modal_actuation
 
 
 def test_a_new_mission_is_read_and_wired(tmp_path):
-    flown = MissionFile.read(written(tmp_path, ('"5 N"', '"4 N"'), ('"40 s"', '"0.6 min"')))
+    flown = MissionFile.read(
+        written(tmp_path, ('"5 N"', '"4 N"'), ('"40 s"', '"0.6 min"'))
+    )
     assert flown.mission.case is None
     assert flown.mission.attitude[2] == pytest.approx(np.deg2rad(10.0), rel=1e-15)
     assert flown.mission.duration == pytest.approx(36.0, rel=1e-15)
     assert flown.hardware is not None
-    assert flown.hardware.limits(flown.truss)[:6] == pytest.approx([4.0] * 3 + [0.3] * 3, rel=1e-12)
+    assert flown.hardware.limits(flown.truss)[:6] == pytest.approx(
+        [4.0] * 3 + [0.3] * 3, rel=1e-12
+    )
     assert {"actuators", "sensors", "controller"} <= set(flown.diagram().blocks)
     said = {told.key: (told.value, told.place) for told in flown.told}
     assert said["thrusters.maximum"] == ("4 N", "mission.toml")
@@ -58,10 +67,14 @@ def test_a_quaternion_is_asked_for_in_the_file(tmp_path):
     half = np.sqrt(0.5)
     q = flown.truss.parameters["initial_coordinates"]
     assert np.abs(q[3:7] - [half, 0.0, 0.0, half]).max() < 1e-15
-    assert flown.diagram().blocks["trajectory"].port("position").whole_shape == (flown.truss.rigid_q,)
+    assert flown.diagram().blocks["trajectory"].port("position").whole_shape == (
+        flown.truss.rigid_q,
+    )
     assert flown.said("structure.attitude") == "quaternion"
     path.write_text(path.read_text().replace('"quaternion"', '"quaternions"'))
-    with pytest.raises(ModelError, match="'attitude' is 'quaternions'; choose from: euler, quaternion"):
+    with pytest.raises(
+        ModelError, match="'attitude' is 'quaternions'; choose from: euler, quaternion"
+    ):
         MissionFile.read(path)
 
 
@@ -71,21 +84,30 @@ def test_what_is_assumed_is_told(tmp_path):
     assert "The actuators need at least 30." in text
     assert "for the path, which takes 40 s" in text
     assert "Only" not in text
-    brief = MissionFile.read(written(tmp_path, ('duration = "60 s"', 'duration = "25 s"')))
-    assert "which takes 40 s. Only 25 s are simulated, by simulation.duration." in brief.explained()
+    brief = MissionFile.read(
+        written(tmp_path, ('duration = "60 s"', 'duration = "25 s"'))
+    )
+    assert (
+        "which takes 40 s. Only 25 s are simulated, by simulation.duration."
+        in brief.explained()
+    )
 
 
 def test_what_no_picture_will_show_is_told(boom):
     arm = boom.parent / "arm.urdf"
     look = '<visual><geometry><mesh filename="hand.dae"/></geometry></visual>'
-    arm.write_text(arm.read_text().replace('<link name="hand">', f'<link name="hand">{look}'))
+    arm.write_text(
+        arm.read_text().replace('<link name="hand">', f'<link name="hand">{look}')
+    )
     text = MissionFile.read(boom).explained()
     assert text.endswith("omits hand.dae, which is none of .stl, .obj.")
     assert text.count("omits") == 1
 
 
 def test_settings_count_more_than_the_file(tmp_path):
-    flown = MissionFile.read(written(tmp_path), controller={"law": "pd"}, hardware={"kind": "none"})
+    flown = MissionFile.read(
+        written(tmp_path), controller={"law": "pd"}, hardware={"kind": "none"}
+    )
     assert (flown.law, flown.hardware) == ("pd", None)
     tables = {told.key.split(".")[0] for told in flown.told}
     assert tables == {*TABLES, "proportional_derivative", "allocation"}
@@ -95,16 +117,29 @@ def test_settings_count_more_than_the_file(tmp_path):
     ("settings", "used"),
     [
         ({"law": "mean axes"}, set()),
-        ({"law": "ismc"}, {"observer_bandwidth", "reaching_gain", "observer", "allocation"}),
-        ({"law": "ismc", "observer": "off"}, {"reaching_gain", "observer", "allocation"}),
+        (
+            {"law": "ismc"},
+            {"observer_bandwidth", "reaching_gain", "observer", "allocation"},
+        ),
+        (
+            {"law": "ismc", "observer": "off"},
+            {"reaching_gain", "observer", "allocation"},
+        ),
         ({"law": "smc"}, {"observer", "allocation"}),
-        ({"law": "smc", "observer": "on"}, {"observer_bandwidth", "observer", "allocation"}),
+        (
+            {"law": "smc", "observer": "on"},
+            {"observer_bandwidth", "observer", "allocation"},
+        ),
     ],
 )
 def test_gains_of_other_laws_are_not_told(tmp_path, settings, used):
     flown = MissionFile.read(written(tmp_path), controller=settings)
-    assert {t.key.split(".")[1] for t in flown.told if t.key.startswith("controller.")} == {"law", *used}
-    assert any(t.key.startswith("mean_axes.") for t in flown.told) == (settings["law"] == "mean axes")
+    assert {
+        t.key.split(".")[1] for t in flown.told if t.key.startswith("controller.")
+    } == {"law", *used}
+    assert any(t.key.startswith("mean_axes.") for t in flown.told) == (
+        settings["law"] == "mean axes"
+    )
 
 
 def test_files_extend_others(tmp_path):
@@ -117,7 +152,9 @@ def test_files_extend_others(tmp_path):
     assert (flown.title, flown.mission.duration) == ("slow", 90.0)
     assert_array_equal(flown.mission.position, [6.0, 6.0, 0.0])
     (tmp_path / "mine.toml").write_text('extends = "child.toml"\n', encoding="utf-8")
-    with pytest.raises(ModelError, match=r"child.toml: 'extends' is a cycle back to child.toml"):
+    with pytest.raises(
+        ModelError, match=r"child.toml: 'extends' is a cycle back to child.toml"
+    ):
         MissionFile.read(child)
 
 
@@ -180,7 +217,11 @@ torque = "0.2 N*m"
 def test_each_robot_has_a_table_of_its_own(boom):
     """A value left out is as for all robots."""
     (boom.parent / "walker.urdf").write_bytes((EXAMPLES / "walker.urdf").read_bytes())
-    boom.write_text(BOOM.replace('arm = "arm.urdf"\nhand = "hand"\nbase = "base"\n[[robots]]\n', OWN))
+    boom.write_text(
+        BOOM.replace(
+            'arm = "arm.urdf"\nhand = "hand"\nbase = "base"\n[[robots]]\n', OWN
+        )
+    )
     flown = MissionFile.read(boom, hardware={"kind": "flight"})
     walker, literal = flown.truss.dynamics.arms
     held = RobotArm.from_urdf(
@@ -194,14 +235,22 @@ def test_each_robot_has_a_table_of_its_own(boom):
     assert literal.same_as(RobotArm.literal())
     limits = flown.hardware.limits(flown.truss)
     bases, joints = limits[:12].reshape(2, 2, 3), limits[12:]
-    assert bases == pytest.approx(np.repeat([[[9.0], [0.3]], [[5.0], [0.3]]], 3, axis=2), rel=1e-12)
-    assert joints == pytest.approx([0.2] * walker.joints + [0.3] * literal.joints, rel=1e-12)
+    assert bases == pytest.approx(
+        np.repeat([[[9.0], [0.3]], [[5.0], [0.3]]], 3, axis=2), rel=1e-12
+    )
+    assert joints == pytest.approx(
+        [0.2] * walker.joints + [0.3] * literal.joints, rel=1e-12
+    )
     actuators = flown.diagram().blocks["actuators"].blocks
-    assert [actuators[f"thrusters_{k}"].reach[0] for k in (1, 2)] == pytest.approx([9.0, 5.0], rel=1e-12)
+    assert [actuators[f"thrusters_{k}"].reach[0] for k in (1, 2)] == pytest.approx(
+        [9.0, 5.0], rel=1e-12
+    )
     assert flown.said("robots.arm") == "walker.urdf, literal"
     everywhere = MissionFile.read(boom, robots={"arm": "jaco"})
     assert everywhere.said("robots.arm") == "jaco, jaco"
-    boom.write_text(boom.read_text().replace('arm = "literal"', 'arm = "literal"\nbase = "tug"'))
+    boom.write_text(
+        boom.read_text().replace('arm = "literal"', 'arm = "literal"\nbase = "tug"')
+    )
     message = r"robots\[1\]: 'base' applies to a URDF file only, and the arm is 'literal'; omit it"
     with pytest.raises(ModelError, match=message):
         MissionFile.read(boom)
@@ -216,4 +265,6 @@ def test_a_structure_and_robots_of_files(boom):
     assert (modes.damping_ratios == 0.005).all()
     lengths = np.linalg.norm(np.diff(modes.positions[flown.rods], axis=1), axis=2)
     assert lengths.min() > 0.1
-    assert {"trajectory", "controller", "truss", "errors"} == set(flown.diagram().blocks)
+    assert {"trajectory", "controller", "truss", "errors"} == set(
+        flown.diagram().blocks
+    )

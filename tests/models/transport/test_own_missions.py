@@ -24,7 +24,9 @@ ROOT_TOLERANCE = 1.5e-4  # m, rad
 MOMENTUM_TOLERANCE = 1e-5
 
 
-OTHERS = (pytest.param(name, marks=pytest.mark.campaign) for name in ("antenna", "ring"))
+OTHERS = (
+    pytest.param(name, marks=pytest.mark.campaign) for name in ("antenna", "ring")
+)
 
 
 @pytest.fixture(scope="module", params=["boom", *OTHERS])
@@ -76,7 +78,11 @@ def test_momentum_comes_from_thrusters_and_wheels_alone(mission, run):
 
 
 def test_the_root_stays_on_its_path(mission, run):
-    names = ["position_error", "attitude_error", *["joint_error"] * bool(mission.truss.joints)]
+    names = [
+        "position_error",
+        "attitude_error",
+        *["joint_error"] * bool(mission.truss.joints),
+    ]
     errors = [run[name].values for name in names]
     assert np.abs(np.hstack(errors)).max() < ROOT_TOLERANCE
 
@@ -93,8 +99,13 @@ def test_beyond_linear_elasticity_there_is_a_warning(mission, run):
     modes = mission.truss.dynamics.modes
     assert check_run(run, mission.truss).attrs["deflection"] < 1e-3
     first = np.eye(modes.modes)[:1]
-    bent = run.assign(modal_coordinate=run["modal_coordinate"] + 0.15 * first[0] / modes.deflection(first))
-    with pytest.warns(SimulationWarning, match=r"bends by 0\.15 of its size or rad; above 0\.1") as warnings:
+    bent = run.assign(
+        modal_coordinate=run["modal_coordinate"]
+        + 0.15 * first[0] / modes.deflection(first)
+    )
+    with pytest.warns(
+        SimulationWarning, match=r"bends by 0\.15 of its size or rad; above 0\.1"
+    ) as warnings:
         found = check_run(bent, mission.truss)
     assert len(warnings) == 1
     assert found.attrs["deflection"] == pytest.approx(0.15, rel=0.01)
@@ -109,7 +120,9 @@ def test_joints_that_leave_their_way_are_named(mission, run):
     beyond = run["joint_angle"].copy()
     beyond[-1, k] = ends[k] + 0.25
     unit = mission.truss.task_units[6 + k]
-    message = rf"joint '{joints[k].name}' of robot \d moves 0\.25 {unit} beyond its limits"
+    message = (
+        rf"joint '{joints[k].name}' of robot \d moves 0\.25 {unit} beyond its limits"
+    )
     with pytest.warns(SimulationWarning, match=message):
         check_run(run.assign(joint_angle=beyond), mission.truss)
 
@@ -126,7 +139,9 @@ def test_the_boom_follows_the_fastest_path_of_half_its_strength():
     for shaped in (False, True):
         boom = MissionFile.read(EXAMPLES / "boom_mission.toml")
         truss = boom.truss
-        half = actuator_limits(truss.dynamics, force=2.5, base_torque=0.15, joint_torque=0.15)
+        half = actuator_limits(
+            truss.dynamics, force=2.5, base_torque=0.15, joint_torque=0.15
+        )
         way = [[0, 0, 0, 0, 0, 0], [0, 0, 0.5, 0, 0, 0], [0, 0.3, 1, 0, 0, 0]]
         path: Trajectory = fastest(truss, truss.dynamics.rest[:6] + np.array(way), half)
         assert isinstance(path, FastestPath)

@@ -20,10 +20,20 @@ def test_plant_responds_as_its_linear_model():
     diagram = Diagram("plant")
     truss = diagram.add(truss=SpaceTruss.consistent())
     diagram.expose(actuation=truss.actuation)
-    force, outputs = "truss.actuation[20]", ["truss.modal_coordinate", "truss.grasp_displacement"]
+    force, outputs = (
+        "truss.actuation[20]",
+        ["truss.modal_coordinate", "truss.grasp_displacement"],
+    )
     model = linearize(diagram, [force], outputs)
     found = estimated_response(
-        diagram, force, outputs, omega=OMEGA, amplitude=FORCE, step=2e-3, cycles=3, realizations=1
+        diagram,
+        force,
+        outputs,
+        omega=OMEGA,
+        amplitude=FORCE,
+        step=2e-3,
+        cycles=3,
+        realizations=1,
     )
     expected = model(1j * found.omega, squeeze=False)
     moving = np.abs(expected).max(axis=2) > 0  # the root does not move
@@ -39,8 +49,15 @@ def test_loop_responds_as_its_describing_functions():
     diagram = transport_diagram(mission, SpaceTruss.consistent())
     ends = "controller.reference_position[2]", "truss.task_position[2]"
     omega = np.array([2.0, 2.5, 3.0, 3.5, 4.0, 5.0, 6.0, 8.0, 10.0, 12.0])
-    settings = {"amplitude": 0.01, "step": 1e-3, "cycles": 3, "tolerance": 3e-3, "realizations": 1}
-    found = [estimated_response(diagram, *ends, omega=[w], **settings) for w in omega]  # one sine at a time
+    settings = {
+        "amplitude": 0.01,
+        "step": 1e-3,
+        "cycles": 3,
+        "tolerance": 3e-3,
+        "realizations": 1,
+    }
+    # one sine at a time
+    found = [estimated_response(diagram, *ends, omega=[w], **settings) for w in omega]
     moved = np.concatenate([one.omega for one in found])
     expected = frequency_response(diagram, *ends, omega=moved, amplitude=0.01)
     ratio = np.ravel([one.complex for one in found]) / np.ravel(expected.complex)

@@ -46,12 +46,18 @@ def flights(truss, hardware, *missions):
     return found
 
 
-@pytest.mark.parametrize("duration", [4.0, pytest.param(10.0, marks=pytest.mark.campaign)])
+@pytest.mark.parametrize(
+    "duration", [4.0, pytest.param(10.0, marks=pytest.mark.campaign)]
+)
 def test_small_turns_are_flown_as_with_euler_angles(truss, duration):
     """What differs is of second order: half the turn, a quarter of the difference."""
     missions = [mission(s * np.array([0.04, -0.06, 0.1]), duration) for s in (1.0, 0.5)]
     hardware, ours = Hardware.exact(0.02, 0.02), truss.with_quaternion()
-    pairs = zip(flights(truss, hardware, *missions), flights(ours, hardware, *missions), strict=True)
+    pairs = zip(
+        flights(truss, hardware, *missions),
+        flights(ours, hardware, *missions),
+        strict=True,
+    )
     off = []
     for euler, numbers in pairs:
         errors = euler["attitude_error"].values
@@ -83,11 +89,20 @@ def test_the_paper_s_truss_slews_by_a_third_of_a_circle():
     """
     truss = SpaceTruss.consistent().with_quaternion()
     turn = np.deg2rad([120.0, 0.0, 0.0])
-    way = replace(Mission.of_case(1), position=np.array([0.0, 0.0, 2.0]), attitude=turn, duration=100.0)
-    diagram = mean_axes_transport(way, truss, hardware=replace(Hardware.flight(), gyroscopic="cancelled"))
+    way = replace(
+        Mission.of_case(1),
+        position=np.array([0.0, 0.0, 2.0]),
+        attitude=turn,
+        duration=100.0,
+    )
+    diagram = mean_axes_transport(
+        way, truss, hardware=replace(Hardware.flight(), gyroscopic="cancelled")
+    )
     simulator = Simulator(diagram, step=2e-3, log=logged(diagram), log_step=LOG_STEP)
     found = simulator.run(110.0, progress=False)
-    angle = 2.0 * np.arctan2(found["attitude"].values[:, 1], found["attitude"].values[:, 0])
+    angle = 2.0 * np.arctan2(
+        found["attitude"].values[:, 1], found["attitude"].values[:, 0]
+    )
     assert angle[-1] == pytest.approx(turn[0], abs=ERROR_TOLERANCE)
     for name in ("position_error", "attitude_error"):
         assert np.abs(found[name]).max() < ERROR_TOLERANCE

@@ -17,7 +17,10 @@ def result(torque, *, estimate=0.0):
     disturbance[:, 0] = TIME
     return xr.Dataset(
         {
-            "position_error": (("time", "axis"), np.outer([3.0, 0.0, 0.0, -1.0], np.ones(3))),
+            "position_error": (
+                ("time", "axis"),
+                np.outer([3.0, 0.0, 0.0, -1.0], np.ones(3)),
+            ),
             "attitude_error": (("time", "angle"), vector),
             "joint_error": (("time", "joint"), joints),
             "base_force": (("time", "robot", "axis"), robots - shares),
@@ -42,7 +45,12 @@ def test_peak_and_final_values_are_the_largest_components_of_either_sign():
     assert found["peak position error"] == 3.0
     assert found["final position error"] == 1.0
     assert found["peak base torque"] == 0.25
-    assert [found[f"peak base force, Robot {i}"] for i in "1234"] == [2.0, 2.0, 0.0, 4.0]
+    assert [found[f"peak base force, Robot {i}"] for i in "1234"] == [
+        2.0,
+        2.0,
+        0.0,
+        4.0,
+    ]
 
 
 def test_the_estimation_error_is_the_norm_of_all_channels_of_an_observer():

@@ -16,11 +16,20 @@ from trussflow.models.transport import Mission, transport_diagram
 
 def simulator(hold, delay, plant="consistent"):
     truss = getattr(SpaceTruss, plant)()
-    diagram = transport_diagram(Mission.of_case(1), truss, hardware=Hardware.exact(hold, delay))
-    return Simulator(diagram, step=1e-3, log=["truss.task_position", "trajectory.position"], log_step=0.01)
+    diagram = transport_diagram(
+        Mission.of_case(1), truss, hardware=Hardware.exact(hold, delay)
+    )
+    return Simulator(
+        diagram,
+        step=1e-3,
+        log=["truss.task_position", "trajectory.position"],
+        log_step=0.01,
+    )
 
 
-@pytest.mark.parametrize("duration", [0.5, pytest.param(4.0, marks=pytest.mark.campaign)])
+@pytest.mark.parametrize(
+    "duration", [0.5, pytest.param(4.0, marks=pytest.mark.campaign)]
+)
 def test_it_runs_with_a_hold_of_1_ms(duration):
     result = simulator(1e-3, 0.0).run(duration, progress=False)
     error = result["truss.task_position"].values - result["trajectory.position"].values
@@ -28,7 +37,8 @@ def test_it_runs_with_a_hold_of_1_ms(duration):
 
 
 @pytest.mark.parametrize(
-    ("hold", "delay"), [(2e-3, 0.0), pytest.param(1e-3, 1e-3, marks=pytest.mark.campaign)]
+    ("hold", "delay"),
+    [(2e-3, 0.0), pytest.param(1e-3, 1e-3, marks=pytest.mark.campaign)],
 )
 def test_it_diverges_with_2_ms_of_hold_or_1_ms_of_delay(hold, delay):
     with pytest.raises(DivergenceError, match="stopped being finite"):
@@ -42,5 +52,7 @@ def test_it_diverges_with_2_ms_of_hold_or_1_ms_of_delay(hold, delay):
 )
 def test_joints_of_the_published_plant_run_off(hold, delay, least, most):
     result = simulator(hold, delay, "published").run(4.0, progress=False)
-    joints = np.abs(result["truss.task_position"].values - result["trajectory.position"].values)[:, 6:].max()
+    joints = np.abs(
+        result["truss.task_position"].values - result["trajectory.position"].values
+    )[:, 6:].max()
     assert least < joints < most

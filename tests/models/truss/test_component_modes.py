@@ -26,7 +26,9 @@ CONDENSED_AT = (np.inf, 100.0, 25.0)
 
 
 def component_modes(number, grasps, **options):
-    return reduced_modes(paper_structure(), number, list(grasps), clamped=CLAMPED_FACE, **options)
+    return reduced_modes(
+        paper_structure(), number, list(grasps), clamped=CLAMPED_FACE, **options
+    )
 
 
 @pytest.fixture(scope="module")
@@ -34,7 +36,9 @@ def flexibility():
     """Return motions per load of all grasps, from all finite elements, (24, 24); zero at the root."""
     held, structure = 6 * len(CLAMPED_FACE), paper_structure()
     stiffness = structure.stiffness.tocsc()[held:, held:]
-    nodes = np.array([nearest(structure.positions, grasp) for grasp in printed_grasps()[1:]])
+    nodes = np.array(
+        [nearest(structure.positions, grasp) for grasp in printed_grasps()[1:]]
+    )
     freedoms = (6 * nodes[:, None] - held + np.arange(6)).ravel()
     loads = np.zeros((stiffness.shape[0], len(freedoms)))
     loads[freedoms, np.arange(len(freedoms))] = 1.0
@@ -48,7 +52,9 @@ def flexibility():
 def test_deflection_under_loads_on_the_grasps_is_exact(flexibility, number, highest):
     """Whatever the number of modes, and however much is condensed."""
     modes = component_modes(number, printed_grasps(), highest_frequency=highest)
-    shapes = np.concatenate([modes.grasp_translations, modes.grasp_rotations], axis=1).reshape(24, -1)
+    shapes = np.concatenate(
+        [modes.grasp_translations, modes.grasp_rotations], axis=1
+    ).reshape(24, -1)
     found = shapes / modes.stiffness @ shapes.T
     scale = np.sqrt(np.outer(np.diag(flexibility), np.diag(flexibility)))
     assert np.max(np.abs(found - flexibility)[6:, 6:] / scale[6:, 6:]) < ROUND_OFF
@@ -86,7 +92,9 @@ def test_the_accurate_truss_extends_the_reconstructed_one(modes):
     assert np.array_equal(accurate.frequencies[:6], printed_frequencies())
     first = accurate.truncated(6)
     for name in ("shapes", "grasp_positions", "grasp_translations", "grasp_rotations"):
-        assert np.max(np.abs(getattr(first, name) - getattr(modes, name))) < SAME_MODEL, name
+        assert (
+            np.max(np.abs(getattr(first, name) - getattr(modes, name))) < SAME_MODEL
+        ), name
 
 
 def test_attachments_where_a_robot_can_pull():
@@ -104,10 +112,22 @@ def test_attachments_where_a_robot_can_pull():
             {"number_of_modes": 5},
             "cannot keep 5 modes: the accurate truss has at least the 6",
         ),
-        (accurate_modes, {"highest_frequency": 4.0}, "highest_frequency is 4.0 Hz, but mode 20 has 18.12 Hz"),
+        (
+            accurate_modes,
+            {"highest_frequency": 4.0},
+            "highest_frequency is 4.0 Hz, but mode 20 has 18.12 Hz",
+        ),
         (accurate_modes, {"highest_frequency": np.nan}, "highest_frequency is nan Hz"),
-        (accurate_modes, {"number_of_modes": 354}, "cannot compute 354 modes and 18 attachment shapes"),
-        (accurate_modes, {"number_of_modes": 350}, "cannot add attachment shapes to 350 modes"),
+        (
+            accurate_modes,
+            {"number_of_modes": 354},
+            "cannot compute 354 modes and 18 attachment shapes",
+        ),
+        (
+            accurate_modes,
+            {"number_of_modes": 350},
+            "cannot add attachment shapes to 350 modes",
+        ),
     ],
 )
 def test_errors(make, options, message):

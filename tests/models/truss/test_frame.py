@@ -62,9 +62,13 @@ def read(folder, text):
 
 def test_a_cantilever_bends_twists_and_stretches_as_in_the_handbook(tmp_path):
     """l^3 / 3 E I in the plane of `across` and out of it, l / G J, l / E A."""
-    structure = read(tmp_path, TEXT.replace("nodes = [3]", "nodes = [2, 3]")).structure()
+    structure = read(
+        tmp_path, TEXT.replace("nodes = [3]", "nodes = [2, 3]")
+    ).structure()
     modes = reduced_modes(structure, 0, [2, 3], clamped=[1])
-    shapes = np.concatenate([modes.grasp_translations, modes.grasp_rotations], axis=1).reshape(12, -1)
+    shapes = np.concatenate(
+        [modes.grasp_translations, modes.grasp_rotations], axis=1
+    ).reshape(12, -1)
     found = np.diag(shapes / modes.stiffness @ shapes.T)
     shear = 2e11 / 2.5
     expected = [2.0 / (2e11 * 1e-4), 8.0 / (3 * 2e11 * 2e-9), 8.0 / (3 * 2e11 * 1e-9)]
@@ -79,7 +83,9 @@ def test_mass_of_sections_and_bodies(tmp_path):
     structure = read(tmp_path, TEXT).structure()
     tube = pi / 4.0 * (0.02**2 - 0.016**2)
     flat, round_, body = 8000.0 * 1e-4 * 2.0, 8000.0 * tube, 2.0
-    assert structure.rigid_mass[0, 0] == pytest.approx(flat + round_ + body, rel=ROUND_OFF)
+    assert structure.rigid_mass[0, 0] == pytest.approx(
+        flat + round_ + body, rel=ROUND_OFF
+    )
     np.testing.assert_allclose(
         structure.centre,
         np.array([flat, round_ / 2.0 + body, 0.0]) / (flat + round_ + body),
@@ -94,11 +100,17 @@ def test_mass_of_sections_and_bodies(tmp_path):
 def test_the_boom_of_the_examples():
     boom = reduced_modes(Frame.from_file(BOOM).structure(), 6, [{1, 2, 3}, 14])
     assert (boom.modes, boom.grasps) == (18, 2)
-    np.testing.assert_allclose(boom.grasp_positions[0], [0.0, 0.0, 0.0], rtol=0, atol=1e-3)
+    np.testing.assert_allclose(
+        boom.grasp_positions[0], [0.0, 0.0, 0.0], rtol=0, atol=1e-3
+    )
 
 
 ERROR_CASES = [
-    ("[nodes]", "[nodes]\nunit = 'm'", "frame.toml, nodes: unknown key 'unit'; there are: positions"),
+    (
+        "[nodes]",
+        "[nodes]\nunit = 'm'",
+        "frame.toml, nodes: unknown key 'unit'; there are: positions",
+    ),
     ("[nodes]", "colour = 'grey'\n[nodes]", "frame.toml: unknown key 'colour'"),
     (
         "density =",
@@ -112,45 +124,109 @@ ERROR_CASES = [
     ),
     ("across =", "along =", r"frame.toml, members\[0\]: unknown key 'along'"),
     ("inertia =", "inertias =", r"frame.toml, masses\[0\]: unknown key 'inertias'"),
-    ('0.0]], unit = "m"', '0.0]], unit = "mm"', "'positions' is given in 'mm'; it must be in 'm'"),
+    (
+        '0.0]], unit = "m"',
+        '0.0]], unit = "mm"',
+        "'positions' is given in 'mm'; it must be in 'm'",
+    ),
     ('unit = "Pa", source = "test"', 'unit = "Pa"', "'youngs_modulus' has no 'source'"),
-    ("value = 2e11", "value = -2e11", "materials, steel: youngs_modulus is -2e.11; it must be above 0"),
-    ("value = 0.25", "value = 0.75", r"poissons_ratio is 0.75; it must be in \(-1, 0.5\]"),
+    (
+        "value = 2e11",
+        "value = -2e11",
+        "materials, steel: youngs_modulus is -2e.11; it must be above 0",
+    ),
+    (
+        "value = 0.25",
+        "value = 0.75",
+        r"poissons_ratio is 0.75; it must be in \(-1, 0.5\]",
+    ),
     ("value = 1e-4", "value = 0.0", "sections, flat: area is 0; it must be above 0"),
     ("[2e-9, 1e-9]", "[2e-9, -1e-9]", "second_moments is -1e-09; it must be above 0"),
-    ("value = 0.002", "value = 0.02", "diameter and wall must be above 0, and the wall at most the radius"),
+    (
+        "value = 0.002",
+        "value = 0.02",
+        "diameter and wall must be above 0, and the wall at most the radius",
+    ),
     (
         'material = "steel"',
         'material = "iron"',
         "no material for frame.toml, members.0.: 'iron'; choose from: steel",
     ),
-    ('section = "tube"', 'section = "rod"', "no section for .*members.1.: 'rod'; choose from: flat, tube"),
-    ("ends = [[1, 3]]", "ends = [[1, 4]]", "no node for frame.toml: member 1-4: 4; choose from: 1, 2, 3"),
+    (
+        'section = "tube"',
+        'section = "rod"',
+        "no section for .*members.1.: 'rod'; choose from: flat, tube",
+    ),
+    (
+        "ends = [[1, 3]]",
+        "ends = [[1, 4]]",
+        "no node for frame.toml: member 1-4: 4; choose from: 1, 2, 3",
+    ),
     ("ends = [[1, 3]]", "ends = [[3, 3]]", "member 3-3 has no length"),
-    ("ends = [[1, 3]]", "ends = [1, 3]", r"'ends' must be a list of pairs of numbers of nodes, got \[1, 3\]"),
-    ("ends = [[1, 3]]", "", "'ends' must be a list of pairs of numbers of nodes, got None"),
-    ("elements = 4", "elements = 3", "member 1-2 has 3 elements; it must be 1 or an even number"),
+    (
+        "ends = [[1, 3]]",
+        "ends = [1, 3]",
+        r"'ends' must be a list of pairs of numbers of nodes, got \[1, 3\]",
+    ),
+    (
+        "ends = [[1, 3]]",
+        "",
+        "'ends' must be a list of pairs of numbers of nodes, got None",
+    ),
+    (
+        "elements = 4",
+        "elements = 3",
+        "member 1-2 has 3 elements; it must be 1 or an even number",
+    ),
     ("elements = 4", "elements = 1002", "it must be 1 or an even number up to 1000"),
-    ("elements = 4", "elements = 4.0", "elements is 4.0; hinged must be true or false, elements a whole"),
+    (
+        "elements = 4",
+        "elements = 4.0",
+        "elements is 4.0; hinged must be true or false, elements a whole",
+    ),
     ("elements = 4", "elements = 4\nhinged = true", "hinged is True and elements is 4"),
-    ("across = [0.0, 1.0, 0.0]", "", "'across' is missing; a section with two different second moments"),
-    ("across = [0.0, 1.0, 0.0]", "across = [1.0, 0.0, 0.0]", "'across' is parallel to member 1-2"),
-    ("[0.0, 1.0, 0.0]], unit", "[2.0, 0.0, 0.0]], unit", "nodes 2 and 3 are at the same place"),
-    ("nodes = [3]", "nodes = [9]", "no node for a mass in frame.toml: 9; choose from: 1, 2, 3"),
+    (
+        "across = [0.0, 1.0, 0.0]",
+        "",
+        "'across' is missing; a section with two different second moments",
+    ),
+    (
+        "across = [0.0, 1.0, 0.0]",
+        "across = [1.0, 0.0, 0.0]",
+        "'across' is parallel to member 1-2",
+    ),
+    (
+        "[0.0, 1.0, 0.0]], unit",
+        "[2.0, 0.0, 0.0]], unit",
+        "nodes 2 and 3 are at the same place",
+    ),
+    (
+        "nodes = [3]",
+        "nodes = [9]",
+        "no node for a mass in frame.toml: 9; choose from: 1, 2, 3",
+    ),
     ("nodes = [3]", "nodes = 3", "'nodes' must be a list of numbers of nodes, got 3"),
-    ("value = 2.0, unit", "value = -2.0, unit", "mass on node 3: mass is -2; it must be above 0"),
+    (
+        "value = 2.0, unit",
+        "value = -2.0, unit",
+        "mass on node 3: mass is -2; it must be above 0",
+    ),
     ("0.0, 1.5]]", "0.0, 2.5]]", "no rigid body has the inertia of the mass on node 3"),
 ]
 
 
 def test_a_frame_without_members():
-    with pytest.raises(ModelError, match="frame: there are no members; a frame needs at least one"):
+    with pytest.raises(
+        ModelError, match="frame: there are no members; a frame needs at least one"
+    ):
         Frame(positions=np.eye(3), members=())
 
 
 def test_a_grasp_that_turns_no_mass(tmp_path):
     """The end of a thin rod, twisted."""
-    with pytest.raises(ModelError, match=r"too little mass; .* give rotational inertia to a node"):
+    with pytest.raises(
+        ModelError, match=r"too little mass; .* give rotational inertia to a node"
+    ):
         reduced_modes(read(tmp_path, TEXT).structure(), 0, [2], clamped=[1])
 
 

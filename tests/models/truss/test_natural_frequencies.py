@@ -19,7 +19,9 @@ SAME_MODEL = 1e-6
 ROUND_OFF = 1e-9
 SMALL = {"first_arm_modules": 1, "second_arm_modules": 1, "elements_per_longeron": 2}
 FACE, GRASPS = (1, 2, 3, 4), (5, 10)
-ANGLES = np.array([[0.3, 1.0, -0.5, 1.2, 0.4, -0.9, 0.2], [-0.7, 0.4, 1.1, -0.3, 0.8, 0.5, -1.2]])
+ANGLES = np.array(
+    [[0.3, 1.0, -0.5, 1.2, 0.4, -0.9, 0.2], [-0.7, 0.4, 1.1, -0.3, 0.8, 0.5, -1.2]]
+)
 SUPPORTS = {"free": {"rigid": FACE}, "clamped": {"clamped": FACE}}
 over_supports = pytest.mark.parametrize("support", SUPPORTS)
 
@@ -38,7 +40,10 @@ def arms():
 @pytest.fixture(scope="module")
 def bodies(arms):
     """Return two robots in bent postures at two corners, one of them at the far end."""
-    return {node: locked_inertia(arm, a) for node, arm, a in zip(GRASPS, arms, ANGLES, strict=True)}
+    return {
+        node: locked_inertia(arm, a)
+        for node, arm, a in zip(GRASPS, arms, ANGLES, strict=True)
+    }
 
 
 def test_clamped_truss_has_the_frequencies_of_pynite(small):
@@ -46,13 +51,19 @@ def test_clamped_truss_has_the_frequencies_of_pynite(small):
     mass = {10: np.diag([20.0, 20.0, 20.0, 0.0, 0.0, 0.0])}
     for point_masses, bodies in (((), None), ([(9, 20.0)], mass)):
         found = natural_frequencies(small, 8, bodies, clamped=FACE)
-        assert_allclose(found, pynite_modes(paper_frame(**SMALL), 8, point_masses)[0], rtol=SAME_MODEL)
+        assert_allclose(
+            found,
+            pynite_modes(paper_frame(**SMALL), 8, point_masses)[0],
+            rtol=SAME_MODEL,
+        )
 
 
 def test_free_frequencies_agree_with_a_dense_solver(small, bodies):
     """Nothing rigid: plain dense matrices of all freedoms, with tiny masses in the rotations."""
     structure = small
-    mass = structure.mass.toarray() + np.diag(np.tile([0, 0, 0, 1e-7, 1e-7, 1e-7], len(structure.nodes)))
+    mass = structure.mass.toarray() + np.diag(
+        np.tile([0, 0, 0, 1e-7, 1e-7, 1e-7], len(structure.nodes))
+    )
     for node, body in bodies.items():
         rows = slice(6 * node - 6, 6 * node)
         mass[rows, rows] += body
@@ -62,7 +73,9 @@ def test_free_frequencies_agree_with_a_dense_solver(small, bodies):
 
 
 @over_supports
-def test_modal_models_are_above_all_finite_elements_and_fall(small, arms, bodies, support):
+def test_modal_models_are_above_all_finite_elements_and_fall(
+    small, arms, bodies, support
+):
     """Rayleigh: constraints raise every frequency. Attachment shapes make the model exact, modes do not."""
     structure, clamped = small, support == "clamped"
     exact = natural_frequencies(structure, 6, bodies, **SUPPORTS[support])
@@ -70,10 +83,15 @@ def test_modal_models_are_above_all_finite_elements_and_fall(small, arms, bodies
 
     def errors(modes):
         dynamics = TrussDynamics(modes=modes, arms=arms, elastic_integrals=True)
-        return locked_frequencies(dynamics, np.ravel(ANGLES), clamped=clamped)[:6] / exact - 1.0
+        return (
+            locked_frequencies(dynamics, np.ravel(ANGLES), clamped=clamped)[:6] / exact
+            - 1.0
+        )
 
     def modes(count, *, attachments=False):
-        return reduced_modes(small, count, list(places), clamped=FACE, attachments=attachments)
+        return reduced_modes(
+            small, count, list(places), clamped=FACE, attachments=attachments
+        )
 
     few, many = errors(modes(12)), errors(modes(83))
     shapes = errors(modes(60, attachments=True))
@@ -82,7 +100,9 @@ def test_modal_models_are_above_all_finite_elements_and_fall(small, arms, bodies
     assert many.max() > 1e-3
     assert -SAME_MODEL < shapes.min() <= shapes.max() < 1e-5
     if not clamped:
-        assert np.all(natural_frequencies(structure, 6, bodies) < exact * (1.0 + ROUND_OFF))
+        assert np.all(
+            natural_frequencies(structure, 6, bodies) < exact * (1.0 + ROUND_OFF)
+        )
 
 
 @pytest.mark.campaign
@@ -93,7 +113,12 @@ def test_the_mesh_is_fine_enough(support):
     body = locked_inertia(arm, arm.rest_angles)
     corners = range(20, 24)
     found = [
-        natural_frequencies(paper_structure(**mesh), 6, dict.fromkeys(corners, body), **SUPPORTS[support])
+        natural_frequencies(
+            paper_structure(**mesh),
+            6,
+            dict.fromkeys(corners, body),
+            **SUPPORTS[support],
+        )
         for mesh in ({}, finer)
     ]
     assert_allclose(found[0], found[1], rtol=5e-4)
@@ -101,10 +126,16 @@ def test_the_mesh_is_fine_enough(support):
 
 def test_locked_frequencies_depend_on_the_posture_of_the_robots_alone(consistent, rng):
     angles = rng.uniform(-2.0, 2.0, 28)
-    first, turned = (locked_frequencies(consistent, a) for a in (angles, angles + 2 * np.pi))
+    first, turned = (
+        locked_frequencies(consistent, a) for a in (angles, angles + 2 * np.pi)
+    )
     assert_allclose(first, turned, rtol=ROUND_OFF)
     rest = np.concatenate([arm.rest_angles for arm in consistent.arms])
-    assert_allclose(locked_frequencies(consistent), locked_frequencies(consistent, rest), rtol=ROUND_OFF)
+    assert_allclose(
+        locked_frequencies(consistent),
+        locked_frequencies(consistent, rest),
+        rtol=ROUND_OFF,
+    )
     rigid = replace(consistent, modes=consistent.modes.rigid())
     with pytest.raises(ModelError, match="a truss without modes is rigid"):
         locked_frequencies(rigid)

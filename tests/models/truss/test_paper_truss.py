@@ -18,7 +18,9 @@ from trussflow.models.truss.paper_truss import (
     with_printed_frequencies,
 )
 
-REFERENCE = json.loads((Path(__file__).parents[1] / "data" / "truss_reference.json").read_text())
+REFERENCE = json.loads(
+    (Path(__file__).parents[1] / "data" / "truss_reference.json").read_text()
+)
 
 # Pynite gives massless freedoms a tiny mass, which moves shapes by about 1e-7.
 SAME_MODEL = 1e-6
@@ -28,7 +30,11 @@ SOLVER_REPEATABILITY = 1e-9
 
 def modes_of(count, grasps, **changes):
     return reduced_modes(
-        paper_structure(**changes), count, list(grasps), clamped=CLAMPED_FACE, attachments=False
+        paper_structure(**changes),
+        count,
+        list(grasps),
+        clamped=CLAMPED_FACE,
+        attachments=False,
     )
 
 
@@ -78,14 +84,21 @@ def test_simpson_masses_integrate_rods_exactly():
         assert masses.sum() == pytest.approx(frame_parameters()["mass"], rel=1e-13)
         spread = np.einsum("n,ni,nj->ij", masses, positions, positions)
         inertia = np.trace(spread) * np.eye(3) - spread
-        assert relative_error(masses @ positions, np.array(REFERENCE["static_moment_kg_m"])) < 1e-10
+        assert (
+            relative_error(
+                masses @ positions, np.array(REFERENCE["static_moment_kg_m"])
+            )
+            < 1e-10
+        )
         assert relative_error(inertia, np.array(REFERENCE["inertia_kg_m2"])) < 1e-10
 
 
 def test_shipped_modes_are_those_of_pynite_and_of_the_frame(fresh, modes):
     _, translations, rotations = pynite_modes(paper_frame(), 6)
     signs = np.sign(np.sum(translations * modes.shapes, axis=(0, 1)))
-    nodes = [np.argmin(np.linalg.norm(modes.positions - p, axis=1)) for p in printed_grasps()]
+    nodes = [
+        np.argmin(np.linalg.norm(modes.positions - p, axis=1)) for p in printed_grasps()
+    ]
     found = {
         "positions": fresh.positions,
         "masses": fresh.masses,
@@ -94,8 +107,12 @@ def test_shipped_modes_are_those_of_pynite_and_of_the_frame(fresh, modes):
         "grasp_rotations": rotations[nodes] * signs,
     }
     for name, values in found.items():
-        assert np.max(np.abs(values - getattr(modes, name))) < SOLVER_REPEATABILITY, name
-        assert np.max(np.abs(getattr(fresh, name) - getattr(modes, name))) < SAME_MODEL, name
+        assert np.max(np.abs(values - getattr(modes, name))) < SOLVER_REPEATABILITY, (
+            name
+        )
+        assert (
+            np.max(np.abs(getattr(fresh, name) - getattr(modes, name))) < SAME_MODEL
+        ), name
 
 
 def test_more_modes_have_the_printed_frequencies_first(modes):
@@ -112,10 +129,16 @@ def test_straight_cantilever_obeys_beam_theory():
     soft = modes_of(2, tip, **straight)
     stiff = modes_of(2, tip, **straight, youngs_modulus=4.0 * nominal["youngs_modulus"])
     heavy = modes_of(2, tip, **straight, mass=4.0 * nominal["mass"])
-    assert np.allclose(stiff.frequencies, 2.0 * soft.frequencies, rtol=SAME_MODEL, atol=0)
-    assert np.allclose(heavy.frequencies, 0.5 * soft.frequencies, rtol=SAME_MODEL, atol=0)
+    assert np.allclose(
+        stiff.frequencies, 2.0 * soft.frequencies, rtol=SAME_MODEL, atol=0
+    )
+    assert np.allclose(
+        heavy.frequencies, 0.5 * soft.frequencies, rtol=SAME_MODEL, atol=0
+    )
 
 
 def test_grasp_points_must_be_mesh_points():
-    with pytest.raises(ModelError, match=r"no mesh point at grasp point \[1.0, 0.0, 0.0\] m"):
+    with pytest.raises(
+        ModelError, match=r"no mesh point at grasp point \[1.0, 0.0, 0.0\] m"
+    ):
         modes_of(6, [[1.0, 0.0, 0.0]])

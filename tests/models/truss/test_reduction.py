@@ -22,12 +22,16 @@ from trussflow.models.truss.stiffness import assembled_stiffness
 
 # Of solutions with a stiffness whose condition takes some digits.
 ROUND_OFF = 1e-9
-TETRAHEDRON = np.array([[1.0, 1.0, 1.0], [1.0, -1.0, -1.0], [-1.0, 1.0, -1.0], [-1.0, -1.0, 1.0]])
+TETRAHEDRON = np.array(
+    [[1.0, 1.0, 1.0], [1.0, -1.0, -1.0], [-1.0, 1.0, -1.0], [-1.0, -1.0, 1.0]]
+)
 
 
 def beam(elements):
     """Return a beam of unit length, mass and bending stiffness, twice that in the other plane."""
-    positions, [chain], [lengths] = meshed(np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0]]), [(0, 1, elements)])
+    positions, [chain], [lengths] = meshed(
+        np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0]]), [(0, 1, elements)]
+    )
     rod = Rigidity(1e6, np.diag([0.0, 2.0, 1.0]), 1e3)
     masses = np.zeros(len(positions))
     masses[chain] = lengths
@@ -35,7 +39,9 @@ def beam(elements):
     blocks = np.outer(masses, [1.0, 1.0, 1.0, 2e-11, 1e-11, 1e-11]).ravel()
     ends = list(pairwise(chain))
     stiffness = assembled_stiffness(positions, ends, [rod] * elements)
-    return Structure.from_matrices(np.diag(blocks), stiffness, positions, units=("m", "kg", "s"))
+    return Structure.from_matrices(
+        np.diag(blocks), stiffness, positions, units=("m", "kg", "s")
+    )
 
 
 def pinned(positions):
@@ -44,7 +50,9 @@ def pinned(positions):
     lengths = [float(np.linalg.norm(positions[i] - positions[j])) for i, j in pairs]
     share = 2.0 / (len(positions) - 1)
     members = [
-        FrameMember(i + 1, j + 1, 1, Rigidity(length, np.zeros((3, 3)), 0.0), share / length)
+        FrameMember(
+            i + 1, j + 1, 1, Rigidity(length, np.zeros((3, 3)), 0.0), share / length
+        )
         for (i, j), length in zip(pairs, lengths, strict=True)
     ]
     return Frame(positions=positions, members=tuple(members)).structure()
@@ -55,11 +63,35 @@ def frame():
     """Return a crooked frame without any symmetry."""
     rng = np.random.default_rng(4)
     positions = np.array(
-        [[0.0, 0, 0], [1, 0, 0.2], [1.2, 1, 0], [0, 1.1, 0.5], [0.5, 0.4, 1.3], [2.0, 0.3, 1.0]]
+        [
+            [0.0, 0, 0],
+            [1, 0, 0.2],
+            [1.2, 1, 0],
+            [0, 1.1, 0.5],
+            [0.5, 0.4, 1.3],
+            [2.0, 0.3, 1.0],
+        ]
     )
-    pairs = [(1, 2), (2, 3), (3, 4), (4, 1), (1, 5), (2, 5), (3, 5), (4, 5), (5, 6), (2, 6)]
+    pairs = [
+        (1, 2),
+        (2, 3),
+        (3, 4),
+        (4, 1),
+        (1, 5),
+        (2, 5),
+        (3, 5),
+        (4, 5),
+        (5, 6),
+        (2, 6),
+    ]
     members = [
-        FrameMember(a, b, 2, Rigidity(1e6, np.diag(rng.uniform(50.0, 90.0, 3)), 40.0), rng.uniform(1.0, 2.0))
+        FrameMember(
+            a,
+            b,
+            2,
+            Rigidity(1e6, np.diag(rng.uniform(50.0, 90.0, 3)), 40.0),
+            rng.uniform(1.0, 2.0),
+        )
         for a, b in pairs
     ]
     return Frame(positions=positions, members=tuple(members)).structure()
@@ -70,7 +102,10 @@ def test_free_beam_converges_to_euler_and_bernoulli():
     roots = np.array([4.730040744862704, 7.853204624095838])
     exact = np.sort(np.outer([1.0, np.sqrt(2.0)], roots**2).ravel()) / (2.0 * np.pi)
     meshes = np.array([48, 60, 72, 84, 96])
-    errors = [np.abs(reduced_modes(beam(n), 4, []).frequencies[:4] / exact - 1.0) for n in meshes]
+    errors = [
+        np.abs(reduced_modes(beam(n), 4, []).frequencies[:4] / exact - 1.0)
+        for n in meshes
+    ]
     slopes = np.diff(np.log(errors), axis=0) / np.diff(np.log(meshes))[:, None]
     assert np.all(np.abs(slopes + 4.0) < 0.1), slopes
     assert np.max(errors[-1]) < 1e-6
@@ -96,24 +131,40 @@ def test_deflection_under_loads_on_the_grasps_is_exact(frame, clamped, number):
     """Of a floating body: what it gives way beyond the rigid motion that the load makes of it."""
     grasps = [6, {2, 3, 5}, (1.2, 1.0, 0.0)]
     modes = reduced_modes(frame, number, grasps, clamped=clamped)
-    shapes = np.hstack([modes.grasp_translations, modes.grasp_rotations]).reshape(18, -1)
+    shapes = np.hstack([modes.grasp_translations, modes.grasp_rotations]).reshape(
+        18, -1
+    )
     free = np.flatnonzero(~np.isin(frame.nodes, clamped).repeat(6))
-    stiffness, rigid = frame.stiffness.toarray()[np.ix_(free, free)], frame.rigid_motions(np.zeros(3))[free]
+    stiffness, rigid = (
+        frame.stiffness.toarray()[np.ix_(free, free)],
+        frame.rigid_motions(np.zeros(3))[free],
+    )
     mass = frame.mass.toarray()[np.ix_(free, free)]
     if clamped:
         flexibility = np.linalg.inv(stiffness)
     else:
-        balanced = np.eye(len(free)) - mass @ rigid @ np.linalg.solve(rigid.T @ mass @ rigid, rigid.T)
-        flexibility = balanced.T @ np.linalg.pinv(stiffness, 1e-12, hermitian=True) @ balanced
-    motions = np.vstack([reduction._interface(frame, g).motion for g in grasps])[:, free]
+        balanced = np.eye(len(free)) - mass @ rigid @ np.linalg.solve(
+            rigid.T @ mass @ rigid, rigid.T
+        )
+        flexibility = (
+            balanced.T @ np.linalg.pinv(stiffness, 1e-12, hermitian=True) @ balanced
+        )
+    motions = np.vstack([reduction._interface(frame, g).motion for g in grasps])[
+        :, free
+    ]
     exact = motions @ flexibility @ motions.T
     scale = np.sqrt(np.outer(np.diag(exact), np.diag(exact)))
-    assert np.max(np.abs(shapes / modes.stiffness @ shapes.T - exact) / scale) < 10 * ROUND_OFF
+    assert (
+        np.max(np.abs(shapes / modes.stiffness @ shapes.T - exact) / scale)
+        < 10 * ROUND_OFF
+    )
 
 
 def test_a_set_of_nodes_moves_as_a_rigid_face_does(frame):
     place = reduction._interface(frame, {1, 2, 3, 4})
-    np.testing.assert_allclose(place.position, frame.positions[:4].mean(axis=0), rtol=0, atol=1e-15)
+    np.testing.assert_allclose(
+        place.position, frame.positions[:4].mean(axis=0), rtol=0, atol=1e-15
+    )
     found = place.motion @ frame.rigid_motions(place.position)
     np.testing.assert_allclose(found, np.eye(6), rtol=0, atol=1e-12)
 
@@ -123,10 +174,14 @@ def test_shapes_of_a_floating_body_carry_no_momentum(frame):
     scale = np.sqrt(modes.mass)
     assert np.max(np.abs(modes.momentum_coefficients)) < ROUND_OFF * scale
     angular = np.einsum(
-        "n,nia->ia", modes.masses, np.cross(modes.positions[:, :, None], modes.shapes, axis=1)
+        "n,nia->ia",
+        modes.masses,
+        np.cross(modes.positions[:, :, None], modes.shapes, axis=1),
     )
     assert np.max(np.abs(angular)) < ROUND_OFF * scale
-    np.testing.assert_allclose(modes.modal_mass, np.eye(modes.modes), rtol=0, atol=1e-12)
+    np.testing.assert_allclose(
+        modes.modal_mass, np.eye(modes.modes), rtol=0, atol=1e-12
+    )
 
 
 def test_the_choice_of_the_body_s_frame_is_no_physics(frame):
@@ -135,7 +190,9 @@ def test_the_choice_of_the_body_s_frame_is_no_physics(frame):
     floating, held = (
         locked_frequencies(
             TrussDynamics(
-                modes=reduced_modes(frame, 24, [6, 1], clamped=clamped), arms=arms, elastic_integrals=True
+                modes=reduced_modes(frame, 24, [6, 1], clamped=clamped),
+                arms=arms,
+                elastic_integrals=True,
             )
         )[:5]
         for clamped in ((), (3,))
@@ -152,12 +209,24 @@ def test_iteration_gives_what_the_dense_solution_gives(frame, monkeypatch):
 
 
 ERROR_CASES = [
-    ({"grasps": [99]}, "node 99 does not exist in frame; its 6 nodes have the numbers 1 to 6"),
-    ({"grasps": [(9.0, 0.0, 0.0)]}, r"no mesh point at grasp point \[9.0, 0.0, 0.0\] m: the nearest is"),
+    (
+        {"grasps": [99]},
+        "node 99 does not exist in frame; its 6 nodes have the numbers 1 to 6",
+    ),
+    (
+        {"grasps": [(9.0, 0.0, 0.0)]},
+        r"no mesh point at grasp point \[9.0, 0.0, 0.0\] m: the nearest is",
+    ),
     ({"grasps": [(0.0, 0.0)]}, r"grasp point has shape \(2,\)"),
     ({"grasps": [{1, 2}]}, r"grasp at nodes \[1, 2\]: they do not define its rotation"),
-    ({"number_of_modes": -1}, "cannot compute -1 modes and 6 attachment shapes of frame: its mass has 42 el"),
-    ({"structure": pinned(TETRAHEDRON), "grasps": [2]}, r"nodes \[2\]: they do not define its rotation"),
+    (
+        {"number_of_modes": -1},
+        "cannot compute -1 modes and 6 attachment shapes of frame: its mass has 42 el",
+    ),
+    (
+        {"structure": pinned(TETRAHEDRON), "grasps": [2]},
+        r"nodes \[2\]: they do not define its rotation",
+    ),
     ({"highest_frequency": 1.0}, "highest_frequency is 1.0 Hz, but mode 2 has"),
 ]
 
@@ -165,20 +234,31 @@ ERROR_CASES = [
 @pytest.mark.parametrize(("options", "message"), ERROR_CASES)
 def test_errors(frame, options, message):
     with pytest.raises(ModelError, match=message):
-        reduced_modes(**{"structure": frame, "number_of_modes": 2, "grasps": [6], **options})
+        reduced_modes(
+            **{"structure": frame, "number_of_modes": 2, "grasps": [6], **options}
+        )
 
 
 def test_mechanisms_are_found():
     """A cube of hinged bars without diagonals; two bodies in one file; a rod that spins about itself."""
     cube = np.array(list(np.ndindex(2, 2, 2)), dtype=float)
-    bars = [(i + 1, j + 1) for i in range(8) for j in range(i) if np.sum(np.abs(cube[i] - cube[j])) == 1.0]
+    bars = [
+        (i + 1, j + 1)
+        for i in range(8)
+        for j in range(i)
+        if np.sum(np.abs(cube[i] - cube[j])) == 1.0
+    ]
     stiff, hinged = Rigidity(1e3, np.eye(3), 1.0), Rigidity(1e3, np.zeros((3, 3)), 0.0)
     cases = {
         "hinges": [FrameMember(a, b, 1, hinged, 1.0) for a, b in bars],
-        "two bodies": [FrameMember(a, b, 2, stiff, 1.0) for a, b in ((1, 2), (2, 4), (5, 6))],
+        "two bodies": [
+            FrameMember(a, b, 2, stiff, 1.0) for a, b in ((1, 2), (2, 4), (5, 6))
+        ],
         "no twist": [FrameMember(1, 2, 2, stiff._replace(twisting=0.0), 1.0)],
     }
     for name, members in cases.items():
         body = Frame(positions=cube, members=tuple(members), source=name).structure()
-        with pytest.raises(ModelError, match=f"{name} is a mechanism, has unconnected parts, or no"):
+        with pytest.raises(
+            ModelError, match=f"{name} is a mechanism, has unconnected parts, or no"
+        ):
             reduced_modes(body, 1, [])

@@ -7,16 +7,32 @@ from scipy.linalg import block_diag
 from scipy.sparse import coo_array, csc_array, csr_array, save_npz
 from systems import relative_error
 
-from trussflow.models import Frame, FrameMass, FrameMember, ModelError, Rigidity, Structure, reduced_modes
+from trussflow.models import (
+    Frame,
+    FrameMass,
+    FrameMember,
+    ModelError,
+    Rigidity,
+    Structure,
+    reduced_modes,
+)
 from trussflow.models.geometry.rotation import cross_matrix, fixed_rotation
-from trussflow.models.geometry.spatial import SpatialInertia, inertia_matrix, moved_inertia
+from trussflow.models.geometry.spatial import (
+    SpatialInertia,
+    inertia_matrix,
+    moved_inertia,
+)
 
 # Of sums over a few nodes.
 ROUND_OFF = 1e-12
 SI = ("m", "kg", "s")
-POSITIONS = np.array([[0.0, 0.1, 0.0], [1.0, 0.0, 0.3], [1.2, 1.0, 0.0], [0.1, 0.8, 1.0]])
+POSITIONS = np.array(
+    [[0.0, 0.1, 0.0], [1.0, 0.0, 0.3], [1.2, 1.0, 0.0], [0.1, 0.8, 1.0]]
+)
 MEMBERS = tuple(
-    FrameMember(i + 1, j + 1, 1, Rigidity(1e6, np.diag([60.0, 70.0, 80.0]), 40.0), 1.0 + 0.1 * i)
+    FrameMember(
+        i + 1, j + 1, 1, Rigidity(1e6, np.diag([60.0, 70.0, 80.0]), 40.0), 1.0 + 0.1 * i
+    )
     for i in range(4)
     for j in range(i)
 )
@@ -32,11 +48,17 @@ def test_rigid_mass_is_that_of_rods_and_bodies():
     for a, b, _, _, density in MEMBERS:
         ends = POSITIONS[[a - 1, b - 1]]
         half = SpatialInertia(
-            density * np.linalg.norm(ends[1] - ends[0]) / 2.0, np.zeros(3), np.zeros((3, 3))
+            density * np.linalg.norm(ends[1] - ends[0]) / 2.0,
+            np.zeros(3),
+            np.zeros((3, 3)),
         )
-        expected += sum(inertia_matrix(moved_inertia(half, np.eye(3), end)) for end in ends)
+        expected += sum(
+            inertia_matrix(moved_inertia(half, np.eye(3), end)) for end in ends
+        )
     body = SpatialInertia(BODY.mass, np.zeros(3), BODY.inertia)
-    expected += inertia_matrix(moved_inertia(body, np.eye(3), POSITIONS[1] + BODY.offset))
+    expected += inertia_matrix(
+        moved_inertia(body, np.eye(3), POSITIONS[1] + BODY.offset)
+    )
     assert relative_error(FRAME.rigid_mass, expected) < ROUND_OFF
     centre = np.array([expected[1, 5], expected[2, 3], expected[0, 4]]) / expected[0, 0]
     assert relative_error(FRAME.centre, centre) < ROUND_OFF
@@ -50,7 +72,10 @@ def test_points_have_the_mass_of_the_matrix():
     modes = reduced_modes(FRAME, 2, [])
     assert relative_error(modes.mass, FRAME.rigid_mass[0, 0]) < ROUND_OFF
     assert relative_error(modes.inertia, FRAME.rigid_mass[3:, 3:]) < ROUND_OFF
-    assert relative_error(modes.static_moment, FRAME.rigid_mass[0, 0] * FRAME.centre) < ROUND_OFF
+    assert (
+        relative_error(modes.static_moment, FRAME.rigid_mass[0, 0] * FRAME.centre)
+        < ROUND_OFF
+    )
 
 
 def test_mass_that_couples_nodes_keeps_mass_centre_and_inertia():
@@ -61,12 +86,17 @@ def test_mass_that_couples_nodes_keeps_mass_centre_and_inertia():
             point = POSITIONS[[a - 1, b - 1]].T @ [1.0 - share, share]
             shape = np.zeros((3, 4, 6))
             for node, weight in ((a - 1, 1.0 - share), (b - 1, share)):
-                shape[:, node] = weight * np.hstack([np.eye(3), cross_matrix(POSITIONS[node] - point)])
+                shape[:, node] = weight * np.hstack(
+                    [np.eye(3), cross_matrix(POSITIONS[node] - point)]
+                )
             mass += shape.reshape(3, 24).T @ shape.reshape(3, 24)
     coupled = Structure.from_matrices(mass, FRAME.stiffness, POSITIONS, units=SI)
     modes = reduced_modes(coupled, 2, [])
     assert relative_error(modes.inertia, coupled.rigid_mass[3:, 3:]) < ROUND_OFF
-    assert relative_error(modes.static_moment, coupled.rigid_mass[0, 0] * coupled.centre) < ROUND_OFF
+    assert (
+        relative_error(modes.static_moment, coupled.rigid_mass[0, 0] * coupled.centre)
+        < ROUND_OFF
+    )
     assert "mass that couples nodes was lumped to them" in coupled.assumptions[-1]
     assert not any("couples" in a for a in FRAME.assumptions)
 
@@ -79,10 +109,16 @@ def test_units():
     ):
         scale = np.tile([1.0, 1.0, 1.0, 1 / length, 1 / length, 1 / length], 4)
         mass = FRAME.mass.toarray() * np.outer(scale, scale) / kilogram
-        stiffness = FRAME.stiffness.toarray() * np.outer(scale, scale) / kilogram * second**2
-        found = Structure.from_matrices(mass, stiffness, POSITIONS / length, units=units)
+        stiffness = (
+            FRAME.stiffness.toarray() * np.outer(scale, scale) / kilogram * second**2
+        )
+        found = Structure.from_matrices(
+            mass, stiffness, POSITIONS / length, units=units
+        )
         for name in ("mass", "stiffness", "positions"):
-            assert relative_error(getattr(found, name), getattr(FRAME, name)) < ROUND_OFF, (units, name)
+            assert (
+                relative_error(getattr(found, name), getattr(FRAME, name)) < ROUND_OFF
+            ), (units, name)
         assert found.assumptions == (
             f"lengths are in {units[0]}, masses in {units[1]}, times in {units[2]}, as the user stated",
         )
@@ -95,21 +131,34 @@ def test_axes_of_the_nodes():
         for a in ([0.3, 1.0, 2.0], [0.0, 0.0, 0.5], [1.0, 0.0, 0.0], [2.0, -1.0, 3.0])
     ]
     turned = block_diag(*[turn for turn in turns for _ in range(2)])
-    mass, stiffness = (turned.T @ m.toarray() @ turned for m in (FRAME.mass, FRAME.stiffness))
-    found = Structure.from_matrices(mass, stiffness, POSITIONS, units=SI, axes=np.array(turns))
+    mass, stiffness = (
+        turned.T @ m.toarray() @ turned for m in (FRAME.mass, FRAME.stiffness)
+    )
+    found = Structure.from_matrices(
+        mass, stiffness, POSITIONS, units=SI, axes=np.array(turns)
+    )
     assert relative_error(found.stiffness, FRAME.stiffness) < ROUND_OFF
     assert relative_error(found.mass, FRAME.mass) < ROUND_OFF
 
 
 def test_three_freedoms_per_node():
     """Bars on hinges: no rotations in the matrices, and none in the six-freedom form either."""
-    bars = tuple(m._replace(rigidity=Rigidity(1e6, np.zeros((3, 3)), 0.0)) for m in MEMBERS)
+    bars = tuple(
+        m._replace(rigidity=Rigidity(1e6, np.zeros((3, 3)), 0.0)) for m in MEMBERS
+    )
     hinged = Frame(positions=POSITIONS, members=bars).structure()
     moving = np.arange(24).reshape(-1, 6)[:, :3].ravel()
-    mass, stiffness = (m.toarray()[np.ix_(moving, moving)] for m in (hinged.mass, hinged.stiffness))
-    found = Structure.from_matrices(mass, stiffness, POSITIONS, units=SI, nodes=[7, 3, 8, 9])
+    mass, stiffness = (
+        m.toarray()[np.ix_(moving, moving)] for m in (hinged.mass, hinged.stiffness)
+    )
+    found = Structure.from_matrices(
+        mass, stiffness, POSITIONS, units=SI, nodes=[7, 3, 8, 9]
+    )
     modes = reduced_modes(found, 4, [])
-    assert relative_error(modes.frequencies, reduced_modes(hinged, 4, []).frequencies) < 1e-9
+    assert (
+        relative_error(modes.frequencies, reduced_modes(hinged, 4, []).frequencies)
+        < 1e-9
+    )
     assert found.nodes == (7, 3, 8, 9)
 
 
@@ -124,7 +173,9 @@ def test_files(tmp_path, kind):
             save_npz(path, csc_array(matrix))
         else:
             np.save(path, matrix.toarray())
-    found = Structure.from_matrices(files["mass"], files["stiffness"], POSITIONS, units=SI)
+    found = Structure.from_matrices(
+        files["mass"], files["stiffness"], POSITIONS, units=SI
+    )
     assert relative_error(found.stiffness, FRAME.stiffness) < ROUND_OFF
     assert relative_error(found.mass, FRAME.mass) < ROUND_OFF
 
@@ -142,22 +193,40 @@ LOOSE_STIFFNESS = K.toarray() * np.outer(np.arange(24) < 18, np.arange(24) < 18)
 
 ERROR_CASES = [
     ({"units": "SI"}, "units are 'SI'; they must be three, of length, mass and time"),
-    ({"units": ("kg", "m", "s")}, "they must be of length, mass and time: Cannot convert from 'kilogram'"),
+    (
+        {"units": ("kg", "m", "s")},
+        "they must be of length, mass and time: Cannot convert from 'kilogram'",
+    ),
     ({"units": ("m", "kgs", "s")}, "unknown unit 'kgs'"),
-    ({"mass": np.zeros((20, 20))}, r"has shape \(20, 20\); with three or six .* \(12, 12\) or \(24, 24\)"),
+    (
+        {"mass": np.zeros((20, 20))},
+        r"has shape \(20, 20\); with three or six .* \(12, 12\) or \(24, 24\)",
+    ),
     ({"mass": np.zeros((24, 12))}, r"the mass matrix has shape \(24, 12\)"),
     ({"mass": np.ones(24)}, "must be a matrix of real numbers, not 1-dimensional"),
-    ({"stiffness": K.toarray() * 1j}, "must be a matrix of real numbers, not 2-dimensional complex"),
+    (
+        {"stiffness": K.toarray() * 1j},
+        "must be a matrix of real numbers, not 2-dimensional complex",
+    ),
     ({"stiffness": [["a"]]}, "the stiffness matrix must be a matrix of"),
-    ({"stiffness": changed(K, 3, 3, np.nan)}, "the stiffness matrix has elements that are not finite"),
+    (
+        {"stiffness": changed(K, 3, 3, np.nan)},
+        "the stiffness matrix has elements that are not finite",
+    ),
     ({"mass": csr_array((24, 24))}, "the mass matrix is zero"),
-    ({"stiffness": np.triu(K.toarray())}, r"stiffness matrix is not symmetric: at \(node .*one triangle"),
+    (
+        {"stiffness": np.triu(K.toarray())},
+        r"stiffness matrix is not symmetric: at \(node .*one triangle",
+    ),
     ({"mass": changed(M, 6, 6, -1.0)}, "the mass matrix is negative at node 2, x: -1"),
     (
         {"stiffness": GROUNDED_STIFFNESS},
         "it is not free: a rigid motion .* causes .* at node 2, y; remove supp",
     ),
-    ({"positions": POSITIONS[:, :2]}, r"positions has shape \(4, 2\); it must be \('any', 3\)"),
+    (
+        {"positions": POSITIONS[:, :2]},
+        r"positions has shape \(4, 2\); it must be \('any', 3\)",
+    ),
     (
         {"axes": np.diag([1.0, 1.0, -1.0])},
         "axes is not a rotation matrix but left-handed: its determinant is -1",
@@ -165,9 +234,15 @@ ERROR_CASES = [
     ({"axes": 2.0 * np.eye(3)}, "axes is not a rotation matrix"),
     ({"nodes": [1, 2, 3, 2]}, "node number 2 is used twice"),
     ({"nodes": [1, 2, 3]}, r"positions has shape \(4, 3\); it must be \(3, 3\)"),
-    ({"stiffness": LOOSE_STIFFNESS}, "node 4, x has mass but no stiffness; the structure is a mechanism"),
+    (
+        {"stiffness": LOOSE_STIFFNESS},
+        "node 4, x has mass but no stiffness; the structure is a mechanism",
+    ),
     ({"mass": changed(M, 0, 0, 9.0)}, "point masses cannot represent its mass"),
-    ({"mass": "mass.xyz"}, "no reader of structure: the mass matrix for files '.xyz'; choose from: .mtx, "),
+    (
+        {"mass": "mass.xyz"},
+        "no reader of structure: the mass matrix for files '.xyz'; choose from: .mtx, ",
+    ),
     ({"mass": "nowhere.mtx"}, "the mass matrix cannot be read from 'nowhere.mtx'"),
 ]
 
@@ -184,5 +259,7 @@ def test_stiffness_that_gives_energy_is_refused():
     values, vectors = np.linalg.eigh(K.toarray())
     softest = vectors[:, 6]
     worse = K.toarray() - 1.1 * values[6] * np.outer(softest, softest)
-    with pytest.raises(ModelError, match="the stiffness matrix is not positive semidefinite"):
+    with pytest.raises(
+        ModelError, match="the stiffness matrix is not positive semidefinite"
+    ):
         Structure.from_matrices(M, coo_array(worse), POSITIONS, units=SI)

@@ -16,8 +16,15 @@ TOLERANCE = 1e-12  # round-off of sums over 128 points
 def test_shipped_truss_is_the_paper_s(modes):
     """Table 1: mass and frequencies; Table 2: grasp points."""
     assert modes.mass == pytest.approx(499.7333, rel=TOLERANCE)
-    assert np.array_equal(modes.frequencies, [0.3593, 0.97, 1.4392, 2.0239, 2.6408, 4.7984])
-    points = [[0.0, 0.0, 0.0], [3.825, 0.0, 0.0], [7.65, 0.0, 0.0], [9.5625, -3.312, 0.0]]
+    assert np.array_equal(
+        modes.frequencies, [0.3593, 0.97, 1.4392, 2.0239, 2.6408, 4.7984]
+    )
+    points = [
+        [0.0, 0.0, 0.0],
+        [3.825, 0.0, 0.0],
+        [7.65, 0.0, 0.0],
+        [9.5625, -3.312, 0.0],
+    ]
     assert np.array_equal(modes.grasp_positions, points)
     assert not np.any(modes.damping_ratios)
     assert (modes.modes, modes.grasps) == (6, 4)
@@ -27,7 +34,9 @@ def test_integrals_are_sums_over_the_points(modes):
     """Eq. 19, each integral written out."""
     m, r, shapes = modes.masses, modes.positions, modes.shapes
     assert np.allclose(modes.static_moment, m @ r, rtol=TOLERANCE, atol=0)
-    expected = sum(m_k * (p @ p * np.eye(3) - np.outer(p, p)) for m_k, p in zip(m, r, strict=True))
+    expected = sum(
+        m_k * (p @ p * np.eye(3) - np.outer(p, p)) for m_k, p in zip(m, r, strict=True)
+    )
     assert np.allclose(modes.inertia, expected, rtol=TOLERANCE, atol=TOLERANCE)
     momentum = np.einsum("n,nia->ia", m, shapes)
     assert np.allclose(modes.momentum_coefficients, momentum, rtol=0, atol=1e-11)
@@ -60,7 +69,9 @@ def test_truncation_keeps_the_first_modes(modes):
 
 @pytest.mark.parametrize("count", [-1, 7])
 def test_truncation_to_modes_that_are_not_there(modes, count):
-    with pytest.raises(ModelError, match=f"cannot keep {count} modes of 6; choose 0 to 6"):
+    with pytest.raises(
+        ModelError, match=f"cannot keep {count} modes of 6; choose 0 to 6"
+    ):
         modes.truncated(count)
 
 
@@ -75,11 +86,26 @@ def test_files_are_read_back_exactly(modes, tmp_path, count):
 
 
 ERROR_CASES = [
-    ({"masses": np.ones(127)}, r"positions has shape \(128, 3\); it must be \(127, 3\)"),
-    ({"shapes": np.zeros((128, 3, 5))}, r"shapes has shape \(128, 3, 5\); it must be \(128, 3, 6\)"),
-    ({"frequencies": [1.0, 2.0, 3.0, np.nan, 5.0, 6.0]}, "truss modes: frequencies is not finite"),
-    ({"frequencies": [1.0, 2.0, 3.0, -4.0, 5.0, 6.0]}, r"frequencies\[3\] is -4.0 Hz; it must be"),
-    ({"damping_ratios": [0.0, -0.1, 0.0, 0.0, 0.0, 0.0]}, r"damping_ratios\[1\] is -0.1; none may"),
+    (
+        {"masses": np.ones(127)},
+        r"positions has shape \(128, 3\); it must be \(127, 3\)",
+    ),
+    (
+        {"shapes": np.zeros((128, 3, 5))},
+        r"shapes has shape \(128, 3, 5\); it must be \(128, 3, 6\)",
+    ),
+    (
+        {"frequencies": [1.0, 2.0, 3.0, np.nan, 5.0, 6.0]},
+        "truss modes: frequencies is not finite",
+    ),
+    (
+        {"frequencies": [1.0, 2.0, 3.0, -4.0, 5.0, 6.0]},
+        r"frequencies\[3\] is -4.0 Hz; it must be",
+    ),
+    (
+        {"damping_ratios": [0.0, -0.1, 0.0, 0.0, 0.0, 0.0]},
+        r"damping_ratios\[1\] is -0.1; none may",
+    ),
     ({"masses": np.zeros(128)}, "total mass is zero"),
     ({"masses": -np.ones(128)}, r"masses\[0\] is -1.0 kg; none may be negative"),
     ({"grasp_positions": [[0.0], [1.0, 2.0]]}, "grasp_positions must be numeric, not"),
@@ -95,7 +121,9 @@ def test_errors_of_data(modes, values, message):
 def test_modes_must_be_orthonormal(modes):
     shapes = modes.shapes.copy()
     shapes[:, :, 2] *= 1.01
-    with pytest.raises(ModelError, match=r"sum m T\^T T is 1.0201 at modes \(3, 3\), it must be 1"):
+    with pytest.raises(
+        ModelError, match=r"sum m T\^T T is 1.0201 at modes \(3, 3\), it must be 1"
+    ):
         replace(modes, shapes=shapes)
 
 
@@ -107,7 +135,9 @@ def test_points_must_not_lie_on_a_line(modes):
 
 
 def test_missing_file():
-    with pytest.raises(ModelError, match=r"cannot read truss modes from 'none.json': No such file"):
+    with pytest.raises(
+        ModelError, match=r"cannot read truss modes from 'none.json': No such file"
+    ):
         TrussModes.load("none.json")
 
 
@@ -116,10 +146,22 @@ def test_missing_file():
     [
         (lambda _: "{ mass", "it is not JSON"),
         (lambda _: "[1, 2]", "it must be an object with 'format': 'trussflow truss"),
-        (lambda _: '{"format": "something else"}', "it must be an object with 'format'"),
-        (lambda content: json.dumps({**content, "colour": "grey"}), r"unknown keys \['colour'\]"),
-        (lambda content: json.dumps({"format": content["format"]}), r"missing keys \['damping"),
-        (lambda content: json.dumps({**content, "mass_kg": [1.0]}), "cannot use the data in .*modes: pos"),
+        (
+            lambda _: '{"format": "something else"}',
+            "it must be an object with 'format'",
+        ),
+        (
+            lambda content: json.dumps({**content, "colour": "grey"}),
+            r"unknown keys \['colour'\]",
+        ),
+        (
+            lambda content: json.dumps({"format": content["format"]}),
+            r"missing keys \['damping",
+        ),
+        (
+            lambda content: json.dumps({**content, "mass_kg": [1.0]}),
+            "cannot use the data in .*modes: pos",
+        ),
     ],
 )
 def test_unusable_files(modes, tmp_path, change, message):
@@ -136,13 +178,17 @@ def test_the_linear_range_is_where_a_cantilever_is_right_to_a_percent():
 
     def elastica(_, y):
         angle, curvature, _, _ = y
-        return np.array([curvature, -load * np.cos(angle), np.cos(angle), np.sin(angle)])
+        return np.array(
+            [curvature, -load * np.cos(angle), np.cos(angle), np.sin(angle)]
+        )
 
     def clamped(start, end):
         return np.array([start[0], start[2], start[3], end[1]])
 
     s = np.linspace(0.0, 1.0, 21)
-    solution = solve_bvp(elastica, clamped, s, np.vstack([0 * s, 0 * s, s, 0 * s]), tol=1e-9)
+    solution = solve_bvp(
+        elastica, clamped, s, np.vstack([0 * s, 0 * s, s, 0 * s]), tol=1e-9
+    )
     along, across = solution.y[2:, -1]
     assert load / 3.0 / across - 1.0 == pytest.approx(0.0102, abs=1e-4)
     assert 1.0 - along == pytest.approx(0.6 * LINEAR_LIMIT**2, rel=0.02)

@@ -20,7 +20,10 @@ def test_terms_are_the_integrals_of_the_paper(modes, rng, deformed):
     found = truss_terms(modes.data, deformation, v, w, rates)
 
     S = m @ rho
-    J = sum(m_k * (p @ p * np.eye(3) - np.outer(p, p)) for m_k, p in zip(m, rho, strict=True))
+    J = sum(
+        m_k * (p @ p * np.eye(3) - np.outer(p, p))
+        for m_k, p in zip(m, rho, strict=True)
+    )
     P = np.einsum("n,nia->ia", m, shapes)
     H = np.einsum("n,nia->ia", m, np.cross(rho[:, :, None], shapes, axis=1))
     swept = np.cross(w, shapes @ rates)

@@ -17,16 +17,22 @@ TIP = TRUSS.positions[np.argmax(np.linalg.norm(TRUSS.positions, axis=1))]
 
 def compliance(modes):
     """Return how far all grasps move and turn under unit loads on them."""
-    motion = np.hstack([modes.grasp_translations, modes.grasp_rotations]).reshape(-1, modes.modes)
+    motion = np.hstack([modes.grasp_translations, modes.grasp_rotations]).reshape(
+        -1, modes.modes
+    )
     return motion / modes.stiffness @ motion.T
 
 
 def test_a_load_is_mass_and_no_stiffness():
     heavy = loaded(TRUSS, TIP, 20.0)
     assert heavy.mass - TRUSS.mass == pytest.approx(20.0, rel=1e-12)
-    np.testing.assert_allclose(heavy.static_moment - TRUSS.static_moment, 20.0 * TIP, rtol=0, atol=1e-9)
+    np.testing.assert_allclose(
+        heavy.static_moment - TRUSS.static_moment, 20.0 * TIP, rtol=0, atol=1e-9
+    )
     given = compliance(TRUSS)
-    np.testing.assert_allclose(compliance(heavy), given, rtol=0, atol=1e-10 * np.abs(given).max())
+    np.testing.assert_allclose(
+        compliance(heavy), given, rtol=0, atol=1e-10 * np.abs(given).max()
+    )
     # Each frequency falls, and none below the next lower one of the truss without (interlacing).
     assert (heavy.frequencies <= TRUSS.frequencies * (1 + 1e-12)).all()
     assert heavy.frequencies[0] < 0.99 * TRUSS.frequencies[0]
@@ -39,7 +45,9 @@ def test_a_load_on_a_single_degree_of_freedom():
     node = np.argmin(np.linalg.norm(one.positions - TIP, axis=1))
     grown = 1.0 + 7.0 * np.sum(one.shapes[node] ** 2)
     heavy = loaded(one, TIP, 7.0)
-    np.testing.assert_allclose(heavy.frequencies, one.frequencies / np.sqrt(grown), rtol=1e-12)
+    np.testing.assert_allclose(
+        heavy.frequencies, one.frequencies / np.sqrt(grown), rtol=1e-12
+    )
 
 
 def test_scaled():
@@ -47,29 +55,49 @@ def test_scaled():
     assert other.mass == pytest.approx(1.1 * TRUSS.mass, rel=1e-12)
     np.testing.assert_allclose(other.frequencies, 0.9 * TRUSS.frequencies, rtol=1e-12)
     given = compliance(TRUSS) / (1.1 * 0.9**2)
-    np.testing.assert_allclose(compliance(other), given, rtol=0, atol=1e-12 * np.abs(given).max())
+    np.testing.assert_allclose(
+        compliance(other), given, rtol=0, atol=1e-12 * np.abs(given).max()
+    )
 
 
 def test_misjudged():
     factors = np.ones(TRUSS.modes)
     factors[4] = 1.5
     other = misjudged(TRUSS, factors)
-    np.testing.assert_array_equal(other.grasp_rotations[..., 4], 1.5 * TRUSS.grasp_rotations[..., 4])
-    np.testing.assert_array_equal(other.grasp_translations[..., :4], TRUSS.grasp_translations[..., :4])
+    np.testing.assert_array_equal(
+        other.grasp_rotations[..., 4], 1.5 * TRUSS.grasp_rotations[..., 4]
+    )
+    np.testing.assert_array_equal(
+        other.grasp_translations[..., :4], TRUSS.grasp_translations[..., :4]
+    )
     np.testing.assert_array_equal(other.shapes, TRUSS.shapes)
 
 
 @pytest.mark.parametrize(
     ("make", "message"),
     [
-        (lambda: scaled(TRUSS, mass=0.0), "scaled truss: mass is 0; it must be above 0"),
-        (lambda: scaled(TRUSS, frequency=np.nan), "scaled truss: frequency is not finite: nan"),
-        (lambda: loaded(TRUSS, TIP, -1.0), "loaded truss: mass is -1; it must be at least 0"),
-        (lambda: scaled(TRUSS, mass="2"), "scaled truss: mass must be numeric, not '2'"),
+        (
+            lambda: scaled(TRUSS, mass=0.0),
+            "scaled truss: mass is 0; it must be above 0",
+        ),
+        (
+            lambda: scaled(TRUSS, frequency=np.nan),
+            "scaled truss: frequency is not finite: nan",
+        ),
+        (
+            lambda: loaded(TRUSS, TIP, -1.0),
+            "loaded truss: mass is -1; it must be at least 0",
+        ),
+        (
+            lambda: scaled(TRUSS, mass="2"),
+            "scaled truss: mass must be numeric, not '2'",
+        ),
         (lambda: loaded(TRUSS, TIP[:2], 1.0), "point has shape"),
         (lambda: misjudged(TRUSS, [1.0]), "factors has shape"),
         (
-            lambda: loaded(replace(SIX, damping_ratios=np.linspace(0.0, 0.01, 6)), TIP, 1.0),
+            lambda: loaded(
+                replace(SIX, damping_ratios=np.linspace(0.0, 0.01, 6)), TIP, 1.0
+            ),
             "different damping ratios",
         ),
     ],

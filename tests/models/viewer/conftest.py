@@ -26,13 +26,21 @@ def run_of(truss, *, duration=8.0, step=0.02, phase=0.0, modal=0.3):
         values = waves(3 * truss.robots, amplitude, seed).reshape(-1, truss.robots, 3)
         return ("time", "robot", "axis"), values, {"units": unit}
 
-    moved = [waves(3, 4.0, 1), waves(truss.rigid_q - 3, 0.8, 2), waves(truss.modes, modal, 3)]
+    moved = [
+        waves(3, 4.0, 1),
+        waves(truss.rigid_q - 3, 0.8, 2),
+        waves(truss.modes, modal, 3),
+    ]
     return xr.Dataset(
         {
             "truss.coordinates": (("time", "coordinate"), np.hstack(moved)),
             "truss.base_force": pushes(5.0, 4, "N"),
             "truss.base_torque": pushes(1.0, 5, "N*m"),
-            "law.error": (("time", "task"), waves(truss.rigid, 1e-3, 6), {"units": "m, rad"}),
+            "law.error": (
+                ("time", "task"),
+                waves(truss.rigid, 1e-3, 6),
+                {"units": "m, rad"},
+            ),
             "truss.energy": ("time", 1.0 + np.ravel(waves(1, 1.0, 7)), {"units": "J"}),
         },
         {"time": ("time", time, {"units": "s"}), "axis": list("xyz")},
@@ -70,9 +78,13 @@ def chromium():
         if os.environ.get("CI") and sys.platform == "linux":
             pytest.fail(why)
         pytest.skip(why)
-    driver = pytest.importorskip("playwright.sync_api", reason="needs playwright: the extra 'browser'")
+    driver = pytest.importorskip(
+        "playwright.sync_api", reason="needs playwright: the extra 'browser'"
+    )
     with driver.sync_playwright() as playwright:
-        found = playwright.chromium.launch(executable_path=browser(), args=launch_options())
+        found = playwright.chromium.launch(
+            executable_path=browser(), args=launch_options()
+        )
         yield found
         found.close()
 
@@ -86,7 +98,10 @@ class Watched:
         self.complaints: list[str] = []
         page.on("request", lambda request: self.requests.append(request.url))
         page.on("pageerror", lambda error: self.complaints.append(str(error)))
-        page.on("console", lambda m: self.complaints.append(m.text) if m.type == "error" else None)
+        page.on(
+            "console",
+            lambda m: self.complaints.append(m.text) if m.type == "error" else None,
+        )
 
     def open(self, file, **asked):
         """Load a file and wait until it is drawn."""
@@ -105,7 +120,8 @@ def opened(chromium):
 
     def make(width=1000, height=700, scheme="light"):
         context = chromium.new_context(
-            viewport={"width": width, "height": height}, color_scheme="dark" if scheme == "dark" else "light"
+            viewport={"width": width, "height": height},
+            color_scheme="dark" if scheme == "dark" else "light",
         )
         contexts.append(context)
         return Watched(context.new_page())

@@ -46,7 +46,10 @@ def seen(arm, angles, axes, place):
     """Return the corners of all visuals of an arm whose hand has these axes and this place."""
     frames = [(axes, place)]
     for joint, angle in enumerate(angles):
-        place, axes = place + axes @ arm.joint_origins[joint], axes @ arm.joint_rotations[joint]
+        place, axes = (
+            place + axes @ arm.joint_origins[joint],
+            axes @ arm.joint_rotations[joint],
+        )
         slid = angle if arm.sliding[joint] else 0.0
         place, axes = place + axes[:, 2] * slid, axes @ rotation_about_z(angle - slid)
         frames.append((axes, place))
@@ -56,23 +59,35 @@ def seen(arm, angles, axes, place):
 
 def check_positions(page, truss, rods, run):
     """Compare ten instants with the equations of motion's own kinematics."""
-    pushes = {name: np.linalg.norm(run[f"truss.{name}"], axis=2).max() for name in ARROWS}
+    pushes = {
+        name: np.linalg.norm(run[f"truss.{name}"], axis=2).max() for name in ARROWS
+    }
     dynamics, modes = truss.dynamics, truss.dynamics.modes
     for i in np.linspace(0, len(run["time"]) - 1, 10).astype(int):
-        shown, q = drawn(page, float(run["time"][i])), run["truss.coordinates"].values[i]
+        shown, q = (
+            drawn(page, float(run["time"][i])),
+            run["truss.coordinates"].values[i],
+        )
         end, modal, rigid = dynamics.attitude.end, q[truss.rigid_q :], np.zeros(6)
         rotation = dynamics.attitude.rotation(q[3:end])
 
         def check(points, expected, q=q, rotation=rotation):
-            assert_allclose(points, q[:3] + expected @ rotation.T, rtol=0, atol=TOLERANCE)
+            assert_allclose(
+                points, q[:3] + expected @ rotation.T, rtol=0, atol=TOLERANCE
+            )
 
         (segments,) = shown["truss"]
-        check(segments.reshape(-1, 3, 3)[:, :2], (modes.positions + modes.shapes @ modal)[rods])
+        check(
+            segments.reshape(-1, 3, 3)[:, :2],
+            (modes.positions + modes.shapes @ modal)[rods],
+        )
         first = end
         for k, arm in enumerate(dynamics.arms):
             hand = hand_motion(modes.data, k, modal, rigid, 0.0 * modal, exact=True)
             angles = q[first : first + arm.joints]
-            terms = arm_terms(arm, angles, 0.0 * angles, hand.rotation, hand.position, rigid, rigid)
+            terms = arm_terms(
+                arm, angles, 0.0 * angles, hand.rotation, hand.position, rigid, rigid
+            )
             (chain,) = shown[f"robot {k + 1}"]
             check(chain[[0, -1]], np.stack([hand.position, terms.base_position]))
             # A joint that turns lies on its axis: the screw is (p x axis, axis) for each of its points p.
@@ -81,15 +96,26 @@ def check_positions(page, truss, rods, run):
             moments, axes = np.split(terms.screws[turns], 2, axis=1)
             assert_allclose(np.cross(joints, axes), moments, rtol=0, atol=TOLERANCE)
             signs = np.array(list(product((-1, 1), repeat=3)))[:, ::-1]
-            corners = terms.base_position + (signs * box_of(arm)) @ terms.base_rotation.T
+            corners = (
+                terms.base_position + (signs * box_of(arm)) @ terms.base_rotation.T
+            )
             if arm.visuals:
-                corners = seen(arm, angles, hand.rotation @ arm.hand_rotation, hand.position)
+                corners = seen(
+                    arm, angles, hand.rotation @ arm.hand_rotation, hand.position
+                )
             check(shown["base"][k], corners)
             for name, longest in pushes.items():
                 push = run[f"truss.{name}"].values[i, k] * LONGEST / longest
-                (arrow,) = (points for part, (points, *_) in shown.items() if part.startswith(ARROWS[name]))
+                (arrow,) = (
+                    points
+                    for part, (points, *_) in shown.items()
+                    if part.startswith(ARROWS[name])
+                )
                 each = len(arrow) // len(dynamics.arms)
-                check(arrow[each * k + 1], terms.base_position + terms.base_rotation @ push)
+                check(
+                    arrow[each * k + 1],
+                    terms.base_position + terms.base_rotation @ push,
+                )
             first += arm.joints
 
 
@@ -100,7 +126,9 @@ def test_positions_are_those_of_the_result(window, truss, run):
 
 
 def test_nothing_is_asked_of_a_network(window, page_file):
-    assert [request.partition("#")[0] for request in window.requests] == [page_file.as_uri()]
+    assert [request.partition("#")[0] for request in window.requests] == [
+        page_file.as_uri()
+    ]
 
 
 @pytest.mark.parametrize("attitude", [pytest.param(EULER, marks=campaign), QUATERNION])
@@ -108,13 +136,18 @@ def test_positions_of_any_truss(opened, random_system, make_run, tmp_path, attit
     dynamics = random_system((2, "RPRRP", ""), 4, elastic_integrals=True)
     pose = Pose(fixed_rotation(np.array([0.3, -1.0, 2.0])), np.array([0.1, 0.2, -0.3]))
     shapes = [("box", [0.1, 0.2, 0.3]), ("cylinder", [0.1, 0.6]), ("sphere", [0.2])]
-    looks = tuple(Visual(2 * k, pose, kind, np.array(size)) for k, (kind, size) in enumerate(shapes))
+    looks = tuple(
+        Visual(2 * k, pose, kind, np.array(size))
+        for k, (kind, size) in enumerate(shapes)
+    )
     first, second, third = dynamics.arms
     dynamics = replace(dynamics, arms=(first, replace(second, visuals=looks), third))
     truss = SpaceTruss(replace(dynamics, attitude=attitude))
     run, rods = make_run(truss, modal=0.1), np.array([[0, 7], [3, 14]])
     window = opened()
-    page = window.open(replay(run, truss, tmp_path / "any.html", rods=rods), exaggeration=1)
+    page = window.open(
+        replay(run, truss, tmp_path / "any.html", rods=rods), exaggeration=1
+    )
     check_positions(page, truss, rods, run)
     assert window.complaints == []
 
@@ -194,8 +227,12 @@ def test_controls(window):
     assert max(lines) - min(lines) < 1.0
     assert abs(lines[0] - box["x"] - 62 - (box["width"] - 174) / 2) < 3.0
     # Zooming one zooms all; another signal can be had.
-    page.evaluate("Plotly.relayout(page.charts[0].place, { 'xaxis.range[0]': 2, 'xaxis.range[1]': 3 })")
-    page.wait_for_function("page.charts.every((chart) => chart.place.layout.xaxis.range[1] === 3)")
+    page.evaluate(
+        "Plotly.relayout(page.charts[0].place, { 'xaxis.range[0]': 2, 'xaxis.range[1]': 3 })"
+    )
+    page.wait_for_function(
+        "page.charts.every((chart) => chart.place.layout.xaxis.range[1] === 3)"
+    )
     assert page.locator(".cursor").first.is_hidden()
     page.locator(".chart select").first.select_option("truss.energy")
     page.wait_for_function("page.charts[0].place.data.length === 1")
@@ -239,7 +276,13 @@ def test_two_runs_lie_over_each_other(opened, truss, run, make_run, tmp_path):
     place = second["truss.coordinates"].values[150, :3]
     assert_allclose(shown["truss, second"][0][0], place, rtol=0, atol=TOLERANCE)
     assert page.locator("#second").inner_text() == "faint curves: second"
-    assert page.evaluate("page.charts.map((chart) => chart.place.data.length)") == [68, 24, 24, 2, 24]
+    assert page.evaluate("page.charts.map((chart) => chart.place.data.length)") == [
+        68,
+        24,
+        24,
+        2,
+        24,
+    ]
     faint = page.evaluate("page.charts[0].place.data.map((curve) => curve.opacity < 1)")
     assert faint == [False] * 34 + [True] * 34
     assert window.complaints == []
@@ -263,7 +306,9 @@ def test_a_damaged_page_says_so(opened, page_file, tmp_path):
     damaged.write_text(text.replace('id="blob">', 'id="blob">AAAA'), encoding="utf-8")
     page = opened().page
     page.goto(damaged.as_uri())
-    page.wait_for_function("document.getElementById('trouble').textContent.includes('cannot be shown')")
+    page.wait_for_function(
+        "document.getElementById('trouble').textContent.includes('cannot be shown')"
+    )
 
 
 @campaign
@@ -284,14 +329,24 @@ def test_a_run_that_went_far_is_still_seen(opened, truss, run, tmp_path):
 
 @campaign
 def test_what_cannot_be_shown_is_no_picture(page_file, tmp_path):
-    picture, damaged, other = (tmp_path / name for name in ("none.png", "damaged.html", "other.html"))
+    picture, damaged, other = (
+        tmp_path / name for name in ("none.png", "damaged.html", "other.html")
+    )
     text = page_file.read_text(encoding="utf-8")
     damaged.write_text(text.replace('id="blob">', 'id="blob">AAAA'), encoding="utf-8")
     other.write_text("<p>Of another tool", encoding="utf-8")
     for file, time, message in (
         (page_file, 30.0, r"there is no t = 30.0 s, the run is from 0 to 8 s"),
-        (damaged, 1.0, r"cannot take a picture of '.*damaged.html': it cannot be shown: "),
-        (other, 1.0, r"cannot take a picture of '.*other.html': replay did not write it"),
+        (
+            damaged,
+            1.0,
+            r"cannot take a picture of '.*damaged.html': it cannot be shown: ",
+        ),
+        (
+            other,
+            1.0,
+            r"cannot take a picture of '.*other.html': replay did not write it",
+        ),
     ):
         with pytest.raises(ModelError, match=message):
             still(file, picture, time=time)
@@ -300,9 +355,14 @@ def test_what_cannot_be_shown_is_no_picture(page_file, tmp_path):
 
 def test_still_pictures(opened, page_file, tmp_path):
     page = opened(640, 480).open(page_file, still=480)
-    assert not any(page.locator(hidden).is_visible() for hidden in ("h1", "#controls", "#charts"))
+    assert not any(
+        page.locator(hidden).is_visible() for hidden in ("h1", "#controls", "#charts")
+    )
     pictures = [
-        imread(still(page_file, tmp_path / f"{t}.png", time=t, size=(640, 480)))[..., :3] * 255.0
+        imread(still(page_file, tmp_path / f"{t}.png", time=t, size=(640, 480)))[
+            ..., :3
+        ]
+        * 255.0
         for t in (2.0, 5.0)
     ]
     assert all(picture.shape == (480, 640, 3) for picture in pictures)

@@ -34,7 +34,13 @@ class Content:
     def __init__(self, file):
         self.size = file.stat().st_size
         self.text = file.read_text(encoding="utf-8")
-        parts = dict(re.findall(r'<script type="[a-z/]+" id="(\w+)">(.*?)</script>', self.text, re.DOTALL))
+        parts = dict(
+            re.findall(
+                r'<script type="[a-z/]+" id="(\w+)">(.*?)</script>',
+                self.text,
+                re.DOTALL,
+            )
+        )
         self.head: dict[str, Any] = json.loads(parts["head"])
         self._blob = zlib.decompress(base64.b64decode(parts["blob"]))
 
@@ -42,14 +48,18 @@ class Content:
 
     def array(self, at):
         count, width = int(np.prod(at["shape"])), at["width"]
-        raw = np.frombuffer(self._blob, np.uint8, count * width, at["offset"]).reshape(width, count)
+        raw = np.frombuffer(self._blob, np.uint8, count * width, at["offset"]).reshape(
+            width, count
+        )
         return np.ascontiguousarray(raw.T).view(f"<f{width}").reshape(at["shape"])
 
 
 @pytest.fixture
 def content(tmp_path):
     """Return a function that writes a page and reads what it carries."""
-    return lambda run, truss, **more: Content(replay(run, truss, tmp_path / "page.html", **more))
+    return lambda run, truss, **more: Content(
+        replay(run, truss, tmp_path / "page.html", **more)
+    )
 
 
 def test_page_carries_what_was_logged(page_file, run):
@@ -59,13 +69,27 @@ def test_page_carries_what_was_logged(page_file, run):
     assert_array_equal(content.array(shown["time"])[0], run["time"])
     assert_array_equal(content.array(shown["root"]), q[:6])
     assert_array_equal(content.array(shown["modes"]), q[-6:].astype(np.float32))
-    (force,) = (signal for signal in shown["signals"] if signal["name"] == "truss.base_force")
+    (force,) = (
+        signal for signal in shown["signals"] if signal["name"] == "truss.base_force"
+    )
     expected = run["truss.base_force"].values.reshape(len(run["time"]), -1).T
     assert_allclose(content.array(force["values"]), expected, rtol=1e-4)
-    assert (force["units"], force["inner"], force["components"][4]) == ("N", 3, "robot 2 y")
-    assert content.head["shown"] == ["law.error", "truss.base_force", "truss.base_torque", "truss.energy"]
+    assert (force["units"], force["inner"], force["components"][4]) == (
+        "N",
+        3,
+        "robot 2 y",
+    )
+    assert content.head["shown"] == [
+        "law.error",
+        "truss.base_force",
+        "truss.base_torque",
+        "truss.energy",
+    ]
     assert content.head["target"] == run.attrs["target"].tolist()
-    assert "run: 401 logged instants, 401 of them in the picture, 401 in the charts" in content.text
+    assert (
+        "run: 401 logged instants, 401 of them in the picture, 401 in the charts"
+        in content.text
+    )
 
 
 def test_no_signal_is_taken_for_the_target(truss, run, content):
@@ -78,7 +102,9 @@ def test_no_signal_is_taken_for_the_target(truss, run, content):
 def test_a_quaternion_is_carried_as_it_is(make_run, content):
     """Seven numbers of the root, here and where it is to be."""
     truss = SpaceTruss.consistent(modes=0).with_quaternion()
-    goal = truss.turned(np.array([0.5, 0.5, 0.5, 0.5])).parameters["initial_coordinates"]
+    goal = truss.turned(np.array([0.5, 0.5, 0.5, 0.5])).parameters[
+        "initial_coordinates"
+    ]
     run = make_run(truss).assign_attrs(target=goal.tolist())
     q = run["truss.coordinates"].values
     q[:, 3:7] /= np.linalg.norm(q[:, 3:7], axis=1)[:, None]
@@ -107,13 +133,19 @@ def test_joints_that_wind_up_stay_where_they_were(truss, run, content):
     assert_allclose(joints, values.T[6 : truss.rigid], rtol=0, atol=2e-7)
 
 
-@pytest.mark.parametrize("seed", [0, *(pytest.param(seed, marks=pytest.mark.campaign) for seed in SEEDS)])
-def test_whatever_was_simulated_the_page_fits(seed, truss, make_run, content, monkeypatch):
+@pytest.mark.parametrize(
+    "seed", [0, *(pytest.param(seed, marks=pytest.mark.campaign) for seed in SEEDS)]
+)
+def test_whatever_was_simulated_the_page_fits(
+    seed, truss, make_run, content, monkeypatch
+):
     """Noise hardly compresses; what is not of the run, or does not change in time, takes room as well."""
     rng = np.random.default_rng(seed)
     largest = int(PLOTLY + 10.0 ** rng.uniform(5.3, 6.0))
     monkeypatch.setattr(page, "MAX_PAGE_BYTES", largest)
-    run = make_run(truss, duration=rng.uniform(1.0, 60.0), step=rng.choice([0.001, 0.02]))
+    run = make_run(
+        truss, duration=rng.uniform(1.0, 60.0), step=rng.choice([0.001, 0.02])
+    )
     noise = rng.standard_normal((len(run["time"]), rng.integers(1, 60)))
     run = run.assign(noise=(("time", "k"), noise))
     rods = np.argwhere(rng.random((len(truss.dynamics.modes.masses),) * 2) < 0.5)
@@ -127,7 +159,9 @@ def test_whatever_was_simulated_the_page_fits(seed, truss, make_run, content, mo
 
 def test_what_cannot_fit_is_refused(truss, run, content, monkeypatch):
     monkeypatch.setattr(page, "MAX_PAGE_BYTES", 100_000)
-    with pytest.raises(ModelError, match=r"page of 0.1 MB: truss, sections .* take \d\.\d MB; use"):
+    with pytest.raises(
+        ModelError, match=r"page of 0.1 MB: truss, sections .* take \d\.\d MB; use"
+    ):
         content(run, truss)
 
 
@@ -135,32 +169,52 @@ def test_fine_meshes_become_coarser_until_they_fit(truss, make_run, content, tmp
     """Many triangles on four robots: a ball of one metre stays one; what is left out is said."""
     turns, rows = 2.0 * np.pi * np.arange(200) / 200, np.linspace(0.0, np.pi, 101)
     polar, around = np.meshgrid(rows, turns, indexing="ij")
-    ball = np.stack([np.sin(polar) * np.cos(around), np.sin(polar) * np.sin(around), np.cos(polar)], axis=-1)
+    ball = np.stack(
+        [np.sin(polar) * np.cos(around), np.sin(polar) * np.sin(around), np.cos(polar)],
+        axis=-1,
+    )
     lines = [f"v {x:.6f} {y:.6f} {z:.6f}" for x, y, z in ball.reshape(-1, 3)]
     at = np.arange(1, 100 * 200 + 1)
     beside = at - (at - 1) % 200 + at % 200
-    lines += [f"f {a} {b} {c} {d}" for a, b, c, d in np.stack([at, beside, beside + 200, at + 200], axis=1)]
+    lines += [
+        f"f {a} {b} {c} {d}"
+        for a, b, c, d in np.stack([at, beside, beside + 200, at + 200], axis=1)
+    ]
     (tmp_path / "ball.obj").write_text("\n".join(lines), encoding="utf-8")
     pose = Pose(np.eye(3), np.zeros(3))
-    looks = [Visual(3, pose, "mesh", np.ones(3), tmp_path / name) for name in ("ball.obj", "hood.dae")]
-    arms = tuple(replace(arm, name="carrier", visuals=tuple(looks)) for arm in truss.dynamics.arms)
+    looks = [
+        Visual(3, pose, "mesh", np.ones(3), tmp_path / name)
+        for name in ("ball.obj", "hood.dae")
+    ]
+    arms = tuple(
+        replace(arm, name="carrier", visuals=tuple(looks))
+        for arm in truss.dynamics.arms
+    )
     plant = SpaceTruss(replace(truss.dynamics, arms=arms))
     found = content(make_run(plant, duration=1.0), plant)
     assert found.size < 0.4 * LARGEST
     for arm in found.run["truss"]["arms"]:
         solid = arm["solid"]
-        points, faces = found.array(solid["points"]), found.array(solid["faces"]).T.astype(int)
+        points, faces = (
+            found.array(solid["points"]),
+            found.array(solid["faces"]).T.astype(int),
+        )
         assert 1000 < len(faces) <= MAX_TRIANGLES // 4
         assert_allclose(np.linalg.norm(points, axis=1), 1.0, rtol=0, atol=1e-5)
         a, b, c = np.moveaxis(points[faces], 1, 0)
         enclosed = abs(np.sum(a * np.cross(b, c)) / 6.0)
         assert enclosed == pytest.approx(4.0 / 3.0 * np.pi, rel=0.02)
         assert set(solid["bodies"]) == {3}
-    assert "Incomplete shapes: carrier without hood.dae, which is none of .stl, .obj." in found.text
+    assert (
+        "Incomplete shapes: carrier without hood.dae, which is none of .stl, .obj."
+        in found.text
+    )
 
 
 @pytest.mark.parametrize(("duration", "shown"), [(0.04, 41), (1.0, 51)])
-def test_dense_logs_are_thinned_to_instants_that_were_logged(truss, make_run, content, duration, shown):
+def test_dense_logs_are_thinned_to_instants_that_were_logged(
+    truss, make_run, content, duration, shown
+):
     """Short runs are shown as they were logged."""
     run = make_run(truss, duration=duration, step=0.001)
     found = content(run, truss)
@@ -175,14 +229,20 @@ def test_long_runs_with_all_signals_fit(truss, make_run, content, others):
     rng = np.random.default_rng(8)
     run = make_run(truss, duration=80.0)
     for k in range(8):
-        run[f"more_{k}"] = (("time", "task"), np.cumsum(rng.standard_normal((len(run["time"]), 34)), axis=0))
+        run[f"more_{k}"] = (
+            ("time", "task"),
+            np.cumsum(rng.standard_normal((len(run["time"]), 34)), axis=0),
+        )
     found = content(run, truss, other=run if others else None)
     assert found.size < LARGEST
     for shown in found.head["runs"]:
         time = found.array(shown["time"])[0]
         assert (time[0], time[-1]) == (0.0, 80.0)
         assert np.diff(time).max() < 1.01 * FRAME_TIME
-        assert np.diff(found.array(shown["signalTime"])[0]).max() < (2.5 if others else 1.1) * FRAME_TIME
+        assert (
+            np.diff(found.array(shown["signalTime"])[0]).max()
+            < (2.5 if others else 1.1) * FRAME_TIME
+        )
 
 
 def half_written(run, folder):
@@ -207,9 +267,18 @@ def not_finite(run, _):
             lambda run, _: run.drop_vars("truss.coordinates"),
             r"log truss.coordinates, or truss.task_position and",
         ),
-        (lambda run, _: run.isel(coordinate=slice(0, 38)), r"has 38 elements instead of"),
-        (lambda run, _: run.isel(robot=slice(0, 3)), r"'truss.base_force' has 9 elements instead of 12"),
-        (lambda run, _: run.isel(time=slice(0, 1)), r"ascending instants in seconds; it has 1"),
+        (
+            lambda run, _: run.isel(coordinate=slice(0, 38)),
+            r"has 38 elements instead of",
+        ),
+        (
+            lambda run, _: run.isel(robot=slice(0, 3)),
+            r"'truss.base_force' has 9 elements instead of 12",
+        ),
+        (
+            lambda run, _: run.isel(time=slice(0, 1)),
+            r"ascending instants in seconds; it has 1",
+        ),
         (
             lambda run, _: run.isel(time=slice(None, None, -1)),
             r"coordinate 'time' must have two or more ascending",
@@ -221,12 +290,16 @@ def not_finite(run, _):
         (lambda _, folder: folder / "none.nc", r"No such file"),
         (lambda run, _: run["truss.energy"], r"cannot show DataArray"),
         (
-            lambda run, _: run.assign({"truss.coordinates": ("time", ["a"] * len(run["time"]))}),
+            lambda run, _: run.assign(
+                {"truss.coordinates": ("time", ["a"] * len(run["time"]))}
+            ),
             r"it has truss.base_force, truss.base_torque, law.error",
         ),
     ],
 )
-def test_what_is_no_run_of_the_truss_is_one_clear_error(spoil, message, truss, run, tmp_path):
+def test_what_is_no_run_of_the_truss_is_one_clear_error(
+    spoil, message, truss, run, tmp_path
+):
     with pytest.raises(ModelError, match=message):
         replay(spoil(run, tmp_path), truss, tmp_path / "page.html")
     with pytest.raises(ModelError, match=message):
@@ -259,7 +332,10 @@ def test_a_result_names_its_truss(run, content, tmp_path):
     with pytest.raises(ModelError, match="cannot write the page"):
         replay(run, "published", tmp_path / "no" / "page.html")
     assert content(run.assign_attrs(plant="published"), None).run
-    with pytest.raises(ModelError, match=r"says 'frame', known are published, .* open the index.html that"):
+    with pytest.raises(
+        ModelError,
+        match=r"says 'frame', known are published, .* open the index.html that",
+    ):
         content(run.assign_attrs(plant="frame"), None)
 
 
@@ -271,7 +347,9 @@ def test_charts_of_sections_are_of_signals_logged(truss, run, content):
 def test_a_truss_of_other_points_needs_its_rods(random_system, make_run, content):
     truss = SpaceTruss(random_system((2, 3), 4, elastic_integrals=True))
     run = make_run(truss)
-    with pytest.raises(ModelError, match="do not say which points its rods join; give them as rods"):
+    with pytest.raises(
+        ModelError, match="do not say which points its rods join; give them as rods"
+    ):
         content(run, truss)
     for rods in ([[0, 15]], [0, 1], [[0.5, 1]], [[0, 1], [2]], "all"):
         with pytest.raises(ModelError, match="pairs of its 15 points, counted from 0"):
@@ -281,7 +359,9 @@ def test_a_truss_of_other_points_needs_its_rods(random_system, make_run, content
 
 def test_text_of_the_user_cannot_end_the_script(run, truss, content):
     odd = run.rename({"truss.energy": "</script><b>"})
-    found = content(odd, truss, title="<i>$x & co", sections=[Section("<u>", "<p>$5</p>")])
+    found = content(
+        odd, truss, title="<i>$x & co", sections=[Section("<u>", "<p>$5</p>")]
+    )
     assert "<title>&lt;i&gt;$x &amp; co</title>" in found.text
     assert "<h2>&lt;u&gt;</h2><p>$5</p>" in found.text
     assert "</script><b>" in [signal["name"] for signal in found.run["signals"]]
@@ -297,7 +377,9 @@ def test_command_line(run, tmp_path, capsys):
     assert main([str(file), str(file), *words]) == 0
     assert [each["name"] for each in Content(page).head["runs"]] == ["a", "b"]
     capsys.readouterr()
-    assert main([str(file), "--truss", "consistent", "--output", str(page), "--json"]) == 0
+    assert (
+        main([str(file), "--truss", "consistent", "--output", str(page), "--json"]) == 0
+    )
     assert json.loads(capsys.readouterr().out) == {"page": str(page), "picture": None}
     assert main([str(page)]) == 2
     assert "is a page: open it in a browser, or set --png" in capsys.readouterr().err

@@ -16,7 +16,9 @@ from trussflow.models.plant.tunable_truss import TunableTruss
 interpreted = pytest.fixture(scope="module", autouse=True)(systems.interpreted)
 
 
-@pytest.fixture(params=["consistent", pytest.param("accurate", marks=pytest.mark.campaign)])
+@pytest.fixture(
+    params=["consistent", pytest.param("accurate", marks=pytest.mark.campaign)]
+)
 def plant(request, monkeypatch):
     """Prepare the tuned loop once; ordinary tests have six modes."""
     monkeypatch.setattr(TunableTruss, "accurate", getattr(TunableTruss, request.param))
@@ -27,14 +29,32 @@ def plant(request, monkeypatch):
 @pytest.fixture
 def tuned():
     """Return four runs of each design: one of the first diverges, and one needs two steps of thrust."""
-    errors = np.array([[2.0, 3.0, 4.0, np.nan], [1.0, 2.0, 3.0, 4.0], [0.5, 1.0, 1.5, 2.0]])
+    errors = np.array(
+        [[2.0, 3.0, 4.0, np.nan], [1.0, 2.0, 3.0, 4.0], [0.5, 1.0, 1.5, 2.0]]
+    )
     columns = {name: (("design", "seed"), np.zeros((3, 4))) for name in METRICS}
-    columns |= {"position": (("design", "seed"), 1e-3 * errors), "share": (("design", "seed"), errors / 10.0)}
-    columns["late force"] = ("design", "seed"), np.array([[0.1, 0.2, 0.1, np.nan], [0.1] * 4, [0.1] * 4])
+    columns |= {
+        "position": (("design", "seed"), 1e-3 * errors),
+        "share": (("design", "seed"), errors / 10.0),
+    }
+    columns["late force"] = (
+        ("design", "seed"),
+        np.array([[0.1, 0.2, 0.1, np.nan], [0.1] * 4, [0.1] * 4]),
+    )
     found = xr.Dataset(
-        {**columns, **{name: ("design", np.full(3, begin)) for name, begin in INITIAL.items()}},
+        {
+            **columns,
+            **{name: ("design", np.full(3, begin)) for name, begin in INITIAL.items()},
+        },
         {"design": ["initial", "shipped", "tuned"], "seed": [2000, 2001, 2002, 2003]},
-        {"before": 0.3, "cost": 0.25, "most": 0.8, "runs": 400, "message": "The end.", "duration": 100.0}
+        {
+            "before": 0.3,
+            "cost": 0.25,
+            "most": 0.8,
+            "runs": 400,
+            "message": "The end.",
+            "duration": 100.0,
+        }
         | {"first": 0, "last": 15},
     )
     return found.assign(disk=("design", [0.24, 0.26, 0.25]))

@@ -38,11 +38,16 @@ def test_a_sample_is_the_run_of_its_truss(tmp_path):
 def invented(count, diverged=0):
     """Return samples whose position error is proportional to the payload; some diverged."""
     random = np.random.default_rng(3)
-    columns = {name: random.uniform(0.0, 1e-3, count) for name in (*KEPT, *UNCERTAINTIES)}
+    columns = {
+        name: random.uniform(0.0, 1e-3, count) for name in (*KEPT, *UNCERTAINTIES)
+    }
     columns["position"] = 1e-3 * columns["payload"]
     columns["position"][:diverged] = np.nan
     status = np.where(np.arange(count) < diverged, "diverged", "complete")
-    data = {name: ("sample", values) for name, values in (columns | {"status": status}).items()}
+    data = {
+        name: ("sample", values)
+        for name, values in (columns | {"status": status}).items()
+    }
     found = xr.Dataset(data, {"sample": FIRST_SEED + np.arange(count)})
     return found.assign(successful=successful(found))
 
@@ -57,7 +62,9 @@ def test_diverged_samples_and_large_late_errors_fail():
 def test_success_rates_have_the_interval_of_wilson():
     """For 0 of n it is from 0 to z^2/(n + z^2), z = 1.96."""
     z2 = 1.959963984540054**2
-    assert success_rate(np.zeros(100, dtype=bool)) == pytest.approx((0.0, 0.0, z2 / (100 + z2)), abs=1e-12)
+    assert success_rate(np.zeros(100, dtype=bool)) == pytest.approx(
+        (0.0, 0.0, z2 / (100 + z2)), abs=1e-12
+    )
     low, high = success_rate(np.arange(100) < 50)[1:]
     assert low + high == pytest.approx(1.0, abs=1e-12)
 
@@ -71,11 +78,22 @@ def test_the_uncertainty_that_orders_the_errors_has_correlation_one():
 
 def test_the_report_counts_successes_and_names_the_worst_sample(tmp_path, tuned):
     names = [one.name for one in all_campaigns(1)]
-    found = {name: invented(40, count) for name, count in zip(names, (0, 40, 4, 0, 0), strict=True)}
+    found = {
+        name: invented(40, count)
+        for name, count in zip(names, (0, 40, 4, 0, 0), strict=True)
+    }
     text = comparison.write(found, tuned, tmp_path, {}).read_text()
-    assert heads(text) == {head.replace(" 64", " 4") for head in heads(TEXTS[DOCS / "sweep/README.md"])}
-    assert "| mode-neutral, exact | mode-neutral allocation, consistent plant | 36 | 90.0 % |" in text
-    assert "| published, reference hardware | the paper's law, published plant | 0 | 0 % |" in text
+    assert heads(text) == {
+        head.replace(" 64", " 4") for head in heads(TEXTS[DOCS / "sweep/README.md"])
+    }
+    assert (
+        "| mode-neutral, exact | mode-neutral allocation, consistent plant | 36 | 90.0 % |"
+        in text
+    )
+    assert (
+        "| published, reference hardware | the paper's law, published plant | 0 | 0 % |"
+        in text
+    )
     worst = FIRST_SEED + int(np.argmax(found[names[0]]["payload"].values))
     assert f"| published, exact | {worst} |" in text
     numbers = json.loads((tmp_path / "evidence.json").read_text())["numbers"]

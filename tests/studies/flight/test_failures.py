@@ -4,7 +4,12 @@ import json
 
 import numpy as np
 import pytest
-from flight.failures import BRAKE_FREQUENCY, failure_metrics, failure_parameters, with_failures
+from flight.failures import (
+    BRAKE_FREQUENCY,
+    failure_metrics,
+    failure_parameters,
+    with_failures,
+)
 from flight.loops import FLIGHT_LOG
 from numpy.testing import assert_allclose
 from systems import respond
@@ -24,7 +29,9 @@ def loop(**options):
     return with_failures(diagram, DYNAMICS, **options)
 
 
-@pytest.mark.parametrize(("part", "bases", "drives"), [("base", 3, 28), ("drives", 4, 21), ("robot", 3, 21)])
+@pytest.mark.parametrize(
+    ("part", "bases", "drives"), [("base", 3, 28), ("drives", 4, 21), ("robot", 3, 21)]
+)
 def test_failed_parts_have_no_health(part, bases, drives):
     given = failure_parameters(DYNAMICS, part, 2, 10.0)
     assert given["failure.time"] == 10.0
@@ -47,7 +54,10 @@ def simulated():
 
 @pytest.mark.parametrize(
     ("robot", "start"),
-    [(1, 1.0), *(pytest.param(robot, 10.0, marks=pytest.mark.campaign) for robot in (1, 2, 3))],
+    [
+        (1, 1.0),
+        *(pytest.param(robot, 10.0, marks=pytest.mark.campaign) for robot in (1, 2, 3)),
+    ],
 )
 def test_a_failed_base_is_isolated(simulated, robot, start):
     """A base fails under up to three newtons of thrust: it is isolated, and the mission continues."""
@@ -81,7 +91,12 @@ def test_an_isolation_before_the_failure_or_of_another_part_is_a_false_alarm(sim
     early = parameters | {"failure.time": 0.9}
     other = parameters | {"failure.bases": [1.0, 1.0, 1.0, 0.0]}
     for changed in (early, other):
-        assert failure_metrics(run.assign_attrs(parameters=json.dumps(changed)))["false_alarms"] == 1
+        assert (
+            failure_metrics(run.assign_attrs(parameters=json.dumps(changed)))[
+                "false_alarms"
+            ]
+            == 1
+        )
 
 
 def test_brakes_hold_an_isolated_arm():
@@ -90,9 +105,11 @@ def test_brakes_hold_an_isolated_arm():
     inertia = DYNAMICS.evaluate(DYNAMICS.rest).mass_matrix[6:34, 6:34]
     limp = np.arange(28) // 7 == 1
     left = np.append(np.ones(24), ~limp)
-    torques = respond(brakes, angles=np.full(28, 0.01), rates=np.full(28, 0.02), effectiveness=left)[
-        "torques"
-    ]
+    torques = respond(
+        brakes, angles=np.full(28, 0.01), rates=np.full(28, 0.02), effectiveness=left
+    )["torques"]
     assert not torques[~limp].any()
     expected = -(BRAKE_FREQUENCY**2 * 0.01 + 2 * BRAKE_FREQUENCY * 0.02)
-    assert_allclose(np.linalg.solve(inertia[7:14, 7:14], torques[limp]), expected, rtol=1e-9)
+    assert_allclose(
+        np.linalg.solve(inertia[7:14, 7:14], torques[limp]), expected, rtol=1e-9
+    )

@@ -2,7 +2,14 @@
 
 import numpy as np
 import pytest
-from flight.limits import IMPERFECTIONS, LAWS, MAX_BRACKET_RATIO, TRUSSES, robustness_limits, simulated
+from flight.limits import (
+    IMPERFECTIONS,
+    LAWS,
+    MAX_BRACKET_RATIO,
+    TRUSSES,
+    robustness_limits,
+    simulated,
+)
 from hypothesis import given
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose
@@ -26,7 +33,8 @@ def bisected(law, imperfection, limit):
 
 
 @given(
-    name=st.sampled_from([k for k, v in IMPERFECTIONS.items() if v.unit != "s"]), where=st.floats(0.01, 0.99)
+    name=st.sampled_from([k for k, v in IMPERFECTIONS.items() if v.unit != "s"]),
+    where=st.floats(0.01, 0.99),
 )
 def test_bisection_brackets_the_limit(name, where):
     what = IMPERFECTIONS[name]
@@ -37,14 +45,20 @@ def test_bisection_brackets_the_limit(name, where):
     assert len(tried) < 12
 
 
-@given(law=st.sampled_from(list(LAWS)), steps=st.integers(0, 90), name=st.sampled_from(["hold", "delay"]))
+@given(
+    law=st.sampled_from(list(LAWS)),
+    steps=st.integers(0, 90),
+    name=st.sampled_from(["hold", "delay"]),
+)
 def test_times_are_whole_steps_and_neighbours_or_close(law, steps, name):
     step = LAWS[law].step
     limit = min(steps * step, IMPERFECTIONS[name].severe - step) + 1e-9
     best, worst, tried = bisected(law, name, limit)
     assert best <= limit < worst
     assert worst - best < 1.5 * step or worst < MAX_BRACKET_RATIO * best
-    assert_allclose(np.round(np.array(tried) / step), np.array(tried) / step, rtol=0, atol=1e-6)
+    assert_allclose(
+        np.round(np.array(tried) / step), np.array(tried) / step, rtol=0, atol=1e-6
+    )
 
 
 def test_a_law_may_succeed_or_fail_with_all_values():
@@ -64,7 +78,9 @@ def test_an_imperfection_changes_hardware_or_truss(law, name):
     what, modes = IMPERFECTIONS[name], TunableTruss.consistent().dynamics.modes
     loops = [
         repr(
-            TRUSSES[name](modes, value).data.mass if name in TRUSSES else LAWS[law].hardware(**{name: value})
+            TRUSSES[name](modes, value).data.mass
+            if name in TRUSSES
+            else LAWS[law].hardware(**{name: value})
         )
         for value in (what.mild, what.severe)
     ]

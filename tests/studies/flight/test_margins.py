@@ -23,19 +23,24 @@ from trussflow.models.transport import Mission, mean_axes_transport
 
 # The paper's path of 60 s, scaled down in time and, with the same accelerations, in displacement.
 DURATION = 6.0  # s
-MISSION = replace(Mission.of_case(1), position=np.array([0.0, 0.0, 0.06]), duration=DURATION)
+MISSION = replace(
+    Mission.of_case(1), position=np.array([0.0, 0.0, 0.06]), duration=DURATION
+)
 
 
 @pytest.fixture(scope="module")
 def session():
-    return Session(mean_axes_transport(MISSION, SpaceTruss.consistent()), outputs=[], step=2e-3)
+    return Session(
+        mean_axes_transport(MISSION, SpaceTruss.consistent()), outputs=[], step=2e-3
+    )
 
 
 @pytest.fixture(scope="module")
 def loops(session):
     """Return the loop at two instants, and what the flight was there."""
     instants = {"at rest": 0.0, "peak acceleration": 0.2113}
-    along = loops_along(session, DURATION, {"controller.probe.strength": 1.0}, instants)  # of no account
+    # of no account
+    along = loops_along(session, DURATION, {"controller.probe.strength": 1.0}, instants)
     return {name: (loop, session.save()) for name, loop in along}
 
 
@@ -52,7 +57,9 @@ def test_the_map_predicts_the_flight(session, loops, instant, rng):
     loop, start = loops[instant]
     plan = session.prepared.plan
     states = ("y", "nu", "eta", "eta_rate", "w", "posture")
-    own = np.r_[: start.x.size, *(plan.place("controller.estimator", name) for name in states)]
+    own = np.r_[
+        : start.x.size, *(plan.place("controller.estimator", name) for name in states)
+    ]
     pushed = rng.standard_normal(own.size)
 
     def flown(size):
@@ -64,7 +71,8 @@ def test_the_map_predicts_the_flight(session, loops, instant, rng):
         return np.concatenate([now.x, now.d])[own]
 
     errors = []
-    for size in 1e-5 * 0.5 ** np.arange(4):  # at rest the feedback may not ask for much thrust
+    for size in 1e-5 * 0.5 ** np.arange(4):
+        # at rest the feedback may not ask for much thrust
         found = (flown(size) - flown(0.0)) / size
         errors.append(np.abs(found - loop.closed() @ pushed).max())
     slopes = np.diff(np.log2(errors))
@@ -78,7 +86,10 @@ def test_margins_of_one_loop(loops):
     growth = dict(zip(VARIATIONS, found["growth"], strict=True))
     assert growth["nominal"] == np.log(spectral_radius(loop.closed())) / 0.02 < 0.0
     assert 0.0 < found["delay"] < 0.05
-    for delay, stable in ((0.98 * found["delay"], True), (1.02 * found["delay"], False)):
+    for delay, stable in (
+        (0.98 * found["delay"], True),
+        (1.02 * found["delay"], False),
+    ):
         assert (spectral_radius(loop.closed(delay=delay)) < 1.0) == stable
     assert found["disk"] == min_disk(loop) < min_disk(loops["at rest"][0])
 
@@ -86,17 +97,25 @@ def test_margins_of_one_loop(loops):
 def test_arms_of_other_mass_and_length():
     """Masses scale together; an arm of another length reaches as far as it is long."""
     dynamics = SpaceTruss.consistent().dynamics
-    for before, after in zip(dynamics.arms, with_arms(dynamics, mass=1.05, length=0.95).arms, strict=True):
+    for before, after in zip(
+        dynamics.arms, with_arms(dynamics, mass=1.05, length=0.95).arms, strict=True
+    ):
         assert after.masses == pytest.approx(1.05 * before.masses, rel=1e-12)
-        assert after.joint_origins == pytest.approx(0.95 * before.joint_origins, rel=1e-12)
+        assert after.joint_origins == pytest.approx(
+            0.95 * before.joint_origins, rel=1e-12
+        )
         assert after.base_mass == before.base_mass
 
 
 def test_the_first_unstable_value_is_found_up_and_down():
     values = np.arange(0.0, 5.0)
     assert first_unstable(lambda v: v / 2.5, values) == pytest.approx(2.5, abs=0.01)
-    assert first_unstable(lambda v: 2.5 / (5.0 - v), values) == pytest.approx(2.5, abs=0.01)
-    assert first_unstable(lambda v: 1.5 - v, values[::-1]) == pytest.approx(0.5, abs=0.01)
+    assert first_unstable(lambda v: 2.5 / (5.0 - v), values) == pytest.approx(
+        2.5, abs=0.01
+    )
+    assert first_unstable(lambda v: 1.5 - v, values[::-1]) == pytest.approx(
+        0.5, abs=0.01
+    )
     assert first_unstable(lambda _: 0.5, values) == np.inf
     assert first_unstable(lambda _: 1.5, values) == 0.0
 
@@ -112,7 +131,8 @@ def test_a_searched_feedback_nearly_reaches_the_bound_of_gains(feedback, bound, 
     """
     time, size = 0.02, len(feedback)
     steps = scipy.linalg.expm(
-        np.array([[0.0, 1.0, 0.0], [BUCKLING_RATE**2, 0.0, 1.0], [0.0, 0.0, 0.0]]) * time
+        np.array([[0.0, 1.0, 0.0], [BUCKLING_RATE**2, 0.0, 1.0], [0.0, 0.0, 0.0]])
+        * time
     )
 
     def stable(gain):

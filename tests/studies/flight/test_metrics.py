@@ -29,16 +29,36 @@ def run():
         "controller.monitor.effectiveness": np.ones((501, 52)),
     }
     return xr.Dataset(
-        {k: (("time", *(f"{k}_{i}" for i in range(v.ndim - 1))), v) for k, v in ports.items()}, {"time": time}
+        {
+            k: (("time", *(f"{k}_{i}" for i in range(v.ndim - 1))), v)
+            for k, v in ports.items()
+        },
+        {"time": time},
     )
 
 
 def test_metrics_of_known_curves():
     found = run_metrics(run())
     assert list(found) == list(METRICS)
-    expected = {"position": 5e-3, "attitude": 2e-3, "joints": 0.03, "force": 3.0, "torque": 0.3}
-    expected |= {"joint torque": 0.2, "late position": 1e-4, "late attitude": 0.0, "late joints": 0.0}
-    expected |= {"late grasp 4": 1e-3 * 3**0.5, "late force": 0.1, "propellant": 500.0, "evidence": 350.0}
+    expected = {
+        "position": 5e-3,
+        "attitude": 2e-3,
+        "joints": 0.03,
+        "force": 3.0,
+        "torque": 0.3,
+    }
+    expected |= {
+        "joint torque": 0.2,
+        "late position": 1e-4,
+        "late attitude": 0.0,
+        "late joints": 0.0,
+    }
+    expected |= {
+        "late grasp 4": 1e-3 * 3**0.5,
+        "late force": 0.1,
+        "propellant": 500.0,
+        "evidence": 350.0,
+    }
     for name, value in (expected | {"alarms": 0.0}).items():
         assert_allclose(found[name], value, rtol=1e-9, atol=1e-12)
 
@@ -50,12 +70,21 @@ def test_each_error_as_norm_and_component_over_the_run_late_and_at_its_end():
     for part, (norm, component) in expected.items():
         assert_allclose(found[f"{part} position (norm)"], norm, rtol=1e-15)
         assert_allclose(found[f"{part} position (component)"], component, rtol=1e-15)
-    assert tracking_metrics(np.array([0.0, 100.0]), {"joints": np.zeros((2, 0))})["peak joints (norm)"] == 0.0
+    assert (
+        tracking_metrics(np.array([0.0, 100.0]), {"joints": np.zeros((2, 0))})[
+            "peak joints (norm)"
+        ]
+        == 0.0
+    )
 
 
 def test_headings_have_kind_and_unit():
     heads = [heading(name) for name in ("position", "attitude", "propellant")]
-    assert heads == ["position (norm) [mm]", "attitude (component) [mrad]", "propellant [g]"]
+    assert heads == [
+        "position (norm) [mm]",
+        "attitude (component) [mrad]",
+        "propellant [g]",
+    ]
 
 
 def test_an_alarm_at_any_time_counts():

@@ -5,7 +5,14 @@ import numpy as np
 import pytest
 from flight.sampled_loop import SampledLoop, spectral_radius
 
-from trussflow.blocks import Diagram, DiscreteStateSpace, Gain, Session, StateSpace, linearize
+from trussflow.blocks import (
+    Diagram,
+    DiscreteStateSpace,
+    Gain,
+    Session,
+    StateSpace,
+    linearize,
+)
 from trussflow.blocks.errors import LinearAnalysisError
 from trussflow.blocks.linear_analysis.margins import channel_disks, frequencies_about
 
@@ -16,7 +23,9 @@ def loop_diagram(other=H):
     """Return an unstable plant of two states and commands, and a sampled controller of two states."""
     diagram = Diagram("sampled")
     plant, law, sign = diagram.add(
-        plant=StateSpace([[0.0, 1.0], [1.5, -0.1]], [[0.0, 0.2], [1.0, 0.5]], np.eye(2)),
+        plant=StateSpace(
+            [[0.0, 1.0], [1.5, -0.1]], [[0.0, 0.2], [1.0, 0.5]], np.eye(2)
+        ),
         law=DiscreteStateSpace(
             [[0.3, 0.1], [0.0, 0.5]],
             [[0.2, 0.1], [0.3, 0.2]],
@@ -53,14 +62,18 @@ def test_loop_gain_closed_is_the_loop(loop, where):
     for gains in ([1.0, 1.0], [0.7, 1.3]):
         found = np.linalg.eigvals(model.A - (model.B * gains) @ model.C)
         expected = np.linalg.eigvals(loop.closed(**{where: gains}))
-        np.testing.assert_allclose(np.sort_complex(found), np.sort_complex(expected), rtol=1e-9, atol=1e-12)
+        np.testing.assert_allclose(
+            np.sort_complex(found), np.sort_complex(expected), rtol=1e-9, atol=1e-12
+        )
     omega = frequencies_about(loop.continuous_poles(), 0.1, np.pi / H, 200)
     disks, at = channel_disks(model, omega)
     for k in range(2):
         other = 1 - k
         A = model.A - model.B[:, [other]] @ model.C[[other]]
         alone = control.StateSpace(A, model.B[:, [k]], model.C[[k]], 0, H)
-        scan = np.clip(at[k] * (1.0 + np.linspace(-0.05, 0.05, 4001)), omega[0], omega[-1])
+        scan = np.clip(
+            at[k] * (1.0 + np.linspace(-0.05, 0.05, 4001)), omega[0], omega[-1]
+        )
         assert disks[k] == pytest.approx(control.disk_margins(alone, scan)[0], rel=1e-8)
         assert disks[k] <= control.disk_margins(alone, omega)[0]
 
@@ -70,7 +83,10 @@ def test_a_command_that_is_late_by_parts_of_a_sample(loop):
     whole = [loop.closed(delay=n * H) for n in (0, 1, 2)]
     assert [len(each) for each in whole] == [4, 6, 8]
     for n in (0, 1):
-        for delay, other in ((n * H + 1e-9, whole[n]), ((n + 1) * H - 1e-9, whole[n + 1])):
+        for delay, other in (
+            (n * H + 1e-9, whole[n]),
+            ((n + 1) * H - 1e-9, whole[n + 1]),
+        ):
             found = spectral_radius(loop.closed(delay=delay))
             assert found == pytest.approx(spectral_radius(other), rel=1e-6)
 
@@ -80,18 +96,26 @@ def test_a_known_limit():
     plant = control.StateSpace([[0.0]], [[1.0]], [[1.0]], [[0.0]])
     law = control.ss([], [], [], [[-1.0 / H]], H)
     loop = SampledLoop(plant=plant, controller=law)
-    assert spectral_radius(loop.closed(actuators=1.999)) < 1.0 < spectral_radius(loop.closed(sensors=2.001))
+    assert (
+        spectral_radius(loop.closed(actuators=1.999))
+        < 1.0
+        < spectral_radius(loop.closed(sensors=2.001))
+    )
     assert spectral_radius(loop.closed(actuators=0.999, delay=H)) < 1.0
     assert spectral_radius(loop.closed(actuators=1.001, delay=H)) > 1.0
     # Late by f h: z^2 - (1 - k (1 - f)) z + k f has its roots inside for k < min(1 / f, 2 / (1 - 2 f)).
     for part, limit in ((0.2, 2.0 / 0.6), (0.5, 2.0)):
         for gain, stable in ((0.999 * limit, True), (1.001 * limit, False)):
-            assert (spectral_radius(loop.closed(actuators=gain, delay=part * H)) < 1.0) == stable
+            assert (
+                spectral_radius(loop.closed(actuators=gain, delay=part * H)) < 1.0
+            ) == stable
 
 
 def test_blocks_at_several_rates_are_refused():
     with (
         Session(loop_diagram(other=0.2), step=0.01) as session,
-        pytest.raises(LinearAnalysisError, match="compute at 2 rates; they must all have one"),
+        pytest.raises(
+            LinearAnalysisError, match="compute at 2 rates; they must all have one"
+        ),
     ):
         SampledLoop.of(session, "sign.y", ["law.x"], ["plant.x"])

@@ -23,7 +23,9 @@ def test_a_design_has_the_values_that_describe_it():
     assert initial.acceleration_noise == pytest.approx([1e-5, 5e-6, 1e-4], rel=1e-12)
     again = design_of(values_of(shipped))
     assert again.bandwidth.tolist() == shipped.bandwidth.tolist()
-    assert again.acceleration_noise == pytest.approx(shipped.acceleration_noise, rel=1e-12)
+    assert again.acceleration_noise == pytest.approx(
+        shipped.acceleration_noise, rel=1e-12
+    )
     for name, value in values_of(shipped).items():
         assert RANGES[name][0] < value < RANGES[name][2]
 
@@ -38,15 +40,22 @@ def test_designs_are_compared_on_other_seeds(plant):
         section="",
         name="",
         loop=flight_simulator,
-        rows=[sample_parameters(truss, seed) | noise_parameters(seed) for seed in TUNING.others],
+        rows=[
+            sample_parameters(truss, seed) | noise_parameters(seed)
+            for seed in TUNING.others
+        ],
         labels=TUNING.others,
         keep=run_metrics,
         duration=TUNING.duration,
     ).run(executor="serial")
     for name in METRICS:
         shipped = found[name].sel(design="shipped").values
-        assert shipped == pytest.approx(expected[name].values, rel=1e-9, abs=1e-12), name
-        assert_array_equal(found[name].sel(design="tuned"), found[name].sel(design="initial"))
+        assert shipped == pytest.approx(expected[name].values, rel=1e-9, abs=1e-12), (
+            name
+        )
+        assert_array_equal(
+            found[name].sel(design="tuned"), found[name].sel(design="initial")
+        )
     assert found["disk"].values == pytest.approx(DISKS[plant], abs=1e-3)
     assert found.attrs["runs"] == 2
     assert "disk" not in found.attrs["message"]
@@ -67,9 +76,19 @@ def test_the_section_compares_run_by_run_and_shows_diverged_runs(tuned):
     numbers = {name: number.value for name, number in ledger.numbers.items()}
     gain = tuned["share"].values[1] - tuned["share"].values[2]
     assert numbers["tuning, shipped: gain"] == pytest.approx(gain.mean(), rel=1e-12)
-    assert numbers["tuning, shipped: gain, ±"] == pytest.approx(1.96 * gain.std(ddof=1) / 2.0, rel=1e-12)
+    assert numbers["tuning, shipped: gain, ±"] == pytest.approx(
+        1.96 * gain.std(ddof=1) / 2.0, rel=1e-12
+    )
     assert np.isnan(numbers["tuning, initial: gain"])
-    assert [numbers[f"tuning, {d}: all goals met"] for d in tuned["design"].values] == [2, 3, 4]
-    assert [numbers[f"tuning, {d}: second step"] for d in tuned["design"].values] == [1, 0, 0]
+    assert [numbers[f"tuning, {d}: all goals met"] for d in tuned["design"].values] == [
+        2,
+        3,
+        4,
+    ]
+    assert [numbers[f"tuning, {d}: second step"] for d in tuned["design"].values] == [
+        1,
+        0,
+        0,
+    ]
     assert "| initial | not a number | not a number |" in text
     assert "seeds 2000 to 2003" in text

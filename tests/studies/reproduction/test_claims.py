@@ -24,7 +24,11 @@ def tracking(peak=1e-6, late=1e-7, joint=0.0, turn=0.0):
         for kind in ("position", "attitude")
     }
     motion = {"case1: commanded displacement": 6.0, "case1: commanded angle": turn}
-    return errors | motion | {"case1: peak sideways error": peak, "case1: peak joint error": joint}
+    return (
+        errors
+        | motion
+        | {"case1: peak sideways error": peak, "case1: peak joint error": joint}
+    )
 
 
 def shares(*values):
@@ -39,17 +43,24 @@ def ripple(own, other, suffix):
 
 def torques(bound, usual, at_joint, mounting):
     suffixes = {"": usual, "-centroid-at-joint": at_joint, "-mounting": mounting}
-    return {"case1: torque bound": bound} | {f"case1{k}: claimed torque": v for k, v in suffixes.items()}
+    return {"case1: torque bound": bound} | {
+        f"case1{k}: claimed torque": v for k, v in suffixes.items()
+    }
 
 
 def advantage(name, usual, fine=3.0, rival="-smc"):
-    return {f"case1{rival} over case1: {name}": usual, f"case1{rival}-fine over case1-fine: {name}": fine}
+    return {
+        f"case1{rival} over case1: {name}": usual,
+        f"case1{rival}-fine over case1-fine: {name}": fine,
+    }
 
 
 def weights(impulse, torque):
     values = {"impulse of the base forces": impulse, "peak base torque": torque}
     usual = {f"case1: {name}": 1.0 for name in values}
-    return usual | {f"case1-equal-weights: {name}": value for name, value in values.items()}
+    return usual | {
+        f"case1-equal-weights: {name}": value for name, value in values.items()
+    }
 
 
 def robots(subject, *values):
@@ -88,15 +99,27 @@ CASES = [
     ("bounded torques", OPEN, torques(0.25, 0.25, 0.2, 0.4)),
     ("Robot 4 bends most", HOLD, robots(BENT, 0.0, 1e-5, 2e-5, 1e-4)),
     ("Robot 4 bends most", FAIL, robots(BENT, 0.0, 1e-5, 2e-4, 1e-4)),
-    ("small elastic displacement", HOLD, tracking() | robots(BENT, 0.0, 0.0, 0.0, 1e-3)),
-    ("small elastic displacement", FAIL, tracking() | robots(BENT, 0.0, 0.0, 0.0, 1e-2)),
+    (
+        "small elastic displacement",
+        HOLD,
+        tracking() | robots(BENT, 0.0, 0.0, 0.0, 1e-3),
+    ),
+    (
+        "small elastic displacement",
+        FAIL,
+        tracking() | robots(BENT, 0.0, 0.0, 0.0, 1e-2),
+    ),
     ("joint at rest", HOLD, {"case1: peak angle of C41": 1e-6}),
     ("joint at rest", FAIL, {"case1: peak angle of C41": 0.1}),
     ("smaller errors than PD", HOLD, advantage("advantage", 10.0, rival="-pd")),
     ("smaller errors than PD", FAIL, advantage("advantage", 1.5, rival="-pd")),
     ("smaller errors than SMC", HOLD, advantage("advantage", 3.0)),
     ("smaller errors than SMC", COARSE, advantage("advantage", 3.0, fine=0.5)),
-    ("smaller late errors than SMC", COARSE, advantage("late advantage", 3.0, fine=0.5)),
+    (
+        "smaller late errors than SMC",
+        COARSE,
+        advantage("late advantage", 3.0, fine=0.5),
+    ),
     ("smaller late errors than SMC", FAIL, advantage("late advantage", 0.5)),
     ("smaller velocity ripple than SMC", HOLD, ripple(1.0, 3.0, "-smc")),
     ("smaller velocity ripple than SMC", FAIL, ripple(1.0, 1.0, "-smc")),

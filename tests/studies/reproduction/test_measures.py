@@ -12,10 +12,15 @@ STEADY = np.ones(len(TIME) - 1)
 def test_ripple_is_the_root_mean_square_of_the_fast_part():
     """A drift and a slow oscillation do not count; switching at every instant counts in full."""
     switching = 0.3 * (-1.0) ** np.arange(len(TIME))
-    assert ripple(TIME, np.stack([TIME, 2 - TIME], axis=1)) == pytest.approx(0.0, abs=1e-12)
-    assert ripple(TIME, np.stack([np.sin(0.5 * TIME), switching], axis=1)) == pytest.approx(0.3, rel=0.03)
+    assert ripple(TIME, np.stack([TIME, 2 - TIME], axis=1)) == pytest.approx(
+        0.0, abs=1e-12
+    )
+    assert ripple(
+        TIME, np.stack([np.sin(0.5 * TIME), switching], axis=1)
+    ) == pytest.approx(0.3, rel=0.03)
     fast = np.sin(2 * np.pi * 20 * TIME)
-    assert ripple(TIME, np.stack([fast, fast], axis=1)) == pytest.approx(1.0, rel=0.05)  # sqrt(1/2 + 1/2)
+    # sqrt(1/2 + 1/2)
+    assert ripple(TIME, np.stack([fast, fast], axis=1)) == pytest.approx(1.0, rel=0.05)
 
 
 def test_envelope_has_the_maxima_of_the_absolute_value():
@@ -28,9 +33,16 @@ def run():
     """Return a run in which each signal has one element, at one instant, of known size."""
     n, late = len(TIME), int(0.9 * len(TIME))
     signals = {name: np.zeros((n, 34)) for name in TASK}
-    signals |= {f"{part}_error{end}": np.zeros((n, size)) for part, size in PARTS for end in ("", "_rate")}
+    signals |= {
+        f"{part}_error{end}": np.zeros((n, size))
+        for part, size in PARTS
+        for end in ("", "_rate")
+    }
     signals |= {"attitude": np.zeros((n, 3)), "joint_rate": np.zeros((n, 28))}
-    signals |= {name: np.zeros((n, 4, 3)) for name in ("grasp_displacement", "base_force", "base_torque")}
+    signals |= {
+        name: np.zeros((n, 4, 3))
+        for name in ("grasp_displacement", "base_force", "base_torque")
+    }
     signals |= {"joint_torque": np.zeros((n, 28)), "modal_coordinate": np.zeros((n, 6))}
     signals["position_error"][[100, late], 0] = [3.0, -1.0]
     signals["attitude_error"][100, 1], signals["joint_error"][100, 21] = -2.0, 0.5
@@ -40,7 +52,10 @@ def run():
     signals["base_torque"][5, 0, 1], signals["joint_torque"][7, 21] = 3.0, -2.0
     signals["grasp_displacement"][9, 2, 1] = -0.1
     signals["disturbance"] += TIME[:, None]
-    data = {name: (("time", *(f"{name}_{i}" for i in range(1, v.ndim))), v) for name, v in signals.items()}
+    data = {
+        name: (("time", *(f"{name}_{i}" for i in range(1, v.ndim))), v)
+        for name, v in signals.items()
+    }
     attrs = {"parameters": '{"observer.gain": [4.0, 4.0], "controller.sigma": 0.3}'}
     return xr.Dataset(data, {"time": TIME}, attrs)
 
@@ -73,7 +88,15 @@ def test_measures_of_a_run():
 
 def theorems(lyapunov, sigma=0.5):
     """Return the measures for a chosen V and a steady rate of the disturbance; L = 4, J = 1."""
-    return theorem_measures(TIME, np.full(len(TIME), 0.2), lyapunov, STEADY, L=4.0, sigma=sigma, jacobian=1.0)
+    return theorem_measures(
+        TIME,
+        np.full(len(TIME), 0.2),
+        lyapunov,
+        STEADY,
+        L=4.0,
+        sigma=sigma,
+        jacobian=1.0,
+    )
 
 
 def test_bounds_of_the_theorems():
@@ -95,7 +118,9 @@ def test_v_that_falls_as_it_must_and_v_that_does_not():
     slow = theorems(0.25 + np.exp(-0.5 * TIME))
     assert slow["time of V above its bound"] == 1.0
     assert slow["instants at which V rises though it must fall"] == 0
-    assert slow["largest part of the bound on the slope"] == pytest.approx(1.0, abs=1e-4)
+    assert slow["largest part of the bound on the slope"] == pytest.approx(
+        1.0, abs=1e-4
+    )
     rising = theorems(1.0 + 0.1 * TIME)
     assert rising["instants at which V rises though it must fall"] == len(TIME) - 1
     assert rising["largest part of the bound on the slope"] > 1

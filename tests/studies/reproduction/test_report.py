@@ -61,8 +61,15 @@ def test_a_report_of_invented_numbers_cites_all_of_them(short, tmp_path):
     invented = {run: {name: next(values) / 7 for name in names} for run in RUNS}
     poles = {run: -np.linspace(-1.0, 1.0, 6) + 2j for run in report.OBSERVER_RUNS}
     shape = (len(MODES), 2, 2, len(DAMPINGS))
-    maps = {observer: np.linspace(1.0, -1.0, np.prod(shape)).reshape(shape) for observer in (False, True)}
-    numbers = report.complete(invented, poles) | stability_measures(maps) | report.shipped_data(short[1])
+    maps = {
+        observer: np.linspace(1.0, -1.0, np.prod(shape)).reshape(shape)
+        for observer in (False, True)
+    }
+    numbers = (
+        report.complete(invented, poles)
+        | stability_measures(maps)
+        | report.shipped_data(short[1])
+    )
     file = report.write(numbers, "", {"case1": "0123"}, tmp_path)
     text = file.read_text(encoding="utf-8")
     assert uncited(tmp_path) == set()
@@ -78,20 +85,35 @@ def test_a_report_of_invented_numbers_cites_all_of_them(short, tmp_path):
 
 def test_paper_figures_of_short_runs(short, tmp_path):
     folder = short[1]
-    result = check_run(simulator(folder, "case1").run(0.1, progress=False), mission("case1", folder).truss)
+    result = check_run(
+        simulator(folder, "case1").run(0.1, progress=False),
+        mission("case1", folder).truss,
+    )
     text = draw_paper_figures(lambda _: result, tmp_path)
-    assert [int(n) for n in re.findall(r"!\[Figure (\d+)\]", text)] == list(range(3, 20))
+    assert [int(n) for n in re.findall(r"!\[Figure (\d+)\]", text)] == list(
+        range(3, 20)
+    )
     assert len(list(tmp_path.glob("figure-*.png"))) == 17
 
 
 def test_check_compares_diagrams(tmp_path, monkeypatch, capsys):
-    monkeypatch.setattr("reproduction.__main__.fingerprints", lambda _: {"case1": "a", "case2": "b"})
+    monkeypatch.setattr(
+        "reproduction.__main__.fingerprints", lambda _: {"case1": "a", "case2": "b"}
+    )
     words = ["--check", "--output", str(tmp_path)]
     assert main(words) == 2
     assert "cannot read the evidence of a report in" in capsys.readouterr().err
     for recorded, code, message in (
-        ({"case1": "a", "case2": "b"}, 0, "has the equations and parameters of the present code"),
-        ({"case1": "a", "case2": "c"}, 1, "is old: changed are case2; run 'make reproduce'"),
+        (
+            {"case1": "a", "case2": "b"},
+            0,
+            "has the equations and parameters of the present code",
+        ),
+        (
+            {"case1": "a", "case2": "c"},
+            1,
+            "is old: changed are case2; run 'make reproduce'",
+        ),
     ):
         (tmp_path / "evidence.json").write_text(json.dumps({"diagrams": recorded}))
         assert main(words) == code

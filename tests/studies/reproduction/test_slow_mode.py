@@ -21,7 +21,9 @@ def test_harmonic_gain_is_the_first_harmonic(exponent):
 @pytest.mark.parametrize("rate", [-0.7, 0.0, 3.0])
 def test_fitted_rate_of_a_growing_oscillation(rate):
     angle = 2 * np.pi * 2.0 * TIME
-    values = np.exp(rate * TIME)[:, None] * np.stack([np.sin(angle), 3 * np.cos(angle)], axis=1)
+    values = np.exp(rate * TIME)[:, None] * np.stack(
+        [np.sin(angle), 3 * np.cos(angle)], axis=1
+    )
     assert fitted_rate(TIME, values, 0.5) == pytest.approx(rate, abs=2e-3)
 
 
@@ -39,12 +41,18 @@ def test_poles_are_picked_by_frequency_and_growth():
 
 @pytest.mark.parametrize(
     ("unstable", "damping"),
-    [([0, 0, 0, 0, 0, 0], 0.0), ([1, 0, 1, 0, 0, 0], 0.02), ([1, 1, 1, 1, 1, 1], np.inf)],
+    [
+        ([0, 0, 0, 0, 0, 0], 0.0),
+        ([1, 0, 1, 0, 0, 0], 0.02),
+        ([1, 1, 1, 1, 1, 1], np.inf),
+    ],
 )
 def test_stable_damping_is_above_all_unstable_ones(unstable, damping):
     assert stable_damping(np.array(unstable, dtype=bool)) == damping
 
 
 def test_limit_cycle_is_at_the_amplitude_without_growth():
-    assert limit_cycle(np.array([2.0, 1.0, -1.0, -2.0, -3.0, -4.0])) == pytest.approx(np.sqrt(0.1 * 0.3))
+    assert limit_cycle(np.array([2.0, 1.0, -1.0, -2.0, -3.0, -4.0])) == pytest.approx(
+        np.sqrt(0.1 * 0.3)
+    )
     assert np.isnan(limit_cycle(-np.ones(6)))

@@ -31,11 +31,15 @@ def test_a_mirror_image_has_mirrored_integrals(modes, axis):
     assert_allclose(image.inertia, inertia, rtol=ROUND_OFF)
     momenta = np.concatenate([sign, -sign])
     expected = momenta[:, None] * momentum_coefficients(modes)
-    assert_allclose(momentum_coefficients(image), expected, rtol=ROUND_OFF, atol=CANCELS)
+    assert_allclose(
+        momentum_coefficients(image), expected, rtol=ROUND_OFF, atol=CANCELS
+    )
     assert_array_equal(image.grasp_rotations, -sign[:, None] * modes.grasp_rotations)
 
 
-def test_the_inner_edge_has_the_same_grasp_points_on_the_other_side_of_the_truss(modes, tmp_path):
+def test_the_inner_edge_has_the_same_grasp_points_on_the_other_side_of_the_truss(
+    modes, tmp_path
+):
     """Seen from the grasp line the truss lies towards +y, not -y; the low longeron is shared."""
     inner = frame_modes("inner edge", tmp_path)
     assert_array_equal(inner.grasp_positions, modes.grasp_positions)

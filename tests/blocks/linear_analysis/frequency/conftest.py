@@ -14,7 +14,10 @@ def pendulum_fixture():
     inertia, gravity, law = diagram.add(
         inertia=StateSpace([[0, 1], [0, 0]], [[0], [1]], np.eye(2)),
         gravity=Function(lambda x, u: u - 4 * np.sin(x[0:1]), **ports(x=2, u=1, y=1)),
-        law=Function(lambda x, d: d - 2.0 * np.tanh(x[1:2]) - 0.3 * x[0:1] ** 2, **ports(x=2, d=1, y=1)),
+        law=Function(
+            lambda x, d: d - 2.0 * np.tanh(x[1:2]) - 0.3 * x[0:1] ** 2,
+            **ports(x=2, d=1, y=1),
+        ),
     )
     inertia >> gravity.x
     inertia >> law.x

@@ -45,16 +45,21 @@ def test_the_smallest_delay_of_several_crossings_counts():
     assert abs(omega - 30.0) < 0.1
     assert gain * np.exp(-1j * omega * delay) == pytest.approx(-1.0, abs=1e-6)
     assert delay < np.pi / 2 / 25
-    narrow = delay_margin(1.0 * INTEGRATOR + control.tf2ss([1e-4, 0.0], [1.0, 6e-5, 37.3**2]))
+    narrow = delay_margin(
+        1.0 * INTEGRATOR + control.tf2ss([1e-4, 0.0], [1.0, 6e-5, 37.3**2])
+    )
     assert abs(narrow[1] - 37.3) < 0.1  # a peak a millionth wide
     coarse = delay_margin(loop, omega=np.geomspace(0.1, 10, 50))
-    assert coarse[1] == pytest.approx(1.0, rel=1e-3)  # where one does not look, nothing is seen
+    # where one does not look, nothing is seen
+    assert coarse[1] == pytest.approx(1.0, rel=1e-3)
 
 
 def test_gains_of_a_matrix_are_its_eigenvalues():
     """Two loops, coupled by a rotation: eigenvalues k e^(+-ja) / s; the worse turn counts."""
     for angle in (0.0, 0.4, 1.2):
-        rotation = 2 * np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
+        rotation = 2 * np.array(
+            [[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]]
+        )
         loop = control.ss(np.zeros((2, 2)), np.eye(2), rotation, np.zeros((2, 2)))
         delay, omega = delay_margin(loop)
         assert omega == pytest.approx(2.0, rel=1e-9)
@@ -68,7 +73,9 @@ def test_loops_that_no_delay_harms_and_loops_that_any_does():
     assert delay_margin(static(0.9))[0] == np.inf
     assert delay_margin(static(2.0)) == (0.0, np.inf)
     assert delay_margin(control.tf2ss([1.5, 1.0], [1.0, 1.0])) == (0.0, np.inf)
-    marginal = control.ss([[0.0, 1.0], [0.0, 0.0]], [[0.0], [1.0]], [[1.0, 0.0]], [[0.0]])
+    marginal = control.ss(
+        [[0.0, 1.0], [0.0, 0.0]], [[0.0], [1.0]], [[1.0, 0.0]], [[0.0]]
+    )
     assert delay_margin(marginal)[0] == pytest.approx(0.0, abs=1e-6)
 
 
@@ -88,7 +95,9 @@ def test_delay_margin_with_direct_feedthrough(D):
         plant >> late >> back >> plant
         wire = {"inputs": back.y, "outputs": back.y}
         if part == 1.0:
-            L = -frequency_response(diagram, **wire, cut=back.y, omega=[omega]).frdata[:, :, 0]
+            L = -frequency_response(diagram, **wire, cut=back.y, omega=[omega]).frdata[
+                :, :, 0
+            ]
             assert np.abs(np.linalg.eigvals(L) + 1.0).min() < 1e-8
         else:
             assert (linearize(diagram, **wire).poles().real.max() < 0.0) == (part < 1.0)
@@ -134,7 +143,9 @@ def test_the_radius_is_that_of_the_diagram_that_is_described():
         diagram = Diagram()
         body, controller = diagram.add(
             body=StateSpace(plant.A, plant.B, plant.C),
-            controller=DiscreteStateSpace(discrete.A, discrete.B, discrete.C, discrete.D, sample_time=period),
+            controller=DiscreteStateSpace(
+                discrete.A, discrete.B, discrete.C, discrete.D, sample_time=period
+            ),
         )
         body >> controller
         if delay:
@@ -154,7 +165,10 @@ def test_a_loop_that_is_unstable_at_any_period_gets_zero():
     ("loop", "message"),
     [
         (-2.0 * LAG, r"has no margins: .* unstable poles 1"),
-        (control.ss([[-1.0]], [[1.0]], [[1.0], [2.0]], 0), r"as many outputs as inputs, not 2 and 1"),
+        (
+            control.ss([[-1.0]], [[1.0]], [[1.0], [2.0]], 0),
+            r"as many outputs as inputs, not 2 and 1",
+        ),
         (SAMPLED, r"the loop must be a continuous model"),
     ],
 )
@@ -168,11 +182,26 @@ def test_loops_without_a_delay_margin_are_refused(loop, message):
     [
         (SAMPLED, -1.0, {}, r"the plant must be a continuous model"),
         (LAG, [1.0, 2.0], {}, r"a plant with 1 inputs and 1 outputs does not"),
-        (control.ss([[-1.0]], [[1.0]], [[1.0]], [[1.0]]), -1.0, {}, r"feedthrough has an algebraic loop"),
+        (
+            control.ss([[-1.0]], [[1.0]], [[1.0]], [[1.0]]),
+            -1.0,
+            {},
+            r"feedthrough has an algebraic loop",
+        ),
         (LAG, -1.0, {"delay": 1.5}, r"delay = 1.5 must be from 0 to 1 periods"),
         (LAG, -1.0, {"delay": -0.1}, r"delay = -0.1 must be from 0 to 1 periods"),
-        (LAG, -1.0, {"shortest": 0.0}, r"shortest = 0.0, .* the periods must rise from above zero"),
-        (LAG, -1.0, {"shortest": 2.0, "longest": 1.0}, r"longest = 1.0, .* the periods must rise"),
+        (
+            LAG,
+            -1.0,
+            {"shortest": 0.0},
+            r"shortest = 0.0, .* the periods must rise from above zero",
+        ),
+        (
+            LAG,
+            -1.0,
+            {"shortest": 2.0, "longest": 1.0},
+            r"longest = 1.0, .* the periods must rise",
+        ),
         (LAG, -1.0, {"points": 1}, r"points = 1: the periods must rise"),
     ],
 )

@@ -42,12 +42,19 @@ def masses():
 @pytest.mark.parametrize(("signal", "accuracy"), [("multisine", 1e-7), ("chirp", 1e-4)])
 def test_of_a_linear_plant_the_response_matrix_is_that_of_linearize(signal, accuracy):
     found = estimated_response(
-        masses(), omega=OMEGA, amplitude=[0.1, 3.0], step=5e-3, signal=signal, tolerance=1e-8, realizations=2
+        masses(),
+        omega=OMEGA,
+        amplitude=[0.1, 3.0],
+        step=5e-3,
+        signal=signal,
+        tolerance=1e-8,
+        realizations=2,
     )
     exact = linearize(masses()).frequency_response(found.omega)
     assert found.complex.shape == (3, 2, OMEGA.size)
     np.testing.assert_allclose(found.complex, exact.complex, rtol=0, atol=accuracy)
-    np.testing.assert_allclose(found.omega, OMEGA, rtol=0.1, atol=0)  # moved by half a line of five at most
+    # moved by half a line of five at most
+    np.testing.assert_allclose(found.omega, OMEGA, rtol=0.1, atol=0)
     assert found.standard_error.shape == (3, 2, OMEGA.size)
     assert found.standard_error.max() < accuracy
     assert isinstance(found, control.FrequencyResponseData)
@@ -74,7 +81,8 @@ def sampled_loop():
 def test_of_a_sampled_loop_the_response_is_that_of_the_exact_discrete_model(signal):
     found = estimated_response(
         sampled_loop(),
-        omega=np.linspace(1.0, 30.0, 12),  # up to almost half the rate of sampling, 31.4 rad/s
+        # up to almost half the rate of sampling, 31.4 rad/s
+        omega=np.linspace(1.0, 30.0, 12),
         amplitude=1.0,
         step=0.01,
         sample_time=0.1,
@@ -101,20 +109,30 @@ def test_of_a_cube_the_estimate_is_the_best_linear_approximation():
     error = np.abs(np.ravel(found.complex) - expected)
     assert found.omega.size == lines
     # Distances have the standard error as their root mean square, so their squares sum up to the number.
-    assert np.mean((error / found.standard_error[0, 0]) ** 2) == pytest.approx(1.0, abs=0.7)
+    assert np.mean((error / found.standard_error[0, 0]) ** 2) == pytest.approx(
+        1.0, abs=0.7
+    )
     assert 0.01 < (found.standard_error[0, 0] / expected).mean() < 0.1
 
 
 def test_the_standard_error_says_how_far_noise_takes_the_estimate():
     diagram = Diagram("noisy")
     plant, noise, measured = diagram.add(
-        plant=masses(), noise=Noise(np.full(3, 1e-2), sample_time=0.05, seed=1), measured=Sum("++")
+        plant=masses(),
+        noise=Noise(np.full(3, 1e-2), sample_time=0.05, seed=1),
+        measured=Sum("++"),
     )
     plant.y >> measured.u1
     noise.y >> measured.u2
     diagram.expose(u=plant.u, y=measured.y)
     found = estimated_response(
-        diagram, omega=OMEGA, amplitude=1.0, step=0.0125, tolerance=np.inf, realizations=12, cycles=8
+        diagram,
+        omega=OMEGA,
+        amplitude=1.0,
+        step=0.0125,
+        tolerance=np.inf,
+        realizations=12,
+        cycles=8,
     )
     exact = linearize(masses()).frequency_response(found.omega).complex
     ratio = np.abs(found.complex - exact) / found.standard_error
@@ -127,7 +145,13 @@ def test_a_nonlinear_loop_around_its_trim_point_answers_as_its_linear_model(pend
     at = trim(pendulum, inputs={"torque": 1.5})
     between = ["law.y", "inertia.u"], ["inertia.y"]
     found = estimated_response(
-        pendulum, *between, omega=OMEGA, amplitude=1e-3, step=5e-3, at=at, tolerance=1e-6
+        pendulum,
+        *between,
+        omega=OMEGA,
+        amplitude=1e-3,
+        step=5e-3,
+        at=at,
+        tolerance=1e-6,
     )
     exact = linearize(pendulum, *between, at=at).frequency_response(found.omega)
     np.testing.assert_allclose(found.complex, exact.complex, rtol=0, atol=1e-4)
@@ -138,11 +162,19 @@ def test_a_loop_gain_follows_from_the_response_of_the_closed_loop():
     """With w added before the plant, u = w - L u, so that S = 1 / (1 + L) is seen at its input."""
     diagram = Diagram("loop")
     plant, gain = diagram.add(
-        plant=StateSpace([[0.0, 1.0], [0.0, -1.0]], [0.0, 1.0], [1.0, 0.0]), gain=Gain(-2.0)
+        plant=StateSpace([[0.0, 1.0], [0.0, -1.0]], [0.0, 1.0], [1.0, 0.0]),
+        gain=Gain(-2.0),
     )
     plant >> gain >> plant
     found = estimated_response(
-        diagram, plant.u, gain.y, omega=OMEGA, amplitude=1.0, step=2e-3, tolerance=1e-8, realizations=1
+        diagram,
+        plant.u,
+        gain.y,
+        omega=OMEGA,
+        amplitude=1.0,
+        step=2e-3,
+        tolerance=1e-8,
+        realizations=1,
     )
     T = -np.ravel(found.complex)
     loop = loop_transfer(diagram, plant.u).frequency_response(found.omega).complex
@@ -161,7 +193,9 @@ def test_a_held_signal_is_the_mean_of_as_many_delays_as_steps():
     wire >> hold
     wire >> code
     diagram.expose(u=wire.u, held=hold.y, code_=code.y)
-    found = estimated_response(diagram, "u", omega=[2.0, np.pi], amplitude=1.0, step=2e-3, realizations=1)
+    found = estimated_response(
+        diagram, "u", omega=[2.0, np.pi], amplitude=1.0, step=2e-3, realizations=1
+    )
     expected = np.exp(-2e-3j * np.outer(np.arange(50), found.omega)).mean(axis=0)
     np.testing.assert_allclose(found.complex[:, 0], [expected, 2 * expected], rtol=1e-9)
 
@@ -169,13 +203,21 @@ def test_a_held_signal_is_the_mean_of_as_many_delays_as_steps():
 def test_inputs_from_outside_keep_the_values_of_the_point_and_parameters_count():
     diagram = Diagram()
     block, gain, one = diagram.add(
-        block=Function(lambda a, b: a * b, **ports(a=(), b=2, y=2)), gain=Gain(1.0), one=Constant(1.0)
+        block=Function(lambda a, b: a * b, **ports(a=(), b=2, y=2)),
+        gain=Gain(1.0),
+        one=Constant(1.0),
     )
     one >> gain >> block.a
     diagram.expose(b=block.b, y=block.y)
     at = OperatingPoint(inputs={"b": [3.0, 4.0]}, parameters={"gain.gain": 5.0})
-    for port, expected in (("gain.u", [15, 20]), ("b[1]", [0, 5]), ("block.b[1]", [0, 5])):
-        found = estimated_response(diagram, port, "y", omega=[1.0], amplitude=0.1, step=0.05, at=at)
+    for port, expected in (
+        ("gain.u", [15, 20]),
+        ("b[1]", [0, 5]),
+        ("block.b[1]", [0, 5]),
+    ):
+        found = estimated_response(
+            diagram, port, "y", omega=[1.0], amplitude=0.1, step=0.05, at=at
+        )
         np.testing.assert_allclose(found.complex[:, 0, 0], expected, rtol=0, atol=1e-9)
 
 
@@ -199,7 +241,10 @@ def test_a_sweep_is_that_of_scipy_again_and_again():
 @pytest.mark.parametrize(
     ("changed", "message"),
     [
-        ({"amplitude": [1.0, 2.0, 3.0]}, "give one amplitude, or one for each of 2 inputs, not 3"),
+        (
+            {"amplitude": [1.0, 2.0, 3.0]},
+            "give one amplitude, or one for each of 2 inputs, not 3",
+        ),
         ({"amplitude": 0.0}, "amplitude = 0.0 must be"),
         ({"step": 0.1}, "the response is read every 0.1 s, less than 10 times"),
         ({"sample_time": 0.2}, "the response is read every 0.2 s, less than 2 times"),

@@ -5,7 +5,16 @@ from itertools import product
 import numpy as np
 import pytest
 
-from trussflow.blocks import Block, Gain, Input, Output, Parameter, State, robust_stability, uncertain
+from trussflow.blocks import (
+    Block,
+    Gain,
+    Input,
+    Output,
+    Parameter,
+    State,
+    robust_stability,
+    uncertain,
+)
 from trussflow.blocks.errors import LinearAnalysisError, ParameterError
 
 
@@ -31,16 +40,23 @@ class Chain(Block):
         n = self.masses
         springs = 2.0 * np.eye(n) - np.eye(n, k=1) - np.eye(n, k=-1)
         pull = np.append(u.force, np.zeros(n - 1))
-        return {"x": x.v, "v": (pull - p.stiffness * (springs @ (x.x + p.damping * x.v))) / p.mass}
+        return {
+            "x": x.v,
+            "v": (pull - p.stiffness * (springs @ (x.x + p.damping * x.v))) / p.mass,
+        }
 
 
 def chain(masses, **ranges):
-    return uncertain(Chain(masses), "force", "position", {f"Chain.{k}": v for k, v in ranges.items()})
+    return uncertain(
+        Chain(masses), "force", "position", {f"Chain.{k}": v for k, v in ranges.items()}
+    )
 
 
 def slowest(masses, mass, stiffness, damping):
     """Return how fast the slowest of the modes of a light chain decays: zeta omega = damping omega² / 2."""
-    return damping * stiffness / mass * 4.0 * np.sin(np.pi / 2 / (masses + 1)) ** 2 / 2.0
+    return (
+        damping * stiffness / mass * 4.0 * np.sin(np.pi / 2 / (masses + 1)) ** 2 / 2.0
+    )
 
 
 LIGHT = {"stiffness": 0.1, "mass": 0.1, "damping": (0.008, 0.012)}
@@ -56,7 +72,9 @@ def test_the_decay_of_the_worst_member_is_proved_and_no_more():
     other = robust_stability(model, decay=1.05 * least)
     assert not other.proved
     assert other.unstable is not None
-    values = {name.removeprefix("Chain."): value for name, value in other.unstable.items()}
+    values = {
+        name.removeprefix("Chain."): value for name, value in other.unstable.items()
+    }
     assert slowest(1, **values) < 1.05 * least * (1.0 + 1e-3)
 
 
@@ -88,7 +106,9 @@ def test_an_unstable_island_between_stable_corners_is_found():
     assert found.unstable is not None
     assert 0.25 <= found.unstable["Island.p"] <= 0.45
     assert 0.0 < found.open < 1.0
-    lower = uncertain(Island(), "u", "y", {"Island.p": (-1.0, 1.0), "Island.top": (-0.02, -0.001)})
+    lower = uncertain(
+        Island(), "u", "y", {"Island.p": (-1.0, 1.0), "Island.top": (-0.02, -0.001)}
+    )
     assert robust_stability(lower).proved
 
 
@@ -111,7 +131,13 @@ class Family(Block):
 
     def moved(self, t, x, u, p):
         factors = 1.0, p.a, p.a * p.b
-        return {"x": sum(factor * M for factor, M in zip(factors, self.matrices, strict=True)) @ x.x + u.u}
+        return {
+            "x": sum(
+                factor * M for factor, M in zip(factors, self.matrices, strict=True)
+            )
+            @ x.x
+            + u.u
+        }
 
 
 class Flow(Family):
@@ -124,11 +150,17 @@ class Recurrence(Family):
 
 def test_sampled_members_are_proved_within_the_unit_circle():
     """The poles are a (1 ± i b)."""
-    block = Recurrence(np.zeros((2, 2)), np.eye(2), np.array([[0.0, -1.0], [1.0, 0.0]])).sampled(0.1)
-    model = uncertain(block, "u", "y", {"Recurrence.a": (0.7, 0.8), "Recurrence.b": (0.4, 0.6)})
+    block = Recurrence(
+        np.zeros((2, 2)), np.eye(2), np.array([[0.0, -1.0], [1.0, 0.0]])
+    ).sampled(0.1)
+    model = uncertain(
+        block, "u", "y", {"Recurrence.a": (0.7, 0.8), "Recurrence.b": (0.4, 0.6)}
+    )
     radius = 0.8 * np.hypot(1.0, 0.6)
     assert robust_stability(model, decay=-0.98 * np.log(radius) / 0.1).proved
-    assert robust_stability(model, decay=-1.02 * np.log(radius) / 0.1).unstable is not None
+    assert (
+        robust_stability(model, decay=-1.02 * np.log(radius) / 0.1).unstable is not None
+    )
 
 
 @pytest.mark.parametrize("seed", range(6))
@@ -136,9 +168,14 @@ def test_no_member_contradicts_a_proof(seed):
     random = np.random.default_rng(seed)
     matrices = random.normal(size=(3, 4, 4))
 
-    model = uncertain(Flow(*matrices), "u", "y", {"Flow.a": (-0.5, 0.5), "Flow.b": (-0.5, 0.5)})
+    model = uncertain(
+        Flow(*matrices), "u", "y", {"Flow.a": (-0.5, 0.5), "Flow.b": (-0.5, 0.5)}
+    )
     members = product(np.linspace(-1.0, 1.0, 21), repeat=2)
-    growth = max(np.linalg.eigvals(model.fractions.at(np.array(d))[:4, :4]).real.max() for d in members)
+    growth = max(
+        np.linalg.eigvals(model.fractions.at(np.array(d))[:4, :4]).real.max()
+        for d in members
+    )
     assert robust_stability(model, decay=-growth - 0.2).proved
     assert robust_stability(model, decay=-growth + 0.05).unstable is not None
 
@@ -150,7 +187,10 @@ def rotated(seed, size):
     change = turn @ np.array([[0.0, 0.0], [0.6 / size, 0.0]]) @ turn.T
 
     return uncertain(
-        Recurrence(middle, change, 0.0 * change).sampled(0.1), "u", "y", {"Recurrence.a": (-1.0, 1.0)}
+        Recurrence(middle, change, 0.0 * change).sampled(0.1),
+        "u",
+        "y",
+        {"Recurrence.a": (-1.0, 1.0)},
     )
 
 
@@ -171,12 +211,20 @@ def test_what_has_no_states_is_stable_and_no_decay_is_too_fast_to_ask_for():
 
 def test_what_boxes_do_not_decide_stays_open():
     found = robust_stability(chain(1, stiffness=0.5, mass=0.5), boxes=1)
-    assert (found.proved, found.unstable, found.open, found.boxes) == (False, None, 1.0, 1)
+    assert (found.proved, found.unstable, found.open, found.boxes) == (
+        False,
+        None,
+        1.0,
+        1,
+    )
 
 
 @pytest.mark.parametrize(
     ("arguments", "error", "message"),
-    [({"boxes": 0}, LinearAnalysisError, "boxes"), ({"decay": np.nan}, ParameterError, "decay")],
+    [
+        ({"boxes": 0}, LinearAnalysisError, "boxes"),
+        ({"decay": np.nan}, ParameterError, "decay"),
+    ],
 )
 def test_bad_arguments_are_refused(arguments, error, message):
     with pytest.raises(error, match=message):

@@ -8,8 +8,19 @@ import numpy as np
 import pytest
 from systems import Oscillator
 
-from trussflow.blocks import Diagram, Gain, StateSpace, ZeroOrderHold, uncertain, worst_gain
-from trussflow.blocks.errors import LinearAnalysisError, ParameterError, SimulationWarning
+from trussflow.blocks import (
+    Diagram,
+    Gain,
+    StateSpace,
+    ZeroOrderHold,
+    uncertain,
+    worst_gain,
+)
+from trussflow.blocks.errors import (
+    LinearAnalysisError,
+    ParameterError,
+    SimulationWarning,
+)
 from trussflow.blocks.linear_analysis.uncertainty.gain_series import GainSeries, corners
 from trussflow.blocks.linear_analysis.uncertainty.worst_case import mu_bound
 from trussflow.models import TrussModes, TunableTruss
@@ -27,7 +38,9 @@ def gains(model, omega, count):
     """Return the greatest gain at each frequency among exact members, those at all corners included."""
     drawn = np.random.default_rng(7).uniform(-1.0, 1.0, (count, len(model.ranges)))
     deltas = np.vstack([drawn, list(product((-1.0, 1.0), repeat=len(model.ranges)))])
-    responses = [np.abs(model.family(delta)(1j * omega, squeeze=True)) for delta in deltas]
+    responses = [
+        np.abs(model.family(delta)(1j * omega, squeeze=True)) for delta in deltas
+    ]
     return np.max(responses, axis=0)
 
 
@@ -38,7 +51,9 @@ def test_what_is_linear_or_quadratic_in_the_parameters_is_exact():
     exact = model.family(np.array([0.3, -0.7]))
     f = model.fractions.at(np.array([0.3, -0.7]))
     assert f[:2, :2] == pytest.approx(exact.A, abs=1e-12)
-    assert model.values([0.3, -0.7])["Oscillator.stiffness"] == pytest.approx(4.0 * 1.06, rel=1e-12)
+    assert model.values([0.3, -0.7])["Oscillator.stiffness"] == pytest.approx(
+        4.0 * 1.06, rel=1e-12
+    )
 
 
 @pytest.mark.parametrize("installed", [True, False])
@@ -48,7 +63,11 @@ def test_a_spring_is_softest_where_its_stiffness_is_least(installed, monkeypatch
         monkeypatch.setitem(sys.modules, "slycot", None)
     found = worst_gain(model_of(stiffness=0.2, damping=0.5), 0.0, tolerance=TOLERANCE)
     assert found.reached[0] == pytest.approx(1.0 / 3.2, rel=1e-6)
-    assert found.reached[0] <= found.bound[0] <= found.reached[0] * (1.0 + TOLERANCE) * (1.0 + 1e-9)
+    assert (
+        found.reached[0]
+        <= found.bound[0]
+        <= found.reached[0] * (1.0 + TOLERANCE) * (1.0 + 1e-9)
+    )
     assert found.parameters[0]["Oscillator.stiffness"] == pytest.approx(3.2, rel=1e-6)
 
 
@@ -56,7 +75,10 @@ def test_no_member_is_beyond_the_bound_and_one_is_near():
     model = model_of(stiffness=0.1, damping=0.5, mass=0.05)
     assert model.misfit < 0.01
     omega = np.array([0.5, 1.6, 1.8, 2.0, 2.2, 5.0])
-    found, sampled = worst_gain(model, omega, tolerance=TOLERANCE), gains(model, omega, 3000)
+    found, sampled = (
+        worst_gain(model, omega, tolerance=TOLERANCE),
+        gains(model, omega, 3000),
+    )
     assert np.all(sampled < found.bound)
     assert np.all(sampled > found.bound / 1.2)
     assert np.all(found.bound <= found.reached * (1.0 + TOLERANCE) * (1.0 + 1e-9))
@@ -80,7 +102,8 @@ def pair(inputs, outputs):
     """Return an uncertain model with two inputs, three outputs and an array of gains."""
     diagram = Diagram("pair")
     gains, lags = diagram.add(
-        gains=Gain([1.0, 2.0]), lags=StateSpace(-np.eye(2), np.eye(2), [[1, 0], [0, 1], [1, 1]])
+        gains=Gain([1.0, 2.0]),
+        lags=StateSpace(-np.eye(2), np.eye(2), [[1, 0], [0, 1], [1, 1]]),
     )
     gains >> lags
     diagram.expose(u=gains.u, y=lags.y)
@@ -108,7 +131,9 @@ def test_bounds_of_another_model_than_the_diagram_are_warned_of():
 
     model = uncertain(Oscillator(), "u", "y[0]", {"s": (-1.0, 1.0)}, becoming=flipping)
     assert model.misfit > 0.1
-    with pytest.warns(SimulationWarning, match=r"at 1\.9 rad/s the diagram itself has a gain of"):
+    with pytest.warns(
+        SimulationWarning, match=r"at 1\.9 rad/s the diagram itself has a gain of"
+    ):
         worst_gain(model, [1.9])
 
 
@@ -121,7 +146,9 @@ def test_sampled_diagrams_are_uncertain_too():
     assert model.nominal.dt == pytest.approx(0.1, rel=1e-12)
     found = worst_gain(model, [0.0, 1.9], tolerance=TOLERANCE)
     assert found.reached[0] == pytest.approx(1.0 / 3.2, rel=model.misfit + 1e-3)
-    exact = [abs(model.family(np.array([d]))(np.exp(0.19j))) for d in np.linspace(-1, 1, 41)]
+    exact = [
+        abs(model.family(np.array([d]))(np.exp(0.19j))) for d in np.linspace(-1, 1, 41)
+    ]
     assert found.bound[1] / 1.2 < max(exact) < found.bound[1]
 
 
@@ -129,14 +156,19 @@ def test_bounds_of_the_structured_singular_value():
     random = np.random.default_rng(3)
     matrix = random.standard_normal((4, 4)) + 1j * random.standard_normal((4, 4))
     assert mu_bound(matrix, 0, 4) == pytest.approx(np.linalg.norm(matrix, 2), rel=1e-6)
-    assert mu_bound(1e9 * matrix, 0, 4) == pytest.approx(1e9 * np.linalg.norm(matrix, 2), rel=1e-6)
+    assert mu_bound(1e9 * matrix, 0, 4) == pytest.approx(
+        1e9 * np.linalg.norm(matrix, 2), rel=1e-6
+    )
     assert mu_bound(matrix, 2, 2) < np.linalg.norm(matrix, 2) * (1.0 + 1e-6)
-    assert mu_bound(np.array([[2j]]), 1, 0) == 0.0  # no real number makes 1 - 2j δ singular
+    # no real number makes 1 - 2j δ singular
+    assert mu_bound(np.array([[2j]]), 1, 0) == 0.0
 
 
 def test_without_slycot_the_message_says_what_to_install(monkeypatch):
     monkeypatch.setitem(sys.modules, "slycot", None)
-    with pytest.raises(LinearAnalysisError, match=r"by slycot; pip install 'trussflow\[uncertainty\]'"):
+    with pytest.raises(
+        LinearAnalysisError, match=r"by slycot; pip install 'trussflow\[uncertainty\]'"
+    ):
         mu_bound(np.eye(2), 0, 2)
 
 
@@ -161,7 +193,10 @@ def test_no_member_exceeds_the_bound_of_the_series(seed):
     box, random = box_of(seed)
     box[:5] *= 0.1
     bound = GainSeries(box, BLOCKS).bound
-    greatest = max(gain_in(box, delta) for delta in [*corners(3), *random.uniform(-1.0, 1.0, (500, 3))])
+    greatest = max(
+        gain_in(box, delta)
+        for delta in [*corners(3), *random.uniform(-1.0, 1.0, (500, 3))]
+    )
     assert greatest < bound < 1.5 * greatest
 
 
@@ -199,7 +234,10 @@ def test_a_truss_with_uncertain_mass_frequency_damping_and_payload():
     def becoming(mass, frequency, damping, payload):
         bare = scaled(modes.damped(0.0), mass=mass, frequency=frequency)
         truss = aligned(loaded(bare, tip, payload).damped(damping), modes)
-        return {f"truss.{name}": value for name, value in plant.truss_parameters(truss).items()}
+        return {
+            f"truss.{name}": value
+            for name, value in plant.truss_parameters(truss).items()
+        }
 
     diagram = Diagram("truss")
     diagram.add(truss=plant)
@@ -217,9 +255,15 @@ def test_a_truss_with_uncertain_mass_frequency_damping_and_payload():
     omega = np.array([0.8, 0.95, 1.0, 1.05, 1.2]) * np.min(poles[poles > 1.0])
     found = worst_gain(model, omega, tolerance=0.1, boxes=20_000)
     assert np.all(gains(model, omega, 200) < found.bound)
-    middles, halves = np.transpose([((low + high) / 2, (high - low) / 2) for low, high in ranges.values()])
+    middles, halves = np.transpose(
+        [((low + high) / 2, (high - low) / 2) for low, high in ranges.values()]
+    )
     worst = [
-        abs(model.family((np.array([values[name] for name in ranges]) - middles) / halves)(1j * w))
+        abs(
+            model.family(
+                (np.array([values[name] for name in ranges]) - middles) / halves
+            )(1j * w)
+        )
         for values, w in zip(found.parameters, omega, strict=True)
     ]
     assert np.all(np.array(worst) > found.bound / 1.2)
@@ -256,7 +300,9 @@ def test_models_without_a_greatest_gain_are_refused(ranges, omega, message):
 
 
 def test_a_point_that_is_none_is_refused():
-    with pytest.raises(LinearAnalysisError, match="an operating point must be an OperatingPoint"):
+    with pytest.raises(
+        LinearAnalysisError, match="an operating point must be an OperatingPoint"
+    ):
         uncertain(Oscillator(), "u", "y[0]", {"Oscillator.mass": 0.1}, at={"u": 1.0})
 
 

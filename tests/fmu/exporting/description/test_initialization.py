@@ -60,12 +60,21 @@ def circle(*blocks):
     ("number", "text"),
     [
         (1, r"the initial states of 'a' \(After\) depend on themselves in a cycle"),
-        (2, r"the initial states of '[ab]' \(After\), '[ab]' \(After\) depend on themselves"),
+        (
+            2,
+            r"the initial states of '[ab]' \(After\), '[ab]' \(After\) depend on themselves",
+        ),
     ],
 )
 def test_initial_states_in_a_circle_are_refused(number, text, kind, tmp_path):
-    with pytest.raises(ExportError, match=f"cannot export 'circle': {text}.*let one of them start"):
-        export(circle(*(After() for _ in range(number))), tmp_path / "circle.fmu", kind=kind)
+    with pytest.raises(
+        ExportError, match=f"cannot export 'circle': {text}.*let one of them start"
+    ):
+        export(
+            circle(*(After() for _ in range(number))),
+            tmp_path / "circle.fmu",
+            kind=kind,
+        )
     assert not list(tmp_path.iterdir())
 
 
@@ -79,7 +88,9 @@ def test_blocks_beside_a_circle_are_not_blamed():
 
 
 @pytest.mark.parametrize("version", ["2.0", "3.0"])
-def test_a_chain_starts_right_in_whatever_order_it_was_added(version, exported, instance):
+def test_a_chain_starts_right_in_whatever_order_it_was_added(
+    version, exported, instance
+):
     """From the input 2 to 3, 4 and 5; set again before the end of initialization, from 7."""
     diagram = Diagram("chain")
     c, b, a = diagram.add(c=After(), b=After(), a=After())
@@ -89,10 +100,16 @@ def test_a_chain_starts_right_in_whatever_order_it_was_added(version, exported, 
     path = exported(diagram, version, start={"u": 2.0})
     for values, begin in (({}, 2.0), ({"u": 7.0}, 7.0)):
         one = instance(path).start(values)
-        assert one.get("one", "two", "three").tolist() == [begin + 1, begin + 2, begin + 3]
+        assert one.get("one", "two", "three").tolist() == [
+            begin + 1,
+            begin + 2,
+            begin + 3,
+        ]
 
 
 @pytest.mark.parametrize("version", ["2.0", "3.0"])
-def test_a_circle_of_blocks_whose_elements_make_none_starts_right(version, exported, instance):
+def test_a_circle_of_blocks_whose_elements_make_none_starts_right(
+    version, exported, instance
+):
     one = instance(exported(circle(Pair(), Pair()), version)).start()
     assert one.get("a_y", "b_y").tolist() == [3.0, 7.0, 3.0, 4.0]

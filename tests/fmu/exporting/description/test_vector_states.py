@@ -10,10 +10,14 @@ from trussflow.fmu.exporting.description.model_description import model_descript
 
 
 def test_each_derivative_refers_to_its_own_state():
-    description = model_description(ExportInterface.of(Integrator(np.zeros(3))), "2.0", [])
+    description = model_description(
+        ExportInterface.of(Integrator(np.zeros(3))), "2.0", []
+    )
     variables = list(ElementTree.fromstring(description).find("ModelVariables"))
     states = {
-        variable.get("name"): variables[int(variable[0].get("derivative")) - 1].get("name")
+        variable.get("name"): variables[int(variable[0].get("derivative")) - 1].get(
+            "name"
+        )
         for variable in variables
         if variable[0].get("derivative")
     }

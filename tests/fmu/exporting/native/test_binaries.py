@@ -21,7 +21,9 @@ from trussflow.fmu.exporting.native.binaries import KNOWN_PLATFORMS, Platform, h
 HEADERS = Path(fmpy.__file__).parent / "c-code"
 HOST = Path(__file__).parents[2] / "host.c"
 
-needs_host = pytest.mark.skipif(sys.platform != "linux", reason="the host is written for Linux")
+needs_host = pytest.mark.skipif(
+    sys.platform != "linux", reason="the host is written for Linux"
+)
 
 
 def unzipped(path, folder):
@@ -37,14 +39,18 @@ def library(folder):
 def test_the_plant_is_valid_and_small(plant_fmu):
     assert validate_fmu(str(plant_fmu)) == []
     with zipfile.ZipFile(plant_fmu) as archive:
-        binary = next(i for i in archive.infolist() if i.filename.startswith("binaries"))
+        binary = next(
+            i for i in archive.infolist() if i.filename.startswith("binaries")
+        )
     assert binary.file_size < 2e6
     assert plant_fmu.stat().st_size < 2e6
 
 
 @pytest.mark.parametrize("version", ["2.0", "3.0"])
 @pytest.mark.parametrize("name", ["Oscillator", "Rotor", "hybrid"])
-def test_small_systems_are_valid_and_simulate_in_every_kind(name, version, exported, systems):
+def test_small_systems_are_valid_and_simulate_in_every_kind(
+    name, version, exported, systems
+):
     path = exported(getattr(systems, name)(), version)
     assert validate_fmu(str(path)) == []
     for kind in ("CoSimulation", "ModelExchange"):
@@ -59,10 +65,17 @@ def functions(header):
 
 
 @needs_host
-@pytest.mark.parametrize(("version", "header"), [("2.0", "fmi2Functions.h"), ("3.0", "fmi3Functions.h")])
-def test_exactly_the_functions_of_the_standard_are_exported(version, header, exported, systems, tmp_path):
+@pytest.mark.parametrize(
+    ("version", "header"), [("2.0", "fmi2Functions.h"), ("3.0", "fmi3Functions.h")]
+)
+def test_exactly_the_functions_of_the_standard_are_exported(
+    version, header, exported, systems, tmp_path
+):
     binary = library(unzipped(exported(systems.Oscillator(), version), tmp_path))
-    found = {line.split()[-1] for line in printed("nm", "-D", "--defined-only", binary).splitlines()}
+    found = {
+        line.split()[-1]
+        for line in printed("nm", "-D", "--defined-only", binary).splitlines()
+    }
     assert found == functions(header)
 
 
@@ -72,7 +85,9 @@ def test_runs_in_a_process_without_python(exported, systems, tmp_path, instance)
     binary = str(library(unzipped(path, tmp_path / "fmu")))
     compiler, host = find_compiler(), tmp_path / "host"
     assert compiler is not None
-    subprocess.run([*compiler, f"-I{HEADERS}", str(HOST), "-o", str(host), "-ldl"], check=True)
+    subprocess.run(
+        [*compiler, f"-I{HEADERS}", str(HOST), "-o", str(host), "-ldl"], check=True
+    )
     assert "python" not in printed("ldd", binary).lower()
     one = instance(path).start({"force": [0.0, 0.25], "initial_position": [1.0, -0.5]})
     refs = {name: str(references[-1]) for name, references in one.references.items()}
@@ -88,7 +103,9 @@ def test_runs_in_a_process_without_python(exported, systems, tmp_path, instance)
 
 
 def printed(*command, **options):
-    return subprocess.run(command, capture_output=True, text=True, check=True, **options).stdout
+    return subprocess.run(
+        command, capture_output=True, text=True, check=True, **options
+    ).stdout
 
 
 @pytest.mark.skipif(shutil.which("cmake") is None, reason="fmpy builds with cmake")
@@ -99,8 +116,12 @@ def printed(*command, **options):
         pytest.param("3.0", {"target": [0.7]}, "position", marks=pytest.mark.campaign),
     ],
 )
-def test_fmpy_builds_it_from_its_sources(version, target, position, systems, exported, tmp_path):
-    path = export(systems.hybrid(), tmp_path / "source.fmu", version=version, platforms=())
+def test_fmpy_builds_it_from_its_sources(
+    version, target, position, systems, exported, tmp_path
+):
+    path = export(
+        systems.hybrid(), tmp_path / "source.fmu", version=version, platforms=()
+    )
     folder = unzipped(path, tmp_path / "unzipped")
     assert not (folder / "binaries").exists()
     (tmp_path / "build").mkdir()
@@ -114,7 +135,9 @@ def test_fmpy_builds_it_from_its_sources(version, target, position, systems, exp
 
 @pytest.mark.campaign
 def test_one_machine_compiles_for_all_platforms(systems, tmp_path):
-    path = export(systems.Oscillator(1), tmp_path / "all.fmu", version="3.0", platforms=["all"])
+    path = export(
+        systems.Oscillator(1), tmp_path / "all.fmu", version="3.0", platforms=["all"]
+    )
     magic = {"linux": b"\x7fELF", "windows": b"MZ", "darwin": b"\xcf\xfa\xed\xfe"}
     machine = {
         ("linux", "x86_64"): (18, b"\x3e\x00"),
@@ -124,9 +147,13 @@ def test_one_machine_compiles_for_all_platforms(systems, tmp_path):
     }
     with zipfile.ZipFile(path) as archive:
         for platform in KNOWN_PLATFORMS:
-            binary = archive.read(f"binaries/{platform.name}/Oscillator{platform.suffix}")
+            binary = archive.read(
+                f"binaries/{platform.name}/Oscillator{platform.suffix}"
+            )
             assert binary.startswith(magic[platform.system])
-            place, expected = machine.get((platform.system, platform.processor), (0, b""))
+            place, expected = machine.get(
+                (platform.system, platform.processor), (0, b"")
+            )
             assert binary[place : place + len(expected)] == expected
     if here() in KNOWN_PLATFORMS:
         assert simulate_fmu(str(path), stop_time=0.1)["time"][-1] == pytest.approx(0.1)

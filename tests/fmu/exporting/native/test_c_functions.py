@@ -5,7 +5,14 @@ import subprocess
 import numpy as np
 import pytest
 
-from trussflow.blocks import BoundedAllocation, Constant, Diagram, RateBoundedAllocation, Sine, simulate
+from trussflow.blocks import (
+    BoundedAllocation,
+    Constant,
+    Diagram,
+    RateBoundedAllocation,
+    Sine,
+    simulate,
+)
 from trussflow.blocks.support.types import Array
 from trussflow.fmu import ExportError, Fmu, export
 
@@ -24,7 +31,9 @@ AMPLITUDE = 4.0 * RANDOM.standard_normal(3)
 
 def rate_bounded():
     """Return an allocation that is sampled every 0.1 s."""
-    return RateBoundedAllocation(3, np.full(6, 0.01), np.full(6, 10.0), 0.1, soft_weights=[0.1, 0.2])
+    return RateBoundedAllocation(
+        3, np.full(6, 0.01), np.full(6, 10.0), 0.1, soft_weights=[0.1, 0.2]
+    )
 
 
 def commands(block):
@@ -33,14 +42,18 @@ def commands(block):
     diagram.add(block=block, demand_source=Sine(AMPLITUDE, 1.0))
     diagram.demand_source >> block.demand
     for name, value in INPUTS.items():
-        diagram.connect(diagram.add(**{f"{name}_source": Constant(value)}).y, block.port(name))
+        diagram.connect(
+            diagram.add(**{f"{name}_source": Constant(value)}).y, block.port(name)
+        )
     result = simulate(diagram, 3.0, step=0.05, backend="compiled", progress=False)
     return np.asarray(result["block.command"].values)
 
 
 @pytest.mark.parametrize("version", ["2.0", "3.0"])
 def test_an_fmu_gives_the_same_bits(version, tmp_path):
-    path = export(rate_bounded(), tmp_path / "allocation.fmu", step=0.05, version=version)
+    path = export(
+        rate_bounded(), tmp_path / "allocation.fmu", step=0.05, version=version
+    )
     own, imported = commands(rate_bounded()), commands(Fmu(path))
     np.testing.assert_array_equal(imported, own)
     assert np.any(np.abs(own) == 1.0)
@@ -55,5 +68,7 @@ def test_plain_c_compiles_without_a_warning(tmp_path):
 def test_derivatives_that_an_fmu_cannot_have_are_refused(tmp_path):
     block = BoundedAllocation(1, [0.1])
     start = {"spread": [[1.0]]}
-    with pytest.raises(ExportError, match=r"derivatives of bounded_least_squares, .* sample the block"):
+    with pytest.raises(
+        ExportError, match=r"derivatives of bounded_least_squares, .* sample the block"
+    ):
         export(block, tmp_path / "allocation.fmu", start=start)

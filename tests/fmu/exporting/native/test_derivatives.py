@@ -20,7 +20,9 @@ versions = pytest.mark.parametrize("version", ["2.0", "3.0"])
 
 def jacobians(interface, x, u):
     """Return the Jacobian of (dx, y) with respect to (u, x), from CasADi."""
-    programs = [interface.programs[name].function.expand() for name in ("derivative", "outputs")]
+    programs = [
+        interface.programs[name].function.expand() for name in ("derivative", "outputs")
+    ]
     t, d, p = 0.0, np.asarray(u), interface.p
     blocks = []
     for f in programs:
@@ -33,14 +35,20 @@ def check(one, interface, expected, tolerance=RELATIVE_TOLERANCE):
     """Compare products with Jacobian and transpose, relative to the largest entry, for random seeds."""
     unknown = [*interface.variables.derivatives, *interface.variables.outputs]
     known = [*interface.variables.inputs, *interface.variables.states]
-    rows, columns = ([r for v in side for r in one.references[v.name]] for side in (unknown, known))
+    rows, columns = (
+        [r for v in side for r in one.references[v.name]] for side in (unknown, known)
+    )
     generator = np.random.default_rng(1)
     height, width = expected.shape
     allowed = tolerance * np.abs(expected).max()
     for _ in range(4):
         seed = generator.uniform(-1, 1, width)
         sizes = () if one.scalar else (height,)
-        near(one.getDirectionalDerivative(rows, columns, seed.tolist(), *sizes), expected @ seed, allowed)
+        near(
+            one.getDirectionalDerivative(rows, columns, seed.tolist(), *sizes),
+            expected @ seed,
+            allowed,
+        )
         if not one.scalar:
             weights = generator.uniform(-1, 1, height)
             back = one.getAdjointDerivative(rows, columns, weights.tolist(), width)
@@ -63,9 +71,13 @@ class Coupled(Block):
 
     def derivative(self, t, x, u, p):
         def one(a, push):
-            return (push * np.sin(a) - np.exp(-a * a) * a + np.cos(a) * np.log(1.0 + a),)
+            return (
+                push * np.sin(a) - np.exp(-a * a) * a + np.cos(a) * np.log(1.0 + a),
+            )
 
-        forces = np.stack([force for (force,) in repeated(one, [(x.x[i], u.push) for i in range(7)])])
+        forces = np.stack(
+            [force for (force,) in repeated(one, [(x.x[i], u.push) for i in range(7)])]
+        )
         return {"x": np.linalg.solve(np.eye(7) + np.outer(x.x, x.x), forces)}
 
 
@@ -84,7 +96,10 @@ def test_plant(plant, plant_fmu, instance):
     """
     interface = ExportInterface.of(plant)
     generator = np.random.default_rng(3)
-    q, u = generator.uniform(-0.5, 0.5, plant.n), generator.uniform(-1, 1, plant.actuators)
+    q, u = (
+        generator.uniform(-0.5, 0.5, plant.n),
+        generator.uniform(-1, 1, plant.actuators),
+    )
     expected = jacobians(interface, np.concatenate([q, np.zeros(plant.n)]), u)
     one = instance(plant_fmu).start({"actuation": u, "initial_coordinates": q})
     check(one, interface, expected, 1e-11)
@@ -98,7 +113,12 @@ def test_during_initialization_states_follow_parameters(exported, instance, syst
     one.enterInitializationMode()
     names = ("position[2]", "position[1]", "q[2]", "der(v[2])", "initial_position[2]")
     *unknown, known = (one.references[name][0] for name in names)
-    assert one.getDirectionalDerivative(unknown, [known], [2.0]) == [2.0, 0.0, 2.0, -2 * (4.0 + 3 * 0.5)]
+    assert one.getDirectionalDerivative(unknown, [known], [2.0]) == [
+        2.0,
+        0.0,
+        2.0,
+        -2 * (4.0 + 3 * 0.5),
+    ]
     one = instance(exported(block, "3.0", "three"))
     one.enterInitializationMode()
     places = one.references["position"], one.references["initial_position"]
@@ -169,7 +189,9 @@ def test_all_operations(exported, instance):
     u = [0.6, 0.7]
     interface = ExportInterface.of(Everything(), start={"u": u})
     expected = jacobians(interface, [0.3], u)
-    one = instance(exported(Everything(), "2.0", start={"u": u})).start({"u": u, "state": 0.3})
+    one = instance(exported(Everything(), "2.0", start={"u": u})).start(
+        {"u": u, "state": 0.3}
+    )
     rows = one.references["der(state)"] + one.references["y"]
     for column, reference in enumerate(one.references["u"] + one.references["state"]):
         found = one.getDirectionalDerivative(rows, [reference], [1.0])
@@ -201,11 +223,18 @@ class Branches(Block):
     y = Output(len(BEYOND))
 
     def output(self, t, x, u, p):
-        return {"y": np.stack([np.where(x.x > 0.0, f(x.x) * x.z, x.x) + 2 * x.z for f in BEYOND])}
+        return {
+            "y": np.stack(
+                [np.where(x.x > 0.0, f(x.x) * x.z, x.x) + 2 * x.z for f in BEYOND]
+            )
+        }
 
     def derivative(self, t, x, u, p):
         size = np.abs(x.x)
-        return {"x": np.where(size > 0.0, -np.sign(x.x) * size**0.5, -x.x) + x.z, "z": -x.z}
+        return {
+            "x": np.where(size > 0.0, -np.sign(x.x) * size**0.5, -x.x) + x.z,
+            "z": -x.z,
+        }
 
 
 @versions
@@ -223,5 +252,7 @@ def test_slopes_that_are_infinite_are_refused(version, exported, instance):
     one = instance(exported(block, version, "root")).start()
     sizes = () if one.scalar else (1,)
     with pytest.raises(FMICallException, match="status 2"):
-        one.getDirectionalDerivative(one.references["y"], one.references["u"], [1.0], *sizes)
+        one.getDirectionalDerivative(
+            one.references["y"], one.references["u"], [1.0], *sizes
+        )
     assert one.log == [(2, "a partial derivative is not finite at 0")]

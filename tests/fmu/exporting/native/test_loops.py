@@ -4,7 +4,17 @@ import numpy as np
 import pytest
 from fmpy import read_model_description
 
-from trussflow.blocks import Diagram, Function, Input, Integrator, Output, Ramp, Sine, ZeroOrderHold, simulate
+from trussflow.blocks import (
+    Diagram,
+    Function,
+    Input,
+    Integrator,
+    Output,
+    Ramp,
+    Sine,
+    ZeroOrderHold,
+    simulate,
+)
 from trussflow.fmu import ExportError, Fmu, FmuError, export
 
 versions = pytest.mark.parametrize("version", ["2.0", "3.0"])
@@ -13,7 +23,10 @@ kinds = pytest.mark.parametrize(
     [
         ("2.0", "cs"),
         ("3.0", "me"),
-        *(pytest.param(*case, marks=pytest.mark.campaign) for case in (("2.0", "me"), ("3.0", "cs"))),
+        *(
+            pytest.param(*case, marks=pytest.mark.campaign)
+            for case in (("2.0", "me"), ("3.0", "cs"))
+        ),
     ],
 )
 
@@ -61,7 +74,8 @@ def test_a_solution_is_followed(version, kind, tmp_path):
     diagram = Diagram("follower", loops="solve")
     ports = {"back": Input(), "u": Input()}
     ramp, law = diagram.add(
-        ramp=Ramp(20.0), law=Function(lambda back, u: back - np.sin(back - u), ports, {"y": Output()})
+        ramp=Ramp(20.0),
+        law=Function(lambda back, u: back - np.sin(back - u), ports, {"y": Output()}),
     )
     ramp.y >> law.u
     law.y >> law.back
@@ -86,7 +100,10 @@ def test_directional_derivatives(version, exported, instance):
 
 def test_importers_are_asked_to_report_their_steps(exported):
     """The solution of a loop is kept then."""
-    first, second = (read_model_description(exported(cubic(), v)).modelExchange for v in ("2.0", "3.0"))
+    first, second = (
+        read_model_description(exported(cubic(), v)).modelExchange
+        for v in ("2.0", "3.0")
+    )
     assert not first.completedIntegratorStepNotNeeded
     assert second.needsCompletedIntegratorStep
 
@@ -96,7 +113,8 @@ def test_a_loop_that_cannot_be_solved_fails_the_step(tmp_path):
     roots = Diagram("roots", loops="solve")
     ports = {"u": Input(), "back": Input()}
     ramp, root = roots.add(
-        ramp=Ramp(), root=Function(lambda u, back: 1.0 - u - back**2 + back, ports, {"y": Output()})
+        ramp=Ramp(),
+        root=Function(lambda u, back: 1.0 - u - back**2 + back, ports, {"y": Output()}),
     )
     ramp.y >> root.u
     root.y >> root.back
@@ -110,7 +128,9 @@ def test_a_loop_that_cannot_be_solved_fails_the_step(tmp_path):
 
 def test_what_has_no_solution_at_the_start_is_not_exported(tmp_path):
     diagram = Diagram("nowhere", loops="solve")
-    law = diagram.add(law=Function(lambda y: 1.0 + y + y * y, {"y": Input()}, {"z": Output()}))
+    law = diagram.add(
+        law=Function(lambda y: 1.0 + y + y * y, {"y": Input()}, {"z": Output()})
+    )
     law.z >> law.y
     diagram.expose(z=law.z)
     with pytest.raises(ExportError, match="'z' has no start value"):

@@ -10,7 +10,9 @@ DISCARD, ERROR = 2, 3
 @pytest.fixture
 def make(exported, systems, instance):
     """Return a function that instantiates the oscillator of two masses."""
-    return lambda version, kind="cs": instance(exported(systems.Oscillator(2), version, "two"), kind)
+    return lambda version, kind="cs": instance(
+        exported(systems.Oscillator(2), version, "two"), kind
+    )
 
 
 @pytest.fixture(params=["2.0", "3.0"])
@@ -37,7 +39,9 @@ def test_tunable_parameter_in_continuous_time_mode(version, make):
     one = make(version, "me").start()
     one.set({"damping": 1.0})  # event mode
     one.enterContinuousTimeMode()
-    text = "cannot set damping (element 1): a tunable parameter can be set between steps"
+    text = (
+        "cannot set damping (element 1): a tunable parameter can be set between steps"
+    )
     refused(one, text, ERROR, one.set, {"damping": 2.0})
 
 
@@ -50,7 +54,12 @@ def test_tunable_parameter_in_continuous_time_mode(version, make):
         ("position", [1.0, 1.0], ERROR, "(element 1): it is calculated"),
         ("der(q)", [1.0, 1.0], ERROR, "(element 1): it is calculated"),
         ("time", 1.0, ERROR, "(element 1): it is calculated"),
-        ("q", [2.0, 1.0], ERROR, "(element 1): it is calculated from parameters or inputs; set those"),
+        (
+            "q",
+            [2.0, 1.0],
+            ERROR,
+            "(element 1): it is calculated from parameters or inputs; set those",
+        ),
         (
             "v",
             [1.0, 1.0],
@@ -104,7 +113,9 @@ def test_calls_of_fmi_2_that_make_no_sense(make):
     one = make("2.0").start()
     call, at = one.getDirectionalDerivative, one.references
     refused(one, "is no unknown", ERROR, call, at["force"][:1], at["q"][:1], [1.0])
-    refused(one, "is no known", ERROR, call, at["der(q)"][:1], at["position"][:1], [1.0])
+    refused(
+        one, "is no known", ERROR, call, at["der(q)"][:1], at["position"][:1], [1.0]
+    )
     refused(one, "no variable with value reference 9999", ERROR, one.getReal, [9999])
 
 

@@ -21,7 +21,9 @@ def check_same(item, given, step, instance, folder, samples):
             diagram.ground(port)
     log = [f"item.{name}" for name in outputs] + [f"{name}.y" for name in given]
     result = simulate(diagram, samples * step, step=step, log=log, progress=False)
-    values = {name: result[f"{name}.y"].values + mean for name, (mean, _) in given.items()}
+    values = {
+        name: result[f"{name}.y"].values + mean for name, (mean, _) in given.items()
+    }
     one = instance(export(item, folder / "item.fmu", step=step))
     one.start({name: rows[0] for name, rows in values.items()})
     for k in range(samples):
@@ -51,4 +53,6 @@ def test_a_whole_controller(instance, tmp_path):
 
 
 def test_a_sampled_loop_around_continuous_states(systems, instance, tmp_path):
-    check_same(systems.hybrid(), {"target": (np.zeros(1), 1.0)}, 0.01, instance, tmp_path, 200)
+    check_same(
+        systems.hybrid(), {"target": (np.zeros(1), 1.0)}, 0.01, instance, tmp_path, 200
+    )

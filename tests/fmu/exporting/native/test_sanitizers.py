@@ -11,13 +11,27 @@ import numpy as np
 import pytest
 from fmpy import read_model_description
 
-from trussflow.blocks import Diagram, Gain, Integrator, Noise, Table, UnitDelay, ZeroOrderHold, repeated
+from trussflow.blocks import (
+    Diagram,
+    Gain,
+    Integrator,
+    Noise,
+    Table,
+    UnitDelay,
+    ZeroOrderHold,
+    repeated,
+)
 from trussflow.blocks.framework.block import Block
 from trussflow.blocks.framework.declarations import State
 from trussflow.blocks.framework.port import Input, Output
 from trussflow.fmu import export
 
-FLAGS = ("-g", "-O1", "-fsanitize=address,undefined,float-cast-overflow", "-fno-sanitize-recover=all")
+FLAGS = (
+    "-g",
+    "-O1",
+    "-fsanitize=address,undefined,float-cast-overflow",
+    "-fno-sanitize-recover=all",
+)
 FUZZ = Path(__file__).with_name("fuzz.c")
 HEADERS = Path(fmpy.__file__).parent / "c-code"
 
@@ -34,7 +48,9 @@ class Ring(Block):
 
     def derivative(self, t, x, u, p):
         def one(a, push):
-            return (push * np.sin(a) - np.exp(-a * a) * a + np.cos(a) * np.log(1.0 + a),)
+            return (
+                push * np.sin(a) - np.exp(-a * a) * a + np.cos(a) * np.log(1.0 + a),
+            )
 
         rates = repeated(one, [(x.x[i], u.push) for i in range(7)])
         return {"x": np.stack([rate for (rate,) in rates])}
@@ -44,10 +60,14 @@ def everything():
     """Return a diagram with a kernel, a table, noise, and two clocks with an offset."""
     diagram = Diagram("everything")
     ring, table, noise = diagram.add(
-        ring=Ring(), table=Table([0.0, 1.0, 2.0], [0.0, 2.0, 1.0]), noise=Noise(0.1, sample_time=0.02, seed=1)
+        ring=Ring(),
+        table=Table([0.0, 1.0, 2.0], [0.0, 2.0, 1.0]),
+        noise=Noise(0.1, sample_time=0.02, seed=1),
     )
     hold, delay, gain = diagram.add(
-        hold=ZeroOrderHold(0.01), delay=UnitDelay(0.02).sampled(every=0.02, offset=0.01), gain=Gain(0.5)
+        hold=ZeroOrderHold(0.01),
+        delay=UnitDelay(0.02).sampled(every=0.02, offset=0.01),
+        gain=Gain(0.5),
     )
     integral = diagram.add(integral=Integrator(0.0))
     ring >> table >> hold >> delay >> gain >> integral
@@ -63,7 +83,9 @@ def everything():
         ("everything", "2.0", 100),
         ("hybrid", "3.0", 100),
         *(
-            pytest.param(name, version, 5000 * campaign.SIZE, marks=pytest.mark.campaign)
+            pytest.param(
+                name, version, 5000 * campaign.SIZE, marks=pytest.mark.campaign
+            )
             for name in ("everything", "hybrid")
             for version in ("2.0", "3.0")
         ),
@@ -78,7 +100,17 @@ def test_random_calls(name, version, sequences, systems, tmp_path):
     program = tmp_path / "fuzz"
     define = ["-DFMI3"] if version == "3.0" else []
     sources = [str(tmp_path / "sources" / "all.c"), str(FUZZ)]
-    built = ["cc", *FLAGS, *define, "-I", str(HEADERS), *sources, "-o", str(program), "-lm"]
+    built = [
+        "cc",
+        *FLAGS,
+        *define,
+        "-I",
+        str(HEADERS),
+        *sources,
+        "-o",
+        str(program),
+        "-lm",
+    ]
     made = subprocess.run(built, capture_output=True, text=True, check=False)
     if "cannot find" in made.stderr and "san" in made.stderr:
         pytest.skip("the compiler has no sanitizers")

@@ -79,7 +79,9 @@ def test_instances_leak_nothing(exported, instance, systems):
     first, fmu = one.component, one.fmu
 
     def cycle():
-        fmu.component = one.fmi2Instantiate(b"again", 1, one.guid.encode(), b"", one.callbacks, 0, 0)
+        fmu.component = one.fmi2Instantiate(
+            b"again", 1, one.guid.encode(), b"", one.callbacks, 0, 0
+        )
         one.start()
         one.doStep(0.0, TIME_STEP)
         one.getDirectionalDerivative(one.references["y"], one.references["u"], [1.0])

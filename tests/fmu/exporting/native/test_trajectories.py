@@ -19,7 +19,9 @@ def in_process(block, value, duration, **log):
     diagram = Diagram("alone")
     block, held = diagram.add(block=block, held=Constant(value))
     held >> block.only_input()
-    return simulate(diagram, duration, step=1e-3, backend="interpreted", progress=False, **log)
+    return simulate(
+        diagram, duration, step=1e-3, backend="interpreted", progress=False, **log
+    )
 
 
 def test_plant_co_simulation_equals_in_process_rk4(plant, plant_fmu, instance):
@@ -48,9 +50,13 @@ def update(one):
 @pytest.mark.parametrize("step", [1e-3, 4e-3, 0.1])
 def test_communication_steps_do_not_matter(step, version, exported, instance, systems):
     expected = in_process(systems.Oscillator(2), np.array([0.3, 0.0]), 1.0)
-    one = instance(exported(systems.Oscillator(2), version, "two")).start({"force": [0.3, 0.0]})
+    one = instance(exported(systems.Oscillator(2), version, "two")).start(
+        {"force": [0.3, 0.0]}
+    )
     one.step(0, round(1.0 / step), step)
-    np.testing.assert_allclose(one.get("position"), expected["block.position"][-1], rtol=0, atol=1e-13)
+    np.testing.assert_allclose(
+        one.get("position"), expected["block.position"][-1], rtol=0, atol=1e-13
+    )
 
 
 def test_steps_off_the_grid_keep_the_order_of_the_method(exported, instance, systems):
@@ -82,8 +88,14 @@ def test_sampled_blocks_tick_inside_co_simulation(version, exported, instance, s
 
 
 @versions
-def test_sampled_blocks_tick_as_time_events_of_model_exchange(version, exported, systems):
-    name, value = ("position[1]", {"target[1]": 0.7}) if version == "2.0" else ("position", {"target": [0.7]})
+def test_sampled_blocks_tick_as_time_events_of_model_exchange(
+    version, exported, systems
+):
+    name, value = (
+        ("position[1]", {"target[1]": 0.7})
+        if version == "2.0"
+        else ("position", {"target": [0.7]})
+    )
     result = simulate_fmu(
         str(exported(systems.hybrid(), version)),
         fmi_type="ModelExchange",
@@ -94,7 +106,9 @@ def test_sampled_blocks_tick_as_time_events_of_model_exchange(version, exported,
     )
     times, expected = hybrid_in_process(systems, 1.0)
     found = {round(float(row["time"]), 6): np.ravel(row[name])[0] for row in result}
-    np.testing.assert_allclose([found[round(float(t), 6)] for t in times], expected[:, 0], rtol=0, atol=2e-7)
+    np.testing.assert_allclose(
+        [found[round(float(t), 6)] for t in times], expected[:, 0], rtol=0, atol=2e-7
+    )
 
 
 @pytest.mark.parametrize("kind", ["CoSimulation", "ModelExchange"])
@@ -113,9 +127,12 @@ def test_a_block_without_states(version, kind, exported, systems):
 
 
 @pytest.mark.parametrize(
-    ("steps", "error"), [(1000, 1e-12), pytest.param(100_000, 0.0, marks=pytest.mark.campaign)]
+    ("steps", "error"),
+    [(1000, 1e-12), pytest.param(100_000, 0.0, marks=pytest.mark.campaign)],
 )
-def test_many_steps_added_up_stay_on_the_grid(steps, error, exported, instance, systems):
+def test_many_steps_added_up_stay_on_the_grid(
+    steps, error, exported, instance, systems
+):
     """An importer that adds 0.001 a hundred thousand times makes errors of 1e-9 in time."""
     expected = hybrid_in_process(systems, steps * 0.001)[1][-1, :1]
     one = instance(exported(systems.hybrid(), "2.0")).start({"target": 0.7})
@@ -161,8 +178,12 @@ def test_jumps_are_time_events(version, exported):
     assert 1 / 3 in result["time"]
 
 
-@pytest.mark.parametrize(("version", "jump"), [("2.0", -0.5), ("2.0", 0.0), ("2.0", 0.5), ("3.0", 0.0)])
-def test_a_jump_where_a_step_ends_belongs_to_the_step_after(version, jump, exported, instance):
+@pytest.mark.parametrize(
+    ("version", "jump"), [("2.0", -0.5), ("2.0", 0.0), ("2.0", 0.5), ("3.0", 0.0)]
+)
+def test_a_jump_where_a_step_ends_belongs_to_the_step_after(
+    version, jump, exported, instance
+):
     """Also before time 0, and at it: the integral of a unit step is exact."""
     path = exported(stepping(jump), version, f"unit step at {jump}", step=0.1)
     one = instance(path).start(begin=-1.0)
@@ -176,7 +197,8 @@ def test_a_jump_of_a_sampled_signal_is_reported(version, exported, instance, sys
     """Some importers restart the integration only where the FMU reports a changed state."""
     one = instance(exported(systems.hybrid(), version), "me").start()
     reported = []
-    for time in (0.0, 0.005, 0.01, 0.02, 0.03, 0.04, 0.06):  # ticks every 20 ms, and 10 + k 50 ms
+    for time in (0.0, 0.005, 0.01, 0.02, 0.03, 0.04, 0.06):
+        # ticks every 20 ms, and 10 + k 50 ms
         if time:
             one.setTime(time)
             one.enterEventMode()

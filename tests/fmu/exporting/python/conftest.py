@@ -6,7 +6,16 @@ import numpy as np
 import pytest
 from systems import HiddenSum
 
-from trussflow.blocks import INFERRED, Block, Diagram, Input, Output, Parameter, PythonFunction, State
+from trussflow.blocks import (
+    INFERRED,
+    Block,
+    Diagram,
+    Input,
+    Output,
+    Parameter,
+    PythonFunction,
+    State,
+)
 from trussflow.fmu.exporting.export import export as fmu_export
 
 TIME_STEP = 1e-3
@@ -27,7 +36,10 @@ class Pendulum(Block):
         return {"angle": x.q, "load": u.torque - p.stiffness * np.sin(x.q)}
 
     def derivative(self, t, x, u, p):
-        return {"q": x.v, "v": u.torque - p.stiffness * np.sin(x.q) + 0.1 * np.cos(3 * t)}
+        return {
+            "q": x.v,
+            "v": u.torque - p.stiffness * np.sin(x.q) + 0.1 * np.cos(3 * t),
+        }
 
 
 class Controller(Block):
@@ -69,7 +81,10 @@ def loop(*, python):
         return diagram
     limit, total = diagram.add(
         limit=PythonFunction(
-            limited, 0.02, inputs={"torque": Input((2,), unit="N*m")}, outputs={"y": Output((2,), unit="N*m")}
+            limited,
+            0.02,
+            inputs={"torque": Input((2,), unit="N*m")},
+            outputs={"y": Output((2,), unit="N*m")},
         ),
         total=HiddenSum(2).sampled(0.05),
     )
@@ -101,4 +116,6 @@ def make_loop():
 @pytest.fixture(scope="session", params=["traced", "python"])
 def loop_fmu(request, export):
     """Return the FMU of the controlled pendulum, with Python blocks and without."""
-    return export(loop(python=request.param == "python"), parameters={"plant.stiffness": 7.0})
+    return export(
+        loop(python=request.param == "python"), parameters={"plant.stiffness": 7.0}
+    )

@@ -37,7 +37,11 @@ def test_many_instances_at_once_do_not_mix(number, loop_fmu, instance):
             one.doStep(k * COMMUNICATION_STEP, COMMUNICATION_STEP)
     ends = np.array([one.get() for one in many])
     for i in (0, number // 3, number - 1):
-        alone = instance(loop_fmu).start({"goal[1]": goals[i]}).step(0, 10, COMMUNICATION_STEP)[-1]
+        alone = (
+            instance(loop_fmu)
+            .start({"goal[1]": goals[i]})
+            .step(0, 10, COMMUNICATION_STEP)[-1]
+        )
         np.testing.assert_array_equal(ends[i], alone)
     assert len(np.unique(ends, axis=0)) == number
     assert "".join(one.errors for one in many) == ""
@@ -47,7 +51,9 @@ def census():
     """Count the objects of this package, and where modules are sought."""
     gc.collect()
     kinds = (type(thing) for thing in gc.get_objects())
-    found = Counter(kind.__name__ for kind in kinds if str(kind.__module__).startswith("trussflow."))
+    found = Counter(
+        kind.__name__ for kind in kinds if str(kind.__module__).startswith("trussflow.")
+    )
     return found + Counter({"path": len(sys.path), "modules": len(sys.modules)})
 
 

@@ -35,8 +35,14 @@ def refused(one, time, length, message):
 @pytest.mark.parametrize(
     ("values", "message"),
     [
-        ({"goal[2]": np.nan}, "the step of 0.01 s from t = 0 s failed: input 'goal' is not finite"),
-        ({"plant.stiffness": -1.0}, "'stiffness' of block 'plant' is -1.0; it must be above 0 [N*m]"),
+        (
+            {"goal[2]": np.nan},
+            "the step of 0.01 s from t = 0 s failed: input 'goal' is not finite",
+        ),
+        (
+            {"plant.stiffness": -1.0},
+            "'stiffness' of block 'plant' is -1.0; it must be above 0 [N*m]",
+        ),
         ({"plant.v[1]": 1.0}, "'plant.v[1]' cannot be set after initialization"),
         ({"angle[1]": 1.0}, "'angle[1]' cannot be set at any time"),
     ],
@@ -77,7 +83,10 @@ def test_unknown_value_reference_and_wrong_type(one):
     assert np.isnan(one.getReal([1_000_000])[0])
     assert "there is no variable with value reference 1000000" in one.errors
     one.getInteger([1])
-    assert "all variables are of type Real; value references [1] were used otherwise" in one.errors
+    assert (
+        "all variables are of type Real; value references [1] were used otherwise"
+        in one.errors
+    )
 
 
 @pytest.mark.parametrize(
@@ -93,7 +102,12 @@ def test_steps_that_make_no_sense(one, time, length, message):
 
 
 def test_step_without_initialization(one):
-    refused(one, 0.0, COMMUNICATION_STEP, "a step is possible only between initialization and termination")
+    refused(
+        one,
+        0.0,
+        COMMUNICATION_STEP,
+        "a step is possible only between initialization and termination",
+    )
 
 
 def failing(u):
@@ -108,7 +122,12 @@ def test_error_in_users_code_is_logged_with_its_cause(export, instance, caplog):
     one.doStep(0.0, COMMUNICATION_STEP)
     one.set({"u": 2.0})
     with caplog.at_level(logging.ERROR):
-        refused(one, COMMUNICATION_STEP, COMMUNICATION_STEP, "raised ZeroDivisionError at t = 0.01 s: 100 %")
+        refused(
+            one,
+            COMMUNICATION_STEP,
+            COMMUNICATION_STEP,
+            "raised ZeroDivisionError at t = 0.01 s: 100 %",
+        )
     # Not the file's name: what cloudpickle 3.1.3 and later packs forgets it, the line stays.
     line = f"line {failing.__code__.co_firstlineno + 2}, in failing"
     assert line in one.errors
@@ -116,7 +135,9 @@ def test_error_in_users_code_is_logged_with_its_cause(export, instance, caplog):
     assert line in caplog.text
 
 
-MISSING_LIBRARY = b"clibrary_that_is_not_there\nThing\n."  # a pickle that refers to a library
+MISSING_LIBRARY = (
+    b"clibrary_that_is_not_there\nThing\n."  # a pickle that refers to a library
+)
 
 
 @pytest.mark.parametrize(
@@ -125,25 +146,36 @@ MISSING_LIBRARY = b"clibrary_that_is_not_there\nThing\n."  # a pickle that refer
         ({"slave": (b"0.1.0'", b"0.0.9'")}, r"the version of trussflow is 0\.1\.0"),
         ({"slave": (b'version("trussflow")', b'version("nowhere")')}, "nowhere"),
         ({"item": MISSING_LIBRARY}, "No module named 'library_that_is_not_there'"),
-        ({"facts": (b'"python": "3', b'"python": "2')}, r"compiled for Python 2\.\d+; this is Python 3\.\d+"),
+        (
+            {"facts": (b'"python": "3', b'"python": "2')},
+            r"compiled for Python 2\.\d+; this is Python 3\.\d+",
+        ),
     ],
 )
-def test_instantiation_names_what_is_missing(changes, message, export, tmp_path, caplog):
+def test_instantiation_names_what_is_missing(
+    changes, message, export, tmp_path, caplog
+):
     """Another version of trussflow, none, no library of the user's, another version of Python."""
     # Each case has a function of its own, as a process keeps the modules of the FMUs that ran in it.
     fmu, changed = export(python(lambda u: u + len(message))), tmp_path / "changed.fmu"
     with zipfile.ZipFile(fmu) as old, zipfile.ZipFile(changed, "w") as new:
         for name in old.namelist():
             content = old.read(name)
-            change = changes.get(name.removeprefix("resources/").replace(".", "_").partition("_")[0])
+            change = changes.get(
+                name.removeprefix("resources/").replace(".", "_").partition("_")[0]
+            )
             if isinstance(change, tuple):
                 assert change[0] in content or name.endswith(".txt")
                 content = content.replace(*change)
             new.writestr(name, change if isinstance(change, bytes) else content)
     needs = f"{message}; this FMU needs cloudpickle>="
-    with pytest.raises(FmuCallError, match=needs), LoadedCoSimulation(changed, logging=True) as one:
+    with (
+        pytest.raises(FmuCallError, match=needs),
+        LoadedCoSimulation(changed, logging=True) as one,
+    ):
         one.setup()
-    assert re.search(needs, caplog.text)  # an importer may have switched the FMU's log off
+    # an importer may have switched the FMU's log off
+    assert re.search(needs, caplog.text)
 
 
 def test_requirements_name_the_version_of_trussflow(export):
@@ -177,15 +209,31 @@ def imports_the_users_module(u):
 @pytest.mark.parametrize(
     ("make", "settings", "message"),
     [
-        (lambda: python(failing), {"version": "3.0"}, r"kind 'python' has version 2\.0 of FMI, not '3\.0'"),
-        (lambda: python(failing), {"solver": "magic"}, "unknown solver 'magic'; choose from"),
+        (
+            lambda: python(failing),
+            {"version": "3.0"},
+            r"kind 'python' has version 2\.0 of FMI, not '3\.0'",
+        ),
+        (
+            lambda: python(failing),
+            {"solver": "magic"},
+            "unknown solver 'magic'; choose from",
+        ),
         (
             lambda: python(imports_the_users_module),
             {},
             r"'imports_the_users_module' \(test_misuse\.py:\d+\) imports 'systems' inside",
         ),
-        (lambda: Once().sampled(0.1), {}, r"copy .* does not run: OSError: the device is taken"),
-        (lambda: Function(lambda u: 1.0 / u, **ports(u=(), y=())), {}, "'y' has no start value"),
+        (
+            lambda: Once().sampled(0.1),
+            {},
+            r"copy .* does not run: OSError: the device is taken",
+        ),
+        (
+            lambda: Function(lambda u: 1.0 / u, **ports(u=(), y=())),
+            {},
+            "'y' has no start value",
+        ),
     ],
 )
 def test_exports_that_are_refused(export, make, settings, message):
@@ -200,7 +248,9 @@ def test_an_open_file_cannot_be_exported(export, tmp_path):
             file.write(str(u))
             return u
 
-        with pytest.raises(ExportError, match=r"attribute '_function' of block 'PythonFunction'"):
+        with pytest.raises(
+            ExportError, match=r"attribute '_function' of block 'PythonFunction'"
+        ):
             export(python(write))
 
 

@@ -48,7 +48,9 @@ def plants(tmp_path, export, monkeypatch):
             folder.mkdir()
             for name, text in modules.items():
                 (folder / f"{name}.py").write_text(text)
-                spec = importlib.util.spec_from_file_location(name, folder / f"{name}.py")
+                spec = importlib.util.spec_from_file_location(
+                    name, folder / f"{name}.py"
+                )
                 assert spec is not None
                 assert spec.loader is not None
                 module = importlib.util.module_from_spec(spec)
@@ -62,7 +64,9 @@ def plants(tmp_path, export, monkeypatch):
     return exported
 
 
-@pytest.mark.parametrize("attribute", ["python", pytest.param("Plant", marks=pytest.mark.campaign)])
+@pytest.mark.parametrize(
+    "attribute", ["python", pytest.param("Plant", marks=pytest.mark.campaign)]
+)
 def test_two_fmus_of_scripts_of_one_name(plants, instance, attribute):
     first, second = (instance(fmu).start({"u": 2.0}) for fmu in plants(attribute))
     for one in (first, second):
@@ -88,7 +92,9 @@ def test_the_users_code_may_refer_to_the_package(export, instance):
     def function(u):
         from trussflow.blocks import Gain
 
-        return trussflow.blocks.Gain(u).parameters["gain"] + Gain(1.0).parameters["gain"]
+        return (
+            trussflow.blocks.Gain(u).parameters["gain"] + Gain(1.0).parameters["gain"]
+        )
 
     fmu = export(PythonFunction(function, 0.01, **ports(u=(), y=())))
     with zipfile.ZipFile(fmu) as archive:
@@ -99,7 +105,9 @@ def test_the_users_code_may_refer_to_the_package(export, instance):
     assert one.get("y") == 3.0
 
 
-def test_casadi_settings_of_the_host_neither_matter_nor_change(export, instance, make_loop):
+def test_casadi_settings_of_the_host_neither_matter_nor_change(
+    export, instance, make_loop
+):
     mode = 1 - ca.GlobalOptions.getNumpyMode()
     ca.GlobalOptions.setNumpyMode(mode)
     try:

@@ -5,11 +5,21 @@ import pytest
 from fmpy.validation import validate_fmu
 from systems import PythonBall, ports
 
-from trussflow.blocks import Constant, Diagram, PythonFunction, Session, Step, TransferFunction, simulate
+from trussflow.blocks import (
+    Constant,
+    Diagram,
+    PythonFunction,
+    Session,
+    Step,
+    TransferFunction,
+    simulate,
+)
 from trussflow.fmu import Fmu
 from trussflow.fmu.exporting.export import export as fmu_export
 
-AGREEMENT_TOLERANCE = 1e-10  # of the requirement; the same code runs in both, so it is equal to the bit
+AGREEMENT_TOLERANCE = (
+    1e-10  # of the requirement; the same code runs in both, so it is equal to the bit
+)
 COMMUNICATION_STEP = 0.01
 
 
@@ -30,7 +40,9 @@ def test_stepped_fmu_equals_the_diagram_in_this_process(loop_fmu, instance, make
             session.set(goal=goal)
             session.advance((k + 1) * COMMUNICATION_STEP)
             found.append(one.get(*session.outputs))
-            expected.append(np.concatenate([v.ravel() for v in session.outputs.values()]))
+            expected.append(
+                np.concatenate([v.ravel() for v in session.outputs.values()])
+            )
     assert np.ptp(expected, axis=0).min() > 1e-3
     np.testing.assert_allclose(found, expected, rtol=0, atol=AGREEMENT_TOLERANCE)
     assert one.errors == ""
@@ -60,7 +72,9 @@ def test_both_kinds_of_fmu_give_the_same(make_loop, tmp_path, instance):
     """They have the same variables, and agree to round-off, off the grid as well."""
     ends = []
     for kind in ("native", "python"):
-        fmu = fmu_export(make_loop(python=False), tmp_path / f"{kind}.fmu", kind=kind, step=0.005)
+        fmu = fmu_export(
+            make_loop(python=False), tmp_path / f"{kind}.fmu", kind=kind, step=0.005
+        )
         one = instance(fmu).start({"goal[1]": 0.3, "plant.v[2]": 0.5}, begin=0.2)
         rows = [one.get()]
         for k in range(12):
@@ -74,7 +88,8 @@ def test_both_kinds_of_fmu_give_the_same(make_loop, tmp_path, instance):
 
 def test_states_derivatives_and_parameters_can_be_read(loop_fmu, instance):
     one = instance(loop_fmu).start({"plant.v[2]": 0.5, "goal[1]": 1.0})
-    np.testing.assert_array_equal(one.get("plant.q"), [0.3, -0.2])  # from the parameter `release`
+    # from the parameter `release`
+    np.testing.assert_array_equal(one.get("plant.q"), [0.3, -0.2])
     np.testing.assert_array_equal(one.get("plant.v"), [0.0, 0.5])
     np.testing.assert_array_equal(one.get("der(plant.q)"), [0.0, 0.5])
     assert one.get("plant.stiffness", "goal[1]", "time").tolist() == [7.0, 1.0, 0.0]
@@ -92,7 +107,9 @@ def test_outputs_follow_inputs_and_tuned_parameters_at_once(loop_fmu, instance):
     angle, total = one.get("angle[1]"), one.get("torque[1]") + 2 * one.get("angle[1]")
     for gain, goal in ((2.0, 1.0), (3.0, 1.0), (3.0, -2.0)):
         one.set({"law.gain": gain, "goal[1]": goal})
-        np.testing.assert_allclose(one.get("torque[1]"), gain * (goal - angle) + total, rtol=1e-12)
+        np.testing.assert_allclose(
+            one.get("torque[1]"), gain * (goal - angle) + total, rtol=1e-12
+        )
     assert one.errors == ""
 
 
@@ -138,7 +155,8 @@ def test_function_of_a_script_needs_nothing_of_it(export, instance):
     fmu = export(PythonFunction(function, 0.01, **ports(u=2, y=2)))
     scale[:] = np.nan  # the FMU has its own copy
     one = instance(fmu).start({"u": [3.0, 2.0]})
-    for k in range(3):  # at the start too, and at each instant from the inputs of that time
+    for k in range(3):
+        # at the start too, and at each instant from the inputs of that time
         one.set({"u[1]": 3.0 + k})
         np.testing.assert_array_equal(one.get("y"), [(3.0 + k) ** 2 + 0.25, 40.25])
         one.doStep(k * 0.01, 0.01)

@@ -42,7 +42,9 @@ def test_state_before_the_initialization(loop_fmu, instance):
     assert one.get("plant.q[1]") == 0.7
     first = one.step(0, 5, COMMUNICATION_STEP)
     one.setFMUState(state)
-    np.testing.assert_array_equal(one.start({"plant.v[1]": 0.0}).step(0, 5, COMMUNICATION_STEP), first)
+    np.testing.assert_array_equal(
+        one.start({"plant.v[1]": 0.0}).step(0, 5, COMMUNICATION_STEP), first
+    )
     assert one.errors == ""
 
 
@@ -52,7 +54,8 @@ def test_reset_is_a_new_beginning(loop_fmu, instance):
     one.reset()
     fresh = instance(loop_fmu).start()
     np.testing.assert_array_equal(
-        one.start().step(0, 10, COMMUNICATION_STEP), fresh.step(0, 10, COMMUNICATION_STEP)
+        one.start().step(0, 10, COMMUNICATION_STEP),
+        fresh.step(0, 10, COMMUNICATION_STEP),
     )
 
 
@@ -65,7 +68,10 @@ def test_bytes_that_are_no_state_are_refused(loop_fmu, instance):
     for bad, message in (
         (content[: len(content) // 2], "damaged or cut off"),
         (b"\x80\x04junk", "is no saved state"),
-        (content.replace(b'"FMU": "', b'"FMU": "x'), "the state of something else: FMU is 'x"),
+        (
+            content.replace(b'"FMU": "', b'"FMU": "x'),
+            "the state of something else: FMU is 'x",
+        ),
         (content.replace(b'"touched"', b'"touchy"'), "it is damaged"),
     ):
         one.log.clear()

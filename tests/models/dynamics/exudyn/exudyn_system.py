@@ -102,7 +102,11 @@ def inertia_of(table):
     if "inertia_about_origin" in table:
         return mass, centre, np.diag(table["inertia_about_origin"]["value"])
     central = np.diag(table["inertia_about_centre_of_mass"]["value"])
-    return mass, centre, central + mass * (centre @ centre * np.eye(3) - np.outer(centre, centre))
+    return (
+        mass,
+        centre,
+        central + mass * (centre @ centre * np.eye(3) - np.outer(centre, centre)),
+    )
 
 
 class TrussSystem:
@@ -113,7 +117,9 @@ class TrussSystem:
         self.container = exu.SystemContainer()
         self.mbs = self.container.AddSystem()
         turned = attitude(state.q[3:6])
-        self.frame = Pose(turned, state.q[:3], turned @ state.v[:3], turned @ state.v[3:6])
+        self.frame = Pose(
+            turned, state.q[:3], turned @ state.v[:3], turned @ state.v[3:6]
+        )
         self._add_truss()
         self.chains = [self._add_arm(i) for i in range(len(arms))]
         self.mbs.Assemble()
@@ -137,7 +143,10 @@ class TrussSystem:
         )
         self.flexible = added["oFFRFreducedOrder"]
         self.frame_node, self.modal_node = added["nRigidBody"], added["nGenericODE2"]
-        for name, value in (("initialCoordinates", modal), ("initialCoordinates_t", rates)):
+        for name, value in (
+            ("initialCoordinates", modal),
+            ("initialCoordinates_t", rates),
+        ):
             self.mbs.SetNodeParameter(self.modal_node, name, list(value))
 
     def _add_arm(self, i):
@@ -167,7 +176,11 @@ class TrussSystem:
         bodies, pose = [body], held.moved(rotation, ORIGIN)
         torques = state.actuation[6 * len(self.arms) :][own]
         for table, angle, rate, torque in zip(
-            file["links"], state.q[state.joints][own], state.v[state.joints][own], torques, strict=True
+            file["links"],
+            state.q[state.joints][own],
+            state.v[state.joints][own],
+            torques,
+            strict=True,
         ):
             rotation, origin = fixed_rotation(table), np.array(table["origin"]["value"])
             turn = Rotation.from_rotvec(angle * AXIS).as_matrix()
@@ -179,17 +192,30 @@ class TrussSystem:
             self._torque(after, torque * AXIS)
             self._torque(self._marker(bodies[-1]), -torque * (rotation @ AXIS))
             bodies.append(body)
-        return [*bodies, self._base(file["base"], bodies[-1], pose, state.actuation[6 * i : 6 * i + 6])]
+        return [
+            *bodies,
+            self._base(
+                file["base"], bodies[-1], pose, state.actuation[6 * i : 6 * i + 6]
+            ),
+        ]
 
     def _base(self, table, link, pose, wrench):
         """Add the base, its frame at the centroid, with the force and torque on it."""
         rotation = fixed_rotation(table)
-        place = np.array(table["origin"]["value"]) + rotation @ np.array(table["centroid"]["value"])
+        place = np.array(table["origin"]["value"]) + rotation @ np.array(
+            table["centroid"]["value"]
+        )
         inertia = np.diag(table["inertia_about_centroid"]["value"])
-        body = self._body((table["mass"]["value"], ORIGIN, inertia), pose.moved(rotation, place))
+        body = self._body(
+            (table["mass"]["value"], ORIGIN, inertia), pose.moved(rotation, place)
+        )
         marker = self._marker(body)
-        self._join(items.ObjectJointGeneric, self._marker(link, rotation, place), marker)
-        force = items.LoadForceVector(markerNumber=marker, loadVector=wrench[:3], bodyFixed=True)
+        self._join(
+            items.ObjectJointGeneric, self._marker(link, rotation, place), marker
+        )
+        force = items.LoadForceVector(
+            markerNumber=marker, loadVector=wrench[:3], bodyFixed=True
+        )
         self.mbs.AddLoad(force)
         self._torque(marker, wrench[3:])
         return body
@@ -205,9 +231,13 @@ class TrussSystem:
                 angularVelocity=pose.spin,
             )
         )
-        elements = [matrix[i, j] for i, j in ((0, 0), (1, 1), (2, 2), (1, 2), (0, 2), (0, 1))]
+        elements = [
+            matrix[i, j] for i, j in ((0, 0), (1, 1), (2, 2), (1, 2), (0, 2), (0, 1))
+        ]
         return self.mbs.AddObject(
-            items.ObjectRigidBody(nodeNumber=node, mass=mass, inertia=elements, centerOfMass=centre)
+            items.ObjectRigidBody(
+                nodeNumber=node, mass=mass, inertia=elements, centerOfMass=centre
+            )
         )
 
     def _marker(self, body, rotation=UNTURNED, place=ORIGIN):
@@ -218,7 +248,11 @@ class TrussSystem:
         self.mbs.AddObject(joint(markerNumbers=[first, second]))
 
     def _torque(self, marker, torque):
-        self.mbs.AddLoad(items.LoadTorqueVector(markerNumber=marker, loadVector=torque, bodyFixed=True))
+        self.mbs.AddLoad(
+            items.LoadTorqueVector(
+                markerNumber=marker, loadVector=torque, bodyFixed=True
+            )
+        )
 
     def read(self, node, quantity):
         """Return a quantity of a node, in inertial axes."""
@@ -239,7 +273,9 @@ class TrussSystem:
         found = []
         for before, after in self._across_joints():
             axis = self.read(after, OUTPUT.RotationMatrix).reshape(3, 3)[:, 2]
-            found.append(axis @ (self.read(after, quantity) - self.read(before, quantity)))
+            found.append(
+                axis @ (self.read(after, quantity) - self.read(before, quantity))
+            )
         return np.array(found)
 
     def joint_angles(self):
@@ -247,7 +283,10 @@ class TrussSystem:
         tables = [table for name in self.arms for table in arm_file(name)["links"]]
         found = []
         for table, (before, after) in zip(tables, self._across_joints(), strict=True):
-            first, second = (self.read(node, OUTPUT.RotationMatrix).reshape(3, 3) for node in (before, after))
+            first, second = (
+                self.read(node, OUTPUT.RotationMatrix).reshape(3, 3)
+                for node in (before, after)
+            )
             turn = (first @ fixed_rotation(table)).T @ second
             found.append(np.arctan2(turn[1, 0], turn[0, 0]))
         return np.array(found)
@@ -270,7 +309,8 @@ class TrussSystem:
         velocity, spin = self.speeds()[:3], self.speeds()[3:6]
         return np.concatenate(
             [
-                self.read(self.frame_node, OUTPUT.Acceleration) @ turned - np.cross(spin, velocity),
+                self.read(self.frame_node, OUTPUT.Acceleration) @ turned
+                - np.cross(spin, velocity),
                 self.read(self.frame_node, OUTPUT.AngularAcceleration) @ turned,
                 self.about_joints(OUTPUT.AngularAcceleration),
                 self.read(self.modal_node, OUTPUT.Coordinates_tt),

@@ -43,7 +43,11 @@ def random_state(flexible, arms, deformation, rng):
     modal = 5.0 * deformation * rng.standard_normal(len(stiffness)) / stiffness
     rates = rng.standard_normal(len(stiffness)) / np.sqrt(stiffness)
     speeds = 0.3 * rng.standard_normal(6 + 7 * arms)
-    places = [rng.standard_normal(3), rng.uniform(-1, 1, 3), rng.uniform(-2, 2, 7 * arms)]
+    places = [
+        rng.standard_normal(3),
+        rng.uniform(-1, 1, 3),
+        rng.uniform(-2, 2, 7 * arms),
+    ]
     return State(
         q=np.concatenate([*places, modal]),
         v=np.concatenate([speeds, rates]),
@@ -129,7 +133,9 @@ def trajectory(flexible, state, steps):
     def record(_, t):
         if abs(t / every - round(t / every)) < 1e-3 * DURATION / steps and t > 0.0:
             places.append(system.read(system.frame_node, OUTPUT.Position))
-            attitudes.append(system.read(system.frame_node, OUTPUT.RotationMatrix).reshape(3, 3))
+            attitudes.append(
+                system.read(system.frame_node, OUTPUT.RotationMatrix).reshape(3, 3)
+            )
             joints.append(system.joint_angles())
             modes.append(system.read(system.modal_node, OUTPUT.Coordinates))
             speeds.append(system.speeds()[:6])
@@ -161,5 +167,8 @@ if __name__ == "__main__":
     axes = np.random.default_rng(5).standard_normal((4, 3))
     axes /= np.linalg.norm(axes, axis=1)[:, None]
     turning_one_way = whole.reduced(6, axes)
-    np.savez_compressed(FOLDER / "accelerations.npz", **accelerations(whole.reduced(16), turning_one_way))
+    np.savez_compressed(
+        FOLDER / "accelerations.npz",
+        **accelerations(whole.reduced(16), turning_one_way),
+    )
     np.savez_compressed(FOLDER / "motion.npz", **motion(turning_one_way))

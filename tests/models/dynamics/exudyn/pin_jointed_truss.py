@@ -66,7 +66,9 @@ class Truss:
         if axes is not None:
             every = replace(self, shapes=np.eye(size))
             across = [null_space(axis[None]).T for axis in axes]
-            refused = np.concatenate([a @ every.grasp(i)[2] for i, a in enumerate(across)])
+            refused = np.concatenate(
+                [a @ every.grasp(i)[2] for i, a in enumerate(across)]
+            )
             allowed = allowed @ null_space(refused @ allowed)
         masses = np.repeat(self.masses, 3)
         squares, vectors = eigh(
@@ -92,7 +94,8 @@ class Truss:
         # u = -lever x rotation: a column of the system per axis of rotation.
         system = -np.cross(lever[:, None, :], np.eye(3)[None]).transpose(0, 2, 1)
         rotation = np.linalg.lstsq(
-            (root * system).reshape(-1, 3), (root * (shapes - translation)).reshape(12, -1)
+            (root * system).reshape(-1, 3),
+            (root * (shapes - translation)).reshape(12, -1),
         )[0]
         return centre, translation, rotation
 
@@ -128,7 +131,9 @@ def truss():
 
     bars = []
     for k in range(BAYS + 1):
-        bars += [(4 * k + a, 4 * k + b) for a, b in ((0, 1), (1, 2), (2, 3), (3, 0), (0, 2))]
+        bars += [
+            (4 * k + a, 4 * k + b) for a, b in ((0, 1), (1, 2), (2, 3), (3, 0), (0, 2))
+        ]
         if k < BAYS:
             bars += [(4 * k + c, 4 * k + 4 + c) for c in range(4)]
             bars += [(4 * k + c, 4 * k + 4 + (c + 1) % 4) for c in range(4)]
