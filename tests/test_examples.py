@@ -4,6 +4,8 @@ import ast
 import re
 import runpy
 import shutil
+import subprocess
+import sys
 
 import pytest
 from scripts import run
@@ -19,17 +21,24 @@ PEERS = sorted(FOLDER.glob("peers/[0-9]*.py"))
 DATA = (".toml", ".urdf", ".bdf", ".op4")
 EXTRAS = {"antenna_mission": "pyyeti"}
 MAX_LINES = 60
+RUFF = (sys.executable, "-m", "ruff", "format", "--line-length", "110")
 
 
 def code_lines(path):
-    """Return the number of lines of code of a script, without blank lines, comments and docstrings."""
+    """Return the lines of code of a script in 110 columns, without blank lines, comments and docstrings."""
+    text = subprocess.run(
+        [*RUFF, "--stdin-filename", path, "-"],
+        input=path.read_bytes(),
+        stdout=subprocess.PIPE,
+        check=True,
+    ).stdout.decode()
     documented = set()
-    for node in ast.walk(tree_of(path)):
+    for node in ast.walk(ast.parse(text)):
         if isinstance(
             node, ast.Module | ast.ClassDef | ast.FunctionDef
         ) and ast.get_docstring(node):
             documented.update(range(node.body[0].lineno, node.body[0].end_lineno + 1))
-    lines = enumerate(path.read_text(encoding="utf-8").splitlines(), 1)
+    lines = enumerate(text.splitlines(), 1)
     return sum(
         k not in documented and line.strip()[:1] not in ("", "#") for k, line in lines
     )
