@@ -20,6 +20,8 @@ EXAMPLES = sorted(
 PEERS = sorted(FOLDER.glob("peers/[0-9]*.py"))
 DATA = (".toml", ".urdf", ".bdf", ".op4")
 EXTRAS = {"antenna_mission": "pyyeti"}
+SLOW = {"antenna_mission", "identify_damping", "ring_mission"}
+"""Examples of over 15 s, which `make docs` and the campaign run."""
 MAX_LINES = 60
 RUFF = (sys.executable, "-m", "ruff", "format", "--line-length", "110")
 
@@ -58,7 +60,15 @@ def test_examples_begin_with_a_title():
         assert len(title[1]) == len(title[2]), path.name
 
 
-@pytest.mark.parametrize("path", EXAMPLES, ids=lambda path: path.stem)
+@pytest.mark.parametrize(
+    "path",
+    [
+        pytest.param(
+            path, id=path.stem, marks=[pytest.mark.campaign] * (path.stem in SLOW)
+        )
+        for path in EXAMPLES
+    ],
+)
 def test_example_runs(path, tmp_path):
     if path.stem in EXTRAS:
         pytest.importorskip(EXTRAS[path.stem])

@@ -94,6 +94,7 @@ def test_all_results_are_in_the_report(tmp_path):
     )
 
 
+@pytest.mark.campaign
 @pytest.mark.usefixtures("plant")
 def test_a_campaign_resumes(tmp_path):
     """A second call reads the finished runs; a run equals that of its parameters alone."""

@@ -33,6 +33,7 @@ def test_a_design_has_the_values_that_describe_it():
 TUNING = Tuning(seeds=range(1), others=range(1000, 1002), trials=2, duration=0.2)
 
 
+@pytest.mark.campaign
 def test_designs_are_compared_on_other_seeds(plant):
     """The shipped design is simulated as in any other campaign."""
     found, truss = TUNING.run(), TunableTruss.accurate()
