@@ -203,7 +203,7 @@ JOBS = {
     """,
     "streamed": """
         import tempfile
-        from trussflow.blocks.simulation import log, streamed_log
+        from trussflow.blocks.results import log, streamed_log
         streamed_log.PIECE_SECONDS, log.BUFFER_ROWS = 0.0, 16
         simulator = Simulator(diagram, step=1e-3, backend="interpreted")
         simulator.run(1.0, progress=False)

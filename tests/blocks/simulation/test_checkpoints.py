@@ -37,8 +37,8 @@ from trussflow.blocks.errors import (
     TimeLimitError,
 )
 from trussflow.blocks.framework.run_state import Running
+from trussflow.blocks.results import log, streamed_log
 from trussflow.blocks.results.state_file import write_state
-from trussflow.blocks.simulation import log, streamed_log
 
 SOLVERS = "rk4", "RK45", "LSODA"
 STEP, LENGTH, EVERY = 0.01, 2.0, 0.25

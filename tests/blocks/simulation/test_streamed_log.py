@@ -18,7 +18,8 @@ from numpy.testing import assert_allclose
 
 from trussflow.blocks import Diagram, Integrator, Simulator, Sine, recover, save
 from trussflow.blocks.errors import SimulationError, SimulationInterrupted
-from trussflow.blocks.simulation import log, results, run, streamed_log
+from trussflow.blocks.results import dataset, log, streamed_log
+from trussflow.blocks.simulation import run
 
 STEP = 1e-3
 
@@ -147,7 +148,7 @@ def interrupted(place, name, number, monkeypatch):
         (log.Log, "_put_aside"),
         (log.Log, "reserve"),
         (log.Log, "keep"),
-        (results, "replaced"),
+        (dataset, "replaced"),
     ],
 )
 def test_ctrl_c_within_the_log_loses_and_doubles_nothing(

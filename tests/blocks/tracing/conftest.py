@@ -4,7 +4,7 @@ import pytest
 from systems import Oscillator
 
 from trussflow.blocks import Diagram, simulate
-from trussflow.blocks.framework import call_site, temporary
+from trussflow.blocks.support import call_site, temporary_folders
 from trussflow.blocks.tracing.compiler import find_compiler, identity
 
 
@@ -13,7 +13,7 @@ def forget():
     find_compiler.cache_clear()
     identity.cache_clear()
     call_site._said.clear()
-    for file in temporary.process_folder().glob("*.s*"):
+    for file in temporary_folders.process_folder().glob("*.s*"):
         file.unlink()
 
 

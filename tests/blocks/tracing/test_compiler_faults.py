@@ -14,7 +14,7 @@ import campaign
 import numpy as np
 import pytest
 
-from trussflow.blocks.framework import call_site, temporary
+from trussflow.blocks.support import call_site, temporary_folders
 from trussflow.blocks.tracing import compiler
 from trussflow.blocks.tracing.compile_cache import CompilationError
 from trussflow.blocks.tracing.compiler import compile_library
@@ -151,7 +151,7 @@ def test_folder_that_others_may_write_to_is_not_used(spoil, cache):
         used = answer()
     assert len(hints) == 1
     assert planted != used
-    assert temporary.process_folder() in used.parents
+    assert temporary_folders.process_folder() in used.parents
     assert answer() == used
 
 

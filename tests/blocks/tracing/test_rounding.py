@@ -1,5 +1,6 @@
 """Rounding of signals: u - f(u) is exactly zero where f returns u, also where u is a product."""
 
+import campaign
 import numpy as np
 import pytest
 
@@ -17,36 +18,56 @@ from trussflow.blocks import (
 
 BACKENDS = ("numpy", "interpreted", "compiled")
 STEP = 0.01
+CHANNELS = 50
 SHOWN = {
-    "saturation": lambda: Saturation(-0.05, 0.05),
-    "rate limit": lambda: RateLimiter(10.0, STEP),
-    "hold": lambda: ZeroOrderHold(STEP),
+    "saturation": lambda limits: Saturation(-limits, limits),
+    "rate limit": lambda limits: RateLimiter(200.0 * limits, STEP),
+    "hold": lambda _: ZeroOrderHold(STEP),
 }
 
+seeds = pytest.mark.parametrize(
+    "seed",
+    [
+        0,
+        *(
+            pytest.param(k, marks=pytest.mark.campaign)
+            for k in campaign.SEED + np.arange(1, 10 * campaign.SIZE)
+        ),
+    ],
+)
 
+
+def products(seed):
+    """Return a diagram with random multiples of a sine, and limits that they exceed."""
+    gains = np.random.default_rng(seed).uniform(0.1, 2.0, CHANNELS)
+    diagram = Diagram("products")
+    source, product = diagram.add(
+        source=Sine(np.ones(CHANNELS), 3.0), product=Gain(gains)
+    )
+    source >> product
+    return diagram, product, gains / 2.0
+
+
+@seeds
 @pytest.mark.parametrize("backend", BACKENDS)
 @pytest.mark.parametrize("block", SHOWN)
-def test_difference_from_a_block_that_shows_its_input_is_zero(block, backend):
-    diagram = Diagram("zero")
-    source, product, shown = diagram.add(
-        source=Sine(1.0, 3.0), product=Gain(0.1), shown=SHOWN[block]()
-    )
-    source >> product >> shown
-    error = product.y - shown.y
-    log = [error, product.y, shown.y]
+def test_difference_from_a_block_that_shows_its_input_is_zero(block, backend, seed):
+    diagram, product, limits = products(seed)
+    shown = diagram.add(shown=SHOWN[block](limits))
+    product >> shown
+    log = [product.y - shown.y, product.y, shown.y]
     result = simulate(diagram, 2.0, step=STEP, backend=backend, log=log, progress=False)
     error, product, shown = (result[port.path].values for port in log)
-    assert np.sum(product == shown) > 60
+    assert np.sum(product == shown) > 60 * CHANNELS
     assert not error[product == shown].any()
 
 
+@seeds
 @pytest.mark.parametrize("backend", BACKENDS)
-def test_zone_of_a_product_is_dead(backend):
-    diagram = Diagram("zone")
-    source, product, zone = diagram.add(
-        source=Sine(1.0, 3.0), product=Gain(0.1), zone=DeadZone(-0.2, 0.2)
-    )
-    source >> product >> zone
+def test_zone_of_a_product_is_dead(backend, seed):
+    diagram, product, limits = products(seed)
+    zone = diagram.add(zone=DeadZone(-2.0 * limits, 2.0 * limits))
+    product >> zone
     assert not simulate(diagram, 2.0, step=STEP, backend=backend, progress=False)[
         "zone.y"
     ].any()
