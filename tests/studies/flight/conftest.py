@@ -2,6 +2,7 @@
 
 from functools import cache
 
+import campaign
 import numpy as np
 import pytest
 import systems
@@ -16,11 +17,9 @@ from trussflow.models.plant.tunable_truss import TunableTruss
 interpreted = pytest.fixture(scope="module", autouse=True)(systems.interpreted)
 
 
-@pytest.fixture(
-    params=["consistent", pytest.param("accurate", marks=pytest.mark.campaign)]
-)
+@pytest.fixture(params=["consistent", "accurate"][: campaign.SIZE])
 def plant(request, monkeypatch):
-    """Prepare the tuned loop once; ordinary tests have six modes."""
+    """Prepare the tuned loop once; the campaign of CI has six modes, a larger one more too."""
     monkeypatch.setattr(TunableTruss, "accurate", getattr(TunableTruss, request.param))
     monkeypatch.setattr(tuning, "flight_simulator", cache(flight_simulator))
     return request.param
