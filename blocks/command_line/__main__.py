@@ -37,9 +37,6 @@ class Version(argparse.Action):
 COMMANDS = {
     "new": Command("write an example script or mission file", "trussflow.new"),
     "run": Command("simulate a diagram or an FMU", "trussflow.run"),
-    "sweep": Command(
-        "run a diagram many times, here or on a cluster", "trussflow.sweep"
-    ),
     "draw": Command("draw a diagram", "trussflow.draw"),
     "fmu": Command(
         "export a diagram as an FMU, describe an FMU", "trussflow.fmu.__main__"

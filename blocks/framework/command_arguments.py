@@ -113,35 +113,6 @@ def json_of(thing: Any) -> str:
     return json.dumps(plain(thing), indent=2, allow_nan=False)
 
 
-def thing_of(reference: str) -> Any:
-    """Return the Python object with the reference ``module:name`` or ``file.py:name``.
-
-    Parameters
-    ----------
-    reference : str
-        Module or file, and name of an object in it.
-
-    Raises
-    ------
-    DiagramError
-        If there is no such object.
-    """
-    module, _, name = reference.partition(":")
-    thing: Any = _loaded(module, reference)
-    for part in filter(None, name.split(".")):
-        if not hasattr(thing, part):
-            there = (
-                [name for name in vars(thing) if not name.startswith("_")]
-                if hasattr(thing, "__dict__")
-                else []
-            )
-            near = difflib.get_close_matches(part, there, 1)
-            meant = f"; did you mean '{near[0]}'?" if near else ""
-            raise DiagramError(f"'{reference}': there is no '{part}'{meant}")
-        thing = getattr(thing, part)
-    return thing
-
-
 def block_of(reference: str) -> Block:
     """Return the block with the reference ``module:name`` or ``file.py:name``.
 
@@ -155,7 +126,15 @@ def block_of(reference: str) -> Block:
     DiagramError
         If there is no such object, or it is not a block.
     """
-    thing = thing_of(reference)
+    module, _, name = reference.partition(":")
+    thing: Any = _loaded(module, reference)
+    for part in filter(None, name.split(".")):
+        if not hasattr(thing, part):
+            there = [n for n in getattr(thing, "__dict__", {}) if n[0] != "_"]
+            near = difflib.get_close_matches(part, there, 1)
+            meant = f"; did you mean '{near[0]}'?" if near else ""
+            raise DiagramError(f"'{reference}': there is no '{part}'{meant}")
+        thing = getattr(thing, part)
     if callable(thing) and not isinstance(thing, Block):
         try:
             thing = thing()

@@ -332,10 +332,6 @@ def code_of(words):
             "run loop.py:loop 1 --log pendulum.angel",
             "has no port 'angel'; inputs: torque; outputs: angle, rate",
         ),
-        (
-            "sweep loop.py:loop",
-            "is upright: Diagram, 4 blocks, 5 wires; write functools.partial",
-        ),
         ("view gone.nc", "cannot show 'gone.nc': No such file"),
         ("view loop.py", "cannot show 'loop.py': it is not a complete netCDF file"),
     ],
@@ -403,25 +399,3 @@ def test_work_is_reported_on_terminals_only(monkeypatch, capsys):
     for _ in progress.counted("drawing", range(2)):
         time.sleep(0.05)
     assert capsys.readouterr().err == ""
-
-
-SWEEP_SCRIPT = """
-from functools import partial
-from trussflow.blocks import Constant, Diagram, Integrator, sweep
-
-diagram = Diagram("rise")
-rate, level = diagram.add(rate=Constant(1.0), level=Integrator())
-rate >> level
-campaign = partial(
-    sweep, diagram, 2.0, vary={"rate.value": [1.0, 3.0]}, keep={"end": ("level.y", "final")}, step=0.1,
-    executor="serial",
-)
-"""
-
-
-def test_a_sweep_is_told_as_json(tmp_path, capsys):
-    (tmp_path / "rise.py").write_text(SWEEP_SCRIPT)
-    assert main(["sweep", f"{tmp_path}/rise.py:campaign", "--json"]) == 0
-    told = json.loads(capsys.readouterr().out)
-    assert told["ended"] == [{"status": "complete", "message": "", "samples": 2}]
-    assert told["figures"]["end"]["mean"] == pytest.approx(4.0, rel=1e-12)

@@ -2,6 +2,7 @@
 
 import os
 import re
+import runpy
 import signal
 import socket
 import subprocess
@@ -12,16 +13,13 @@ from contextlib import ExitStack
 import pytest
 import xarray as xr
 
-from trussflow.__main__ import main
-from trussflow.blocks.framework.command_arguments import thing_of
-
 pytest.importorskip("distributed")
 pytestmark = pytest.mark.skipif(os.name != "posix", reason="kill -9")
 
 SWEEP_SCRIPT = """
 import time
+import sys
 from functools import partial
-from pathlib import Path
 from scipy import stats
 from trussflow.blocks import Diagram, Gain, Integrator, sweep
 
@@ -37,6 +35,12 @@ def keep(run):
 
 vary = {{"back.gain": stats.norm(-1.0, 0.2)}}
 campaign = partial(sweep, diagram, 1.0, vary=vary, samples=200, keep={{"end": keep}}, step=0.1)
+
+if __name__ == "__main__":
+    from distributed import Client
+    client = Client(sys.argv[1])
+    found = campaign(executor=client.get_executor(), workers=3, path="{folder}/kept")
+    found.to_netcdf("{folder}/found.nc")
 """
 
 
@@ -80,17 +84,13 @@ def cluster(started, tmp_path):
     return address, parts
 
 
-def command(folder, *words):
-    given = ["--path", f"{folder}/kept", "--output", f"{folder}/found.nc", *words]
-    sweep = [
-        sys.executable,
-        "-m",
-        "trussflow",
-        "sweep",
-        f"{folder}/script.py:campaign",
-        *given,
-    ]
-    return subprocess.Popen(sweep, stderr=subprocess.PIPE)
+def started_sweep(folder, address):
+    words = [sys.executable, f"{folder}/script.py", address]
+    return subprocess.Popen(words, stderr=subprocess.PIPE)
+
+
+def campaign_of(folder):
+    return runpy.run_path(f"{folder}/script.py")["campaign"]
 
 
 def until(folder, samples):
@@ -104,12 +104,11 @@ def until(folder, samples):
 @pytest.mark.campaign
 def test_a_worker_that_is_killed_is_not_noticed_in_the_dataset(cluster, tmp_path):
     address, parts = cluster
-    with command(tmp_path, "--scheduler", address) as process:
+    with started_sweep(tmp_path, address) as process:
         until(tmp_path, 50)
         os.killpg(parts[1].pid, signal.SIGKILL)
         assert process.wait(100) == 0
-    campaign = thing_of(f"{tmp_path}/script.py:campaign")
-    alone = campaign(executor="serial")
+    alone = campaign_of(tmp_path)(executor="serial")
     xr.testing.assert_equal(xr.load_dataset(tmp_path / "found.nc"), alone)
     assert (alone["status"] == "complete").all()
 
@@ -117,31 +116,19 @@ def test_a_worker_that_is_killed_is_not_noticed_in_the_dataset(cluster, tmp_path
 @pytest.mark.campaign
 def test_a_scheduler_that_is_killed_loses_nothing_that_is_finished(cluster, tmp_path):
     address, parts = cluster
-    with command(tmp_path, "--scheduler", address) as process:
+    with started_sweep(tmp_path, address) as process:
         until(tmp_path, 120)
         os.killpg(parts[0].pid, signal.SIGKILL)
         _, said = process.communicate(timeout=100)
     for part in parts[1:]:  # they may still be at what the scheduler had given them
         os.killpg(part.pid, signal.SIGKILL)
-    assert process.returncode == 2
-    assert b"error: the workers cannot go on: " in said, said.decode()
+    assert process.returncode == 1
+    assert b"the workers cannot go on: " in said, said.decode()
     # What workers have finished and the scheduler has not passed on dies with it: how much, depends.
     kept = re.search(
         rb"; (\d+) of 200 samples are finished and kept: the same call goes on with the others",
         said,
     )
     before = (tmp_path / "ran").stat().st_size
-    assert (
-        main(["sweep", f"{tmp_path}/script.py:campaign", "--path", f"{tmp_path}/kept"])
-        == 0
-    )
+    campaign_of(tmp_path)(executor="serial", path=f"{tmp_path}/kept")
     assert (tmp_path / "ran").stat().st_size - before == 200 - int(kept[1])
-
-
-def test_there_may_be_no_scheduler(tmp_path, capsys):
-    (tmp_path / "script.py").write_text(SWEEP_SCRIPT.format(folder=tmp_path))
-    assert (
-        main(["sweep", f"{tmp_path}/script.py:campaign", "--scheduler", "127.0.0.1:9"])
-        == 2
-    )
-    assert "there is no scheduler at '127.0.0.1:9'" in capsys.readouterr().err
