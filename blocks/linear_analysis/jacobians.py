@@ -159,7 +159,7 @@ class LocalJacobians:
     @property
     def python_places(self) -> Indices:
         """Indices of the outputs of continuous Python blocks in (x, d)."""
-        calls = [call for call, _ in self.assembly.continuous.ordered]
+        calls = [call for call, _ in self.assembly.python.continuous]
         parts = [self.plan.x.size + np.r_[call.outputs] for call in calls]
         return np.concatenate([np.zeros(0, dtype=np.int64), *parts])
 
@@ -175,7 +175,7 @@ class LocalJacobians:
         """
         where = self.python_places
         rows = [np.zeros((0, x.size + d.size))]
-        for call, quantity in self.assembly.continuous.ordered:
+        for call, quantity in self.assembly.python.continuous:
             rows.append(self.python(call, "output", quantity, x, d)[1])
         direct = np.vstack(rows)
         # The outputs w = D_z z + D_w w; D_w is nilpotent but for loops that are solved.
@@ -202,7 +202,7 @@ class LocalJacobians:
         d = d.copy()
         where = self.python_places
         after = np.eye(x.size + d.size)
-        sequence = self.assembly.sampled.ordered[number]
+        sequence = self.assembly.python.ordered[number]
         for call, quantity in sequence:
             # Outputs come one block after the other: each sees what those before it put into d.
             if call.block.outputs():

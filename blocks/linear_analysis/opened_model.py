@@ -150,7 +150,10 @@ class OpenedModel:
         """
         for found, what in (
             (self.instants is not None, "sampled blocks"),
-            (bool(self.jacobians.assembly.continuous), "continuous Python blocks"),
+            (
+                bool(self.jacobians.assembly.python.continuous),
+                "continuous Python blocks",
+            ),
         ):
             if found:
                 raise LinearAnalysisError(
@@ -206,7 +209,7 @@ class OpenedModel:
         where = local.python_places
         by_all = local.python_outputs(x, d)
         matrix = local.matrix(RATES_AND_OUTPUTS, x, d)
-        for call, quantity in local.assembly.continuous.ordered:
+        for call, quantity in local.assembly.python.continuous:
             if call.size:
                 matrix[call.states] = local.python(call, "derivative", quantity, x, d)[
                     1

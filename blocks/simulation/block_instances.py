@@ -323,42 +323,26 @@ class BlockCall:
     """
 
     def __init__(self, plan: Plan, block: Block) -> None:
+        path = block.path
         self.block = block
-        self.path = block.path
-        self.states = (plan.x if block.continuous else plan.memory).span_of(block.path)
-        self.outputs = plan.held.span_of(block.path)
-        self.parameters = plan.p.span_of(block.path)
-        self._owner = f"block '{block.path}'"
-        self.modes = plan.modes.span_of(block.path)
-        self.fired = plan.fired.span_of(block.path)
+        self.path = path
+        self.states = (plan.x if block.continuous else plan.memory).span_of(path)
+        self.outputs = plan.held.span_of(path)
+        self.parameters = plan.p.span_of(path)
+        self.modes = plan.modes.span_of(path)
+        self.fired = plan.fired.span_of(path)
         first = plan.fired.span.start
-        self.events = slice(
-            max(self.fired.start - first, 0), max(self.fired.stop - first, 0)
-        )
-        self._events, _ = _laid_out(
-            {name: block.state_shape(name) for name in block.declared(Event)}
-        )
-        shapes = {
-            name: block.state_shape(name)
-            for name in [*block.states(), *block.declared(Mode)]
-        }
-        self._stored, _ = _laid_out(shapes)
-        self._states = self._stored[: len(block.states())]
+        self.events = slice(self.fired.start - first, self.fired.stop - first)
+        self._events = _laid_out(block, block.declared(Event))
+        self._stored = _laid_out(block, [*block.states(), *block.declared(Mode)])
         self.size = self.states.stop - self.states.start
-        self._inputs, number = _laid_out(
-            {p.name: p.whole_shape or () for p in block.inputs()}
-        )
-        self._outputs, _ = _laid_out(
-            {p.name: p.whole_shape or () for p in block.outputs()}
-        )
-        self._parameters, _ = _laid_out(
-            {name: v.shape for name, v in block.parameters.items()}
-        )
-        needed = frozenset().union(*plan.feedthrough[block.path].values())
-        self.needed = np.zeros(number, dtype=bool)
-        for name, place, _ in self._inputs:
-            self.needed[place] = name in needed
-        self.direct, self._all_needed = bool(self.needed.any()), bool(self.needed.all())
+        self._inputs = _laid_out(block, [p.name for p in block.inputs()])
+        self._outputs = _laid_out(block, [p.name for p in block.outputs()])
+        self._parameters = _laid_out(block, block.parameters)
+        needed = frozenset().union(*plan.feedthrough[path].values())
+        marks = [np.full(p.size, p.name in needed) for p in block.inputs()]
+        self.needed = np.concatenate([np.zeros(0, dtype=bool), *marks])
+        self.direct = bool(self.needed.any())
 
     def own(self, x: Vector, d: Vector) -> Vector:
         """Return the block's own states, then its modes, of all `x` and `d` [as declared]; a copy."""
@@ -373,14 +357,11 @@ class BlockCall:
 
     def happened(self, flags: NDArray[np.bool_]) -> Signals:
         """Return by name which of the block's events happen, of the `flags` of all of them [-]."""
-        return Signals(
-            self._owner,
-            {n: flags[place].reshape(shape) for n, place, shape in self._events},
-        )
+        return self._signals(self._events, flags)
 
-    def seen(self, u: Vector) -> Vector:
-        """Return the inputs `u` [as declared] as `output` sees them: NaN where none depends on them."""
-        return u if self._all_needed else np.where(self.needed, u, np.nan)
+    def _signals(self, arrays: Arrays, flat: NDArray[Any]) -> Signals:
+        values = {name: flat[place].reshape(shape) for name, place, shape in arrays}
+        return Signals(f"block '{self.path}'", values)
 
     def ask(
         self,
@@ -416,15 +397,11 @@ class BlockCall:
         self, s: Vector, u: Vector, p: Vector
     ) -> tuple[Signals, Signals, Signals]:
         """Return the block's own states and modes `s`, inputs `u`, parameters `p` [as declared] by name."""
-        vectors = ((self._stored, s), (self._inputs, u), (self._parameters, p))
-        x, given, own = (
-            Signals(
-                self._owner,
-                {name: flat[place].reshape(shape) for name, place, shape in arrays},
-            )
-            for arrays, flat in vectors
+        return (
+            self._signals(self._stored, s),
+            self._signals(self._inputs, u),
+            self._signals(self._parameters, p),
         )
-        return x, given, own
 
     def __call__(
         self, equations: Equations, kind: str, t: float, s: Vector, u: Vector, p: Vector
@@ -453,12 +430,20 @@ class BlockCall:
             "indicators": self._events,
             "on_event": self._stored,
         }
-        order = kinds.get(kind, self._states)
+        order = kinds.get(kind, self._stored[: len(self.block.states())])
         parts = [np.ravel(arrays[name]) for name, _, _ in order]
         return np.concatenate(parts) if parts else np.zeros(0)
 
 
-def _laid_out(shapes: dict[str, tuple[int, ...]]) -> tuple[Arrays, int]:
-    """Return where arrays stand one after the other, and how many numbers they are."""
-    sizes = [prod(shape) for shape in shapes.values()]
-    return list(zip(shapes, spans(sizes), shapes.values(), strict=True)), sum(sizes)
+def _laid_out(block: Block, names: Iterable[str]) -> Arrays:
+    """Return where ports, parameters, states, modes or events of a block stand one after the other."""
+    shapes = {}
+    for name in names:
+        if name in block.ports:
+            shapes[name] = block.ports[name].whole_shape or ()
+        elif name in block.parameters:
+            shapes[name] = block.parameters[name].shape
+        else:
+            shapes[name] = block.state_shape(name)
+    places = spans(map(prod, shapes.values()))
+    return list(zip(shapes, places, shapes.values(), strict=True))

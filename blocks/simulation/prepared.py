@@ -25,11 +25,7 @@ from trussflow.blocks.simulation.executor import (
     InterpretedExecutor,
     NumPyExecutor,
 )
-from trussflow.blocks.simulation.python_blocks import (
-    ContinuousPythonBlocks,
-    PythonExecutor,
-    SampledPythonBlocks,
-)
+from trussflow.blocks.simulation.python_blocks import PythonBlocks, PythonExecutor
 from trussflow.blocks.simulation.schedule import Schedule
 from trussflow.blocks.simulation.solver import Solver
 from trussflow.blocks.support.call_site import warn_once
@@ -87,7 +83,7 @@ class Prepared:
     ----------
     schedule, has_clocks : Schedule, bool
         Schedule of the sampled blocks, and whether there are any.
-    sampled, continuous : SampledPythonBlocks, ContinuousPythonBlocks
+    python : PythonBlocks
         The Python blocks.
     step : Fraction or None
         Step of a fixed-step solver [s].
@@ -122,13 +118,11 @@ class Prepared:
         self.has_clocks = bool(clocks)
         for active in self.schedule.sets:
             plan.order(active)  # finds algebraic loops, whatever is logged
-        self.sampled = SampledPythonBlocks(plan, self.schedule.sets)
-        self.continuous = ContinuousPythonBlocks(plan)
+        self.python = PythonBlocks(plan, self.schedule.sets)
         self.quantities = [
             *quantities,
             *(sample(i, s) for i, s in enumerate(self.schedule.sets) if s),
-            *self.sampled.quantities(),
-            *self.continuous.quantities(),
+            *self.python.quantities(),
             *([indicators(), after_events()] if plan.has_events else []),
             *([guesses()] if plan.guesses.size else []),
         ]
@@ -203,7 +197,7 @@ class Prepared:
             (block, self.plan.p.signals(block.path, p))
             for block in self.plan.python_blocks
         )
-        return PythonExecutor(traced, self.sampled, self.continuous, blocks)
+        return PythonExecutor(traced, self.python, blocks)
 
     def described(self, what: str, state: str = "") -> Description:
         """Return the solver, the sizes and the signals, for an object `what` in a `state`."""
@@ -308,7 +302,7 @@ class Prepared:
         return (
             self.solver.solver in IMPLICIT
             and self.solver.backend != "numpy"
-            and not self.continuous
+            and not self.python.continuous
         )
 
     def ticks(self, time: Fraction, what: str) -> int:

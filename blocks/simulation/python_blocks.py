@@ -9,6 +9,7 @@ instant, continuous Python blocks still see the held outputs of before.
 
 from __future__ import annotations
 
+from itertools import count
 from typing import Any
 
 import numpy as np
@@ -46,6 +47,9 @@ LOOP_TOLERANCE = 1e-9
 
 Pair = tuple[BlockCall, Quantity]
 """A Python block, and the quantity that holds its inputs."""
+
+Point = tuple[float, Vector, Vector, Vector]
+"""Time t [s], states x, discrete values d, and parameters p [as declared]."""
 
 
 def sorted_stages(
@@ -86,114 +90,81 @@ def sorted_stages(
     return stages
 
 
-class SampledPythonBlocks:
-    """The sampled Python blocks of a plan, in the order in which they must compute.
+class PythonBlocks:
+    """The Python blocks of a plan, in the order in which they must compute.
 
     Parameters
     ----------
     plan : Plan
         The plan.
     sets : sequence of frozenset of Clock
-        The sets of clocks that tick together, as numbered by the schedule.
+        The sets of clocks that tick together, as numbered by the schedule; the first is empty.
 
     Attributes
     ----------
+    stages : list of list of tuple
+        For each set, the blocks that compute when it ticks, in sorted order, with their inputs: lists of
+        blocks, and whether each list is a loop to be solved. Those of the first set are continuous.
     ordered : list of list of (BlockCall, Quantity)
-        For each set, the blocks that compute when it ticks, in order, and their inputs.
+        For each set, all its blocks with their inputs.
     with_traced : list of bool
         For each set, whether traced blocks are sampled too.
 
     Raises
     ------
     AlgebraicLoopError
-        If Python blocks wait for each other.
+        If Python blocks wait for each other in a loop that is not to be solved.
     """
 
     def __init__(self, plan: Plan, sets: list[Active]) -> None:
         self.plan = plan
-        calls = {
-            b.path: BlockCall(plan, b)
-            for b in plan.python_blocks
-            if b.sample_time is not None
-        }
-        self.ordered: list[list[Pair]] = []
+        clock = plan.system.clock
+        calls = {b.path: BlockCall(plan, b) for b in plan.python_blocks}
+        self.stages: list[list[tuple[list[Pair], bool]]] = []
         for number, active in enumerate(sets):
-            ticking = [b for b in plan.python_blocks if plan.system.clock(b) in active]
-            blocks = [
-                b for stage, _ in sorted_stages(plan, ticking, active) for b in stage
+            name = f"inputs_{number}" if number else "continuous"
+            computing = [
+                b for b in plan.python_blocks if clock(b) in (active or {None})
             ]
-            self.ordered.append(
+            numbers = count()
+            self.stages.append(
                 [
-                    (calls[b.path], block_inputs(f"inputs_{number}_{i}", b, active))
-                    for i, b in enumerate(blocks)
+                    (
+                        [
+                            (
+                                calls[b.path],
+                                block_inputs(f"{name}_{next(numbers)}", b, active),
+                            )
+                            for b in blocks
+                        ],
+                        is_loop,
+                    )
+                    for blocks, is_loop in sorted_stages(plan, computing, active)
                 ]
             )
-        traced = {plan.system.clock(b) for b in plan.system.blocks.values() if b.traced}
+        self.ordered = [
+            [pair for pairs, _ in stages for pair in pairs] for stages in self.stages
+        ]
+        traced = {clock(b) for b in plan.system.blocks.values() if b.traced}
         if plan.counters.size:
             # the shared program also counts ticks of clocks without traced blocks
             traced |= {*plan.system.clocks}
         self.with_traced = [bool(active & traced) for active in sets]
         self._computes = np.array([bool(pairs) for pairs in self.ordered])
+        self._computes[0] = False
+
+    @property
+    def continuous(self) -> list[Pair]:
+        """The continuous blocks with their inputs."""
+        return self.ordered[0]
 
     def quantities(self) -> list[Quantity]:
         """Return the quantities that hold the blocks' inputs."""
         return [quantity for pairs in self.ordered for _, quantity in pairs]
 
     def needed(self, due: NDArray[np.uint16]) -> list[int]:
-        """Return the ticks, of those with these `due` sets, at which Python is needed.
-
-        That is where a sampled Python block computes.
-        """
-        return (
-            np.flatnonzero(self._computes[due]).tolist()
-            if self.plan.python_blocks
-            else []
-        )
-
-
-class ContinuousPythonBlocks:
-    """The continuous Python blocks of a plan.
-
-    Parameters
-    ----------
-    plan : Plan
-        The plan.
-
-    Attributes
-    ----------
-    stages : list of tuple
-        In sorted order, lists of blocks with their inputs, and whether each list is a loop to be solved.
-    ordered : list of (BlockCall, Quantity)
-        All blocks with their inputs.
-
-    Raises
-    ------
-    AlgebraicLoopError
-        If they wait for each other in a loop that is not to be solved.
-    """
-
-    def __init__(self, plan: Plan) -> None:
-        self.stages: list[tuple[list[Pair], bool]] = []
-        self.ordered: list[Pair] = []
-        blocks = [b for b in plan.python_blocks if b.sample_time is None]
-        for stage, is_loop in sorted_stages(plan, blocks, frozenset()):
-            first = len(self.ordered)
-            pairs = [
-                (
-                    BlockCall(plan, block),
-                    block_inputs(f"continuous_{i}", block, frozenset()),
-                )
-                for i, block in enumerate(stage, first)
-            ]
-            self.stages.append((pairs, is_loop))
-            self.ordered += pairs
-
-    def __bool__(self) -> bool:
-        return bool(self.ordered)
-
-    def quantities(self) -> list[Quantity]:
-        """Return the quantities that hold the blocks' inputs."""
-        return [quantity for _, quantity in self.ordered]
+        """Return the ticks, of those with these `due` sets, at which a sampled Python block computes."""
+        return np.flatnonzero(self._computes[due]).tolist()
 
 
 class PythonExecutor(Executor):
@@ -206,48 +177,37 @@ class PythonExecutor(Executor):
     ----------
     inner : Executor
         Evaluates what is traced.
-    sampled : SampledPythonBlocks
-        The sampled Python blocks.
-    continuous : ContinuousPythonBlocks
-        The continuous ones.
+    python : PythonBlocks
+        The Python blocks.
     blocks : OpenBlocks
-        Both, opened for this run.
+        Their equation objects in this run.
     """
 
     def __init__(
-        self,
-        inner: Executor,
-        sampled: SampledPythonBlocks,
-        continuous: ContinuousPythonBlocks,
-        blocks: OpenBlocks,
+        self, inner: Executor, python: PythonBlocks, blocks: OpenBlocks
     ) -> None:
         self.name = inner.name
         self.blocks = blocks
-        self.plan = inner.plan
+        self.plan = python.plan
         self._inner = inner
-        self._sampled = sampled
-        self._continuous = continuous
-        self._equations = blocks.equations
-        self._has_continuous = bool(continuous)
+        self._python = python
         self._asking: set[str] = set()  # blocks that want an event after a step
 
     def call(self, name: str, t: float, x: Vector, d: Vector, p: Vector) -> Vector:
         """Return the quantity of that name; outputs of continuous Python blocks change in d."""
-        if not self._has_continuous:
-            return self._inner.call(name, t, x, d, p)
         self.refresh(t, x, d, p)
         values = self._inner.call(name, t, x, d, p)
         if name in ("derivative", "indicators"):
-            self.add(name, t, x, d, p, values)
+            self._add(name, (t, x, d, p), values)
         elif name == "on_event":
-            self._handle(t, x, d, p, values)
+            self._handle((t, x, d, p), values)
         return values
 
     def advance(
         self, span: Span, x: Vector, d: Vector, p: Vector, log: Vector
     ) -> Progress:
         """Take the steps of a span in place; rows of `log` [as declared] are filled in order."""
-        if self._has_continuous:
+        if self._python.continuous:
             return super().advance(span, x, d, p, log)
         return self._inner.advance(span, x, d, p, log)
 
@@ -262,24 +222,21 @@ class PythonExecutor(Executor):
         update: bool = True,
     ) -> Vector:
         """Return d after an instant: Python blocks first, then the traced ones."""
-        waiting = self._sampled.plan.counters.waiting(d)
-        clock = self._sampled.plan.system.clock
+        plan = self._python.plan
+        point = t, x, d, p
+        waiting = plan.counters.waiting(d)
         ticking = [
             pair
-            for pair in self._sampled.ordered[number]
-            if clock(pair[0].block) not in waiting
+            for pair in self._python.ordered[number]
+            if plan.system.clock(pair[0].block) not in waiting
         ]
         for call, quantity in ticking:
-            d[call.outputs] = self._sampled_output(call, quantity, t, x, d, p)
+            d[call.outputs] = self._sampled_output(call, quantity, point)
         # All outputs are there by now: no state is updated before all have seen it.
-        staged = (
-            [self._updated(call, quantity, t, x, d, p) for call, quantity in ticking]
-            if update
-            else []
-        )
+        staged = [self._updated(*pair, point) for pair in ticking] if update else []
         # Where Python blocks alone are sampled there is nothing to evaluate.
-        traced = self._sampled.with_traced[number]
-        after = self.call(f"sample_{number}", t, x, d, p) if traced else d.copy()
+        traced = self._python.with_traced[number]
+        after = self.call(f"sample_{number}", *point) if traced else d.copy()
         for place, states in staged:
             after[place] = states
         return after
@@ -287,53 +244,37 @@ class PythonExecutor(Executor):
     # -- sampled blocks -----------------------------------------------------------------------
 
     def _sampled_output(
-        self,
-        call: BlockCall,
-        quantity: Quantity,
-        t: float,
-        x: Vector,
-        d: Vector,
-        p: Vector,
+        self, call: BlockCall, quantity: Quantity, point: Point
     ) -> Vector:
         """Return the outputs of a sampled block at an instant."""
-        own = self._equations[call.path]
+        t, _, d, p = point
+        own = self.blocks.equations[call.path]
         # without feedthrough, inputs may be unknown
         u = np.full(call.needed.size, np.nan)
         if call.direct:
-            u = self.call(quantity.name, t, x, d, p)
+            u = self.call(quantity.name, *point)
         if isinstance(own, SampledStepping):
             with running_errors(call.block, "advance", t):
                 outputs = own.reach(t, u)
         else:
-            outputs = call(
-                own,
-                "output",
-                t,
-                d[call.states].copy(),
-                call.seen(u),
-                p[call.parameters],
-            )
+            seen = np.where(call.needed, u, np.nan)
+            states = d[call.states].copy()
+            outputs = call(own, "output", t, states, seen, p[call.parameters])
         return self._finite(call, "output", outputs, t)
 
     def _updated(
-        self,
-        call: BlockCall,
-        quantity: Quantity,
-        t: float,
-        x: Vector,
-        d: Vector,
-        p: Vector,
+        self, call: BlockCall, quantity: Quantity, point: Point
     ) -> tuple[slice, Vector]:
         """Return the new states of a sampled block after an instant, and where in d they belong."""
-        own = self._equations[call.path]
+        t, _, d, p = point
+        own = self.blocks.equations[call.path]
         if isinstance(own, SampledStepping):
             with running_errors(call.block, "set", t):
-                own.hold(self.call(quantity.name, t, x, d, p))
+                own.hold(self.call(quantity.name, *point))
         elif call.size or own.states_own("update"):
-            u = self.call(quantity.name, t, x, d, p)
-            states = call(
-                own, "update", t, d[call.states].copy(), u, p[call.parameters]
-            )
+            u = self.call(quantity.name, *point)
+            before = d[call.states].copy()
+            states = call(own, "update", t, before, u, p[call.parameters])
             return call.states, self._finite(call, "update", states, t)
         return slice(0), np.zeros(0)
 
@@ -341,7 +282,7 @@ class PythonExecutor(Executor):
         """Return finite `values`; stop the run at the block that returned others."""
         if np.isfinite(values).all():
             return values
-        plan = self._sampled.plan
+        plan = self._python.plan
         layout = plan.held if kind == "output" else plan.memory
         entry = layout.at(
             layout.span_of(call.path).start + int(np.argmin(np.isfinite(values)))
@@ -353,36 +294,33 @@ class PythonExecutor(Executor):
 
     # -- continuous blocks --------------------------------------------------------------------
 
-    def refresh(self, t: float, x: Vector, d: Vector, p: Vector) -> None:
-        """Put the outputs of continuous blocks into d.
+    def refresh(self, *point: *Point) -> None:
+        """Put the outputs of continuous blocks into d of a `point` (t, x, d, p) [as declared].
 
         Raises
         ------
         DivergenceError
             If a loop cannot be solved.
         """
-        for pairs, is_loop in self._continuous.stages:
+        for pairs, is_loop in self._python.stages[0]:
             if is_loop:
-                self._solve(pairs, t, x, d, p)
+                self._solve(pairs, point)
             else:
-                self._show(pairs, t, x, d, p)
+                self._put_outputs(pairs, point)
 
-    def _show(
-        self, pairs: list[Pair], t: float, x: Vector, d: Vector, p: Vector
-    ) -> None:
+    def _put_outputs(self, pairs: list[Pair], point: Point) -> None:
         for call, quantity in pairs:  # each sees what those before put into d
-            values = self._ask(call, quantity, "output", t, x, d, p)
-            d[call.outputs] = call.flat("output", values, np.zeros(0))
+            values = self._ask(call, quantity, "output", point)
+            point[2][call.outputs] = call.flat("output", values, np.zeros(0))
 
-    def _solve(
-        self, pairs: list[Pair], t: float, x: Vector, d: Vector, p: Vector
-    ) -> None:
+    def _solve(self, pairs: list[Pair], point: Point) -> None:
         """Put outputs into d that reproduce themselves."""
+        d = point[2]
         places = np.concatenate([np.r_[call.outputs] for call, _ in pairs])
 
         def residual(outputs: Vector) -> Vector:
             d[places] = outputs
-            self._show(pairs, t, x, d, p)
+            self._put_outputs(pairs, point)
             left: Vector = d[places] - outputs
             return left
 
@@ -408,36 +346,34 @@ class PythonExecutor(Executor):
             outputs = outputs - change
         names = ", ".join(f"'{call.path}'" for call, _ in pairs)
         raise DivergenceError(
-            f"cannot solve the algebraic loop through Python blocks at t = {t:g} s, among {names}: Newton's "
+            f"cannot solve the algebraic loop through Python blocks at t = {point[0]:g} s, among {names}: Newton's "
             "method finds no single solution; break it with a state, a UnitDelay, or other wiring"
         )
 
-    def add(
-        self, kind: str, t: float, x: Vector, d: Vector, p: Vector, into: Vector
-    ) -> None:
+    def _add(self, kind: str, point: Point, into: Vector) -> None:
         """Put derivatives or indicators, by `kind`, of the blocks `into` those of all [as declared]."""
-        for call, quantity in self._continuous.ordered:
+        for call, quantity in self._python.continuous:
             if kind != "derivative" or call.size:
-                values = self._ask(call, quantity, kind, t, x, d, p)
+                values = self._ask(call, quantity, kind, point)
                 into[call.states if kind == "derivative" else call.events] = call.flat(
                     kind, values, np.zeros(0)
                 )
 
     def accepted(self, t: float, x: Vector, d: Vector, p: Vector) -> bool:
         """Tell Python blocks that a step is accepted; return whether one asks for an event."""
-        for call, quantity in self._continuous.ordered:
-            if self._ask(call, quantity, "on_step", t, x, d, p):
+        for call, quantity in self._python.continuous:
+            if self._ask(call, quantity, "on_step", (t, x, d, p)):
                 self._asking.add(call.path)
         return bool(self._asking)
 
-    def _handle(self, t: float, x: Vector, d: Vector, p: Vector, into: Vector) -> None:
+    def _handle(self, point: Point, into: Vector) -> None:
         """Put states and modes of blocks whose events happen `into` (x, modes) [as declared]."""
-        for call, quantity in self._continuous.ordered:
+        _, x, d, _ = point
+        for call, quantity in self._python.continuous:
             fired = d[call.fired] > 0.0
             if fired.any() or call.path in self._asking:
-                values = self._ask(
-                    call, quantity, "on_event", t, x, d, p, call.happened(fired)
-                )
+                happened = call.happened(fired)
+                values = self._ask(call, quantity, "on_event", point, happened)
                 into[call.places(x.size)] = call.flat(
                     "on_event", values, call.own(x, d)
                 )
@@ -448,16 +384,13 @@ class PythonExecutor(Executor):
         call: BlockCall,
         quantity: Quantity,
         kind: str,
-        t: float,
-        x: Vector,
-        d: Vector,
-        p: Vector,
+        point: Point,
         *more: Signals,
     ) -> Any:
         """Return what an equation of a continuous block returns, unchecked."""
-        own = self._equations[call.path]
+        t, x, d, p = point
+        own = self.blocks.equations[call.path]
         before = kind == "on_step" and not own.sees_jumps
-        u = self._inner.call(
-            quantity.name, np.nextafter(t, -np.inf) if before else t, x, d, p
-        )
+        at = np.nextafter(t, -np.inf) if before else t
+        u = self._inner.call(quantity.name, at, x, d, p)
         return call.ask(own, kind, t, call.own(x, d), u, p[call.parameters], *more)

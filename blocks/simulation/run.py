@@ -351,7 +351,7 @@ class Run:
                 logged = np.zeros(stop - base, dtype=np.uint8)
                 if every:
                     logged[-base % every :: every] = 1
-                asked = prepared.sampled.needed(due) if has_python else []
+                asked = prepared.python.needed(due) if has_python else []
                 # ticks at which Python computes
                 needed = [*(base + i for i in asked), stop][::-1]
                 if self.sampled == base:
