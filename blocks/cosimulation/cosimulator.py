@@ -24,9 +24,9 @@ from trussflow.blocks.framework.system import flatten
 from trussflow.blocks.results.channels import Chosen, chosen_channels
 from trussflow.blocks.results.dataset import provenance
 from trussflow.blocks.results.streamed_log import opened
-from trussflow.blocks.simulation.progress import ProgressBar
 from trussflow.blocks.simulation.solver import Solver
 from trussflow.blocks.support.interrupts import interruptible
+from trussflow.blocks.support.progress import RunBar
 from trussflow.blocks.support.summary import Described, Description
 from trussflow.blocks.support.validation import (
     by_name,
@@ -302,7 +302,7 @@ class CoSimulator(Described):
             shown = coupled.time
 
         try:
-            with interruptible(), ProgressBar(self.name, duration, progress) as bar:
+            with interruptible(), RunBar(self.name, duration, progress) as bar:
                 coupled.start()
                 reached()
                 control.run(last, reached)

@@ -33,12 +33,12 @@ from trussflow.blocks.results.state_file import Snapshot
 from trussflow.blocks.simulation.adaptive import AdaptiveError, integrate
 from trussflow.blocks.simulation.executor import Executor, NumPyExecutor, Progress, Span
 from trussflow.blocks.simulation.prepared import Prepared
-from trussflow.blocks.simulation.progress import ProgressBar, paced
 from trussflow.blocks.simulation.step_size_warnings import (
     breakpoints_of,
     warn_of_coarse_steps,
 )
 from trussflow.blocks.support.interrupts import interruptible
+from trussflow.blocks.support.progress import RunBar
 from trussflow.blocks.support.types import Vector
 from trussflow.blocks.tracing.quantities import derivative
 
@@ -50,6 +50,12 @@ CHUNK_NUMBERS = 500_000
 
 MIN_CHUNK = 16
 """Fewest ticks between two looks at the keyboard [-]."""
+
+CHUNK_SECONDS = 0.1
+"""Wall time between two looks at the keyboard and the progress bar [s]."""
+
+MAX_CHUNK_GROWTH = 4.0
+"""Largest ratio of successive numbers of ticks between two looks [-]."""
 
 WINDOW_TICKS = 1024
 """Number of ticks whose due blocks are determined at once [-]."""
@@ -242,7 +248,7 @@ class Run:
         self._instant(self.due(), self.time)
         self.sampled = self.k
 
-    def advance(self, until: Fraction, bar: ProgressBar | None = None) -> None:
+    def advance(self, until: Fraction, bar: RunBar | None = None) -> None:
         """Run on, from the instant of the present time to just before that of `until` [s].
 
         Raises
@@ -288,7 +294,7 @@ class Run:
                 self._resume(log.resumed)
             name = self.prepared.plan.name
             length = float(self.end - self.now)
-            with interruptible(), ProgressBar(name, length, progress, limit) as bar:
+            with interruptible(), RunBar(name, length, progress, limit) as bar:
                 if self.checkpoint_every is not None:
                     self._advance_with_checkpoints(log, self.checkpoint_every, bar)
                 self.advance(self.end, bar)
@@ -315,9 +321,7 @@ class Run:
             )
         self.restore(checkpoint)
 
-    def _advance_with_checkpoints(
-        self, log: Log, every: Fraction, bar: ProgressBar
-    ) -> None:
+    def _advance_with_checkpoints(self, log: Log, every: Fraction, bar: RunBar) -> None:
         """Advance to the end, and keep the state on the disk at each multiple of a time `every` [s]."""
         if log.resumed is None:
             self.sample()  # all blocks have begun: what cannot be saved is reported at once
@@ -326,7 +330,7 @@ class Run:
             following = (self.now - self.origin) // every + 1
             self.advance(min(self.end, self.origin + following * every), bar)
 
-    def step_to(self, last: int, bar: ProgressBar | None = None) -> None:
+    def step_to(self, last: int, bar: RunBar | None = None) -> None:
         """Advance by fixed steps, from tick to tick, to the instant of the `last` one [-].
 
         Raises
@@ -392,7 +396,9 @@ class Run:
             self.k = end
             self.time = (self.first + end) * tick.numerator / tick.denominator
             if started:
-                chunk = paced(chunk, time.perf_counter() - started, longest)
+                seconds = max(time.perf_counter() - started, 1e-9)
+                growth = min(MAX_CHUNK_GROWTH, CHUNK_SECONDS / seconds)
+                chunk = min(max(MIN_CHUNK, int(chunk * growth)), longest)
             if bar is not None:
                 bar.update((end - k) * tick.numerator / tick.denominator)
 
@@ -484,7 +490,7 @@ class Run:
 
     # -- adaptive -------------------------------------------------------------------------
 
-    def _adaptive(self, until: Fraction, bar: ProgressBar | None) -> None:
+    def _adaptive(self, until: Fraction, bar: RunBar | None) -> None:
         """Advance with an adaptive solver, which starts afresh at each instant."""
         every = self.log_step
         length = float(until - self.origin)
@@ -509,7 +515,7 @@ class Run:
                 raise self._gave_up(error) from error
             self.go_to(end)
 
-    def _reach(self, t: float, x: Vector, bar: ProgressBar | None) -> None:
+    def _reach(self, t: float, x: Vector, bar: RunBar | None) -> None:
         """Go to time `t` [s], where the states are `x`.
 
         Raises
@@ -527,7 +533,7 @@ class Run:
         span: tuple[float, float],
         times: Iterator[float],
         length: float,
-        bar: ProgressBar | None,
+        bar: RunBar | None,
     ) -> Iterator[tuple[float, Vector]]:
         """Yield the `times` in a `span`, and its end, with the states; the run has a `length` [s]."""
         prepared = self.prepared

@@ -1,4 +1,4 @@
-"""Progress display at a terminal, for operations that take more than a second."""
+"""Progress display on standard error, for operations that take more than a second."""
 
 from __future__ import annotations
 
@@ -7,8 +7,12 @@ import multiprocessing
 import sys
 import threading
 import time
-from collections.abc import Callable, Collection, Iterator
+from collections.abc import Callable, Collection, Iterable, Iterator
 from typing import Any, TypeVar
+
+from tqdm import tqdm
+
+from trussflow.blocks.errors import TimeLimitError
 
 
 class Display:
@@ -40,61 +44,100 @@ class Display:
 DISPLAY: Any = Display()
 
 Item = TypeVar("Item")
-Made = TypeVar("Made")
+Result = TypeVar("Result")
 
-REFRESH_INTERVAL = 1.0
-"""Refresh interval of the progress line [s]; shorter operations show none."""
-
-_telling: list[threading.Event] = []
-"""End signals of the operations in progress, innermost last; only that one is displayed."""
+DISPLAY_DELAY = 1.0
+"""Time after which an operation is displayed [s]; shorter ones are not."""
 
 
-@contextlib.contextmanager
-def told(what: str, more: Callable[[float], str] = lambda _: "") -> Iterator[None]:
-    """Display `what` and the elapsed time on the terminal during the body, then clear the line.
+class ProgressBar(tqdm):  # type: ignore[type-arg]
+    """Progress bar that appears after a second, and disappears at the end.
 
-    The result of `more` for that time [s] follows. Nothing is displayed if standard error is not a terminal,
-    or in child processes.
-
-    Examples
-    --------
-    >>> with told("thinking"):
-    ...     6 * 7
-    42
+    Parameters
+    ----------
+    name : str
+        Name of the operation.
+    items : iterable, optional
+        Items to iterate over.
+    shown : bool
+        Whether to show it at all.
+    **settings
+        Settings of tqdm.
     """
-    if not DISPLAY.isatty() or multiprocessing.parent_process() is not None:
-        yield
-        return
-    begun, done, said = time.perf_counter(), threading.Event(), threading.Event()
 
-    def tell() -> None:
-        while not done.wait(REFRESH_INTERVAL):
-            if _telling[-1] is not done:
-                continue
-            said.set()
-            took = time.perf_counter() - begun
-            print(
-                f"\r\033[K{what}: {took:.0f} s{more(took)}",
-                end="",
-                file=DISPLAY,
-                flush=True,
+    def __init__(
+        self,
+        name: str,
+        items: Iterable[Any] | None = None,
+        *,
+        shown: bool,
+        **settings: Any,
+    ) -> None:
+        super().__init__(
+            items,
+            name,
+            disable=not shown,
+            delay=DISPLAY_DELAY,
+            leave=False,
+            file=DISPLAY,
+            dynamic_ncols=True,
+            **settings,
+        )
+
+
+class RunBar(ProgressBar):
+    """Progress bar of a run in simulated seconds, with the real-time factor and the time limit.
+
+    Parameters
+    ----------
+    name : str
+        Name of the diagram.
+    duration : float
+        Simulated time of the whole run [s].
+    shown : bool
+        Whether to show it at all.
+    time_limit : float, optional
+        Largest wall time of the run [s].
+    """
+
+    def __init__(
+        self, name: str, duration: float, shown: bool, time_limit: float | None = None
+    ) -> None:
+        self._limit = time_limit
+        self._begun = time.monotonic()
+        super().__init__(
+            name,
+            total=duration,
+            shown=shown,
+            bar_format="{desc} {percentage:3.0f} %|{bar}| {n:.6g}/{total:.6g} s, "
+            "{factor} x real time, {remaining} left",
+        )
+
+    def update(self, n: float | None = 1) -> bool | None:
+        """Add simulated time `n` [s].
+
+        Raises
+        ------
+        TimeLimitError
+            If the run exceeds its time limit.
+        """
+        if self._limit is not None and time.monotonic() - self._begun > self._limit:
+            raise TimeLimitError(
+                f"the run takes longer than {self._limit:g} s; what was logged is kept"
             )
+        return super().update(n)
 
-    teller = threading.Thread(target=tell, daemon=True)
-    _telling.append(done)
-    teller.start()
-    try:
-        yield
-    finally:
-        done.set()
-        teller.join()
-        _telling.remove(done)
-        if said.is_set():
-            print("\r\033[K", end="", file=DISPLAY, flush=True)
+    @property
+    def format_dict(self) -> dict[str, Any]:
+        """Return the values that the bar can print, including the real-time factor."""
+        found = dict(super().format_dict)
+        elapsed = found["elapsed"]
+        found["n"] = min(found["n"], found["total"])  # round-off of the sum of steps
+        return found | {"factor": f"{found['n'] / elapsed:.3g}" if elapsed else "?"}
 
 
-def counted(what: str, items: Collection[Item]) -> Iterator[Item]:
-    """Yield `items` of similar effort; display `what`, the number done and the remaining time as `told` does.
+def counted(name: str, items: Collection[Item]) -> Any:
+    """Return a progress bar over `items`; it is shown on terminals, and not in child processes.
 
     Examples
     --------
@@ -104,24 +147,48 @@ def counted(what: str, items: Collection[Item]) -> Iterator[Item]:
     4
     9
     """
-    begun, done, ready = time.perf_counter(), 0, 0.0
-
-    def more(took: float) -> str:
-        left = max(0.0, ready / done * len(items) - took) if done else 0.0
-        return f", {done} of {len(items)}" + (f", {left:.0f} s left" if done else "")
-
-    with told(what, more):
-        for item in items:
-            yield item
-            done, ready = done + 1, time.perf_counter() - begun
+    return ProgressBar(name, items, shown=_is_displayed())
 
 
-def all_counted(
-    what: str, work: Callable[[Item], Made], items: Collection[Item]
-) -> list[Made]:
-    """Return the results of `work` for all `items`; display `what` and the progress as `counted` does."""
-    made = []
-    # A comprehension would continue the display after an error while its traceback is referenced.
-    for item in counted(what, items):
-        made.append(work(item))  # noqa: PERF401
-    return made
+def map_counted(
+    name: str, function: Callable[[Item], Result], items: Collection[Item]
+) -> list[Result]:
+    """Return the results of a `function` of all `items`, with a progress bar."""
+    with counted(name, items) as bar:
+        return [function(item) for item in bar]
+
+
+@contextlib.contextmanager
+def status_line(text: str) -> Iterator[None]:
+    """Display a `text` on terminals while the body runs, if it takes more than a second.
+
+    Examples
+    --------
+    >>> with status_line("thinking"):
+    ...     6 * 7
+    42
+    """
+    displayed = threading.Event()
+
+    def display() -> None:
+        displayed.set()
+        print(f"\r\033[K{text} ...", end="", file=DISPLAY, flush=True)
+
+    if not _is_displayed():
+        yield
+        return
+    timer = threading.Timer(DISPLAY_DELAY, display)
+    timer.daemon = True
+    timer.start()
+    try:
+        yield
+    finally:
+        timer.cancel()
+        timer.join()
+        if displayed.is_set():
+            print("\r\033[K", end="", file=DISPLAY, flush=True)
+
+
+def _is_displayed() -> bool:
+    """Return whether standard error is a terminal, and this is no child process."""
+    return bool(DISPLAY.isatty()) and multiprocessing.parent_process() is None

@@ -9,10 +9,9 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from tqdm import tqdm
 
 from trussflow.blocks.errors import SimulationError
-from trussflow.blocks.support.progress import DISPLAY
+from trussflow.blocks.support.progress import ProgressBar
 from trussflow.blocks.support.types import Vector
 from trussflow.blocks.sweeps.chunk_store import PIECE_SECONDS, Pieces
 from trussflow.blocks.sweeps.executors import WorkerLostError
@@ -93,16 +92,12 @@ class Dispatch:
             If the executor is broken, or a run did not use its values.
         """
         finished, failed = self._pieces.finished, self._pieces.failed
-        with tqdm(
+        with ProgressBar(
+            name,
             total=self.total,
             initial=int(finished.sum()),
-            desc=name,
             unit="sample",
-            delay=1.0,
-            leave=False,
-            disable=not progress,
-            file=DISPLAY,
-            dynamic_ncols=True,
+            shown=progress,
         ) as bar:
             try:
                 while (wanted := self._enough()) is None and (

@@ -14,7 +14,7 @@ from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 from trussflow.blocks.support.processes import end
-from trussflow.blocks.support.progress import all_counted
+from trussflow.blocks.support.progress import map_counted
 from trussflow.blocks.support.temporary_folders import process_folder, with_place
 from trussflow.blocks.tracing.compile_cache import CompilationError, cached
 
@@ -197,7 +197,7 @@ def _build(compiler: tuple[str, ...], sources: Sequence[str]) -> bytes:
 
         with ThreadPoolExecutor(max_workers=os.cpu_count()) as pool:
             made = pool.map(part, range(len(sources)))
-            parts = all_counted("compiling", lambda _: next(made), sources)
+            parts = map_counted("compiling", lambda _: next(made), sources)
         return compiled(
             [*compiler, "-shared", *map(str, parts), "-lm"], Path(folder) / "plan.so"
         ).read_bytes()

@@ -22,7 +22,7 @@ from trussflow.blocks.framework.external_inputs import External
 from trussflow.blocks.framework.layout import Layout
 from trussflow.blocks.framework.port import Port
 from trussflow.blocks.framework.system import System, flatten
-from trussflow.blocks.support.progress import told
+from trussflow.blocks.support.progress import status_line
 from trussflow.blocks.support.types import Array, Vector
 from trussflow.blocks.support.validation import by_name, finite_array
 from trussflow.blocks.tracing.algebraic_loops import AlgebraicLoops
@@ -82,7 +82,7 @@ class Plan:
         blocks = self.system.blocks
         for block in blocks.values():
             check_kind(block)
-        with told(f"checking the blocks of '{self.name}'"):
+        with status_line(f"checking the blocks of '{self.name}'"):
             self._isolated = isolate_all(blocks)
         self.feedthrough = {
             path: one.feedthrough for path, one in self._isolated.items()
@@ -412,7 +412,7 @@ class Plan:
     def trace(self, quantities: Sequence[Quantity]) -> list[Program]:
         """Trace one program of (t, x, d, p) for each quantity."""
         leaves, programs, evaluated = self.symbols(), [], dict[Active, Evaluation]()
-        with told(f"tracing '{self.name}'"), tracing() as trace:
+        with status_line(f"tracing '{self.name}'"), tracing() as trace:
             new = self.symbolic(frozenset(), leaves)
             for quantity in quantities:
                 if (active := quantity.active) not in evaluated:

@@ -21,7 +21,7 @@ from trussflow.blocks.results.dataset import save
 from trussflow.blocks.simulation.adaptive import METHODS
 from trussflow.blocks.simulation.solver import FIXED_STEP
 from trussflow.blocks.support.files import replaced
-from trussflow.blocks.support.progress import told
+from trussflow.blocks.support.progress import status_line
 from trussflow.models.reporting.output_folder import prepared_folder
 from trussflow.models.transport.figures import draw
 from trussflow.models.transport.index import write_index
@@ -210,7 +210,7 @@ def report(
     )
     print(f"{table(figures)}\n", flush=True)
     if len(result["time"]) > 1:  # the replay needs two instants
-        with told("writing the page"):
+        with status_line("writing the page"):
             page = write_index(result, flown, figures, folder, drawing=drawing)
         print(f"open {page} in a browser", flush=True)  # before the slow figures
     draw(result, folder)

@@ -7,7 +7,7 @@ import sys
 from pathlib import Path
 
 from trussflow.blocks.framework.command_arguments import Outcome, ended, parser_of
-from trussflow.blocks.support.progress import told
+from trussflow.blocks.support.progress import status_line
 from trussflow.models.errors import ModelError
 from trussflow.models.viewer.page import replay
 from trussflow.models.viewer.scene import PLANTS
@@ -65,7 +65,7 @@ def view(options: argparse.Namespace) -> Outcome:
             f"'{page}' is a page: open it in a browser, or set --png for a picture of it"
         )
     if page.suffix != ".html":
-        with told("writing the page"):
+        with status_line("writing the page"):
             page = replay(
                 options.result,
                 options.truss,
@@ -77,7 +77,7 @@ def view(options: argparse.Namespace) -> Outcome:
             )
         lines.append(f"open {page} in a browser")
     if options.png is not None:
-        with told("taking the picture"):
+        with status_line("taking the picture"):
             still(page, options.png, time=options.frame, camera=options.camera)
         lines.append(f"written: {options.png}")
     return Outcome({"page": page, "picture": options.png}, "\n".join(lines))

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from trussflow.blocks.support.progress import all_counted
+from trussflow.blocks.support.progress import map_counted
 from trussflow.blocks.support.types import Vector
 
 PART_BYTES = 1_000_000
@@ -73,7 +73,7 @@ def compressed(raw: bytes) -> str:
     parts = [
         whole[start : start + PART_BYTES] for start in range(0, len(raw), PART_BYTES)
     ]
-    packed = all_counted("compressing", packer.compress, parts)
+    packed = map_counted("compressing", packer.compress, parts)
     return base64.b64encode(b"".join([*packed, packer.flush()])).decode("ascii")
 
 

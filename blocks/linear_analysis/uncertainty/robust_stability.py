@@ -27,7 +27,7 @@ import scipy
 from trussflow.blocks.errors import LinearAnalysisError
 from trussflow.blocks.linear_analysis.margins import SUM_ROUND_OFF
 from trussflow.blocks.linear_analysis.uncertainty.uncertain_model import UncertainModel
-from trussflow.blocks.support.progress import told
+from trussflow.blocks.support.progress import status_line
 from trussflow.blocks.support.types import Array, Vector
 from trussflow.blocks.support.validation import finite_array, positive
 
@@ -107,7 +107,7 @@ def robust_stability(
     axes = np.eye(count)
     looked = 0
     left = [(-1.0, 0, np.zeros(count), np.ones(count))]
-    with told("proving stability"):
+    with status_line("proving stability"):
         while left and looked < boxes:
             minus, _, centre, half = heapq.heappop(left)
             looked += 1

@@ -21,7 +21,7 @@ from reproduction.runs import RUNS, changes, measure_all, mission, simulator
 from reproduction.trusses import PRINTED_MODES, frame_modes
 from trussflow.blocks.simulation.simulator import Simulator
 from trussflow.blocks.support.files import replaced
-from trussflow.blocks.support.progress import counted, told
+from trussflow.blocks.support.progress import counted, status_line
 from trussflow.blocks.sweeps.samples import digest
 from trussflow.models.reporting.tables import markdown_table
 from trussflow.models.robots.robot_arm import RobotArm
@@ -143,7 +143,7 @@ def reproduce(output: Path, folder: Path, *, workers: int) -> Path:
     diagrams = fingerprints(folder)
     key = hashlib.sha256(json.dumps(diagrams).encode()).hexdigest()[:16]
     found = measure_all(RUNS, RUN_DURATION, folder, key, workers=workers)
-    with told("computing the stability map"):
+    with status_line("computing the stability map"):
         maps = instability.stability_map(folder, workers=workers)
 
     @cache

@@ -13,7 +13,7 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
-from trussflow.blocks.support.progress import all_counted
+from trussflow.blocks.support.progress import map_counted
 from trussflow.blocks.support.temporary_folders import process_folder
 from trussflow.blocks.support.validation import one_of
 from trussflow.blocks.tracing.compile_cache import cached
@@ -154,7 +154,7 @@ def compile_binary(source: Source, target: Platform) -> bytes:
         ]
     with ThreadPoolExecutor(max_workers=os.cpu_count()) as pool:
         made = pool.map(lambda job: _object(command, *job), jobs)
-        objects = all_counted(
+        objects = map_counted(
             f"compiling for {target.name}", lambda _: next(made), jobs
         )
     with tempfile.TemporaryDirectory(dir=process_folder()) as folder:

@@ -28,7 +28,7 @@ from trussflow.blocks.errors import (
 )
 from trussflow.blocks.simulation import run as run_module
 from trussflow.blocks.simulation.adaptive import IMPLICIT, METHODS, integrate
-from trussflow.blocks.simulation.progress import ProgressBar
+from trussflow.blocks.support.progress import RunBar
 
 ORDER_TOLERANCE = 0.1
 SOLVER_TOLERANCE = 1e-8
@@ -178,7 +178,7 @@ def test_a_run_can_be_ended_after_each_step(error, monkeypatch):
         if next(count) == 10:
             raise error
 
-    monkeypatch.setattr(ProgressBar, "update", update)
+    monkeypatch.setattr(RunBar, "update", update)
     with pytest.raises((TimeLimitError, SimulationInterrupted)) as ended:
         simulate(diagram_of(VanDerPol()), 100.0, solver="BDF", log_step=100.0)
     assert ended.value.result.sizes["time"] == 1

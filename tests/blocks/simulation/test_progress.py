@@ -10,7 +10,7 @@ import pytest
 from systems import decay
 
 from trussflow.blocks import simulate, sweep
-from trussflow.blocks.simulation.progress import ProgressBar
+from trussflow.blocks.support.progress import RunBar
 
 
 class Clock:
@@ -32,7 +32,7 @@ def clock(monkeypatch):
 
 def run(clock, screen, seconds, *, shown=True):
     """Simulate 80 s in eight updates of `seconds` wall time each; return what was printed."""
-    with ProgressBar("mission", 80.0, shown) as bar:
+    with RunBar("mission", 80.0, shown) as bar:
         for _ in range(8):
             clock.now += seconds
             bar.update(10.0)
@@ -54,7 +54,7 @@ def test_long_runs_print_simulated_time_and_real_time_factor(clock, capsys):
 )
 def test_times_of_any_size_are_told(clock, capsys, whole, said):
     """Radars run for nanoseconds, reactions for thousands of years."""
-    with ProgressBar("mission", whole, True) as bar:
+    with RunBar("mission", whole, True) as bar:
         clock.now += 2.0
         bar.update(whole / 2)
     assert said in capsys.readouterr().err
@@ -66,7 +66,7 @@ def test_it_can_be_switched_off(clock, capsys):
 
 def test_round_off_does_not_overfill_the_bar(clock, capsys):
     """A sum of steps may end a little beyond the duration; tqdm would warn of that."""
-    with ProgressBar("mission", 0.3, True) as bar:
+    with RunBar("mission", 0.3, True) as bar:
         for _ in range(3):
             clock.now += 2.0
             bar.update(0.1 + 1e-12)
