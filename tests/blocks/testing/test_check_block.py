@@ -281,11 +281,7 @@ FAULTS = (
         "derivatives",
         r"derivative of 'z' by u\.u is 0, by differences 5",
     ),
-    (
-        SlopeOfNothing,
-        "derivatives",
-        r"directional_derivative\(\) of .* raised KeyError at t = .*: 'y'",
-    ),
+    (SlopeOfNothing, "derivatives", r"must return a dict of: y; it returned: $"),
     (
         FeedthroughRaises,
         "feedthrough",
@@ -305,7 +301,7 @@ FAULTS = (
     ("block", "check", "message"), FAULTS, ids=[fault[0].__name__ for fault in FAULTS]
 )
 def test_planted_faults_are_found_by_name(block, check, message):
-    report = check_block(block(), compiled=False)
+    report = check_block(block())
     assert check in report.failures, report
     found = report.findings[check]
     assert found.startswith("FAILED: ")
@@ -330,7 +326,6 @@ def test_good_blocks_pass(block):
             "numbers",
             "purity",
             "tracing",
-            "compiled",
             "feedthrough",
             "derivatives",
             "units",
@@ -339,7 +334,7 @@ def test_good_blocks_pass(block):
     assert repr(report).startswith(
         f"{block.__name__} ({block.__name__}): all is well\n  declarations  passed\n"
     )
-    assert "compiled" in report._repr_html_()
+    assert "purity" in report._repr_html_()
 
 
 def test_what_does_not_apply_says_why():
@@ -352,7 +347,7 @@ def test_what_does_not_apply_says_why():
         == "not applicable: the block says traced = False, and runs in Python"
     )
     assert "no unit is declared for u, y" in report.findings["units"]
-    assert "it does not trace" in check_block(Branches()).findings["compiled"]
+    assert "it does not trace" in check_block(Branches()).findings["feedthrough"]
 
 
 def test_shapes_that_wires_decide_stay_open():
@@ -364,18 +359,18 @@ def test_shapes_that_wires_decide_stay_open():
             return {"y": 2.0 * u.u}
 
     diagram, twice = Diagram("d"), Twice()
-    check_block(twice, compiled=False).raise_for_failures()
+    check_block(twice).raise_for_failures()
     integral = diagram.add(integral=Integrator([0.0, 0.0]))
     diagram.add(twice=twice)
     integral >> twice >> integral
     assert twice.y.shape == (2,)
-    check_block(twice, compiled=False).raise_for_failures()
+    check_block(twice).raise_for_failures()
 
 
 def test_numbers_that_make_sense_together_may_be_said():
     block = Function(lambda u: np.sqrt(-5.0 - u), {"u": Input()}, {"y": Output()})
-    assert "around=" in check_block(block, compiled=False).failures["numbers"]
-    report = check_block(block, around={"u": -7.0}, compiled=False)
+    assert "around=" in check_block(block).failures["numbers"]
+    report = check_block(block, around={"u": -7.0})
     assert report.findings["numbers"] == "passed"
     assert (
         "no state or input 'w'; there are: u"
