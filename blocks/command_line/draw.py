@@ -6,8 +6,6 @@ import argparse
 from dataclasses import asdict
 from pathlib import Path
 
-# registers the drawing function of Diagram
-from trussflow.blocks.drawing import svg as svg
 from trussflow.blocks.errors import DiagramError
 from trussflow.blocks.framework.command_arguments import (
     Outcome,

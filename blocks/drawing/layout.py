@@ -20,10 +20,7 @@ WIRE_GAP = 10.0
 PIN_PITCH = 18.0
 """Distance between pins [px]."""
 
-PLACING_ROUNDS = 3
-"""Number of placements, each with an order adapted to the heights of the one before."""
-
-MAX_COMPARED_BOXES, MAX_ARRANGEMENTS = 240, 4
+MAX_COMPARED_BOXES, MAX_ARRANGEMENTS = 400, 4
 """Largest number of boxes in all compared arrangements, and largest number of arrangements."""
 
 
@@ -102,12 +99,6 @@ def ordered(
     channels = rails(nets, layers, WIRE_GAP)
     for layer in layers if variant else ():
         chance.shuffle(layer)
-    ordering = Ordering(layers, channels)
-    ordering.sort()
-    for again in range(PLACING_ROUNDS):
-        if again:
-            for pin in ordering.rails:
-                pin.rank = pin.y / PIN_PITCH
-            ordering.swap()
-        Placing(layers, BOX_GAP).place(channels, top)
+    Ordering(layers, channels).sort()
+    Placing(layers, BOX_GAP).place(channels, top)
     return layers, channels
