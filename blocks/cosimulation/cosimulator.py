@@ -11,10 +11,10 @@ from typing import TYPE_CHECKING, Any, Required, TypedDict, Unpack
 
 import numpy as np
 
-from trussflow.blocks.cosimulation.coupling import COUPLINGS, Coupled, Scheme, loop_text
+from trussflow.blocks.cosimulation.coupling import COUPLINGS, Coupled, loop_text
 from trussflow.blocks.cosimulation.diagram_member import Settings
 from trussflow.blocks.cosimulation.network import Network
-from trussflow.blocks.cosimulation.partition import ordered, partition
+from trussflow.blocks.cosimulation.partition import partition
 from trussflow.blocks.cosimulation.step_control import FixedSteps, StepControl
 from trussflow.blocks.errors import AlgebraicLoopError, RunStoppedError, SimulationError
 from trussflow.blocks.framework.block import Block
@@ -56,9 +56,7 @@ class CoSimulatorSettings(MemberSettings, total=False):
     step: Required[float]
     members: Sequence[str | Block]
     coupling: str
-    order: Sequence[str | Block] | None
     tolerance: float | None
-    absolute_tolerance: float | None
     largest_step: float | None
     log: Chosen | None
     log_step: float | None
@@ -84,21 +82,17 @@ class CoSimulator(Described):
     step : float
         Time between communication points [s]; with `tolerance`, the smallest step.
     members : sequence of str or Block
-        Blocks and inner diagrams that become separate members, by path or as objects.
+        Blocks and inner diagrams that become separate members, by path or as objects. They come first in
+        the order of the members, then FMUs, then all other blocks, which may be named ``"the rest"``.
     coupling : str
         ``"jacobi"``: in each step, all members read the outputs of the others at the start of the step.
-        ``"gauss-seidel"``: members are advanced in `order`, and read the outputs of earlier members at the
+        ``"gauss-seidel"``: members are advanced in their order, and read the outputs of earlier members at the
         end of the step. ``"iterate"``: the step is repeated from snapshots until all members read the
         outputs of the others at the end of the step.
-    order : sequence of str or Block, optional
-        All members in the order of Gauss-Seidel; by default that of `members`, then FMUs, then
-        ``"the rest"``.
     tolerance : float, optional
         Tolerance for variable communication steps [-]: the errors of all steps, estimated by step
-        doubling, add up to at most this value, relative to the largest magnitude of each signal.
-    absolute_tolerance : float, optional
-        Absolute tolerance added for signals near zero [unit of the signal]; by default a thousandth
-        of `tolerance`.
+        doubling, add up to at most this value, relative to the largest magnitude of each signal. A
+        thousandth of it is added as absolute tolerance for signals near zero [unit of the signal].
     largest_step : float, optional
         With `tolerance`, the largest time between communication points [s]; by default a tenth of
         the run.
@@ -143,9 +137,7 @@ class CoSimulator(Described):
         step: float,
         members: Sequence[str | Block] = (),
         coupling: str = "jacobi",
-        order: Sequence[str | Block] | None = None,
         tolerance: float | None = None,
-        absolute_tolerance: float | None = None,
         largest_step: float | None = None,
         log: Chosen | None = None,
         log_step: float | None = None,
@@ -155,42 +147,30 @@ class CoSimulator(Described):
         **settings: Unpack[MemberSettings],
     ) -> None:
         positive(step=step)
-        of_chosen = {
-            "absolute_tolerance": absolute_tolerance,
-            "largest_step": largest_step,
-        }
         positive_if_given(
-            tolerance=tolerance, log_step=log_step, solver_step=solver_step, **of_chosen
+            tolerance=tolerance,
+            log_step=log_step,
+            solver_step=solver_step,
+            largest_step=largest_step,
         )
         one_of("coupling", coupling, COUPLINGS)
-        for name, given in (
-            ("members", members),
-            ("order", () if order is None else order),
-        ):
-            if isinstance(given, str) or not isinstance(given, Collection):
-                raise SimulationError(
-                    f"{name} = {shown(given)} must be a list: {name}=[{shown(given)}]"
-                )
+        if isinstance(members, str) or not isinstance(members, Collection):
+            raise SimulationError(
+                f"members = {shown(members)} must be a list: members=[{shown(members)}]"
+            )
         self._step = self._grid = exact(step)
-        self._tolerances: tuple[float, float] | None = None
+        self._tolerance = tolerance
         if tolerance is not None:
             if log_step is not None:
                 raise SimulationError(
                     "log_step and tolerance exclude each other: with a tolerance, the log contains "
                     "the communication points of the step control"
                 )
-            absolute = (
-                1e-3 * tolerance if absolute_tolerance is None else absolute_tolerance
-            )
-            self._tolerances = float(tolerance), float(absolute)
             self._grid = self._step / 2
-        elif unused := [
-            f"{name} = {value!r}"
-            for name, value in of_chosen.items()
-            if value is not None
-        ]:
+        elif largest_step is not None:
             raise SimulationError(
-                f"{unused[0]} has no meaning without tolerance=..., which enables the step control"
+                f"largest_step = {largest_step!r} has no meaning without tolerance=..., which enables the "
+                "step control"
             )
         if largest_step is not None and largest_step < step:
             raise SimulationError(
@@ -218,8 +198,7 @@ class CoSimulator(Described):
         self.channels = chosen_channels(system, log)
         logged = [channel.port for channel in self.channels]
         self.network = Network(partition(system, members, logged, self._settings))
-        names = [member.name for member in self.network.members]
-        self._scheme = Scheme(coupling, ordered(names, order))
+        self._coupling = coupling
         if self.network.loop and coupling != "iterate":
             raise AlgebraicLoopError(
                 f'{loop_text(self.network)}solve it in every step with coupling="iterate", make one '
@@ -232,7 +211,7 @@ class CoSimulator(Described):
     def _described(self) -> Description:
         facts = {
             "members": ", ".join(self.members),
-            "coupling": f"{self._scheme.coupling}, step {float(self._step):g} s",
+            "coupling": f"{self._coupling}, step {float(self._step):g} s",
             "shows": ", ".join(channel.name for channel in self.channels),
         }
         return Description(f"CoSimulator of '{self.name}'", facts)
@@ -287,7 +266,7 @@ class CoSimulator(Described):
         last = int(end / self._grid)
         attributes = self._attributes(duration)
         log = opened(self.channels, attributes, stream_to, not_finite)
-        coupled = Coupled(self.network, self._scheme, self._grid)
+        coupled = Coupled(self.network, self._coupling, self._grid)
         started = time.perf_counter()
         control = self._control(coupled, last)
         shown = 0.0
@@ -324,13 +303,12 @@ class CoSimulator(Described):
 
     def _control(self, coupled: Coupled, last: int) -> FixedSteps:
         """Return the step control: fixed steps, or steps by the tolerance."""
-        if self._tolerances is None:
+        if self._tolerance is None:
             return FixedSteps(coupled)
         longest = self._longest or max(2, last // 10)
-        return StepControl(coupled, *self._tolerances, longest=longest)
+        return StepControl(coupled, self._tolerance, longest)
 
     def _attributes(self, duration: float) -> dict[str, Any]:
-        scheme = self._scheme
         members = self.network.members
         parameters = {
             name: value
@@ -341,10 +319,9 @@ class CoSimulator(Described):
             "diagram": self.name,
             "diagram_hash": " ".join(member.fingerprint for member in members),
             "members": json.dumps(self.members),
-            "coupling": scheme.coupling,
-            "order": json.dumps([self.members[i] for i in scheme.order]),
+            "coupling": self._coupling,
             "communication_step": float(self._step),
-            "tolerance": 0.0 if self._tolerances is None else self._tolerances[0],
+            "tolerance": self._tolerance or 0.0,
             "solver": self._settings.solver.solver,
             "step": self._settings.solver.step,
             "duration": float(duration),
@@ -375,7 +352,7 @@ def cosimulate(
     progress, stream_to, not_finite
         As for `CoSimulator.run`.
     **settings
-        As for `CoSimulator`: step, members, coupling, order, tolerance and others.
+        As for `CoSimulator`: step, members, coupling, tolerance and others.
 
     Returns
     -------

@@ -18,7 +18,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from contextlib import ExitStack
-from dataclasses import dataclass
 from fractions import Fraction
 from typing import Any
 
@@ -49,22 +48,6 @@ MAX_START_ITERATIONS = 100
 """Largest number of iterations of the initial states and signals."""
 
 
-@dataclass(frozen=True, slots=True)
-class Scheme:
-    """Coupling scheme of the members.
-
-    Attributes
-    ----------
-    coupling : str
-        One of `COUPLINGS`.
-    order : sequence of int
-        Indices of the members in the order in which they are advanced.
-    """
-
-    coupling: str
-    order: Sequence[int]
-
-
 def loop_text(network: Network) -> str:
     """Return the beginning of a message with the algebraic loop through members."""
     return (
@@ -80,8 +63,8 @@ class Coupled:
     ----------
     network : Network
         The members and the layout of their signals.
-    scheme : Scheme
-        Coupling scheme.
+    coupling : str
+        One of `COUPLINGS`.
     grid : Fraction
         Communication steps are multiples of this time [s].
 
@@ -93,9 +76,9 @@ class Coupled:
         Number of evaluations of all members in iterations so far [-].
     """
 
-    def __init__(self, network: Network, scheme: Scheme, grid: Fraction) -> None:
+    def __init__(self, network: Network, coupling: str, grid: Fraction) -> None:
         self.network = network
-        self.scheme = scheme
+        self.coupling = coupling
         self.grid = grid
         self.signals = network.start.copy()
         self.k = 0
@@ -112,7 +95,7 @@ class Coupled:
                 f"{loop_text(self.network)}cannot iterate over it, because these members cannot return to "
                 f"an earlier state: {stuck}"
             )
-        if self.scheme.coupling == "iterate" and stuck:
+        if self.coupling == "iterate" and stuck:
             raise SimulationError(
                 'cannot couple with "iterate": these members cannot return to an earlier state: '
                 f'{stuck}; use coupling="gauss-seidel" or "jacobi"'
@@ -244,7 +227,7 @@ class Coupled:
         until = self.time_of(self.k + number)
         inputs = self.signals[self.network.gather]
         with Explained(self._raised):
-            if self.scheme.coupling == "iterate":
+            if self.coupling == "iterate":
                 self._iterated(inputs, now, until)
             else:
                 self._one_by_one(inputs, now, until)
@@ -253,11 +236,10 @@ class Coupled:
 
     def _one_by_one(self, inputs: Vector, now: float, until: float) -> None:
         network = self.network
-        sequential = self.scheme.coupling == "gauss-seidel"
+        sequential = self.coupling == "gauss-seidel"
         # the last element is for inputs without source
         known = np.zeros(len(self._stepping) + 1, dtype=bool)
-        for i in self.scheme.order:
-            own = network.ins[i]
+        for i, own in enumerate(network.ins):
             values = inputs[own]
             if sequential:
                 use = known[network.source[own]] & ~network.held[own]

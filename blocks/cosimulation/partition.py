@@ -60,13 +60,11 @@ def partition(
     SimulationError
         If a block is in two members.
     """
-    owner = _owners(system, names)
+    paths = [name.path if isinstance(name, Block) else str(name) for name in names]
+    owner = _owners(system, paths)
     _check_names(system, settings)
-    groups: dict[str, list[Block]] = {}
-    for name in [*dict.fromkeys(_path(n) for n in names), *owner.values()]:
-        groups.setdefault(name, [])
-    if REST_NAME in groups:  # last, whatever the order of the blocks is
-        groups[REST_NAME] = groups.pop(REST_NAME)
+    stepping = [path for path, b in system.blocks.items() if b.steps_itself]
+    groups: dict[str, list[Block]] = {n: [] for n in (*paths, *stepping, REST_NAME)}
     for path, block in system.blocks.items():
         groups[owner[path]].append(block)
     members = []
@@ -78,11 +76,7 @@ def partition(
     return members
 
 
-def _path(name: str | Block) -> str:
-    return name.path if isinstance(name, Block) else str(name)
-
-
-def _owners(system: System, names: Sequence[str | Block]) -> dict[str, str]:
+def _owners(system: System, names: Sequence[str]) -> dict[str, str]:
     """Return the name of the member of each leaf block.
 
     Raises
@@ -94,7 +88,9 @@ def _owners(system: System, names: Sequence[str | Block]) -> dict[str, str]:
     """
     owner = {path: path for path, b in system.blocks.items() if b.steps_itself}
     taken: dict[str, str] = {}
-    for name in dict.fromkeys(map(_path, names)):
+    for name in dict.fromkeys(names):
+        if name == REST_NAME:
+            continue
         inside = [
             path
             for path in system.blocks
@@ -271,38 +267,6 @@ def _outlets(
         if port.block.path in inside:
             found.setdefault((port.block.path, port.name), port.block.port(port.name))
     return list(found.values())
-
-
-def ordered(names: list[str], order: Sequence[str | Block] | None) -> list[int]:
-    """Return the indices of members in the given order.
-
-    Parameters
-    ----------
-    names : list of str
-        Names of the members.
-    order : sequence of str or Block, optional
-        All members in the required order.
-
-    Raises
-    ------
-    NameLookupError
-        If it names no member.
-    SimulationError
-        If it does not name each once.
-    """
-    if order is None:
-        return list(range(len(names)))
-    wanted = [_path(item) for item in order]
-    for name in wanted:
-        if name not in names:
-            raise NameLookupError(
-                f"no member '{name}' for the order; the members are: {', '.join(names)}"
-            )
-    if sorted(wanted) != sorted(names):
-        raise SimulationError(
-            f"the order must name each member once; the members are: {', '.join(names)}"
-        )
-    return [names.index(name) for name in wanted]
 
 
 def inputs_behind(

@@ -43,6 +43,9 @@ RESERVE_SHARE = 0.5
 RESERVE_DRAW = 0.1
 """Part of the remaining reserve for one step [-]."""
 
+ABSOLUTE_SHARE = 1e-3
+"""Absolute tolerance [unit of the signal], as a part of the relative one."""
+
 MAX_GROWTH = 2.0
 """Largest ratio of successive steps [-]."""
 
@@ -110,19 +113,15 @@ class StepControl(FixedSteps):
     ----------
     coupled : Coupled
         The members; one step of its grid is half the smallest step.
-    relative, absolute : float
-        Tolerance relative to the largest magnitude of a signal so far, and absolute tolerance
-        [-, unit of the signal].
+    tolerance : float
+        Tolerance relative to the largest magnitude of a signal so far [-].
     longest : int
         Longest step, in multiples of the grid [-].
     """
 
-    def __init__(
-        self, coupled: Coupled, relative: float, absolute: float, *, longest: int
-    ) -> None:
+    def __init__(self, coupled: Coupled, tolerance: float, longest: int) -> None:
         super().__init__(coupled)
-        self.relative = relative
-        self.absolute = absolute
+        self.tolerance = tolerance
         self.longest = longest
 
     def run(self, last: int, reached: Callable[[], None]) -> None:
@@ -162,9 +161,8 @@ class StepControl(FixedSteps):
                 number = _even(number // 2)
                 continue
             np.maximum(size, np.abs(coupled.signals), out=size)
-            spent = np.abs(coupled.signals - whole) / (
-                self.absolute + self.relative * size
-            )
+            allowed = ABSOLUTE_SHARE * self.tolerance + self.tolerance * size
+            spent = np.abs(coupled.signals - whole) / allowed
             share = (1.0 - RESERVE_SHARE) * number / last
             ratios = spent / (share + RESERVE_DRAW * reserve)
             ratio = float(ratios.max(initial=0.0))
@@ -230,7 +228,7 @@ class StepControl(FixedSteps):
         return SimulationError(
             f"cannot keep the tolerance {self._smallest()}: there the error of "
             f"{self.coupled.network.describe(place)} is {error:.3g} times the allowed one. Give a "
-            f"larger tolerance or absolute_tolerance, or a smaller step"
+            f"larger tolerance, or a smaller step"
         )
 
 
