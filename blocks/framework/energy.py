@@ -7,11 +7,9 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from trussflow.blocks.errors import BlockError
-from trussflow.blocks.framework.units import mismatch
 from trussflow.blocks.support.validation import shown
 
 if TYPE_CHECKING:
-    from trussflow.blocks.framework.block import Block
     from trussflow.blocks.framework.port import Port
 
 PowerPair = tuple["Port | str", "Port | str"]
@@ -55,45 +53,3 @@ class EnergyAccount:
                 raise BlockError(
                     f"{shown(pair)} is no pair of ports; give tuples: [('force', 'velocity')]"
                 )
-
-    def of(self, block: Block) -> EnergyAccount:
-        """Return the account with the ports of a `block` instead of their names."""
-        return EnergyAccount(
-            supplied=[
-                (block.port(str(e)), block.port(str(f))) for e, f in self.supplied
-            ],
-            delivered=[
-                (block.port(str(e)), block.port(str(f))) for e, f in self.delivered
-            ],
-            stored=self.stored and block.port(str(self.stored)),
-            dissipated=self.dissipated and block.port(str(self.dissipated)),
-        )
-
-
-def check_pair(effort: Port, flow: Port) -> None:
-    """Check that the product of two ports is a power in W, if their units are known.
-
-    Parameters
-    ----------
-    effort, flow : Port
-        The ports.
-
-    Raises
-    ------
-    BlockError
-        If the sizes differ, or the product has another unit.
-    """
-    cannot = f"{effort.describe()} and {flow.describe()} are no power pair:"
-    units = effort.element_units(), flow.element_units()
-    if len(units[0]) != len(units[1]):
-        raise BlockError(
-            f"{cannot} they have {len(units[0])} and {len(units[1])} elements"
-        )
-    for first, second in zip(*units, strict=True):
-        product = f"({first or 1})*({second or 1})"
-        if (
-            first is not None
-            and second is not None
-            and (fault := mismatch(product, "W"))
-        ):
-            raise BlockError(f"{cannot} of their product, {fault}")

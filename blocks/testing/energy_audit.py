@@ -12,9 +12,8 @@ from trussflow.blocks.errors import BlockError, SimulationError
 from trussflow.blocks.framework.block import Block, Values
 from trussflow.blocks.framework.declarations import Signals, State
 from trussflow.blocks.framework.diagram import Diagram
-from trussflow.blocks.framework.energy import EnergyAccount, PowerPair, check_pair
-from trussflow.blocks.framework.port import Input, Output, Port
-from trussflow.blocks.framework.signal_injection import probed
+from trussflow.blocks.framework.energy import EnergyAccount, PowerPair
+from trussflow.blocks.framework.port import Input, Port
 from trussflow.blocks.framework.system import Driver, System, flatten
 from trussflow.blocks.framework.units import mismatch
 from trussflow.blocks.simulation.simulator import Simulator
@@ -34,36 +33,33 @@ class EnergyMeter(Block):
 
     Parameters
     ----------
-    sizes : sequence of int
-        Elements of each pair of ports e and f [-].
+    ports : mapping of str to Port
+        Ports e and f of each pair, as ``effort0``, ``flow0`` and so on, and ``loss``, the port of D.
     signs : sequence of float
         Sign of each pair [-].
-    losses : int
-        Elements of the dissipated power D [-].
     """
 
     supplied = State(unit="J")
     dissipated = State(unit="J")
 
-    def __init__(
-        self, sizes: Sequence[int], signs: Sequence[float], losses: int
-    ) -> None:
+    def __init__(self, ports: Mapping[str, Port], signs: Sequence[float]) -> None:
         self.signs = tuple(signs)
-        ports: dict[str, Input | Output] = {
-            f"{side}{i}": Input(size)
-            for i, size in enumerate(sizes)
-            for side in ("effort", "flow")
+        self.elements = {name: port.elements().ravel() for name, port in ports.items()}
+        self.extra_ports = {
+            name: Input(port.whole_shape or (), default=port.declaration.default)
+            for name, port in ports.items()
         }
-        self.extra_ports = ports | {"loss": Input(losses)}
         super().__init__()
 
     def derivative(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
         """Return the powers."""
+        chosen = {name: np.ravel(u[name])[i] for name, i in self.elements.items()}
         powers = [
-            sign * (u[f"effort{i}"] @ u[f"flow{i}"])
+            sign * (chosen[f"effort{i}"] @ chosen[f"flow{i}"])
             for i, sign in enumerate(self.signs)
         ]
-        return {"supplied": sum(powers, np.zeros(())), "dissipated": np.sum(u.loss)}
+        lost = np.sum(chosen["loss"]) if "loss" in chosen else np.zeros(())
+        return {"supplied": sum(powers, np.zeros(())), "dissipated": lost}
 
 
 @dataclass(frozen=True, slots=True, repr=False)
@@ -186,12 +182,13 @@ def energy_audit(
     >>> energy_audit(diagram, 0.4, step=0.1).raise_for_missing(1e-12)
     """
     system = flatten(diagram)
-    own = {
-        path: block.energy_account.of(block)
+    found: dict[str, object] = {
+        path: block.energy_account
         for path, block in system.blocks.items()
         if block.energy_account
     }
-    found = {**own, **by_name("accounts", accounts)}
+    given = by_name("accounts", accounts)
+    found |= given
     if not found:
         raise SimulationError(
             f"cannot audit '{diagram.name}': no block in it has an energy_account; declare one, "
@@ -204,9 +201,11 @@ def energy_audit(
             raise SimulationError(
                 f"cannot audit {shown(name)} by {shown(account)}: give EnergyAccounts by name"
             )
-        system = _metered(system, name, account, log)
+        prefix = "" if name in given else f"{name}."
+        system = _metered(system, name, account, prefix, log)
     if supplied is not None:
-        system = _metered(system, whole, EnergyAccount(supplied=supplied), log)
+        account = EnergyAccount(supplied=supplied)
+        system = _metered(system, whole, account, "", log)
     result = Simulator(system, log=log, log_step=log_step, **settings).run(
         duration, parameters=parameters, initial=initial
     )
@@ -214,91 +213,111 @@ def energy_audit(
 
 
 def _metered(
-    system: System, name: str, account: EnergyAccount, log: dict[str, Port | str]
+    system: System,
+    name: str,
+    account: EnergyAccount,
+    prefix: str,
+    log: dict[str, Port | str],
 ) -> System:
-    """Return a `system` with a meter for an `account`, and put into `log` what tells its energies."""
+    """Return a `system` with a meter for an `account`, and put the signals of its energies into `log`.
+
+    Names of ports follow the `prefix`.
+    """
+
+    def port(reference: Port | str) -> Port:
+        text = isinstance(reference, str)
+        return system.port(f"{prefix}{reference}" if text else reference)
+
     ports: dict[str, Port] = {}
     for i, pair in enumerate((*account.supplied, *account.delivered)):
-        effort, flow = (system.port(port) for port in pair)
-        check_pair(effort, flow)
+        effort, flow = map(port, pair)
+        _check_pair(effort, flow)
         ports |= {f"effort{i}": effort, f"flow{i}": flow}
-    energies = {
-        what: system.port(port)
-        for what, port in (("stored", account.stored), ("lost", account.dissipated))
-        if port is not None
-    }
-    for what, port in energies.items():
-        faults = {mismatch(unit, "J") for unit in port.element_units() if unit}
-        if what == "lost" and faults != {""}:
-            faults = {mismatch(unit, "W") for unit in port.element_units() if unit}
-            ports["loss"] = port
+    for kind in ("stored", "dissipated"):
+        reference = getattr(account, kind)
+        if reference is None:
+            continue
+        energy = port(reference)
+        units = {*filter(None, energy.element_units())}
+        faults = {mismatch(unit, "J") for unit in units}
+        if kind == "dissipated" and faults != {""}:
+            faults = {mismatch(unit, "W") for unit in units}
+            ports["loss"] = energy
         else:
-            log[f"{name} {what}"] = port
+            log[f"{name} {kind} energy"] = energy
         if faults - {""}:
             raise BlockError(
-                f"cannot take {port.describe()} for what is {what} in '{name}': {max(faults)}"
+                f"cannot use {energy.describe()} as what is {kind} in '{name}': {max(faults)}"
             )
     signs = [1.0] * len(account.supplied) + [-1.0] * len(account.delivered)
-    sizes = [len(ports[f"effort{i}"].element_units()) for i in range(len(signs))]
-    meter = EnergyMeter(
-        sizes, signs, ports["loss"].elements().size if "loss" in ports else 0
-    )
-    meter.named(f"(energy of {name})")
+    meter = EnergyMeter(ports, signs).named(f"(energy of {name})")
     log |= {f"{name} {state}": f"{meter.path}.{state}" for state in meter.states()}
-    drivers: dict[tuple[str, str], list[Driver]] = {}
-    for own, port in ports.items():
-        system, source = probed(system, port)
-        taken = source.elements().ravel()
+    drivers = dict(system.drivers)
+    for own, source in ports.items():
         whole = replace(source, index=None)
-        drivers[meter.path, own] = [
-            Driver(whole, taken, np.arange(taken.size), "energy audit")
-        ]
-    drivers.setdefault((meter.path, "loss"), [])
-    return replace(
-        system,
-        blocks=system.blocks | {meter.path: meter},
-        drivers=system.drivers | drivers,
-    )
+        everything = np.arange(source.size)
+        drivers[meter.path, own] = (
+            system.drivers[source.block.path, source.name]
+            if source.is_input
+            else [Driver(whole, everything, everything, "energy audit")]
+        )
+    blocks = system.blocks | {meter.path: meter}
+    return replace(system, blocks=blocks, drivers=drivers)
+
+
+def _check_pair(effort: Port, flow: Port) -> None:
+    """Check that the product of two ports is a power in W, if their units are known.
+
+    Raises
+    ------
+    BlockError
+        If the sizes differ, or the product has another unit.
+    """
+    cannot = f"{effort.describe()} and {flow.describe()} are no power pair:"
+    units = effort.element_units(), flow.element_units()
+    if len(units[0]) != len(units[1]):
+        raise BlockError(
+            f"{cannot} they have {len(units[0])} and {len(units[1])} elements"
+        )
+    for first, second in zip(*units, strict=True):
+        product = f"({first or 1})*({second or 1})"
+        known = first is not None and second is not None
+        if known and (fault := mismatch(product, "W")):
+            raise BlockError(f"{cannot} of their product, {fault}")
 
 
 def _audit(
-    result: xr.Dataset, names: Sequence[str], whole: str, told: bool
+    result: xr.Dataset, names: Sequence[str], whole: str, supplied: bool
 ) -> EnergyAudit:
-    """Return the energies that a run logged for the accounts of those `names`, and for the `whole`."""
+    """Return the energies that a run logged for the accounts of those `names`, and for the `whole`.
+
+    The whole has its own supplied energy if `supplied` is true.
+    """
     import xarray as xr
 
-    def energy(name: str, what: str) -> Vector:
-        signal = result.get(f"{name} {what}")
-        return (
-            np.zeros(result.sizes["time"])
-            if signal is None
-            else signal.values.reshape(len(signal), -1).sum(1)
-        )
+    def energy(name: str, kind: str) -> Vector:
+        """Return the sum of the integral and the signal of an energy."""
+        total = np.zeros(result.sizes["time"])
+        for key in (f"{name} {kind}", f"{name} {kind} energy"):
+            if key in result:
+                total += result[key].values.reshape(total.size, -1).sum(1)
+        return total
 
-    columns: dict[str, list[Vector]] = {
-        "supplied": [energy(name, "supplied") for name in names],
-        "stored": [energy(name, "stored") for name in names],
-        "dissipated": [
-            energy(name, "dissipated") + energy(name, "lost") - energy(name, "lost")[0]
-            for name in names
-        ],
-    }
-    for what, found in columns.items():
-        found.append(
-            energy(whole, what)
-            if told and what == "supplied"
-            else np.sum(found, axis=0)
-        )
-    tables = {what: np.stack(found, axis=1) for what, found in columns.items()}
+    tables = {}
+    for kind in ("supplied", "stored", "dissipated"):
+        columns = [energy(name, kind) for name in names]
+        own = supplied and kind == "supplied"
+        columns.append(energy(whole, kind) if own else np.sum(columns, axis=0))
+        tables[kind] = np.stack(columns, axis=1)
     largest = np.max([np.abs(table).max(axis=0) for table in tables.values()], axis=0)
-    tables["stored"] = tables["stored"] - tables["stored"][0]
+    tables = {kind: table - table[0] for kind, table in tables.items()}
     tables["missing"] = tables["supplied"] - tables["stored"] - tables["dissipated"]
     missing = np.abs(tables["missing"]).max(axis=0)
     drift = np.divide(missing, largest, out=np.zeros_like(missing), where=missing > 0)
     labels = [*names, whole]
     variables = {
-        what: (("time", "account"), table, {"units": "J"})
-        for what, table in tables.items()
+        kind: (("time", "account"), table, {"units": "J"})
+        for kind, table in tables.items()
     }
     audited = xr.Dataset(
         variables, {"time": result["time"], "account": labels}, result.attrs

@@ -201,11 +201,11 @@ def test_account_errors():
         ),
         (
             {"mass": EnergyAccount(stored=mass.loss)},
-            r"cannot take 'mass.loss'.*what is stored in 'mass'.*'W'",
+            r"cannot use 'mass.loss'.*as what is stored in 'mass'.*'W'",
         ),
         (
             {"mass": EnergyAccount(dissipated=mass.velocity)},
-            r"cannot take 'mass.velocity'.*what is lost in",
+            r"cannot use 'mass.velocity'.*as what is dissipated in",
         ),
         (
             {"mass": EnergyAccount(supplied=[("mass.force", "nothing.velocity")])},
