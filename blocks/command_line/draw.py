@@ -23,7 +23,6 @@ def parser(prog: str) -> argparse.ArgumentParser:
         "Draw a diagram as SVG, or print it as a tree of blocks with ports, rates and states.",
         "loop.py:loop                # print the tree",
         "loop.py:loop loop.svg       # write the picture",
-        "loop.py:loop loop.svg --depth 1   # with nested diagrams open",
     )
     found.add_argument(
         "item",
@@ -31,9 +30,6 @@ def parser(prog: str) -> argparse.ArgumentParser:
     )
     found.add_argument(
         "path", type=Path, nargs="?", help="file to write, with the suffix .svg"
-    )
-    found.add_argument(
-        "--depth", type=int, default=0, help="levels of nested diagrams to draw open"
     )
     return found
 
@@ -45,7 +41,7 @@ def draw(options: argparse.Namespace) -> Outcome:
     if options.path is None:
         text = repr(diagram)
     elif isinstance(diagram, Diagram):
-        diagram.draw(options.path, depth=options.depth)
+        diagram.draw(options.path)
         text = f"{options.path}: {len(diagram.blocks)} blocks"
     else:
         raise DiagramError(

@@ -47,8 +47,6 @@ class Box:
         Size [px].
     edge : int
         -1 for a box at the left edge of the picture, 1 at the right edge, 0 anywhere [-].
-    fixed : bool
-        Whether the order of the pins is fixed.
     sides : tuple of list of Pin
         Input pins and output pins.
     layer : int
@@ -62,7 +60,6 @@ class Box:
     width: float
     height: float
     edge: int = 0
-    fixed: bool = False
     sides: tuple[list[Pin], list[Pin]] = field(default_factory=lambda: ([], []))
     layer: int = 0
     x: float = 0.0

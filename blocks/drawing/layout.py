@@ -24,9 +24,7 @@ MAX_COMPARED_BOXES, MAX_ARRANGEMENTS = 400, 4
 """Largest number of boxes in all compared arrangements, and largest number of arrangements."""
 
 
-def layout(
-    boxes: list[Box], nets: list[Net], width: float = 0.0, top: float = 0.0
-) -> tuple[float, float]:
+def layout(boxes: list[Box], nets: list[Net]) -> tuple[float, float]:
     """Place boxes and wires; return the size of the picture [px].
 
     Parameters
@@ -35,10 +33,6 @@ def layout(
         Boxes to place.
     nets : list of Net
         The wires.
-    width : float
-        Smallest width of the picture [px].
-    top : float
-        Upper end of the picture [px].
 
     Returns
     -------
@@ -53,7 +47,7 @@ def layout(
             pin.dy = dy
         for side in (side for box in boxes for side in box.sides):
             side.sort(key=lambda pin: pin.dy)
-        layers, channels = ordered(boxes, nets, variant, top)
+        layers, channels = ordered(boxes, nets, variant)
         x, crossings = 0.0, 0
         for k, channel in enumerate(channels):
             verticals, number = tracks(channel)
@@ -73,11 +67,9 @@ def layout(
                     box.x = x + (0.0 if box.edge < 0 else (column - box.width) / 2)
                 x += column
         for box in boxes:
-            box.x = max(width, x) - box.width if box.edge > 0 else box.x
+            box.x = x - box.width if box.edge > 0 else box.x
         scores[variant] = crossings, route(nets, channels)
-        return max(width, x), max(
-            box.y + box.height for layer in layers for box in layer
-        )
+        return x, max(box.y + box.height for layer in layers for box in layer)
 
     for variant in counted(
         "drawing",
@@ -89,9 +81,9 @@ def layout(
 
 
 def ordered(
-    boxes: list[Box], nets: list[Net], variant: int, top: float
+    boxes: list[Box], nets: list[Net], variant: int
 ) -> tuple[list[list[Box]], Channels]:
-    """Return layers and channels of `boxes` and `nets` below `top` [px]; a `variant` > 0 is shuffled [-]."""
+    """Return layers and channels of `boxes` and `nets`; a `variant` > 0 is shuffled [-]."""
     edges, mixed, chance = edges_of(nets), list(boxes), Random(variant)
     if variant:
         chance.shuffle(mixed)
@@ -100,5 +92,5 @@ def ordered(
     for layer in layers if variant else ():
         chance.shuffle(layer)
     Ordering(layers, channels).sort()
-    Placing(layers, BOX_GAP).place(channels, top)
+    Placing(layers, BOX_GAP).place(channels)
     return layers, channels

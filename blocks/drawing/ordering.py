@@ -83,8 +83,7 @@ class Ordering:
             wanted = {box: self._wanted(box, side) for box in layer}
             layer.sort(key=wanted.__getitem__)
             for box in layer:
-                if not box.fixed:
-                    box.sides[side].sort(key=self._drawn_to)
+                box.sides[side].sort(key=self._drawn_to)
             rank(layer)
 
     def _wanted(self, box: Box, side: int) -> float:

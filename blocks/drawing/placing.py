@@ -38,13 +38,13 @@ class Placing:
                 self.limits[upper].append((lower, distance))
                 self.above[lower].append((upper, distance))
 
-    def place(self, channels: Channels, top: float) -> None:
-        """Straighten wires in `channels`, move boxes towards their neighbours, and all to `top` [px]."""
+    def place(self, channels: Channels) -> None:
+        """Straighten wires in `channels`, move boxes towards their neighbours, and all to the top."""
         self._straighten(channels)
         self._settle(channels)
         highest = min(box.y for box in self.limits)
         for box in self.limits:
-            box.y += top - highest
+            box.y -= highest
 
     def _straighten(self, channels: Channels) -> None:
         """Straighten wires, those through layers and those in bundles first."""

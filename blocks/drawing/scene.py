@@ -1,9 +1,8 @@
-"""Scene: a diagram as boxes and nets with their layout; an open nested diagram has its own scene."""
+"""Scene: a diagram as boxes and nets with their layout."""
 
 from __future__ import annotations
 
 import unicodedata
-from collections import Counter
 from dataclasses import dataclass, field
 
 from trussflow.blocks.drawing.graph import Box, Net, Pin
@@ -49,21 +48,21 @@ class Scene:
     Attributes
     ----------
     blocks : list of tuple
-        Blocks with their boxes, and with the scene of an open diagram.
+        Blocks with their boxes.
     pins : list of tuple
         Rows with their pins.
     wires : list of tuple
         Nets with their sources.
-    edges : dict of str to Box
-        Boxes of the exposed ports of the diagram, by name.
+    edges : list of Box
+        Boxes of the exposed ports of the diagram.
     width, height : float
         Size of the scene [px].
     """
 
-    blocks: list[tuple[Block, Box, Scene | None]] = field(default_factory=list)
+    blocks: list[tuple[Block, Box]] = field(default_factory=list)
     pins: list[tuple[Row, Pin]] = field(default_factory=list)
     wires: list[tuple[Net, Port]] = field(default_factory=list)
-    edges: dict[str, Box] = field(default_factory=dict)
+    edges: list[Box] = field(default_factory=list)
     width: float = 0.0
     height: float = 0.0
 
@@ -110,101 +109,50 @@ def rows(diagram: Diagram, block: Block) -> tuple[list[Row], list[Row]]:
     return inputs, [Row(port, "", brief(port.name)) for port in block.outputs()]
 
 
-def scene_of(
-    diagram: Diagram,
-    depth: int,
-    width: float = 0.0,
-    taken: Counter[str] | None = None,
-    top: float = 0.0,
-) -> Scene:
-    """Return the scene of a diagram.
-
-    Parameters
-    ----------
-    diagram : Diagram
-        Diagram to draw.
-    depth : int
-        Number of levels of nested diagrams to draw open [-].
-    width : float
-        Smallest width [px].
-    taken : Counter, optional
-        Number of outer wires at each exposed port [-], by name.
-    top : float
-        Upper end of the scene [px].
-    """
-    scene, pins = Scene(), dict[tuple[str, str, str], Pin]()
+def scene_of(diagram: Diagram) -> Scene:
+    """Return the scene of a `diagram`."""
+    scene = Scene()
+    pins: dict[tuple[str, str, str], Pin] = {}
     for block in diagram.blocks.values():
         sides = rows(diagram, block)
-        least = (
-            max(
-                breadth(brief(block.name)) * 12 / 11,
-                breadth(brief(type(block).__name__)),
-            )
-            + 16
+        name = breadth(brief(block.name)) * 12 / 11
+        head = max(name, breadth(brief(type(block).__name__))) + 16
+        names = sum(
+            max((breadth(row.name) for row in side), default=0.0) for side in sides
         )
-        inner = None
-        if isinstance(block, Diagram) and depth > 0:
-            number = Counter[str](row.port.name for side in sides for row in side)
-            inner = scene_of(block, depth - 1, least, number, HEAD_HEIGHT)
-            box = Box(inner.width, inner.height + FOOT_HEIGHT, fixed=True)
-        else:
-            names = sum(
-                max((breadth(row.name) for row in side), default=0.0) for side in sides
-            )
-            box = Box(
-                max(least, names + 24),
-                HEAD_HEIGHT + max(map(len, sides)) * PIN_PITCH + FOOT_HEIGHT,
-            )
-        scene.blocks.append((block, box, inner))
+        ports = max(map(len, sides)) * PIN_PITCH
+        box = Box(max(head, names + 24), HEAD_HEIGHT + ports + FOOT_HEIGHT)
+        scene.blocks.append((block, box))
         for side, found in enumerate(sides):
-            used = Counter[str]()
             for i, row in enumerate(found):
-                dy = HEAD_HEIGHT + (i + 0.5) * PIN_PITCH
-                if inner:
-                    dy = (
-                        inner.edges[row.port.name].y
-                        + (used[row.port.name] + 0.5) * PIN_PITCH
-                    )
-                    used[row.port.name] += 1
-                pin = box.pin(
-                    side, dy, breadth(row.note) * 9 / 11 + 6 if row.note else 0.0
-                )
+                note = breadth(row.note) * 9 / 11 + 6 if row.note else 0.0
+                pin = box.pin(side, HEAD_HEIGHT + (i + 0.5) * PIN_PITCH, note)
                 pins[block.name, row.port.name, row.key] = pin
-                scene.pins.append(
-                    (Row(row.port, row.key, "" if inner else row.name, row.note), pin)
-                )
-            box.sides[side].sort(key=lambda pin: pin.dy)
+                scene.pins.append((row, pin))
     nets: dict[Pin, tuple[Net, Port]] = {}
     for name, inside in diagram.exposed.items():
-        port, wired = diagram.ports[name], 1 if taken is None else taken[name]
-        box = scene.edges[name] = Box(
-            breadth(brief(name)) + 12,
-            PIN_PITCH * wired,
-            edge=-1 if port.is_input else 1,
-        )
+        port = diagram.ports[name]
+        width = breadth(brief(name)) + 12
+        box = Box(width, PIN_PITCH, edge=-1 if port.is_input else 1)
+        scene.edges.append(box)
         pin = box.pin(int(port.is_input), box.height / 2)
         scene.pins.append((Row(port, "", brief(name)), pin))
         if port.is_input:
-            targets = [
-                pins[target.block.name, target.name, "outside"] for target in inside
-            ]
+            targets = [pins[end.block.name, end.name, "outside"] for end in inside]
             nets[pin] = Net(pin, targets), port
         else:
             source = pins[inside[0].block.name, inside[0].name, ""]
             nets.setdefault(source, (Net(source, []), inside[0]))[0].targets.append(pin)
     for wire in diagram.wires:
         if wire.source is not None:
-            source = pins[wire.source.block.name, wire.source.name, ""]
-            net = nets.setdefault(
-                source, (Net(source, []), wire.source.block.ports[wire.source.name])
-            )[0]
+            block = wire.source.block
+            source = pins[block.name, wire.source.name, ""]
+            fresh = Net(source, []), block.ports[wire.source.name]
+            net, _ = nets.setdefault(source, fresh)
             target = pins[wire.target.block.name, wire.target.name, wire.source.path]
             net.targets += [target] if target not in net.targets else []
     scene.wires = list(nets.values())
-    boxes = [*(box for _, box, _ in scene.blocks), *scene.edges.values()]
-    scene.width, scene.height = (
-        layout(boxes, [net for net, _ in scene.wires], width, top)
-        if boxes
-        else (width, top)
-    )
+    boxes = [*(box for _, box in scene.blocks), *scene.edges]
+    if boxes:
+        scene.width, scene.height = layout(boxes, [net for net, _ in scene.wires])
     return scene

@@ -22,9 +22,9 @@ PICTURE_MARGIN = 12
 """Margin around the picture [px]."""
 
 
-def svg_of(diagram: Diagram, depth: int) -> str:
-    """Return the picture of a `diagram`, with `depth` levels of nested diagrams open [-]."""
-    scene, red = scene_of(diagram, depth), in_loops(diagram)
+def svg_of(diagram: Diagram) -> str:
+    """Return the picture of a `diagram`, each nested diagram as one block."""
+    scene, red = scene_of(diagram), in_loops(diagram)
     style = (
         files("trussflow.blocks.drawing")
         .joinpath("picture.css")
@@ -92,17 +92,16 @@ def drawn(scene: Scene, colour: Callable[[Block], str]) -> Iterator[str]:
         kind = "wire scalar" if source.whole_shape == () else "wire"
         yield f'<g>{title(source)}<path class="near" d="{line}"/><path class="{kind}" d="{line}"/>'
         yield f'<path class="tip" d="{tips}{dots}"/></g>'
-    for block, box, inner in scene.blocks:
-        kind = f'class="box {colour(block)}{" open" if inner else ""}"'
+    for block, box in scene.blocks:
+        kind = f'class="box {colour(block)}"'
         yield f'<g transform="translate({box.x:g},{box.y:g})">'
         yield f"<title>{escape(block._described().head)}</title>"
         yield f'<rect {kind} width="{box.width:g}" height="{box.height:g}" rx="4"/>'
-        if isinstance(block, Diagram) and not inner:
+        if isinstance(block, Diagram):
             size = f'width="{box.width - 6:g}" height="{box.height - 6:g}"'
             yield f'<rect {kind[:-1]} open" x="3" y="3" {size} rx="2"/>'
         yield f'<text class="name" x="8" y="17">{escape(brief(block.name))}</text>'
         yield f'<text class="faint" x="8" y="31">{escape(brief(type(block).__name__))}</text>'
-        yield from ("" if inner is None else drawn(inner, colour))
         yield "</g>"
     for row, pin in scene.pins:
         x, end = (

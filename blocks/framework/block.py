@@ -53,7 +53,7 @@ from trussflow.blocks.framework.port import (
 )
 from trussflow.blocks.framework.port_owner import PortOwner
 from trussflow.blocks.framework.units import check_declared
-from trussflow.blocks.support.summary import Described, Description, described_block
+from trussflow.blocks.support.summary import Described, Description
 from trussflow.blocks.support.types import Vector
 from trussflow.blocks.support.validation import as_shape, by_name, shown
 
@@ -379,7 +379,26 @@ class Block(PortOwner, Equations, Described):
         return self
 
     def _described(self) -> Description:
-        return described_block(self)
+        """Return the rate, ports, states and parameters; the block may be incomplete."""
+        kind = type(self).__name__
+        if "ports" not in vars(self):
+            return Description(f"{kind}, not built yet")
+        offset = f" from {self.sample_offset:g} s" if self.sample_offset else ""
+        facts = {
+            "sampled": ""
+            if self.sample_time is None
+            else f"every {self.sample_time:g} s{offset}",
+            "in": ", ".join(port.summary for port in self.inputs()),
+            "out": ", ".join(port.summary for port in self.outputs()),
+            "states": ", ".join(
+                n + (f" [{s.unit}]" if s.unit else "") for n, s in self.states().items()
+            ),
+            "parameters": ", ".join(
+                f"{name} {value.shape}" if value.ndim else f"{name} = {value:g}"
+                for name, value in self.parameters.items()
+            ),
+        }
+        return Description(kind if self.name == kind else f"{self.name}: {kind}", facts)
 
     # -- equations ----------------------------------------------------------------------
 

@@ -18,13 +18,7 @@ from trussflow.blocks.support.call_site import call_site
 from trussflow.blocks.support.files import replaced
 from trussflow.blocks.support.summary import Description
 from trussflow.blocks.support.types import Vector
-from trussflow.blocks.support.validation import (
-    as_path,
-    finite_array,
-    is_whole,
-    one_of,
-    shown,
-)
+from trussflow.blocks.support.validation import as_path, finite_array, one_of, shown
 
 MAX_NESTING = 100
 """Largest number of nested diagrams; beyond it, recursion exceeds Python's limit."""
@@ -350,18 +344,16 @@ class Diagram(Netlist):
                 return f"it is already exposed as '{name}'"
         return ""
 
-    def draw(self, path: str | Path | None = None, *, depth: int = 0) -> Picture:
+    def draw(self, path: str | Path | None = None) -> Picture:
         """Draw the diagram: signals run from left to right, feedback runs back above or below the blocks.
 
-        Sampled blocks are coloured by rate, blocks of an algebraic loop are red. Tooltips show the connected
-        ports, shapes, units and rates.
+        Each nested diagram is one block; its own `draw` shows its blocks. Sampled blocks are coloured by
+        rate, blocks of an algebraic loop are red. Tooltips show the connected ports, shapes, units and rates.
 
         Parameters
         ----------
         path : str or pathlib.Path, optional
             File to write, with the suffix .svg; an existing file is replaced.
-        depth : int
-            Number of levels of nested diagrams to draw open [-]; by default each is one block.
 
         Returns
         -------
@@ -371,7 +363,7 @@ class Diagram(Netlist):
         Raises
         ------
         DiagramError
-            If the file cannot be written, has another suffix, or the depth is not a whole number from 0 on.
+            If the file cannot be written, or has another suffix.
 
         Examples
         --------
@@ -382,11 +374,7 @@ class Diagram(Netlist):
         >>> ramp.draw()[:4]
         '<svg'
         """
-        if not is_whole(depth) or depth < 0:
-            raise DiagramError(
-                f"cannot draw '{self.name}' with depth {shown(depth)}: give 0, 1, 2..."
-            )
-        picture = Picture(type(self)._artist(self, depth))
+        picture = Picture(type(self)._artist(self))
         if path is not None:
             cannot = f"cannot draw diagram '{self.name}' to"
             if as_path(DiagramError, cannot, path).suffix.lower() != ".svg":
@@ -400,14 +388,11 @@ class Diagram(Netlist):
                 raise DiagramError(f"{cannot} '{path}': {error}") from error
         return picture
 
-    _artist: ClassVar[Callable[[Diagram, int], str]]
+    _artist: ClassVar[Callable[[Diagram], str]]
     """Drawing function, set by the package `drawing`, which imports this one."""
 
     def _repr_svg_(self) -> str:
         return self.draw()
-
-    def _repr_html_(self) -> str:
-        return self.draw() + self._described().html(unfolded=False)
 
     def _described(self) -> Description:
         own, blocks = super()._described(), self.__dict__.get("blocks", {}).values()

@@ -1,14 +1,9 @@
-"""Summaries of objects, as text and as HTML for notebooks."""
+"""Summaries of objects as text."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, field
-from html import escape
-from typing import TYPE_CHECKING
-
-if TYPE_CHECKING:
-    from trussflow.blocks.framework.block import Block
 
 MAX_LINE_LENGTH = 110
 """Largest number of characters in a line of text."""
@@ -52,21 +47,6 @@ class Description:
             )
             yield from part.tree(indent + below)
 
-    def html(self, *, unfolded: bool = True) -> str:
-        """Return the summary as HTML, `unfolded` or not; the parts are folded."""
-        cell = '<td style="text-align:left">'
-        rows = (
-            f"<tr>{cell}{escape(n)}</td>{cell}{escape(f)}</td></tr>"
-            for n, f in self.facts.items()
-            if f
-        )
-        inner = "".join(part.html(unfolded=False) for part in self.parts)
-        unfold = ' open=""' * unfolded
-        return (
-            f'<details{unfold} style="margin-left:1em"><summary>{escape(self.title)}</summary>'
-            f"<table>{''.join(rows)}</table>{inner}</details>"
-        )
-
 
 class Described:
     """Base of objects with a summary, which `_described` returns."""
@@ -79,29 +59,3 @@ class Described:
     def __repr__(self) -> str:
         described = self._described()
         return "\n".join([described.head, *described.tree()])
-
-    def _repr_html_(self) -> str:
-        return self._described().html()
-
-
-def described_block(block: Block) -> Description:
-    """Return the summary of a `block`: rate, ports, states, parameters; the block may be incomplete."""
-    kind = type(block).__name__
-    if "ports" not in vars(block):
-        return Description(f"{kind}, not built yet")
-    offset = f" from {block.sample_offset:g} s" if block.sample_offset else ""
-    facts = {
-        "sampled": ""
-        if block.sample_time is None
-        else f"every {block.sample_time:g} s{offset}",
-        "in": ", ".join(port.summary for port in block.inputs()),
-        "out": ", ".join(port.summary for port in block.outputs()),
-        "states": ", ".join(
-            n + (f" [{s.unit}]" if s.unit else "") for n, s in block.states().items()
-        ),
-        "parameters": ", ".join(
-            f"{name} {value.shape}" if value.ndim else f"{name} = {value:g}"
-            for name, value in block.parameters.items()
-        ),
-    }
-    return Description(kind if block.name == kind else f"{block.name}: {kind}", facts)

@@ -42,9 +42,9 @@ y_goal.y >> y_axis.command
 machine.draw("machine.svg")
 
 # %%
-# The same picture with the servos open:
+# The picture of a servo:
 
-machine.draw("machine_open.svg", depth=1)
+x_axis.draw("servo.svg")
 
 # %%
 # In a console the machine is a tree:

@@ -102,7 +102,6 @@ def test_laws_hold(seed, number, wires):
     chance = Random(seed)
     for box in boxes:
         box.width = chance.choice([40.0, 80.0, 160.0])
-        box.fixed = chance.random() < 0.2
         for pin in box.sides[0]:
             pin.note = chance.choice([0.0, 20.0])
     check_laws(boxes, nets, *layout(boxes, nets))

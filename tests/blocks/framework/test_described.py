@@ -1,7 +1,5 @@
 """Descriptions of objects, as text and in notebooks."""
 
-import xml.etree.ElementTree as ET
-
 import pytest
 
 from trussflow.blocks import (
@@ -18,7 +16,7 @@ from trussflow.blocks import (
     simulate,
 )
 from trussflow.blocks.errors import DiagramError
-from trussflow.blocks.support.summary import MAX_LINE_LENGTH, Description
+from trussflow.blocks.support.summary import MAX_LINE_LENGTH
 
 
 def loop():
@@ -104,20 +102,3 @@ def test_runs_tell_solver_and_sizes():
     text = repr(CoSimulator(diagram, step=0.1, members=["state"], backend="numpy"))
     assert "jacobi, step 0.1 s" in text
     assert "state" in text
-
-
-@pytest.mark.parametrize(
-    "thing", [loop(), Gain(1.0), Simulator(loop(), step=0.05, backend="numpy")]
-)
-def test_html_is_well_formed_and_says_the_same(thing):
-    description = thing._described()
-    page = ET.fromstring(description.html())
-    assert page[0].text == description.title
-    cells = [cell.text for cell in page.iter("td")]
-    assert all(fact in cells for fact in description.facts.values() if fact)
-    assert thing._repr_html_().endswith("</details>")
-
-
-def test_html_escapes():
-    text = Description("<a>", {"<b>": "<c>"}, (Description("&"),)).html()
-    assert ET.fromstring(text)[0].text == "<a>"
