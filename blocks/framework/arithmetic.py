@@ -21,26 +21,6 @@ from trussflow.blocks.support.validation import (
     shown,
 )
 
-OPERATOR_SYMBOLS: dict[str, np.ufunc] = {
-    **{
-        "+": np.add,
-        "-": np.subtract,
-        "*": np.multiply,
-        "/": np.divide,
-        "**": np.power,
-        "@": np.matmul,
-    },
-    **{"<": np.less, "<=": np.less_equal, ">": np.greater, ">=": np.greater_equal},
-    **{"==": np.equal, "!=": np.not_equal, "and": np.logical_and, "or": np.logical_or},
-    **{
-        "xor": np.logical_xor,
-        "not": np.logical_not,
-        "min": np.minimum,
-        "max": np.maximum,
-    },
-}
-"""NumPy function of each operator symbol."""
-
 SUM_SIGNS = {np.add: "++", np.subtract: "+-", np.negative: "-"}
 """Signs of the sum junction for each operation that becomes one if all operands are signals."""
 
@@ -123,8 +103,8 @@ class Operation(Block):
 
     Parameters
     ----------
-    function : str or numpy.ufunc
-        One of ``+ - * / ** @ < <= > >= == != and or xor not min max``, or a universal function of NumPy.
+    function : numpy.ufunc
+        Universal function of NumPy of one or two arrays, such as ``np.maximum`` or ``np.logical_and``.
     *operands : Input or array_like
         Operands in order: an `Input` for each signal, named ``u1`` or ``u2`` by its position. One of two may
         be a number or an array instead, the parameter ``constant`` [as the other operand, or none]. By
@@ -139,23 +119,21 @@ class Operation(Block):
 
     Examples
     --------
+    >>> import numpy as np
     >>> from trussflow.blocks import Input, Operation
-    >>> Operation(">", Input(3, unit="m"), 0.5).u1
+    >>> Operation(np.greater, Input(3, unit="m"), 0.5).u1
     <input 'Operation.u1' (shape (3,), unit m)>
     """
 
-    def __init__(
-        self, function: str | np.ufunc, *operands: Input | npt.ArrayLike
-    ) -> None:
-        known = (
-            OPERATOR_SYMBOLS.get(function) if isinstance(function, str) else function
-        )
+    def __init__(self, function: np.ufunc, *operands: Input | npt.ArrayLike) -> None:
+        known: object = function
         if not isinstance(known, np.ufunc) or known.nout != 1 or known.nin > 2:
             raise BlockError(
-                f"Operation has no function {shown(function)}; give one of {' '.join(OPERATOR_SYMBOLS)}, "
-                "or a universal function of NumPy of one or two arrays. For other functions, use Function"
+                f"Operation has no function {shown(function)}; give a universal function of NumPy of one or "
+                "two arrays, such as np.maximum. For other functions, use Function"
             )
-        self.function, given = known, operands or (Input(INFERRED),) * known.nin
+        self.function = known
+        given = operands or (Input(INFERRED),) * known.nin
         inputs = {
             f"u{i}": each for i, each in enumerate(given, 1) if isinstance(each, Input)
         }

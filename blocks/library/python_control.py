@@ -153,7 +153,7 @@ def lqr(
     K = K[0] if len(K) == 1 else K
     n, p = system.nstates, len(follow)
     if not p:
-        gain = Operation("@", -K, Input(n, meaning="state"))
+        gain = Operation(np.matmul, -K, Input(n, meaning="state"))
         return gain if system.isctime() else gain.sampled(system.dt)
     matrices = (
         np.hstack([follow, -np.eye(p)]),

@@ -17,8 +17,6 @@ from contextlib import ExitStack, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
 from trussflow.blocks.errors import Explained, SimulationError, SimulationInterrupted
 from trussflow.blocks.results.channels import Channel
 from trussflow.blocks.results.dataset import (
@@ -217,45 +215,42 @@ class StreamedLog(Log):
         """Write all pieces, one after the other, to one file."""
         import netCDF4
 
+        first, *_ = pieces = _pieces(self._folder)
         with netCDF4.Dataset(str(target), "w") as file:
             file.setncatts({k: _text(v) for k, v in self.attributes.items()})
-            file.createDimension("time", None)
-            time = file.createVariable(
-                "time", "f8", ("time",), chunksizes=(CHUNK_ROWS,)
-            )
-            time.setncatts({"units": "s", "long_name": "time"})
-            for channel in self.channels:
-                sizes = channel.port.shape or ()
-                for (name, labels), size in zip(
-                    channel.axes.items(), sizes, strict=True
-                ):
-                    if name not in file.dimensions:
-                        file.createDimension(name, size)
-                        if labels:
-                            values = np.array(
-                                labels,
-                                dtype=object if isinstance(labels[0], str) else "i8",
-                            )
-                            kind = str if values.dtype == object else "i8"
-                            file.createVariable(name, kind, (name,))[:] = values
-                chunks = [max(1, n) for n in (CHUNK_ROWS, *sizes)]
-                variable = file.createVariable(
-                    channel.name, "f8", ("time", *channel.axes), chunksizes=chunks
-                )
-                variable.setncatts(channel.attributes())
-                # Rows come in order: room for two chunks does, where the library takes 16 MB.
-                variable.set_var_chunk_cache(size=2 * 8 * math.prod(chunks))
-            for path in _pieces(self._folder):
+            with netCDF4.Dataset(str(first)) as piece:
+                _copy_structure(piece, file)
+            for path in pieces:
                 with netCDF4.Dataset(str(path)) as piece:
                     piece.set_auto_mask(False)
-                    start = len(time)
-                    for name in ("time", *(channel.name for channel in self.channels)):
-                        file[name][start : start + len(piece["time"])] = piece[name][:]
+                    start = len(file["time"])
+                    for name, values in piece.variables.items():
+                        if "time" in values.dimensions:
+                            file[name][start : start + len(values)] = values[:]
 
     def _left(self, error: BaseException) -> SimulationError:
         """Say what can still be read."""
         left = f"what was written before is in '{self._folder}', and recover('{self.path}') reads it"
         return cannot_write(self.path, error, left if _pieces(self._folder) else "")
+
+
+def _copy_structure(piece: Any, file: Any) -> None:
+    """Create the dimensions and variables of a `piece` in a `file`; copy variables without time."""
+    for name, dimension in piece.dimensions.items():
+        file.createDimension(name, None if name == "time" else len(dimension))
+    for name, values in piece.variables.items():
+        logged = "time" in values.dimensions
+        chunks = [CHUNK_ROWS, *(max(1, n) for n in values.shape[1:])]
+        copied = file.createVariable(
+            name, values.dtype, values.dimensions, chunksizes=chunks if logged else None
+        )
+        attributes = {k: v for k, v in vars(values).items() if k != "_FillValue"}
+        copied.setncatts(attributes)
+        if logged:
+            # Rows come in order: room for two chunks does, where the library takes 16 MB.
+            copied.set_var_chunk_cache(size=2 * 8 * math.prod(chunks))
+        else:
+            copied[:] = values[:]
 
 
 def opened(
