@@ -9,7 +9,7 @@ instant, continuous Python blocks still see the held outputs of before.
 
 from __future__ import annotations
 
-from itertools import count
+from itertools import chain, count
 from typing import Any
 
 import numpy as np
@@ -160,7 +160,8 @@ class PythonBlocks:
 
     def quantities(self) -> list[Quantity]:
         """Return the quantities that hold the blocks' inputs."""
-        return [quantity for pairs in self.ordered for _, quantity in pairs]
+        pairs = [*chain(*self.ordered[1:]), *self.continuous]
+        return [quantity for _, quantity in pairs]
 
     def needed(self, due: NDArray[np.uint16]) -> list[int]:
         """Return the ticks, of those with these `due` sets, at which a sampled Python block computes."""
