@@ -7,7 +7,7 @@ from random import Random
 from trussflow.blocks.drawing.graph import Box, Channels, Net, Pin
 from trussflow.blocks.drawing.layering import by_flow, edges_of, into_layers, rails
 from trussflow.blocks.drawing.ordering import Ordering
-from trussflow.blocks.drawing.placing import Placing
+from trussflow.blocks.drawing.placing import place
 from trussflow.blocks.drawing.routing import route, tracks
 from trussflow.blocks.support.progress import counted
 
@@ -92,5 +92,5 @@ def ordered(
     for layer in layers if variant else ():
         chance.shuffle(layer)
     Ordering(layers, channels).sort()
-    Placing(layers, BOX_GAP).place(channels)
+    place(layers, channels, BOX_GAP)
     return layers, channels
