@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 from collections import Counter
+from itertools import product
 
 from trussflow.blocks.drawing.graph import Box, Channels, Net, Rail, way
+from trussflow.blocks.drawing.placing import Limits, Ties, positions
 
 Edges = Counter[tuple[Box, Box]]
 """Number of nets from one box to another."""
@@ -49,37 +51,19 @@ def by_flow(boxes: list[Box], edges: Edges) -> list[Box]:
 
 
 def into_layers(order: list[Box], edges: Edges) -> list[list[Box]]:
-    """Return boxes by layer: after their sources by `edges` along the `order`, near other neighbours."""
+    """Return boxes by layer: after their sources by `edges` along the `order`, with short wires."""
     rank = {box: i for i, box in enumerate(order)}
-    forward = [(a, b) for a, b in edges if rank[a] < rank[b]]
-    before, after, near = ({box: list[Box]() for box in order} for _ in range(3))
-    for a, b in forward:
-        before[b].append(a)
-        after[a].append(b)
-    for a, b in edges.elements():
-        near[a].append(b)
-        near[b].append(a)
-    first = int(any(box.edge < 0 for box in order))
-    for box in order:
-        box.layer = (
-            0
-            if box.edge < 0
-            else max((a.layer + 1 for a in before[box]), default=first)
-        )
-    last = max((box.layer for box in order if box.edge <= 0), default=0)
-    for box in order:
-        box.layer = last + 1 if box.edge > 0 else box.layer
-    for box in [box for box in reversed(order) if not box.edge] * 4:
-        low = max((a.layer + 1 for a in before[box]), default=first)
-        high = min((b.layer - 1 for b in after[box]), default=last)
-        pull = sum(
-            (other.layer > box.layer) - (other.layer < box.layer) for other in near[box]
-        )
-        box.layer = high if pull > 0 else low if pull < 0 else box.layer
-    used = sorted({box.layer for box in order})
-    for box in order:
-        box.layer = used.index(box.layer)
-    return [[box for box in order if box.layer == i] for i in range(len(used))]
+    limits: Limits = [(rank[a], rank[b], 1) for a, b in edges if rank[a] < rank[b]]
+    limits += [
+        (rank[a], rank[b], 1) for a, b in product(order, order) if a.edge < b.edge
+    ]
+    wires: Ties = [(rank[a], rank[b], 0, number) for (a, b), number in edges.items()]
+    found = positions(len(order), limits, wires).round().tolist()
+    for box, layer in zip(order, found, strict=True):
+        box.layer = int(max(found) if box.edge > 0 else layer)
+    return [
+        [box for box in order if box.layer == i] for i in range(int(max(found)) + 1)
+    ]
 
 
 def rails(nets: list[Net], layers: list[list[Box]], gap: float) -> Channels:

@@ -15,6 +15,7 @@ from itertools import pairwise
 import numpy as np
 
 from trussflow.blocks.drawing.graph import Box, Channels
+from trussflow.blocks.support.types import Vector
 
 COMPACTNESS_WEIGHT = 1e-4
 """Weight of the heights of boxes, which are pulled to the top, relative to that of wires [-]."""
@@ -26,10 +27,51 @@ BEND_HEIGHT = 5.0
 """Height difference of a wire that halves its weight in the next solution [px]."""
 
 
-def place(layers: list[list[Box]], channels: Channels, gap: float) -> None:
-    r"""Set the heights of boxes so that their wires are as level as the order in the layers allows.
+Limits = list[tuple[int, int, float]]
+"""Indices of an upper and a lower position, and their smallest distance."""
+
+Ties = list[tuple[int, int, float, float]]
+"""Indices of two positions, the difference wanted of the first and the second, and a weight."""
+
+
+def positions(count: int, limits: Limits, ties: Ties, rounds: int = 1) -> Vector:
+    r"""Return positions y that satisfy the limits, with differences as wanted as far as possible.
 
     .. math:: \min \sum_k w_k |y_{a_k} - y_{b_k} - s_k|, \qquad y_{lower} - y_{upper} \ge d
+
+    Parameters
+    ----------
+    count : int
+        Number of positions [-].
+    limits, ties : list of tuple
+        See `Limits` and `Ties` [unit of the positions].
+    rounds : int
+        Number of solutions [-]; each has smaller weights for ties that are violated in the one before.
+    """
+    # slow to import
+    from scipy.optimize import linprog
+    from scipy.sparse import block_array, eye_array
+
+    upper, lower, distance = np.reshape(limits, (-1, 3)).T
+    left, right, shift, weight = np.reshape(ties, (-1, 4)).T
+    each = eye_array(count, format="csr")
+    apart = each[upper.astype(int)] - each[lower.astype(int)]
+    slope = each[left.astype(int)] - each[right.astype(int)]
+    slack = -eye_array(len(ties))
+    rules = block_array([[apart, None], [slope, slack], [-slope, slack]])
+    bounds = np.concatenate([-distance, shift, -shift])
+    pull = np.full(count, COMPACTNESS_WEIGHT)
+    found = np.zeros(count)
+    cost = weight
+    for _ in range(rounds):
+        found = linprog(np.concatenate([pull, cost]), rules, bounds).x[:count]
+        cost = weight / (1.0 + np.abs(slope @ found - shift) / BEND_HEIGHT)
+    # differences are exact despite round-off
+    return np.round(found - found.min(), 6)
+
+
+def place(layers: list[list[Box]], channels: Channels, gap: float) -> None:
+    """Set the heights of boxes so that their wires are as level as the order in the layers allows.
 
     Parameters
     ----------
@@ -40,10 +82,6 @@ def place(layers: list[list[Box]], channels: Channels, gap: float) -> None:
     gap : float
         Distance between boxes [px].
     """
-    # slow to import
-    from scipy.optimize import linprog
-    from scipy.sparse import block_array, eye_array
-
     boxes = [box for layer in layers for box in layer]
     number = {box: i for i, box in enumerate(boxes)}
     limits = [
@@ -64,21 +102,6 @@ def place(layers: list[list[Box]], channels: Channels, gap: float) -> None:
         for a in rail.left
         for b in rail.right
     ]
-    upper, lower, distance = np.reshape(limits, (-1, 3)).T
-    left, right, shift, weight = np.reshape(wires, (-1, 4)).T
-    each = eye_array(len(boxes), format="csr")
-    apart = each[upper.astype(int)] - each[lower.astype(int)]
-    slope = each[left.astype(int)] - each[right.astype(int)]
-    slack = -eye_array(len(wires))
-    rules = block_array([[apart, None], [slope, slack], [-slope, slack]])
-    bounds = np.concatenate([-distance, shift, -shift])
-    heights = np.zeros(len(boxes))
-    pull = np.full(len(boxes), COMPACTNESS_WEIGHT)
-    cost = weight
-    for _ in range(REWEIGHTING_ROUNDS):
-        found = linprog(np.concatenate([pull, cost]), rules, bounds)
-        heights = found.x[: len(boxes)]
-        cost = weight / (1.0 + np.abs(slope @ heights - shift) / BEND_HEIGHT)
-    for box, y in zip(boxes, heights - heights.min(), strict=True):
-        # level wires are level despite round-off
-        box.y = round(float(y), 6)
+    heights = positions(len(boxes), limits, wires, REWEIGHTING_ROUNDS)
+    for box, y in zip(boxes, heights.tolist(), strict=True):
+        box.y = y
