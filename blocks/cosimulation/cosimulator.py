@@ -16,7 +16,7 @@ from trussflow.blocks.cosimulation.diagram_member import Settings
 from trussflow.blocks.cosimulation.network import Network
 from trussflow.blocks.cosimulation.partition import partition
 from trussflow.blocks.cosimulation.step_control import FixedSteps, StepControl
-from trussflow.blocks.errors import AlgebraicLoopError, RunStoppedError, SimulationError
+from trussflow.blocks.errors import AlgebraicLoopError, SimulationError
 from trussflow.blocks.framework.block import Block
 from trussflow.blocks.framework.clock import exact, on_grid, refuse_coarse_time, ticks
 from trussflow.blocks.framework.diagram import Diagram
@@ -291,15 +291,12 @@ class CoSimulator(Described):
             return log.complete(
                 messages, wall_time=time.perf_counter() - started, **counts
             )
-        except BaseException as error:
+        except BaseException as error:  # noqa: BLE001 - raised again with the log
             messages = coupled.messages
             with contextlib.suppress(Exception):  # the first error is reported
                 coupled.close()
             counts = control.steps | {"iterations": coupled.iterations}
-            if isinstance(error, RunStoppedError):
-                return log.finish(messages, status="ended", ended=str(error), **counts)
-            log.abandon(error, log.last, messages, **counts)
-            raise
+            return log.abandon(error, log.last, messages, **counts)
 
     def _control(self, coupled: Coupled, last: int) -> FixedSteps:
         """Return the step control: fixed steps, or steps by the tolerance."""

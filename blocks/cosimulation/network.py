@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from graphlib import CycleError, TopologicalSorter
-from itertools import pairwise
+from itertools import groupby, pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,6 +13,7 @@ from trussflow.blocks.framework.layout import spans
 from trussflow.blocks.framework.port import Port
 from trussflow.blocks.framework.run_state import SelfStepping
 from trussflow.blocks.framework.system import Driver
+from trussflow.blocks.tracing.sorted_order import in_order
 
 Key = tuple[str, str]
 Node = tuple[int, int]
@@ -147,7 +147,12 @@ class Network:
             for i, member in enumerate(members)
             for o in range(len(member.outlets))
         }
-        self.loop = self._find_loop(self._graph)
+        self._order, cycle = in_order(self._graph)
+        lines: list[str] = []
+        for first, second in pairwise(cycle):
+            inlet = self._graph[second][first]
+            lines += self.members[second[0]].route(inlet, second[1])
+        self.loop = "\n  ".join(lines)
 
     def _places(self, inlet: Inlet, constants: dict[float, int]) -> NDArray[np.int64]:
         """Return the indices of the elements of an input in `signals`."""
@@ -189,17 +194,6 @@ class Network:
             if driver.source is not None
         }
 
-    def _find_loop(self, graph: dict[Node, dict[Node, int]]) -> str:
-        """Return the description of an algebraic loop; empty if there is none."""
-        try:
-            TopologicalSorter(graph).prepare()
-        except CycleError as error:
-            lines: list[str] = []
-            for first, second in pairwise(error.args[1]):
-                lines += self.members[second[0]].route(graph[second][first], second[1])
-            return "\n  ".join(lines)
-        return ""
-
     def visits(self, follows: Sequence[bool]) -> list[int]:
         """Return the members to read again, in order, after all members have been read.
 
@@ -211,24 +205,5 @@ class Network:
             Whether the outputs of each member follow its inputs before the next step; at the start, they
             always do.
         """
-        waiting = {
-            node: set(sources)
-            for node, sources in self._graph.items()
-            if sources and follows[node[0]]
-        }
-        visits: list[int] = []
-        while waiting:
-            ready = {
-                node
-                for node, sources in waiting.items()
-                if not sources & waiting.keys()
-            }
-            if not ready:
-                return []  # a loop
-            best = max(
-                {n[0] for n in ready}, key=lambda i: sum(n[0] == i for n in ready)
-            )
-            visits.append(best)
-            for node in [n for n in ready if n[0] == best]:
-                del waiting[node]
-        return visits
+        later = [i for i, o in self._order if self._graph[i, o] and follows[i]]
+        return [member for member, _ in groupby(later)]

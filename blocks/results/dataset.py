@@ -6,7 +6,6 @@ import contextlib
 import datetime
 import functools
 import platform
-import re
 import shutil
 import sys
 from collections.abc import Mapping, Sequence
@@ -132,8 +131,8 @@ def refuse_other_kinds(path: str | Path, doing: str = "write the result to") -> 
         ".zarr",
     }:
         raise SimulationError(
-            f"cannot {doing} '{path}': results are netCDF files, named .nc, and load() reads no others; "
-            "save() writes .csv and .mat, too; pandas writes more, as in to_pandas(result).to_excel(...)"
+            f"cannot {doing} '{path}': results are netCDF files, named .nc, which MATLAB reads, too; "
+            "pandas writes other kinds, as in to_pandas(result).to_csv(...)"
         )
 
 
@@ -154,55 +153,30 @@ def _signals(result: Any, doing: str, names: Sequence[str] = ()) -> xr.Dataset:
 
 
 def save(result: xr.Dataset, path: str | Path) -> Path:
-    """Write a result to a file, in one piece: netCDF, or text or MATLAB's by the ending.
+    """Write a result to a netCDF file, which keeps units and provenance; MATLAB reads it with ``ncread``.
 
     Parameters
     ----------
     result : xarray.Dataset
         Result of `simulate`.
     path : str or pathlib.Path
-        File to write: ``.csv`` with the columns of `to_pandas`; ``.mat`` with one variable for each signal,
-        its name without what MATLAB does not allow; else netCDF, which alone keeps units and provenance.
-        An old one is replaced only when the new one is complete.
+        File to write. An old one is replaced only when the new one is complete.
 
     Raises
     ------
     SimulationError
         If the file cannot be written, its name says that it is of another kind, or it is no result.
     """
-    suffix = as_path(SimulationError, "cannot write the result to", path).suffix.lower()
-    if suffix not in (".csv", ".mat"):
-        refuse_other_kinds(path)
+    refuse_other_kinds(path)
     _signals(result, f"write to '{path}'")
+    # With pandas 3, older versions of xarray cannot write labels of type object.
+    texts = {
+        name: c.astype(str) for name, c in result.coords.items() if c.dtype == object
+    }
     try:
-        with uninterrupted(), replaced(path) as partial:  # xarray takes locks
-            if suffix == ".csv":
-                to_pandas(result).to_csv(partial)
-            elif suffix == ".mat":
-                from scipy.io import savemat
-
-                names = {
-                    name: re.sub(r"\W", "_", str(name)) for name in result.variables
-                }
-                if len({*names.values()}) < len(names):
-                    names = {
-                        name: f"{text}_{k}"
-                        for k, (name, text) in enumerate(names.items())
-                    }
-                savemat(
-                    partial,
-                    {names[n]: v.values for n, v in result.variables.items()},
-                    appendmat=False,
-                )
-            else:
-                # With pandas 3, older versions of xarray cannot write labels of type object.
-                texts = {
-                    name: c.astype(str)
-                    for name, c in result.coords.items()
-                    if c.dtype == object
-                }
-                with _without_cluster():
-                    result.assign_coords(texts).to_netcdf(partial, engine="netcdf4")
+        # xarray takes locks
+        with uninterrupted(), replaced(path) as partial, _without_cluster():
+            result.assign_coords(texts).to_netcdf(partial, engine="netcdf4")
     except WRITE_ERRORS as error:
         raise cannot_write(path, error) from error
     return Path(path)
@@ -220,8 +194,6 @@ def _without_cluster() -> contextlib.AbstractContextManager[Any]:
 
 def load(path: str | Path) -> xr.Dataset:
     """Read a result from a netCDF file, which `save` has written, or to which a run was streamed.
-
-    The files named .csv and .mat that `save` writes have no units, and are not read.
 
     Parameters
     ----------

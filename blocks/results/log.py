@@ -11,6 +11,7 @@ import numpy as np
 from trussflow.blocks.errors import (
     DivergenceError,
     RunEndedError,
+    RunStoppedError,
     SimulationInterrupted,
     TimeLimitError,
     TrussflowError,
@@ -206,8 +207,10 @@ class Log:
 
     def abandon(
         self, error: BaseException, t: float, messages: Messages, **attributes: Any
-    ) -> None:
-        """Finish after an error; ours gets what was logged as its `result`.
+    ) -> xr.Dataset:
+        """Finish after an error, and raise it, with the logged data as its `result` if it is ours.
+
+        If a block ended the run, nothing is raised, and the logged data are returned.
 
         Parameters
         ----------
@@ -222,20 +225,24 @@ class Log:
 
         Raises
         ------
+        BaseException
+            The error.
         SimulationInterrupted
             In place of a KeyboardInterrupt; it has a `result`.
         DivergenceError
             In place of an error of ours, if what was logged before it is to stop the run; it has a `result`.
         """
+        if isinstance(error, RunStoppedError):
+            return self.finish(messages, status="ended", ended=str(error), **attributes)
         if isinstance(error, SimulationInterrupted) and error.result is None:
-            return  # it was being finished
+            raise error  # it was being finished
         try:
             # now, so that it does not raise while the log is finished
             Log._put_aside(self)
         except DivergenceError as earlier:
             if isinstance(error, TrussflowError):
-                self.abandon(earlier, t, messages, **attributes)
-                raise earlier from error
+                earlier.__cause__ = error
+                return self.abandon(earlier, t, messages, **attributes)
         status = next(
             (word for kind, word in STATUS_BY_ERROR.items() if isinstance(error, kind)),
             "failed",
@@ -248,3 +255,4 @@ class Log:
             ) from None
         if isinstance(error, TrussflowError):
             error.result = result
+        raise error

@@ -21,12 +21,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from trussflow.blocks.errors import (
-    DivergenceError,
-    RunStoppedError,
-    SimulationError,
-    TrussflowError,
-)
+from trussflow.blocks.errors import DivergenceError, SimulationError, TrussflowError
 from trussflow.blocks.framework.clock import written
 from trussflow.blocks.results.log import Log
 from trussflow.blocks.results.state_file import Snapshot
@@ -304,11 +299,8 @@ class Run:
             result = log.complete(blocks.messages, wall_time=wall_time)
             warn_of_coarse_steps(self)  # only now: a diverged log is the better message
             return result
-        except RunStoppedError as error:
-            return log.finish(blocks.messages, status="ended", ended=str(error))
-        except BaseException as error:
-            log.abandon(error, self.time, blocks.messages)
-            raise
+        except BaseException as error:  # noqa: BLE001 - raised again with the log
+            return log.abandon(error, self.time, blocks.messages)
 
     def _resume(self, checkpoint: Snapshot) -> None:
         """Go to a checkpoint of the same run."""

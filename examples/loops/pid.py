@@ -16,7 +16,6 @@ from trussflow.blocks import (
     TransportDelay,
     as_block,
     plot,
-    save,
     simulate,
     to_control,
     to_pandas,
@@ -59,6 +58,6 @@ plot(good, "wanted.y", "angle.y", "pid.y")
 plt.show()
 
 # %%
-save(good, "pendulum.csv")
+to_pandas(good).to_csv("pendulum.csv")
 print(to_pandas(good).loc[4.0].round(3).to_string())
 print(to_control(good, outputs=["angle.y"], inputs=["pid.y"]).output_labels)
