@@ -10,7 +10,7 @@ from trussflow.blocks.errors import DiagramError, LinearAnalysisError
 from trussflow.blocks.framework.command_arguments import (
     Outcome,
     block_of,
-    ended,
+    main_of,
     parser_of,
 )
 from trussflow.blocks.framework.diagram import Diagram
@@ -72,6 +72,4 @@ def analyse(options: argparse.Namespace) -> Outcome:
     return Outcome(facts, "\n".join([str(table), *lines]))
 
 
-def main(words: list[str], prog: str) -> int:
-    """Run the command `prog` with these `words`; return the exit code."""
-    return ended(analyse, parser(prog).parse_args(words))
+main = main_of(analyse, parser)

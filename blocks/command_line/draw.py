@@ -10,7 +10,7 @@ from trussflow.blocks.errors import DiagramError
 from trussflow.blocks.framework.command_arguments import (
     Outcome,
     block_of,
-    ended,
+    main_of,
     parser_of,
 )
 from trussflow.blocks.framework.diagram import Diagram
@@ -55,6 +55,4 @@ def draw(options: argparse.Namespace) -> Outcome:
     )
 
 
-def main(words: list[str], prog: str) -> int:
-    """Run the command `prog` with these `words`; return the exit code."""
-    return ended(draw, parser(prog).parse_args(words))
+main = main_of(draw, parser)

@@ -7,7 +7,7 @@ from importlib.resources import files
 from pathlib import Path
 
 from trussflow.blocks.errors import DiagramError
-from trussflow.blocks.framework.command_arguments import Outcome, ended, parser_of
+from trussflow.blocks.framework.command_arguments import Outcome, main_of, parser_of
 from trussflow.blocks.support.files import replaced
 
 MISSION_TEMPLATE = "parameters/new_mission.toml"
@@ -57,6 +57,4 @@ def new(options: argparse.Namespace) -> Outcome:
     return Outcome({"file": path}, f"{path}: {text}")
 
 
-def main(words: list[str], prog: str) -> int:
-    """Run the command `prog` with these `words`; return the exit code."""
-    return ended(new, parser(prog).parse_args(words))
+main = main_of(new, parser)

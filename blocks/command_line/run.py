@@ -14,7 +14,7 @@ from trussflow.blocks.framework.block import Block
 from trussflow.blocks.framework.command_arguments import (
     Outcome,
     block_of,
-    ended,
+    main_of,
     parser_of,
     values_of,
 )
@@ -164,6 +164,4 @@ def figures(result: xr.Dataset) -> Iterator[dict[str, Any]]:
             }
 
 
-def main(words: list[str], prog: str) -> int:
-    """Run the command `prog` with these `words`; return the exit code."""
-    return ended(run, parser(prog).parse_args(words))
+main = main_of(run, parser)

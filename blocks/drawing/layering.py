@@ -6,7 +6,7 @@ from collections import Counter
 from itertools import product
 
 from trussflow.blocks.drawing.graph import Box, Channels, Net, Rail, way
-from trussflow.blocks.drawing.placing import Limits, Ties, positions
+from trussflow.blocks.drawing.placing import positions
 
 Edges = Counter[tuple[Box, Box]]
 """Number of nets from one box to another."""
@@ -53,11 +53,11 @@ def by_flow(boxes: list[Box], edges: Edges) -> list[Box]:
 def into_layers(order: list[Box], edges: Edges) -> list[list[Box]]:
     """Return boxes by layer: after their sources by `edges` along the `order`, with short wires."""
     rank = {box: i for i, box in enumerate(order)}
-    limits: Limits = [(rank[a], rank[b], 1) for a, b in edges if rank[a] < rank[b]]
+    limits = [(rank[a], rank[b], 1) for a, b in edges if rank[a] < rank[b]]
     limits += [
         (rank[a], rank[b], 1) for a, b in product(order, order) if a.edge < b.edge
     ]
-    wires: Ties = [(rank[a], rank[b], 0, number) for (a, b), number in edges.items()]
+    wires = [(rank[a], rank[b], 0, number) for (a, b), number in edges.items()]
     found = positions(len(order), limits, wires).round().tolist()
     for box, layer in zip(order, found, strict=True):
         box.layer = int(max(found) if box.edge > 0 else layer)

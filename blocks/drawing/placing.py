@@ -10,7 +10,9 @@ J. Fourier Anal. Appl. 14.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 
@@ -27,10 +29,10 @@ BEND_HEIGHT = 5.0
 """Height difference of a wire that halves its weight in the next solution [px]."""
 
 
-Limits = list[tuple[int, int, float]]
+Limits = Sequence[tuple[int, int, float]]
 """Indices of an upper and a lower position, and their smallest distance."""
 
-Ties = list[tuple[int, int, float, float]]
+Ties = Sequence[tuple[int, int, float, float]]
 """Indices of two positions, the difference wanted of the first and the second, and a weight."""
 
 
@@ -55,19 +57,20 @@ def positions(count: int, limits: Limits, ties: Ties, rounds: int = 1) -> Vector
     upper, lower, distance = np.reshape(limits, (-1, 3)).T
     left, right, shift, weight = np.reshape(ties, (-1, 4)).T
     each = eye_array(count, format="csr")
-    apart = each[upper.astype(int)] - each[lower.astype(int)]
-    slope = each[left.astype(int)] - each[right.astype(int)]
-    slack = -eye_array(len(ties))
-    rules = block_array([[apart, None], [slope, slack], [-slope, slack]])
+    apart: Any = each[upper.astype(int)] - each[lower.astype(int)]
+    slope: Any = each[left.astype(int)] - each[right.astype(int)]
+    slack: Any = -eye_array(len(ties))
+    rules: Any = block_array([[apart, None], [slope, slack], [-slope, slack]])
     bounds = np.concatenate([-distance, shift, -shift])
     pull = np.full(count, COMPACTNESS_WEIGHT)
-    found = np.zeros(count)
+    found: Vector = np.zeros(count)
     cost = weight
     for _ in range(rounds):
-        found = linprog(np.concatenate([pull, cost]), rules, bounds).x[:count]
+        solution: Any = linprog(np.concatenate([pull, cost]), rules, bounds)
+        found = solution.x[:count]
         cost = weight / (1.0 + np.abs(slope @ found - shift) / BEND_HEIGHT)
     # differences are exact despite round-off
-    return np.round(found - found.min(), 6)
+    return np.asarray(np.round(found - found.min(), 6))
 
 
 def place(layers: list[list[Box]], channels: Channels, gap: float) -> None:

@@ -115,8 +115,8 @@ def scene_of(diagram: Diagram) -> Scene:
     pins: dict[tuple[str, str, str], Pin] = {}
     for block in diagram.blocks.values():
         sides = rows(diagram, block)
-        name = breadth(brief(block.name)) * 12 / 11
-        head = max(name, breadth(brief(type(block).__name__))) + 16
+        title = breadth(brief(block.name)) * 12 / 11
+        head = max(title, breadth(brief(type(block).__name__))) + 16
         names = sum(
             max((breadth(row.name) for row in side), default=0.0) for side in sides
         )

@@ -24,13 +24,14 @@ from __future__ import annotations
 import difflib
 import functools
 import inspect
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from math import prod
-from typing import TYPE_CHECKING, Any, ClassVar, Self, final
+from types import MappingProxyType
+from typing import TYPE_CHECKING, Any, ClassVar, Self, TypeVar, final
 
 import numpy as np
 
-from trussflow.blocks.errors import BlockError, ParameterError
+from trussflow.blocks.errors import BlockError, NameLookupError, ParameterError
 from trussflow.blocks.framework.declarations import (
     REQUIRED,
     Attribute,
@@ -51,7 +52,7 @@ from trussflow.blocks.framework.port import (
     Port,
     Shape,
 )
-from trussflow.blocks.framework.port_owner import PortOwner
+from trussflow.blocks.framework.signal_operators import Wired
 from trussflow.blocks.framework.units import check_declared
 from trussflow.blocks.support.summary import Described, Description
 from trussflow.blocks.support.types import Vector
@@ -59,6 +60,8 @@ from trussflow.blocks.support.validation import as_shape, by_name, shown
 
 if TYPE_CHECKING:
     from trussflow.blocks.framework.diagram import Diagram
+
+_Kind = TypeVar("_Kind", bound=State | Event)
 
 SETTABLE_ATTRIBUTES = ("extra_ports", "traced", "_declared")
 """Attributes of `Block` that a subclass may set before ``super().__init__()``."""
@@ -92,7 +95,7 @@ def _explained(init: Callable[..., None]) -> Callable[..., None]:
     return built
 
 
-class Block(PortOwner, Equations, Described):
+class Block(Wired, Equations, Described):
     """Base of all blocks.
 
     Subclasses declare `Input`, `Output`, `State` and `Parameter` as class attributes and
@@ -118,6 +121,9 @@ class Block(PortOwner, Equations, Described):
 
     energy_account: ClassVar[EnergyAccount | None] = None
     """Energy balance of the block, for `energy_audit`."""
+
+    _declared: Mapping[str, Any] = MappingProxyType({})
+    """Declarations by name: those of the class, or of the instance if they depend on its arguments."""
 
     _arithmetic: ClassVar[tuple[str, ...]] = ()
     """Array attributes that the equations use in sums and products only."""
@@ -245,6 +251,8 @@ class Block(PortOwner, Equations, Described):
 
     def _shape(self, shape: Shape, name: str) -> tuple[int, ...] | None:
         """Return a declared shape with names replaced by the sizes in this block's attributes."""
+        if shape == ():
+            return ()
         if shape is INFERRED:
             inferred: tuple[int, ...] | None = self.inferred_shape.get()
             return inferred
@@ -279,6 +287,85 @@ class Block(PortOwner, Equations, Described):
         return declaration.convert(
             value, self.parameters[name].shape, f"block '{self.path}'"
         )
+
+    # -- ports --------------------------------------------------------------------------
+
+    def __dir__(self) -> list[str]:
+        return [*super().__dir__(), *self.__dict__.get("ports", ())]
+
+    @final
+    def declared(self, kind: type[_Kind]) -> dict[str, _Kind]:
+        """Return the declarations of a `kind`, such as `Mode` or `Event`, by name."""
+        return {n: d for n, d in self._declared.items() if isinstance(d, kind)}
+
+    def port(self, name: str) -> Port:
+        """Return the port of that name.
+
+        Raises
+        ------
+        NameLookupError
+            If there is none; the message lists the ports.
+        """
+        try:
+            port: Port = self.ports[name]
+        except KeyError:
+            inputs = (
+                ", ".join(p.name for p in self.ports.values() if p.is_input) or "none"
+            )
+            outputs = (
+                ", ".join(p.name for p in self.ports.values() if not p.is_input)
+                or "none"
+            )
+            hint = f", it is a state: log it as '{self.path}.{name}'; to connect it, add an output"
+            hint = hint if name in self.declared(State) else ""
+            raise NameLookupError(
+                f"block '{self.path}' ({type(self).__name__}) has no port '{name}'{hint}; "
+                f"inputs: {inputs}; outputs: {outputs}"
+            ) from None
+        return port
+
+    @final
+    def inputs(self) -> list[Port]:
+        """Return the input ports in order of declaration."""
+        return [p for p in self.ports.values() if isinstance(p.declaration, Input)]
+
+    @final
+    def outputs(self) -> list[Port]:
+        """Return the output ports in order of declaration."""
+        return [p for p in self.ports.values() if isinstance(p.declaration, Output)]
+
+    def only_input(self) -> Port:
+        """Return the input of a block that has exactly one."""
+        return self._only(self.inputs(), "input")
+
+    def only_output(self) -> Port:
+        """Return the output of a block that has exactly one."""
+        return self._only(self.outputs(), "output")
+
+    def _only(self, ports: list[Port], kind: str) -> Port:
+        if len(ports) != 1:
+            raise NameLookupError(
+                f"'{self.path}' has {len(ports)} {kind}s "
+                f"({', '.join(p.name for p in ports) or 'none'}); name the one to connect"
+            )
+        return ports[0]
+
+    def wiring_diagram(self) -> Diagram:
+        """Return the diagram in which the block can be connected."""
+        return self.only_output().wiring_diagram()
+
+    def __getitem__(self, index: Any) -> Port:
+        """Return a slice of the only output."""
+        return self.only_output()[index]
+
+    def __rshift__(self, other: Port | Block) -> Block:
+        """Connect the only output of this block; see `Port`."""
+        return self.only_output() >> other
+
+    def __rrshift__(self, other: Any) -> Block:
+        """Raise `WiringError`, as the left operand is not a port; see `Port`."""
+        block: Block = other >> self.only_input()
+        return block
 
     # -- names --------------------------------------------------------------------------
 

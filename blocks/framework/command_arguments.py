@@ -63,6 +63,14 @@ def ended(
         return STOPPED
 
 
+def main_of(
+    command: Callable[[argparse.Namespace], Outcome],
+    parser: Callable[[str], argparse.ArgumentParser],
+) -> Callable[[list[str], str], int]:
+    """Return the function that runs a `command` with words and the name of the program, by its `parser`."""
+    return lambda words, prog: ended(command, parser(prog).parse_args(words))
+
+
 def parser_of(prog: str, description: str, *examples: str) -> argparse.ArgumentParser:
     """Return a parser whose help ends with examples.
 

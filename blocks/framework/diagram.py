@@ -13,7 +13,7 @@ from trussflow.blocks.errors import BlockError, DiagramError, NameLookupError
 from trussflow.blocks.framework.block import Block
 from trussflow.blocks.framework.connection_check import same, unite
 from trussflow.blocks.framework.netlist import Netlist
-from trussflow.blocks.framework.port import Port, is_port
+from trussflow.blocks.framework.port import Port, is_port, port_text
 from trussflow.blocks.support.call_site import call_site
 from trussflow.blocks.support.files import replaced
 from trussflow.blocks.support.summary import Description
@@ -242,9 +242,8 @@ class Diagram(Netlist):
             self._check_name(name)
             for port in inner:
                 if fault := self._exposure_fault(port, inner):
-                    what = port.describe() if is_port(port) else shown(port)
                     raise DiagramError(
-                        f"cannot expose {what} as '{name}': {fault}   [{where}]"
+                        f"cannot expose {port_text(port)} as '{name}': {fault}   [{where}]"
                     )
             if not inner:
                 raise DiagramError(
@@ -285,9 +284,8 @@ class Diagram(Netlist):
         """
         for name, port in ports.items():
             if not is_port(port) or port.block.parent is not self:
-                what = port.describe() if is_port(port) else shown(port)
                 raise DiagramError(
-                    f"cannot name {what} '{name}': give a port of a block in diagram '{self.name}'; for "
+                    f"cannot name {port_text(port)} '{name}': give a port of a block in diagram '{self.name}'; for "
                     "a block of a nested diagram, add the analysis point there"
                 )
             if name not in self.analysis_points:
@@ -319,9 +317,8 @@ class Diagram(Netlist):
             or port.block.parent is not self
             or port.index is not None
         ):
-            what = port.describe() if is_port(port) else shown(port)
             raise DiagramError(
-                f"cannot guess {what}: give a whole output of a block in '{self.name}'"
+                f"cannot guess {port_text(port)}: give a whole output of a block in '{self.name}'"
             )
         guessed = finite_array(f"the guess of '{port.path}'", value)
         self.loop_starts[port.block.name, port.name] = guessed

@@ -19,8 +19,7 @@ from trussflow.blocks.errors import (
 from trussflow.blocks.framework.arithmetic import Operation, Sum, operation
 from trussflow.blocks.framework.block import Block
 from trussflow.blocks.framework.connection_check import fit, overlap, same, unite
-from trussflow.blocks.framework.port import Port, is_port
-from trussflow.blocks.framework.port_owner import PortOwner
+from trussflow.blocks.framework.port import Port, is_port, port_text
 from trussflow.blocks.support.call_site import call_site, warn
 from trussflow.blocks.support.validation import shown
 
@@ -145,9 +144,8 @@ class Netlist(Block):
         where = call_site()
         for port in ports:
             if not is_port(port) or not port.is_input or port.block.parent is not self:
-                what = port.describe() if is_port(port) else shown(port)
                 raise WiringError(
-                    f"cannot ground {what}: it is not an input of a block in diagram '{self.name}'   "
+                    f"cannot ground {port_text(port)}: it is not an input of a block in diagram '{self.name}'   "
                     f"[{where}]"
                 )
             if not any(
@@ -200,9 +198,8 @@ class Netlist(Block):
         """
         for port in ports:
             if not is_port(port) or port.block.parent is not self:
-                what = port.describe() if is_port(port) else shown(port)
                 raise WiringError(
-                    f"cannot disconnect {what}: it is no port of a block in diagram '{self.name}'   "
+                    f"cannot disconnect {port_text(port)}: it is no port of a block in diagram '{self.name}'   "
                     f"[{call_site()}]"
                 )
         self._cut(
@@ -366,8 +363,7 @@ class Netlist(Block):
             If the operands do not fit.
         """
         given = [
-            each.only_output() if isinstance(each, PortOwner) else each
-            for each in operands
+            each.only_output() if isinstance(each, Block) else each for each in operands
         ]
         try:
             block = operation(function, given)

@@ -412,6 +412,11 @@ def is_port(value: object) -> bool:
     return isinstance(value, Port)
 
 
+def port_text(value: object) -> str:
+    """Return the description of an argument from the user that should be a port."""
+    return value.describe() if isinstance(value, Port) else shown(value)
+
+
 def _check_bounds(index: Any, shape: tuple[int, ...]) -> None:
     """Raise IndexError for slices that exceed an axis, which NumPy would shorten without an error."""
     parts = index if isinstance(index, tuple) else (index,)
