@@ -126,7 +126,7 @@ def test_slices_give_shape_and_unit():
 
 def test_slice_of_an_open_shape_is_refused():
     _, blocks = chain(1)
-    where = here(2)
+    where = here(4)
     with pytest.raises(
         WiringError, match=r"cannot index 'p0\.y': its shape is not known"
     ) as error:
