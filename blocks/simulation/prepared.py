@@ -208,23 +208,9 @@ class Prepared:
             if self.step
             else f"rtol {solver.rtol:g}, atol {solver.atol:g}"
         )
-        names = (
-            "x",
-            "modes",
-            "memory",
-            "held",
-            "clocks",
-            "events",
-            "marks of these",
-            "loops",
-            "inputs",
-        )
-        sizes = zip((*names, "parameters"), plan.layouts, strict=True)
         facts = {
             "solver": f"{solver.solver}, {accuracy}, backend {solver.backend}",
-            "numbers": ", ".join(
-                f"{layout.size} in {name}" for name, layout in sizes if layout.size
-            ),
+            "numbers": f"{plan.x.size} continuous states, {plan.memory.size} discrete ones",
             "rates": ", ".join(
                 f"{float(clock.period):g} s" for clock in plan.system.clocks
             ),

@@ -218,18 +218,17 @@ class Run:
         kept = self.executor.blocks.kept()
         # from there on floats do not tell ticks apart
         latest = 2**53 * self.prepared.tick
-        fits = {
-            name: isinstance(value := getattr(found, name), np.ndarray)
-            and (value.dtype, value.shape) == (own.dtype, own.shape)
-            and not np.isnan(value).any()
-            for name, own in {"x": self.x, "d": self.d, "p": self.p}.items()
-        }
+        fits = {}
+        for name in "xdp":
+            own, value = getattr(self, name), getattr(found, name)
+            alike = isinstance(value, np.ndarray) and value.dtype == own.dtype
+            alike = alike and value.shape == own.shape
+            fits[name] = alike and not np.isnan(value).any()
         times = found.origin, found.now
         are_times = all(isinstance(time, Fraction) for time in times)
         fits["origin, now"] = are_times and -latest < found.origin <= found.now < latest
-        fits["hidden"] = (
-            isinstance(found.hidden, dict) and found.hidden.keys() == kept.keys()
-        )
+        fits["hidden"] = isinstance(found.hidden, dict)
+        fits["hidden"] = fits["hidden"] and found.hidden.keys() == kept.keys()
         fits["sampled"] = isinstance(found.sampled, bool)
         if wrong := [name for name, fit in fits.items() if not fit]:
             raise SimulationError(
