@@ -1,4 +1,4 @@
-"""Connection check: shape, unit, frame and dtype of two ports, and their inference."""
+"""Connection check: shape, unit and frame of two ports, and their inference."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ def fit(
     Raises
     ------
     WiringError
-        If direction, shape, dtype, unit or frame do not fit. The message names both ports.
+        If direction, shape, unit or frame do not fit. The message names both ports.
     """
     if source.is_input or not target.is_input:
         if source.is_input and not target.is_input:
@@ -93,7 +93,7 @@ def unite(first: Port, second: Port, where: str) -> None:
     Raises
     ------
     WiringError
-        If shape, dtype, unit or frame do not fit.
+        If shape, unit or frame do not fit.
     """
     if faults := _faults(first, second):
         head = f"cannot group {first.describe()} and {second.describe()}   [{where}]"
@@ -161,10 +161,6 @@ def _faults(source: Port, target: Port) -> list[str]:
         and (why := mismatch(source.unit, target.unit))
     ):
         faults.append(why + _origins(source, target, "unit"))
-    if source.declaration.dtype != target.declaration.dtype:
-        faults.append(
-            f"dtype {source.declaration.dtype} does not fit {target.declaration.dtype}"
-        )
     if (
         source.frame is not None
         and target.frame is not None

@@ -64,12 +64,11 @@ class _Declaration:
         *,
         unit: Unit | _Inferred = None,
         frame: str | _Inferred | None = None,
-        dtype: type = float,
         meaning: str = "",
         labels: tuple[str | int, ...] | Axes | str | _Inferred = INFERRED,
     ) -> None:
         self.shape, self.unit, self.frame = shape, unit, frame
-        self.dtype, self.meaning, self.labels = np.dtype(dtype), meaning, labels
+        self.meaning, self.labels = meaning, labels
         self.default: float | None = None
         self.name = ""
 
@@ -96,8 +95,6 @@ class Input(_Declaration):
         One unit, one per element, or None to accept any unit.
     frame : str, None or INFERRED
         Reference frame of the components.
-    dtype : type
-        Element type.
     meaning : str
         Description in one line.
     labels : tuple or dict
@@ -107,7 +104,7 @@ class Input(_Declaration):
     default : float, optional
         Value of the input if it is not connected [unit of the port].
     **about
-        Unit, frame, dtype, meaning and labels.
+        Unit, frame, meaning and labels.
     """
 
     def __init__(

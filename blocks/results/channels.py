@@ -152,23 +152,18 @@ def chosen_channels(system: System, chosen: Chosen | None) -> list[Channel]:
         raise SimulationError(
             f"the ports to log must be a list or a dict, not {shown(chosen)}"
         )
-    for reference in chosen.values() if isinstance(chosen, Mapping) else chosen:
+    references = [*(chosen.values() if isinstance(chosen, Mapping) else chosen)]
+    for reference in references:
         if not isinstance(reference, str | Port):
             raise SimulationError(
                 f"cannot log {shown(reference)}: give ports, such as block.y, or names, such as 'block.y'"
             )
-    if isinstance(chosen, Mapping):
-        return channels(
-            {name: _signal(system, reference) for name, reference in chosen.items()}
-        )
-    names = [r if isinstance(r, str) else r.full_path for r in chosen]
-    twice = sorted({name for name in names if names.count(name) > 1})
-    if twice:
-        raise SimulationError(f"ports are to be logged twice: {', '.join(twice)}")
-    return channels(
-        dict(
-            zip(
-                names, (_signal(system, reference) for reference in chosen), strict=True
-            )
-        )
+    names = (
+        [*chosen]
+        if isinstance(chosen, Mapping)
+        else [r if isinstance(r, str) else r.full_path for r in references]
     )
+    if twice := sorted({name for name in names if names.count(name) > 1}):
+        raise SimulationError(f"ports are to be logged twice: {', '.join(twice)}")
+    ports = (_signal(system, reference) for reference in references)
+    return channels(dict(zip(names, ports, strict=True)))

@@ -19,7 +19,7 @@ Gained = partial(Gain, input_unit="m", output_unit="m", shape=())
 class Wide(Block):
     u = Input((3,), unit="m")
     s = Input(unit="s")
-    n = Input(dtype=int)
+    n = Input()
 
 
 def test_blocks_are_added_under_their_keywords():
