@@ -29,6 +29,9 @@ from trussflow.blocks.tracing.plan import Plan
 from trussflow.blocks.tracing.program import Program
 from trussflow.blocks.tracing.quantities import Quantity
 
+Point = tuple[float, Vector, Vector, Vector]
+"""Time t [s], states x, discrete values d, and parameters p [as declared]."""
+
 
 class Progress(NamedTuple):
     """Result of `Executor.advance`.
@@ -96,7 +99,7 @@ class Executor:
 
     _watch: EventWatch | None = None
 
-    def call(self, name: str, t: float, x: Vector, d: Vector, p: Vector) -> Vector:
+    def call(self, name: str, *point: *Point) -> Vector:
         """Return the quantity of that name."""
         raise NotImplementedError
 
@@ -106,21 +109,12 @@ class Executor:
         other._watch = None
         return other
 
-    def instant(
-        self,
-        number: int,
-        t: float,
-        x: Vector,
-        d: Vector,
-        p: Vector,
-        *,
-        update: bool = True,
-    ) -> Vector:
+    def instant(self, number: int, *point: *Point, update: bool = True) -> Vector:
         """Return d after the sampled blocks of the set of that number have computed.
 
         Without `update`, what Python blocks keep stays as it is.
         """
-        return self.call(f"sample_{number}", t, x, d, p)
+        return self.call(f"sample_{number}", *point)
 
     def watch(self, d: Vector, p: Vector) -> EventWatch | None:
         """Return what finds and handles events while d and p are these arrays, if there are any."""
@@ -130,7 +124,7 @@ class Executor:
             self._watch = EventWatch(self, self.plan, d, p)
         return self._watch
 
-    def keep_loops(self, t: float, x: Vector, d: Vector, p: Vector) -> None:
+    def keep_loops(self, *point: *Point) -> None:
         """Keep in d the solutions of algebraic loops after a step: the next search starts there.
 
         Raises
@@ -138,14 +132,15 @@ class Executor:
         DivergenceError
             If a loop cannot be solved.
         """
+        _, x, d, _ = point
         if self.plan is None or not self.plan.guesses.size or not np.isfinite(x).all():
             return
-        found = self.call("guesses", t, x, d, p)
+        found = self.call("guesses", *point)
         if not np.isfinite(found).all():
-            self.plan.loops.blame(t, x, d, p)
+            self.plan.loops.blame(*point)
         d[self.plan.guesses.span] = found
 
-    def accepted(self, t: float, x: Vector, d: Vector, p: Vector) -> bool:
+    def accepted(self, *point: *Point) -> bool:
         """Tell Python blocks that a step is accepted; return whether one asks for an event."""
         return False
 
@@ -255,12 +250,11 @@ class NumPyExecutor(Executor):
         self.plan = self._plan = plan
         self._quantities = {q.name: q for q in quantities}
 
-    def call(self, name: str, t: float, x: Vector, d: Vector, p: Vector) -> Vector:
+    def call(self, name: str, *point: *Point) -> Vector:
         """Return the quantity of that name."""
         quantity = self._quantities[name]
-        arrays = quantity.collect(
-            self._plan, self._plan.evaluate(t, x, d, p, quantity.active)
-        )
+        evaluation = self._plan.evaluate(*point, quantity.active)
+        arrays = quantity.collect(self._plan, evaluation)
         return np.concatenate([np.zeros(0), *(np.ravel(a) for a in arrays)])
 
 
@@ -278,9 +272,9 @@ class InterpretedExecutor(Executor):
         """Return an executor with arguments and results of its own."""
         return type(self)(self._programs, self.plan)
 
-    def call(self, name: str, t: float, x: Vector, d: Vector, p: Vector) -> Vector:
+    def call(self, name: str, *point: *Point) -> Vector:
         """Return the quantity of that name."""
-        return self._functions[name](t, x, d, p)
+        return self._functions[name](*point)
 
 
 class InPlace:

@@ -23,7 +23,7 @@ from trussflow.blocks.simulation.block_instances import (
     OpenBlocks,
     SampledStepping,
 )
-from trussflow.blocks.simulation.executor import Executor, Progress, Span
+from trussflow.blocks.simulation.executor import Executor, Point, Progress, Span
 from trussflow.blocks.support.types import Vector
 from trussflow.blocks.tracing.call_checks import running_errors
 from trussflow.blocks.tracing.plan import Plan
@@ -47,9 +47,6 @@ LOOP_TOLERANCE = 1e-9
 
 Pair = tuple[BlockCall, Quantity]
 """A Python block, and the quantity that holds its inputs."""
-
-Point = tuple[float, Vector, Vector, Vector]
-"""Time t [s], states x, discrete values d, and parameters p [as declared]."""
 
 
 def sorted_stages(
@@ -194,14 +191,14 @@ class PythonExecutor(Executor):
         self._python = python
         self._asking: set[str] = set()  # blocks that want an event after a step
 
-    def call(self, name: str, t: float, x: Vector, d: Vector, p: Vector) -> Vector:
+    def call(self, name: str, *point: *Point) -> Vector:
         """Return the quantity of that name; outputs of continuous Python blocks change in d."""
-        self.refresh(t, x, d, p)
-        values = self._inner.call(name, t, x, d, p)
+        self.refresh(*point)
+        values = self._inner.call(name, *point)
         if name in ("derivative", "indicators"):
-            self._add(name, (t, x, d, p), values)
+            self._add(name, point, values)
         elif name == "on_event":
-            self._handle((t, x, d, p), values)
+            self._handle(point, values)
         return values
 
     def advance(
@@ -212,19 +209,10 @@ class PythonExecutor(Executor):
             return super().advance(span, x, d, p, log)
         return self._inner.advance(span, x, d, p, log)
 
-    def instant(
-        self,
-        number: int,
-        t: float,
-        x: Vector,
-        d: Vector,
-        p: Vector,
-        *,
-        update: bool = True,
-    ) -> Vector:
+    def instant(self, number: int, *point: *Point, update: bool = True) -> Vector:
         """Return d after an instant: Python blocks first, then the traced ones."""
         plan = self._python.plan
-        point = t, x, d, p
+        d = point[2]
         waiting = plan.counters.waiting(d)
         ticking = [
             pair
@@ -360,10 +348,10 @@ class PythonExecutor(Executor):
                     kind, values, np.zeros(0)
                 )
 
-    def accepted(self, t: float, x: Vector, d: Vector, p: Vector) -> bool:
+    def accepted(self, *point: *Point) -> bool:
         """Tell Python blocks that a step is accepted; return whether one asks for an event."""
         for call, quantity in self._python.continuous:
-            if self._ask(call, quantity, "on_step", (t, x, d, p)):
+            if self._ask(call, quantity, "on_step", point):
                 self._asking.add(call.path)
         return bool(self._asking)
 
