@@ -26,15 +26,11 @@ from trussflow.blocks.support.validation import shown
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Wire:
-    """Connection of `source` to `target`, made at `where`; a grounded input has no source.
-
-    A wire that was `kept` when a block was replaced may be replaced by a new one.
-    """
+    """Connection of `source` to `target`, made at `where`; a grounded input has no source."""
 
     source: Port | None
     target: Port
     where: str
-    kept: bool = False
 
     @property
     def ends(self) -> tuple[Port, ...]:
@@ -156,7 +152,7 @@ class Netlist(Block):
                 self._add_wire(Wire(None, port, where))
 
     def _check_free(self, target: Port, where: str) -> None:
-        """Check that no element gets a second driver; remove wires that were kept to these elements."""
+        """Check that no element gets a second driver."""
         if (
             target.index is not None
             and np.unique(target.elements()).size < target.elements().size
@@ -164,18 +160,13 @@ class Netlist(Block):
             raise WiringError(
                 f"cannot drive input {target.describe()}: the index selects an element twice   [{where}]"
             )
-        there = [
-            other for other in self._wires_into(target) if overlap(other.target, target)
-        ]
-        for other in there:
-            if not other.kept:
+        for other in self._wires_into(target):
+            if overlap(other.target, target):
                 by = "ground" if other.source is None else f"'{other.source.path}'"
                 raise WiringError(
                     f"cannot drive input {target.describe()} twice   [{where}]\n  "
                     f"it is already driven by {by}   [{other.where}]"
                 )
-        if there:
-            self._cut(lambda wire: wire in there)
         for name, inner in self.exposed.items():
             if any(p.block is target.block and p.name == target.name for p in inner):
                 raise WiringError(
@@ -262,7 +253,7 @@ class Netlist(Block):
             k = self.wires.index(wire)
             del self.wires[k]
             if target is not None and (source is None) == (wire.source is None):
-                self.wires.insert(k, Wire(source, target, wire.where, kept=True))
+                self.wires.insert(k, Wire(source, target, wire.where))
         for name, inner in [*self.exposed.items()]:
             self.exposed[name] = tuple(
                 port for port in map(moved, inner) if port is not None
@@ -317,16 +308,13 @@ class Netlist(Block):
                 yield from block._within()
 
     def _fit_anew(self) -> list[str]:
-        """Check all wires again, those that were kept last; return the faults of the removed wires."""
+        """Check all wires again; return the faults of the removed wires."""
         for name, inner in self.exposed.items():
             self.exposed[name] = first, *others = tuple(map(present, inner))
             self.ports[name] = replace(first, block=self, name=name)
             for port in others:
                 unite(first, port, "exposed")
-        waiting, faults = (
-            sorted(self.wires, key=lambda wire: wire.kept),
-            dict[Wire, str](),
-        )
+        waiting, faults = [*self.wires], dict[Wire, str]()
         while waiting:  # a slice may need a shape that a later wire determines
             faults = {}
             for wire in waiting:
