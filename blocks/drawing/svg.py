@@ -8,7 +8,6 @@ from importlib.resources import files
 from itertools import pairwise
 
 from trussflow.blocks.drawing.graph import Net, Point
-from trussflow.blocks.drawing.loops import in_loops
 from trussflow.blocks.drawing.scene import Scene, breadth, brief, scene_of
 from trussflow.blocks.framework.block import Block
 from trussflow.blocks.framework.clock import Clock
@@ -24,7 +23,7 @@ PICTURE_MARGIN = 12
 
 def svg_of(diagram: Diagram) -> str:
     """Return the picture of a `diagram`, each nested diagram as one block."""
-    scene, red = scene_of(diagram), in_loops(diagram)
+    scene = scene_of(diagram)
     style = (
         files("trussflow.blocks.drawing")
         .joinpath("picture.css")
@@ -37,20 +36,11 @@ def svg_of(diagram: Diagram) -> str:
 
     def colour(block: Block) -> str:
         own = clocks_of(block)
-        return (
-            "loop"
-            if red & {*leaves(block)}
-            else rates[own.pop()]
-            if len(own) == 1
-            else ""
-        )
+        return rates[own.pop()] if len(own) == 1 else ""
 
-    legend = {
-        every(float(clock.period), float(clock.offset)): rate
-        for clock, rate in rates.items()
-    }
     keys, x, y = "", float(PICTURE_MARGIN), scene.height + PICTURE_MARGIN + 16
-    for text, kind in (legend | ({"algebraic loop": "loop"} if red else {})).items():
+    for clock, kind in rates.items():
+        text = every(float(clock.period), float(clock.offset))
         keys += f'<rect class="box {kind}" x="{x:g}" y="{y:g}" width="12" height="12"/>'
         keys += f'<text class="faint" x="{x + 17:g}" y="{y + 10:g}">{text}</text>'
         x += breadth(text) + 34

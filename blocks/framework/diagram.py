@@ -345,7 +345,7 @@ class Diagram(Netlist):
         """Draw the diagram: signals run from left to right, feedback runs back above or below the blocks.
 
         Each nested diagram is one block; its own `draw` shows its blocks. Sampled blocks are coloured by
-        rate, blocks of an algebraic loop are red. Tooltips show the connected ports, shapes, units and rates.
+        rate. Tooltips show the connected ports, shapes, units and rates.
 
         Parameters
         ----------

@@ -16,12 +16,10 @@ from trussflow.blocks import (
     Gain,
     Integrator,
     MatrixGain,
-    StateSpace,
     UnitDelay,
     ZeroOrderHold,
     simulate,
 )
-from trussflow.blocks.drawing.loops import in_loops
 from trussflow.blocks.drawing.scene import HEAD_HEIGHT, breadth, scene_of
 from trussflow.blocks.errors import DiagramError
 
@@ -123,26 +121,6 @@ def test_nested_diagrams_are_drawn_by_themselves():
     assert diagram.inner.draw().count(">gain<") == 1
 
 
-def test_blocks_of_an_algebraic_loop_are_red():
-    diagram = Diagram("loops")
-    a, b, c, d = diagram.add(a=Gain(1.0), b=Gain(1.0), c=Integrator(), d=Gain(1.0))
-    a >> b >> a
-    b >> c >> d
-    plant = diagram.add(plant=StateSpace([[-1.0]], [[1.0]], [[1.0]], [[0.0]]))
-    plant >> plant  # no loop within an instant: D is zero
-    assert in_loops(diagram) == {a, b}
-    assert diagram.draw().count('class="box loop"') == 3  # the legend is one of them
-    assert 'class="box loop"' not in nested(1).draw()
-
-
-def test_loop_through_a_diagram_marks_it():
-    diagram = Diagram("outer")
-    inner = diagram.add(inner=nested(1))
-    inner.y >> inner.u
-    assert in_loops(diagram) == {inner.gain, inner.inner.gain}
-    assert diagram.draw().count('class="box loop"') == 2  # and the legend
-
-
 def test_rates_have_colours():
     kinds = re.findall(r'class="box (rate\d)"', mixed().draw())
     assert sorted(kinds) == ["rate0", "rate0", "rate1", "rate1"]
@@ -176,7 +154,7 @@ def test_notebooks_show_the_diagram_of_an_error(monkeypatch):
     gain >> other >> gain
     one, two = twice.add(one=Constant(np.ones(2)), two=Gain(np.ones(3)))
     for diagram, fault, colour in (
-        (loop, lambda: simulate(loop, 1.0, step=0.1), "box loop"),
+        (loop, lambda: simulate(loop, 1.0, step=0.1), "box"),
         (twice, lambda: one.y >> two.u, "box"),
         (nested(0), lambda: nested(0).draw("picture.png"), ""),
     ):
