@@ -3,11 +3,8 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
-
-import numpy as np
 
 from trussflow.blocks.errors import DiagramError, NameLookupError
 from trussflow.blocks.framework.block import Block
@@ -27,6 +24,7 @@ from trussflow.blocks.simulation.solver import FIXED_STEP
 from trussflow.fmu.importing.block import Fmu
 
 if TYPE_CHECKING:
+    import pandas as pd
     import xarray as xr
 
 
@@ -114,17 +112,9 @@ def run(options: argparse.Namespace) -> Outcome:
         save(result, options.output)
     if options.plot is not None:
         plot(result).savefig(options.plot)
-    rows = list(figures(result))
-    width = max((len(row["signal"]) for row in rows), default=0)
-    lines = [
-        f"{'signal':{width}}  {'unit':10} {'end':>12} {'least':>12} {'greatest':>12}"
-    ]
-    for row in rows:
-        numbers = " ".join(
-            f"{row[name]:12.5g}" for name in ("end", "least", "greatest")
-        )
-        lines.append(f"{row['signal']:{width}}  {row['unit']:10} {numbers}")
-    return Outcome(rows, "\n".join(lines))
+    table = figures(result)
+    rows = table.rename_axis("signal").reset_index().to_dict("records")
+    return Outcome(rows, table.to_string(float_format="{:.5g}".format))
 
 
 def driven(block: Block, inputs: dict[str, Any]) -> Diagram:
@@ -150,18 +140,25 @@ def driven(block: Block, inputs: dict[str, Any]) -> Diagram:
     return whole
 
 
-def figures(result: xr.Dataset) -> Iterator[dict[str, Any]]:
-    """Yield name, unit, last, least and greatest value of each signal of a `result`, by element."""
-    for name, signal in result.data_vars.items():
-        for element, column in to_pandas(result[[name]]).items():
-            values = column.to_numpy()
-            yield {
-                "signal": element,
-                "unit": signal.attrs.get("units", ""),
-                "end": float(values[-1]),
-                "least": float(np.min(values)),
-                "greatest": float(np.max(values)),
-            }
+def figures(result: xr.Dataset) -> pd.DataFrame:
+    """Return unit, last, least and greatest value of each element of the signals of a `result`."""
+    # slow to import
+    import pandas as pd
+
+    values = to_pandas(result)
+    units = [
+        signal.attrs.get("units", "")
+        for signal in result.data_vars.values()
+        for _ in range(signal[0].size)
+    ]
+    return pd.DataFrame(
+        {
+            "unit": pd.Series(units, values.columns),
+            "end": values.iloc[-1],
+            "least": values.min(skipna=False),
+            "greatest": values.max(skipna=False),
+        }
+    )
 
 
 main = main_of(run, parser)
