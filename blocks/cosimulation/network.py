@@ -58,12 +58,10 @@ class Member:
         Inputs, in the order of the input vector.
     outlets : tuple of Port
         Outputs, in the order of the output vector; whole ports of leaf blocks.
-    needs : tuple of frozenset of int
-        Inlets with direct feedthrough to each outlet.
+    routes : tuple of dict
+        For each outlet, the paths from the inlets with direct feedthrough to it, for messages.
     held : frozenset of int
         Outlets of sampled blocks, which change only at their instants.
-    route : callable
-        Returns the path from an inlet to an outlet, for messages.
     parameters : mapping
         Values of the parameters by ``"block.parameter"`` [units as declared].
     fingerprint : str
@@ -74,9 +72,8 @@ class Member:
     open: Callable[[], SelfStepping]
     inlets: tuple[Inlet, ...]
     outlets: tuple[Port, ...]
-    needs: tuple[frozenset[int], ...]
+    routes: tuple[dict[int, list[str]], ...]
     held: frozenset[int] = frozenset()
-    route: Callable[[int, int], list[str]] = field(default=lambda _i, _o: [])
     parameters: Mapping[str, list[float]] = field(default_factory=dict)
     fingerprint: str = ""
 
@@ -151,7 +148,7 @@ class Network:
         lines: list[str] = []
         for first, second in pairwise(cycle):
             inlet = self._graph[second][first]
-            lines += self.members[second[0]].route(inlet, second[1])
+            lines += self.members[second[0]].routes[second[1]][inlet]
         self.loop = "\n  ".join(lines)
 
     def _places(self, inlet: Inlet, constants: dict[float, int]) -> NDArray[np.int64]:
@@ -189,7 +186,7 @@ class Network:
         """Return the outlets on which an outlet depends directly, each with the inlet of the path."""
         return {
             self._node[driver.source.block.path, driver.source.name]: inlet
-            for inlet in member.needs[outlet]
+            for inlet in member.routes[outlet]
             for driver in member.inlets[inlet].drivers
             if driver.source is not None
         }

@@ -149,14 +149,13 @@ def _own_member(system: System, block: Block, settings: Settings) -> Member:
         for port in inputs
     )
 
-    def route(inlet: int, outlet: int) -> list[str]:
-        source, where = next(
-            (d.source.path, d.where)
-            for d in inlets[inlet].drivers
-            if d.source is not None
-        )
-        through = f"{inputs[inlet].path} ==feedthrough==> {outlets[outlet].path}"
-        return [f"{source} --wire--> {through}   [{where}]"]
+    def route(inlet: int, outlet: Port) -> list[str]:
+        through = f"{inputs[inlet].path} ==feedthrough==> {outlet.path}"
+        return [
+            f"{driver.source.path} --wire--> {through}   [{driver.where}]"
+            for driver in inlets[inlet].drivers
+            if driver.source is not None
+        ][:1]
 
     return Member(
         name=block.path,
@@ -164,11 +163,10 @@ def _own_member(system: System, block: Block, settings: Settings) -> Member:
         open=lambda: cast(SelfStepping, open_block(block, values)),
         inlets=inlets,
         outlets=tuple(outlets),
-        needs=tuple(
-            frozenset(i for i, p in enumerate(inputs) if p.name in needed[o.name])
+        routes=tuple(
+            {i: route(i, o) for i, p in enumerate(inputs) if p.name in needed[o.name]}
             for o in outlets
         ),
-        route=route,
         parameters={
             f"{block.path}.{n}": np.ravel(v).tolist() for n, v in values.items()
         },
@@ -222,15 +220,14 @@ def _part(
         open=lambda: DiagramMember(prepared.twin(), list(drivers), own),
         inlets=tuple(_inlet(external, driver) for external, driver in drivers.items()),
         outlets=tuple(outlets),
-        needs=tuple(
-            frozenset(i for i, n in enumerate(names) if n in found) for found in back
+        routes=tuple(
+            {names.index(name): path for name, path in found.items()} for found in back
         ),
         held=frozenset(
             i
             for i, o in enumerate(outlets)
             if o.block.sample_time is not None and not o.is_input
         ),
-        route=lambda inlet, outlet: back[outlet][names[inlet]],
         parameters=plan.p.listed(plan.parameters(own.parameters)),
         fingerprint=prepared.prepared.fingerprint,
     )
