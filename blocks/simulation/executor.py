@@ -85,9 +85,9 @@ class Span(NamedTuple):
 class Executor:
     """Evaluation of a plan in a run. This base class steps in Python; ``driver.c`` does the same in C.
 
-    Everywhere `name` is that of a quantity, `number` that of a set of clocks that tick together,
-    `t` the time [s], and `x`, `d`, `p` are the continuous states, what changes at instants and the
-    parameters [as declared]. For `span`, `method` and `times` [s] see `Span` and `between`.
+    Everywhere `name` is that of a quantity, `number` that of a set of clocks that tick together, `t` the time
+    [s], and `x`, `d`, `p` are the continuous states, what changes at instants and the parameters [as
+    declared]; all four are a `point`. For `span`, `method` and `times` [s] see `Span` and `between`.
     """
 
     name = ""

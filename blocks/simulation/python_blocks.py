@@ -169,7 +169,7 @@ class PythonExecutor(Executor):
     """Evaluates what is traced and the Python blocks around it.
 
     Everywhere `number` is that of a set of clocks that tick together, `t` the time [s], and `x`, `d`, `p` are
-    the continuous states, what changes at instants and the parameters [as declared].
+    the continuous states, what changes at instants and the parameters [as declared]; all are a `point`.
 
     Parameters
     ----------

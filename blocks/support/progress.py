@@ -137,7 +137,7 @@ class RunBar(ProgressBar):
 
 
 def counted(name: str, items: Collection[Item]) -> Any:
-    """Return a progress bar over `items`; it is shown on terminals, and not in child processes.
+    """Return a progress bar with a `name` over `items`; it is shown on terminals, not in child processes.
 
     Examples
     --------
@@ -153,7 +153,7 @@ def counted(name: str, items: Collection[Item]) -> Any:
 def map_counted(
     name: str, function: Callable[[Item], Result], items: Collection[Item]
 ) -> list[Result]:
-    """Return the results of a `function` of all `items`, with a progress bar."""
+    """Return the results of a `function` of all `items`, with a progress bar of that `name`."""
     with counted(name, items) as bar:
         return [function(item) for item in bar]
 
