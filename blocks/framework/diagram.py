@@ -65,7 +65,7 @@ class Diagram(Netlist):
         self.analysis_points: dict[str, tuple[str, str, Any]] = {}
         one_of("policy for algebraic loops", loops, ("refuse", "solve"), DiagramError)
         self.loop_policy, self.loop_starts = loops, dict[tuple[str, str], Vector]()
-        self.blocks, self.wires, self.exposed, self._into = {}, [], {}, {}
+        self.blocks, self.wires, self.exposed = {}, [], {}
         super().__init__()
         self.named(name)
 

@@ -62,26 +62,14 @@ class Netlist(Block):
     blocks: dict[str, Block]
     wires: list[Wire]
     exposed: dict[str, tuple[Port, ...]]
-    _into: dict[
-        tuple[Block, str], list[Wire]
-    ]  # index of the wires; built on demand, cleared when wires are removed
 
     def _wires_into(self, target: Port) -> list[Wire]:
-        """Return the wires to a port, or to parts of it, from an index of all wires."""
-        if not self._into:
-            for wire in self.wires:
-                self._into.setdefault((wire.target.block, wire.target.name), []).append(
-                    wire
-                )
-        return self._into.get((target.block, target.name), [])
-
-    def _add_wire(self, wire: Wire) -> None:
-        if self._into or not self.wires:
-            # an empty index of existing wires is built on demand
-            self._into.setdefault((wire.target.block, wire.target.name), []).append(
-                wire
-            )
-        self.wires.append(wire)
+        """Return the wires to a port, or to parts of it."""
+        return [
+            wire
+            for wire in self.wires
+            if wire.target.block is target.block and wire.target.name == target.name
+        ]
 
     @pictured
     def connect(self, source: Port, target: Port, *, where: str | None = None) -> None:
@@ -127,7 +115,7 @@ class Netlist(Block):
             self._check_free(target, where)
         outputs = (p for b in self.blocks.values() for p in b.outputs())
         fit(source, target, where, outputs)
-        self._add_wire(Wire(source, target, where))
+        self.wires.append(Wire(source, target, where))
 
     def ground(self, *ports: Port) -> None:
         """Leave inputs unconnected intentionally: they read zero.
@@ -149,7 +137,7 @@ class Netlist(Block):
                 for w in self._wires_into(port)
             ):
                 self._check_free(port, where)
-                self._add_wire(Wire(None, port, where))
+                self.wires.append(Wire(None, port, where))
 
     def _check_free(self, target: Port, where: str) -> None:
         """Check that no element gets a second driver."""
@@ -245,7 +233,6 @@ class Netlist(Block):
             there = None if after is None else after.ports.get(port.name)
             return None if there is None else replace(there, index=port.index)
 
-        self._into.clear()
         for wire in [*self.wires]:
             if not any(end.block is before for end in wire.ends):
                 continue
@@ -266,7 +253,6 @@ class Netlist(Block):
         port, around = self.ports.pop(name), self.parent
         del self.exposed[name]
         if around is not None:
-            around._into.clear()
             around.wires[:] = [
                 w for w in around.wires if not any(overlap(port, end) for end in w.ends)
             ]
@@ -279,7 +265,6 @@ class Netlist(Block):
 
     def _cut(self, gone: Callable[[Wire], bool]) -> None:
         """Remove the wires selected by `gone`, and repeat the inference without them."""
-        self._into.clear()
         self.wires[:] = [wire for wire in self.wires if not gone(wire)]
         self._infer_anew()
 
@@ -325,7 +310,6 @@ class Netlist(Block):
                 except TrussflowError as error:
                     faults[wire] = str(error)
             waiting = [*faults] if len(faults) < len(waiting) else []
-        self._into.clear()
         self.wires[:] = [wire.present() for wire in self.wires if wire not in faults]
         return [*faults.values()]
 
