@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import count
 from typing import Any
@@ -181,9 +181,12 @@ class Netlist(Block):
                     f"cannot disconnect {port_text(port)}: it is no port of a block in diagram '{self.name}'   "
                     f"[{call_site()}]"
                 )
-        self._cut(
-            lambda wire: any(overlap(end, port) for end in wire.ends for port in ports)
-        )
+        self.wires[:] = [
+            wire
+            for wire in self.wires
+            if not any(overlap(end, port) for end in wire.ends for port in ports)
+        ]
+        self._infer_anew()
 
     def remove(self, *items: str | Block) -> None:
         """Remove blocks with their wires and exposed ports, or remove exposed ports.
@@ -233,14 +236,12 @@ class Netlist(Block):
             there = None if after is None else after.ports.get(port.name)
             return None if there is None else replace(there, index=port.index)
 
-        for wire in [*self.wires]:
-            if not any(end.block is before for end in wire.ends):
-                continue
+        wires = []
+        for wire in self.wires:
             source, target = moved(wire.source), moved(wire.target)
-            k = self.wires.index(wire)
-            del self.wires[k]
             if target is not None and (source is None) == (wire.source is None):
-                self.wires.insert(k, Wire(source, target, wire.where))
+                wires.append(replace(wire, source=source, target=target))
+        self.wires[:] = wires
         for name, inner in [*self.exposed.items()]:
             self.exposed[name] = tuple(
                 port for port in map(moved, inner) if port is not None
@@ -262,11 +263,6 @@ class Netlist(Block):
                 if any(same(port, p) for p in inner)
             ]:
                 around._cover(outer)
-
-    def _cut(self, gone: Callable[[Wire], bool]) -> None:
-        """Remove the wires selected by `gone`, and repeat the inference without them."""
-        self.wires[:] = [wire for wire in self.wires if not gone(wire)]
-        self._infer_anew()
 
     def _infer_anew(self) -> None:
         """Infer shapes, units, frames and labels from the present wires; remove wires that no longer fit."""
