@@ -9,7 +9,7 @@ from itertools import groupby, pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from trussflow.blocks.framework.layout import spans
+from trussflow.blocks.framework.layout import Layout, spans
 from trussflow.blocks.framework.port import Port
 from trussflow.blocks.framework.run_state import SelfStepping
 from trussflow.blocks.framework.system import Driver
@@ -107,22 +107,24 @@ class Network:
 
     def __init__(self, members: Sequence[Member]) -> None:
         self.members = list(members)
-        self._start: dict[Key, int] = {}
-        self._node: dict[Key, Node] = {}
+        self._node: dict[Key, Node] = {
+            (port.block.path, port.name): (number, outlet)
+            for number, member in enumerate(members)
+            for outlet, port in enumerate(member.outlets)
+        }
+        ports = [port for member in members for port in member.outlets]
+        self._outputs = Layout(
+            (p.block.path, p.name, p.whole_shape or ()) for p in ports
+        )
         self.outs = spans(
             sum(port.size for port in member.outlets) for member in members
         )
-        position = 0
-        for number, member in enumerate(members):
-            for outlet, port in enumerate(member.outlets):
-                self._start[port.block.path, port.name] = position
-                self._node[port.block.path, port.name] = number, outlet
-                position += port.size
         inlets = [inlet for member in members for inlet in member.inlets]
-        constants = sorted({0.0} | {inlet.default for inlet in inlets})
-        self.start = np.concatenate([np.full(position, np.nan), constants])
-        places = {value: position + i for i, value in enumerate(constants)}
-        parts = [self._places(inlet, places) for inlet in inlets]
+        # after the outputs zero, which grounded elements read, then the default of each inlet
+        defaults = [inlet.default for inlet in inlets]
+        unknown = np.full(self._outputs.size, np.nan)
+        self.start = np.concatenate([unknown, [0.0, *defaults]])
+        parts = [self._places(inlet, i) for i, inlet in enumerate(inlets)]
         self.gather = np.concatenate([np.zeros(0, dtype=np.int64), *parts])
         self.ins = spans(
             sum(inlet.size for inlet in member.inlets) for member in members
@@ -151,34 +153,28 @@ class Network:
             lines += self.members[second[0]].routes[second[1]][inlet]
         self.loop = "\n  ".join(lines)
 
-    def _places(self, inlet: Inlet, constants: dict[float, int]) -> NDArray[np.int64]:
-        """Return the indices of the elements of an input in `signals`."""
-        found = np.full(
-            inlet.size, constants[inlet.default if not inlet.drivers else 0.0]
-        )
+    def _places(self, inlet: Inlet, number: int) -> NDArray[np.int64]:
+        """Return the indices of the elements of the input with that `number` in `signals`."""
+        zero = self._outputs.size
+        found = np.full(inlet.size, zero if inlet.drivers else zero + 1 + number)
         for driver in inlet.drivers:
             if driver.source is not None:
-                start = self._start[driver.source.block.path, driver.source.name]
-                found[driver.given] = start + driver.taken
+                output = driver.source.block.path, driver.source.name
+                found[driver.given] = self._outputs.entries[output].start + driver.taken
         return found
 
     def places(self, port: Port) -> NDArray[np.int64]:
         """Return the indices of the elements of a whole port, output or input, in `signals`."""
         key = (port.block.path, port.name)
-        if key in self._start:
-            return np.arange(self._start[key], self._start[key] + port.size)
+        if key in self._outputs.entries:
+            entry = self._outputs.entries[key]
+            return np.arange(entry.start, entry.stop)
         return self._inputs[key]
 
     def describe(self, place: int) -> str:
         """Return the name of one element of `signals`, for messages."""
-        key = max(
-            (k for k in self._start if self._start[k] <= place),
-            key=self._start.__getitem__,
-        )
-        member, outlet = self._node[key]
-        port = self.members[member].outlets[outlet]
-        element = f" (element {place - self._start[key]})" if port.whole_shape else ""
-        return f"'{port.path}'{element}"
+        entry = self._outputs.at(place)
+        return entry.describe(place - entry.start)
 
     # -- order --------------------------------------------------------------------------------
 
