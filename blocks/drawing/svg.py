@@ -108,18 +108,11 @@ def drawn(scene: Scene, colour: Callable[[Block], str]) -> Iterator[str]:
 
 def title(port: Port) -> str:
     """Return the tooltip of a `port`."""
-    block, facts = (
-        port.block,
-        [
-            f"{port.path}{port.summary.removeprefix(port.name)}",
-            port.declaration.meaning,
-        ],
-    )
-    facts += (
-        []
-        if block.sample_time is None
-        else [every(block.sample_time, block.sample_offset)]
-    )
+    block = port.block
+    facts = [f"{port.path}{port.summary.removeprefix(port.name)}"]
+    facts.append(port.declaration.meaning)
+    if block.sample_time is not None:
+        facts.append(every(block.sample_time, block.sample_offset))
     return f"<title>{escape(chr(10).join(filter(None, facts)))}</title>"
 
 

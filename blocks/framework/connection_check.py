@@ -8,7 +8,7 @@ import numpy as np
 
 from trussflow.blocks.errors import WiringError
 from trussflow.blocks.framework.port import INFERRED, Inferable, Port
-from trussflow.blocks.framework.units import mismatch
+from trussflow.blocks.framework.units import Unit, mismatch
 
 
 def same(first: Port | None, second: Port | None) -> bool:
@@ -140,27 +140,20 @@ def _infer_from_slice(
 def _faults(source: Port, target: Port) -> list[str]:
     """Return the list of all properties that do not fit."""
     faults = []
-    if (
-        source.shape is not None
-        and target.shape is not None
-        and source.shape != target.shape
-    ):
-        fault = f"shape {source.shape} does not fit {target.shape}"
-        faults.append(fault + _origins(source, target, "shape"))
-    elif source.shape is not None and target.shape is not None:
-        units = zip(source.element_units(), target.element_units(), strict=True)
-        for i, (a, b) in enumerate(units):
-            if a is not None and b is not None and (why := mismatch(a, b)):
-                both = isinstance(source.unit, str) and isinstance(target.unit, str)
-                fault = why if both else f"{why} (element {i})"
-                faults.append(fault + _origins(source, target, "unit"))
-                break
-    elif (
-        isinstance(source.unit, str)
-        and isinstance(target.unit, str)
-        and (why := mismatch(source.unit, target.unit))
-    ):
-        faults.append(why + _origins(source, target, "unit"))
+    pairs: Iterable[tuple[Unit, Unit]] = [(source.unit, target.unit)]
+    if source.shape is not None and target.shape is not None:
+        pairs = []
+        if source.shape != target.shape:
+            fault = f"shape {source.shape} does not fit {target.shape}"
+            faults.append(fault + _origins(source, target, "shape"))
+        else:
+            pairs = zip(source.element_units(), target.element_units(), strict=True)
+    for i, (a, b) in enumerate(pairs):
+        if isinstance(a, str) and isinstance(b, str) and (why := mismatch(a, b)):
+            both = isinstance(source.unit, str) and isinstance(target.unit, str)
+            fault = why if both else f"{why} (element {i})"
+            faults.append(fault + _origins(source, target, "unit"))
+            break
     if (
         source.frame is not None
         and target.frame is not None

@@ -85,11 +85,14 @@ class Parameter:
             unit,
             meaning,
         )
-        self.bounds = {
+        bounds = {
             "at least": minimum,
             "above": above,
             "at most": maximum,
             "below": below,
+        }
+        self.bounds = {
+            word: bound for word, bound in bounds.items() if bound is not None
         }
         self.name = ""
 
@@ -114,14 +117,11 @@ class Parameter:
         """
         where = f"parameter '{self.name}' of {owner}"
         array = finite_array(where, value, shape).copy()
-        bounds = {
-            word: bound for word, bound in self.bounds.items() if bound is not None
-        }
         bad = np.zeros(array.shape, dtype=bool)
-        for word, bound in bounds.items():
+        for word, bound in self.bounds.items():
             bad |= VIOLATED[word](array, bound)
         if bad.any():
-            allowed = [f"{word} {bound:g}" for word, bound in bounds.items()]
+            allowed = [f"{word} {bound:g}" for word, bound in self.bounds.items()]
             place, element = first_element(bad)
             raise ParameterError(
                 f"{where} is {array[place]}{element}; it must be {' and '.join(allowed)}"

@@ -210,7 +210,7 @@ class Prepared:
         )
         facts = {
             "solver": f"{solver.solver}, {accuracy}, backend {solver.backend}",
-            "numbers": f"{plan.x.size} continuous states, {plan.memory.size} discrete ones",
+            "states": f"{plan.x.size} continuous, {plan.memory.size} discrete",
             "rates": ", ".join(
                 f"{float(clock.period):g} s" for clock in plan.system.clocks
             ),

@@ -9,7 +9,7 @@ instant, continuous Python blocks still see the held outputs of before.
 
 from __future__ import annotations
 
-from itertools import chain, count
+from itertools import chain
 from typing import Any
 
 import numpy as np
@@ -120,25 +120,18 @@ class PythonBlocks:
         self.stages: list[list[tuple[list[Pair], bool]]] = []
         for number, active in enumerate(sets):
             name = f"inputs_{number}" if number else "continuous"
-            computing = [
-                b for b in plan.python_blocks if clock(b) in (active or {None})
-            ]
-            numbers = count()
-            self.stages.append(
-                [
-                    (
-                        [
-                            (
-                                calls[b.path],
-                                block_inputs(f"{name}_{next(numbers)}", b, active),
-                            )
-                            for b in blocks
-                        ],
-                        is_loop,
-                    )
-                    for blocks, is_loop in sorted_stages(plan, computing, active)
-                ]
-            )
+            ticking = active or {None}
+            blocks = [b for b in plan.python_blocks if clock(b) in ticking]
+            stages = []
+            place = 0
+            for stage, is_loop in sorted_stages(plan, blocks, active):
+                pairs = []
+                for block in stage:
+                    inputs = block_inputs(f"{name}_{place}", block, active)
+                    pairs.append((calls[block.path], inputs))
+                    place += 1
+                stages.append((pairs, is_loop))
+            self.stages.append(stages)
         self.ordered = [
             [pair for pairs, _ in stages for pair in pairs] for stages in self.stages
         ]

@@ -86,7 +86,7 @@ def test_runs_tell_solver_and_sizes():
     for part in (
         "Simulator of 'loop'",
         "rk4, step 0.05 s, backend numpy",
-        "1 in x",
+        "1 continuous, 1 discrete",
         "0.1 s",
         "law.y",
     ):
