@@ -55,7 +55,7 @@ def integrate(
     method : str
         One of `METHODS`.
     derivative, jacobian : callable
-        dx/dt and its exact derivative by x, as functions of (t, x).
+        dx/dt and its exact derivative by x, as functions of (t, x); the derivative may be None.
     span : tuple of float
         Initial and final time [s].
     times : iterator of float
@@ -90,7 +90,7 @@ def integrate(
             now = t
             yield now, x
         return
-    options = {"jac": jacobian} if method in IMPLICIT and jacobian is not None else {}
+    options = {} if jacobian is None else {"jac": jacobian}
     x = x.copy()
     wanted = next(times, None)
     if watch is not None:

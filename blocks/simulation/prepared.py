@@ -276,20 +276,18 @@ class Prepared:
         """The exact derivative of dx/dt by x."""
         return self.programs[0].jacobian(1)
 
-    def jacobian(self) -> Callable[[float, Vector, Vector, Vector], Vector]:
-        """Return, for one run, the function of t, x, d and p that is the exact derivative of dx/dt by x."""
+    def jacobian(self) -> Callable[[float, Vector, Vector, Vector], Vector] | None:
+        """Return, for one run, the exact derivative of dx/dt by x as a function of t, x, d and p.
+
+        It is None if the solver does not use it, or the equations are not all traced.
+        """
+        if self.solver.solver not in IMPLICIT or self.solver.backend == "numpy":
+            return None
+        if self.python.continuous:
+            return None
         flat = InPlace(self._jacobian)
         n = self.plan.x.size
         return lambda t, x, d, p: flat(t, x, d, p).reshape((n, n), order="F")
-
-    @property
-    def has_jacobian(self) -> bool:
-        """Whether the solver is given the exact derivative."""
-        return (
-            self.solver.solver in IMPLICIT
-            and self.solver.backend != "numpy"
-            and not self.python.continuous
-        )
 
     def ticks(self, time: Fraction, what: str) -> int:
         """Return how many ticks a `time` [s] is; `what` it is, for messages.

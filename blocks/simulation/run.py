@@ -532,7 +532,7 @@ class Run:
         p = self.p
         short = 0
         jumps = 0
-        jacobian = prepared.jacobian() if prepared.has_jacobian else None
+        jacobian = prepared.jacobian()
 
         # A signal that jumps where the span ends has not jumped yet for a stage at the end.
         last = float(np.nextafter(span[1], span[0]))
