@@ -119,9 +119,6 @@ class Block(PortOwner, Equations, Described):
     energy_account: ClassVar[EnergyAccount | None] = None
     """Energy balance of the block, for `energy_audit`."""
 
-    _arithmetic: ClassVar[tuple[str, ...]] = ()
-    """Array attributes that the equations use in sums and products only."""
-
     name: str
     parent: Diagram | None
     ports: dict[str, Port]

@@ -88,8 +88,6 @@ class StateSpace(Linear):
         If the initial value has another size.
     """
 
-    _arithmetic = ("A", "B", "C", "D")
-
     def derivative(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
         """Return A x + B u."""
         return {"x": self._next(x, u)}

@@ -183,8 +183,6 @@ class DiscreteStateSpace(Linear):
         If the initial value has another size.
     """
 
-    _arithmetic = ("A", "B", "C", "D")
-
     def __init__(
         self,
         A: npt.ArrayLike,

@@ -15,7 +15,6 @@ from trussflow.blocks.framework.port import Input, Output
 from trussflow.blocks.framework.units import Unit
 from trussflow.blocks.support.types import Array, Vector
 from trussflow.blocks.support.validation import finite_array
-from trussflow.blocks.tracing.kernels import shape_of
 
 Labels = Sequence[str] | None
 """Names of the signals of a vector."""
@@ -86,18 +85,15 @@ class Linear(Block):
 
     def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
         """Return C x + D u."""
-        return {"y": _times(self.C, x.x) + _times(self.D, u.u)}
+        return {"y": self.C @ x.x + self._times_input(self.D, u)}
 
     def _next(self, x: Signals, u: Signals) -> Array:
         """Return A x + B u."""
-        return self.A @ x.x + _times(self.B, u.u)
+        return self.A @ x.x + self._times_input(self.B, u)
 
-
-def _times(matrix: Vector, vector: Array) -> Array:
-    """Return a matrix times a vector; a scalar signal has a vector in place of a matrix."""
-    if not shape_of(vector):
-        return matrix * vector
-    return matrix @ vector
+    def _times_input(self, matrix: Vector, u: Signals) -> Array:
+        """Return a matrix times the input; for a scalar input, the matrix is a vector."""
+        return matrix @ u.u if self.input_shape else matrix * u.u
 
 
 def matrices(

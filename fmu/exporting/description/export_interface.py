@@ -276,10 +276,10 @@ def _check_start(
     t = np.zeros(1)
     d = d.copy()
     x, d[: plan.memory.span.stop] = np.split(
-        programs["initialization"].evaluate([t, x, d, p]), [plan.x.size]
+        programs["initialization"].function(t, x, d, p).full().ravel(), [plan.x.size]
     )
     for group, name in ((shown.derivatives, "derivative"), (shown.outputs, "outputs")):
-        values = programs[name].evaluate([t, x, d, p])
+        values = programs[name].function(t, x, d, p).full().ravel()
         for v in group:
             begin = v.reference - group[0].reference
             if not np.isfinite(values[begin : begin + v.size]).all():
