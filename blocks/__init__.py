@@ -48,12 +48,10 @@ from trussflow.blocks.framework.port import INFERRED as INFERRED
 from trussflow.blocks.framework.port import Input as Input
 from trussflow.blocks.framework.port import Output as Output
 from trussflow.blocks.framework.port import Port as Port
-from trussflow.blocks.library.algebra import Concatenate as Concatenate
 from trussflow.blocks.library.algebra import Function as Function
 from trussflow.blocks.library.algebra import Gain as Gain
 from trussflow.blocks.library.algebra import MatrixGain as MatrixGain
 from trussflow.blocks.library.algebra import Product as Product
-from trussflow.blocks.library.algebra import Select as Select
 from trussflow.blocks.library.algebra import Sum as Sum
 from trussflow.blocks.library.algebra import Terminator as Terminator
 from trussflow.blocks.library.continuous import Integrator as Integrator

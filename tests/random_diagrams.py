@@ -7,7 +7,6 @@ import numpy as np
 from trussflow.blocks import (
     PD,
     Chirp,
-    Concatenate,
     Constant,
     DeadZone,
     Diagram,
@@ -26,7 +25,6 @@ from trussflow.blocks import (
     RateLimiter,
     RetimedQuintic,
     Saturation,
-    Select,
     Sine,
     StateSpace,
     Step,
@@ -76,12 +74,6 @@ MAKERS = [
     lambda r, n: MatrixGain([number(r, n or 2) for _ in range(r.choice([1, 2]))]),
     lambda r, _n: Sum(r.choice(["+", "-", "++", "+-", "--+"])),
     lambda r, _n: Product(r.choice(["*", "**", "*/", "/", "**/"])),
-    lambda r, n: (
-        Select([r.randrange(-2, 3) for _ in range(r.choice([1, 2]))])
-        if n
-        else Gain(number(r))
-    ),
-    lambda r, _n: Concatenate([r.choice([1, 2]) for _ in range(r.choice([1, 2]))]),
     lambda r, _n: Function(
         r.choice([np.abs, np.sin, np.tanh, np.sqrt, np.exp, np.sign, np.log])
     ),

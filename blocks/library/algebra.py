@@ -1,4 +1,4 @@
-"""Algebraic blocks: products, matrix products, selection, concatenation, functions."""
+"""Algebraic blocks: products, matrix products, functions."""
 
 from __future__ import annotations
 
@@ -16,13 +16,7 @@ from trussflow.blocks.framework.port import INFERRED, Input, Output
 from trussflow.blocks.framework.units import Unit, check_declared
 from trussflow.blocks.library.signals import Shaped, ShapeLike, WrappedFunction
 from trussflow.blocks.support.types import Array
-from trussflow.blocks.support.validation import (
-    as_shape,
-    finite_array,
-    is_whole,
-    one_sign_each,
-    shown,
-)
+from trussflow.blocks.support.validation import finite_array, one_sign_each, shown
 
 
 class Gain(Shaped):
@@ -194,106 +188,6 @@ def unit_of_each(owner: str, units: Any, count: int) -> Sequence[str | None]:
     for unit in units:
         check_declared(owner, unit)
     return list(units)
-
-
-class Select(Shaped):
-    """Select elements of a vector, in any order; to connect a slice, index the port instead.
-
-    Parameters
-    ----------
-    indices : sequence of int
-        Indices of the elements, from 0 [-]; negative ones count from the end.
-    size : int, optional
-        Size of the input [-]; by default inferred from the wires.
-    unit : str, tuple of str or None
-        Unit of the output, or one per element; None leaves it unchecked.
-
-    Raises
-    ------
-    BlockError
-        If there are no indices, or one does not fit the size.
-    """
-
-    u = Input(INFERRED, meaning="vector to select from")
-    y = Output("count", unit=Attribute("unit"), meaning="the selected elements")
-
-    def __init__(
-        self, indices: Sequence[int], *, size: int | None = None, unit: Unit = None
-    ) -> None:
-        numbers = listed(indices)
-        if not numbers or not all(map(is_whole, numbers)):
-            raise BlockError(
-                f"Select needs at least one index, a list of integers; got {shown(indices)}"
-            )
-        self.indices = tuple(int(i) for i in numbers)
-        if size is not None:
-            self._check(*as_shape("Select", size))
-        self.count, self.unit = len(self.indices), unit
-        super().__init__(size)
-
-    def _check(self, size: int) -> None:
-        for i in self.indices:
-            if not -size <= i < size:
-                raise BlockError(
-                    f"Select cannot pick element {i} of a vector of size {size}; indices go from "
-                    f"0 to {size - 1}"
-                )
-
-    def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
-        """Return the elements."""
-        shape = self.u.whole_shape or ()
-        if len(shape) != 1:
-            raise BlockError(
-                f"'{self.path}' picks elements of a vector; its input has shape {shape}"
-            )
-        self._check(shape[0])
-        return {"y": u.u[list(self.indices)]}
-
-
-class Concatenate(Block):
-    """Concatenate vectors.
-
-    Parameters
-    ----------
-    sizes : sequence of int
-        Size of each input [-]; the inputs are named ``u1``, ``u2``, ...
-    units : sequence of str, optional
-        Unit of each input and of its part of the output; by default unchecked.
-
-    Raises
-    ------
-    BlockError
-        If there are no sizes, or the number of units differs.
-    """
-
-    y = Output("size", unit=Attribute("unit"), meaning="all inputs in order")
-
-    def __init__(
-        self, sizes: Sequence[int], *, units: Sequence[str] | None = None
-    ) -> None:
-        lengths = as_shape("Concatenate", listed(sizes))
-        if not lengths:
-            raise BlockError(
-                f"Concatenate needs the size of at least one input, a list; got {shown(sizes)}"
-            )
-        parts = list(
-            zip(lengths, unit_of_each("Concatenate", units, len(lengths)), strict=True)
-        )
-        self.size = sum(lengths)
-        self.unit = (
-            None
-            if units is None
-            else tuple(unit for n, unit in parts for _ in range(n))
-        )
-        self.extra_ports = {
-            f"u{i}": Input(n, unit=unit, meaning=f"part {i}")
-            for i, (n, unit) in enumerate(parts, 1)
-        }
-        super().__init__()
-
-    def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
-        """Return all inputs in order."""
-        return {"y": np.concatenate([u[port.name] for port in self.inputs()])}
 
 
 class Function(WrappedFunction):

@@ -9,7 +9,6 @@ from trussflow.blocks import (
     PID,
     BoundedAllocation,
     Chirp,
-    Concatenate,
     Constant,
     ConventionalSlidingMode,
     DeadZone,
@@ -38,7 +37,6 @@ from trussflow.blocks import (
     RetimedQuintic,
     RigidBody,
     Saturation,
-    Select,
     ShapedTrajectory,
     Sine,
     StateMachine,
@@ -97,13 +95,6 @@ def shaped(trajectory=1.0, frequency=0.4, **settings):
         (
             lambda: Product("**", units=("N",)),
             "Product has 2 inputs; give a list of as many units",
-        ),
-        (lambda: Select([]), "Select needs at least one index"),
-        (lambda: Select([5], size=3), "element 5 of a vector of size 3"),
-        (lambda: Concatenate([]), "Concatenate needs the size of at least one input"),
-        (
-            lambda: Concatenate([1, 2], units=("N",)),
-            "2 inputs; give a list of as many units",
         ),
         (
             lambda: Function(np.abs, {"u": 3}),
