@@ -65,7 +65,6 @@ from trussflow.blocks.library.discrete import UnitDelay as UnitDelay
 from trussflow.blocks.library.discrete import ZeroOrderHold as ZeroOrderHold
 from trussflow.blocks.library.discrete import sampled_delay as sampled_delay
 from trussflow.blocks.library.groups import enabled as enabled
-from trussflow.blocks.library.groups import triggered as triggered
 from trussflow.blocks.library.noise import Drift as Drift
 from trussflow.blocks.library.noise import Noise as Noise
 from trussflow.blocks.library.nonlinear import Backlash as Backlash

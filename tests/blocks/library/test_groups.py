@@ -1,4 +1,4 @@
-"""Groups: while not enabled nothing moves, and a triggered group computes at edges, once."""
+"""Groups: while not enabled nothing moves."""
 
 from __future__ import annotations
 
@@ -7,23 +7,18 @@ import pickle
 
 import numpy as np
 import pytest
-from numpy.testing import assert_allclose, assert_array_equal
+from numpy.testing import assert_allclose
 from systems import ports
 
 from trussflow.blocks import (
-    Block,
     Constant,
     Diagram,
-    DiscretePID,
     Gain,
-    Input,
     Integrator,
     LimitedIntegrator,
     Noise,
-    Output,
     PythonFunction,
     Ramp,
-    RateLimiter,
     Relay,
     Sine,
     Step,
@@ -34,18 +29,10 @@ from trussflow.blocks import (
     enabled,
     linearize,
     simulate,
-    triggered,
 )
 from trussflow.blocks.errors import DiagramError
 
 TOLERANCE = 1e-9  # round-off, and times located to round-off
-
-
-class TimesSampleTime(Block):
-    u, y = Input(), Output()
-
-    def output(self, t, x, u, p):
-        return {"y": self.sample_time * u.u}
 
 
 def timer():
@@ -92,9 +79,9 @@ def run(group, duration, **sources):
     return simulate(diagram, duration, log={"y": group.y}, step=0.01)
 
 
-def output(group, times, port="enable"):
+def output(group, times):
     """Return the output of a group that pulses switch on."""
-    return values(run(group, max(times), **{port: pulses()}), times)
+    return values(run(group, max(times), enable=pulses()), times)
 
 
 TIMES = [0.2, 0.45, 0.9, 1.45, 1.9]
@@ -124,53 +111,6 @@ def test_sampled_blocks_count_the_instants_at_which_they_are_enabled(states, exa
     times = [0.2, 0.45, 0.85, 1.45, 1.85]
     counts = output(enabled(counter(), states=states), times)
     assert_allclose(counts, exact, rtol=0, atol=TOLERANCE)
-
-
-def test_computed_initial_states_are_reset_too():
-    """Noise starts from its seed at each enabling, and goes through the same numbers again."""
-    group = Diagram("group")
-    noise = group.add(noise=Noise(1.0, 0.1, seed=1))
-    group.expose(y=noise.y)
-    first, second = np.split(
-        output(enabled(group, states="reset"), [0.35, 0.45, 0.55, 1.35, 1.45, 1.55]), 2
-    )
-    assert_array_equal(first, second)
-    assert np.unique(first).size == 3
-
-
-@pytest.mark.parametrize(
-    ("edge", "exact"),
-    [
-        ("rising", [0, 1, 1, 2, 2]),
-        ("falling", [0, 0, 1, 1, 2]),
-        ("both", [0, 1, 2, 3, 4]),
-    ],
-)
-def test_a_triggered_group_computes_once_at_each_edge(edge, exact):
-    assert_array_equal(output(triggered(counter(), edge=edge), TIMES, "trigger"), exact)
-
-
-@pytest.mark.parametrize(
-    ("block", "exact"),
-    [
-        (RateLimiter(2.0, 0.1), [0.0, 0.2, 0.2, 0.4, 0.4]),
-        (DiscretePID(0.0, 3.0, sample_time=0.1), [0.0, 0.0, 0.0, 0.3, 0.3]),
-        (TimesSampleTime().sampled(0.1), [0.0, 0.1, 0.1, 0.1, 0.1]),
-    ],
-)
-def test_equations_in_a_triggered_group_use_the_sample_time_of_their_block(
-    block, exact
-):
-    """An edge counts as one sample: of a limited rate, of an integral, of a block without memory."""
-    group = Diagram("group")
-    start, block = group.add(start=Step(0.1), block=block)
-    start >> block.port(block.inputs()[0].name)
-    if isinstance(block, DiscretePID):
-        group.ground(block.measurement)
-    group.expose(y=block.y)
-    assert_allclose(
-        output(triggered(group), TIMES, "trigger"), exact, rtol=0, atol=TOLERANCE
-    )
 
 
 def test_a_group_is_enabled_where_it_is_the_outermost_diagram_too():
@@ -245,6 +185,12 @@ def python():
     return diagram
 
 
+def noise():
+    diagram = Diagram("noise")
+    diagram.add(noise=Noise(1.0, 0.1, seed=1))
+    return diagram
+
+
 def within(group):
     diagram = Diagram("around")
     diagram.add(inner=group)
@@ -268,12 +214,11 @@ def within(group):
         ),
         (lambda: enabled(Gain(1.0)), "it is no Diagram"),
         (
-            lambda: triggered(timer()),
-            r"cannot trigger 'count' \(Integrator\): it has continuous states",
+            lambda: enabled(noise(), states="reset"),
+            r"cannot reset 'noise' \(Noise\): .* use states='held'",
         ),
         (lambda: enabled(timer(), states="kept"), "states of a group"),
         (lambda: enabled(timer(), outputs="kept"), "outputs of a group"),
-        (lambda: triggered(counter(), edge="up"), "edge"),
     ],
 )
 def test_diagrams_that_cannot_be_groups(make, message):

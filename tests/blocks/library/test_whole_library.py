@@ -72,7 +72,6 @@ from trussflow.blocks import (
     check_block,
     enabled,
     simulate,
-    triggered,
 )
 from trussflow.blocks.errors import DiagramError
 from trussflow.blocks.framework.system import flatten
@@ -300,10 +299,7 @@ def test_every_block_of_the_library_passes(path):
 @pytest.mark.parametrize(
     "backend", ["interpreted", pytest.param("compiled", marks=pytest.mark.campaign)]
 )
-@pytest.mark.parametrize(
-    ("kind", "port"), [(enabled, "enable"), (triggered, "trigger")]
-)
-def test_every_block_runs_in_a_group_or_is_refused_by_name(make, backend, kind, port):
+def test_every_block_runs_in_a_group_or_is_refused_by_name(make, backend):
     """Each one in a group of its own, in the place of the block among the others."""
     diagram, spare = make(), make()
     command = diagram.add("command", Pulse(0.3, 0.5, delay=0.07))
@@ -314,17 +310,15 @@ def test_every_block_runs_in_a_group_or_is_refused_by_name(make, backend, kind, 
         group.expose(
             **{p.name: p for p in block.ports.values() if p.declaration.default is None}
         )
-        if not block.traced or (
-            kind is triggered and (block.continuous or block.has_events)
-        ):
+        if not block.traced:
             with pytest.raises(
                 DiagramError, match=rf"'inner' \({type(block).__name__}\)"
             ):
-                kind(group)
+                enabled(group)
             continue
-        kind(group)
-        if port in group.ports:
+        enabled(group)
+        if "enable" in group.ports:
             # Others still see the source itself, where a group would show zeros before its first edge.
             diagram.add(name if block.inputs() else f"{name}_group", group)
-            command >> group.port(port)
+            command >> group.enable
     assert_equal_runs(*(run(lambda: diagram, each) for each in (backend, "numpy")))
