@@ -11,14 +11,18 @@ from numpy.testing import assert_allclose
 from systems import ports
 
 from trussflow.blocks import (
+    Block,
     Constant,
     Diagram,
+    Event,
     Gain,
+    Input,
     Integrator,
     LimitedIntegrator,
+    Mode,
     Noise,
+    Output,
     PythonFunction,
-    Ramp,
     Relay,
     Sine,
     Step,
@@ -136,33 +140,39 @@ def test_crossing_while_a_group_is_off_is_an_event_when_it_is_enabled():
     assert_allclose(values(result, [1.2, 2.0]), [0.0, 0.75], rtol=0, atol=TOLERANCE)
 
 
-def test_limits_and_resets_of_an_integrator_wait_for_the_group():
-    """It rises from 0.25 to its limit, at 0.55 s; is reset at 0.8 s while off, which it learns at 1.25 s."""
+def test_limits_of_an_integrator_wait_for_the_group():
+    """It rises from 0.25 to its limit, at 0.55 s."""
     group = Diagram("group")
-    one, total = group.add(
-        one=Constant(1.0), total=LimitedIntegrator(upper=0.3, reset="rising")
-    )
+    one, total = group.add(one=Constant(1.0), total=LimitedIntegrator(upper=0.3))
     one >> total.u
-    group.expose(reset=total.reset, y=total.y)
+    group.expose(y=total.y)
     group = enabled(group)
     for same in (copy.deepcopy(group), group):
-        result = run(same, 1.6, enable=pulses(), reset=Step(0.8, initial_value=-1.0))
-        y = values(result, [0.45, 0.6, 1.2, 1.45, 1.6])
-        assert_allclose(y, [0.2, 0.3, 0.3, 0.2, 0.3], rtol=0, atol=TOLERANCE)
+        y = values(run(same, 1.6, enable=pulses()), [0.45, 0.6, 1.2, 1.6])
+        assert_allclose(y, [0.2, 0.3, 0.3, 0.3], rtol=0, atol=TOLERANCE)
+
+
+class Rises(Block):
+    """A block that counts how often a signal rises through zero."""
+
+    u, y = Input(), Output()
+    count, rise = Mode(), Event("rising")
+
+    def output(self, t, x, u, p):
+        return {"y": x.count}
+
+    def indicators(self, t, x, u, p):
+        return {"rise": u.u}
+
+    def on_event(self, t, x, u, p, fired):
+        return {"count": x.count + 1.0}
 
 
 def test_signal_above_zero_when_a_group_is_first_enabled_has_not_risen():
-    """The integral began at the start of its ramp, 0, and a reset would set it to 0.25."""
     group = Diagram("group")
-    zero, total = group.add(
-        zero=Constant(0.0),
-        total=LimitedIntegrator(reset="rising", start_from_input=True),
-    )
-    zero >> total.u
-    group.expose(reset=total.reset, start=total.start, y=total.y)
-    result = run(
-        enabled(group), 0.5, enable=Step(0.25), reset=Constant(1.0), start=Ramp()
-    )
+    rises = group.add(rises=Rises())
+    group.expose(u=rises.u, y=rises.y)
+    result = run(enabled(group), 0.5, enable=Step(0.25), u=Constant(1.0))
     assert result["y"][-1] == 0.0
 
 

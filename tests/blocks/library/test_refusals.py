@@ -204,7 +204,6 @@ def shaped(trajectory=1.0, frequency=0.4, **settings):
             lambda: Pulse(width=1.0),
             "'width' of Pulse is 1.0; it must be above 0 and below 1",
         ),
-        (lambda: LimitedIntegrator(reset="up"), "'up'"),
         (lambda: TimeFunction(3), "TimeFunction needs a function of time, not 3"),
         (lambda: TimeFunction(lambda: 1.0), "needs a function of time: .*argument"),
         (lambda: Step(np.nan), "'time' of Step is not finite: nan"),
