@@ -77,8 +77,6 @@ class StateSpace(Linear):
         x at time 0 [any].
     input_unit, output_unit : str, tuple of str or None
         Units of u and y, or one per element; None leaves them unchecked.
-    input_names, output_names : sequence of str, optional
-        Names of the signals, for people.
 
     Raises
     ------

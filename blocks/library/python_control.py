@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
@@ -14,7 +14,7 @@ from trussflow.blocks.framework.port import Input
 from trussflow.blocks.framework.units import Unit
 from trussflow.blocks.library.continuous import StateSpace
 from trussflow.blocks.library.discrete import DiscreteStateSpace
-from trussflow.blocks.library.linear import LinearSettings, realization
+from trussflow.blocks.library.linear import realization
 from trussflow.blocks.support.validation import finite_array, shown
 
 if TYPE_CHECKING:
@@ -30,9 +30,8 @@ def from_control(
 ) -> StateSpace | DiscreteStateSpace:
     """Return the block of a linear system of python-control.
 
-    A system with one input and one output has scalar ports, any other has vectors. The
-    names of its signals become the meanings of the ports. A discrete system becomes a
-    sampled block.
+    A system with one input and one output has scalar ports, any other has vectors. A discrete
+    system becomes a sampled block.
 
     Parameters
     ----------
@@ -72,12 +71,10 @@ def from_control(
             f"cannot make a block of {system!r}: it must be a control.StateSpace or a "
             "control.TransferFunction"
         )
-    settings: LinearSettings = {
+    settings: dict[str, Any] = {
         "initial_value": initial_value,
         "input_unit": input_unit,
         "output_unit": output_unit,
-        "input_names": system.input_labels,
-        "output_names": system.output_labels,
     }
     if system.isctime():
         return StateSpace(A, B, C, D, **settings)
