@@ -18,7 +18,7 @@ from trussflow.blocks.errors import AlgebraicLoopError
 from trussflow.blocks.framework.block import Block, Values
 from trussflow.blocks.framework.clock import Clock
 from trussflow.blocks.framework.declarations import Signals
-from trussflow.blocks.framework.layout import spans
+from trussflow.blocks.framework.layout import BlockSignals, spans
 from trussflow.blocks.framework.port import Port
 from trussflow.blocks.framework.system import Driver, System
 from trussflow.blocks.support.types import Array
@@ -43,23 +43,23 @@ class Leaves:
     ----------
     t : array, shape ()
         Time [s].
-    states, held, parameters : dict of Signals
+    states, held, parameters : BlockSignals
         States and modes, held outputs of sampled blocks, and parameters, by block path.
-    fired, sides : dict of Signals
+    fired, sides : BlockSignals
         Triggered events, and signs of the event indicators, by block path.
-    guesses : dict of Signals
+    guesses : BlockSignals
         Initial guesses of the signals of algebraic loops, by block path.
     counters : dict of Array
         Remaining ticks of each clock, if the clocks share one program.
     """
 
     t: Array
-    states: dict[str, Signals]
-    held: dict[str, Signals]
-    parameters: dict[str, Signals]
-    fired: dict[str, Signals]
-    sides: dict[str, Signals]
-    guesses: dict[str, Signals]
+    states: BlockSignals
+    held: BlockSignals
+    parameters: BlockSignals
+    fired: BlockSignals
+    sides: BlockSignals
+    guesses: BlockSignals
     counters: dict[Clock, Array]
 
 

@@ -15,7 +15,7 @@ import numpy as np
 
 from trussflow.blocks.errors import NameLookupError
 from trussflow.blocks.framework.block import Block
-from trussflow.blocks.framework.declarations import KINDS, Event, Mode, Signals
+from trussflow.blocks.framework.declarations import KINDS, Event, Mode
 from trussflow.blocks.framework.diagram import Diagram
 from trussflow.blocks.framework.equations import Equations
 from trussflow.blocks.framework.external_inputs import External
@@ -363,20 +363,16 @@ class Plan:
         `make` converts a slice to an array. Signals are expressions if `t`, `x`, `d` and `p` are symbols,
         and numbers otherwise.
         """
-        states, fired = self.memory.unpack(d, make), self.fired.unpack(d, make)
-        for layout, flat in ((self.x, x), (self.modes, d)):
-            for path, own in layout.unpack(flat, make).items():
-                states[path] = Signals(own.owner, {**states.get(path, {}), **own})
-        held = self.held.unpack(d, make) | self.u.unpack(d, make)
+        states, held = self.memory.unpack(d, make), self.held.unpack(d, make)
+        self.x.unpack(x, make, states)
+        self.modes.unpack(d, make, states)
+        self.u.unpack(d, make, held)
         parameters, guesses = self.p.unpack(p, make), self.guesses.unpack(d, make)
-        for path in self.system.blocks:
-            for found in (states, held, parameters, fired, guesses):
-                found.setdefault(path, Signals(f"block '{path}'", {}))
-            if not is_traced(t):
-                fired[path] = Signals(
-                    fired[path].owner, {n: f > 0 for n, f in fired[path].items()}
-                )
-        sides, counters = self.sides.unpack(d, make), self.counters.by_clock(d, make)
+        fired, sides = self.fired.unpack(d, make), self.sides.unpack(d, make)
+        if not is_traced(t):
+            for signals in fired.values():
+                signals.update({name: value > 0 for name, value in signals.items()})
+        counters = self.counters.by_clock(d, make)
         leaves = Leaves(t, states, held, parameters, fired, sides, guesses, counters)
         traced_blocks = {
             k: i.traced for k, i in self._isolated.items() if i.traced is not None
