@@ -206,13 +206,13 @@ def isolate_anew(block: Block, copy: Block | None = None) -> Isolated:
     t, x, u, fired, p = symbols
     leaves = (t, *x.values(), *u.values(), *p.values(), *fired.values())
     traced = TracedBlock(leaves, tuple(trace.calls), values)
-    _compare(block, symbols, traced)
     own = {name: symbols_of(to_expression(value)) for name, value in u.items()}
     used = dependencies([to_expression(v) for v in values["output"].values()], trace)
     feedthrough = {
         name: frozenset(i for i, s in own.items() if s & needed)
         for name, needed in zip(values["output"], used, strict=True)
     }
+    _compare(block, symbols, traced)
     return Isolated(feedthrough, traced)
 
 
@@ -299,12 +299,14 @@ def _declared_feedthrough(block: Block) -> dict[str, frozenset[str]]:
 
 
 def _compare(block: Block, symbols: Symbols, traced: TracedBlock) -> None:
-    """Raise `TracingError` if the traced equations of a block return other numbers than NumPy."""
+    """Raise `TracingError` if the traced equations of a block return other numbers than NumPy.
+
+    Numbers replace the `symbols` of states, inputs and events.
+    """
     results = [(k, n) for k, values in traced.values.items() for n in values]
     if not results:
         return
-    t, *groups, p = symbols
-    x, u, fired = (Signals(group.owner, dict(group)) for group in groups)
+    t, x, u, fired, p = symbols
     own = Signals(p.owner, block.parameters)
 
     def plain(point: Sequence[Array], check: bool = False) -> Array:
