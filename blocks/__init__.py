@@ -51,7 +51,6 @@ from trussflow.blocks.framework.port import Port as Port
 from trussflow.blocks.library.algebra import Function as Function
 from trussflow.blocks.library.algebra import Gain as Gain
 from trussflow.blocks.library.algebra import MatrixGain as MatrixGain
-from trussflow.blocks.library.algebra import Product as Product
 from trussflow.blocks.library.algebra import Sum as Sum
 from trussflow.blocks.library.algebra import Terminator as Terminator
 from trussflow.blocks.library.continuous import Integrator as Integrator

@@ -19,7 +19,7 @@ from trussflow.blocks import (
     Integrator,
     MatrixGain,
     Noise,
-    Product,
+    Operation,
     Quintic,
     Ramp,
     RateLimiter,
@@ -73,7 +73,7 @@ MAKERS = [
     lambda r, n: Gain(number(r, n)),
     lambda r, n: MatrixGain([number(r, n or 2) for _ in range(r.choice([1, 2]))]),
     lambda r, _n: Sum(r.choice(["+", "-", "++", "+-", "--+"])),
-    lambda r, _n: Product(r.choice(["*", "**", "*/", "/", "**/"])),
+    lambda r, _n: Operation(r.choice(["*", "/"])),
     lambda r, _n: Function(
         r.choice([np.abs, np.sin, np.tanh, np.sqrt, np.exp, np.sign, np.log])
     ),

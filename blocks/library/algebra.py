@@ -1,11 +1,10 @@
-"""Algebraic blocks: products, matrix products, functions."""
+"""Algebraic blocks: gains, matrix products, functions."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from typing import Any
 
-import numpy as np
 import numpy.typing as npt
 
 from trussflow.blocks.errors import BlockError
@@ -13,10 +12,10 @@ from trussflow.blocks.framework.arithmetic import Sum as Sum
 from trussflow.blocks.framework.block import Block, Values
 from trussflow.blocks.framework.declarations import Attribute, Parameter, Signals
 from trussflow.blocks.framework.port import INFERRED, Input, Output
-from trussflow.blocks.framework.units import Unit, check_declared
+from trussflow.blocks.framework.units import Unit
 from trussflow.blocks.library.signals import Shaped, ShapeLike, WrappedFunction
 from trussflow.blocks.support.types import Array
-from trussflow.blocks.support.validation import finite_array, one_sign_each, shown
+from trussflow.blocks.support.validation import finite_array
 
 
 class Gain(Shaped):
@@ -111,83 +110,6 @@ class MatrixGain(Block):
     def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
         """Return the product."""
         return {"y": p.gain @ u.u}
-
-
-class Product(Shaped):
-    r"""Multiply and divide signals of one shape, element by element.
-
-    .. math:: y = \prod_i u_i^{\pm 1}
-
-    Parameters
-    ----------
-    operations : str
-        One ``*`` or ``/`` for each input; the inputs are named ``u1``, ``u2``, ...
-    units : sequence of str, optional
-        Unit of each input, which determine that of the output; by default all unchecked.
-    shape : int, tuple of int or None
-        Shape of all signals [-]; None takes it from the wires.
-
-    Raises
-    ------
-    BlockError
-        If `operations` contains other characters, or the number of units differs.
-    """
-
-    y = Output(INFERRED, unit=Attribute("output_unit"), meaning="product of the inputs")
-
-    def __init__(
-        self,
-        operations: str = "**",
-        *,
-        units: Sequence[str] | None = None,
-        shape: ShapeLike = None,
-    ) -> None:
-        one_sign_each("Product", operations, "*/", "operations such as '**/'")
-        each = unit_of_each("Product", units, len(operations))
-        self.operations = operations
-        factors = list(zip(operations, each, strict=True))
-        product = "1" + "".join(
-            f"{operation}({unit or '1'})" for operation, unit in factors
-        )
-        self.output_unit = None if units is None else product
-        self.extra_ports = {
-            f"u{i}": Input(
-                INFERRED,
-                unit=unit,
-                meaning="multiplies" if operation == "*" else "divides",
-            )
-            for i, (operation, unit) in enumerate(factors, 1)
-        }
-        super().__init__(shape)
-
-    def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
-        """Return the product."""
-        value = u.u1 if self.operations[0] == "*" else 1.0 / u.u1
-        for i, operation in enumerate(self.operations[1:], 2):
-            value = value * u[f"u{i}"] if operation == "*" else value / u[f"u{i}"]
-        return {"y": value}
-
-
-def listed(given: object) -> list[Any]:
-    """Return the elements of `given` as a list; it is empty if the argument is not a sequence."""
-    if isinstance(given, Sequence) or (
-        isinstance(given, np.ndarray) and given.ndim > 0
-    ):
-        return list(given)
-    return []
-
-
-def unit_of_each(owner: str, units: Any, count: int) -> Sequence[str | None]:
-    """Return the unit of each of the `count` inputs of an `owner` with these `units`; None: unchecked."""
-    if units is None:
-        return [None] * count
-    if not isinstance(units, Sequence) or isinstance(units, str) or len(units) != count:
-        raise BlockError(
-            f"{owner} has {count} inputs; give a list of as many units, not {shown(units)}"
-        )
-    for unit in units:
-        check_declared(owner, unit)
-    return list(units)
 
 
 class Function(WrappedFunction):

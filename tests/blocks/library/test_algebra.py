@@ -12,11 +12,10 @@ from trussflow.blocks import (
     Input,
     MatrixGain,
     Output,
-    Product,
     Sum,
     Terminator,
 )
-from trussflow.blocks.errors import BlockError, WiringError
+from trussflow.blocks.errors import BlockError
 
 ROUND_OFF = 1e-14  # relative: a few operations of 1e-16 each
 u = np.array([1.0, -2.0, 4.0])
@@ -34,8 +33,6 @@ v = np.array([2.0, 5.0, 0.5])
             np.arange(6.0).reshape(2, 3) @ u,
         ),
         (Sum("+-+"), [u, v, u], u - v + u),
-        (Product("*/*"), [u, v, u], u / v * u),
-        (Product("/"), [v], 1.0 / v),
     ],
 )
 def test_outputs_are_those_of_numpy(block, inputs, expected, evaluate):
@@ -55,17 +52,6 @@ def test_gain_keeps_the_unit_unless_told_otherwise():
     same.y >> other.u
     assert same.y.unit == "N"
     assert other.y.unit == "mN"
-
-
-def test_product_derives_its_unit():
-    diagram = Diagram()
-    product, power = diagram.add(
-        product=Product("**/", units=("N", "m", "s")), power=Gain(1.0, input_unit="W")
-    )
-    product.y >> power.u  # N m / s are watts; the wire checks it
-    other = diagram.add(other=Gain(1.0, input_unit="N"))
-    with pytest.raises(WiringError, match="does not fit 'N'"):
-        product.y >> other.u
 
 
 def test_function_wraps_any_numpy_function(respond):

@@ -25,7 +25,6 @@ from trussflow.blocks import (
     MatrixGain,
     Noise,
     Output,
-    Product,
     Pulse,
     PythonFunction,
     Quantizer,
@@ -91,11 +90,6 @@ def shaped(trajectory=1.0, frequency=0.4, **settings):
     [
         (lambda: Gain(np.eye(2)), r"gain of shape \(2, 2\); .* use MatrixGain\(K\)"),
         (lambda: MatrixGain(2.0), r"MatrixGain needs a matrix; got shape \(\)"),
-        (lambda: Product("*+"), r"Product needs operations such as .* got '\*\+'"),
-        (
-            lambda: Product("**", units=("N",)),
-            "Product has 2 inputs; give a list of as many units",
-        ),
         (
             lambda: Function(np.abs, {"u": 3}),
             r"input 'u' must be an Input\(...\), not 3",
@@ -237,6 +231,10 @@ def shaped(trajectory=1.0, frequency=0.4, **settings):
             r"axes of \(2, 2\) points, but values of shape \(2,\)",
         ),
         (lambda: GridTable([], 1.0), r"axes of \(\) points"),
+        (
+            lambda: GridTable([[0, 1]] * 2, np.eye(2), units=("N",)),
+            "GridTable has 2 inputs; give a list of as many units",
+        ),
         (
             lambda: Trapezoid(1, 1, 1, start_time=np.nan),
             "'start_time' of Trapezoid is not finite",
