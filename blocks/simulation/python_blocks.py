@@ -129,9 +129,6 @@ class SampledPythonBlocks:
                 ]
             )
         traced = {plan.system.clock(b) for b in plan.system.blocks.values() if b.traced}
-        if plan.counters.size:
-            # the shared program also counts ticks of clocks without traced blocks
-            traced |= {*plan.system.clocks}
         self.with_traced = [bool(active & traced) for active in sets]
         self._computes = np.array([bool(pairs) for pairs in self.ordered])
 
@@ -262,13 +259,7 @@ class PythonExecutor(Executor):
         update: bool = True,
     ) -> Vector:
         """Return d after an instant: Python blocks first, then the traced ones."""
-        waiting = self._sampled.plan.counters.waiting(d)
-        clock = self._sampled.plan.system.clock
-        ticking = [
-            pair
-            for pair in self._sampled.ordered[number]
-            if clock(pair[0].block) not in waiting
-        ]
+        ticking = self._sampled.ordered[number]
         for call, quantity in ticking:
             d[call.outputs] = self._sampled_output(call, quantity, t, x, d, p)
         # All outputs are there by now: no state is updated before all have seen it.

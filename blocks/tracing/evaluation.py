@@ -16,7 +16,6 @@ import numpy as np
 
 from trussflow.blocks.errors import AlgebraicLoopError
 from trussflow.blocks.framework.block import Block, Values
-from trussflow.blocks.framework.clock import Clock
 from trussflow.blocks.framework.declarations import Signals
 from trussflow.blocks.framework.layout import BlockSignals, spans
 from trussflow.blocks.framework.port import Port
@@ -49,8 +48,6 @@ class Leaves:
         Triggered events, and signs of the event indicators, by block path.
     guesses : BlockSignals
         Initial guesses of the signals of algebraic loops, by block path.
-    counters : dict of Array
-        Remaining ticks of each clock, if the clocks share one program.
     """
 
     t: Array
@@ -60,7 +57,6 @@ class Leaves:
     fired: BlockSignals
     sides: BlockSignals
     guesses: BlockSignals
-    counters: dict[Clock, Array]
 
 
 class Evaluation:
@@ -117,25 +113,8 @@ class Evaluation:
         if holds(self.system, port.block, self.active):
             return self.leaves.held[port.block.path][port.name]
         if port not in self._chosen:
-            self._chosen[port] = self._shown(port)
+            self._chosen[port] = self._computed(port)
         return self._chosen[port]
-
-    def _shown(self, port: Port) -> Array:
-        """Return the new value of an output, or the held one if the clock of its block does not tick."""
-        return self._if_ticking(
-            port.block, self._computed(port), self.leaves.held, port.name
-        )
-
-    def _if_ticking(
-        self, block: Block, new: Array, before: Mapping[str, Signals], name: str
-    ) -> Array:
-        """Return `new` if the clock of a sampled block ticks, else the value before."""
-        clock = self.system.clock(block)
-        if clock is None or not self.leaves.counters:
-            return new
-        return np.where(
-            self.leaves.counters[clock] == 0.0, new, before[block.path][name]
-        )
 
     def compute(self, stages: Sequence[Stage]) -> None:
         """Compute all outputs in sorted order; recursion along a long chain would overflow the stack."""
@@ -161,7 +140,7 @@ class Evaluation:
         with written_out():
             for port in stage.ports:
                 apart.output(port)
-            results = [apart._shown(port) for port in stage.torn]
+            results = [apart._computed(port) for port in stage.torn]
         z, computed = (
             ca.vertcat(*map(to_expression, arrays)) for arrays in (unknown, results)
         )
@@ -224,14 +203,7 @@ class Evaluation:
 
     def updates(self, block: Block) -> Values:
         """Return the next values of a sampled block's discrete states."""
-        found, before = (
-            self._evaluate(block, "update", self.inputs(block)),
-            self.leaves.states,
-        )
-        return {
-            name: self._if_ticking(block, value, before, name)
-            for name, value in found.items()
-        }
+        return self._evaluate(block, "update", self.inputs(block))
 
     def indicators(self, block: Block) -> Values:
         """Return the indicators of a block's events."""

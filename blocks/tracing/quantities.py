@@ -86,7 +86,6 @@ def sample(number: int, active: Active) -> Quantity:
                 else leaves.held[e.path][e.name]
                 for e in plan.held
             ]
-            + plan.counters.after(leaves.counters)
             + [leaves.sides[e.path][e.name] for e in plan.sides]
             + [np.zeros(e.shape) for e in plan.fired]
             + guesses().collect(plan, evaluation)

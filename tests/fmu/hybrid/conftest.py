@@ -323,7 +323,6 @@ def multirate():
 
 
 RATES = (0.26, 0.04, 0.22, 0.06, 0.14, 0.1)
-"""More than sets of clocks have programs for."""
 
 
 def many_rates():
