@@ -49,7 +49,6 @@ from trussflow.blocks import (
     TransportDelay,
     Trapezoid,
     UnitDelay,
-    VariableDelay,
     Waypoints,
     WeightedAllocation,
     as_block,
@@ -176,14 +175,6 @@ def shaped(trajectory=1.0, frequency=0.4, **settings):
             "'delay' of TransportDelay is 0.0; it must be above 0",
         ),
         (lambda: TransportDelay(1.0, pade=0), "from 1 to 10"),
-        (
-            lambda: VariableDelay(0.0, 1.0),
-            "'shortest' of VariableDelay is 0.0; it must be above 0",
-        ),
-        (
-            lambda: VariableDelay(1.0, 1.0),
-            "'longest' of VariableDelay is 1.0; it must be above 1",
-        ),
         (
             lambda: Drift(1.0, 0.1, seed=1, correlation_time=0),
             "'correlation_time' of Drift is 0.0; it",
