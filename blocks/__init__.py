@@ -51,12 +51,9 @@ from trussflow.blocks.framework.port import INFERRED as INFERRED
 from trussflow.blocks.framework.port import Input as Input
 from trussflow.blocks.framework.port import Output as Output
 from trussflow.blocks.framework.port import Port as Port
-from trussflow.blocks.library.algebra import Concatenate as Concatenate
 from trussflow.blocks.library.algebra import Function as Function
 from trussflow.blocks.library.algebra import Gain as Gain
 from trussflow.blocks.library.algebra import MatrixGain as MatrixGain
-from trussflow.blocks.library.algebra import Product as Product
-from trussflow.blocks.library.algebra import Select as Select
 from trussflow.blocks.library.algebra import Sum as Sum
 from trussflow.blocks.library.algebra import Terminator as Terminator
 from trussflow.blocks.library.continuous import Integrator as Integrator
@@ -70,7 +67,6 @@ from trussflow.blocks.library.discrete import UnitDelay as UnitDelay
 from trussflow.blocks.library.discrete import ZeroOrderHold as ZeroOrderHold
 from trussflow.blocks.library.discrete import sampled_delay as sampled_delay
 from trussflow.blocks.library.groups import enabled as enabled
-from trussflow.blocks.library.groups import triggered as triggered
 from trussflow.blocks.library.noise import Drift as Drift
 from trussflow.blocks.library.noise import Noise as Noise
 from trussflow.blocks.library.nonlinear import Backlash as Backlash
@@ -100,7 +96,6 @@ from trussflow.blocks.library.tables import GridTable as GridTable
 from trussflow.blocks.library.tables import Table as Table
 from trussflow.blocks.library.tables import TimeTable as TimeTable
 from trussflow.blocks.library.transport_delay import TransportDelay as TransportDelay
-from trussflow.blocks.library.transport_delay import VariableDelay as VariableDelay
 from trussflow.blocks.linear_analysis.families import linearize_over as linearize_over
 from trussflow.blocks.linear_analysis.frequency.delays import (
     delay_margin as delay_margin,

@@ -7,7 +7,6 @@ import numpy as np
 from trussflow.blocks import (
     PD,
     Chirp,
-    Concatenate,
     Constant,
     DeadZone,
     Diagram,
@@ -20,13 +19,12 @@ from trussflow.blocks import (
     Integrator,
     MatrixGain,
     Noise,
-    Product,
+    Operation,
     Quintic,
     Ramp,
     RateLimiter,
     RetimedQuintic,
     Saturation,
-    Select,
     Sine,
     StateSpace,
     Step,
@@ -75,13 +73,7 @@ MAKERS = [
     lambda r, n: Gain(number(r, n)),
     lambda r, n: MatrixGain([number(r, n or 2) for _ in range(r.choice([1, 2]))]),
     lambda r, _n: Sum(r.choice(["+", "-", "++", "+-", "--+"])),
-    lambda r, _n: Product(r.choice(["*", "**", "*/", "/", "**/"])),
-    lambda r, n: (
-        Select([r.randrange(-2, 3) for _ in range(r.choice([1, 2]))])
-        if n
-        else Gain(number(r))
-    ),
-    lambda r, _n: Concatenate([r.choice([1, 2]) for _ in range(r.choice([1, 2]))]),
+    lambda r, _n: Operation(r.choice([np.multiply, np.divide])),
     lambda r, _n: Function(
         r.choice([np.abs, np.sin, np.tanh, np.sqrt, np.exp, np.sign, np.log])
     ),

@@ -85,7 +85,7 @@ READ: dict[str, Callable[[Path], object]] = {
 }
 """How files are read that whoever finds them takes for whole."""
 
-KEPT = {*READ, ".so", ".o", ".sha256", ".key"}
+KEPT = {*READ, ".so", ".o", ".key"}
 """Endings of what is kept."""
 
 

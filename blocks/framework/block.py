@@ -125,9 +125,6 @@ class Block(Wired, Equations, Described):
     _declared: Mapping[str, Any] = MappingProxyType({})
     """Declarations by name: those of the class, or of the instance if they depend on its arguments."""
 
-    _arithmetic: ClassVar[tuple[str, ...]] = ()
-    """Array attributes that the equations use in sums and products only."""
-
     name: str
     parent: Diagram | None
     ports: dict[str, Port]

@@ -43,6 +43,14 @@ class Entry:
         )
 
 
+class BlockSignals(dict[str, Signals]):
+    """Signals by block path; those of a block without any are empty."""
+
+    def __missing__(self, path: str) -> Signals:
+        self[path] = Signals(f"block '{path}'", {})
+        return self[path]
+
+
 class Layout:
     """The order of named arrays in one vector, `flat` [as declared].
 
@@ -92,9 +100,12 @@ class Layout:
         return next(e for e in self if e.start <= place < e.stop)
 
     def unpack(
-        self, flat: Array, make: Callable[[Array, tuple[int, ...]], Array]
-    ) -> dict[str, Any]:
-        """Return the arrays in `flat` by block path, as `Signals`.
+        self,
+        flat: Array,
+        make: Callable[[Array, tuple[int, ...]], Array],
+        into: BlockSignals | None = None,
+    ) -> BlockSignals:
+        """Return the arrays in `flat` by block path.
 
         Parameters
         ----------
@@ -102,11 +113,12 @@ class Layout:
             The whole vector.
         make : callable
             Converts a slice of `flat` to an array of a given shape.
+        into : BlockSignals, optional
+            Signals to which the arrays are added.
         """
-        found: dict[str, Signals] = {}
+        found = BlockSignals() if into is None else into
         for e in self:
-            signals = found.setdefault(e.path, Signals(f"block '{e.path}'", {}))
-            signals[e.name] = make(flat[e.start : e.stop], e.shape)
+            found[e.path][e.name] = make(flat[e.start : e.stop], e.shape)
         return found
 
     def find(self, reference: str, what: str, *others: Layout, hint: str = "") -> Entry:

@@ -1,11 +1,10 @@
-"""Algebraic blocks: products, matrix products, selection, concatenation, functions."""
+"""Algebraic blocks: gains, matrix products, functions."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from typing import Any
 
-import numpy as np
 import numpy.typing as npt
 
 from trussflow.blocks.errors import BlockError
@@ -13,16 +12,10 @@ from trussflow.blocks.framework.arithmetic import Sum as Sum
 from trussflow.blocks.framework.block import Block, Values
 from trussflow.blocks.framework.declarations import Attribute, Parameter, Signals
 from trussflow.blocks.framework.port import INFERRED, Input, Output
-from trussflow.blocks.framework.units import Unit, check_declared
+from trussflow.blocks.framework.units import Unit
 from trussflow.blocks.library.signals import Shaped, ShapeLike, WrappedFunction
 from trussflow.blocks.support.types import Array
-from trussflow.blocks.support.validation import (
-    as_shape,
-    finite_array,
-    is_whole,
-    one_sign_each,
-    shown,
-)
+from trussflow.blocks.support.validation import finite_array
 
 
 class Gain(Shaped):
@@ -117,183 +110,6 @@ class MatrixGain(Block):
     def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
         """Return the product."""
         return {"y": p.gain @ u.u}
-
-
-class Product(Shaped):
-    r"""Multiply and divide signals of one shape, element by element.
-
-    .. math:: y = \prod_i u_i^{\pm 1}
-
-    Parameters
-    ----------
-    operations : str
-        One ``*`` or ``/`` for each input; the inputs are named ``u1``, ``u2``, ...
-    units : sequence of str, optional
-        Unit of each input, which determine that of the output; by default all unchecked.
-    shape : int, tuple of int or None
-        Shape of all signals [-]; None takes it from the wires.
-
-    Raises
-    ------
-    BlockError
-        If `operations` contains other characters, or the number of units differs.
-    """
-
-    y = Output(INFERRED, unit=Attribute("output_unit"), meaning="product of the inputs")
-
-    def __init__(
-        self,
-        operations: str = "**",
-        *,
-        units: Sequence[str] | None = None,
-        shape: ShapeLike = None,
-    ) -> None:
-        one_sign_each("Product", operations, "*/", "operations such as '**/'")
-        each = unit_of_each("Product", units, len(operations))
-        self.operations = operations
-        factors = list(zip(operations, each, strict=True))
-        product = "1" + "".join(
-            f"{operation}({unit or '1'})" for operation, unit in factors
-        )
-        self.output_unit = None if units is None else product
-        self.extra_ports = {
-            f"u{i}": Input(
-                INFERRED,
-                unit=unit,
-                meaning="multiplies" if operation == "*" else "divides",
-            )
-            for i, (operation, unit) in enumerate(factors, 1)
-        }
-        super().__init__(shape)
-
-    def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
-        """Return the product."""
-        value = u.u1 if self.operations[0] == "*" else 1.0 / u.u1
-        for i, operation in enumerate(self.operations[1:], 2):
-            value = value * u[f"u{i}"] if operation == "*" else value / u[f"u{i}"]
-        return {"y": value}
-
-
-def listed(given: object) -> list[Any]:
-    """Return the elements of `given` as a list; it is empty if the argument is not a sequence."""
-    if isinstance(given, Sequence) or (
-        isinstance(given, np.ndarray) and given.ndim > 0
-    ):
-        return list(given)
-    return []
-
-
-def unit_of_each(owner: str, units: Any, count: int) -> Sequence[str | None]:
-    """Return the unit of each of the `count` inputs of an `owner` with these `units`; None: unchecked."""
-    if units is None:
-        return [None] * count
-    if not isinstance(units, Sequence) or isinstance(units, str) or len(units) != count:
-        raise BlockError(
-            f"{owner} has {count} inputs; give a list of as many units, not {shown(units)}"
-        )
-    for unit in units:
-        check_declared(owner, unit)
-    return list(units)
-
-
-class Select(Shaped):
-    """Select elements of a vector, in any order; to connect a slice, index the port instead.
-
-    Parameters
-    ----------
-    indices : sequence of int
-        Indices of the elements, from 0 [-]; negative ones count from the end.
-    size : int, optional
-        Size of the input [-]; by default inferred from the wires.
-    unit : str, tuple of str or None
-        Unit of the output, or one per element; None leaves it unchecked.
-
-    Raises
-    ------
-    BlockError
-        If there are no indices, or one does not fit the size.
-    """
-
-    u = Input(INFERRED, meaning="vector to select from")
-    y = Output("count", unit=Attribute("unit"), meaning="the selected elements")
-
-    def __init__(
-        self, indices: Sequence[int], *, size: int | None = None, unit: Unit = None
-    ) -> None:
-        numbers = listed(indices)
-        if not numbers or not all(map(is_whole, numbers)):
-            raise BlockError(
-                f"Select needs at least one index, a list of integers; got {shown(indices)}"
-            )
-        self.indices = tuple(int(i) for i in numbers)
-        if size is not None:
-            self._check(*as_shape("Select", size))
-        self.count, self.unit = len(self.indices), unit
-        super().__init__(size)
-
-    def _check(self, size: int) -> None:
-        for i in self.indices:
-            if not -size <= i < size:
-                raise BlockError(
-                    f"Select cannot pick element {i} of a vector of size {size}; indices go from "
-                    f"0 to {size - 1}"
-                )
-
-    def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
-        """Return the elements."""
-        shape = self.u.whole_shape or ()
-        if len(shape) != 1:
-            raise BlockError(
-                f"'{self.path}' picks elements of a vector; its input has shape {shape}"
-            )
-        self._check(shape[0])
-        return {"y": u.u[list(self.indices)]}
-
-
-class Concatenate(Block):
-    """Concatenate vectors.
-
-    Parameters
-    ----------
-    sizes : sequence of int
-        Size of each input [-]; the inputs are named ``u1``, ``u2``, ...
-    units : sequence of str, optional
-        Unit of each input and of its part of the output; by default unchecked.
-
-    Raises
-    ------
-    BlockError
-        If there are no sizes, or the number of units differs.
-    """
-
-    y = Output("size", unit=Attribute("unit"), meaning="all inputs in order")
-
-    def __init__(
-        self, sizes: Sequence[int], *, units: Sequence[str] | None = None
-    ) -> None:
-        lengths = as_shape("Concatenate", listed(sizes))
-        if not lengths:
-            raise BlockError(
-                f"Concatenate needs the size of at least one input, a list; got {shown(sizes)}"
-            )
-        parts = list(
-            zip(lengths, unit_of_each("Concatenate", units, len(lengths)), strict=True)
-        )
-        self.size = sum(lengths)
-        self.unit = (
-            None
-            if units is None
-            else tuple(unit for n, unit in parts for _ in range(n))
-        )
-        self.extra_ports = {
-            f"u{i}": Input(n, unit=unit, meaning=f"part {i}")
-            for i, (n, unit) in enumerate(parts, 1)
-        }
-        super().__init__()
-
-    def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
-        """Return all inputs in order."""
-        return {"y": np.concatenate([u[port.name] for port in self.inputs()])}
 
 
 class Function(WrappedFunction):

@@ -77,8 +77,6 @@ class StateSpace(Linear):
         x at time 0 [any].
     input_unit, output_unit : str, tuple of str or None
         Units of u and y, or one per element; None leaves them unchecked.
-    input_names, output_names : sequence of str, optional
-        Names of the signals, for people.
 
     Raises
     ------
@@ -87,8 +85,6 @@ class StateSpace(Linear):
     ParameterError
         If the initial value has another size.
     """
-
-    _arithmetic = ("A", "B", "C", "D")
 
     def derivative(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
         """Return A x + B u."""

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Unpack
-
 import numpy.typing as npt
 
 from trussflow.blocks.errors import BlockError
@@ -13,7 +11,7 @@ from trussflow.blocks.framework.declarations import Parameter, Signals, State
 from trussflow.blocks.framework.diagram import Diagram
 from trussflow.blocks.framework.port import INFERRED, Input, Output
 from trussflow.blocks.framework.units import Unit
-from trussflow.blocks.library.linear import Linear, LinearSettings, realization
+from trussflow.blocks.library.linear import Linear, realization
 from trussflow.blocks.library.signals import Shaped, ShapeLike, finite
 from trussflow.blocks.support.types import Array
 
@@ -172,8 +170,8 @@ class DiscreteStateSpace(Linear):
         Time between samples [s].
     offset : float
         First sample [s].
-    **settings
-        As for `StateSpace`: initial_value, input_unit, output_unit, input_names, output_names.
+    initial_value, input_unit, output_unit
+        As for `StateSpace`.
 
     Raises
     ------
@@ -182,8 +180,6 @@ class DiscreteStateSpace(Linear):
     ParameterError
         If the initial value has another size.
     """
-
-    _arithmetic = ("A", "B", "C", "D")
 
     def __init__(
         self,
@@ -194,9 +190,19 @@ class DiscreteStateSpace(Linear):
         *,
         sample_time: float,
         offset: float = 0.0,
-        **settings: Unpack[LinearSettings],
+        initial_value: npt.ArrayLike = 0.0,
+        input_unit: Unit = None,
+        output_unit: Unit = None,
     ) -> None:
-        super().__init__(A, B, C, D, **settings)
+        super().__init__(
+            A,
+            B,
+            C,
+            D,
+            initial_value=initial_value,
+            input_unit=input_unit,
+            output_unit=output_unit,
+        )
         self.sampled(sample_time, offset)
 
     def update(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:

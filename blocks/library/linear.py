@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import Any, TypedDict
-
 import numpy as np
 import numpy.typing as npt
 
@@ -15,20 +12,6 @@ from trussflow.blocks.framework.port import Input, Output
 from trussflow.blocks.framework.units import Unit
 from trussflow.blocks.support.types import Array, Vector
 from trussflow.blocks.support.validation import finite_array
-from trussflow.blocks.tracing.kernels import shape_of
-
-Labels = Sequence[str] | None
-"""Names of the signals of a vector."""
-
-
-class LinearSettings(TypedDict, total=False):
-    """Settings of linear blocks besides their matrices."""
-
-    initial_value: npt.ArrayLike
-    input_unit: Unit
-    output_unit: Unit
-    input_names: Labels
-    output_names: Labels
 
 
 class Linear(Block):
@@ -42,8 +25,6 @@ class Linear(Block):
         Initial state [any].
     input_unit, output_unit : str, tuple of str or None
         Units of u and y, or one per element; None leaves them unchecked.
-    input_names, output_names : sequence of str, optional
-        Names of the signals, for the descriptions of the ports.
     """
 
     u = Input("input_shape", unit=Attribute("input_unit"), meaning="input")
@@ -61,43 +42,24 @@ class Linear(Block):
         initial_value: npt.ArrayLike = 0.0,
         input_unit: Unit = None,
         output_unit: Unit = None,
-        input_names: Labels = None,
-        output_names: Labels = None,
     ) -> None:
         self.A, self.B, self.C, self.D = matrices(type(self).__name__, A, B, C, D)
         self.order = self.A.shape[0]
         self.input_shape, self.output_shape = self.B.shape[1:], self.C.shape[:-1]
         self.input_unit, self.output_unit = input_unit, output_unit
-        names: dict[str, Any] = {}
-        if input_names:
-            names["u"] = Input(
-                "input_shape",
-                unit=Attribute("input_unit"),
-                meaning=", ".join(input_names),
-            )
-        if output_names:
-            names["y"] = Output(
-                "output_shape",
-                unit=Attribute("output_unit"),
-                meaning=", ".join(output_names),
-            )
-        self.extra_ports = names
         super().__init__(initial_value=initial_value)
 
     def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
         """Return C x + D u."""
-        return {"y": _times(self.C, x.x) + _times(self.D, u.u)}
+        return {"y": self.C @ x.x + self._times_input(self.D, u)}
 
     def _next(self, x: Signals, u: Signals) -> Array:
         """Return A x + B u."""
-        return self.A @ x.x + _times(self.B, u.u)
+        return self.A @ x.x + self._times_input(self.B, u)
 
-
-def _times(matrix: Vector, vector: Array) -> Array:
-    """Return a matrix times a vector; a scalar signal has a vector in place of a matrix."""
-    if not shape_of(vector):
-        return matrix * vector
-    return matrix @ vector
+    def _times_input(self, matrix: Vector, u: Signals) -> Array:
+        """Return a matrix times the input; for a scalar input, the matrix is a vector."""
+        return matrix @ u.u if self.input_shape else matrix * u.u
 
 
 def matrices(

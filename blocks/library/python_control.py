@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
@@ -10,13 +10,11 @@ import numpy.typing as npt
 from trussflow.blocks.errors import BlockError, Explained
 from trussflow.blocks.framework.arithmetic import Operation
 from trussflow.blocks.framework.block import Block
-from trussflow.blocks.framework.diagram import Diagram
 from trussflow.blocks.framework.port import Input
 from trussflow.blocks.framework.units import Unit
-from trussflow.blocks.library.algebra import Concatenate
 from trussflow.blocks.library.continuous import StateSpace
 from trussflow.blocks.library.discrete import DiscreteStateSpace
-from trussflow.blocks.library.linear import LinearSettings, realization
+from trussflow.blocks.library.linear import realization
 from trussflow.blocks.support.validation import finite_array, shown
 
 if TYPE_CHECKING:
@@ -32,9 +30,8 @@ def from_control(
 ) -> StateSpace | DiscreteStateSpace:
     """Return the block of a linear system of python-control.
 
-    A system with one input and one output has scalar ports, any other has vectors. The
-    names of its signals become the meanings of the ports. A discrete system becomes a
-    sampled block.
+    A system with one input and one output has scalar ports, any other has vectors. A discrete
+    system becomes a sampled block.
 
     Parameters
     ----------
@@ -74,12 +71,10 @@ def from_control(
             f"cannot make a block of {system!r}: it must be a control.StateSpace or a "
             "control.TransferFunction"
         )
-    settings: LinearSettings = {
+    settings: dict[str, Any] = {
         "initial_value": initial_value,
         "input_unit": input_unit,
         "output_unit": output_unit,
-        "input_names": system.input_labels,
-        "output_names": system.output_labels,
     }
     if system.isctime():
         return StateSpace(A, B, C, D, **settings)
@@ -91,36 +86,27 @@ def from_control(
     return DiscreteStateSpace(A, B, C, D, sample_time=system.dt, **settings)
 
 
-def lqr(
-    system: control.StateSpace,
-    Q: npt.ArrayLike,
-    R: npt.ArrayLike,
-    *,
-    integral: npt.ArrayLike | None = None,
-) -> Block:
-    r"""Return the linear-quadratic regulator of a system as a block, on wish with integral action (LQI).
+def lqr(system: control.StateSpace, Q: npt.ArrayLike, R: npt.ArrayLike) -> Block:
+    r"""Return the linear-quadratic regulator of a system as a block.
 
-    .. math:: y = -K x \qquad\text{or}\qquad y = -K x - K_i z, \quad \dot z = C x - r
+    .. math:: y = -K x
 
     minimizes the integral of :math:`x^T Q x + u^T R u`, or the sum for a discrete system, for which the
-    block is sampled and :math:`z_{k+1} = z_k + C x_k - r_k`. With one command y is a scalar.
+    block is sampled. With one command y is a scalar.
 
     Parameters
     ----------
     system : control.StateSpace
         The system that is regulated; all of its state is fed back.
     Q : array_like, shape (n, n)
-        Weight of the states, with those of z behind them if there are such [any].
+        Weight of the states [any].
     R : array_like, shape (m, m)
         Weight of the commands [any].
-    integral : array_like, shape (p, n), optional
-        C: what of the state is to follow a reference r [any]; by default there is no integral.
 
     Returns
     -------
     Block
-        With the input ``u2``, its only one, the state; or with inputs ``state`` and ``reference``. The
-        output is ``y``.
+        Block with the input ``u2``, its only one, the state, and the output ``y``.
 
     Raises
     ------
@@ -133,40 +119,12 @@ def lqr(
         raise BlockError(
             f"lqr needs a control.StateSpace, with its sample time if discrete, not {shown(system)}"
         )
-    given = [
-        finite_array(f"{name} of lqr", value) for name, value in (("Q", Q), ("R", R))
-    ]
-    follow = np.zeros((0, system.nstates))
-    if integral is not None:
-        follow = np.atleast_2d(finite_array("integral of lqr", integral))
+    weights = finite_array("Q of lqr", Q), finite_array("R of lqr", R)
     design = control.lqr if system.isctime() else control.dlqr
     with Explained(
         lambda error: BlockError(f"lqr cannot regulate this system: {error}")
     ):
-        K = np.asarray(
-            design(
-                system,
-                *given,
-                **({} if integral is None else {"integral_action": follow}),
-            )[0]
-        )
-    K = K[0] if len(K) == 1 else K
-    n, p = system.nstates, len(follow)
-    if not p:
-        gain = Operation(np.matmul, -K, Input(n, meaning="state"))
-        return gain if system.isctime() else gain.sampled(system.dt)
-    matrices = (
-        np.hstack([follow, -np.eye(p)]),
-        -K[..., n:],
-        np.concatenate([-K[..., :n], 0.0 * K[..., n:]], axis=-1),
-    )
-    diagram = Diagram("LQI")
-    law = (
-        StateSpace(np.zeros((p, p)), *matrices)
-        if system.isctime()
-        else DiscreteStateSpace(np.eye(p), *matrices, sample_time=system.dt)
-    )
-    joined, feedback = diagram.add(joined=Concatenate([n, p]), feedback=law)
-    joined >> feedback
-    diagram.expose(state=joined.u1, reference=joined.u2, y=feedback.y)
-    return diagram
+        K = np.asarray(design(system, *weights)[0])
+    state = Input(system.nstates, meaning="state")
+    gain = Operation(np.matmul, -K[0] if len(K) == 1 else -K, state)
+    return gain if system.isctime() else gain.sampled(system.dt)

@@ -6,7 +6,7 @@ import inspect
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import update_wrapper
-from typing import Any, ClassVar, overload
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -63,12 +63,6 @@ class PythonFunction(WrappedFunction):
             self.sampled(math.nan if sample_time is None else sample_time, offset)
 
 
-@overload
-def as_block(function: Callable[..., Any]) -> Callable[..., WrappedFunction]: ...
-@overload
-def as_block(
-    *, traced: bool = True, sample_time: float | None = None, **ports: Input | Output
-) -> Callable[[Callable[..., Any]], Callable[..., WrappedFunction]]: ...
 def as_block(
     function: Any = None,
     *,

@@ -1,4 +1,4 @@
-"""Switching blocks: relays, switches, pulses, limited integrators with resets, stop conditions.
+"""Switching blocks: relays, switches, pulses, limited integrators, stop conditions.
 
 They declare events and modes, so every solver locates the switching times.
 """
@@ -27,7 +27,7 @@ from trussflow.blocks.library.piecewise import NO_LIMIT, limited
 from trussflow.blocks.library.signals import Shaped, ShapeLike, finite, per_time
 from trussflow.blocks.library.sources import Source
 from trussflow.blocks.support.types import Array
-from trussflow.blocks.support.validation import finite_array, one_of, shown, yes_or_no
+from trussflow.blocks.support.validation import finite_array, shown, yes_or_no
 
 
 class Relay(Shaped):
@@ -255,23 +255,19 @@ class Pulse(Source):
 
 
 class LimitedIntegrator(Integrator):
-    r"""Integrate a signal between limits, with an optional reset and an external initial value.
+    r"""Integrate a signal between limits.
 
-    .. math:: \dot y = u \text{ while } l < y < h, \text{ at limits inwards}; \; y = y_0 \text{ at resets}
+    .. math:: \dot y = u \text{ while } l < y < h, \text{ at limits inwards}
 
-    The solver locates limits and resets, so the integral does not exceed a limit.
+    The solver locates the limits, so the integral does not exceed them. In a group made by `enabled` with
+    ``states="reset"``, the integral starts anew at each enabling.
 
     Parameters
     ----------
     initial_value : array_like
-        y_0: integral at time 0 and after a reset [unit]; one number, or one per element.
+        Integral at time 0 [unit]; one number, or one per element.
     lower, upper : array_like
         l < h [unit]; by default none.
-    reset : str or None
-        Direction of the zero crossing of an input ``reset`` that resets the integral: ``"rising"``,
-        ``"falling"`` or ``"both"``.
-    start_from_input : bool
-        Whether y_0 is an input ``start``, instead of the initial value.
     unit : str, tuple of str or None
         Unit of y, or one per element; None leaves units unchecked.
     shape : int, tuple of int or None
@@ -281,8 +277,6 @@ class LimitedIntegrator(Integrator):
     ------
     ParameterError
         If the limits contradict each other, or shapes disagree.
-    BlockError
-        If there is no such reset.
     """
 
     side = Mode(
@@ -299,28 +293,10 @@ class LimitedIntegrator(Integrator):
         *,
         lower: npt.ArrayLike = -NO_LIMIT,
         upper: npt.ArrayLike = NO_LIMIT,
-        reset: str | None = None,
-        start_from_input: bool = False,
         unit: Unit = None,
         shape: ShapeLike = None,
     ) -> None:
-        yes_or_no("LimitedIntegrator", "start_from_input", start_from_input)
-        self.extra_ports, self.has_reset = {}, reset is not None
-        if reset is not None:
-            one_of("reset", reset, ("rising", "falling", "both"), BlockError)
-            self.extra_ports["reset"] = Input(
-                meaning="resets the integral when it crosses zero"
-            )
-            self._declared = {**self._declared, "again": Event(reset)}
-        if start_from_input:
-            self.extra_ports["start"] = Input(
-                INFERRED, unit=Attribute("unit"), meaning="y_0"
-            )
-        self.start_from_input, self.unit, self.rate_unit = (
-            bool(start_from_input),
-            unit,
-            per_time(unit),
-        )
+        self.unit, self.rate_unit = unit, per_time(unit)
         Shaped.__init__(
             self, shape, initial_value=initial_value, lower=lower, upper=upper
         )
@@ -342,26 +318,17 @@ class LimitedIntegrator(Integrator):
         inwards = np.where(x.side > 0.5, np.minimum(u.u, 0.0), np.maximum(u.u, 0.0))
         return {"integral": np.where(x.side == 0.0, u.u, inwards)}
 
-    def _start(self, u: Signals, p: Signals) -> Values:
-        """Return the initial integral and mode."""
-        begin = limited(
-            u.start if self.start_from_input else p.initial_value + 0.0 * u.u,
-            p.lower,
-            p.upper,
-        )
+    def initial_state(self, u: Signals, p: Signals) -> Values:
+        """Return the initial integral and mode, within the limits."""
+        begin = limited(p.initial_value + 0.0 * u.u, p.lower, p.upper)
         outwards = np.where(
             begin >= p.upper, u.u > 0.0, np.logical_and(begin <= p.lower, u.u < 0.0)
         )
         return {"integral": begin, "side": np.where(outwards, np.sign(u.u), 0.0)}
 
-    def initial_state(self, u: Signals, p: Signals) -> Values:
-        """Return the initial integral and mode, within the limits."""
-        return self._start(u, p)
-
     def indicators(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
         """Return the distance of the integral from the limits, and the input."""
-        resets = {"again": u.reset} if self.has_reset else {}
-        return resets | {
+        return {
             "high": x.integral - p.upper,
             "low": x.integral - p.lower,
             "leaves_high": u.u,
@@ -371,11 +338,9 @@ class LimitedIntegrator(Integrator):
     def on_event(
         self, t: Array, x: Signals, u: Signals, p: Signals, fired: Signals
     ) -> Values:
-        """Stop at a limit, leave it, or reset."""
-        high, low = (
-            np.logical_and(fired.high, u.u > 0.0),
-            np.logical_and(fired.low, u.u < 0.0),
-        )
+        """Stop at a limit, or leave it."""
+        high = np.logical_and(fired.high, u.u > 0.0)
+        low = np.logical_and(fired.low, u.u < 0.0)
         integral = np.where(high, p.upper, np.where(low, p.lower, x.integral))
         leaves = np.where(
             x.side > 0.5,
@@ -383,13 +348,7 @@ class LimitedIntegrator(Integrator):
             np.logical_and(x.side < -0.5, fired.leaves_low),
         )
         side = np.where(high, 1.0, np.where(low, -1.0, np.where(leaves, 0.0, x.side)))
-        if not self.has_reset:
-            return {"integral": integral, "side": side}
-        begin = self._start(u, p)
-        return {
-            "integral": np.where(fired.again, begin["integral"], integral),
-            "side": np.where(fired.again, begin["side"], side),
-        }
+        return {"integral": integral, "side": side}
 
 
 class StopWhen(Block):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -11,11 +12,10 @@ from trussflow.blocks.errors import BlockError
 from trussflow.blocks.framework.block import Block, Values
 from trussflow.blocks.framework.declarations import Attribute, Signals
 from trussflow.blocks.framework.port import INFERRED, Input, Output
-from trussflow.blocks.framework.units import Unit
-from trussflow.blocks.library.algebra import listed, unit_of_each
+from trussflow.blocks.framework.units import Unit, check_declared
 from trussflow.blocks.library.piecewise import limited, piece, row_for_each
 from trussflow.blocks.support.types import Array, Vector
-from trussflow.blocks.support.validation import finite_array, yes_or_no
+from trussflow.blocks.support.validation import finite_array, shown, yes_or_no
 
 
 class Interpolation:
@@ -108,6 +108,28 @@ class Table(Block):
     def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
         """Return the interpolated values."""
         return {"y": self._table(u.u)}
+
+
+def listed(given: object) -> list[Any]:
+    """Return the elements of `given` as a list; it is empty if the argument is not a sequence."""
+    if isinstance(given, Sequence) or (
+        isinstance(given, np.ndarray) and given.ndim > 0
+    ):
+        return list(given)
+    return []
+
+
+def unit_of_each(owner: str, units: Any, count: int) -> Sequence[str | None]:
+    """Return the unit of each of the `count` inputs of an `owner` with these `units`; None: unchecked."""
+    if units is None:
+        return [None] * count
+    if not isinstance(units, Sequence) or isinstance(units, str) or len(units) != count:
+        raise BlockError(
+            f"{owner} has {count} inputs; give a list of as many units, not {shown(units)}"
+        )
+    for unit in units:
+        check_declared(owner, unit)
+    return list(units)
 
 
 class GridTable(Block):

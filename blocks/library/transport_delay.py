@@ -1,4 +1,4 @@
-"""Transport delays in continuous time, fixed or variable."""
+"""Transport delay in continuous time."""
 
 from __future__ import annotations
 
@@ -42,24 +42,32 @@ Piece = tuple[list[float], list[Vector]]
 """Times [s], and the inputs at these times."""
 
 
-class DelayLine(Block):
-    """Base of the delays: a history in runs, a Padé approximant in linear models.
+class TransportDelay(Block):
+    r"""Delay a signal by a fixed time: :math:`y(t) = u(t - \tau)`, with y_0 before the first input.
+
+    In a run, the input is stored at each accepted step, and interpolated by cubic polynomials. So the error
+    is of fourth order in the step for a smooth signal, regardless of the tolerances. Steps are at most a
+    fifth of the delay. A jump of a source, of a sampled block or at an event is delayed exactly, with every
+    solver. The block breaks algebraic loops. Steps are taken in Python.
+
+    In linear models, the delay is a Padé approximant; `frequency_response` uses the exact delay.
 
     Parameters
     ----------
-    shortest, longest : float
-        Bounds of the delay [s].
+    delay : float
+        τ > 0 [s].
     initial_value : array_like
-        Output before the first input is available [unit].
+        y_0 [unit]; its shape is that of the signal.
     pade : int
-        Order of the approximant [-].
+        Order of the approximant n, with a numerator of order n - 1 [-]; its phase is accurate up to about
+        n / τ rad/s.
     unit : str, tuple of str or None
-        Unit of the signal.
+        Unit of the signal, or one per element; None leaves it unchecked.
 
     Raises
     ------
     BlockError
-        If the order is not allowed.
+        If the delay or the order is not allowed.
     """
 
     traced: ClassVar[bool] = False
@@ -72,38 +80,28 @@ class DelayLine(Block):
 
     def __init__(
         self,
-        shortest: float,
-        longest: float,
-        initial_value: npt.ArrayLike,
-        pade: int,
-        unit: Unit,
+        delay: float,
+        initial_value: npt.ArrayLike = 0.0,
+        *,
+        pade: int = 6,
+        unit: Unit = None,
     ) -> None:
-        name = type(self).__name__
+        self.delay = finite("TransportDelay", "delay", delay, above=0.0)
         if not is_whole(pade) or not 1 <= pade <= 10:
             raise BlockError(
-                f"'pade' of {name} must be whole, from 1 to 10, not {shown(pade)}"
+                f"'pade' of TransportDelay must be whole, from 1 to 10, not {shown(pade)}"
             )
-        self.shortest, self.longest, self.pade, self.unit = (
-            shortest,
-            longest,
-            int(pade),
-            unit,
-        )
-        self.shape = finite_array(
-            f"parameter 'initial_value' of {name}", initial_value
-        ).shape
+        self.pade, self.unit = int(pade), unit
+        where = "parameter 'initial_value' of TransportDelay"
+        self.shape = finite_array(where, initial_value).shape
         self.size = prod(self.shape)
         # In units of the delay, so that the matrices are of moderate size; lowest power first.
         n, whole = self.pade, factorial(2 * self.pade - 1)
         each = [factorial(2 * n - 1 - k) / whole for k in range(n + 1)]
         b = [(-1) ** k * comb(n - 1, k) * each[k] for k in range(n)]
         a = [comb(n, k) * each[k] for k in range(n + 1)]
-        self.A, self.B, self.C, _ = realization(name, b[::-1], a[::-1])
+        self.A, self.B, self.C, _ = realization("TransportDelay", b[::-1], a[::-1])
         super().__init__(initial_value=initial_value)
-
-    def length(self, u: Signals) -> float:
-        """Return the present delay with the inputs `u` [s]."""
-        return self.longest
 
     def steady(self, value: Array) -> Vector:
         """Return the steady states of the approximant with an output `value` [as declared]."""
@@ -133,134 +131,37 @@ class DelayLine(Block):
         return History(self)
 
 
-class TransportDelay(DelayLine):
-    r"""Delay a signal by a fixed time: :math:`y(t) = u(t - \tau)`, with y_0 before the first input.
-
-    In a run, the input is stored at each accepted step, and interpolated by cubic polynomials. So the error
-    is of fourth order in the step for a smooth signal, regardless of the tolerances. Steps are at most a
-    fifth of the delay. A jump of a source, of a sampled block or at an event is delayed exactly, with every
-    solver. The block breaks algebraic loops. Steps are taken in Python.
-
-    In linear models, the delay is a Padé approximant; `frequency_response` uses the exact delay.
-
-    Parameters
-    ----------
-    delay : float
-        τ > 0 [s].
-    initial_value : array_like
-        y_0 [unit]; its shape is that of the signal.
-    pade : int
-        Order of the approximant n, with a numerator of order n - 1 [-]; its phase is accurate up to about
-        n / τ rad/s.
-    unit : str, tuple of str or None
-        Unit of the signal, or one per element; None leaves it unchecked.
-
-    Raises
-    ------
-    BlockError
-        If the delay or the order is not allowed.
-    """
-
-    def __init__(
-        self,
-        delay: float,
-        initial_value: npt.ArrayLike = 0.0,
-        *,
-        pade: int = 6,
-        unit: Unit = None,
-    ) -> None:
-        self.delay = finite("TransportDelay", "delay", delay, above=0.0)
-        super().__init__(self.delay, self.delay, initial_value, pade, unit)
-
-
-class VariableDelay(DelayLine):
-    r"""Delay a signal by a time that is itself a signal: :math:`y(t) = u(t - \tau(t))`.
-
-    The delay is limited to its bounds. While it grows at the rate :math:`\dot\tau`, the output is slower than
-    the input by the factor :math:`1 - \dot\tau` (Doppler effect). If it grows faster than time, the output
-    repeats earlier inputs. Otherwise the block is as `TransportDelay`, with two differences. While the delay
-    changes, the time of a jump is exact only to one step. Steps are at most a fifth of the shortest delay,
-    and inputs are stored for twice the longest delay.
-
-    In linear analysis, the delay is constant at the operating point; in a steady state, changes of the delay
-    have no influence. Linear models use a Padé approximant, and `frequency_response` the exact delay.
-
-    Parameters
-    ----------
-    shortest, longest : float
-        Bounds of τ, 0 < shortest < longest [s].
-    initial_value : array_like
-        Output before the first input is available [unit]; its shape is that of the signal.
-    pade : int
-        Order of the approximant, as for `TransportDelay` [-].
-    unit : str, tuple of str or None
-        Unit of the signal, or one per element; None leaves it unchecked.
-
-    Raises
-    ------
-    BlockError
-        If the times or the order are not allowed.
-    """
-
-    delay = Input(unit="s", meaning="τ: delay")
-
-    def __init__(
-        self,
-        shortest: float,
-        longest: float,
-        initial_value: npt.ArrayLike = 0.0,
-        *,
-        pade: int = 6,
-        unit: Unit = None,
-    ) -> None:
-        shortest = finite("VariableDelay", "shortest", shortest, above=0.0)
-        longest = finite("VariableDelay", "longest", longest, above=shortest)
-        super().__init__(shortest, longest, initial_value, pade, unit)
-
-    def length(self, u: Signals) -> float:
-        """Return the delay within its bounds, with the inputs `u` [s]."""
-        return float(np.clip(u.delay, self.shortest, self.longest))
-
-    def feedthrough(self) -> dict[str, tuple[str, ...]]:
-        """Return that only the delay has direct feedthrough."""
-        return {"y": ("delay",)}
-
-
 class History(Running):
     """Stored inputs of a delay in one run; before the first event, the output is that of the approximant.
 
     The history consists of pieces, between which the input jumps. The output is interpolated in the first
-    piece, which an event replaces by the next one, so that jumps are not smoothed. A delay that grows faster
-    than time returns to earlier pieces.
+    piece, which an event replaces by the next one, so that jumps are not smoothed.
 
     Parameters
     ----------
-    block : DelayLine
+    block : TransportDelay
         The block.
     """
 
     sees_jumps = False
 
-    def __init__(self, block: DelayLine) -> None:
+    def __init__(self, block: TransportDelay) -> None:
         self._block = block
         self._pieces: list[Piece] = []
-        self._past: list[Piece] = []
 
     def _note(self, t: float, u: Vector) -> None:
         """Store the input at a time, and delete inputs that are no longer needed."""
         times, values = self._pieces[-1]
         if self._jumps(t, u):
             self._pieces.append(([t], [u.copy()]))
-        elif t - times[-1] > TIME_TOLERANCE * self._block.shortest:
+        elif t - times[-1] > TIME_TOLERANCE * self._block.delay:
             times.append(t)
             values.append(u.copy())
         times, values = self._pieces[0]
         # rows of this step are logged later
-        out = bisect_right(times, t - 2.0 * self._block.longest) - 2
+        out = bisect_right(times, t - 2.0 * self._block.delay) - 2
         if out > 100:
             del times[:out], values[:out]
-        while self._past[1:] and self._past[1][0][0] < t - 2.0 * self._block.longest:
-            del self._past[0]
 
     def _jumps(self, t: float, u: Vector) -> bool:
         """Return whether the input differs from the stored one at the same time."""
@@ -268,7 +169,7 @@ class History(Running):
         size = np.abs(values[-4:]).max(initial=0.0)
         moved = np.abs(u - values[-1]).max(initial=0.0)
         return bool(
-            t - times[-1] <= TIME_TOLERANCE * self._block.shortest
+            t - times[-1] <= TIME_TOLERANCE * self._block.delay
             and moved > JUMP_TOLERANCE * size
         )
 
@@ -276,13 +177,8 @@ class History(Running):
         """Return the delayed input, by cubic Lagrange interpolation of the four nearest points."""
         if not self._pieces:
             return {"y": np.reshape(self._block.C @ x.z, self._block.shape)}
-        then = float(t) - self._block.length(u)
         times, values = self._pieces[0]
-        for earlier in reversed(self._past):
-            if self._is_in(then, times):
-                break
-            times, values = earlier
-        then = min(max(then, times[0]), times[-1])
+        then = min(max(float(t) - self._block.delay, times[0]), times[-1])
         k = min(bisect_right(times, then), len(times) - 1)
         near = slice(max(0, k - 2), k + 2)
         points = np.array(times[near])
@@ -294,7 +190,7 @@ class History(Running):
     def derivative(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
         """Return the rates of the approximant, which are zero in a run."""
         block = self._block
-        rates = (block.A @ x.z + np.outer(block.B, u.u)) / block.length(u)
+        rates = (block.A @ x.z + np.outer(block.B, u.u)) / block.delay
         return {"z": 0.0 * x.z if self._pieces else rates}
 
     def indicators(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
@@ -303,27 +199,14 @@ class History(Running):
             return {"again": np.float64(-NO_LIMIT)}
         if self._jumps(float(t), u.u):
             return {"again": t}
-        known = self._pieces[-1][0][-1] + self._block.shortest / MIN_STEPS_PER_DELAY
-        return {"again": np.float64(min(known, self._next_jump(u)))}
+        known = self._pieces[-1][0][-1] + self._block.delay / MIN_STEPS_PER_DELAY
+        return {"again": np.float64(min(known, self._next_jump()))}
 
-    def _next_jump(self, u: Signals) -> float:
+    def _next_jump(self) -> float:
         """Return the time at which the next piece replaces the first [s]."""
-        return (
-            self._pieces[0][0][-1] + self._block.length(u)
-            if self._pieces[1:]
-            else math.inf
-        )
-
-    def _is_in(self, then: float, times: list[float]) -> bool:
-        """Return whether a time is not before the first of these times of a piece."""
-        return then >= times[0] - TIME_TOLERANCE * self._block.shortest
-
-    def _go_back(self, now: float, u: Signals) -> None:
-        """Restore earlier pieces if the delay has grown faster than time."""
-        while self._past and not self._is_in(
-            now - self._block.length(u), self._pieces[0][0]
-        ):
-            self._pieces.insert(0, self._past.pop())
+        if not self._pieces[1:]:
+            return math.inf
+        return self._pieces[0][0][-1] + self._block.delay
 
     def on_event(
         self, t: Array, x: Signals, u: Signals, p: Signals, fired: Signals
@@ -334,24 +217,22 @@ class History(Running):
             self._pieces.append(([now], [np.array(p.initial_value)]))
             self._pieces.append(([now], [u.u.copy()]))
         self._note(now, u.u)
-        self._go_back(now, u)
-        while self._next_jump(u) <= now + ROUND_OFF_PLACES * math.ulp(now):
-            self._past.append(self._pieces.pop(0))
+        while self._next_jump() <= now + ROUND_OFF_PLACES * math.ulp(now):
+            del self._pieces[0]
         return {"z": self._block.steady(self.output(t, x, u, p)["y"])}
 
     def on_step(self, t: Array, x: Signals, u: Signals, p: Signals) -> bool:
         """Store the input."""
         self._note(float(t), u.u)
-        self._go_back(float(t), u)
         return False
 
     def save(self) -> Any:
         """Return the history."""
-        return _copied(self._past), _copied(self._pieces)
+        return _copied(self._pieces)
 
     def restore(self, saved: Any) -> None:
         """Restore the history."""
-        self._past, self._pieces = map(_copied, saved)
+        self._pieces = _copied(saved)
 
 
 def _copied(pieces: list[Piece]) -> list[Piece]:

@@ -150,7 +150,7 @@ class Linearizer:
         self._override = override
         self.item = item
         self._system = flatten(item, external=True)
-        self._surroundings = Surroundings(Plan(self._system, own_programs=True))
+        self._surroundings = Surroundings(Plan(self._system))
         self._cuts = all_named(self._system, cut, [])
         self._inputs = all_named(self._system, inputs, item.inputs())
         self._outputs = all_named(self._system, outputs, item.outputs())

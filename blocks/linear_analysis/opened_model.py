@@ -99,7 +99,7 @@ class OpenedModel:
             system, tap = probed(system, one.port)
             closings.append(tap)
             system, sources[one.key] = _put_in(system, one, cut=True)
-        self.plan = Plan(system, own_programs=True)
+        self.plan = Plan(system)
         self.taps = taps
         columns = [self._columns([(one, sources[one.key])]) for one in (*cuts, *wires)]
         self._replaced = list(zip(before, columns, strict=True))

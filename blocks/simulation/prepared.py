@@ -114,7 +114,7 @@ class Prepared:
             [t for c in clocks for t in (c.period, c.offset)] or [Fraction(1)]
         )
         self.tick_seconds = float(self.tick)
-        self.schedule = Schedule(clocks, self.tick, shared=bool(plan.counters.size))
+        self.schedule = Schedule(clocks, self.tick)
         self.has_clocks = bool(clocks)
         for active in self.schedule.sets:
             plan.order(active)  # finds algebraic loops, whatever is logged

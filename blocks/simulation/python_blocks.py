@@ -136,9 +136,6 @@ class PythonBlocks:
             [pair for pairs, _ in stages for pair in pairs] for stages in self.stages
         ]
         traced = {clock(b) for b in plan.system.blocks.values() if b.traced}
-        if plan.counters.size:
-            # the shared program also counts ticks of clocks without traced blocks
-            traced |= {*plan.system.clocks}
         self.with_traced = [bool(active & traced) for active in sets]
         self._computes = np.array([bool(pairs) for pairs in self.ordered])
         self._computes[0] = False
@@ -204,14 +201,8 @@ class PythonExecutor(Executor):
 
     def instant(self, number: int, *point: *Point, update: bool = True) -> Vector:
         """Return d after an instant: Python blocks first, then the traced ones."""
-        plan = self._python.plan
         d = point[2]
-        waiting = plan.counters.waiting(d)
-        ticking = [
-            pair
-            for pair in self._python.ordered[number]
-            if plan.system.clock(pair[0].block) not in waiting
-        ]
+        ticking = self._python.ordered[number]
         for call, quantity in ticking:
             d[call.outputs] = self._sampled_output(call, quantity, point)
         # All outputs are there by now: no state is updated before all have seen it.

@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 
 from trussflow.blocks.errors import SimulationError
 from trussflow.blocks.framework.clock import Clock, ticks
-from trussflow.blocks.tracing.sorted_order import Active
 
 MAX_CLOCK_SETS = 1000
 """Sets of clocks that tick together; each needs code of its own."""
@@ -35,14 +34,11 @@ class Schedule:
         Distinct clocks, at most 62.
     tick : Fraction
         Length of a tick [s].
-    shared : bool
-        Whether whatever ticks is sampled by one program.
 
     Attributes
     ----------
     sets : list of frozenset of Clock
-        The sets of clocks that tick together, each with a program; the first is empty. If the clocks share
-        one program, the only other set has all clocks: the clock counters determine which of them tick.
+        The sets of clocks that tick together, each with a program; the first is empty.
 
     Raises
     ------
@@ -50,9 +46,7 @@ class Schedule:
         If a sample time or offset is not a whole number of ticks, or there are too many sets.
     """
 
-    def __init__(
-        self, clocks: Sequence[Clock], tick: Fraction, *, shared: bool = False
-    ) -> None:
+    def __init__(self, clocks: Sequence[Clock], tick: Fraction) -> None:
         self._clocks = [
             (
                 ticks(c.period, tick, "the sample time"),
@@ -64,11 +58,12 @@ class Schedule:
             raise SimulationError(
                 f"a sample time of more than {MAX_PERIOD_TICKS:.0e} ticks of {float(tick):g} s is too long"
             )
-        self._shared = shared
-        if shared:
-            self.sets: list[Active] = [frozenset(), frozenset(clocks)]
-            return
         codes = sorted({0} | (self._scanned() or self._possible()))
+        if len(codes) > MAX_CLOCK_SETS:
+            raise SimulationError(
+                f"{len(self._clocks)} sample times coincide in more than {MAX_CLOCK_SETS} ways; "
+                "take sample times that are multiples of each other"
+            )
         self._sorted_codes = np.array(codes, dtype=np.int64)
         self.sets = [
             frozenset(c for i, c in enumerate(clocks) if code >> i & 1)
@@ -95,10 +90,7 @@ class Schedule:
             )
             found |= {code | 1 << i for code in found if not code & apart}
             if len(found) > MAX_CLOCK_SETS:
-                raise SimulationError(
-                    f"{len(self._clocks)} sample times coincide in more than {MAX_CLOCK_SETS} ways; "
-                    "take sample times that are multiples of each other"
-                )
+                break  # too many already
         return found
 
     def _codes(self, first: int, number: int) -> NDArray[np.int64]:
@@ -111,18 +103,9 @@ class Schedule:
             ) << i
         return codes
 
-    def _any(self, first: int, number: int) -> NDArray[np.uint16]:
-        """Return, for a run of ticks, whether any clock ticks."""
-        found = np.zeros(number, dtype=np.uint16)
-        for period, offset in self._clocks:
-            found[max(offset - first, (offset - first) % period) :: period] = 1
-        return found
-
     def due(self, first: int, number: int) -> NDArray[np.uint16]:
         """Return, for `number` ticks from the `first` one, the number of the set that ticks."""
         if not self._clocks:
             return np.zeros(number, dtype=np.uint16)
-        if self._shared:
-            return self._any(first, number)
         codes = self._codes(first, number)
         return np.searchsorted(self._sorted_codes, codes).astype(np.uint16)

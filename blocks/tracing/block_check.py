@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import pickle
 from collections import Counter
-from collections.abc import Hashable, Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
+from types import MethodType
 from weakref import WeakKeyDictionary
 
-import casadi as ca
 import numpy as np
 
 from trussflow.blocks.errors import BlockError, SimulationError, TrussflowError
@@ -17,28 +18,15 @@ from trussflow.blocks.framework.declarations import Event, Mode, Signals
 from trussflow.blocks.framework.equations import EVENTS
 from trussflow.blocks.framework.external_inputs import External
 from trussflow.blocks.support.types import Array
-from trussflow.blocks.tracing.block_deduplication import (
-    anonymous_copy,
-    constants,
-    equations_key,
-)
-from trussflow.blocks.tracing.call_checks import (
-    brief,
-    checked,
-    refusal,
-    running_errors,
-    tracing_errors,
-)
+from trussflow.blocks.tracing.call_checks import brief, checked, refusal, tracing_errors
 from trussflow.blocks.tracing.kernels import (
     Trace,
     dependencies,
-    shape_of,
     symbol,
     symbols_of,
     to_expression,
     tracing,
 )
-from trussflow.blocks.tracing.program import Program
 from trussflow.blocks.tracing.traced_block import TracedBlock
 
 ROUND_OFF_TOLERANCE = 1e-9
@@ -77,7 +65,10 @@ class Isolated:
     traced: TracedBlock | None = None
 
 
-SharedResults = dict[Hashable, Isolated | None]
+UNSHARED_ATTRIBUTES = ("name", "parent", "parameters", "extra_ports")
+"""Attributes that may differ between blocks with the same equations; the traced copy has none of them."""
+
+SharedResults = dict[bytes, Isolated | None]
 """Result shared by all blocks with the same `equations_key`; None if it cannot be shared."""
 
 
@@ -97,33 +88,6 @@ def shapes_of(block: Block) -> tuple[dict[str, tuple[int, ...]], ...]:
         for names in ([*block.states(), *block.declared(Mode)], block.declared(Event))
     )
     return x, {p.name: p.whole_shape or () for p in block.inputs()}, fired
-
-
-def equations(
-    block: Block,
-    t: Array,
-    x: Signals,
-    u: Signals,
-    p: Signals,
-    fired: Signals,
-    by: Block | None = None,
-) -> dict[str, Values]:
-    """Evaluate all equations of a `block` at `t`, `x`, `u`, `p` and `fired`, and check the results.
-
-    The copy `by` of the block is evaluated in its place, if there is one.
-
-    Raises
-    ------
-    BlockError
-        If a name is missing or unknown, or an array has the wrong shape.
-    """
-    results = {}
-    for kind in kinds(block):
-        more = (fired,) if kind == "on_event" else ()
-        results[kind] = checked(
-            block, kind, getattr(by or block, kind)(t, x, u, p, *more)
-        )
-    return results
 
 
 _results: WeakKeyDictionary[Block, tuple[list[tuple[int, ...] | None], Isolated]] = (
@@ -176,25 +140,60 @@ def isolate_all(blocks: Mapping[str, Block]) -> dict[str, Isolated]:
 
 def _shared_result(block: Block, shared: SharedResults) -> Isolated:
     """Return the result of a block with the same equations, from `shared` if it is there."""
-    key = equations_key(block) if block.traced else None
-    if key is not None and key not in shared:
+    key = equations_key(block)
+    if key is None:
+        return isolate_anew(block)
+    if key not in shared:
         try:
-            shared[key] = isolate_anew(block, anonymous_copy(block))
+            shared[key] = isolate_anew(block, _anonymous_copy(block))
         except TrussflowError:
             # checking the block itself shows whether it or the copy is at fault
             shared[key] = None
-    found = shared.get(key)
-    if found is None or found.traced is None:
-        return isolate_anew(block)
-    return replace(found, traced=replace(found.traced, constants=constants(block)))
+    return shared[key] or isolate_anew(block)
 
 
-def isolate_anew(
-    block: Block, copy: tuple[Block, tuple[Array, ...]] | None = None
-) -> Isolated:
+def equations_key(block: Block) -> bytes | None:
+    """Return bytes that are equal for two blocks only if their equations are the same; None if unknown.
+
+    Besides their arguments, equations can read the class, the attributes and the ports of their block.
+    """
+    attributes = object.__getstate__(block)
+    if not isinstance(attributes, dict):
+        return None  # attributes in slots are not compared
+    if not block.traced or any(isinstance(v, MethodType) for v in attributes.values()):
+        return None  # methods of another object, which refers to the block
+    read = {
+        n: v
+        for n, v in attributes.items()
+        if n not in (*UNSHARED_ATTRIBUTES, "ports", "inferred_shape")
+    }
+    ports = [
+        (port.name, port.whole_shape, port.unit, port.frame, port.declaration)
+        for port in block.ports.values()
+    ]
+    shapes = [(name, value.shape) for name, value in block.parameters.items()]
+    everything = (type(block), read, ports, shapes, block.inferred_shape.get())
+    try:
+        return pickle.dumps(everything)
+    except Exception:  # noqa: BLE001 - any error, for example of a lambda
+        return None
+
+
+def _anonymous_copy(block: Block) -> Block:
+    """Return a copy of a `block` without name and parameter values; equations that read them fail."""
+    copy: Block = object.__new__(type(block))
+    values = copy.__dict__
+    values.update(
+        (n, v) for n, v in vars(block).items() if n not in UNSHARED_ATTRIBUTES
+    )
+    values["ports"] = {n: replace(p, block=copy) for n, p in block.ports.items()}
+    return copy
+
+
+def isolate_anew(block: Block, copy: Block | None = None) -> Isolated:
     """Check a `block` without storing the result, as its shapes may still change.
 
-    If there is a `copy` with its symbols, the copy is traced in place of the block.
+    If there is a `copy`, it is traced in place of the block.
 
     Raises
     ------
@@ -203,20 +202,17 @@ def isolate_anew(
     """
     if not block.traced:
         return Isolated(_declared_feedthrough(block))
-    by, lifted = copy or (None, ())
-    symbols, values, trace = trace_alone(block, by)
+    symbols, values, trace = trace_alone(block, copy)
     t, x, u, fired, p = symbols
-    leaves = (t, *x.values(), *u.values(), *p.values(), *fired.values(), *lifted)
-    traced = TracedBlock(
-        leaves, tuple(trace.calls), values, constants(block) if lifted else ()
-    )
-    _compare(block, symbols, traced)
+    leaves = (t, *x.values(), *u.values(), *p.values(), *fired.values())
+    traced = TracedBlock(leaves, tuple(trace.calls), values)
     own = {name: symbols_of(to_expression(value)) for name, value in u.items()}
     used = dependencies([to_expression(v) for v in values["output"].values()], trace)
     feedthrough = {
         name: frozenset(i for i, s in own.items() if s & needed)
         for name, needed in zip(values["output"], used, strict=True)
     }
+    _compare(block, symbols, traced)
     return Isolated(feedthrough, traced)
 
 
@@ -229,12 +225,14 @@ def trace_alone(
 ) -> tuple[Symbols, dict[str, Values], Trace]:
     """Return symbols, the results of the equations of a `block` for them, and the recorded kernel calls.
 
-    See `equations` for `by`.
+    The copy `by` of the block is evaluated in its place, if there is one.
 
     Raises
     ------
     TracingError
         If the equations cannot be traced.
+    BlockError
+        If a name is missing or unknown, or an array has the wrong shape.
     """
     x, u, fired, p = (
         Signals(f"block '{block.path}'", {n: symbol(n, s) for n, s in shapes.items()})
@@ -243,9 +241,13 @@ def trace_alone(
             {n: v.shape for n, v in block.parameters.items()},
         )
     )
-    t = symbol("t", ())
+    t, values = symbol("t", ()), dict[str, Values]()
     with tracing_errors(block), tracing() as trace:
-        return (t, x, u, fired, p), equations(block, t, x, u, p, fired, by), trace
+        for kind in kinds(block):
+            more = (fired,) if kind == "on_event" else ()
+            made = getattr(by or block, kind)(t, x, u, p, *more)
+            values[kind] = checked(block, kind, made)
+    return (t, x, u, fired, p), values, trace
 
 
 def check_kind(block: Block) -> None:
@@ -297,92 +299,77 @@ def _declared_feedthrough(block: Block) -> dict[str, frozenset[str]]:
 
 
 def _compare(block: Block, symbols: Symbols, traced: TracedBlock) -> None:
-    """Raise `TracingError` if the traced equations of a block return other numbers than NumPy."""
-    t, x, u, fired, p = symbols
-    results = [
-        (n, to_expression(v))
-        for values in traced.values.values()
-        for n, v in values.items()
-    ]
+    """Raise `TracingError` if the traced equations of a block return other numbers than NumPy.
+
+    Numbers replace the `symbols` of states, inputs and events.
+    """
+    results = [(k, n) for k, values in traced.values.items() for n in values]
     if not results:
         return
-    names, columns = zip(*results, strict=True)
-    result = ca.densify(ca.vertcat(*columns))
-    program = Program(
-        "check", tuple(map(to_expression, traced.leaves)), traced.calls, result
-    )
+    t, x, u, fired, p = symbols
+    own = Signals(p.owner, block.parameters)
 
-    def plain(point: list[Array]) -> Array:
-        numbers = iter(point)
-        now = next(numbers)
-        states, given, happened = (
-            Signals(g.owner, {n: next(numbers) for n in g}) for g in (x, u, fired)
-        )
-        happened = Signals(fired.owner, {n: value > 0 for n, value in happened.items()})
-        with np.errstate(all="ignore"), running_errors(block, "equations", float(now)):
-            values = equations(
-                block, now, states, given, Signals(p.owner, block.parameters), happened
-            )
-        return np.concatenate(
-            [np.ravel(v) for each in values.values() for v in each.values()],
-            dtype=float,
-        )
+    def plain(point: Sequence[Array], check: bool = False) -> Array:
+        """Return the results in NumPy, one after the other."""
+        now, *arrays = point
+        numbers = iter(arrays)
+        for group in (x, u, fired):
+            group.update(zip([*group], numbers, strict=False))
+        fired.update({n: v > 0 for n, v in fired.items()})
+        found = {}
+        for kind in traced.values:
+            more = (fired,) if kind == "on_event" else ()
+            found[kind] = getattr(block, kind)(now, x, u, own, *more)
+            if check:
+                checked(block, kind, found[kind])
+        return np.concatenate([np.ravel(found[k][n]) for k, n in results], dtype=float)
 
-    first = 1 + len(x) + len(u)
-    chosen = [
-        # an event happens or not
-        [*point[:first], *(np.where(v > 0, 1.0, 0.0) for v in point[first:])]
-        for point in points(
-            tuple(map(shape_of, (t, *x.values(), *u.values(), *fired.values())))
-        )
+    arguments = (t, *x.values(), *u.values(), *fired.values())
+    chosen = points(tuple(value.shape for value in arguments))
+    columns = [
+        np.reshape(each, (len(chosen), -1)).T for each in zip(*chosen, strict=True)
     ]
-    own = block.parameters.values()
-    everything = zip(
-        *(
-            [*point[:first], *own, *point[first:], *traced.constants]
-            for point in chosen
-        ),
-        strict=True,
+    before_events = 1 + len(x) + len(u)
+    parts = traced.numbers(
+        *columns[:before_events],
+        *(np.repeat(np.reshape(v, (-1, 1)), len(chosen), 1) for v in own.values()),
+        *(np.where(v > 0, 1.0, 0.0) for v in columns[before_events:]),
     )
-    found = program.evaluate(
-        [np.column_stack([np.ravel(v) for v in values]) for values in everything]
-    )
-    sizes = np.cumsum([column.numel() for column in columns])
-    for k, (point, values) in enumerate(zip(chosen, found.T, strict=True)):
-        special = k >= RANDOM_POINTS
+    sizes, found = np.cumsum([*map(len, parts)]), np.vstack(parts)
+    for number, (point, values) in enumerate(zip(chosen, found.T, strict=True)):
+        special = number >= RANDOM_POINTS
+        tolerance = SPECIAL_TOLERANCE if special else ROUND_OFF_TOLERANCE
         try:
-            expected = plain(point)
-            tolerance = SPECIAL_TOLERANCE if special else ROUND_OFF_TOLERANCE
-            counts = differing(values, expected, sizes, tolerance)
-            if special and counts.any():
-                # CasADi drops products with a structural zero, NumPy's 0 * NaN is NaN; later branches may
-                # then differ. So a difference counts only if NumPy's result is stable in the neighbourhood.
-                lost = np.isnan(expected) & np.isfinite(values)
-                counts &= np.isfinite(expected) & ~lost.any()
-                for near in (
-                    [v * NEARBY_FACTOR for v in point],
-                    [np.where(v == 0.0, -v, v) for v in point],
-                ):
-                    counts &= ~differing(plain(near), expected, sizes, tolerance)
-        except SimulationError as error:
-            # A singular random matrix is no fault of the block, and neither is a value it rejects itself.
-            cause = error.__cause__
-            if (
-                special
-                or not isinstance(cause, Exception)
-                or isinstance(cause, np.linalg.LinAlgError)
-            ):
+            with np.errstate(all="ignore"):
+                expected = plain(point, check=number == 0)
+                wrong = differing(values, expected, sizes, tolerance)
+                if special:
+                    # CasADi drops products with a structural zero, NumPy's 0 * NaN is NaN; later branches
+                    # may then differ. So a difference counts only if NumPy's result is stable nearby.
+                    lost = np.isnan(expected) & np.isfinite(values)
+                    wrong &= np.isfinite(expected) & ~lost.any()
+                    nearby = (
+                        [v * NEARBY_FACTOR for v in point],
+                        [np.where(v == 0.0, -v, v) for v in point],
+                    )
+                    for near in nearby if wrong.any() else ():
+                        wrong &= ~differing(plain(near), expected, sizes, tolerance)
+        except (SimulationError, np.linalg.LinAlgError):
+            continue  # the block rejects the values, or a random matrix is singular
+        except TrussflowError:
+            raise
+        except Exception as error:
+            if special:
                 continue
-            raise refusal(
-                block, f"in NumPy, with random numbers: {brief(cause)}", cause
-            ) from error
-        if counts.any():
-            worst = int(np.argmax(counts))
+            reason = f"in NumPy, with random numbers: {brief(error)}"
+            raise refusal(block, reason, error) from error
+        if wrong.any():
+            worst = int(np.argmax(wrong))
             output = int(np.searchsorted(sizes, worst, side="right"))
             raise refusal(
                 block,
-                f"traced and NumPy values of '{names[output]}' differ: element {worst - [0, *sizes][output]} "
-                f"is {values[worst]:.6g} traced, {expected[worst]:.6g} in NumPy",
+                f"traced and NumPy values of '{results[output][1]}' differ: element "
+                f"{worst - [0, *sizes][output]} is {values[worst]:.6g} traced, {expected[worst]:.6g} in NumPy",
             )
 
 

@@ -1,5 +1,6 @@
 """Cache of compiled libraries on disk, addressed by content and private to one user.
 
+The name of a file consists of the hash of its source, and of the hash of the file itself.
 A cached library runs with the user's rights. So a file that another user could have written is not used:
 the folder and the files must belong to the user, and no one else may have write permission.
 """
@@ -53,7 +54,7 @@ def cached(
 ) -> Path:
     """Return the cached file that was built from this content, or build it.
 
-    The file is stored with its hash. It is built again if the hash does not match or the check fails.
+    It is built again if its own hash does not match or the check fails.
     It is moved into place atomically, so two processes may build it at the same time. If the cache
     cannot be used, a temporary folder of this process is used. When a process stores its first file, it
     also deletes files older than `MAX_AGE`, and the least recently used ones above `MAX_BYTES`.
@@ -74,26 +75,32 @@ def cached(
     CompilationError
         If a newly built file is not usable either, or cannot be stored.
     """
-    name = f"{hashlib.sha256(content.encode()).hexdigest()[:32]}{suffix}"
+    key = _hash(content.encode())
     for folder in _folders():
-        if _is_intact(folder / name) and _fault(check, folder / name) is None:
-            return folder / name
+        for file in folder.glob(f"{key}-*{suffix}"):
+            if _is_intact(file) and _fault(check, file) is None:
+                return file
     binary = build()
+    name = f"{key}-{_hash(binary)}{suffix}"
     faults: dict[Path, str] = {}
     for folder in _folders():
-        fault = _fault(_store, folder / name, binary) or _fault(check, folder / name)
+        file = folder / name
+        fault = _fault(_store, file, binary) or _fault(check, file)
         if fault is None:
-            for (
-                at,
-                reason,
-            ) in faults.items():  # the file is usable, so the folder is at fault
-                _not_kept(at, reason)
+            # the file is usable, so folders before this one are at fault
+            for unusable, reason in faults.items():
+                _not_kept(unusable, reason)
             _prune(folder)
-            return folder / name
+            return file
         faults[folder] = fault
     raise CompilationError(
         f"cannot store and load the compiled library, last tried in '{folder}': {fault}"
     )
+
+
+def _hash(content: bytes) -> str:
+    """Return half of the SHA-256 hash [-], which is long enough for file names."""
+    return hashlib.sha256(content).hexdigest()[:32]
 
 
 def _fault(action: Callable[..., object], *arguments: object) -> str | None:
@@ -106,9 +113,9 @@ def _fault(action: Callable[..., object], *arguments: object) -> str | None:
 
 
 def _files(folder: Path) -> list[tuple[float, int, Path]]:
-    """Return the time of the last use [s], the size [B] and the path of each compiled file in a folder."""
+    """Return the time of the last use [s], the size [B] and the path of each cached file in a folder."""
     found = []
-    for file in folder.glob(f"{'[0-9a-f]' * 32}.*o"):
+    for file in folder.glob(f"{'[0-9a-f]' * 32}*"):
         with contextlib.suppress(OSError):  # another process may delete it
             status = file.stat()
             found.append((status.st_mtime, status.st_size, file))
@@ -125,7 +132,6 @@ def _prune(folder: Path) -> None:
             with contextlib.suppress(OSError):
                 # another process may delete it or, on Windows, have it loaded
                 if file.stat().st_mtime == used:  # not used since the list was made
-                    file.with_suffix(".sha256").unlink(missing_ok=True)
                     file.unlink()
 
 
@@ -150,29 +156,24 @@ def _not_kept(folder: Path, error: object) -> None:
 
 
 def _is_intact(file: Path) -> bool:
-    """Return whether a file exists, is private to the user, and matches its stored hash."""
-    beside = file.with_suffix(".sha256")
+    """Return whether a file is private to the user, and matches the hash in its name."""
     try:
-        if not (is_private(file, stat.S_IFREG) and is_private(beside, stat.S_IFREG)):
+        if not is_private(file, stat.S_IFREG):
             return False
         with contextlib.suppress(OSError):  # the folder may be read-only
             # marks the file as used, so that `_prune` of another process keeps it
             os.utime(file)
-        return hashlib.sha256(file.read_bytes()).hexdigest() == beside.read_text(
-            encoding="ascii"
-        )
-    except (OSError, UnicodeDecodeError):
+        return file.stem.endswith(f"-{_hash(file.read_bytes())}")
+    except OSError:
         return False
 
 
 def _store(file: Path, binary: bytes) -> None:
-    """Write a file and its hash, each atomically; an existing file, link or folder is replaced."""
-    digest = hashlib.sha256(binary).hexdigest().encode("ascii")
-    for path, content in ((file, binary), (file.with_suffix(".sha256"), digest)):
-        if path.is_dir() and not path.is_symlink():
-            shutil.rmtree(path)
-        elif path.is_symlink() or not path.is_file():
-            path.unlink(missing_ok=True)
-        with replaced(path) as partial:
-            partial.touch(0o600)
-            partial.write_bytes(content)
+    """Write a file atomically; an existing file, link or folder is replaced."""
+    if file.is_dir() and not file.is_symlink():
+        shutil.rmtree(file)
+    elif file.is_symlink() or not file.is_file():
+        file.unlink(missing_ok=True)
+    with replaced(file) as partial:
+        partial.touch(0o600)
+        partial.write_bytes(binary)

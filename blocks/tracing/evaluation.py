@@ -8,7 +8,7 @@ through a block is legal if only another output of that block has direct feedthr
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from math import prod
 
 import casadi as ca
@@ -16,9 +16,8 @@ import numpy as np
 
 from trussflow.blocks.errors import AlgebraicLoopError
 from trussflow.blocks.framework.block import Block, Values
-from trussflow.blocks.framework.clock import Clock
 from trussflow.blocks.framework.declarations import Signals
-from trussflow.blocks.framework.layout import spans
+from trussflow.blocks.framework.layout import BlockSignals, spans
 from trussflow.blocks.framework.port import Port
 from trussflow.blocks.framework.system import Driver, System
 from trussflow.blocks.support.types import Array
@@ -43,30 +42,28 @@ class Leaves:
     ----------
     t : array, shape ()
         Time [s].
-    states, held, parameters : dict of Signals
+    states, held, parameters : BlockSignals
         States and modes, held outputs of sampled blocks, and parameters, by block path.
-    fired, sides : dict of Signals
+    fired, sides : BlockSignals
         Triggered events, and signs of the event indicators, by block path.
-    guesses : dict of Signals
+    guesses : BlockSignals
         Initial guesses of the signals of algebraic loops, by block path.
-    counters : dict of Array
-        Remaining ticks of each clock, if the clocks share one program.
     """
 
     t: Array
-    states: dict[str, Signals]
-    held: dict[str, Signals]
-    parameters: dict[str, Signals]
-    fired: dict[str, Signals]
-    sides: dict[str, Signals]
-    guesses: dict[str, Signals]
-    counters: dict[Clock, Array]
+    states: BlockSignals
+    held: BlockSignals
+    parameters: BlockSignals
+    fired: BlockSignals
+    sides: BlockSignals
+    guesses: BlockSignals
 
 
+@dataclass(eq=False)
 class Evaluation:
     """All signals of a system at one instant.
 
-    Parameters
+    Attributes
     ----------
     system : System
         The flat diagram.
@@ -76,37 +73,25 @@ class Evaluation:
         Time, states, held outputs and parameters.
     active : set of Clock
         The clocks that tick at this instant: their blocks compute, the others hold.
-    traced_blocks : mapping, optional
+    traced_blocks : mapping
         Equations already traced, by block path, for an evaluation with symbols.
-    solved : mapping, optional
-        Known signals of algebraic loops, for an evaluation with numbers.
-
-    Attributes
-    ----------
+    solved : dict
+        Known signals of algebraic loops; more are added as the loops are solved.
     iterated : list of Port
         Torn signals of the loops that need an iteration, in an evaluation with symbols.
     """
 
-    def __init__(
-        self,
-        system: System,
-        feedthrough: Feedthrough,
-        leaves: Leaves,
-        active: Active = frozenset(),
-        traced_blocks: Mapping[str, TracedBlock] | None = None,
-        solved: Mapping[Port, Array] | None = None,
-    ) -> None:
-        self.system, self.feedthrough, self.leaves, self.active = (
-            system,
-            feedthrough,
-            leaves,
-            active,
-        )
-        self.traced_blocks, self.solved = traced_blocks or {}, dict(solved or {})
-        self.iterated: list[Port] = []
+    system: System
+    feedthrough: Feedthrough
+    leaves: Leaves
+    active: Active
+    traced_blocks: Mapping[str, TracedBlock] = field(default_factory=dict)
+    solved: dict[Port, Array] = field(default_factory=dict)
+    iterated: list[Port] = field(default_factory=list)
+
+    def __post_init__(self) -> None:
         self._filled: dict[tuple[str, frozenset[str]], dict[str, Values]] = {}
         self._outputs: dict[tuple[str, frozenset[str]], Values] = {}
-        self._chosen: dict[Port, Array] = {}
         self._inputs: dict[tuple[str, str], Array] = {}
         self._running: set[tuple[str, frozenset[str]]] = set()
 
@@ -116,26 +101,7 @@ class Evaluation:
             return self.solved[port]
         if holds(self.system, port.block, self.active):
             return self.leaves.held[port.block.path][port.name]
-        if port not in self._chosen:
-            self._chosen[port] = self._shown(port)
-        return self._chosen[port]
-
-    def _shown(self, port: Port) -> Array:
-        """Return the new value of an output, or the held one if the clock of its block does not tick."""
-        return self._if_ticking(
-            port.block, self._computed(port), self.leaves.held, port.name
-        )
-
-    def _if_ticking(
-        self, block: Block, new: Array, before: Mapping[str, Signals], name: str
-    ) -> Array:
-        """Return `new` if the clock of a sampled block ticks, else the value before."""
-        clock = self.system.clock(block)
-        if clock is None or not self.leaves.counters:
-            return new
-        return np.where(
-            self.leaves.counters[clock] == 0.0, new, before[block.path][name]
-        )
+        return self._computed(port)
 
     def compute(self, stages: Sequence[Stage]) -> None:
         """Compute all outputs in sorted order; recursion along a long chain would overflow the stack."""
@@ -148,28 +114,24 @@ class Evaluation:
     def _solve(self, stage: Stage) -> None:
         """Solve for the torn signals of an algebraic loop."""
         # A separate evaluation, so that no expression in the unknowns is cached in this one.
-        apart = Evaluation(
-            self.system, self.feedthrough, self.leaves, self.active, solved=self.solved
-        )
+        apart = Evaluation(self.system, self.feedthrough, self.leaves, self.active)
         apart._outputs, apart._inputs = self._outputs.copy(), self._inputs.copy()
         shapes = [port.whole_shape or () for port in stage.torn]
         unknown = [
             symbol(port.path, shape)
             for port, shape in zip(stage.torn, shapes, strict=True)
         ]
-        apart.solved |= zip(stage.torn, unknown, strict=True)
+        apart.solved = self.solved | dict(zip(stage.torn, unknown, strict=True))
         with written_out():
             for port in stage.ports:
                 apart.output(port)
-            results = [apart._shown(port) for port in stage.torn]
+            results = [apart._computed(port) for port in stage.torn]
         z, computed = (
             ca.vertcat(*map(to_expression, arrays)) for arrays in (unknown, results)
         )
         known = self.leaves.guesses
         guesses = [
-            known[port.block.path][port.name]
-            if port.name in known[port.block.path]
-            else np.zeros(shape)
+            known[port.block.path].get(port.name, np.zeros(shape))
             for port, shape in zip(stage.torn, shapes, strict=True)
         ]
         found, iterated = solve(
@@ -218,30 +180,15 @@ class Evaluation:
         values = {p.name: self.input(block, p.name) for p in block.inputs()}
         return Signals(f"block '{block.path}'", values)
 
-    def rates(self, block: Block) -> Values:
-        """Return the time derivatives of a block's continuous states."""
-        return self._evaluate(block, "derivative", self.inputs(block))
-
-    def updates(self, block: Block) -> Values:
-        """Return the next values of a sampled block's discrete states."""
-        found, before = (
-            self._evaluate(block, "update", self.inputs(block)),
-            self.leaves.states,
-        )
-        return {
-            name: self._if_ticking(block, value, before, name)
-            for name, value in found.items()
-        }
-
-    def indicators(self, block: Block) -> Values:
-        """Return the indicators of a block's events."""
-        return self._evaluate(block, "indicators", self.inputs(block))
+    def results(self, block: Block, kind: str) -> Values:
+        """Return the results of the equation `kind` of a block, such as its derivative, for all inputs."""
+        return self._evaluate(block, kind, self.inputs(block))
 
     def after_events(self, block: Block) -> Values:
         """Return a block's states and modes after events; without a triggered event they do not change."""
         before, fired = self.leaves.states[block.path], self.leaves.fired[block.path]
         happened = sum(np.sum(np.reshape(f, (-1,))) for f in fired.values()) > 0
-        after = self._evaluate(block, "on_event", self.inputs(block))
+        after = self.results(block, "on_event")
         return before | {
             name: np.where(happened, value, before[name])
             for name, value in after.items()

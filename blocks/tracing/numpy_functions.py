@@ -40,10 +40,6 @@ def _floor_divide(a: Array, b: Array) -> Array:
     return np.where(np.equal(b, 0.0), np.divide(a, b), np.floor(nearly + 0.5))
 
 
-def _modf(x: Array) -> tuple[Array, Array]:
-    return np.where(np.isinf(x), 0.0, np.fmod(x, 1.0)), np.trunc(x)
-
-
 def _rint(x: Array) -> Array:
     # distance from the nearest integer, ties to even
     rest = x._binop(1.0, ca.remainder)
@@ -55,32 +51,6 @@ def _round(a: Array, decimals: int = 0) -> Array:
     return (
         np.rint(a * factor) / factor if decimals > 0 else np.rint(a / factor) * factor
     )
-
-
-def _without_nan(function: np.ufunc) -> Callable[[Array, Array], Array]:
-    return lambda a, b: np.where(
-        np.isnan(a), b, np.where(np.isnan(b), a, function(a, b))
-    )
-
-
-def _ignoring_nan(
-    function: Callable[..., Array], instead: float
-) -> Callable[..., Array]:
-    return lambda a, axis=None, **kwargs: function(
-        np.where(np.isnan(a), instead, a), axis=axis, **kwargs
-    )
-
-
-def _extreme(function: Callable[..., Array], instead: float) -> Callable[..., Array]:
-    without = _ignoring_nan(function, instead)
-    return lambda a, axis=None, **kwargs: np.where(
-        np.all(np.isnan(a), axis=axis, **kwargs), np.nan, without(a, axis, **kwargs)
-    )
-
-
-def _nanmean(a: Array, axis: int | None = None, **kwargs: Any) -> Array:
-    count = np.sum(np.logical_not(np.isnan(a)), axis=axis, **kwargs)
-    return np.nansum(a, axis=axis, **kwargs) / count
 
 
 def _nan_to_num(
@@ -107,18 +77,6 @@ def _isclose(
     )
 
 
-def _heaviside(x: Array, half: Array) -> Array:
-    return np.where(
-        np.equal(x, 0.0), half, np.where(np.isnan(x), x, np.greater(x, 0.0))
-    )
-
-
-def _log_of_sum(a: Array, b: Array) -> Array:
-    # avoids inf - inf
-    smaller = np.exp(-np.abs(np.where(np.equal(a, b), 0.0, np.subtract(a, b))))
-    return np.maximum(a, b) + np.log1p(smaller)
-
-
 def _interp(
     x: Array,
     xp: Array,
@@ -143,32 +101,22 @@ NUMPY_REPLACEMENTS: dict[Callable[..., Any], Callable[..., Any]] = {
     np.isnan: _isnan,
     np.isfinite: lambda x: np.abs(x) < np.inf,
     np.isinf: lambda x: np.equal(np.abs(x), np.inf),
-    np.isposinf: lambda x: np.equal(x, np.inf),
-    np.isneginf: lambda x: np.equal(x, -np.inf),
     np.signbit: lambda x: np.copysign(1.0, x) < 0.0,
     np.remainder: _mod,
     np.floor_divide: _floor_divide,
     np.divmod: lambda a, b: (np.floor_divide(a, b), np.mod(a, b)),
-    np.modf: _modf,
     np.rint: _rint,
     np.round: _round,
     np.around: _round,
-    np.fmax: _without_nan(np.maximum),
-    np.fmin: _without_nan(np.minimum),
-    np.nanmax: _extreme(np.max, -np.inf),
-    np.nanmin: _extreme(np.min, np.inf),
-    np.nansum: _ignoring_nan(np.sum, 0.0),
-    np.nanprod: _ignoring_nan(np.prod, 1.0),
-    np.nancumsum: _ignoring_nan(np.cumsum, 0.0),
-    np.nanmean: _nanmean,
     np.nan_to_num: _nan_to_num,
     np.isclose: _isclose,
-    np.heaviside: _heaviside,
-    np.logaddexp: _log_of_sum,
-    np.logaddexp2: lambda a, b: (
-        _log_of_sum(np.log(2.0) * a, np.log(2.0) * b) / np.log(2.0)
-    ),
     np.interp: _interp,
     np.digitize: _digitize,
 }
 """Traced implementation of each NumPy function, used instead of that of CasADi."""
+
+REFUSED_FUNCTIONS = (
+    *(np.fmax, np.fmin, np.nanmax, np.nanmin, np.nansum, np.nanprod, np.nancumsum),
+    *(np.isposinf, np.isneginf, np.modf, np.heaviside, np.logaddexp, np.logaddexp2),
+)
+"""NumPy functions for which CasADi returns other numbers, mostly for NaN and infinite numbers."""

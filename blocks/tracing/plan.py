@@ -1,8 +1,8 @@
 """The plan: a diagram traced into the functions that a simulation needs.
 
 All functions take ``(t, x, d, p)``: time, continuous states, discrete data, and parameters. The discrete
-data d change only at instants. They are modes, discrete states, held outputs of sampled blocks, clock
-counters, signs of event indicators, triggered events, loop solutions, and external inputs, in this order.
+data d change only at instants. They are modes, discrete states, held outputs of sampled blocks, signs of
+event indicators, triggered events, loop solutions, and external inputs, in this order.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ import numpy as np
 
 from trussflow.blocks.errors import NameLookupError
 from trussflow.blocks.framework.block import Block
-from trussflow.blocks.framework.declarations import KINDS, Event, Mode, Signals
+from trussflow.blocks.framework.declarations import KINDS, Event, Mode
 from trussflow.blocks.framework.diagram import Diagram
 from trussflow.blocks.framework.equations import Equations
 from trussflow.blocks.framework.external_inputs import External
@@ -27,7 +27,6 @@ from trussflow.blocks.support.types import Array, Vector
 from trussflow.blocks.support.validation import by_name, finite_array
 from trussflow.blocks.tracing.algebraic_loops import AlgebraicLoops
 from trussflow.blocks.tracing.block_check import check_kind, isolate_all
-from trussflow.blocks.tracing.clock_counters import ClockCounters, share_program
 from trussflow.blocks.tracing.evaluation import Evaluation, Leaves
 from trussflow.blocks.tracing.initial_states import set_from_inputs
 from trussflow.blocks.tracing.kernels import (
@@ -48,17 +47,15 @@ class Plan:
     ----------
     diagram : Diagram or System
         Diagram to simulate.
-    own_programs : bool
-        Whether each set of clocks that tick together has its own program, regardless of their number.
 
     Attributes
     ----------
     x, p : Layout
         Order of continuous states and of parameters.
-    modes, memory, held, counters, sides, fired, guesses, u : Layout
-        Parts of d: modes, discrete states, held outputs, remaining ticks of clocks that share one
-        program, signs of event indicators, triggered events, last solutions of the loops that need an
-        iteration, external inputs. ``events.h`` depends on the order from `sides` to `guesses`.
+    modes, memory, held, sides, fired, guesses, u : Layout
+        Parts of d: modes, discrete states, held outputs, signs of event indicators, triggered events, last
+        solutions of the loops that need an iteration, external inputs. ``events.h`` depends on the order
+        from `sides` to `guesses`.
     kinds : array of int8
         Directions of all events, in the order of `sides`.
     has_events : bool
@@ -74,9 +71,7 @@ class Plan:
         If the equations of a block cannot be traced.
     """
 
-    def __init__(
-        self, diagram: Diagram | System, *, own_programs: bool = False
-    ) -> None:
+    def __init__(self, diagram: Diagram | System) -> None:
         self.system = diagram if isinstance(diagram, System) else flatten(diagram)
         self.name = self.system.root.name
         blocks = self.system.blocks
@@ -115,12 +110,8 @@ class Plan:
             self.modes.span.stop,
         )
         self.held = Layout(held, self.memory.span.stop)
-        shared = not own_programs and share_program(self.system, self.feedthrough)
-        self.counters = ClockCounters(
-            self.system.clocks if shared else [], self.held.span.stop
-        )
         # ``events.h`` depends on the order of the following parts.
-        self.sides = Layout(events, self.counters.span.stop)
+        self.sides = Layout(events, self.held.span.stop)
         self.fired = Layout(events, self.sides.span.stop)
         kinds = [
             KINDS[blocks[e.path].declared(Event)[e.name].kind]
@@ -162,18 +153,8 @@ class Plan:
     @property
     def layouts(self) -> tuple[Layout, ...]:
         """Layouts of x, of the parts of d, and of p."""
-        return (
-            *(
-                self.x,
-                self.modes,
-                self.memory,
-                self.held,
-                self.counters,
-                self.sides,
-                self.fired,
-            ),
-            *(self.guesses, self.u, self.p),
-        )
+        parts = self.modes, self.memory, self.held, self.sides, self.fired
+        return self.x, *parts, self.guesses, self.u, self.p
 
     @property
     def stored(self) -> tuple[Layout, ...]:
@@ -300,7 +281,6 @@ class Plan:
                 self.guesses.put(d, place.path, place.name, value)
         for source in self.system.external.values():
             self.u.put(d, source.path, "y", source.start_value())
-        d[self.counters.span] = self.counters.first
         overrides = by_name("initial states", overrides)
         self.set_inputs(d, inputs)
         self.override(x, d, overrides)
@@ -363,21 +343,16 @@ class Plan:
         `make` converts a slice to an array. Signals are expressions if `t`, `x`, `d` and `p` are symbols,
         and numbers otherwise.
         """
-        states, fired = self.memory.unpack(d, make), self.fired.unpack(d, make)
-        for layout, flat in ((self.x, x), (self.modes, d)):
-            for path, own in layout.unpack(flat, make).items():
-                states[path] = Signals(own.owner, {**states.get(path, {}), **own})
-        held = self.held.unpack(d, make) | self.u.unpack(d, make)
+        states, held = self.memory.unpack(d, make), self.held.unpack(d, make)
+        self.x.unpack(x, make, states)
+        self.modes.unpack(d, make, states)
+        self.u.unpack(d, make, held)
         parameters, guesses = self.p.unpack(p, make), self.guesses.unpack(d, make)
-        for path in self.system.blocks:
-            for found in (states, held, parameters, fired, guesses):
-                found.setdefault(path, Signals(f"block '{path}'", {}))
-            if not is_traced(t):
-                fired[path] = Signals(
-                    fired[path].owner, {n: f > 0 for n, f in fired[path].items()}
-                )
-        sides, counters = self.sides.unpack(d, make), self.counters.by_clock(d, make)
-        leaves = Leaves(t, states, held, parameters, fired, sides, guesses, counters)
+        fired, sides = self.fired.unpack(d, make), self.sides.unpack(d, make)
+        if not is_traced(t):
+            for signals in fired.values():
+                signals.update({name: value > 0 for name, value in signals.items()})
+        leaves = Leaves(t, states, held, parameters, fired, sides, guesses)
         traced_blocks = {
             k: i.traced for k, i in self._isolated.items() if i.traced is not None
         }

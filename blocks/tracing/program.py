@@ -11,9 +11,7 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import casadi as ca
-import numpy as np
 
-from trussflow.blocks.support.types import Array
 from trussflow.blocks.tracing.kernels import KernelCall, Trace, symbols_of
 
 
@@ -60,35 +58,6 @@ class Program:
         """Text that identifies the computation of this program."""
         kernels = (call.kernel.code for call in self.calls)
         return "\0".join([self.name, self.graph.serialize(), *kernels])
-
-    def evaluate(self, values: Sequence[Array]) -> Array:
-        """Return the result for one or several sets of inputs; for few calls, it is faster than `function`.
-
-        Parameters
-        ----------
-        values : sequence of array, shape (size,) or (size, n)
-            Value of each input [any]; several sets are columns.
-
-        Returns
-        -------
-        array, shape (size,) or (size, n)
-            The result; several sets are columns.
-        """
-        leaves = [*self.inputs, *(ca.vec(c.symbols) for c in self.calls)]
-        roots = [*(c.inputs for c in self.calls), self.result]
-        everything = ca.Function(self.name, leaves, roots, {"allow_free": True})
-        if everything.has_free():
-            everything = _straight(self.name, leaves, roots)
-        sets = np.shape(values[0])[1:]
-        results = [np.zeros((c.symbols.numel(), *sets)) for c in self.calls]
-        # Kernel after kernel: the inputs of call k depend only on inputs and results of earlier calls.
-        for k, call in enumerate(self.calls):
-            columns = everything.call([*values, *results])[k]
-            each = np.asarray(call.kernel.function(columns), dtype=float)
-            results[k] = each.reshape(results[k].shape, order="F")
-        return np.asarray(
-            everything.call([*values, *results])[-1], dtype=float
-        ).reshape(self.size, *sets)
 
     @cached_property
     def function(self) -> ca.Function:

@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from trussflow.blocks.framework.block import Block
+from trussflow.blocks.framework.block import Block, Values
+from trussflow.blocks.framework.layout import Layout
 from trussflow.blocks.framework.port import Port
 from trussflow.blocks.support.types import Array
 from trussflow.blocks.tracing.evaluation import Evaluation
@@ -39,17 +40,29 @@ class Quantity:
 
 def derivative() -> Quantity:
     """Return the quantity dx/dt; it is zero for Python blocks, whose derivatives are added later."""
+    return _results("derivative", lambda plan: plan.x)
+
+
+def indicators() -> Quantity:
+    """Return the quantity of all event indicators; they are zero for Python blocks."""
+    return _results("indicators", lambda plan: plan.sides)
+
+
+def _results(kind: str, layout: Callable[[Plan], Layout]) -> Quantity:
+    """Return the quantity of the results of an equation, in the order of a layout of the plan."""
 
     def collect(plan: Plan, evaluation: Evaluation) -> list[Array]:
-        paths = dict.fromkeys(e.path for e in plan.x)
-        blocks = {path: plan.system.blocks[path] for path in paths}
-        rates = {path: evaluation.rates(b) for path, b in blocks.items() if b.traced}
+        values: dict[str, Values] = {}
+        for path in dict.fromkeys(e.path for e in layout(plan)):
+            block = plan.system.blocks[path]
+            if block.traced:
+                values[path] = evaluation.results(block, kind)
         return [
-            rates[e.path][e.name] if e.path in rates else np.zeros(e.shape)
-            for e in plan.x
+            values[e.path][e.name] if e.path in values else np.zeros(e.shape)
+            for e in layout(plan)
         ]
 
-    return Quantity("derivative", frozenset(), collect)
+    return Quantity(kind, frozenset(), collect)
 
 
 def outputs(
@@ -67,31 +80,20 @@ def sample(number: int, active: Active) -> Quantity:
     """Return the quantity d after an instant at which the set `number` of `active` clocks ticks."""
 
     def collect(plan: Plan, evaluation: Evaluation) -> list[Array]:
-        def computes(path: str) -> bool:
-            block = plan.system.blocks[path]
-            return block.traced and plan.system.clock(block) in active
-
-        leaves, memory = evaluation.leaves, evaluation.leaves.states
-        paths = dict.fromkeys(e.path for e in plan.memory if computes(e.path))
-        updates = {path: evaluation.updates(plan.system.blocks[path]) for path in paths}
-        return (
-            [memory[e.path][e.name] for e in plan.modes]
-            + [
-                updates[e.path][e.name] if e.path in updates else memory[e.path][e.name]
-                for e in plan.memory
-            ]
-            + [
-                evaluation.output(plan.system.blocks[e.path].port(e.name))
-                if computes(e.path)
-                else leaves.held[e.path][e.name]
-                for e in plan.held
-            ]
-            + plan.counters.after(leaves.counters)
-            + [leaves.sides[e.path][e.name] for e in plan.sides]
-            + [np.zeros(e.shape) for e in plan.fired]
-            + guesses().collect(plan, evaluation)
-            + [leaves.held[e.path][e.name] for e in plan.u]
-        )
+        leaves, blocks = evaluation.leaves, plan.system.blocks
+        after: dict[str, Values] = {**leaves.states}
+        for path in dict.fromkeys(e.path for e in plan.memory):
+            if blocks[path].traced and plan.system.clock(blocks[path]) in active:
+                after[path] = evaluation.results(blocks[path], "update")
+        return [
+            *(leaves.states[e.path][e.name] for e in plan.modes),
+            *(after[e.path][e.name] for e in plan.memory),
+            *(evaluation.output(blocks[e.path].port(e.name)) for e in plan.held),
+            *(leaves.sides[e.path][e.name] for e in plan.sides),
+            *(np.zeros(e.shape) for e in plan.fired),
+            *guesses().collect(plan, evaluation),
+            *(leaves.held[e.path][e.name] for e in plan.u),
+        ]
 
     return Quantity(f"sample_{number}", active, collect)
 
@@ -109,24 +111,6 @@ def guesses() -> Quantity:
         ]
 
     return Quantity("guesses", frozenset(), collect)
-
-
-def indicators() -> Quantity:
-    """Return the quantity of all event indicators; they are zero for Python blocks."""
-
-    def collect(plan: Plan, evaluation: Evaluation) -> list[Array]:
-        blocks = {e.path: plan.system.blocks[e.path] for e in plan.sides}
-        found = {
-            path: evaluation.indicators(block)
-            for path, block in blocks.items()
-            if block.traced
-        }
-        return [
-            found[e.path][e.name] if e.path in found else np.zeros(e.shape)
-            for e in plan.sides
-        ]
-
-    return Quantity("indicators", frozenset(), collect)
 
 
 def after_events() -> Quantity:

@@ -98,17 +98,7 @@ def holds(system: System, block: Block, active: Active) -> bool:
 
 def graph_of(system: System, feedthrough: Feedthrough, active: Active) -> Graph:
     """Return the dependence graph, by `feedthrough`, of outputs of a `system` while `active` clocks tick."""
-    return dependence_graph(
-        system,
-        feedthrough,
-        {path: holds(system, b, active) for path, b in system.blocks.items()},
-    )
-
-
-def dependence_graph(
-    system: System, feedthrough: Feedthrough, held: Mapping[str, bool]
-) -> Graph:
-    """Return the dependence graph, by `feedthrough`, of outputs of a `system` whose blocks are not `held`."""
+    held = {path: holds(system, b, active) for path, b in system.blocks.items()}
     graph: Graph = {}
     for path, block in system.blocks.items():
         if held[path]:

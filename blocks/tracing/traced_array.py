@@ -15,7 +15,10 @@ from typing import Any, Never
 import casadi as ca
 import numpy as np
 
-from trussflow.blocks.tracing.numpy_functions import NUMPY_REPLACEMENTS
+from trussflow.blocks.tracing.numpy_functions import (
+    NUMPY_REPLACEMENTS,
+    REFUSED_FUNCTIONS,
+)
 
 UNSUPPORTED_ARGUMENTS = frozenset(
     (
@@ -91,12 +94,11 @@ class TracedArray(ca.ArrayInterfaceSX):
         )
         name += f".{method}" if method != "__call__" else ""
         _refuse_dropped(name, kwargs)
-        if ufunc in NUMPY_REPLACEMENTS:
-            return (
-                NUMPY_REPLACEMENTS[ufunc](*inputs)
-                if method == "__call__"
-                else owned(NotImplemented, name)
-            )
+        replaced = ufunc in NUMPY_REPLACEMENTS
+        if replaced and method == "__call__":
+            return NUMPY_REPLACEMENTS[ufunc](*inputs)
+        if replaced or ufunc in REFUSED_FUNCTIONS:
+            return owned(NotImplemented, name)
         return owned(super().__array_ufunc__(ufunc, method, *inputs, **kwargs), name)
 
     def __array_function__(
@@ -107,6 +109,8 @@ class TracedArray(ca.ArrayInterfaceSX):
         _refuse_dropped(name, _given(func, args, kwargs))
         if func in NUMPY_REPLACEMENTS:
             return NUMPY_REPLACEMENTS[func](*args, **kwargs)
+        if func in REFUSED_FUNCTIONS:
+            return owned(NotImplemented, name)
         return owned(super().__array_function__(func, types, args, kwargs), name)
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
+from typing import Any
 
 import casadi as ca
 
@@ -32,8 +33,6 @@ class TracedBlock:
         Kernel calls of the equations.
     values : dict
         Results of each equation.
-    constants : tuple of array
-        Numbers of the block that replace the last leaves.
     parts : list of casadi.Function
         Functions built at first use; blocks with the same equations share them.
     """
@@ -41,7 +40,6 @@ class TracedBlock:
     leaves: tuple[Array, ...]
     calls: tuple[KernelCall, ...]
     values: dict[str, Values]
-    constants: tuple[Array, ...] = ()
     parts: list[ca.Function] = field(default_factory=list)
 
     def _prepare(self) -> None:
@@ -54,6 +52,27 @@ class TracedBlock:
             to_expression(v) for values in self.values.values() for v in values.values()
         ]
         self.parts.append(ca.Function("part", leaves, values))
+
+    def numbers(self, *columns: Array) -> list[Array]:
+        """Return all results for numbers in place of the leaves.
+
+        Parameters
+        ----------
+        *columns : array, shape (size, n)
+            Numbers for each leaf; n sets of them [as declared].
+
+        Returns
+        -------
+        list of array, shape (size, n)
+            The numbers of each result, in the order of `values` [as declared].
+        """
+        if not self.parts:
+            self._prepare()
+        sets, actual = columns[0].shape[1], list[Any](columns)
+        for part, call in zip(self.parts, self.calls, strict=False):
+            results = call.kernel.function(part(*actual))
+            actual.append(ca.reshape(results, call.symbols.numel(), sets))
+        return [each.full() for each in self.parts[-1].call(actual)]
 
     def fits(self, arguments: Iterable[Array]) -> bool:
         """Return whether these arguments can replace the symbols without loss of efficiency.
@@ -72,11 +91,11 @@ class TracedBlock:
         Parameters
         ----------
         arguments : sequence of array
-            One array of the same shape for each leaf except the constants.
+            One array of the same shape for each leaf.
         """
         if not self.parts:
             self._prepare()
-        actual = [to_expression(a) for a in (*arguments, *self.constants)]
+        actual = [to_expression(a) for a in arguments]
         for part, call in zip(self.parts, self.calls, strict=False):
             made = call_kernel(call.kernel, part(*actual))
             actual.append(ca.vec(made.symbols))

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import numpy as np
+
+from trussflow.blocks.framework.arithmetic import Operation
 from trussflow.blocks.framework.diagram import Diagram
-from trussflow.blocks.library.algebra import Product
 from trussflow.blocks.support.types import Vector
 from trussflow.models.dynamics.dynamics import TrussDynamics
 from trussflow.models.mean_axes.allocation import MeanAxesAllocation
@@ -57,7 +59,7 @@ def mean_axes_controller(
         estimator=MeanAxesEstimator(believed, design, start),
         law=MeanAxesLaw(believed, design),
         allocation=MeanAxesAllocation(believed, limits, design),
-        left=Product(shape=believed.actuators).sampled(design.sample_time),
+        left=Operation(np.multiply).sampled(design.sample_time),
         economy=ActuatorEconomy(believed, limits, design),
         probe=ActuatorProbe(believed, design, monitor),
         monitor=monitor,

@@ -208,7 +208,7 @@ def estimated_response(
         sources[-1].named(f"excitation {number + 1}")
         if sample_time is not None:
             sources[-1].sampled(sample_time)
-    point, _ = Surroundings(Plan(system, own_programs=True)).complete(at, [], {})
+    point, _ = Surroundings(Plan(system)).complete(at, [], {})
     simulator = Simulator(
         excited(
             system,

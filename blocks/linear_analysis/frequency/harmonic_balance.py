@@ -27,9 +27,8 @@ from numpy.typing import NDArray
 
 from trussflow.blocks.errors import LinearAnalysisError
 from trussflow.blocks.framework.block import Block
-from trussflow.blocks.framework.declarations import Signals
 from trussflow.blocks.framework.system import flatten
-from trussflow.blocks.library.transport_delay import DelayLine
+from trussflow.blocks.library.transport_delay import TransportDelay
 from trussflow.blocks.linear_analysis.describing_function import SAMPLE_PHASES, columns
 from trussflow.blocks.linear_analysis.linearize import Linearizer
 from trussflow.blocks.linear_analysis.operating_point import OperatingPoint
@@ -106,7 +105,9 @@ def frequency_response(
             .at(at)
             .frequency_response(omega, squeeze=False)
         )
-    delays = [block for block in system.blocks.values() if isinstance(block, DelayLine)]
+    delays = [
+        block for block in system.blocks.values() if isinstance(block, TransportDelay)
+    ]
     override = {block.path: _integrator(block) for block in delays}
     linearizer = Linearizer(item, inputs, outputs, cut=cut, override=override)
     balance = Balance(linearizer, at, delays)
@@ -129,13 +130,12 @@ def frequency_response(
     )
 
 
-def _integrator(delay: DelayLine) -> control.StateSpace:
-    """Return an integrator of the signal of a delay; further inputs have no influence."""
+def _integrator(delay: TransportDelay) -> control.StateSpace:
+    """Return an integrator of the signal of a delay."""
     import control
 
-    number = sum(port.size for port in delay.inputs())
     one = np.eye(delay.size)
-    return control.ss(0.0 * one, np.eye(delay.size, number), one, 0.0)
+    return control.ss(0.0 * one, one, one, 0.0)
 
 
 class Balance:
@@ -147,7 +147,7 @@ class Balance:
         The diagram, its inputs and outputs.
     at : OperatingPoint, optional
         Around which.
-    delays : sequence of DelayLine
+    delays : sequence of TransportDelay
         Delays that integrators stand for.
 
     Attributes
@@ -160,7 +160,7 @@ class Balance:
         self,
         linearizer: Linearizer,
         at: OperatingPoint | None = None,
-        delays: Sequence[DelayLine] = (),
+        delays: Sequence[TransportDelay] = (),
     ) -> None:
         model, point, (x, d, p) = linearizer.opened(at)
         self.input_labels, self.output_labels = linearizer.labels()
@@ -172,12 +172,8 @@ class Balance:
         self._name = linearizer.item.name
         self._delays = list[tuple[slice, float]]()
         for delay in delays:
-            # Inputs and outputs at the point; the length of a variable delay is its last input.
-            inputs = self._z[model.plan.place(f"(point of {delay.path})", "y")][
-                : -delay.size
-            ]
-            length = delay.length(Signals(delay.path, {"delay": inputs[-1]}))
-            self._delays.append((model.plan.place(delay.path, "z"), length))
+            place = model.plan.place(delay.path, "z")
+            self._delays.append((place, delay.delay))
 
     @cached_property
     def _executor(self) -> Executor:

@@ -15,7 +15,7 @@ from trussflow.blocks.framework.block import Block
 from trussflow.blocks.framework.clock import exact
 from trussflow.blocks.framework.diagram import Diagram
 from trussflow.blocks.framework.system import flatten, resolved
-from trussflow.blocks.library.transport_delay import DelayLine
+from trussflow.blocks.library.transport_delay import TransportDelay
 from trussflow.blocks.simulation.schedule import Schedule
 from trussflow.blocks.support.types import Vector
 from trussflow.blocks.support.validation import by_name, positive
@@ -139,9 +139,7 @@ class ExportInterface:
         _check_initialization(item, plan)
         ports = [resolved(port) for port in item.outputs()]
         try:
-            schedule = Schedule(
-                plan.system.clocks, exact(step), shared=bool(plan.counters.size)
-            )
+            schedule = Schedule(plan.system.clocks, exact(step))
         except SimulationError as error:
             raise ExportError(
                 f"cannot export '{item.name}' with step={step}: {error}"
@@ -228,7 +226,7 @@ def _check_initialization(item: Block, plan: Plan) -> None:
         loads = block.hides and (block.continuous or block.steps_itself)
         if loads or block.states_own("initial_state"):
             remedy = "leave that block out. For diagrams of FMUs there is trussflow.fmu.ssp.export_ssp"
-            if isinstance(block, DelayLine):
+            if isinstance(block, TransportDelay):
                 remedy = "replace it by sampled_delay(sample_time, delay), which can be exported"
             raise ExportError(
                 f"cannot export '{item.name}': '{block.path}' ({type(block).__name__}) runs or initializes "
@@ -276,10 +274,10 @@ def _check_start(
     t = np.zeros(1)
     d = d.copy()
     x, d[: plan.memory.span.stop] = np.split(
-        programs["initialization"].evaluate([t, x, d, p]), [plan.x.size]
+        programs["initialization"].function(t, x, d, p).full().ravel(), [plan.x.size]
     )
     for group, name in ((shown.derivatives, "derivative"), (shown.outputs, "outputs")):
-        values = programs[name].evaluate([t, x, d, p])
+        values = programs[name].function(t, x, d, p).full().ravel()
         for v in group:
             begin = v.reference - group[0].reference
             if not np.isfinite(values[begin : begin + v.size]).all():

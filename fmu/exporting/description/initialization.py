@@ -10,6 +10,7 @@ import numpy as np
 
 from trussflow.blocks.framework.block import Block
 from trussflow.blocks.framework.declarations import Signals
+from trussflow.blocks.framework.layout import BlockSignals
 from trussflow.blocks.support.types import Array
 from trussflow.blocks.tracing.call_checks import tracing_errors
 from trussflow.blocks.tracing.evaluation import Evaluation, Leaves
@@ -114,16 +115,12 @@ def _set_by_blocks(
     leaves = evaluation.leaves
     system = plan.system
     outside = {block.path for block in system.external.values()}
-    states = {
-        path: Signals(s.owner, {n: values[path, n] for n in s})
-        for path, s in leaves.states.items()
-    }
-    held = {
-        path: s
-        if path in outside
-        else Signals(s.owner, {n: _zeros(v) for n, v in s.items()})
-        for path, s in leaves.held.items()
-    }
+    states, held = BlockSignals(), BlockSignals(leaves.held)
+    for path, s in leaves.states.items():
+        states[path] = Signals(s.owner, {n: values[path, n] for n in s})
+    for path, s in leaves.held.items():
+        if path not in outside:
+            held[path] = Signals(s.owner, {n: _zeros(v) for n, v in s.items()})
     active = frozenset(clock for clock in system.clocks if clock.offset == 0)
     first = replace(leaves, states=states, held=held)
     now = Evaluation(

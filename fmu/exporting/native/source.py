@@ -21,9 +21,6 @@ from trussflow.fmu.errors import ExportError
 from trussflow.fmu.exporting.description.export_interface import ExportInterface
 from trussflow.fmu.exporting.native.tape import operation_names, table, tape
 
-ALL_CLOCKS = 2**64 - 1
-"""Bit set of all clocks."""
-
 MAX_CHEAP_OPERATIONS = 200
 """Maximum number of operations of an output that is computed with the cheap outputs [-]."""
 
@@ -257,9 +254,8 @@ def calendar(interface: ExportInterface) -> list[str]:
         for c in clocks
     ]
     bits = {clock: 1 << i for i, clock in enumerate(clocks)}
-    shared = interface.plan.counters.size > 0
     codes = [
-        f"{{{ALL_CLOCKS if shared else sum(bits[c] for c in s)}ull, TF_sample_{number}}}"
+        f"{{{sum(bits[c] for c in s)}ull, TF_sample_{number}}}"
         for number, s in enumerate(interface.schedule.sets)
         if s
     ]

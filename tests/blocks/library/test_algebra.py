@@ -5,7 +5,6 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 from trussflow.blocks import (
-    Concatenate,
     Constant,
     Diagram,
     Function,
@@ -13,13 +12,10 @@ from trussflow.blocks import (
     Input,
     MatrixGain,
     Output,
-    Product,
-    Select,
     Sum,
     Terminator,
-    simulate,
 )
-from trussflow.blocks.errors import BlockError, WiringError
+from trussflow.blocks.errors import BlockError
 
 ROUND_OFF = 1e-14  # relative: a few operations of 1e-16 each
 u = np.array([1.0, -2.0, 4.0])
@@ -37,26 +33,12 @@ v = np.array([2.0, 5.0, 0.5])
             np.arange(6.0).reshape(2, 3) @ u,
         ),
         (Sum("+-+"), [u, v, u], u - v + u),
-        (Product("*/*"), [u, v, u], u / v * u),
-        (Product("/"), [v], 1.0 / v),
-        (Select([2, 0, -1], size=3), [u], [4.0, 1.0, 4.0]),
-        (Concatenate([2, 3]), [v[:2], u], [*v[:2], *u]),
     ],
 )
 def test_outputs_are_those_of_numpy(block, inputs, expected, evaluate):
     ports = [port.name for port in block.inputs()]
     y = evaluate(block, **dict(zip(ports, inputs, strict=True)))["y"]
     assert_allclose(y, expected, rtol=ROUND_OFF)
-
-
-def test_concatenate_keeps_units():
-    assert Concatenate([2, 3], units=("m", "rad")).y.unit == (
-        "m",
-        "m",
-        "rad",
-        "rad",
-        "rad",
-    )
 
 
 def test_gain_keeps_the_unit_unless_told_otherwise():
@@ -70,17 +52,6 @@ def test_gain_keeps_the_unit_unless_told_otherwise():
     same.y >> other.u
     assert same.y.unit == "N"
     assert other.y.unit == "mN"
-
-
-def test_product_derives_its_unit():
-    diagram = Diagram()
-    product, power = diagram.add(
-        product=Product("**/", units=("N", "m", "s")), power=Gain(1.0, input_unit="W")
-    )
-    product.y >> power.u  # N m / s are watts; the wire checks it
-    other = diagram.add(other=Gain(1.0, input_unit="N"))
-    with pytest.raises(WiringError, match="does not fit 'N'"):
-        product.y >> other.u
 
 
 def test_function_wraps_any_numpy_function(respond):
@@ -98,23 +69,6 @@ def test_function_wraps_any_numpy_function(respond):
 def test_terminator_takes_any_signal(respond):
     result = respond(Terminator(), 0.01, u=Constant(u, unit="N", frame="truss"))
     assert set(result) == {"u_source.y"}
-
-
-def test_select_refuses_what_does_not_fit_once_wired():
-    def run(value):
-        diagram = Diagram()
-        source, block = diagram.add(source=Constant(value), select=Select([3]))
-        source.y >> block.u
-        simulate(diagram, 1.0, step=1.0, backend="numpy")
-
-    with pytest.raises(
-        BlockError, match="element 3 of a vector of size 3; indices go from 0 to 2"
-    ):
-        run(u)
-    with pytest.raises(
-        BlockError, match=r"'select' picks .* vector; its input has shape \(\)"
-    ):
-        run(1.0)
 
 
 def test_function_that_returns_too_little_is_refused(evaluate):

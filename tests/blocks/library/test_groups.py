@@ -1,4 +1,4 @@
-"""Groups: while not enabled nothing moves, and a triggered group computes at edges, once."""
+"""Groups: while not enabled nothing moves."""
 
 from __future__ import annotations
 
@@ -7,23 +7,22 @@ import pickle
 
 import numpy as np
 import pytest
-from numpy.testing import assert_allclose, assert_array_equal
+from numpy.testing import assert_allclose
 from systems import ports
 
 from trussflow.blocks import (
     Block,
     Constant,
     Diagram,
-    DiscretePID,
+    Event,
     Gain,
     Input,
     Integrator,
     LimitedIntegrator,
+    Mode,
     Noise,
     Output,
     PythonFunction,
-    Ramp,
-    RateLimiter,
     Relay,
     Sine,
     Step,
@@ -34,18 +33,10 @@ from trussflow.blocks import (
     enabled,
     linearize,
     simulate,
-    triggered,
 )
 from trussflow.blocks.errors import DiagramError
 
 TOLERANCE = 1e-9  # round-off, and times located to round-off
-
-
-class TimesSampleTime(Block):
-    u, y = Input(), Output()
-
-    def output(self, t, x, u, p):
-        return {"y": self.sample_time * u.u}
 
 
 def timer():
@@ -92,9 +83,9 @@ def run(group, duration, **sources):
     return simulate(diagram, duration, log={"y": group.y}, step=0.01)
 
 
-def output(group, times, port="enable"):
+def output(group, times):
     """Return the output of a group that pulses switch on."""
-    return values(run(group, max(times), **{port: pulses()}), times)
+    return values(run(group, max(times), enable=pulses()), times)
 
 
 TIMES = [0.2, 0.45, 0.9, 1.45, 1.9]
@@ -126,53 +117,6 @@ def test_sampled_blocks_count_the_instants_at_which_they_are_enabled(states, exa
     assert_allclose(counts, exact, rtol=0, atol=TOLERANCE)
 
 
-def test_computed_initial_states_are_reset_too():
-    """Noise starts from its seed at each enabling, and goes through the same numbers again."""
-    group = Diagram("group")
-    noise = group.add(noise=Noise(1.0, 0.1, seed=1))
-    group.expose(y=noise.y)
-    first, second = np.split(
-        output(enabled(group, states="reset"), [0.35, 0.45, 0.55, 1.35, 1.45, 1.55]), 2
-    )
-    assert_array_equal(first, second)
-    assert np.unique(first).size == 3
-
-
-@pytest.mark.parametrize(
-    ("edge", "exact"),
-    [
-        ("rising", [0, 1, 1, 2, 2]),
-        ("falling", [0, 0, 1, 1, 2]),
-        ("both", [0, 1, 2, 3, 4]),
-    ],
-)
-def test_a_triggered_group_computes_once_at_each_edge(edge, exact):
-    assert_array_equal(output(triggered(counter(), edge=edge), TIMES, "trigger"), exact)
-
-
-@pytest.mark.parametrize(
-    ("block", "exact"),
-    [
-        (RateLimiter(2.0, 0.1), [0.0, 0.2, 0.2, 0.4, 0.4]),
-        (DiscretePID(0.0, 3.0, sample_time=0.1), [0.0, 0.0, 0.0, 0.3, 0.3]),
-        (TimesSampleTime().sampled(0.1), [0.0, 0.1, 0.1, 0.1, 0.1]),
-    ],
-)
-def test_equations_in_a_triggered_group_use_the_sample_time_of_their_block(
-    block, exact
-):
-    """An edge counts as one sample: of a limited rate, of an integral, of a block without memory."""
-    group = Diagram("group")
-    start, block = group.add(start=Step(0.1), block=block)
-    start >> block.port(block.inputs()[0].name)
-    if isinstance(block, DiscretePID):
-        group.ground(block.measurement)
-    group.expose(y=block.y)
-    assert_allclose(
-        output(triggered(group), TIMES, "trigger"), exact, rtol=0, atol=TOLERANCE
-    )
-
-
 def test_a_group_is_enabled_where_it_is_the_outermost_diagram_too():
     """Its state is the integral of 1 where a sine is above a half: a third of each period."""
     group = enabled(timer())
@@ -196,33 +140,39 @@ def test_crossing_while_a_group_is_off_is_an_event_when_it_is_enabled():
     assert_allclose(values(result, [1.2, 2.0]), [0.0, 0.75], rtol=0, atol=TOLERANCE)
 
 
-def test_limits_and_resets_of_an_integrator_wait_for_the_group():
-    """It rises from 0.25 to its limit, at 0.55 s; is reset at 0.8 s while off, which it learns at 1.25 s."""
+def test_limits_of_an_integrator_wait_for_the_group():
+    """It rises from 0.25 to its limit, at 0.55 s."""
     group = Diagram("group")
-    one, total = group.add(
-        one=Constant(1.0), total=LimitedIntegrator(upper=0.3, reset="rising")
-    )
+    one, total = group.add(one=Constant(1.0), total=LimitedIntegrator(upper=0.3))
     one >> total.u
-    group.expose(reset=total.reset, y=total.y)
+    group.expose(y=total.y)
     group = enabled(group)
     for same in (copy.deepcopy(group), group):
-        result = run(same, 1.6, enable=pulses(), reset=Step(0.8, initial_value=-1.0))
-        y = values(result, [0.45, 0.6, 1.2, 1.45, 1.6])
-        assert_allclose(y, [0.2, 0.3, 0.3, 0.2, 0.3], rtol=0, atol=TOLERANCE)
+        y = values(run(same, 1.6, enable=pulses()), [0.45, 0.6, 1.2, 1.6])
+        assert_allclose(y, [0.2, 0.3, 0.3, 0.3], rtol=0, atol=TOLERANCE)
+
+
+class Rises(Block):
+    """A block that counts how often a signal rises through zero."""
+
+    u, y = Input(), Output()
+    count, rise = Mode(), Event("rising")
+
+    def output(self, t, x, u, p):
+        return {"y": x.count}
+
+    def indicators(self, t, x, u, p):
+        return {"rise": u.u}
+
+    def on_event(self, t, x, u, p, fired):
+        return {"count": x.count + 1.0}
 
 
 def test_signal_above_zero_when_a_group_is_first_enabled_has_not_risen():
-    """The integral began at the start of its ramp, 0, and a reset would set it to 0.25."""
     group = Diagram("group")
-    zero, total = group.add(
-        zero=Constant(0.0),
-        total=LimitedIntegrator(reset="rising", start_from_input=True),
-    )
-    zero >> total.u
-    group.expose(reset=total.reset, start=total.start, y=total.y)
-    result = run(
-        enabled(group), 0.5, enable=Step(0.25), reset=Constant(1.0), start=Ramp()
-    )
+    rises = group.add(rises=Rises())
+    group.expose(u=rises.u, y=rises.y)
+    result = run(enabled(group), 0.5, enable=Step(0.25), u=Constant(1.0))
     assert result["y"][-1] == 0.0
 
 
@@ -242,6 +192,12 @@ def test_linear_models_keep_a_group_as_it_is():
 def python():
     diagram = Diagram("python")
     diagram.add(function=PythonFunction(float, **ports(u=(), y=())))
+    return diagram
+
+
+def noise():
+    diagram = Diagram("noise")
+    diagram.add(noise=Noise(1.0, 0.1, seed=1))
     return diagram
 
 
@@ -268,12 +224,11 @@ def within(group):
         ),
         (lambda: enabled(Gain(1.0)), "it is no Diagram"),
         (
-            lambda: triggered(timer()),
-            r"cannot trigger 'count' \(Integrator\): it has continuous states",
+            lambda: enabled(noise(), states="reset"),
+            r"cannot reset 'noise' \(Noise\): .* use states='held'",
         ),
         (lambda: enabled(timer(), states="kept"), "states of a group"),
         (lambda: enabled(timer(), outputs="kept"), "outputs of a group"),
-        (lambda: triggered(counter(), edge="up"), "edge"),
     ],
 )
 def test_diagrams_that_cannot_be_groups(make, message):

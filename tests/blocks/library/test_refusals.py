@@ -9,7 +9,6 @@ from trussflow.blocks import (
     PID,
     BoundedAllocation,
     Chirp,
-    Concatenate,
     Constant,
     ConventionalSlidingMode,
     DeadZone,
@@ -26,7 +25,6 @@ from trussflow.blocks import (
     MatrixGain,
     Noise,
     Output,
-    Product,
     Pulse,
     PythonFunction,
     Quantizer,
@@ -38,7 +36,6 @@ from trussflow.blocks import (
     RetimedQuintic,
     RigidBody,
     Saturation,
-    Select,
     ShapedTrajectory,
     Sine,
     StateMachine,
@@ -52,7 +49,6 @@ from trussflow.blocks import (
     TransportDelay,
     Trapezoid,
     UnitDelay,
-    VariableDelay,
     Waypoints,
     WeightedAllocation,
     as_block,
@@ -93,18 +89,6 @@ def shaped(trajectory=1.0, frequency=0.4, **settings):
     [
         (lambda: Gain(np.eye(2)), r"gain of shape \(2, 2\); .* use MatrixGain\(K\)"),
         (lambda: MatrixGain(2.0), r"MatrixGain needs a matrix; got shape \(\)"),
-        (lambda: Product("*+"), r"Product needs operations such as .* got '\*\+'"),
-        (
-            lambda: Product("**", units=("N",)),
-            "Product has 2 inputs; give a list of as many units",
-        ),
-        (lambda: Select([]), "Select needs at least one index"),
-        (lambda: Select([5], size=3), "element 5 of a vector of size 3"),
-        (lambda: Concatenate([]), "Concatenate needs the size of at least one input"),
-        (
-            lambda: Concatenate([1, 2], units=("N",)),
-            "2 inputs; give a list of as many units",
-        ),
         (
             lambda: Function(np.abs, {"u": 3}),
             r"input 'u' must be an Input\(...\), not 3",
@@ -192,14 +176,6 @@ def shaped(trajectory=1.0, frequency=0.4, **settings):
         ),
         (lambda: TransportDelay(1.0, pade=0), "from 1 to 10"),
         (
-            lambda: VariableDelay(0.0, 1.0),
-            "'shortest' of VariableDelay is 0.0; it must be above 0",
-        ),
-        (
-            lambda: VariableDelay(1.0, 1.0),
-            "'longest' of VariableDelay is 1.0; it must be above 1",
-        ),
-        (
             lambda: Drift(1.0, 0.1, seed=1, correlation_time=0),
             "'correlation_time' of Drift is 0.0; it",
         ),
@@ -213,7 +189,6 @@ def shaped(trajectory=1.0, frequency=0.4, **settings):
             lambda: Pulse(width=1.0),
             "'width' of Pulse is 1.0; it must be above 0 and below 1",
         ),
-        (lambda: LimitedIntegrator(reset="up"), "'up'"),
         (lambda: TimeFunction(3), "TimeFunction needs a function of time, not 3"),
         (lambda: TimeFunction(lambda: 1.0), "needs a function of time: .*argument"),
         (lambda: Step(np.nan), "'time' of Step is not finite: nan"),
@@ -247,6 +222,10 @@ def shaped(trajectory=1.0, frequency=0.4, **settings):
             r"axes of \(2, 2\) points, but values of shape \(2,\)",
         ),
         (lambda: GridTable([], 1.0), r"axes of \(\) points"),
+        (
+            lambda: GridTable([[0, 1]] * 2, np.eye(2), units=("N",)),
+            "GridTable has 2 inputs; give a list of as many units",
+        ),
         (
             lambda: Trapezoid(1, 1, 1, start_time=np.nan),
             "'start_time' of Trapezoid is not finite",

@@ -126,25 +126,6 @@ def test_integral_between_limits(settings):
     assert_allclose(result["block.y"], expected, rtol=0, atol=1e-7)
 
 
-@over_solvers
-def test_integral_is_set_back_and_starts_outside(settings):
-    """Each falling crossing of a cosine of 1 s, t = 0.25, 1.25, 2.25, sets it to the start, 2 + t."""
-    block = LimitedIntegrator(reset="falling", start_from_input=True)
-    sources = {
-        "u": Constant(1.0),
-        "reset": Sine(phase=np.pi / 2),
-        "start": Ramp(initial_value=2.0),
-    }
-    result = run(integrated(block, **sources), 3.0, settings)
-    t = result["time"].values
-    last = np.where(t < 0.25, 0.0, np.floor(t - 0.25 + 1e-12) + 0.25)
-    expected = 2.0 + last + (t - last)
-    keep = abs(np.mod(t - 0.25 + 0.005, 1.0)) > 0.01  # not the very instants
-    assert_allclose(
-        result["block.y"][keep], expected[keep], rtol=0, atol=LOCATION_ERROR
-    )
-
-
 def test_integral_that_starts_beyond_a_limit(respond):
     result = respond(
         LimitedIntegrator(5.0, upper=1.0),

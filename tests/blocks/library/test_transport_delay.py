@@ -8,14 +8,12 @@ from trussflow.blocks import (
     Diagram,
     DiscreteTransferFunction,
     Integrator,
-    OperatingPoint,
     Relay,
     Session,
     Sine,
     Step,
     TimeFunction,
     TransportDelay,
-    VariableDelay,
     ZeroOrderHold,
     frequency_response,
     linearize,
@@ -33,20 +31,6 @@ def loop(late, gain=1.0):
     x, late = d.add(x=Integrator(1.0), late=late)
     x >> late.u
     (-gain * late.y) >> x
-    return d
-
-
-def vary(diagram, late, delay):
-    """Let the delay of a block of the diagram be a function of time."""
-    diagram.add("delay", TimeFunction(delay, unit="s")) >> late.delay
-
-
-def varying(delay, shortest=0.05, longest=3.0):
-    """Return a sine of 1 Hz that is delayed by a function of time."""
-    d = Diagram("d")
-    late = d.add(late=VariableDelay(shortest, longest, 0.5))
-    d.add("sine", Sine()) >> late.u
-    vary(d, late, delay)
     return d
 
 
@@ -157,28 +141,19 @@ def test_long_steps_see_the_whole_delayed_signal(solver):
     )
 
 
-@pytest.mark.parametrize("growth", [0.0, 0.1])
-def test_steps_of_an_adaptive_solver_are_no_longer_than_the_shortest_delay(growth):
+def test_steps_of_an_adaptive_solver_are_no_longer_than_the_shortest_delay():
     """A solver would take the whole run of a constant at once."""
     d = loop(TransportDelay(0.1, 1.0), gain=0.0)
-    other = d.add(other=VariableDelay(0.05, 3.0) if growth else TransportDelay(0.05))
+    other = d.add(other=TransportDelay(0.05))
     d.add("sine", Sine()) >> other.u
-    if growth:
-        vary(d, other, lambda t: 0.05 + growth * t)
     result = simulate(d, 0.3, solver="RK45", log_step=0.01)
-    exact = np.sin(2 * np.pi * ((1.0 - growth) * result["time"].values - 0.05))
-    # steps of 0.05 s
+    exact = np.sin(2 * np.pi * (result["time"].values - 0.05))
+    # steps of 0.01 s
     assert_allclose(result["other.y"][6:], exact[6:], rtol=0, atol=1e-3)
 
 
-@pytest.mark.parametrize(
-    "late", [TransportDelay(0.5, 1.0), VariableDelay(0.1, 1.0, 1.0)]
-)
-def test_session_goes_back(late):
-    d = loop(late)
-    if isinstance(late, VariableDelay):
-        vary(d, late, lambda t: 0.3 + 0.1 * t)
-    with Session(d, outputs=["x.y"], step=0.01) as session:
+def test_session_goes_back():
+    with Session(loop(TransportDelay(0.5, 1.0)), outputs=["x.y"], step=0.01) as session:
         session.advance(0.8)
         saved = session.save()
         session.advance(2.0)
@@ -196,83 +171,27 @@ def test_linear_model_is_the_approximant(delay):
     assert_allclose(response, np.exp(-1j * omega * delay), rtol=0, atol=1e-6)
 
 
-@pytest.mark.parametrize("backend", ["interpreted", "numpy"])
-def test_varying_delay_reads_the_signal_of_that_time(backend):
-    result = simulate(
-        varying(lambda t: 0.6 + 0.4 * np.sin(3 * t)), 1.5, step=0.01, backend=backend
-    )
-    t = result["time"].values
-    then = t - 0.6 - 0.4 * np.sin(3 * t)
-    exact = np.where(then < 0.0, 0.5, np.sin(2 * np.pi * then))
-    assert_allclose(result["late.y"], exact, rtol=0, atol=SMOOTH_ERROR)
-
-
 def test_interpolation_between_steps_is_of_fourth_order():
     def error(step):
-        diagram = varying(lambda t: 0.5 + 0.3 * t, shortest=0.4)
-        result = simulate(diagram, 2.0, step=step, log_step=0.04)
-        t = result["time"].values
-        exact = np.sin(2 * np.pi * (0.7 * t - 0.5))
-        return np.abs(result["late.y"].values - exact)[t > 1.0].max()
+        delay = 0.4 + step / 2  # halfway between two stored points
+        d = Diagram("d")
+        d.add("sine", Sine()) >> d.add("late", TransportDelay(delay))
+        result = simulate(d, 2.0, step=step, log_step=0.04)
+        exact = np.sin(2 * np.pi * (result["time"].values - delay))
+        return np.abs(result["late.y"].values - exact)[result["time"] > 1.0].max()
 
     assert np.log2(error(0.02) / error(0.01)) == pytest.approx(4.0, abs=0.4)
-
-
-@pytest.mark.parametrize(
-    "settings", [{"step": 0.01}, {"solver": "RK45", "log_step": 0.01}]
-)
-def test_delay_that_jumps_up_leads_back_behind_a_jump(settings):
-    """A step at 0.5 s is out from 0.7 s to 1 s, and again from 1.5 s; the output before is 0."""
-    d = Diagram("back")
-    jump, length, late, total = d.add(
-        jump=Step(0.5, final_value=1.0),
-        length=Step(1.0, initial_value=0.2, final_value=1.0),
-        late=VariableDelay(0.1, 2.0),
-        total=Integrator(),
-    )
-    jump >> late.u
-    length >> late.delay
-    late >> total
-    result = simulate(d, 2.0, **settings)
-    t = result["time"].values
-    exact = np.clip(t, 0.7, 1.0) - 0.7 + np.maximum(t - 1.5, 0.0)
-    assert_allclose(result["total.y"], exact, rtol=0, atol=1e-9)
-
-
-@pytest.mark.parametrize(("delay", "bound"), [(0.2, 0.4), (5.0, 0.6)])
-def test_delay_beyond_its_bounds_counts_as_the_bound(delay, bound):
-    result = simulate(varying(lambda t: delay + 0.0 * t, 0.4, 0.6), 1.0, step=0.01)
-    exact = np.sin(2 * np.pi * (result["time"] - bound))
-    assert_allclose(result["late.y"][65:], exact[65:], rtol=0, atol=SMOOTH_ERROR)
-
-
-def test_linear_models_freeze_the_delay():
-    d = Diagram("d")
-    late = d.add(late=VariableDelay(0.01, 2.0))
-    d.expose(u=late.u, delay=late.delay, y=late.y)
-    model = linearize(d, at=OperatingPoint(inputs={"delay": np.array(0.7)}))
-    omega = np.linspace(0.1, 2.5, 20) / 0.7
-    response = model.frequency_response(omega).complex[0]
-    assert_allclose(response[0], np.exp(-0.7j * omega), rtol=0, atol=1e-6)
-    # the signal is constant at rest
-    assert_allclose(response[1], 0.0, rtol=0, atol=1e-9)
-    fixed = linearize(TransportDelay(0.7), "u", "y")
-    assert_allclose(model.A, fixed.A, rtol=1e-7, atol=1e-9)
 
 
 TEST_FREQUENCIES = np.array([0.3, 4.0, 60.0])
 
 
 @pytest.mark.parametrize("amplitude", [None, 0.1])
-@pytest.mark.parametrize("varies", [False, True])
-def test_frequency_responses_have_the_exact_delay(varies, amplitude):
+def test_frequency_responses_have_the_exact_delay(amplitude):
     """Closed, broken before and behind the delay, and the delay alone."""
-    late = VariableDelay(0.1, 2.0, 1.0) if varies else TransportDelay(0.7, 1.0)
+    late = TransportDelay(0.7, 1.0)
     d = loop(late)
     settings = {"omega": TEST_FREQUENCIES, "amplitude": amplitude}
-    if varies:
-        d.expose(T=late.delay)
-        settings["at"] = OperatingPoint(inputs={"T": 0.7})
     turn = np.exp(-0.7j * TEST_FREQUENCIES)
     for ends, cut, exact in (
         (("x.u", "x.y"), (), 1 / (1j * TEST_FREQUENCIES + turn)),
@@ -281,10 +200,8 @@ def test_frequency_responses_have_the_exact_delay(varies, amplitude):
     ):
         found = frequency_response(d, *ends, cut=cut, **settings).frdata[0, 0]
         assert_allclose(found, exact, rtol=1e-11 if amplitude else 1e-12, atol=0)
-    if not varies:
-        assert_allclose(
-            frequency_response(late, **settings).frdata[0, 0], turn, rtol=1e-12, atol=0
-        )
+    found = frequency_response(late, **settings).frdata[0, 0]
+    assert_allclose(found, turn, rtol=1e-12, atol=0)
 
 
 @pytest.mark.parametrize("samples", [1, 3])

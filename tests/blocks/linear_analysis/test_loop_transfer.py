@@ -20,7 +20,7 @@ from trussflow.blocks import (
     Integrator,
     MatrixGain,
     OperatingPoint,
-    Product,
+    Operation,
     PythonFunction,
     StateSpace,
     Terminator,
@@ -106,7 +106,7 @@ def test_the_loop_of_a_nonlinear_diagram_is_that_at_the_point():
     diagram = Diagram()
     plant, product, gain = diagram.add(
         plant=StateSpace(-np.eye(2), [[1.0], [1.0]], np.eye(2)),
-        product=Product(),
+        product=Operation(np.multiply),
         gain=Gain([-2.0]),
     )
     plant.y[0:1] >> product.u1
@@ -409,7 +409,7 @@ def test_a_loop_gain_of_zero_is_a_warning(at_rest):
     """The gain of the loop through the product is its other input, zero at rest."""
     diagram = Diagram()
     plant, product = diagram.add(
-        plant=StateSpace([[-1.0]], [[1.0]], [[1.0]]), product=Product()
+        plant=StateSpace([[-1.0]], [[1.0]], [[1.0]]), product=Operation(np.multiply)
     )
     diagram.expose(factor=product.u1)
     plant.y >> product.u2

@@ -14,8 +14,8 @@ from trussflow.blocks import (
     Integrator,
     MatrixGain,
     OperatingPoint,
+    Operation,
     Output,
-    Product,
     linearize,
 )
 from trussflow.blocks.errors import LinearAnalysisError
@@ -59,7 +59,10 @@ def test_a_cut_output_no_longer_reaches_any_reader():
 def test_a_cut_wire_keeps_the_value_it_has_at_the_point():
     diagram = Diagram()
     two, gain, product, rate = diagram.add(
-        two=Constant(2.0), gain=Gain(7.0), product=Product(), rate=Integrator(3.0)
+        two=Constant(2.0),
+        gain=Gain(7.0),
+        product=Operation(np.multiply),
+        rate=Integrator(3.0),
     )
     two >> gain >> product.u1
     rate >> product.u2

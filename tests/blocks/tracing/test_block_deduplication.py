@@ -12,7 +12,6 @@ from trussflow.blocks import (
     Output,
     Parameter,
     Saturation,
-    StateSpace,
     TransferFunction,
     UnitDelay,
     simulate,
@@ -20,13 +19,22 @@ from trussflow.blocks import (
 from trussflow.blocks.errors import TracingError
 from trussflow.blocks.framework.port import INFERRED
 from trussflow.blocks.tracing import block_check
-from trussflow.blocks.tracing.block_check import isolate
-from trussflow.blocks.tracing.block_deduplication import equations_key
+from trussflow.blocks.tracing.block_check import equations_key
 from trussflow.blocks.tracing.kernels import is_traced
 from trussflow.blocks.tracing.plan import Plan
 from trussflow.blocks.tracing.quantities import derivative, outputs, sample
 
-DOUBLE, TRIPLE = (lambda u: 2.0 * u), (lambda u: 3.0 * u)
+
+def itself(made):
+    return made
+
+
+def double(u):
+    return 2.0 * u
+
+
+def triple(u):
+    return 3.0 * u
 
 
 class Made(Block):
@@ -37,7 +45,7 @@ class Made(Block):
     slope = Parameter(1.0)
     traces = 0
 
-    def __init__(self, made=1.0, reads=lambda made: made, **parameters):
+    def __init__(self, made=1.0, reads=itself, **parameters):
         self.made, self._reads = made, reads
         super().__init__(**parameters)
 
@@ -71,35 +79,39 @@ def called(made):
     return made(1.0)
 
 
+def of_type(made):
+    return 2.0 if made.dtype == float else 3.0
+
+
+def rows(made):
+    return 1.0 * len(made)
+
+
+def is_list(made):
+    return 2.0 if isinstance(made, list) else 3.0
+
+
+def first_value(made):
+    return next(iter(made.values()))
+
+
+def is_fast(made):
+    return 2.0 if made == "fast" else 3.0
+
+
 DIFFERENT_ATTRIBUTES = {
-    "a number": (1.0, 1.0 + 2**-52, lambda made: made),
+    "a number": (1.0, 1.0 + 2**-52, itself),
     "the sign of a zero": (0.0, -0.0, bits),
     "whole or not": (1, 1.0, kind),
     "true or one": (True, 1, kind),
     "an element of an array": (np.array([1.0, 2.0]), np.array([1.5, 2.0]), first),
-    "the type of an array": (
-        np.array([1]),
-        np.array([1.0]),
-        lambda made: 2.0 if made.dtype == float else 3.0,
-    ),
-    "the shape of an array": (
-        np.ones((2, 3)),
-        np.ones((3, 2)),
-        lambda made: 1.0 * len(made),
-    ),
+    "the type of an array": (np.array([1]), np.array([1.0]), of_type),
+    "the shape of an array": (np.ones((2, 3)), np.ones((3, 2)), rows),
     "something nested": ({"k": [0.0, (1.0,)]}, {"k": [0.0, (2.0,)]}, nested),
-    "a list or a tuple": (
-        [1.0],
-        (1.0,),
-        lambda made: 2.0 if isinstance(made, list) else 3.0,
-    ),
-    "a function": (DOUBLE, TRIPLE, called),
-    "an order": (
-        {"a": 1.0, "b": 2.0},
-        {"b": 2.0, "a": 1.0},
-        lambda made: next(iter(made.values())),
-    ),
-    "text": ("fast", "slow", lambda made: 2.0 if made == "fast" else 3.0),
+    "a list or a tuple": ([1.0], (1.0,), is_list),
+    "a function": (double, triple, called),
+    "an order": ({"a": 1.0, "b": 2.0}, {"b": 2.0, "a": 1.0}, first_value),
+    "text": ("fast", "slow", is_fast),
 }
 
 
@@ -244,31 +256,16 @@ def test_a_fault_is_told_of_the_first_block_that_has_it():
         shown(many(**faulty))
 
 
-LINEAR_BLOCKS = {
-    "ones": lambda k: [TransferFunction([k - 2.0, 1.0], [1.0, k - 3.0, 1.0, k - 4.0])],
-    "state space": lambda k: [
-        StateSpace(
-            *(
-                np.random.default_rng(k).integers(-2, 3, s) * 0.5
-                for s in ((3, 3), 3, 3, ())
-            )
-        )
-    ],
-    "sampled": lambda k: [
-        DiscreteStateSpace([[0.1 * k]], [1.0], [0.3 * k], 0.1 * k, sample_time=0.1)
-    ],
-    "others": lambda k: [
-        Saturation(-k, k),
-        UnitDelay(0.1),
-        TransferFunction([1.0], [0.1 * k, 1.0]),
-    ],
-}
-
-
-@pytest.mark.parametrize("which", LINEAR_BLOCKS)
-def test_what_is_shared_is_the_same_program_to_the_bit(which, monkeypatch):
+def test_what_is_shared_is_the_same_program_to_the_bit(monkeypatch):
     def codes():
-        blocks = [block for k in range(1, 9) for block in LINEAR_BLOCKS[which](k)]
+        blocks = []
+        for k in range(1, 9):
+            blocks += [
+                TransferFunction([1.0, 2.0], [1.0, 0.0, 1.0, -1.0]),
+                DiscreteStateSpace([[0.1]], [1.0], [0.3], 0.1, sample_time=0.1),
+                Saturation(-k, k),
+                UnitDelay(0.1),
+            ]
         diagram = many(**{f"b{k}": block for k, block in enumerate(blocks)})
         plan = Plan(diagram)
         ports = [block.ports["y"] for block in plan.system.blocks.values()]
@@ -283,37 +280,3 @@ def test_what_is_shared_is_the_same_program_to_the_bit(which, monkeypatch):
     monkeypatch.setattr(block_check, "equations_key", lambda block: anew.append(block))
     assert codes() == shared
     assert len(anew) > 1
-
-
-def test_linear_blocks_share_where_they_have_the_same_zeros():
-    lags = [TransferFunction([k], [0.1 * k, 1.0]) for k in range(1, 4)]
-    assert len({equations_key(block) for block in lags}) == 1
-    direct = [
-        TransferFunction([0.5, 1.0], [0.1, 1.0]),
-        TransferFunction([0.0, 1.0], [0.1, 1.0]),
-    ]
-    assert len({equations_key(block) for block in [*lags, *direct]}) == 2
-    many(**{f"b{k}": block for k, block in enumerate([*lags, *direct])})
-    shared = {}
-    depends = [isolate(block, shared).feedthrough["y"] for block in (*lags, *direct)]
-    assert depends == [frozenset()] * 3 + [frozenset("u"), frozenset()]
-    assert len(shared) == 2
-
-
-class Stiff(StateSpace):
-    """A linear system whose output is a choice by its numbers."""
-
-    def output(self, t, x, u, p):
-        """Return the state, or its opposite."""
-        return {"y": x.x[0] if self.A[0, 0] < -5.0 else -x.x[0]}
-
-
-def test_a_linear_block_with_equations_of_its_own_keeps_its_numbers():
-    slow, stiff = (
-        Stiff([[a]], [1.0], [1.0], initial_value=[1.0]) for a in (-1.0, -10.0)
-    )
-    assert equations_key(slow) != equations_key(stiff)
-    found = shown(
-        many(slow=slow, stiff=stiff), initial={"slow.x": [1.0], "stiff.x": [1.0]}
-    )
-    assert found["slow"] < 0.0 < found["stiff"]

@@ -234,20 +234,10 @@ def test_one_lane_at_the_edge_leaves_the_others_right(function, width, lanes):
 def test_remainders_of_products_stay_in_their_range(count):
     """A product that is rounded only after the remainder is taken off leaves the range by 1e-17."""
     x, modulus = symbol("x", (count,)), 0.1
-    parts = [
-        np.mod(x * 0.3, modulus),
-        x % modulus,
-        np.modf(x * 10.0)[0],
-        np.rint(x * 10.0),
-    ]
+    parts = [np.mod(x * 0.3, modulus), x % modulus, np.rint(x * 10.0)]
     _, call = compiled_program(map(to_expression, parts), x)
     for number in np.random.default_rng(0).integers(0, 2000, 2000) / 20.0:
         tenfold = number * 10.0
-        expected = [
-            np.mod(number * 0.3, modulus),
-            number % modulus,
-            np.modf(tenfold)[0],
-            np.rint(tenfold),
-        ]
-        found = call(np.full(count, number)).reshape(4, count)
+        expected = [np.mod(number * 0.3, modulus), number % modulus, np.rint(tenfold)]
+        found = call(np.full(count, number)).reshape(3, count)
         assert_array_equal(found, np.outer(expected, np.ones(count)))

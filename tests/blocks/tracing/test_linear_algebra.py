@@ -109,7 +109,7 @@ def test_only_one_side_may_be_traced(side):
         found = solve_positive_definite(*(values | {side: traced}).values())
     program = lower("f", [to_expression(traced)], to_expression(found), trace)
     assert_allclose(
-        program.evaluate([values[side].ravel()]),
+        program.function(values[side].ravel()).full().ravel(),
         np.linalg.solve(m, b),
         rtol=0,
         atol=ROUND_OFF,
@@ -172,7 +172,7 @@ def test_weighted_gramian_equals_numpy(groups):
         "f", [to_expression(entries), to_expression(w)], to_expression(found), trace
     )
     expected = (matrix * weights) @ matrix.T
-    values = program.evaluate([matrix[filled], weights]).reshape(expected.shape)
+    values = program.function(matrix[filled], weights).full().reshape(expected.shape)
     # order of sums
     assert np.abs(values - expected).max() < 1e-12 * np.abs(expected).max()
     assert np.array_equal(weighted_gramian(matrix, weights), expected)

@@ -12,7 +12,6 @@ from trussflow.blocks import (
     Block,
     Constant,
     Diagram,
-    DiscreteTransferFunction,
     Event,
     Function,
     Input,
@@ -28,7 +27,6 @@ from trussflow.blocks import (
     ZeroOrderHold,
     enabled,
     simulate,
-    triggered,
 )
 
 TIME_STEP = 0.02
@@ -325,7 +323,6 @@ def multirate():
 
 
 RATES = (0.26, 0.04, 0.22, 0.06, 0.14, 0.1)
-"""More than sets of clocks have programs for."""
 
 
 def many_rates():
@@ -351,14 +348,15 @@ def bent_oscillator():
     return exposed(diagram, bent.z)
 
 
-def grouped(make):
-    """Put a group that adds up the time (all along, or at edges) next to the relay that it heeds."""
+def grouped():
+    """Put a group that adds up the time next to the relay that it heeds."""
     diagram, inner, group = Diagram("grouped"), oscillator(), Diagram("group")
-    adder = DiscreteTransferFunction([1.0, 0.0], [1.0, -1.0], sample_time=1.0)
-    total = group.add(total=Integrator() if make is enabled else adder)
+    total = group.add(total=Integrator())
     group.expose(u=total.u, y=total.y)
     inner.expose(on=inner.relay.y)
-    clock, inner, group = diagram.add(clock=Ramp(1.0), inner=inner, group=make(group))
+    clock, inner, group = diagram.add(
+        clock=Ramp(1.0), inner=inner, group=enabled(group)
+    )
     clock.y >> group.u
     inner.on >> group.inputs()[-1]
     return exposed(diagram, group.y)
@@ -423,15 +421,7 @@ CASES = [
         {0.4: bent(0.4, 1.0), 1.0: bent(0.5, -1.0), 2.6: bent(-0.4, 1.0)},
     ),
     Case(
-        "enabled group",
-        lambda: grouped(enabled),
-        {0.4: 0.08, 1.0: 0.125, 1.8: 0.62, 3.0: 2.125},
-        False,
-    ),
-    Case(
-        "triggered group",
-        lambda: grouped(triggered),
-        {1.0: 0.0, 2.0: 1.5, 3.4: 1.5, 4.0: 5.0},
+        "enabled group", grouped, {0.4: 0.08, 1.0: 0.125, 1.8: 0.62, 3.0: 2.125}, False
     ),
     Case(
         "many rates", many_rates, {0.2: 0.0, 0.6: 0.26, 1.1: 0.78, 5.7: 5.46, 6.0: 5.72}
