@@ -185,6 +185,21 @@ class LocalJacobians:
         by_all[:, where] = 0.0
         return by_all
 
+    def substituted(self, matrix: Vector, by_all: Vector) -> Vector:
+        """Return derivatives by (x, d) through the outputs of continuous Python blocks.
+
+        Parameters
+        ----------
+        matrix : Vector
+            Derivatives, those by the outputs of these blocks apart [any].
+        by_all : Vector
+            Result of `python_outputs` [any].
+        """
+        where = self.python_places
+        found = matrix + matrix[:, where] @ by_all
+        found[:, where] = 0.0
+        return np.asarray(found)
+
     def discrete_update(self, number: int, x: Vector, d: Vector) -> Jump:
         """Return the derivatives of (x, memory, held) after an instant, by before and by u.
 

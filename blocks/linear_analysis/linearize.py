@@ -14,11 +14,7 @@ from trussflow.blocks.framework.system import Indices, flatten
 from trussflow.blocks.linear_analysis.jacobians import LocalJacobians, inner_places
 from trussflow.blocks.linear_analysis.lifting import Jump, lifted
 from trussflow.blocks.linear_analysis.opened_model import OpenedModel
-from trussflow.blocks.linear_analysis.operating_point import (
-    OperatingPoint,
-    Surroundings,
-)
-from trussflow.blocks.linear_analysis.overrides import Override
+from trussflow.blocks.linear_analysis.operating_point import OperatingPoint
 from trussflow.blocks.linear_analysis.references import (
     Named,
     Reference,
@@ -52,7 +48,6 @@ def linearize(
     at: OperatingPoint | None = None,
     cut: References = (),
     amplitude: Amplitudes | None = None,
-    override: Override | None = None,
 ) -> LinearModel:
     r"""Return the linear model of a diagram or block around an operating point.
 
@@ -82,11 +77,6 @@ def linearize(
         functions for a sinusoid of that amplitude in one element at a time, instead of
         derivatives. For laws that have no derivative, such as :math:`|x|^{0.9}` at zero. In a
         loop amplitudes change with frequency: `frequency_response` finds them by itself.
-    override : mapping, optional
-        Systems that stand for blocks and groups (nested diagrams), by path or by the block itself: a
-        ``control.StateSpace``, a ``control.TransferFunction`` or a matrix of gains, from the elements of
-        all its inputs to those of its outputs. For blocks whose derivative does not exist or is not what
-        is meant, such as a relay or a Python block, and for identified models. The point is not changed.
 
     Returns
     -------
@@ -99,24 +89,22 @@ def linearize(
     Raises
     ------
     LinearAnalysisError
-        If there is nothing to put in or read out, a derivative does not exist, a describing
-        function is asked of a diagram with sampled blocks, or a system does not fit what it stands for.
+        If there is nothing to put in or read out, a derivative does not exist, or a describing
+        function is asked of a diagram with sampled blocks.
     NameLookupError
         If there is no such block, port or state; the message lists those there are.
 
     Examples
     --------
-    >>> from trussflow.blocks import Diagram, Gain, Integrator, Quantizer, linearize
+    >>> from trussflow.blocks import Diagram, Gain, Integrator, linearize
     >>> loop = Diagram("loop")
-    >>> integral, sensor, law = loop.add(integral=Integrator(), sensor=Quantizer(0.1, 0.01), law=Gain(-2.0))
-    >>> _ = integral >> sensor >> law >> integral
-    >>> model = linearize(loop, law.y, integral.y, override={"sensor": 1.0})
+    >>> integral, law = loop.add(integral=Integrator(), law=Gain(-2.0))
+    >>> _ = integral >> law >> integral
+    >>> model = linearize(loop, law.y, integral.y)
     >>> float(model.poles()[0].real)
     -2.0
     """
-    return Linearizer(item, inputs, outputs, cut=cut, override=override).at(
-        at, amplitude=amplitude
-    )
+    return Linearizer(item, inputs, outputs, cut=cut).at(at, amplitude=amplitude)
 
 
 class Linearizer:
@@ -133,8 +121,6 @@ class Linearizer:
         Input and output ports.
     cut : Port, str or sequence of these
         Wires to cut.
-    override : mapping, optional
-        Systems that stand for blocks and groups.
     """
 
     @interruptible()
@@ -145,12 +131,9 @@ class Linearizer:
         outputs: References = None,
         *,
         cut: References = (),
-        override: Override | None = None,
     ) -> None:
-        self._override = override
         self.item = item
         self._system = flatten(item, external=True)
-        self._surroundings = Surroundings(Plan(self._system, own_programs=True))
         self._cuts = all_named(self._system, cut, [])
         self._inputs = all_named(self._system, inputs, item.inputs())
         self._outputs = all_named(self._system, outputs, item.outputs())
@@ -158,18 +141,13 @@ class Linearizer:
         self._input_labels = distinct_labels(cannot, "inputs", self._inputs)
         self._output_labels = distinct_labels(cannot, "outputs", self._outputs)
         self._models: dict[Any, OpenedModel] = {}
-        self._opened([])
+        self._plan = self._opened([]).plan
 
     def _opened(self, wires: list[Named]) -> OpenedModel:
         key = tuple(one.key for one in wires)
         if key not in self._models:
             self._models[key] = OpenedModel(
-                self._system,
-                self._inputs,
-                self._outputs,
-                self._cuts,
-                wires,
-                self._override,
+                self._system, self._inputs, self._outputs, self._cuts, wires
             )
         return self._models[key]
 
@@ -179,8 +157,7 @@ class Linearizer:
 
     def parameters(self) -> dict[str, Vector]:
         """Return the diagram's own parameters, by ``"block.parameter"``."""
-        plan = self._surroundings.plan
-        return plan.p.named(plan.parameters({}))
+        return self._plan.p.named(self._plan.parameters({}))
 
     def point(self, at: OperatingPoint | None = None) -> OperatingPoint:
         """Return an operating point in full: what it leaves out is as at the start.
@@ -234,8 +211,7 @@ class Linearizer:
         """
         model = self._opened(list(wires))
         outputs = {one.label: one.leaf for one in self._outputs}
-        point, values = self._surroundings.complete(at, model.replaced, outputs)
-        return model, point, model.vectors(point, values)
+        return model, *model.complete(at, outputs)
 
     # -- describing functions -----------------------------------------------------------------
 
@@ -247,15 +223,13 @@ class Linearizer:
         wires = []
         for reference, size in amplitude.items():
             positive(LinearAnalysisError, **{f"amplitude of '{reference}'": size})
-            if self._places(self._surroundings.plan, reference) is not None:
+            if self._places(self._plan, reference) is not None:
                 stored[reference] = size
                 continue
             try:
                 one = named(self._system, reference)
             except NameLookupError as error:
-                states = ", ".join(
-                    f"{e.path}.{e.name}" for e in self._surroundings.plan.x
-                )
+                states = ", ".join(f"{e.path}.{e.name}" for e in self._plan.x)
                 raise NameLookupError(f"{error}; states: {states or 'none'}") from None
             if not one.port.is_input:
                 raise LinearAnalysisError(

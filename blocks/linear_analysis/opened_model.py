@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import replace
+from collections.abc import Mapping, Sequence
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -21,10 +21,15 @@ from trussflow.blocks.linear_analysis.jacobians import (
     LocalJacobians,
 )
 from trussflow.blocks.linear_analysis.lifting import Pattern, pattern
-from trussflow.blocks.linear_analysis.operating_point import OperatingPoint
-from trussflow.blocks.linear_analysis.overrides import Override, overridden
+from trussflow.blocks.linear_analysis.operating_point import (
+    OperatingPoint,
+    as_wired,
+    completed,
+    given_point,
+)
 from trussflow.blocks.linear_analysis.python_derivatives import refuse_hidden
 from trussflow.blocks.linear_analysis.references import Named
+from trussflow.blocks.simulation.prepared import Prepared
 from trussflow.blocks.support.types import Vector
 from trussflow.blocks.tracing.plan import Plan
 
@@ -43,8 +48,6 @@ class OpenedModel:
     wires : sequence of Named
         Inputs of blocks that are cut and closed again by hand: a describing function takes
         the place of the derivative there.
-    override : mapping, optional
-        Replacements of blocks and groups, as for `linearize`.
 
     Attributes
     ----------
@@ -65,20 +68,8 @@ class OpenedModel:
         outputs: Sequence[Named],
         cuts: Sequence[Named],
         wires: Sequence[Named],
-        override: Override | None = None,
     ) -> None:
-        self._override = overridden(system, override)
-        before = [one.leaf for one in (*cuts, *wires)]
-        system = self._override.system
-
-        def now(one: Named) -> Named:
-            return replace(one, port=self._override.now(one.port))
-
-        outputs = [now(one) for one in outputs]
-        inputs, cuts, wires = (
-            [one if _outside(system, one) else now(one) for one in ones]
-            for ones in (inputs, cuts, wires)
-        )
+        self._wired = system
         refuse_hidden(system)
         _refuse_overlaps(
             cuts, [*inputs, *cuts, *(one for one in outputs if one.port.is_input)]
@@ -101,15 +92,11 @@ class OpenedModel:
             system, sources[one.key] = _put_in(system, one, cut=True)
         self.plan = Plan(system, own_programs=True)
         self.taps = taps
-        columns = [self._columns([(one, sources[one.key])]) for one in (*cuts, *wires)]
-        self._replaced = list(zip(before, columns, strict=True))
-        for point, stand_in in self._override.points:
-            ports = [*stand_in.inner.values(), *stand_in.outer.values()]
-            place = np.r_[self.plan.place(point.path, "y")].astype(np.int64)
-            parts = spans(port.size for port in ports)
-            self._replaced += [
-                (port, place[part]) for port, part in zip(ports, parts, strict=True)
-            ]
+        replaced = [*cuts, *wires]
+        self._replaced = [one.leaf for one in replaced]
+        self._replaced_columns = self._columns(
+            [(one, sources[one.key]) for one in replaced]
+        )
         self.input_columns = self._columns([(one, sources[one.key]) for one in inputs])
         self.wire_columns = self._columns([(one, sources[one.key]) for one in wires])
         self.jacobians = Jacobians(self.plan, [*taps, *closings])
@@ -118,10 +105,36 @@ class OpenedModel:
         number = sum(tap.elements().size for tap in taps)
         self.output_rows, self._closing_rows = rows[:number], rows[number:]
 
-    @property
-    def replaced(self) -> list[Port]:
-        """The signals, as the user wired them, whose values must be given for a point."""
-        return [port for port, _ in self._replaced]
+    @cached_property
+    def _unopened(self) -> Prepared:
+        """The diagram in which operating points are completed.
+
+        Without cuts and iterated loops it is the opened one: the injected signals are zero.
+        """
+        if self._replaced or self.plan.guesses.size:
+            return as_wired(self._wired)
+        return self.jacobians.assembly
+
+    def complete(
+        self, at: OperatingPoint | None, outputs: Mapping[str, Port]
+    ) -> tuple[OperatingPoint, tuple[Vector, Vector, Vector]]:
+        """Return a point with nothing left out, and its x, d and p.
+
+        Parameters
+        ----------
+        at : OperatingPoint, optional
+            Operating point; missing values are the initial ones.
+        outputs : mapping
+            Ports to keep in the point, by name.
+        """
+        for name in given_point(at).inputs:
+            self._wired.source(name)
+        point, values = completed(self._unopened, at, self._replaced, outputs)
+        x, d, p = point.vectors(self.plan)
+        d[self._replaced_columns - x.size] = np.hstack(
+            [np.zeros(0), *map(np.ravel, values)]
+        )
+        return point, (x, d, p)
 
     def _columns(self, found: list[tuple[Named, str]]) -> Indices:
         """Return where the elements of inputs are in (x, d)."""
@@ -157,33 +170,6 @@ class OpenedModel:
                     f"cannot {purpose}: it has {what}; use estimated_response() instead"
                 )
 
-    def vectors(
-        self, point: OperatingPoint, values: Sequence[Vector]
-    ) -> tuple[Vector, Vector, Vector]:
-        """Return x, d, p at a `point` where the replaced signals have these `values` [as declared]."""
-        kept: dict[str, Any] = {
-            what: {
-                name: value
-                for name, value in named.items()
-                if self._override.keeps(name)
-            }
-            for what, named in (
-                ("states", point.states),
-                ("held", point.held),
-                ("parameters", point.parameters),
-            )
-        }
-        x, d, p = replace(point, **kept).vectors(self.plan)
-        for (_, where), value in zip(self._replaced, values, strict=True):
-            d[where - x.size] = np.ravel(value)
-        for external, stand_in in self._override.points:
-            for (path, name), value in stand_in.at_rest(
-                self.plan.u.signals(external.path, d)["y"]
-            ).items():
-                if (path, name) in self.plan.held.entries:
-                    self.plan.held.put(d, path, name, value)
-        return x, d, p
-
     def at(self, t: float, p: Vector) -> LocalJacobians:
         """Return values and derivatives at time `t` [s] with parameters `p` [as declared]."""
         return LocalJacobians(self.jacobians, t, p)
@@ -203,7 +189,6 @@ class OpenedModel:
             Columns whose derivatives are replaced by describing functions, and the amplitudes.
         """
         # Before the traced rows: it brings the outputs of continuous Python blocks in d up to date.
-        where = local.python_places
         by_all = local.python_outputs(x, d)
         matrix = local.matrix(RATES_AND_OUTPUTS, x, d)
         for call, quantity in local.assembly.continuous.ordered:
@@ -211,8 +196,7 @@ class OpenedModel:
                 matrix[call.states] = local.python(call, "derivative", quantity, x, d)[
                     1
                 ]
-        matrix += matrix[:, where] @ by_all
-        matrix[:, where] = 0.0
+        matrix = local.substituted(matrix, by_all)
 
         def function(z: Vector) -> Vector:
             return local.values(RATES_AND_OUTPUTS, z[: x.size], z[x.size :])

@@ -19,11 +19,7 @@ from trussflow.blocks.linear_analysis.jacobians import (
     inner_places,
 )
 from trussflow.blocks.linear_analysis.opened_model import OpenedModel
-from trussflow.blocks.linear_analysis.operating_point import (
-    OperatingPoint,
-    Surroundings,
-    as_named,
-)
+from trussflow.blocks.linear_analysis.operating_point import OperatingPoint, as_named
 from trussflow.blocks.linear_analysis.python_derivatives import hiding
 from trussflow.blocks.linear_analysis.references import (
     all_labels,
@@ -171,9 +167,7 @@ class _Problem:
         self._outputs = all_named(system, list(outputs), [])
         self._model = OpenedModel(system, [], self._outputs, [], [])
         plan = self._plan = self._model.plan
-        self._surroundings = Surroundings(plan)
-        self._point, _ = self._surroundings.complete(at, [], {})
-        x, d, self._p = self._point.vectors(plan)
+        self._point, (x, d, self._p) = self._model.complete(at, {})
         self._z = np.concatenate([x, d])
         size = x.size + d.size
         self._free = np.zeros(size, dtype=bool)
@@ -370,11 +364,10 @@ class _Problem:
             for one in all_named(plan.system, plan.system.root.outputs(), [])
         }
         outputs |= {one.label: one for one in self._outputs}
-        point = self._surroundings.complete(
+        point, _ = self._model.complete(
             replace(self._point, residual=violation, **found),
-            [],
             {label: one.leaf for label, one in outputs.items()},
-        )[0]
+        )
         wanted = size + len(all_labels(self._outputs))
         own = np.full(z.size, np.nan)
         sampled = slice(size + plan.sampled.start, size + plan.sampled.stop)

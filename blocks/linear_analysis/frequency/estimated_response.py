@@ -25,7 +25,8 @@ from trussflow.blocks.linear_analysis.frequency.excitation import (
 )
 from trussflow.blocks.linear_analysis.operating_point import (
     OperatingPoint,
-    Surroundings,
+    as_wired,
+    completed,
 )
 from trussflow.blocks.linear_analysis.references import (
     References,
@@ -43,7 +44,6 @@ from trussflow.blocks.support.validation import (
     positive_whole,
     shown,
 )
-from trussflow.blocks.tracing.plan import Plan
 
 if TYPE_CHECKING:
     from trussflow.blocks.linear_analysis.frequency.response_estimate import (
@@ -208,7 +208,7 @@ def estimated_response(
         sources[-1].named(f"excitation {number + 1}")
         if sample_time is not None:
             sources[-1].sampled(sample_time)
-    point, _ = Surroundings(Plan(system, own_programs=True)).complete(at, [], {})
+    point, _ = completed(as_wired(system), at, [], {})
     simulator = Simulator(
         excited(
             system,

@@ -10,13 +10,7 @@ import control
 import numpy as np
 from numpy.typing import NDArray
 
-from trussflow.blocks import (
-    Diagram,
-    delay_margin,
-    largest_sample_time,
-    linearize,
-    loop_transfer,
-)
+from trussflow.blocks import Diagram, delay_margin, linearize, loop_transfer
 from trussflow.blocks.errors import LinearAnalysisError
 from trussflow.blocks.linear_analysis.loop_transfer import LoopMargins, margins_of
 from trussflow.blocks.linear_analysis.margins import (
@@ -45,7 +39,7 @@ GROUPS |= {
 ERROR, OMEGA = 1e-3, 1.0
 """Amplitude [m, rad] and frequency [rad/s] of the errors for describing functions."""
 
-PERIODS = {"shortest": 1e-8, "longest": 1.0}
+PERIODS = 1e-8, 1.0
 """Range of sample times [s]; the fastest pole of the PD loop is near 1e7 1/s."""
 
 
@@ -207,10 +201,45 @@ class TrussLoop:
             remove_useless_states=False,
         )
         periods = [
-            largest_sample_time(plant, law, delay=part, points=points, **PERIODS)
-            for part in (0.0, 1.0)
+            largest_sample_time(plant, law, late=late, points=points)
+            for late in (False, True)
         ]
         return [
             f"{value:.3g}"
             for value in (1e3 * delay, omega, 1e3 * periods[0], 1e3 * periods[1])
         ]
+
+
+def largest_sample_time(
+    plant: control.StateSpace, law: control.StateSpace, *, late: bool, points: int
+) -> float:
+    """Return the first sample time on the way up at which the sampled loop is unstable, to 0.1 % [s].
+
+    Commands are held for one sample, and sent one sample after the measurement if `late`. Zero if already
+    the shortest of `PERIODS` is unstable, infinite if none is.
+    """
+
+    def stable(period: float) -> bool:
+        body = control.c2d(plant, period)
+        if late:
+            size = plant.ninputs
+            hold = (
+                np.zeros((size, size)),
+                np.eye(size),
+                np.eye(size),
+                np.zeros((size, size)),
+            )
+            body = body * control.StateSpace(*hold, period)
+        poles = control.feedback(body, control.c2d(law, period), sign=1).poles()
+        return bool(np.abs(poles).max() <= 1 + 1e-9)
+
+    periods = np.geomspace(*PERIODS, points)
+    if not stable(periods[0]):
+        return 0.0
+    for low, high in pairwise(periods.tolist()):
+        if not stable(high):
+            while high > low * 1.001:
+                middle = (low * high) ** 0.5
+                low, high = (middle, high) if stable(middle) else (low, middle)
+            return low
+    return float("inf")

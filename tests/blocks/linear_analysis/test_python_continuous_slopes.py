@@ -17,7 +17,6 @@ from trussflow.blocks import (
     State,
     StateSpace,
     ZeroOrderHold,
-    frequency_response,
     linearize,
     loop_transfer,
     trim,
@@ -163,5 +162,3 @@ def test_describing_functions_are_refused():
     message = r"'swings': it has continuous Python blocks; use estimated_response"
     with pytest.raises(LinearAnalysisError, match=f"describing functions of {message}"):
         linearize(loop(Swing), amplitude={"r": 0.1})
-    with pytest.raises(LinearAnalysisError, match=f"balance harmonics of {message}"):
-        frequency_response(loop(Swing), omega=[1.0], amplitude=0.1)
