@@ -14,7 +14,7 @@ from trussflow.blocks.framework.diagram import Diagram
 from trussflow.blocks.framework.port import Port
 from trussflow.blocks.framework.signal_injection import readers
 from trussflow.blocks.framework.system import System, flatten
-from trussflow.blocks.linear_analysis.linearize import Amplitudes, Linearizer
+from trussflow.blocks.linear_analysis.linearize import Linearizer
 from trussflow.blocks.linear_analysis.margins import (
     Margins,
     channel_disks,
@@ -48,7 +48,6 @@ def loop_transfer(
     *,
     openings: References = (),
     at: OperatingPoint | None = None,
-    amplitude: Amplitudes | None = None,
 ) -> LinearModel:
     """Return the loop transfer function with the loop broken at a wire.
 
@@ -67,8 +66,6 @@ def loop_transfer(
         Other wires that are cut: the loops through them are open as well.
     at : OperatingPoint, optional
         Operating point; by default the initial states.
-    amplitude : mapping, optional
-        As for `linearize`.
 
     Returns
     -------
@@ -104,7 +101,7 @@ def loop_transfer(
             )
         )
     linearizer = Linearizer(diagram, [port], [port], cut=[port, *listed(openings)])
-    model = linearizer.at(at, amplitude=amplitude).returned()
+    model = linearizer.at(at).returned()
     if not _passes(model):
         warn(
             f"the loop gain at '{one.port.full_path}' is identically zero: at this operating point no signal "

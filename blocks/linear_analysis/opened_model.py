@@ -14,7 +14,6 @@ from trussflow.blocks.framework.layout import spans
 from trussflow.blocks.framework.port import Port
 from trussflow.blocks.framework.signal_injection import injected, probed, readers
 from trussflow.blocks.framework.system import Indices, System
-from trussflow.blocks.linear_analysis.describing_function import columns
 from trussflow.blocks.linear_analysis.jacobians import (
     RATES_AND_OUTPUTS,
     Jacobians,
@@ -45,9 +44,6 @@ class OpenedModel:
         Input and output ports.
     cuts : sequence of Named
         Inputs, or further wires, whose drivers are replaced.
-    wires : sequence of Named
-        Inputs of blocks that are cut and closed again by hand: a describing function takes
-        the place of the derivative there.
 
     Attributes
     ----------
@@ -57,8 +53,10 @@ class OpenedModel:
         The ports of the outputs, after opening.
     instants : Pattern or None
         Schedule of the sampled blocks; None without any.
-    input_columns, wire_columns : array of int
-        Indices of inputs and wires in (x, d).
+    input_columns : array of int
+        Indices of the inputs in (x, d).
+    output_rows : array of int
+        Indices of the outputs in the quantity `RATES_AND_OUTPUTS`.
     """
 
     def __init__(
@@ -67,7 +65,6 @@ class OpenedModel:
         inputs: Sequence[Named],
         outputs: Sequence[Named],
         cuts: Sequence[Named],
-        wires: Sequence[Named],
     ) -> None:
         self._wired = system
         refuse_hidden(system)
@@ -85,25 +82,14 @@ class OpenedModel:
         for one in [*inputs, *cuts]:
             if one.key not in sources:
                 system, sources[one.key] = _put_in(system, one, cut=one.key in cut)
-        closings = []
-        for one in wires:
-            system, tap = probed(system, one.port)
-            closings.append(tap)
-            system, sources[one.key] = _put_in(system, one, cut=True)
         self.plan = Plan(system, own_programs=True)
         self.taps = taps
-        replaced = [*cuts, *wires]
-        self._replaced = [one.leaf for one in replaced]
-        self._replaced_columns = self._columns(
-            [(one, sources[one.key]) for one in replaced]
-        )
+        self._cut = [one.leaf for one in cuts]
+        self._cut_columns = self._columns([(one, sources[one.key]) for one in cuts])
         self.input_columns = self._columns([(one, sources[one.key]) for one in inputs])
-        self.wire_columns = self._columns([(one, sources[one.key]) for one in wires])
-        self.jacobians = Jacobians(self.plan, [*taps, *closings])
+        self.jacobians = Jacobians(self.plan, taps)
         self.instants: Pattern | None = pattern(self.jacobians.assembly)
-        rows = self.plan.x.size + _rows([*taps, *closings])
-        number = sum(tap.elements().size for tap in taps)
-        self.output_rows, self._closing_rows = rows[:number], rows[number:]
+        self.output_rows = self.plan.x.size + _rows(taps)
 
     @cached_property
     def _unopened(self) -> Prepared:
@@ -111,7 +97,7 @@ class OpenedModel:
 
         Without cuts and iterated loops it is the opened one: the injected signals are zero.
         """
-        if self._replaced or self.plan.guesses.size:
+        if self._cut or self.plan.guesses.size:
             return as_wired(self._wired)
         return self.jacobians.assembly
 
@@ -129,11 +115,9 @@ class OpenedModel:
         """
         for name in given_point(at).inputs:
             self._wired.source(name)
-        point, values = completed(self._unopened, at, self._replaced, outputs)
+        point, values = completed(self._unopened, at, self._cut, outputs)
         x, d, p = point.vectors(self.plan)
-        d[self._replaced_columns - x.size] = np.hstack(
-            [np.zeros(0), *map(np.ravel, values)]
-        )
+        d[self._cut_columns - x.size] = np.hstack([np.zeros(0), *map(np.ravel, values)])
         return point, (x, d, p)
 
     def _columns(self, found: list[tuple[Named, str]]) -> Indices:
@@ -148,36 +132,14 @@ class OpenedModel:
             parts.append(place.start + elements)
         return np.concatenate(parts)
 
-    def refuse_harmonics(self, purpose: str) -> None:
-        """Raise `LinearAnalysisError` for blocks that have no describing function, because they have memory.
-
-        Parameters
-        ----------
-        purpose : str
-            Purpose, for the message.
-
-        Raises
-        ------
-        LinearAnalysisError
-            If there are sampled blocks, or continuous Python blocks.
-        """
-        for found, what in (
-            (self.instants is not None, "sampled blocks"),
-            (bool(self.jacobians.assembly.continuous), "continuous Python blocks"),
-        ):
-            if found:
-                raise LinearAnalysisError(
-                    f"cannot {purpose}: it has {what}; use estimated_response() instead"
-                )
-
     def at(self, t: float, p: Vector) -> LocalJacobians:
         """Return values and derivatives at time `t` [s] with parameters `p` [as declared]."""
         return LocalJacobians(self.jacobians, t, p)
 
     def linear(
-        self, local: LocalJacobians, x: Vector, d: Vector, amplitudes: dict[int, float]
+        self, local: LocalJacobians, x: Vector, d: Vector
     ) -> tuple[Vector, Vector]:
-        """Return the derivatives of dx/dt and of the outputs by (x, d), all wires closed.
+        """Return the derivatives of dx/dt and of the outputs by (x, d).
 
         Parameters
         ----------
@@ -185,8 +147,6 @@ class OpenedModel:
             Result of `at`.
         x, d : Vector
             The point [units as declared].
-        amplitudes : dict of int to float
-            Columns whose derivatives are replaced by describing functions, and the amplitudes.
         """
         # Before the traced rows: it brings the outputs of continuous Python blocks in d up to date.
         by_all = local.python_outputs(x, d)
@@ -197,19 +157,6 @@ class OpenedModel:
                     1
                 ]
         matrix = local.substituted(matrix, by_all)
-
-        def function(z: Vector) -> Vector:
-            return local.values(RATES_AND_OUTPUTS, z[: x.size], z[x.size :])
-
-        for number, column in columns(
-            function, np.concatenate([x, d]), amplitudes
-        ).items():
-            matrix[:, number] = column
-        wires = self.wire_columns
-        closings = matrix[self._closing_rows]
-        # The wires' signals w = S_z z + S_w w; without algebraic loops S_w is nilpotent.
-        signals = np.linalg.solve(np.eye(wires.size) - closings[:, wires], closings)
-        matrix = matrix + matrix[:, wires] @ signals
         return matrix[: x.size], matrix[self.output_rows]
 
 

@@ -165,7 +165,7 @@ class _Problem:
                 "something besides its declared states"
             )
         self._outputs = all_named(system, list(outputs), [])
-        self._model = OpenedModel(system, [], self._outputs, [], [])
+        self._model = OpenedModel(system, [], self._outputs, [])
         plan = self._plan = self._model.plan
         self._point, (x, d, self._p) = self._model.complete(at, {})
         self._z = np.concatenate([x, d])
@@ -267,7 +267,7 @@ class _Problem:
         plan = self._plan
         size = self._plan.x.size
         x, d = z[:size], z[size:]
-        rates, outputs = self._model.linear(local, x, d.copy(), {})
+        rates, outputs = self._model.linear(local, x, d.copy())
         rates = np.where(np.isnan(self._wanted_rates)[:, None], 0.0, rates)
         parts = [rates, outputs]
         for number in self._sets:

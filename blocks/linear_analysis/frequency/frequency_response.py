@@ -74,7 +74,7 @@ def frequency_response(
     size = x.size
     factors = np.outer(1j * omega, np.ones(size))
     with model.at(point.time, p) as local:
-        rates, rows = model.linear(local, x, d, {})
+        rates, rows = model.linear(local, x, d)
         by_all = local.python_outputs(x, d)
         for call, quantity in local.assembly.continuous.ordered:
             delay = call.block

@@ -17,13 +17,13 @@ from __future__ import annotations
 import heapq
 import sys
 from importlib.util import find_spec
-from itertools import pairwise
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
 from trussflow.blocks.errors import LinearAnalysisError
+from trussflow.blocks.framework.layout import spans
 from trussflow.blocks.linear_analysis.margins import response
 from trussflow.blocks.linear_analysis.uncertainty.gain_series import (
     MAX_CORNER_PARAMETERS,
@@ -83,8 +83,7 @@ class _Gain:
         outputs, inputs = (n - self.inner for n in self.whole.shape)
         self.block = max(outputs, inputs)
         self.padding = ((0, self.block - outputs), (0, self.block - inputs))
-        inner = [slice(a, b) for a, b in pairwise(np.cumsum([0, *self.sizes]).tolist())]
-        self.places = inner
+        self.places = spans(self.sizes)
 
     def within(self, centre: Vector, half: Vector) -> Vector:
         """Return what Δ', from -1 to 1, and the inputs do, where δ is `centre` + `half` Δ'."""
@@ -145,18 +144,8 @@ def mu_bound(matrix: Array, real: int, block: int) -> float:
         Number of real scalars [-].
     block : int
         Size of the complex block; 0 for none [-].
-
-    Raises
-    ------
-    LinearAnalysisError
-        If slycot is not installed.
     """
-    try:
-        from slycot import ab13md  # type: ignore[import-untyped]
-    except ImportError as error:
-        raise LinearAnalysisError(
-            "the bounds of worst_gain are computed by slycot; pip install 'trussflow[uncertainty]'"
-        ) from error
+    from slycot import ab13md  # type: ignore[import-untyped]  # an optional package
 
     sizes, kinds = [1] * real + [block] * bool(block), [1] * real + [2] * bool(block)
     # A bound must not depend on its scale: far from 1 the routine loses digits.
@@ -195,9 +184,8 @@ def worst_gain(
     Raises
     ------
     LinearAnalysisError
-        If slycot is not installed, a frequency is not at least 0, tolerance or boxes are not above 0, or the
-        model is unstable in the middle or at a corner of the ranges. That all members are stable
-        `robust_stability` proves.
+        If a frequency is not at least 0, tolerance or boxes are not above 0, or the model is unstable in the
+        middle or at a corner of the ranges. `robust_stability` proves that all members are stable.
     """
     frequencies = np.atleast_1d(finite_array("frequencies", omega))
     positive(LinearAnalysisError, tolerance=tolerance, boxes=boxes)

@@ -10,7 +10,7 @@ import control
 import numpy as np
 from numpy.typing import NDArray
 
-from trussflow.blocks import Diagram, delay_margin, linearize, loop_transfer
+from trussflow.blocks import Diagram, OperatingPoint, delay_margin, loop_transfer
 from trussflow.blocks.errors import LinearAnalysisError
 from trussflow.blocks.linear_analysis.loop_transfer import LoopMargins, margins_of
 from trussflow.blocks.linear_analysis.margins import (
@@ -21,7 +21,6 @@ from trussflow.blocks.linear_analysis.margins import (
 from trussflow.blocks.linear_analysis.modal_table import oscillating_modes
 from trussflow.models import SpaceTruss
 from trussflow.models.transport import Mission, transport_diagram
-from trussflow.models.transport.wiring import control_law
 
 RIGID, ROBOTS, JOINTS = 34, 4, 7
 CHANNELS = ["x", "y", "z", "phi", "theta", "psi"]
@@ -83,31 +82,42 @@ class TrussLoop:
         )
 
     @cached_property
-    def amplitude(self) -> dict[str, float]:
-        """Amplitudes of error, its rate and its integral."""
+    def point(self) -> OperatingPoint:
+        """Initial states, and the gains of the describing functions of the law."""
         if self.linear or self.controller == "pd":
-            return {}
-        sizes = {"position": ERROR, "velocity": ERROR * OMEGA}
-        amplitude = {f"controller.{name}": size for name, size in sizes.items()}
-        if self.controller == "ismc":
-            law = control_law(self.mission, "ismc")
-            B = linearize(law, list(sizes), ["feedback"], amplitude=sizes).B[0]
-            amplitude["controller.integral"] = (
-                float(abs(B[0] / (1j * OMEGA) + B[1])) * ERROR
-            )
-        return amplitude
+            return OperatingPoint()
+        law = self.mission
+        if self.controller == "smc":
+            sliding = ERROR * abs(law.surface_slope + 1j * OMEGA)
+            # Within this layer, the slope is that of the describing function of the switching term.
+            layer = np.pi / 4 * sliding
+            return OperatingPoint(parameters={"controller.boundary_layer": layer})
+        power = law.exponent
+        gamma = law.rate_gain * _power_gain(power, ERROR * OMEGA)
+        mu = law.error_gain * _power_gain(power / (2 - power), ERROR)
+        sliding = ERROR * abs(1j * OMEGA + gamma + mu / (1j * OMEGA))
+        reaching = control.describing_function(
+            lambda s: s / (abs(s) + law.boundary_layer), sliding
+        )
+        gains = {
+            "gamma": gamma,
+            "mu": mu,
+            "beta": 1.0,
+            "eta": 0.0,
+            "sigma": law.reaching_gain + law.switching_gain * reaching.real.item(),
+        }
+        named = {f"controller.{name}": gain for name, gain in gains.items()}
+        return OperatingPoint(parameters=named)
 
     @cached_property
     def demand_loop(self) -> control.StateSpace:
         """Loop gain at the demand."""
-        return loop_transfer(self.diagram, self.demand, amplitude=self.amplitude)
+        return loop_transfer(self.diagram, self.demand, at=self.point)
 
     @cached_property
     def modal_loop(self) -> control.StateSpace:
         """Loop gain at the modal force."""
-        return loop_transfer(
-            self.diagram, "truss.modal_force", amplitude=self.amplitude
-        )
+        return loop_transfer(self.diagram, "truss.modal_force", at=self.point)
 
     @cached_property
     def closed(self) -> NDArray[np.float64]:
@@ -208,6 +218,14 @@ class TrussLoop:
             f"{value:.3g}"
             for value in (1e3 * delay, omega, 1e3 * periods[0], 1e3 * periods[1])
         ]
+
+
+def _power_gain(exponent: float, amplitude: float) -> float:
+    """Return the describing function of ``sign(x) |x|^exponent`` at an `amplitude` [unit of x]."""
+    found = control.describing_function(
+        lambda x: np.sign(x) * abs(x) ** exponent, amplitude
+    )
+    return float(found.real.item())
 
 
 def largest_sample_time(

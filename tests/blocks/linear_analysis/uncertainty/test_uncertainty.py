@@ -164,14 +164,6 @@ def test_bounds_of_the_structured_singular_value():
     assert mu_bound(np.array([[2j]]), 1, 0) == 0.0
 
 
-def test_without_slycot_the_message_says_what_to_install(monkeypatch):
-    monkeypatch.setitem(sys.modules, "slycot", None)
-    with pytest.raises(
-        LinearAnalysisError, match=r"by slycot; pip install 'trussflow\[uncertainty\]'"
-    ):
-        mu_bound(np.eye(2), 0, 2)
-
-
 BLOCKS = slice(0, 2), slice(2, 3), slice(3, 5)
 
 
