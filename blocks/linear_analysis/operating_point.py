@@ -5,7 +5,7 @@ from __future__ import annotations
 import contextlib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any, Unpack
+from typing import TYPE_CHECKING, Any, Unpack
 
 import numpy as np
 
@@ -15,7 +15,6 @@ from trussflow.blocks.framework.equations import Equations
 from trussflow.blocks.framework.fixed_point import settle
 from trussflow.blocks.framework.port import Port
 from trussflow.blocks.framework.system import System
-from trussflow.blocks.linear_analysis.trim_report import TrimReport
 from trussflow.blocks.simulation.executor import Executor
 from trussflow.blocks.simulation.prepared import Prepared
 from trussflow.blocks.simulation.python_blocks import PythonExecutor
@@ -30,6 +29,9 @@ from trussflow.blocks.support.summary import Described, Description
 from trussflow.blocks.support.types import Array, Vector
 from trussflow.blocks.support.validation import finite_array, positive, shown
 from trussflow.blocks.tracing.plan import Plan
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 
 @dataclass(frozen=True, kw_only=True, repr=False)
@@ -55,9 +57,10 @@ class OperatingPoint(Described):
         Parameters that differ from the blocks' own, by ``"block.parameter"``.
     residual : float
         Largest violation of an equation of `trim` [SI units of the equation].
-    report : TrimReport or None
-        Report of `trim`: free and fixed elements, elements at bounds, rates and residuals. None for any
-        other point, also for one made by ``dataclasses.replace``.
+    report : pandas.DataFrame or None
+        Report of `trim`, with a row for each element of a state, input and output: kind, value, unit, role
+        (free, fixed, at a bound, wanted), bounds, rate of change, and residual of its condition (NaN without
+        one). None for any other point, also for one made by ``dataclasses.replace``.
 
     Raises
     ------
@@ -73,15 +76,13 @@ class OperatingPoint(Described):
     outputs: Mapping[str, Array] = field(default_factory=dict)
     parameters: Mapping[str, Any] = field(default_factory=dict)
     residual: float = 0.0
-    report: TrimReport | None = field(default=None, init=False, compare=False)
+    report: pd.DataFrame | None = field(default=None, init=False, compare=False)
 
     def __post_init__(self) -> None:
         time = finite_array("the time of an operating point", self.time, ())
         object.__setattr__(self, "time", float(time))
 
     def _described(self) -> Description:
-        if self.report:
-            return self.report._described()
         kinds = {
             "state": self.states,
             "held": self.held,

@@ -4,15 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
 
 from trussflow.blocks.errors import LinearAnalysisError, TrimError
 from trussflow.blocks.framework.block import Block
+from trussflow.blocks.framework.declarations import State
 from trussflow.blocks.framework.port import Port
 from trussflow.blocks.framework.system import Indices, flatten
+from trussflow.blocks.framework.units import per_element
 from trussflow.blocks.linear_analysis.jacobians import (
     RATES_AND_OUTPUTS,
     LocalJacobians,
@@ -22,6 +24,7 @@ from trussflow.blocks.linear_analysis.opened_model import OpenedModel
 from trussflow.blocks.linear_analysis.operating_point import OperatingPoint, as_named
 from trussflow.blocks.linear_analysis.python_derivatives import hiding
 from trussflow.blocks.linear_analysis.references import (
+    Named,
     all_labels,
     all_named,
     element_labels,
@@ -29,12 +32,6 @@ from trussflow.blocks.linear_analysis.references import (
     selected,
     split_index,
     state_places,
-)
-from trussflow.blocks.linear_analysis.trim_report import (
-    Bounds,
-    TrimReport,
-    output_lines,
-    variable_lines,
 )
 from trussflow.blocks.support.interrupts import interruptible
 from trussflow.blocks.support.types import Vector
@@ -45,8 +42,17 @@ from trussflow.blocks.support.validation import (
     positive,
 )
 
+if TYPE_CHECKING:
+    import pandas as pd
+
 MOST_LISTED = 8
 """Equations or variables that a message names."""
+
+KINDS = "state", "mode", "discrete state", "held output", "input"
+"""Kinds of variables in the report, in the order of (x, d)."""
+
+COLUMNS = "kind", "value", "unit", "role", "lower", "upper", "rate", "residual"
+"""Columns of the report."""
 
 AT_BOUND = 1e-8
 """Distance from a bound within which a variable is at it, relative to the bound or, near zero,
@@ -117,7 +123,7 @@ def trim(
     Returns
     -------
     OperatingPoint
-        With its `residual`, and a `report` that tells what was found, element by element; it prints so.
+        With its `residual`, and a `report`: a table with a row for each state, input and output.
 
     Raises
     ------
@@ -368,26 +374,65 @@ class _Problem:
             replace(self._point, residual=violation, **found),
             {label: one.leaf for label, one in outputs.items()},
         )
-        wanted = size + len(all_labels(self._outputs))
-        own = np.full(z.size, np.nan)
-        sampled = slice(size + plan.sampled.start, size + plan.sampled.stop)
-        own[:size] = np.where(np.isnan(self._wanted_rates), np.nan, residual[:size])
-        if self._sets:  # of several sets of clocks, the worst
-            changes = residual[wanted:].reshape(len(self._sets), -1)
-            own[sampled] = np.take_along_axis(
-                changes, np.abs(changes).argmax(0)[None], 0
-            )[0]
-        off = dict(zip(all_labels(self._outputs), residual[size:wanted], strict=True))
-        bounds = self._bounds, self._at_bounds(z)
-        variables = variable_lines(
-            plan, self._labels, z, self._free, *bounds, rates, own
-        )
-        lines = [*variables, *output_lines(outputs.values(), point.outputs, off)]
-        report = TrimReport(plan.name, point.time, tolerance, violation, tuple(lines))
+        report = self._report(point, z, residual, rates, outputs)
         object.__setattr__(point, "report", report)
         return point
 
-    def _at_bounds(self, z: Vector) -> Bounds:
+    def _report(
+        self,
+        point: OperatingPoint,
+        z: Vector,
+        residual: Vector,
+        rates: Vector,
+        outputs: Mapping[str, Named],
+    ) -> pd.DataFrame:
+        """Return the table of the variables and of the outputs."""
+        import pandas as pd  # takes a while to import
+
+        plan = self._plan
+        size = plan.x.size
+        rate, own = np.full((2, z.size), np.nan)
+        rate[:size] = rates[:size]
+        own[:size] = np.where(np.isnan(self._wanted_rates), np.nan, residual[:size])
+        wanted = all_labels(self._outputs)
+        if self._sets:  # of several sets of clocks, the worst
+            changes = residual[size + len(wanted) :].reshape(len(self._sets), -1)
+            worst = np.abs(changes).argmax(0)[None]
+            start = size + plan.sampled.start
+            own[start : start + changes.shape[1]] = np.take_along_axis(
+                changes, worst, 0
+            )[0]
+        lower, upper = self._at_bounds(z)
+        rows: list[tuple[Any, ...]] = []
+        for kind, layout in zip(KINDS, (*plan.stored, plan.held, plan.u), strict=True):
+            for e in layout:
+                block = plan.system.blocks[e.path]
+                if kind == "held output" and block.sample_time is None:
+                    continue  # of a continuous Python block: it follows at once, and is no variable
+                place = plan.place(e.path, e.name)
+                declared = block.declared(State).get(e.name) or block.port(e.name)
+                units = per_element(declared.unit, place.stop - place.start)
+                for i, unit in zip(range(place.start, place.stop), units, strict=True):
+                    role = "free" if self._free[i] else "fixed"
+                    if self._free[i]:
+                        role += ", at its lower bound" * bool(lower[i])
+                        role += ", at its upper bound" * bool(upper[i])
+                    bounds = [bound[i] for bound in self._bounds]
+                    row = self._labels[i], kind, z[i], unit, role, *bounds
+                    rows.append((*row, rate[i], own[i]))
+        off = dict(zip(wanted, residual[size:], strict=False))
+        for one in outputs.values():
+            values = np.ravel(point.outputs[one.label])
+            units = one.port.element_units()
+            for label, value, unit in zip(one.labels(), values, units, strict=True):
+                role = "wanted" if label in off else ""
+                row = label, "output", value, unit, role, -np.inf, np.inf, np.nan
+                rows.append((*row, off.get(label, np.nan)))
+        table = pd.DataFrame(rows, columns=["name", *COLUMNS])
+        table["name"] = table["name"].str.replace("/", ".")
+        return table.fillna({"unit": ""}).set_index("name")
+
+    def _at_bounds(self, z: Vector) -> tuple[Vector, Vector]:
         """Return which variables are at their lower and at their upper bound."""
         lower, upper = (
             np.isclose(z, bound, rtol=AT_BOUND, atol=AT_BOUND) for bound in self._bounds
