@@ -264,7 +264,7 @@ def _of_block(
         found = linearizer.at(at)
         model = _linear(np.block([[found.A, found.B], [found.C, found.D]]), x, v, rest)
     else:
-        program = opened.jacobians.program(RATES_AND_OUTPUTS)
+        program = opened.programs[RATES_AND_OUTPUTS]
         function = ArrayFunction(program.expanded, (program.size,))
 
         def model(t: Array, x: Array, given: Array) -> Array:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from functools import cached_property
+from functools import cache, cached_property
 from typing import Any
 
 import numpy as np
@@ -16,8 +16,9 @@ from trussflow.blocks.framework.signal_injection import injected, probed, reader
 from trussflow.blocks.framework.system import Indices, System
 from trussflow.blocks.linear_analysis.jacobians import (
     RATES_AND_OUTPUTS,
-    Jacobians,
     LocalJacobians,
+    Tangents,
+    prepared,
 )
 from trussflow.blocks.linear_analysis.lifting import Pattern, pattern
 from trussflow.blocks.linear_analysis.operating_point import (
@@ -51,6 +52,8 @@ class OpenedModel:
         The plan of the opened diagram.
     taps : list of Port
         The ports of the outputs, after opening.
+    programs : dict of str to Program
+        The traced quantities, keyed by name.
     instants : Pattern or None
         Schedule of the sampled blocks; None without any.
     input_columns : array of int
@@ -87,8 +90,10 @@ class OpenedModel:
         self._cut = [one.leaf for one in cuts]
         self._cut_columns = self._columns([(one, sources[one.key]) for one in cuts])
         self.input_columns = self._columns([(one, sources[one.key]) for one in inputs])
-        self.jacobians = Jacobians(self.plan, taps)
-        self.instants: Pattern | None = pattern(self.jacobians.assembly)
+        self._assembly = prepared(self.plan, taps)
+        self.programs = {p.name: p for p in self._assembly.programs}
+        self._tangents = cache(lambda name: Tangents(self.programs[name]))
+        self.instants: Pattern | None = pattern(self._assembly)
         self.output_rows = self.plan.x.size + _rows(taps)
 
     @cached_property
@@ -99,7 +104,7 @@ class OpenedModel:
         """
         if self._cut or self.plan.guesses.size:
             return as_wired(self._wired)
-        return self.jacobians.assembly
+        return self._assembly
 
     def complete(
         self, at: OperatingPoint | None, outputs: Mapping[str, Port]
@@ -134,7 +139,7 @@ class OpenedModel:
 
     def at(self, t: float, p: Vector) -> LocalJacobians:
         """Return values and derivatives at time `t` [s] with parameters `p` [as declared]."""
-        return LocalJacobians(self.jacobians, t, p)
+        return LocalJacobians(self._assembly, self._tangents, t, p)
 
     def linear(
         self, local: LocalJacobians, x: Vector, d: Vector
