@@ -222,15 +222,15 @@ def tune(
 
     before = search.at(search.start).cost
     scale = abs(before) or 1.0
+    method: dict[str, Any] = {"method": "SLSQP" if derivatives else "COBYQA"}
     room: dict[str, Any] = {"type": "ineq", "fun": lambda x: search.at(x).room}
     if derivatives:
         room["jac"] = lambda x: search.at(x).room_slope
-        options = {"maxiter": iterations, "ftol": COST_TOLERANCE}
-        method = {"jac": lambda x: search.at(x).slope / scale, "method": "SLSQP"}
+        method["jac"] = lambda x: search.at(x).slope / scale
+        method["options"] = {"maxiter": iterations, "ftol": COST_TOLERANCE}
     else:
         radii = {"initial_tr_radius": INITIAL_RADIUS, "final_tr_radius": FINAL_RADIUS}
-        options = {"maxfev": iterations, **radii}
-        method = {"method": "COBYQA"}
+        method["options"] = {"maxfev": iterations, **radii}
     constraints: list[Any] = [room] if limits else []
     if requirements:
         constraints.append({"type": "ineq", "fun": lambda x: spare(x.tobytes())})
@@ -257,12 +257,7 @@ def tune(
     bounds = [(0.0, 1.0)] * len(search.start)
     try:
         found = minimize(
-            scaled,
-            search.start,
-            bounds=bounds,
-            constraints=constraints,
-            options=options,
-            **method,
+            scaled, search.start, bounds=bounds, constraints=constraints, **method
         )
     except KeyboardInterrupt:
         best = min(search.tried, key=lambda x: (missing(x), search.at(x).cost))
