@@ -133,16 +133,6 @@ class Linearizer:
         plan = self._opened.plan
         return plan.p.named(plan.parameters({}))
 
-    def point(self, at: OperatingPoint | None = None) -> OperatingPoint:
-        """Return an operating point in full: what it leaves out is as at the start.
-
-        Parameters
-        ----------
-        at : OperatingPoint, optional
-            The point; by default the initial states, inputs at their start values.
-        """
-        return self.opened(at)[1]
-
     @interruptible()
     def at(self, at: OperatingPoint | None = None) -> LinearModel:
         """Return the linear model at an operating point.
@@ -217,8 +207,6 @@ class Linearizer:
             name=label_of(self.item.name).replace(" ", "_"),
             operating_point=point,
             derivatives=local.derivatives,
-            input_units=[u for one in self._inputs for u in one.port.element_units()],
-            output_units=[u for one in self._outputs for u in one.port.element_units()],
         )
 
     def _check_finite(self, matrix: Vector, labels: list[str]) -> None:

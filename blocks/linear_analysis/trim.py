@@ -51,9 +51,6 @@ MOST_LISTED = 8
 KINDS = "state", "mode", "discrete state", "held output", "input"
 """Kinds of variables in the report, in the order of (x, d)."""
 
-COLUMNS = "kind", "value", "unit", "role", "lower", "upper", "rate", "residual"
-"""Columns of the report."""
-
 AT_BOUND = 1e-8
 """Distance from a bound within which a variable is at it, relative to the bound or, near zero,
 absolute: the solver keeps inside bounds, but comes as close as round-off lets it."""
@@ -143,13 +140,6 @@ def trim(
     )
     problem = _Problem(item, states, inputs, outputs, rates, at)
     return problem.solve(tolerance)
-
-
-class _Met(Exception):  # noqa: N818 - no error
-    """Stops the solver: all equations are met at z."""
-
-    def __init__(self, z: Vector) -> None:
-        self.z = z
 
 
 class _Problem:
@@ -306,8 +296,6 @@ class _Problem:
         def residual_of(part: Vector) -> Vector:
             residual = self._residual(local, full(part))
             self._check_finite(residual, "value")
-            if np.abs(residual).max(initial=0.0) <= tolerance / 100:
-                raise _Met(full(part))  # no need to go on to round-off
             return residual
 
         def jacobian_of(part: Vector) -> Vector:
@@ -319,21 +307,18 @@ class _Problem:
         complaint = ""
         with self._model.at(self._point.time, self._p) as local:
             if free.any():
-                try:
-                    found = least_squares(
-                        residual_of,
-                        best[free],
-                        jac=jacobian_of,
-                        bounds=(self._bounds[0][free], self._bounds[1][free]),
-                        method="trf",
-                        ftol=1e-15,
-                        xtol=1e-15,
-                        gtol=1e-15,
-                        max_nfev=200,
-                    )
-                    best = full(found.x)
-                except _Met as met:
-                    best = met.z
+                found = least_squares(
+                    residual_of,
+                    best[free],
+                    jac=jacobian_of,
+                    bounds=(self._bounds[0][free], self._bounds[1][free]),
+                    method="trf",
+                    ftol=1e-15,
+                    xtol=1e-15,
+                    gtol=1e-15,
+                    max_nfev=200,
+                )
+                best = full(found.x)
             residual = self._residual(local, best)
             violation = float(np.abs(residual).max(initial=0.0))
             if not violation <= tolerance:
@@ -402,8 +387,8 @@ class _Problem:
             own[start : start + changes.shape[1]] = np.take_along_axis(
                 changes, worst, 0
             )[0]
-        lower, upper = self._at_bounds(z)
-        rows: list[tuple[Any, ...]] = []
+        kinds = np.full(z.size, "", dtype=object)
+        units = kinds.copy()
         for kind, layout in zip(KINDS, (*plan.stored, plan.held, plan.u), strict=True):
             for e in layout:
                 block = plan.system.blocks[e.path]
@@ -411,26 +396,41 @@ class _Problem:
                     continue  # of a continuous Python block: it follows at once, and is no variable
                 place = plan.place(e.path, e.name)
                 declared = block.declared(State).get(e.name) or block.port(e.name)
-                units = per_element(declared.unit, place.stop - place.start)
-                for i, unit in zip(range(place.start, place.stop), units, strict=True):
-                    role = "free" if self._free[i] else "fixed"
-                    if self._free[i]:
-                        role += ", at its lower bound" * bool(lower[i])
-                        role += ", at its upper bound" * bool(upper[i])
-                    bounds = [bound[i] for bound in self._bounds]
-                    row = self._labels[i], kind, z[i], unit, role, *bounds
-                    rows.append((*row, rate[i], own[i]))
+                kinds[place] = kind
+                units[place] = per_element(declared.unit, place.stop - place.start)
+        roles = pd.Series(np.where(self._free, "free", "fixed"), self._labels)
+        for side, at_bound in zip(("lower", "upper"), self._at_bounds(z), strict=True):
+            roles += np.where(self._free & at_bound, f", at its {side} bound", "")
+        lower, upper = self._bounds
+        variables = pd.DataFrame(
+            {
+                "kind": kinds,
+                "value": z,
+                "unit": units,
+                "role": roles,
+                "lower": lower,
+                "upper": upper,
+                "rate": rate,
+                "residual": own,
+            }
+        )
         off = dict(zip(wanted, residual[size:], strict=False))
-        for one in outputs.values():
-            values = np.ravel(point.outputs[one.label])
-            units = one.port.element_units()
-            for label, value, unit in zip(one.labels(), values, units, strict=True):
-                role = "wanted" if label in off else ""
-                row = label, "output", value, unit, role, -np.inf, np.inf, np.nan
-                rows.append((*row, off.get(label, np.nan)))
-        table = pd.DataFrame(rows, columns=["name", *COLUMNS])
-        table["name"] = table["name"].str.replace("/", ".")
-        return table.fillna({"unit": ""}).set_index("name")
+        shown = all_labels(outputs.values())
+        values = [np.ravel(point.outputs[label]) for label in outputs]
+        results = pd.DataFrame(
+            {
+                "kind": "output",
+                "value": np.concatenate([np.zeros(0), *values]),
+                "unit": [
+                    u for one in outputs.values() for u in one.port.element_units()
+                ],
+                "role": ["wanted" if label in off else "" for label in shown],
+                "residual": [off.get(label, np.nan) for label in shown],
+            },
+            shown,
+        )
+        table = pd.concat([variables[kinds != ""], results]).fillna({"unit": ""})
+        return table.rename(lambda label: label.replace("/", "."))
 
     def _at_bounds(self, z: Vector) -> tuple[Vector, Vector]:
         """Return which variables are at their lower and at their upper bound."""
