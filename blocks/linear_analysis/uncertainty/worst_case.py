@@ -2,21 +2,14 @@ r"""The greatest gain of an uncertain model, by branch and bound.
 
 Boxes of parameters are split until the greatest gain that was found in one, times 1 + tolerance, bounds
 them all (Balakrishnan, Boyd, Balemi 1991, *Branch and bound algorithm for computing the minimum stability
-degree of parameter-dependent linear systems*, International Journal of Robust and Nonlinear Control 1). What
-bounds a box is the gain's power series. Where little is repeated, boxes are also left by the structured
-singular value: a gain γ is not reached if
-
-.. math:: \mu \begin{bmatrix} N_{11} & N_{12} \\ N_{21} / \gamma & N_{22} / \gamma \end{bmatrix} \le 1
-
-with a complex full block between outputs and inputs (main loop theorem; Zhou, Doyle, Glover 1996, chapter
-11), of which SLICOT's AB13MD gives an upper bound.
+degree of parameter-dependent linear systems*, International Journal of Robust and Nonlinear Control 1). The
+gain's power series bounds each box.
 """
 
 from __future__ import annotations
 
 import heapq
 import sys
-from importlib.util import find_spec
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -43,9 +36,6 @@ EDGE_TOLERANCE = 1e-6
 
 ASCENT_EVALUATIONS = 50
 """Gain evaluations per parameter of the local ascent from a member [-]."""
-
-MAX_REAL_REPETITIONS = 12
-"""Number of repeated parameters up to which the bound for real parameters is computed [-]."""
 
 
 class WorstGain(NamedTuple):
@@ -80,9 +70,6 @@ class _Gain:
         self.sizes = model.fractions.sizes
         self.whole = model.response(omega)
         self.inner = sum(self.sizes)
-        outputs, inputs = (n - self.inner for n in self.whole.shape)
-        self.block = max(outputs, inputs)
-        self.padding = ((0, self.block - outputs), (0, self.block - inputs))
         self.places = spans(self.sizes)
 
     def within(self, centre: Vector, half: Vector) -> Vector:
@@ -122,37 +109,6 @@ class _Gain:
 
         found = minimize(lost, delta, bounds=[(-1.0, 1.0)] * len(delta), **settings)
         return max(np.asarray(found.x), delta, key=self.at)
-
-    def stays_below(self, gain: float, centre: Vector, half: Vector) -> bool:
-        """Tell whether the gain of all members in a box is proved to be below `gain`."""
-        k = self.inner
-        if k > MAX_REAL_REPETITIONS or find_spec("slycot") is None:
-            return False  # the series alone bounds the box, and takes more boxes near resonances
-        box = self.within(centre, half)
-        closed = np.vstack([box[:k], box[k:] / gain])
-        return mu_bound(np.pad(closed, self.padding), k, self.block) <= 1.0
-
-
-def mu_bound(matrix: Array, real: int, block: int) -> float:
-    """Return an upper bound of the structured singular value: real scalars, then a complex block.
-
-    Parameters
-    ----------
-    matrix : array, shape (n, n)
-        Transfer matrix that the uncertainty closes [1].
-    real : int
-        Number of real scalars [-].
-    block : int
-        Size of the complex block; 0 for none [-].
-    """
-    from slycot import ab13md  # type: ignore[import-untyped]  # an optional package
-
-    sizes, kinds = [1] * real + [block] * bool(block), [1] * real + [2] * bool(block)
-    # A bound must not depend on its scale: far from 1 the routine loses digits.
-    largest = float(np.max(np.abs(matrix), initial=0.0))
-    if largest == 0.0:
-        return 0.0
-    return largest * float(ab13md(matrix / largest, sizes, kinds)[0])
 
 
 def worst_gain(
@@ -259,14 +215,9 @@ def _worst(
 
     keep(np.zeros(count), np.ones(count))
     while (
-        0.0 < best < np.inf
-        and looked < most
-        and left
-        and -left[0][0] > best * (1.0 + tolerance)
+        0.0 < best < np.inf and looked < most and -left[0][0] > best * (1.0 + tolerance)
     ):
         _, _, centre, half, widest = heapq.heappop(left)
-        if gain.stays_below(best * (1.0 + tolerance), centre, half):
-            continue
         half = half * (1.0 - axes[widest] / 2.0)
         for side in (-1.0, 1.0):
             middle = centre + side * half * axes[widest]
@@ -275,5 +226,5 @@ def _worst(
                 best = gain.at(place)
             looked += 1
             keep(middle, half)
-    bound = max([best * (1.0 + tolerance), *(-one for one, *_ in left[:1])])
+    bound = max(best * (1.0 + tolerance), -left[0][0])
     return best, bound, place, looked
