@@ -100,13 +100,10 @@ from trussflow.blocks.linear_analysis.families import linearize_over as lineariz
 from trussflow.blocks.linear_analysis.frequency.delays import (
     delay_margin as delay_margin,
 )
-from trussflow.blocks.linear_analysis.frequency.delays import (
-    largest_sample_time as largest_sample_time,
-)
 from trussflow.blocks.linear_analysis.frequency.estimated_response import (
     estimated_response as estimated_response,
 )
-from trussflow.blocks.linear_analysis.frequency.harmonic_balance import (
+from trussflow.blocks.linear_analysis.frequency.frequency_response import (
     frequency_response as frequency_response,
 )
 from trussflow.blocks.linear_analysis.linearize import Linearizer as Linearizer

@@ -5,7 +5,7 @@ from __future__ import annotations
 import contextlib
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -31,9 +31,6 @@ from trussflow.blocks.linear_analysis.references import (
 from trussflow.blocks.support.types import Array, Vector
 from trussflow.blocks.support.validation import by_name, one_of, positive, shown
 from trussflow.blocks.tracing.linear_algebra import block_diagonal
-
-if TYPE_CHECKING:
-    import control
 
 Model = Callable[[Array, Array, Array], Array]
 """State derivatives followed by measurements, as a function of (t, x, all inputs)."""
@@ -96,7 +93,7 @@ class Plant:
 
 
 def kalman_filter(
-    plant: Block | control.StateSpace,
+    plant: Block,
     measured: References = None,
     inputs: References = None,
     *,
@@ -123,9 +120,9 @@ def kalman_filter(
 
     Parameters
     ----------
-    plant : Block or control.StateSpace
-        Diagram or block; the filter then works on the signals themselves. Or a continuous-time linear
-        model, such as `linearize` returns; the filter then works on deviations from the operating point.
+    plant : Block
+        Diagram or block in continuous time; `from_control` makes one of a linear model. The filter works on
+        the signals of the block.
     measured, inputs : Port, str or sequence of these, optional
         Measured and commanded ports of any inner block, whole or sliced, as for `linearize`. Wires that
         drive a commanded port are cut. The default is all outputs and all inputs of the plant.
@@ -180,12 +177,12 @@ def kalman_filter(
     one_of("kind of Kalman filter", kind, ("steady", "varying", "extended"))
     slow = by_name("disturbances", disturbances)
     names = [*(process_noise if isinstance(process_noise, Mapping) else ()), *slow]
-    if isinstance(plant, Block):
-        opened = _of_block(
-            plant, measured, inputs, names, at, linear=kind != "extended"
+    if not isinstance(plant, Block):
+        raise LinearAnalysisError(
+            f"cannot make this Kalman filter of {shown(plant)}: give a block; from_control makes one of a "
+            "linear model"
         )
-    else:
-        opened = _of_model(plant, measured, inputs, linear=kind != "extended")
+    opened = _of_block(plant, measured, inputs, names, at, linear=kind != "extended")
     sampling = {"every": every, "noise": measurement_noise, "steps": steps}
     process, z, u = _with_disturbances(opened, process_noise, slow, sampling)
     settings: dict[str, Any] = {
@@ -234,11 +231,9 @@ def _of_block(
         with contextlib.suppress(NameLookupError):
             # a state, or an unknown name, which is reported later
             one = named(system, name)
-            put_in += (
-                [one]
-                if one.port.is_input and not known.issuperset(one.labels())
-                else []
-            )
+            if one.port.is_input and not known.issuperset(one.labels()):
+                put_in.append(one)
+                known.update(one.labels())
     driven = [one.port for one in commands if one.port.block is not plant]
     linearizer = Linearizer(
         plant, [one.port for one in put_in], [one.port for one in seen], cut=driven
@@ -262,9 +257,14 @@ def _of_block(
         with opened.at(point.time, p) as local:
             rest = local.values(RATES_AND_OUTPUTS, x, d)[rows]
         found = linearizer.at(at)
-        model = _linear(np.block([[found.A, found.B], [found.C, found.D]]), x, v, rest)
+        matrix = np.block([[found.A, found.B], [found.C, found.D]])
+        begin = np.concatenate([x, v])
+
+        def model(t: Array, x: Array, given: Array) -> Array:  # noqa: ARG001
+            return rest + matrix @ (np.concatenate([x, given]) - begin)
+
     else:
-        program = opened.jacobians.program(RATES_AND_OUTPUTS)
+        program = opened.programs[RATES_AND_OUTPUTS]
         function = ArrayFunction(program.expanded, (program.size,))
 
         def model(t: Array, x: Array, given: Array) -> Array:
@@ -282,51 +282,6 @@ def _of_block(
         (point.time, x, v),
         units,
     )
-
-
-def _of_model(system: Any, measured: Any, inputs: Any, *, linear: bool) -> Plant:
-    """Choose the commands and measurements of a linear model."""
-    if not linear or not hasattr(system, "state_labels") or system.isdtime(strict=True):
-        raise LinearAnalysisError(
-            f"cannot make this Kalman filter of {shown(system)}: give a block, or, unless it is to be "
-            "extended, a linear model in continuous time; of a discrete one, KalmanFilter(LinearProcess(...))"
-        )
-
-    def chosen(labels: Sequence[str], given: Any) -> list[int]:
-        names = (
-            labels
-            if given is None
-            else given
-            if isinstance(given, list | tuple)
-            else [given]
-        )
-        return [int(i) for name in names for i in label_places(labels, name).ravel()]
-
-    rows, commands = (
-        chosen(system.output_labels, measured),
-        chosen(system.input_labels, inputs),
-    )
-    matrix = np.block([[system.A, system.B], [system.C[rows], system.D[rows]]])
-    x, v = np.zeros(system.nstates), np.zeros(system.ninputs)
-    model, outputs = (
-        _linear(matrix, x, v, np.zeros(len(matrix))),
-        [system.output_labels[i] for i in rows],
-    )
-    return Plant(
-        model,
-        system.state_labels,
-        system.input_labels,
-        outputs,
-        commands,
-        (0.0, x, v),
-        {},
-    )
-
-
-def _linear(matrix: Vector, x0: Vector, v0: Vector, rest: Vector) -> Model:
-    """Return the equations of a linear plant around a point."""
-    at = np.concatenate([x0, v0])
-    return lambda _, x, v: rest + matrix @ (np.concatenate([x, v]) - at)
 
 
 def _with_disturbances(

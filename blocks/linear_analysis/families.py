@@ -17,7 +17,6 @@ from trussflow.blocks.linear_analysis.operating_point import (
     given_point,
     points_during,
 )
-from trussflow.blocks.linear_analysis.overrides import Override
 from trussflow.blocks.linear_analysis.references import References
 from trussflow.blocks.simulation.session import Session
 from trussflow.blocks.simulation.solver import (
@@ -41,7 +40,6 @@ def linearize_over(
     times: Sequence[float] | None = None,
     at: OperatingPoint | None = None,
     cut: References = (),
-    override: Override | None = None,
     **settings: Unpack[SolverSettings],
 ) -> xr.DataArray:
     """Return the linear models of a diagram over a grid of parameters, and at times of runs.
@@ -52,7 +50,7 @@ def linearize_over(
     ----------
     item : Block
         A diagram, or a single block.
-    inputs, outputs, cut, override
+    inputs, outputs, cut
         As for `linearize`.
     parameters : mapping, optional
         Values to try of parameters, by ``"block.parameter"`` [units as declared].
@@ -109,7 +107,7 @@ def linearize_over(
         raise LinearAnalysisError(
             f"cannot linearize at the times {shown(times)}: they must increase, from {begin.time:g} s on"
         )
-    linearizer = Linearizer(item, inputs, outputs, cut=cut, override=override)
+    linearizer = Linearizer(item, inputs, outputs, cut=cut)
     session = None if times is None else Session(item, **settings)
     models = []
     for values in product(*axes.values()):

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from functools import cache, partial
 
 import numpy as np
@@ -24,37 +24,10 @@ RATES_AND_OUTPUTS = derivative().name
 """Name of the quantity made of dx/dt and then the values of ports."""
 
 
-class Jacobians:
-    """Values and exact Jacobians of what a plan computes.
-
-    Parameters
-    ----------
-    plan : Plan
-        The plan.
-    ports : sequence of Port
-        The ports that come after dx/dt in the quantity `RATES_AND_OUTPUTS`.
-
-    Attributes
-    ----------
-    assembly : Prepared
-        The plan with its clocks and Python blocks.
-    """
-
-    def __init__(self, plan: Plan, ports: Sequence[Port]) -> None:
-        solver = Solver(solver="RK45", backend="interpreted")
-        self.assembly = Prepared(plan, [_rates_and_outputs(ports)], solver)
-        self._programs = {p.name: p for p in self.assembly.programs}
-        self._tangents: dict[str, Tangents] = {}
-
-    def program(self, name: str) -> Program:
-        """Return the traced quantity of that name."""
-        return self._programs[name]
-
-    def tangents(self, name: str) -> Tangents:
-        """Return the directional derivatives of the quantity of that name."""
-        if name not in self._tangents:
-            self._tangents[name] = Tangents(self.program(name))
-        return self._tangents[name]
+def prepared(plan: Plan, ports: Sequence[Port]) -> Prepared:
+    """Return a `plan` with the quantity `RATES_AND_OUTPUTS`: dx/dt, then the values of `ports`."""
+    solver = Solver(solver="RK45", backend="interpreted")
+    return Prepared(plan, [_rates_and_outputs(ports)], solver)
 
 
 class LocalJacobians:
@@ -64,8 +37,10 @@ class LocalJacobians:
 
     Parameters
     ----------
-    jacobians : Jacobians
-        The plan and its derivatives.
+    assembly : Prepared
+        The plan with its clocks and Python blocks.
+    tangents : callable
+        Directional derivatives of the quantity of a name.
     t : float
         Time [s].
     p : Vector
@@ -77,10 +52,16 @@ class LocalJacobians:
         Method of differentiation of each Python block, keyed by path.
     """
 
-    def __init__(self, jacobians: Jacobians, t: float, p: Vector) -> None:
-        self.assembly = jacobians.assembly
-        self.plan = self.assembly.plan
-        self._jacobians, self.t, self.p = jacobians, t, p
+    def __init__(
+        self,
+        assembly: Prepared,
+        tangents: Callable[[str], Tangents],
+        t: float,
+        p: Vector,
+    ) -> None:
+        self.assembly, self._tangents = assembly, tangents
+        self.plan = assembly.plan
+        self.t, self.p = t, p
         self.derivatives: dict[str, str] = {}
         self._errors: dict[str, float] = {}
         self.executor = self.assembly.open(p)
@@ -105,7 +86,7 @@ class LocalJacobians:
         x, d : Vector
             The point [units as declared].
         """
-        tangents = self._jacobians.tangents(name)
+        tangents = self._tangents(name)
         t = self.t
         p = self.p
         active = next(q.active for q in self.assembly.quantities if q.name == name)
@@ -184,6 +165,21 @@ class LocalJacobians:
         )
         by_all[:, where] = 0.0
         return by_all
+
+    def substituted(self, matrix: Vector, by_all: Vector) -> Vector:
+        """Return derivatives by (x, d) through the outputs of continuous Python blocks.
+
+        Parameters
+        ----------
+        matrix : Vector
+            Derivatives, those by the outputs of these blocks apart [any].
+        by_all : Vector
+            Result of `python_outputs` [any].
+        """
+        where = self.python_places
+        found = matrix + matrix[:, where] @ by_all
+        found[:, where] = 0.0
+        return np.asarray(found)
 
     def discrete_update(self, number: int, x: Vector, d: Vector) -> Jump:
         """Return the derivatives of (x, memory, held) after an instant, by before and by u.

@@ -26,8 +26,6 @@ class LinearModel(control.StateSpace):  # type: ignore[misc] # python-control sh
     derivatives : dict
         For each Python block, by path, how its derivatives were found; everything else is
         exact. Empty if all is.
-    input_units, output_units : list
-        Units of inputs and outputs, element by element; None where there is none.
     **names
         As for ``control.StateSpace``: inputs, outputs, states, name.
     """
@@ -37,15 +35,12 @@ class LinearModel(control.StateSpace):  # type: ignore[misc] # python-control sh
         *matrices: Any,
         operating_point: OperatingPoint,
         derivatives: Mapping[str, str],
-        input_units: list[str | None],
-        output_units: list[str | None],
         **names: Any,
     ) -> None:
         # A state without influence is still a state that has a name.
         super().__init__(*matrices, remove_useless_states=False, **names)
         self.operating_point = operating_point
         self.derivatives = dict(derivatives)
-        self.input_units, self.output_units = input_units, output_units
 
     def __reduce__(self) -> tuple[Callable[[], LinearModel], tuple[()]]:
         """Pickle and copy as what it was made of: python-control keeps functions that no pickle takes."""
@@ -53,8 +48,6 @@ class LinearModel(control.StateSpace):  # type: ignore[misc] # python-control sh
         about: dict[str, Any] = {
             "operating_point": self.operating_point,
             "derivatives": self.derivatives,
-            "input_units": self.input_units,
-            "output_units": self.output_units,
             "inputs": self.input_labels,
             "outputs": self.output_labels,
             "states": self.state_labels,

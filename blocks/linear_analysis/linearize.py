@@ -2,46 +2,29 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from trussflow.blocks.errors import LinearAnalysisError, NameLookupError
+from trussflow.blocks.errors import LinearAnalysisError
 from trussflow.blocks.framework.block import Block
-from trussflow.blocks.framework.port import Port
-from trussflow.blocks.framework.system import Indices, flatten
+from trussflow.blocks.framework.system import flatten
 from trussflow.blocks.linear_analysis.jacobians import LocalJacobians, inner_places
 from trussflow.blocks.linear_analysis.lifting import Jump, lifted
 from trussflow.blocks.linear_analysis.opened_model import OpenedModel
-from trussflow.blocks.linear_analysis.operating_point import (
-    OperatingPoint,
-    Surroundings,
-)
-from trussflow.blocks.linear_analysis.overrides import Override
+from trussflow.blocks.linear_analysis.operating_point import OperatingPoint
 from trussflow.blocks.linear_analysis.references import (
-    Named,
-    Reference,
     References,
     all_named,
     distinct_labels,
     label_of,
     layout_labels,
-    named,
-    split_index,
-    state_places,
 )
 from trussflow.blocks.support.interrupts import interruptible
 from trussflow.blocks.support.types import Vector
-from trussflow.blocks.support.validation import by_name, positive
-from trussflow.blocks.tracing.plan import Plan
 
 if TYPE_CHECKING:
     from trussflow.blocks.linear_analysis.linear_model import LinearModel
-
-Amplitudes = Mapping[Any, float]
-"""Amplitude of each signal or state, by `Reference`, whose describing function is wanted [unit of
-it]."""
 
 
 def linearize(
@@ -51,8 +34,6 @@ def linearize(
     *,
     at: OperatingPoint | None = None,
     cut: References = (),
-    amplitude: Amplitudes | None = None,
-    override: Override | None = None,
 ) -> LinearModel:
     r"""Return the linear model of a diagram or block around an operating point.
 
@@ -77,16 +58,6 @@ def linearize(
     cut : Port, str or sequence of these
         Wires to cut. A cut signal among `inputs` is driven from there alone; any other is
         frozen at its value. An input of a block that is cut, among `outputs`, is what arrives.
-    amplitude : mapping, optional
-        Amplitude of states, inputs or wires into blocks: their columns are the describing
-        functions for a sinusoid of that amplitude in one element at a time, instead of
-        derivatives. For laws that have no derivative, such as :math:`|x|^{0.9}` at zero. In a
-        loop amplitudes change with frequency: `frequency_response` finds them by itself.
-    override : mapping, optional
-        Systems that stand for blocks and groups (nested diagrams), by path or by the block itself: a
-        ``control.StateSpace``, a ``control.TransferFunction`` or a matrix of gains, from the elements of
-        all its inputs to those of its outputs. For blocks whose derivative does not exist or is not what
-        is meant, such as a relay or a Python block, and for identified models. The point is not changed.
 
     Returns
     -------
@@ -99,30 +70,27 @@ def linearize(
     Raises
     ------
     LinearAnalysisError
-        If there is nothing to put in or read out, a derivative does not exist, a describing
-        function is asked of a diagram with sampled blocks, or a system does not fit what it stands for.
+        If there is nothing to put in or read out, or a derivative does not exist.
     NameLookupError
         If there is no such block, port or state; the message lists those there are.
 
     Examples
     --------
-    >>> from trussflow.blocks import Diagram, Gain, Integrator, Quantizer, linearize
+    >>> from trussflow.blocks import Diagram, Gain, Integrator, linearize
     >>> loop = Diagram("loop")
-    >>> integral, sensor, law = loop.add(integral=Integrator(), sensor=Quantizer(0.1, 0.01), law=Gain(-2.0))
-    >>> _ = integral >> sensor >> law >> integral
-    >>> model = linearize(loop, law.y, integral.y, override={"sensor": 1.0})
+    >>> integral, law = loop.add(integral=Integrator(), law=Gain(-2.0))
+    >>> _ = integral >> law >> integral
+    >>> model = linearize(loop, law.y, integral.y)
     >>> float(model.poles()[0].real)
     -2.0
     """
-    return Linearizer(item, inputs, outputs, cut=cut, override=override).at(
-        at, amplitude=amplitude
-    )
+    return Linearizer(item, inputs, outputs, cut=cut).at(at)
 
 
 class Linearizer:
     """A diagram made ready to be linearized, at any number of operating points.
 
-    Other points, parameters and amplitudes need no new tracing. Arguments and errors are
+    Other points and parameters need no new tracing. Arguments and errors are
     those of `linearize`.
 
     Parameters
@@ -133,8 +101,6 @@ class Linearizer:
         Input and output ports.
     cut : Port, str or sequence of these
         Wires to cut.
-    override : mapping, optional
-        Systems that stand for blocks and groups.
     """
 
     @interruptible()
@@ -145,33 +111,18 @@ class Linearizer:
         outputs: References = None,
         *,
         cut: References = (),
-        override: Override | None = None,
     ) -> None:
-        self._override = override
         self.item = item
         self._system = flatten(item, external=True)
-        self._surroundings = Surroundings(Plan(self._system))
         self._cuts = all_named(self._system, cut, [])
         self._inputs = all_named(self._system, inputs, item.inputs())
         self._outputs = all_named(self._system, outputs, item.outputs())
         cannot = f"cannot linearize '{item.name}'"
         self._input_labels = distinct_labels(cannot, "inputs", self._inputs)
         self._output_labels = distinct_labels(cannot, "outputs", self._outputs)
-        self._models: dict[Any, OpenedModel] = {}
-        self._opened([])
-
-    def _opened(self, wires: list[Named]) -> OpenedModel:
-        key = tuple(one.key for one in wires)
-        if key not in self._models:
-            self._models[key] = OpenedModel(
-                self._system,
-                self._inputs,
-                self._outputs,
-                self._cuts,
-                wires,
-                self._override,
-            )
-        return self._models[key]
+        self._opened = OpenedModel(
+            self._system, self._inputs, self._outputs, self._cuts
+        )
 
     def labels(self) -> tuple[list[str], list[str]]:
         """Return the names of all elements of the inputs and of the outputs."""
@@ -179,112 +130,34 @@ class Linearizer:
 
     def parameters(self) -> dict[str, Vector]:
         """Return the diagram's own parameters, by ``"block.parameter"``."""
-        plan = self._surroundings.plan
+        plan = self._opened.plan
         return plan.p.named(plan.parameters({}))
 
-    def point(self, at: OperatingPoint | None = None) -> OperatingPoint:
-        """Return an operating point in full: what it leaves out is as at the start.
-
-        Parameters
-        ----------
-        at : OperatingPoint, optional
-            The point; by default the initial states, inputs at their start values.
-        """
-        return self.opened(at)[1]
-
     @interruptible()
-    def at(
-        self, at: OperatingPoint | None = None, *, amplitude: Amplitudes | None = None
-    ) -> LinearModel:
+    def at(self, at: OperatingPoint | None = None) -> LinearModel:
         """Return the linear model at an operating point.
 
         Parameters
         ----------
         at : OperatingPoint, optional
-            Operating point.
-        amplitude : mapping, optional
-            Amplitudes of describing functions [unit of the state or signal].
+            Operating point; by default the initial states.
         """
-        amplitude = by_name("amplitudes", amplitude, str | Port)
-        stored, wires = self._oscillating(amplitude)
-        model, point, (x, d, p) = self.opened(at, [one for one, _ in wires])
-        amplitudes: dict[int, float] = {}
-        for reference, size in stored.items():
-            places = self._places(model.plan, reference)
-            assert places is not None
-            amplitudes |= dict.fromkeys(places.tolist(), size)
-        sizes = [size for one, size in wires for _ in one.labels()]
-        amplitudes |= dict(zip(model.wire_columns.tolist(), sizes, strict=True))
-        if amplitudes:
-            model.refuse_harmonics(f"take describing functions of '{self.item.name}'")
+        model, point, (x, d, p) = self.opened(at)
         with model.at(point.time, p) as local:
-            return self._model(model, local, point, (x, d), amplitudes)
+            return self._model(model, local, point, (x, d))
 
     def opened(
-        self, at: OperatingPoint | None = None, wires: Sequence[Named] = ()
+        self, at: OperatingPoint | None = None
     ) -> tuple[OpenedModel, OperatingPoint, tuple[Vector, Vector, Vector]]:
         """Return the diagram as it is opened, the point in full, and its x, d and p.
 
         Parameters
         ----------
         at : OperatingPoint, optional
-            Operating point.
-        wires : sequence of Named
-            Wires that are closed by describing functions.
+            Operating point; by default the initial states.
         """
-        model = self._opened(list(wires))
         outputs = {one.label: one.leaf for one in self._outputs}
-        point, values = self._surroundings.complete(at, model.replaced, outputs)
-        return model, point, model.vectors(point, values)
-
-    # -- describing functions -----------------------------------------------------------------
-
-    def _oscillating(
-        self, amplitude: Amplitudes
-    ) -> tuple[dict[Reference, float], list[tuple[Named, float]]]:
-        """Return the amplitudes of states and inputs from outside, and the wires that have amplitudes."""
-        stored: dict[Reference, float] = {}
-        wires = []
-        for reference, size in amplitude.items():
-            positive(LinearAnalysisError, **{f"amplitude of '{reference}'": size})
-            if self._places(self._surroundings.plan, reference) is not None:
-                stored[reference] = size
-                continue
-            try:
-                one = named(self._system, reference)
-            except NameLookupError as error:
-                states = ", ".join(
-                    f"{e.path}.{e.name}" for e in self._surroundings.plan.x
-                )
-                raise NameLookupError(f"{error}; states: {states or 'none'}") from None
-            if not one.port.is_input:
-                raise LinearAnalysisError(
-                    f"amplitude of '{one.port.full_path}': name a state, or the input of a block"
-                )
-            wires.append((one, size))
-        return stored, wires
-
-    def _places(self, plan: Plan, reference: Reference) -> Indices | None:
-        """Return where a state or an input from outside is in (x, d); None if it is a wire."""
-        external = self._system.external
-        if isinstance(reference, str):
-            name = split_index(reference)[0]
-            outside = name in external
-        else:
-            outside = reference.block is self.item and reference.is_input
-        if outside:
-            port = named(self._system, reference).port
-            start = plan.place(external[port.name].path, "y").start
-            return np.asarray(start + port.elements().ravel())
-        if not isinstance(reference, str) or name in self.item.ports:
-            return None
-        try:
-            state_places(plan, [plan.x], name)
-        except NameLookupError:
-            return None
-        return state_places(plan, [plan.x], reference)
-
-    # -- models -------------------------------------------------------------------------------
+        return self._opened, *self._opened.complete(at, outputs)
 
     def _model(
         self,
@@ -292,12 +165,11 @@ class Linearizer:
         local: LocalJacobians,
         point: OperatingPoint,
         vectors: tuple[Vector, Vector],
-        amplitudes: dict[int, float],
     ) -> LinearModel:
         from trussflow.blocks.linear_analysis.linear_model import LinearModel
 
         x, d = vectors
-        rates, rows = model.linear(local, x, d, amplitudes)
+        rates, rows = model.linear(local, x, d)
         columns, plan = model.input_columns, model.plan
         states = layout_labels(plan.x)
         inner = np.arange(x.size)
@@ -335,8 +207,6 @@ class Linearizer:
             name=label_of(self.item.name).replace(" ", "_"),
             operating_point=point,
             derivatives=local.derivatives,
-            input_units=[u for one in self._inputs for u in one.port.element_units()],
-            output_units=[u for one in self._outputs for u in one.port.element_units()],
         )
 
     def _check_finite(self, matrix: Vector, labels: list[str]) -> None:
@@ -345,7 +215,8 @@ class Linearizer:
         if names:
             raise LinearAnalysisError(
                 f"'{self.item.name}' has no finite derivative by {', '.join(names[:8])} at this "
-                "point; give amplitude={...} for a describing function instead, or another point"
+                "point; linearize at another point, or put a block with the gain that is meant in its "
+                "place, such as a Gain of control.describing_function(f, amplitude)"
             )
 
 

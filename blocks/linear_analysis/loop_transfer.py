@@ -14,7 +14,7 @@ from trussflow.blocks.framework.diagram import Diagram
 from trussflow.blocks.framework.port import Port
 from trussflow.blocks.framework.signal_injection import readers
 from trussflow.blocks.framework.system import System, flatten
-from trussflow.blocks.linear_analysis.linearize import Amplitudes, Linearizer
+from trussflow.blocks.linear_analysis.linearize import Linearizer
 from trussflow.blocks.linear_analysis.margins import (
     Margins,
     channel_disks,
@@ -28,7 +28,6 @@ from trussflow.blocks.linear_analysis.margins import (
     stable_poles,
 )
 from trussflow.blocks.linear_analysis.operating_point import OperatingPoint
-from trussflow.blocks.linear_analysis.overrides import Override
 from trussflow.blocks.linear_analysis.references import (
     Reference,
     References,
@@ -49,8 +48,6 @@ def loop_transfer(
     *,
     openings: References = (),
     at: OperatingPoint | None = None,
-    amplitude: Amplitudes | None = None,
-    override: Override | None = None,
 ) -> LinearModel:
     """Return the loop transfer function with the loop broken at a wire.
 
@@ -69,8 +66,6 @@ def loop_transfer(
         Other wires that are cut: the loops through them are open as well.
     at : OperatingPoint, optional
         Operating point; by default the initial states.
-    amplitude, override
-        As for `linearize`.
 
     Returns
     -------
@@ -105,10 +100,8 @@ def loop_transfer(
                 else "there is no loop"
             )
         )
-    linearizer = Linearizer(
-        diagram, [port], [port], cut=[port, *listed(openings)], override=override
-    )
-    model = linearizer.at(at, amplitude=amplitude).returned()
+    linearizer = Linearizer(diagram, [port], [port], cut=[port, *listed(openings)])
+    model = linearizer.at(at).returned()
     if not _passes(model):
         warn(
             f"the loop gain at '{one.port.full_path}' is identically zero: at this operating point no signal "
@@ -134,7 +127,6 @@ def sensitivity(
     complementary: bool = False,
     openings: References = (),
     at: OperatingPoint | None = None,
-    override: Override | None = None,
 ) -> LinearModel:
     r"""Return the sensitivity function of a loop at a wire: what is left of a disturbance put in there.
 
@@ -152,8 +144,6 @@ def sensitivity(
         Wires to cut: the loops through them are open.
     at : OperatingPoint, optional
         Operating point; by default the initial states.
-    override : mapping, optional
-        As for `linearize`.
 
     Returns
     -------
@@ -167,7 +157,7 @@ def sensitivity(
     NameLookupError
         If there is no such port; the message lists those there are.
     """
-    model = loop_transfer(diagram, port, openings=openings, at=at, override=override)
+    model = loop_transfer(diagram, port, openings=openings, at=at)
     model.A, model.B, C, D = sensitivity_matrices(model)
     model.C, model.D = (-C, D @ model.D) if complementary else (C, D)
     model.set_outputs(model.input_labels)
@@ -204,7 +194,6 @@ def loop_margins(
     openings: References = (),
     at: OperatingPoint | None = None,
     omega: npt.ArrayLike | None = None,
-    override: Override | None = None,
 ) -> LoopMargins:
     """Return the margins of a loop: gain, phase, delay and disk, channel by channel and of all at once.
 
@@ -219,8 +208,6 @@ def loop_margins(
     omega : array_like, optional
         Frequencies, close enough for interpolation [rad/s]; by default from a thousandth of the slowest to
         a thousand times the fastest pole, dense around resonances.
-    override : mapping, optional
-        As for `linearize`.
 
     Returns
     -------
@@ -239,9 +226,7 @@ def loop_margins(
         If the diagram has unstable poles that the loop hides: its margins are those of the other poles.
     """
     given = None if omega is None else frequencies(np.unique(frequencies(omega)), 2)
-    return margins_of(
-        loop_transfer(diagram, port, openings=openings, at=at, override=override), given
-    )
+    return margins_of(loop_transfer(diagram, port, openings=openings, at=at), given)
 
 
 def margins_of(loop: LinearModel, omega: Vector | None = None) -> LoopMargins:

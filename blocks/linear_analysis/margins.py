@@ -372,8 +372,8 @@ def disk_margin(
             )
         except control.ControlMIMONotImplemented:
             raise LinearAnalysisError(
-                f"the disk margin of {model.ninputs} channels at once needs slycot: install it, or name one "
-                "element of the port"
+                f"the disk margin of {model.ninputs} channels at once needs slycot: pip install "
+                "'trussflow[margins]', or name one element of the port"
             ) from None
 
     margins = np.full(len(omega), np.inf)

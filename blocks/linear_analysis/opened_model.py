@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import replace
+from collections.abc import Mapping, Sequence
+from functools import cache, cached_property
 from typing import Any
 
 import numpy as np
@@ -14,17 +14,22 @@ from trussflow.blocks.framework.layout import spans
 from trussflow.blocks.framework.port import Port
 from trussflow.blocks.framework.signal_injection import injected, probed, readers
 from trussflow.blocks.framework.system import Indices, System
-from trussflow.blocks.linear_analysis.describing_function import columns
 from trussflow.blocks.linear_analysis.jacobians import (
     RATES_AND_OUTPUTS,
-    Jacobians,
     LocalJacobians,
+    Tangents,
+    prepared,
 )
 from trussflow.blocks.linear_analysis.lifting import Pattern, pattern
-from trussflow.blocks.linear_analysis.operating_point import OperatingPoint
-from trussflow.blocks.linear_analysis.overrides import Override, overridden
+from trussflow.blocks.linear_analysis.operating_point import (
+    OperatingPoint,
+    as_wired,
+    completed,
+    given_point,
+)
 from trussflow.blocks.linear_analysis.python_derivatives import refuse_hidden
 from trussflow.blocks.linear_analysis.references import Named
+from trussflow.blocks.simulation.prepared import Prepared
 from trussflow.blocks.support.types import Vector
 from trussflow.blocks.tracing.plan import Plan
 
@@ -40,11 +45,6 @@ class OpenedModel:
         Input and output ports.
     cuts : sequence of Named
         Inputs, or further wires, whose drivers are replaced.
-    wires : sequence of Named
-        Inputs of blocks that are cut and closed again by hand: a describing function takes
-        the place of the derivative there.
-    override : mapping, optional
-        Replacements of blocks and groups, as for `linearize`.
 
     Attributes
     ----------
@@ -52,10 +52,14 @@ class OpenedModel:
         The plan of the opened diagram.
     taps : list of Port
         The ports of the outputs, after opening.
+    programs : dict of str to Program
+        The traced quantities, keyed by name.
     instants : Pattern or None
         Schedule of the sampled blocks; None without any.
-    input_columns, wire_columns : array of int
-        Indices of inputs and wires in (x, d).
+    input_columns : array of int
+        Indices of the inputs in (x, d).
+    output_rows : array of int
+        Indices of the outputs in the quantity `RATES_AND_OUTPUTS`.
     """
 
     def __init__(
@@ -64,21 +68,8 @@ class OpenedModel:
         inputs: Sequence[Named],
         outputs: Sequence[Named],
         cuts: Sequence[Named],
-        wires: Sequence[Named],
-        override: Override | None = None,
     ) -> None:
-        self._override = overridden(system, override)
-        before = [one.leaf for one in (*cuts, *wires)]
-        system = self._override.system
-
-        def now(one: Named) -> Named:
-            return replace(one, port=self._override.now(one.port))
-
-        outputs = [now(one) for one in outputs]
-        inputs, cuts, wires = (
-            [one if _outside(system, one) else now(one) for one in ones]
-            for ones in (inputs, cuts, wires)
-        )
+        self._wired = system
         refuse_hidden(system)
         _refuse_overlaps(
             cuts, [*inputs, *cuts, *(one for one in outputs if one.port.is_input)]
@@ -94,34 +85,45 @@ class OpenedModel:
         for one in [*inputs, *cuts]:
             if one.key not in sources:
                 system, sources[one.key] = _put_in(system, one, cut=one.key in cut)
-        closings = []
-        for one in wires:
-            system, tap = probed(system, one.port)
-            closings.append(tap)
-            system, sources[one.key] = _put_in(system, one, cut=True)
         self.plan = Plan(system)
         self.taps = taps
-        columns = [self._columns([(one, sources[one.key])]) for one in (*cuts, *wires)]
-        self._replaced = list(zip(before, columns, strict=True))
-        for point, stand_in in self._override.points:
-            ports = [*stand_in.inner.values(), *stand_in.outer.values()]
-            place = np.r_[self.plan.place(point.path, "y")].astype(np.int64)
-            parts = spans(port.size for port in ports)
-            self._replaced += [
-                (port, place[part]) for port, part in zip(ports, parts, strict=True)
-            ]
+        self._cut = [one.leaf for one in cuts]
+        self._cut_columns = self._columns([(one, sources[one.key]) for one in cuts])
         self.input_columns = self._columns([(one, sources[one.key]) for one in inputs])
-        self.wire_columns = self._columns([(one, sources[one.key]) for one in wires])
-        self.jacobians = Jacobians(self.plan, [*taps, *closings])
-        self.instants: Pattern | None = pattern(self.jacobians.assembly)
-        rows = self.plan.x.size + _rows([*taps, *closings])
-        number = sum(tap.elements().size for tap in taps)
-        self.output_rows, self._closing_rows = rows[:number], rows[number:]
+        self._assembly = prepared(self.plan, taps)
+        self.programs = {p.name: p for p in self._assembly.programs}
+        self._tangents = cache(lambda name: Tangents(self.programs[name]))
+        self.instants: Pattern | None = pattern(self._assembly)
+        self.output_rows = self.plan.x.size + _rows(taps)
 
-    @property
-    def replaced(self) -> list[Port]:
-        """The signals, as the user wired them, whose values must be given for a point."""
-        return [port for port, _ in self._replaced]
+    @cached_property
+    def _unopened(self) -> Prepared:
+        """The diagram in which operating points are completed.
+
+        Without cuts and iterated loops it is the opened one: the injected signals are zero.
+        """
+        if self._cut or self.plan.guesses.size:
+            return as_wired(self._wired)
+        return self._assembly
+
+    def complete(
+        self, at: OperatingPoint | None, outputs: Mapping[str, Port]
+    ) -> tuple[OperatingPoint, tuple[Vector, Vector, Vector]]:
+        """Return a point with nothing left out, and its x, d and p.
+
+        Parameters
+        ----------
+        at : OperatingPoint, optional
+            Operating point; missing values are the initial ones.
+        outputs : mapping
+            Ports to keep in the point, by name.
+        """
+        for name in given_point(at).inputs:
+            self._wired.source(name)
+        point, values = completed(self._unopened, at, self._cut, outputs)
+        x, d, p = point.vectors(self.plan)
+        d[self._cut_columns - x.size] = np.hstack([np.zeros(0), *map(np.ravel, values)])
+        return point, (x, d, p)
 
     def _columns(self, found: list[tuple[Named, str]]) -> Indices:
         """Return where the elements of inputs are in (x, d)."""
@@ -135,66 +137,14 @@ class OpenedModel:
             parts.append(place.start + elements)
         return np.concatenate(parts)
 
-    def refuse_harmonics(self, purpose: str) -> None:
-        """Raise `LinearAnalysisError` for blocks that have no describing function, because they have memory.
-
-        Parameters
-        ----------
-        purpose : str
-            Purpose, for the message.
-
-        Raises
-        ------
-        LinearAnalysisError
-            If there are sampled blocks, or continuous Python blocks.
-        """
-        for found, what in (
-            (self.instants is not None, "sampled blocks"),
-            (
-                bool(self.jacobians.assembly.python.continuous),
-                "continuous Python blocks",
-            ),
-        ):
-            if found:
-                raise LinearAnalysisError(
-                    f"cannot {purpose}: it has {what}; use estimated_response() instead"
-                )
-
-    def vectors(
-        self, point: OperatingPoint, values: Sequence[Vector]
-    ) -> tuple[Vector, Vector, Vector]:
-        """Return x, d, p at a `point` where the replaced signals have these `values` [as declared]."""
-        kept: dict[str, Any] = {
-            what: {
-                name: value
-                for name, value in named.items()
-                if self._override.keeps(name)
-            }
-            for what, named in (
-                ("states", point.states),
-                ("held", point.held),
-                ("parameters", point.parameters),
-            )
-        }
-        x, d, p = replace(point, **kept).vectors(self.plan)
-        for (_, where), value in zip(self._replaced, values, strict=True):
-            d[where - x.size] = np.ravel(value)
-        for external, stand_in in self._override.points:
-            for (path, name), value in stand_in.at_rest(
-                self.plan.u.signals(external.path, d)["y"]
-            ).items():
-                if (path, name) in self.plan.held.entries:
-                    self.plan.held.put(d, path, name, value)
-        return x, d, p
-
     def at(self, t: float, p: Vector) -> LocalJacobians:
         """Return values and derivatives at time `t` [s] with parameters `p` [as declared]."""
-        return LocalJacobians(self.jacobians, t, p)
+        return LocalJacobians(self._assembly, self._tangents, t, p)
 
     def linear(
-        self, local: LocalJacobians, x: Vector, d: Vector, amplitudes: dict[int, float]
+        self, local: LocalJacobians, x: Vector, d: Vector
     ) -> tuple[Vector, Vector]:
-        """Return the derivatives of dx/dt and of the outputs by (x, d), all wires closed.
+        """Return the derivatives of dx/dt and of the outputs by (x, d).
 
         Parameters
         ----------
@@ -202,11 +152,8 @@ class OpenedModel:
             Result of `at`.
         x, d : Vector
             The point [units as declared].
-        amplitudes : dict of int to float
-            Columns whose derivatives are replaced by describing functions, and the amplitudes.
         """
         # Before the traced rows: it brings the outputs of continuous Python blocks in d up to date.
-        where = local.python_places
         by_all = local.python_outputs(x, d)
         matrix = local.matrix(RATES_AND_OUTPUTS, x, d)
         for call, quantity in local.assembly.python.continuous:
@@ -214,21 +161,7 @@ class OpenedModel:
                 matrix[call.states] = local.python(call, "derivative", quantity, x, d)[
                     1
                 ]
-        matrix += matrix[:, where] @ by_all
-        matrix[:, where] = 0.0
-
-        def function(z: Vector) -> Vector:
-            return local.values(RATES_AND_OUTPUTS, z[: x.size], z[x.size :])
-
-        for number, column in columns(
-            function, np.concatenate([x, d]), amplitudes
-        ).items():
-            matrix[:, number] = column
-        wires = self.wire_columns
-        closings = matrix[self._closing_rows]
-        # The wires' signals w = S_z z + S_w w; without algebraic loops S_w is nilpotent.
-        signals = np.linalg.solve(np.eye(wires.size) - closings[:, wires], closings)
-        matrix = matrix + matrix[:, wires] @ signals
+        matrix = local.substituted(matrix, by_all)
         return matrix[: x.size], matrix[self.output_rows]
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import contextlib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any, Unpack
+from typing import TYPE_CHECKING, Any, Unpack
 
 import numpy as np
 
@@ -14,7 +14,7 @@ from trussflow.blocks.framework.block import Block
 from trussflow.blocks.framework.equations import Equations
 from trussflow.blocks.framework.fixed_point import settle
 from trussflow.blocks.framework.port import Port
-from trussflow.blocks.linear_analysis.trim_report import TrimReport
+from trussflow.blocks.framework.system import System
 from trussflow.blocks.simulation.executor import Executor
 from trussflow.blocks.simulation.prepared import Prepared
 from trussflow.blocks.simulation.python_blocks import PythonExecutor
@@ -29,6 +29,9 @@ from trussflow.blocks.support.summary import Described, Description
 from trussflow.blocks.support.types import Array, Vector
 from trussflow.blocks.support.validation import finite_array, positive, shown
 from trussflow.blocks.tracing.plan import Plan
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 
 @dataclass(frozen=True, kw_only=True, repr=False)
@@ -54,9 +57,10 @@ class OperatingPoint(Described):
         Parameters that differ from the blocks' own, by ``"block.parameter"``.
     residual : float
         Largest violation of an equation of `trim` [SI units of the equation].
-    report : TrimReport or None
-        Report of `trim`: free and fixed elements, elements at bounds, rates and residuals. None for any
-        other point, also for one made by ``dataclasses.replace``.
+    report : pandas.DataFrame or None
+        Report of `trim`, with a row for each element of a state, input and output: kind, value, unit, role
+        (free, fixed, at a bound, wanted), bounds, rate of change, and residual of its condition (NaN without
+        one). None for any other point, also for one made by ``dataclasses.replace``.
 
     Raises
     ------
@@ -72,15 +76,13 @@ class OperatingPoint(Described):
     outputs: Mapping[str, Array] = field(default_factory=dict)
     parameters: Mapping[str, Any] = field(default_factory=dict)
     residual: float = 0.0
-    report: TrimReport | None = field(default=None, init=False, compare=False)
+    report: pd.DataFrame | None = field(default=None, init=False, compare=False)
 
     def __post_init__(self) -> None:
         time = finite_array("the time of an operating point", self.time, ())
         object.__setattr__(self, "time", float(time))
 
     def _described(self) -> Description:
-        if self.report:
-            return self.report._described()
         kinds = {
             "state": self.states,
             "held": self.held,
@@ -182,88 +184,84 @@ class OperatingPoint(Described):
                 )
 
 
-class Surroundings:
-    """A diagram as the user wired it, in plain NumPy: what an operating point looks like in full.
+def as_wired(system: System) -> Prepared:
+    """Return a flat `system` with its external inputs, evaluated in plain NumPy."""
+    plan = Plan(system)
+    return Prepared(plan, [], Solver(solver="RK45", backend="numpy"))
+
+
+def completed(
+    assembly: Prepared,
+    at: OperatingPoint | None,
+    ports: Sequence[Port],
+    outputs: Mapping[str, Port],
+) -> tuple[OperatingPoint, list[Vector]]:
+    """Return a point with nothing left out, and the values of ports there.
+
+    Sampled blocks hold what they compute from the states of the point, unless it says what.
 
     Parameters
     ----------
-    plan : Plan
-        The plan of the flat diagram, its inputs from outside open; each set of clocks has its own program.
+    assembly : Prepared
+        The diagram; each set of clocks has its own program.
+    at : OperatingPoint, optional
+        Operating point; missing values are the initial ones.
+    ports : sequence of Port
+        Inputs or outputs of leaf blocks, whole or sliced.
+    outputs : mapping
+        Ports to keep in the point, by name.
     """
+    at = given_point(at)
+    plan = assembly.plan
+    for reference in at.loops:
+        plan.guesses.find(reference, "loop signal")
+    p = plan.parameters(at.parameters)
+    with contextlib.closing(assembly.open(p)) as executor:
+        x, d, p = at.vectors(plan, p, executor.blocks.equations)
+        if len(at.held) < len(plan.held.entries):
+            d = _settled(assembly, executor, at.time, x, d, p)
+            at.hold(plan, d)
+        if isinstance(executor, PythonExecutor):
+            executor.refresh(at.time, x, d, p)
+    d = plan.loops.put(at.time, x, d, p, frozenset())
+    evaluation = plan.evaluate(at.time, x, d, p)
 
-    def __init__(self, plan: Plan) -> None:
-        self.plan = plan
-        self._assembly = Prepared(self.plan, [], Solver(solver="RK45", backend="numpy"))
-
-    def complete(
-        self,
-        at: OperatingPoint | None,
-        ports: Sequence[Port],
-        outputs: Mapping[str, Port],
-    ) -> tuple[OperatingPoint, list[Vector]]:
-        """Return a point with nothing left out, and the values of ports there.
-
-        Sampled blocks hold what they compute from the states of the point, unless it says what.
-
-        Parameters
-        ----------
-        at : OperatingPoint, optional
-            Operating point; missing values are the initial ones.
-        ports : sequence of Port
-            Inputs or outputs of leaf blocks, whole or sliced.
-        outputs : mapping
-            Ports to keep in the point, by name.
-        """
-        at = given_point(at)
-        plan = self.plan
-        for reference in at.loops:
-            plan.guesses.find(reference, "loop signal")
-        p = plan.parameters(at.parameters)
-        with contextlib.closing(self._assembly.open(p)) as executor:
-            x, d, p = at.vectors(plan, p, executor.blocks.equations)
-            if len(at.held) < len(plan.held.entries):
-                d = self._settled(executor, at.time, x, d, p)
-                at.hold(plan, d)
-            if isinstance(executor, PythonExecutor):
-                executor.refresh(at.time, x, d, p)
-        d = plan.loops.put(at.time, x, d, p, frozenset())
-        evaluation = plan.evaluate(at.time, x, d, p)
-
-        def value(port: Port) -> Vector:
-            return np.asarray(
-                np.ravel(evaluation.value(port))[port.elements()], dtype=float
-            )
-
-        point = OperatingPoint(
-            time=at.time,
-            parameters=at.parameters,
-            residual=at.residual,
-            outputs={name: value(port) for name, port in outputs.items()},
-            **as_named(plan, x, d),
+    def value(port: Port) -> Vector:
+        return np.asarray(
+            np.ravel(evaluation.value(port))[port.elements()], dtype=float
         )
-        return point, [value(port) for port in ports]
 
-    def _settled(
-        self, executor: Executor, t: float, x: Vector, d: Vector, p: Vector
-    ) -> Vector:
-        """Return d with held outputs computed, discrete states as they were."""
-        memory = d[self.plan.memory.span].copy()
-        d = d.copy()
+    point = OperatingPoint(
+        time=at.time,
+        parameters=at.parameters,
+        residual=at.residual,
+        outputs={name: value(port) for name, port in outputs.items()},
+        **as_named(plan, x, d),
+    )
+    return point, [value(port) for port in ports]
 
-        def sweep() -> Vector:
-            for number, active in enumerate(self._assembly.schedule.sets):
-                if active:
-                    d[:] = executor.instant(number, t, x, d, p, update=False)
-                    d[self.plan.memory.span] = memory
-            return d.copy()
 
-        fault = (
-            "what sampled blocks hold at this operating point does not settle: their outputs depend "
-            "on each other in a circle; say in the point, with held={...}, what they hold"
-        )
-        # one may hold what the next one reads
-        settle(sweep, len(self.plan.held.entries), fault)
-        return d
+def _settled(
+    assembly: Prepared, executor: Executor, t: float, x: Vector, d: Vector, p: Vector
+) -> Vector:
+    """Return d with held outputs computed, discrete states as they were."""
+    memory = d[assembly.plan.memory.span].copy()
+    d = d.copy()
+
+    def sweep() -> Vector:
+        for number, active in enumerate(assembly.schedule.sets):
+            if active:
+                d[:] = executor.instant(number, t, x, d, p, update=False)
+                d[assembly.plan.memory.span] = memory
+        return d.copy()
+
+    fault = (
+        "what sampled blocks hold at this operating point does not settle: their outputs depend "
+        "on each other in a circle; say in the point, with held={...}, what they hold"
+    )
+    # one may hold what the next one reads
+    settle(sweep, len(assembly.plan.held.entries), fault)
+    return d
 
 
 def as_named(plan: Plan, x: Vector, d: Vector) -> dict[str, dict[str, Array]]:
@@ -276,12 +274,15 @@ def as_named(plan: Plan, x: Vector, d: Vector) -> dict[str, dict[str, Array]]:
     x, d : Vector
         Its vectors [units as declared].
     """
-    names = {e.path: name for name, e in zip(plan.system.external, plan.u, strict=True)}
+    system = plan.system
+    names = {e.path: n for n, e in zip(system.external, plan.u, strict=True)}
+    inputs = {names[k.rpartition(".")[0]]: v for k, v in plan.u.named(d).items()}
     return {
         "states": plan.x.named(x) | plan.modes.named(d) | plan.memory.named(d),
         "held": plan.held.named(d),
         "loops": plan.guesses.named(d),
-        "inputs": {names[k.rpartition(".")[0]]: v for k, v in plan.u.named(d).items()},
+        # An input of the user; an injected one is no port.
+        "inputs": {n: v for n, v in inputs.items() if n in system.root.ports},
     }
 
 

@@ -4,28 +4,27 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
 
 from trussflow.blocks.errors import LinearAnalysisError, TrimError
 from trussflow.blocks.framework.block import Block
+from trussflow.blocks.framework.declarations import State
 from trussflow.blocks.framework.port import Port
 from trussflow.blocks.framework.system import Indices, flatten
+from trussflow.blocks.framework.units import per_element
 from trussflow.blocks.linear_analysis.jacobians import (
     RATES_AND_OUTPUTS,
     LocalJacobians,
     inner_places,
 )
 from trussflow.blocks.linear_analysis.opened_model import OpenedModel
-from trussflow.blocks.linear_analysis.operating_point import (
-    OperatingPoint,
-    Surroundings,
-    as_named,
-)
+from trussflow.blocks.linear_analysis.operating_point import OperatingPoint, as_named
 from trussflow.blocks.linear_analysis.python_derivatives import hiding
 from trussflow.blocks.linear_analysis.references import (
+    Named,
     all_labels,
     all_named,
     element_labels,
@@ -33,12 +32,6 @@ from trussflow.blocks.linear_analysis.references import (
     selected,
     split_index,
     state_places,
-)
-from trussflow.blocks.linear_analysis.trim_report import (
-    Bounds,
-    TrimReport,
-    output_lines,
-    variable_lines,
 )
 from trussflow.blocks.support.interrupts import interruptible
 from trussflow.blocks.support.types import Vector
@@ -49,8 +42,14 @@ from trussflow.blocks.support.validation import (
     positive,
 )
 
+if TYPE_CHECKING:
+    import pandas as pd
+
 MOST_LISTED = 8
 """Equations or variables that a message names."""
+
+KINDS = "state", "mode", "discrete state", "held output", "input"
+"""Kinds of variables in the report, in the order of (x, d)."""
 
 AT_BOUND = 1e-8
 """Distance from a bound within which a variable is at it, relative to the bound or, near zero,
@@ -121,7 +120,7 @@ def trim(
     Returns
     -------
     OperatingPoint
-        With its `residual`, and a `report` that tells what was found, element by element; it prints so.
+        With its `residual`, and a `report`: a table with a row for each state, input and output.
 
     Raises
     ------
@@ -143,13 +142,6 @@ def trim(
     return problem.solve(tolerance)
 
 
-class _Met(Exception):  # noqa: N818 - no error
-    """Stops the solver: all equations are met at z."""
-
-    def __init__(self, z: Vector) -> None:
-        self.z = z
-
-
 class _Problem:
     """Variables z = (x, discrete states, held outputs, inputs) and the equations on them."""
 
@@ -169,11 +161,9 @@ class _Problem:
                 "something besides its declared states"
             )
         self._outputs = all_named(system, list(outputs), [])
-        self._model = OpenedModel(system, [], self._outputs, [], [])
+        self._model = OpenedModel(system, [], self._outputs, [])
         plan = self._plan = self._model.plan
-        self._surroundings = Surroundings(plan)
-        self._point, _ = self._surroundings.complete(at, [], {})
-        x, d, self._p = self._point.vectors(plan)
+        self._point, (x, d, self._p) = self._model.complete(at, {})
         self._z = np.concatenate([x, d])
         size = x.size + d.size
         self._free = np.zeros(size, dtype=bool)
@@ -273,7 +263,7 @@ class _Problem:
         plan = self._plan
         size = self._plan.x.size
         x, d = z[:size], z[size:]
-        rates, outputs = self._model.linear(local, x, d.copy(), {})
+        rates, outputs = self._model.linear(local, x, d.copy())
         rates = np.where(np.isnan(self._wanted_rates)[:, None], 0.0, rates)
         parts = [rates, outputs]
         for number in self._sets:
@@ -306,8 +296,6 @@ class _Problem:
         def residual_of(part: Vector) -> Vector:
             residual = self._residual(local, full(part))
             self._check_finite(residual, "value")
-            if np.abs(residual).max(initial=0.0) <= tolerance / 100:
-                raise _Met(full(part))  # no need to go on to round-off
             return residual
 
         def jacobian_of(part: Vector) -> Vector:
@@ -319,21 +307,18 @@ class _Problem:
         complaint = ""
         with self._model.at(self._point.time, self._p) as local:
             if free.any():
-                try:
-                    found = least_squares(
-                        residual_of,
-                        best[free],
-                        jac=jacobian_of,
-                        bounds=(self._bounds[0][free], self._bounds[1][free]),
-                        method="trf",
-                        ftol=1e-15,
-                        xtol=1e-15,
-                        gtol=1e-15,
-                        max_nfev=200,
-                    )
-                    best = full(found.x)
-                except _Met as met:
-                    best = met.z
+                found = least_squares(
+                    residual_of,
+                    best[free],
+                    jac=jacobian_of,
+                    bounds=(self._bounds[0][free], self._bounds[1][free]),
+                    method="trf",
+                    ftol=1e-15,
+                    xtol=1e-15,
+                    gtol=1e-15,
+                    max_nfev=200,
+                )
+                best = full(found.x)
             residual = self._residual(local, best)
             violation = float(np.abs(residual).max(initial=0.0))
             if not violation <= tolerance:
@@ -370,31 +355,84 @@ class _Problem:
             for one in all_named(plan.system, plan.system.root.outputs(), [])
         }
         outputs |= {one.label: one for one in self._outputs}
-        point = self._surroundings.complete(
+        point, _ = self._model.complete(
             replace(self._point, residual=violation, **found),
-            [],
             {label: one.leaf for label, one in outputs.items()},
-        )[0]
-        wanted = size + len(all_labels(self._outputs))
-        own = np.full(z.size, np.nan)
-        sampled = slice(size + plan.sampled.start, size + plan.sampled.stop)
-        own[:size] = np.where(np.isnan(self._wanted_rates), np.nan, residual[:size])
-        if self._sets:  # of several sets of clocks, the worst
-            changes = residual[wanted:].reshape(len(self._sets), -1)
-            own[sampled] = np.take_along_axis(
-                changes, np.abs(changes).argmax(0)[None], 0
-            )[0]
-        off = dict(zip(all_labels(self._outputs), residual[size:wanted], strict=True))
-        bounds = self._bounds, self._at_bounds(z)
-        variables = variable_lines(
-            plan, self._labels, z, self._free, *bounds, rates, own
         )
-        lines = [*variables, *output_lines(outputs.values(), point.outputs, off)]
-        report = TrimReport(plan.name, point.time, tolerance, violation, tuple(lines))
+        report = self._report(point, z, residual, rates, outputs)
         object.__setattr__(point, "report", report)
         return point
 
-    def _at_bounds(self, z: Vector) -> Bounds:
+    def _report(
+        self,
+        point: OperatingPoint,
+        z: Vector,
+        residual: Vector,
+        rates: Vector,
+        outputs: Mapping[str, Named],
+    ) -> pd.DataFrame:
+        """Return the table of the variables and of the outputs."""
+        import pandas as pd  # takes a while to import
+
+        plan = self._plan
+        size = plan.x.size
+        rate, own = np.full((2, z.size), np.nan)
+        rate[:size] = rates[:size]
+        own[:size] = np.where(np.isnan(self._wanted_rates), np.nan, residual[:size])
+        wanted = all_labels(self._outputs)
+        if self._sets:  # of several sets of clocks, the worst
+            changes = residual[size + len(wanted) :].reshape(len(self._sets), -1)
+            worst = np.abs(changes).argmax(0)[None]
+            start = size + plan.sampled.start
+            own[start : start + changes.shape[1]] = np.take_along_axis(
+                changes, worst, 0
+            )[0]
+        kinds = np.full(z.size, "", dtype=object)
+        units = kinds.copy()
+        for kind, layout in zip(KINDS, (*plan.stored, plan.held, plan.u), strict=True):
+            for e in layout:
+                block = plan.system.blocks[e.path]
+                if kind == "held output" and block.sample_time is None:
+                    continue  # of a continuous Python block: it follows at once, and is no variable
+                place = plan.place(e.path, e.name)
+                declared = block.declared(State).get(e.name) or block.port(e.name)
+                kinds[place] = kind
+                units[place] = per_element(declared.unit, place.stop - place.start)
+        roles = pd.Series(np.where(self._free, "free", "fixed"), self._labels)
+        for side, at_bound in zip(("lower", "upper"), self._at_bounds(z), strict=True):
+            roles += np.where(self._free & at_bound, f", at its {side} bound", "")
+        lower, upper = self._bounds
+        variables = pd.DataFrame(
+            {
+                "kind": kinds,
+                "value": z,
+                "unit": units,
+                "role": roles,
+                "lower": lower,
+                "upper": upper,
+                "rate": rate,
+                "residual": own,
+            }
+        )
+        off = dict(zip(wanted, residual[size:], strict=False))
+        shown = all_labels(outputs.values())
+        values = [np.ravel(point.outputs[label]) for label in outputs]
+        results = pd.DataFrame(
+            {
+                "kind": "output",
+                "value": np.concatenate([np.zeros(0), *values]),
+                "unit": [
+                    u for one in outputs.values() for u in one.port.element_units()
+                ],
+                "role": ["wanted" if label in off else "" for label in shown],
+                "residual": [off.get(label, np.nan) for label in shown],
+            },
+            shown,
+        )
+        table = pd.concat([variables[kinds != ""], results]).fillna({"unit": ""})
+        return table.rename(lambda label: label.replace("/", "."))
+
+    def _at_bounds(self, z: Vector) -> tuple[Vector, Vector]:
         """Return which variables are at their lower and at their upper bound."""
         lower, upper = (
             np.isclose(z, bound, rtol=AT_BOUND, atol=AT_BOUND) for bound in self._bounds

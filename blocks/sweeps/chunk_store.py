@@ -47,15 +47,11 @@ class Pieces:
         Data that determine the samples of this sweep.
     count : int
         Number of samples [-].
-    watched : sequence of str
-        Names of the results in the stopping criterion.
 
     Attributes
     ----------
     finished, failed : array of bool
         Whether each sample is finished, and whether it failed.
-    numbers : Vector
-        Watched results of each sample [as kept].
 
     Raises
     ------
@@ -64,19 +60,14 @@ class Pieces:
     """
 
     def __init__(
-        self,
-        path: str | Path | None,
-        identity: Mapping[str, Any],
-        count: int,
-        watched: Sequence[str],
+        self, path: str | Path | None, identity: Mapping[str, Any], count: int
     ) -> None:
-        self.path, self._watched = path, watched
+        self.path = path
         self._lock: IO[str] | None = None
         self._waiting: list[Sample] = []
         self._bytes, self._written = 0, time.monotonic()
         self._parts: list[xr.Dataset] = []
         self.finished, self.failed = np.zeros(count, bool), np.zeros(count, bool)
-        self.numbers = np.full((count, len(watched)), np.nan)
         if path is not None:
             self.path = as_path(SimulationError, "cannot keep the sweep in", path)
             try:
@@ -127,9 +118,6 @@ class Pieces:
                 True,
                 found["status"] != "complete",
             )
-            for k, name in enumerate(self._watched):
-                if name in found:
-                    self.numbers[which, k] = found[name]
 
     def add(self, samples: Iterable[Sample]) -> None:
         """Add finished samples.
@@ -151,9 +139,6 @@ class Pieces:
             self._bytes += sum(value.nbytes for value in sample.values.values())
             self.finished[sample.number] = True
             self.failed[sample.number] = sample.status != "complete"
-            self.numbers[sample.number] = [
-                np.sum(sample.values.get(name, np.nan)) for name in self._watched
-            ]
         self.write(force=False)
 
     def write(self, *, force: bool) -> None:
@@ -182,16 +167,15 @@ class Pieces:
             self._parts.append(piece)
         self._waiting, self._bytes, self._written = [], 0, time.monotonic()
 
-    def whole(self, wanted: int) -> xr.Dataset:
-        """Return the first `wanted` [-] samples in their order."""
+    def whole(self) -> xr.Dataset:
+        """Return all samples in their order."""
         self.write(force=True)
         parts = (
             map(self._read, self._pieces())
             if self.path is not None
             else iter(self._parts)
         )
-        found = _joined(parts)
-        return found.isel(sample=found["sample"].values < wanted)
+        return _joined(parts)
 
     def close(self) -> None:
         """Write the samples in memory, if possible, and unlock the folder."""

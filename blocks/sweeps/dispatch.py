@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections import deque
 from concurrent.futures import FIRST_COMPLETED, CancelledError, Executor, Future, wait
 from typing import Any
@@ -12,7 +11,6 @@ from numpy.typing import NDArray
 
 from trussflow.blocks.errors import SimulationError
 from trussflow.blocks.support.progress import ProgressBar
-from trussflow.blocks.support.types import Vector
 from trussflow.blocks.sweeps.chunk_store import PIECE_SECONDS, Pieces
 from trussflow.blocks.sweeps.executors import WorkerLostError
 from trussflow.blocks.sweeps.samples import (
@@ -28,9 +26,6 @@ TASK_SECONDS = 0.2
 TASK_SAMPLES = 500
 """Largest number of samples in one task [-]."""
 
-UNTIL_SAMPLES = 50
-"""Number of samples between checks of the stopping criterion [-]."""
-
 
 class Dispatch:
     """Scheduler of the samples of one sweep.
@@ -45,8 +40,6 @@ class Dispatch:
         Varied values by name.
     pieces : Pieces
         Store of finished samples.
-    until : dict
-        Stopping criterion: largest half width of each confidence interval.
     together : int
         Number of samples that a worker runs as one batch [-].
     """
@@ -57,7 +50,6 @@ class Dispatch:
         recipe: bytes,
         columns: dict[str, NDArray[Any]],
         pieces: Pieces,
-        until: dict[str, float],
         together: int = 1,
     ) -> None:
         self._pool, self._recipe, self._columns, self._pieces = (
@@ -66,7 +58,7 @@ class Dispatch:
             columns,
             pieces,
         )
-        self._until, self._looked, self._together = until, 0, together
+        self._together = together
         self.total = len(next(iter(columns.values())))
         self._fresh = deque(np.flatnonzero(~pieces.finished).tolist())
         self._again: deque[int] = deque()
@@ -74,8 +66,8 @@ class Dispatch:
         self._seconds = 0.0
         self._timed = 0
 
-    def run(self, name: str, room: int, progress: bool) -> int:
-        """Run samples until the stopping criterion holds; return how many of the first ones are valid [-].
+    def run(self, name: str, room: int, progress: bool) -> None:
+        """Run all samples that are not finished.
 
         Parameters
         ----------
@@ -100,9 +92,7 @@ class Dispatch:
             shown=progress,
         ) as bar:
             try:
-                while (wanted := self._enough()) is None and (
-                    self._fresh or self._again or self._running
-                ):
+                while self._fresh or self._again or self._running:
                     while (self._fresh or self._again) and len(self._running) < room:
                         self._submit(room)
                     done, _ = wait(self._running, PIECE_SECONDS, FIRST_COMPLETED)
@@ -114,7 +104,6 @@ class Dispatch:
             finally:
                 for future in self._running:
                     future.cancel()
-        return self.total if wanted is None else wanted
 
     def _submit(self, room: int) -> None:
         """Submit the next samples: several per task if they are short, those of a lost worker one by one."""
@@ -182,39 +171,3 @@ class Dispatch:
         return SimulationError(
             f"the workers cannot go on: {type(error).__name__}: {error}; {kept} {goes_on}"
         )
-
-    def _enough(self) -> int | None:
-        """Return the number of first samples that meet the stopping criterion, or None.
-
-        Only complete prefixes of the samples count, so the number does not depend on the executor.
-        """
-        finished = self._pieces.finished
-        while (
-            self._until
-            and finished[: self._looked + UNTIL_SAMPLES].all()
-            and self._looked < self.total
-        ):
-            self._looked = min(self._looked + UNTIL_SAMPLES, self.total)
-            rows = self._pieces.numbers[: self._looked]
-            if all(
-                half_width(rows[:, k]) <= most
-                for k, most in enumerate(self._until.values())
-            ):
-                return self._looked
-        return None
-
-
-def half_width(values: Vector) -> float:
-    """Return the half width of the 95 % confidence interval of the mean of `values` [any].
-
-    NaN is ignored. For values of 0 and 1 only, the interval is that of Agresti and Coull, which is also
-    valid if all values are equal.
-    """
-    known = values[~np.isnan(values)]
-    n = len(known)
-    if n < 2:
-        return math.inf
-    if np.isin(known, (0.0, 1.0)).all():
-        p = (known.sum() + 2) / (n + 4)
-        return 1.96 * math.sqrt(p * (1 - p) / (n + 4))
-    return 1.96 * float(known.std(ddof=1)) / math.sqrt(n)

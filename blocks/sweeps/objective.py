@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
 from math import prod
 from pathlib import Path
-from typing import Any, NamedTuple, Protocol
+from typing import Any, NamedTuple
 
 import casadi as ca
 import numpy as np
@@ -43,15 +42,19 @@ class Trial(NamedTuple):
     slopes: dict[str, Array]
 
 
-class Trials(Protocol):
-    """Interface of objectives, evaluated for values by name [as declared]."""
-
-    def __call__(self, values: Mapping[str, Array]) -> Trial:
-        """Return the trial; raise DivergenceError if a run or a result is not finite."""
+Trials = Callable[[Mapping[str, Array]], Trial]
+"""Objective for values by name [as declared]; it raises DivergenceError if a result is not finite."""
 
 
-class DifferentiatedTrials:
-    """Objective with exact derivatives, which runs one sample after another; see `DifferentiatedRun`.
+def differentiated(
+    simulator: Simulator,
+    duration: float,
+    functions: Mapping[str, Callable[..., Any]],
+    becoming: Becoming,
+    start: Mapping[str, Array],
+    samples: Sequence[Mapping[str, Any]],
+) -> Trials:
+    """Return the objective with exact derivatives, which runs one sample after another.
 
     Parameters
     ----------
@@ -67,62 +70,57 @@ class DifferentiatedTrials:
         Initial values [as declared].
     samples : sequence of mapping
         Other parameters and initial states of each run.
+
+    Raises
+    ------
+    SimulationError
+        If a value becomes one of another shape, or the run cannot be differentiated.
     """
+    traced = {name: symbol(name, np.shape(value)) for name, value in start.items()}
+    with explained("what the values become"), written_out():
+        made = becoming(**traced)
+        shapes = {name: shape_of(value) for name, value in made.items()}
+        column = ca.vertcat(*(to_expression(value) for value in made.values()))
+    values = ca.vertcat(*(to_expression(value) for value in traced.values()))
+    jacobian = ca.densify(ca.jacobian(column, values))
+    slope_of = ca.Function("slope", [values], [jacobian])
+    run = DifferentiatedRun(simulator, duration, functions, [*made, *samples[0]])
+    for name, shape in shapes.items():
+        if shape != run.shapes[name]:
+            raise SimulationError(
+                f"'{name}' becomes {shape}, and has the shape {run.shapes[name]}"
+            )
 
-    def __init__(
-        self,
-        simulator: Simulator,
-        duration: float,
-        functions: Mapping[str, Callable[..., Any]],
-        becoming: Becoming,
-        start: Mapping[str, Array],
-        samples: Sequence[Mapping[str, Any]],
-    ) -> None:
-        self._becoming, self._samples = becoming, samples
-        traced = {name: symbol(name, np.shape(value)) for name, value in start.items()}
-        with explained("what the values become"), written_out():
-            made = becoming(**traced)
-            shapes = {name: shape_of(value) for name, value in made.items()}
-            column = ca.vertcat(*(to_expression(value) for value in made.values()))
-        values = ca.vertcat(*(to_expression(value) for value in traced.values()))
-        self._slope = ca.Function(
-            "slope", [values], [ca.densify(ca.jacobian(column, values))]
-        )
-        self._run = DifferentiatedRun(
-            simulator, duration, functions, [*made, *samples[0]]
-        )
-        for name, shape in shapes.items():
-            if shape != self._run.shapes[name]:
-                raise SimulationError(
-                    f"'{name}' becomes {shape}, and has the shape {self._run.shapes[name]}"
-                )
-
-    def __call__(self, values: Mapping[str, Array]) -> Trial:
-        """Return what came of `values` [as declared]."""
-        made = self._becoming(**values)
-        each = [self._run({**made, **sample}) for sample in self._samples]
-        slope = self._slope(
-            np.concatenate([np.ravel(value) for value in values.values()])
-        ).full()
+    def trial(values: Mapping[str, Array]) -> Trial:
+        made = becoming(**values)
+        each = [run({**made, **sample}) for sample in samples]
+        slope = slope_of(np.concatenate([*map(np.ravel, values.values())])).full()
         found, slopes = dict[str, Array](), dict[str, Array]()
-        for name, shape in self._run.results.items():
+        for name, shape in run.results.items():
             rows = [
                 np.hstack([by[name][one].reshape(prod(shape), -1) for one in made])
                 @ slope
                 for _, by in each
             ]
-            found[name], slopes[name] = (
-                np.stack([one[name] for one, _ in each]),
-                np.stack(rows),
-            )
+            found[name] = np.stack([one[name] for one, _ in each])
+            slopes[name] = np.stack(rows)
         return Trial(found, slopes)
 
+    return trial
 
-@dataclass(frozen=True, slots=True)
-class SweptTrials:
-    """Objective without derivatives: each trial is a sweep with the same compiled code.
 
-    Attributes
+def swept(
+    simulator: Simulator,
+    duration: float,
+    functions: Mapping[str, Callable[..., Any]],
+    becoming: Becoming,
+    samples: Sequence[Mapping[str, Any]],
+    path: str | Path | None,
+    **how: Any,
+) -> Trials:
+    """Return the objective without derivatives: each trial is a sweep with the same compiled code.
+
+    Parameters
     ----------
     simulator : Simulator
         Simulator of the diagram.
@@ -136,44 +134,35 @@ class SweptTrials:
         Other parameters and initial states of each run.
     path : path or None
         Folder for the runs of each trial.
-    how : mapping
+    **how
         As for `sweep`: executor, workers and repeats.
     """
 
-    simulator: Simulator
-    duration: float
-    functions: Mapping[str, Callable[..., Any]]
-    becoming: Becoming
-    samples: Sequence[Mapping[str, Any]]
-    path: str | Path | None
-    how: Mapping[str, Any]
-
-    def __call__(self, values: Mapping[str, Array]) -> Trial:
-        """Return what came of `values` [as declared]."""
-        made, path = self.becoming(**values), None
-        if self.path is not None:
-            flat = np.concatenate([np.ravel(value) for value in made.values()])
-            path = Path(self.path) / hashlib.sha256(flat.tobytes()).hexdigest()[:16]
-        names = (*made, *self.samples[0])
-        rows = [[{**made, **sample}[name] for name in names] for sample in self.samples]
-        swept = sweep(
-            self.simulator,
-            self.duration,
+    def trial(values: Mapping[str, Array]) -> Trial:
+        made, folder = becoming(**values), None
+        if path is not None:
+            flat = np.concatenate([*map(np.ravel, made.values())])
+            folder = Path(path) / hashlib.sha256(flat.tobytes()).hexdigest()[:16]
+        names = (*made, *samples[0])
+        rows = [[{**made, **sample}[name] for name in names] for sample in samples]
+        runs = sweep(
+            simulator,
+            duration,
             vary={names: rows},
-            keep=self.functions,
-            path=path,
+            keep=functions,
+            path=folder,
             progress=False,
-            **self.how,
+            **how,
         )
-        for status, message in zip(
-            swept["status"].values, swept["message"].values, strict=True
-        ):
+        outcomes = zip(runs["status"].values, runs["message"].values, strict=True)
+        for status, message in outcomes:
             if status != "complete":
-                raise (DivergenceError if status == "diverged" else SimulationError)(
-                    str(message)
-                )
-        found = {name: swept[name].values for name in self.functions}
+                error = DivergenceError if status == "diverged" else SimulationError
+                raise error(str(message))
+        found = {name: runs[name].values for name in functions}
         for name, result in found.items():
             if not np.isfinite(result).all():
                 raise DivergenceError(f"{name} is not finite")
         return Trial(found, {})
+
+    return trial

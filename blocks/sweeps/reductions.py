@@ -32,12 +32,11 @@ class Kept(NamedTuple):
     ----------
     function : callable
         Takes the result of the run.
-    names, outputs : list of str or None
-        Names of its values, and the outputs that it needs; None if unknown.
+    outputs : list of str or None
+        The outputs that it needs; None if unknown.
     """
 
     function: Function
-    names: list[str] | None = None
     outputs: list[str] | None = None
 
 
@@ -101,11 +100,7 @@ def understood(keep: Any) -> Kept:
             True,
         )
     plain = not any(callable(what) for what in keep.values())
-    return Kept(
-        functools.partial(_each, functions),
-        list(functions),
-        list(outputs) if plain else None,
-    )
+    return Kept(functools.partial(_each, functions), list(outputs) if plain else None)
 
 
 def _name(output: Any) -> str:

@@ -215,27 +215,23 @@ class Runs:
         self, plan: Plan, values: Mapping[str, Any]
     ) -> tuple[dict[str, Any], dict[str, Any]]:
         """Return the parameters and initial states of a run in a `plan` with `values` [as declared]."""
-        places = {name: self._place(plan, name) for name in values if "." in name}
+        places = [(self._place(plan, n), v) for n, v in values.items() if "." in n]
+        # Parameters first, as initial states may depend on them; whole arrays before their elements.
+        places.sort(key=lambda one: (not one[0].is_parameter, bool(one[0].element)))
         parameters, initial = dict[str, Any](), dict[str, Any]()
-        for is_parameter, own in ((True, parameters), (False, initial)):
-            mine = {
-                name: place
-                for name, place in places.items()
-                if place.is_parameter == is_parameter
-            }
-            own |= {
-                place.reference: values[name]
-                for name, place in mine.items()
-                if not place.element
-            }
-            for name, place in mine.items():
-                if place.element:  # the other elements keep the values of the run
-                    p = plan.parameters(parameters)
-                    named = plan.p.named(p) if is_parameter else _states(plan, p)
-                    own[place.reference] = np.array(
-                        own.get(place.reference, named[place.reference])
-                    )
-                    own[place.reference][place.element] = values[name]
+        for place, value in places:
+            own = parameters if place.is_parameter else initial
+            if not place.element:
+                own[place.reference] = value
+                continue
+            if (
+                place.reference not in own
+            ):  # the other elements keep the values of the run
+                p = plan.parameters(parameters)
+                named = plan.p.named(p) if place.is_parameter else _states(plan, p)
+                own[place.reference] = named[place.reference]
+            own[place.reference] = np.array(own[place.reference])
+            own[place.reference][place.element] = value
         return parameters, initial
 
     def run(self, values: Mapping[str, Any]) -> xr.Dataset:

@@ -5,9 +5,10 @@ from __future__ import annotations
 import contextlib
 import dataclasses
 import hashlib
+import inspect
 import json
 import os
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator
 from concurrent.futures import Executor, ThreadPoolExecutor
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Unpack
@@ -22,7 +23,6 @@ from trussflow.blocks.simulation.lanes import goes_in_lanes
 from trussflow.blocks.simulation.simulator import Simulator, SimulatorSettings
 from trussflow.blocks.simulation.solver import refuse_unknown
 from trussflow.blocks.support.validation import (
-    by_name,
     is_whole,
     one_of,
     positive,
@@ -58,21 +58,6 @@ also get samples for half of the lanes: with fewer, single runs on all cores are
 UNKNOWN_WORKERS = 64
 """Assumed number of workers of an executor with an unknown number [-]."""
 
-OWN_ARGUMENTS = (
-    *(
-        "vary",
-        "samples",
-        "seed",
-        "method",
-        "keep",
-        "path",
-        "executor",
-        "workers",
-        "time_limit",
-        "until",
-    ),
-    *("not_finite", "progress", "repeats"),
-)
 EXECUTORS: dict[str, Callable[[int], Executor]] = {
     "processes": Processes,
     "threads": ThreadPoolExecutor,
@@ -93,7 +78,6 @@ def sweep(
     executor: str | Executor = "processes",
     workers: int | None = None,
     time_limit: float | None = None,
-    until: Mapping[str, float] | None = None,
     not_finite: str = "stop",
     progress: bool = True,
     repeats: int = 1,
@@ -136,9 +120,6 @@ def sweep(
         Number of parallel runs [-]; by default one per core, or the number of workers of the executor.
     time_limit : float, optional
         Wall time limit of each sample [s].
-    until : mapping, optional
-        Largest half widths of the 95 % confidence intervals of means, by names in `keep` [as kept]: the
-        sweep ends when all intervals are narrow enough.
     not_finite : str
         As for `Simulator.run`.
     progress : bool
@@ -169,7 +150,8 @@ def sweep(
     positive_if_given(time_limit=time_limit)
     positive_whole(workers=1 if workers is None else workers, repeats=repeats)
     one_of("way to treat what is not finite", not_finite, NAN_POLICIES)
-    refuse_unknown(settings, [*SimulatorSettings.__annotations__, *OWN_ARGUMENTS])
+    own = inspect.getfullargspec(sweep).kwonlyargs
+    refuse_unknown(settings, [*SimulatorSettings.__annotations__, *own])
     refuse_settings(model, settings, "the sweep")
     kept = understood(keep)
     if (
@@ -178,12 +160,6 @@ def sweep(
         and kept.outputs is not None
     ):
         settings["log"] = kept.outputs
-    until = dict(by_name("until", until))
-    positive(**until)
-    if kept.names is not None and (unknown := sorted(until.keys() - {*kept.names})):
-        raise SimulationError(
-            f"until names '{unknown[0]}', which is not kept; kept are: {', '.join(kept.names)}"
-        )
     columns = {
         name: values.copy()
         for name, values in drawn(vary, samples, seed, method).items()
@@ -225,7 +201,7 @@ def sweep(
     with Explained(lambda error: SimulationError(explained.format(error))):
         pickled = cloudpickle.dumps(recipe)
     known[pickled] = runs
-    pieces = Pieces(path, identity, count, list(until))
+    pieces = Pieces(path, identity, count)
     attributes = provenance() | {
         k: v if isinstance(v, str) else json.dumps(v) for k, v in identity.items()
     }
@@ -235,10 +211,10 @@ def sweep(
         )  # compiled once here, then in the cache of other processes
         with _pool(executor, side) as pool:
             dispatch = Dispatch(
-                pool, pickled, columns, pieces, until, together.count if together else 1
+                pool, pickled, columns, pieces, together.count if together else 1
             )
-            wanted = dispatch.run(simulator.prepared.plan.name, 2 * side, progress)
-        return pieces.whole(wanted).assign_attrs(attributes)
+            dispatch.run(simulator.prepared.plan.name, 2 * side, progress)
+        return pieces.whole().assign_attrs(attributes)
     except KeyboardInterrupt:
         done = f"stopped after {pieces.finished.sum()} of {count} samples"
         kept_in = (
@@ -247,9 +223,7 @@ def sweep(
             else ""
         )
         result = (
-            pieces.whole(count).assign_attrs(attributes)
-            if pieces.finished.any()
-            else None
+            pieces.whole().assign_attrs(attributes) if pieces.finished.any() else None
         )
         raise SimulationInterrupted(
             f"{done}, which the result of this exception holds{kept_in}", result

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass
@@ -29,12 +30,7 @@ from trussflow.blocks.support.validation import (
     shown,
     yes_or_no,
 )
-from trussflow.blocks.sweeps.objective import (
-    Becoming,
-    DifferentiatedTrials,
-    SweptTrials,
-    Trials,
-)
+from trussflow.blocks.sweeps.objective import Becoming, Trials, differentiated, swept
 from trussflow.blocks.sweeps.samples import own_values, refuse_settings
 
 DIVERGED_COST_FACTOR = 10.0
@@ -207,52 +203,37 @@ def tune(
         )
     if not made:
         raise SimulationError("becoming returns no parameters or initial states")
-    trials: Trials
+    run = simulator, duration, functions, becoming
     if derivatives:
-        trials = DifferentiatedTrials(
-            simulator, duration, functions, becoming, start, samples
-        )
+        trials = differentiated(*run, start, samples)
     else:
-        how = {
-            "executor": executor or "threads",
-            "workers": workers,
-            "repeats": iterations,
-        }
-        trials = SweptTrials(
-            simulator, duration, functions, becoming, samples, path, how
-        )
+        executor = executor or "threads"
+        how: dict[str, Any] = {"workers": workers, "repeats": iterations}
+        trials = swept(*run, samples, path, executor=executor, **how)
     search = _Search(trials, ranges, limits, len(samples))
 
-    known: dict[bytes, Vector] = {}
-
-    def spare(x: Vector) -> Vector:
-        if x.tobytes() not in known:  # called several times in each trial
-            values = search.values(x)
-            found = [
-                _spare(function(values), most)
-                for function, most in requirements.values()
-            ]
-            known[x.tobytes()] = np.concatenate([np.ravel(one) for one in found])
-        return known[x.tobytes()]
+    @functools.cache  # called several times in each trial
+    def spare(point: bytes) -> Vector:
+        values = search.values(np.frombuffer(point))
+        found = [
+            _spare(function(values), most) for function, most in requirements.values()
+        ]
+        return np.concatenate([np.ravel(one) for one in found])
 
     before = search.at(search.start).cost
     scale = abs(before) or 1.0
-    method: dict[str, Any] = {"jac": lambda x: search.at(x).slope / scale}
-    room: dict[str, Any] = {
-        "fun": lambda x: search.at(x).room,
-        "jac": lambda x: search.at(x).room_slope,
-    }
-    method |= {
-        "method": "SLSQP",
-        "options": {"maxiter": iterations, "ftol": COST_TOLERANCE},
-    }
-    if not derivatives:
-        del method["jac"], room["jac"]
+    method: dict[str, Any] = {"method": "SLSQP" if derivatives else "COBYQA"}
+    room: dict[str, Any] = {"type": "ineq", "fun": lambda x: search.at(x).room}
+    if derivatives:
+        room["jac"] = lambda x: search.at(x).room_slope
+        method["jac"] = lambda x: search.at(x).slope / scale
+        method["options"] = {"maxiter": iterations, "ftol": COST_TOLERANCE}
+    else:
         radii = {"initial_tr_radius": INITIAL_RADIUS, "final_tr_radius": FINAL_RADIUS}
-        method |= {"method": "COBYQA", "options": {"maxfev": iterations, **radii}}
-    constraints: list[Any] = [{"type": "ineq", **room}] if limits else []
+        method["options"] = {"maxfev": iterations, **radii}
+    constraints: list[Any] = [room] if limits else []
     if requirements:
-        constraints.append({"type": "ineq", "fun": spare})
+        constraints.append({"type": "ineq", "fun": lambda x: spare(x.tobytes())})
 
     def scaled(x: Vector) -> float:
         return search.at(x).cost / scale

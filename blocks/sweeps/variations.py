@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -59,11 +60,8 @@ def drawn(
         raise SimulationError(
             f"the seed {shown(seed)} must be a whole number, zero or positive"
         )
-    names_of = [
-        names if isinstance(names, tuple) else (names,)
-        for names in by_name(WHAT, vary, str | tuple)
-    ]
-    each = Counter(name for names in names_of for name in names)
+    named = by_name(WHAT, vary, str | tuple)
+    each = Counter(name for names in named for name in _each(names))
     by_name(WHAT, each)
     if twice := sorted(name for name, number in each.items() if number > 1):
         raise SimulationError(f"'{twice[0]}' is to vary in two ways; give it once")
@@ -117,10 +115,12 @@ def _is_distribution(thing: Any) -> bool:
     return hasattr(thing, "rvs") or hasattr(thing, "icdf")
 
 
+def _each(names: str | tuple[str, ...]) -> tuple[str, ...]:
+    return names if isinstance(names, tuple) else (names,)
+
+
 def _quoted(names: str | tuple[str, ...]) -> str:
-    return ", ".join(
-        f"'{name}'" for name in ([names] if isinstance(names, str) else names)
-    )
+    return ", ".join(f"'{name}'" for name in _each(names))
 
 
 def _are_several(values: Any) -> bool:
@@ -154,18 +154,14 @@ def _columns(names: tuple[str, ...], rows: Sequence[Any]) -> dict[str, NDArray[A
 
 def _sequence(names: str | tuple[str, ...], values: Any) -> NDArray[Any]:
     """Return a sequence of values as an array with samples along the first axis."""
-    hint = "give a sequence of values, or a frozen distribution such as scipy.stats.norm(1.0, 0.1)"
-    if not _are_several(values):
-        raise SimulationError(
-            f"{_quoted(names)} cannot vary over {shown(values)}: {hint}"
-        )
-    try:
-        array = np.asarray(values)
-    except ValueError:  # lists of different lengths
-        array = np.empty(0, dtype=object)
+    array = np.empty(0, dtype=object)
+    if _are_several(values):
+        with contextlib.suppress(ValueError):  # lists of different lengths
+            array = np.asarray(values)
     if not array.size or array.dtype.kind not in "biufU":
         raise SimulationError(
-            f"{_quoted(names)} cannot vary over {shown(values)}: {hint}"
+            f"{_quoted(names)} cannot vary over {shown(values)}: give a sequence of values, or a frozen "
+            "distribution such as scipy.stats.norm(1.0, 0.1)"
         )
     return array
 
@@ -182,10 +178,9 @@ def _draws(random: Vary, count: int, seed: int, method: str) -> dict[Any, NDArra
     for names, distribution in random.items():
         own = numbers[:, first : first + max(1, sizes[names])]
         first += max(1, sizes[names])
-        if not sizes[names] and hasattr(distribution, "icdf"):
-            found[names] = np.asarray(distribution.icdf(own[:, 0]))
-        elif not sizes[names] and hasattr(distribution, "ppf"):
-            found[names] = np.asarray(distribution.ppf(own[:, 0]))
+        inverse = getattr(distribution, "icdf", getattr(distribution, "ppf", None))
+        if not sizes[names] and inverse is not None:
+            found[names] = np.asarray(inverse(own[:, 0]))
         elif hasattr(distribution, "cov_object"):
             sizes_of, axes = np.linalg.eigh(
                 distribution.cov_object.covariance

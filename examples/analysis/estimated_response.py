@@ -21,25 +21,28 @@ from trussflow.blocks import (
 )
 
 stiffness = np.array([[900.0, 120.0], [120.0, 1600.0]])  # 1/s^2, per unit of inertia
-mirror = StateSpace(
-    np.block([[np.zeros((2, 2)), np.eye(2)], [-stiffness, -6.0 * np.eye(2)]]),
-    np.vstack([np.zeros((2, 2)), 400.0 * np.eye(2)]),
-    np.eye(4),
-)
-loop = Diagram("mirror")
-law, amplifier, plant = loop.add(
-    law=MatrixGain(-np.hstack([2.0 * np.eye(2), 0.05 * np.eye(2)])),
-    amplifier=DeadZone(-0.02, 0.02, shape=2),
-    plant=mirror,
-)
-law >> amplifier >> plant
-plant.y >> law
+
+
+def mirror_loop(amplifier):
+    """Return the loop with these amplifiers, and with names for three of its signals."""
+    mirror = StateSpace(
+        np.block([[np.zeros((2, 2)), np.eye(2)], [-stiffness, -6.0 * np.eye(2)]]),
+        np.vstack([np.zeros((2, 2)), 400.0 * np.eye(2)]),
+        np.eye(4),
+    )
+    law = MatrixGain(-np.hstack([2.0 * np.eye(2), 0.05 * np.eye(2)]))
+    loop = Diagram("mirror")
+    loop.add(law=law, amplifier=amplifier, plant=mirror)
+    law >> amplifier >> mirror
+    mirror.y >> law
+    loop.add_analysis_points(
+        drive=amplifier.u, current=amplifier.y, angles=mirror.y[:2]
+    )
+    return loop
+
+
+loop = mirror_loop(DeadZone(-0.02, 0.02, shape=2))
 loop.draw("mirror.svg")
-
-# %%
-# Analysis points: names for ports, or parts of them, that several analyses use:
-
-loop.add_analysis_points(drive=amplifier.u, current=amplifier.y, angles=plant.y[:2])
 print(
     "slope of the amplifiers at rest:",
     np.diag(linearize(loop, "drive", "current", cut="drive").D),
@@ -61,15 +64,15 @@ seen = estimated_response(
 print(f"the standard error is at most {seen.standard_error[4:].max():.1e} rad/V")
 
 # %%
-# The ratio of output to input of the amplifiers is their gain. It replaces them in linear models:
+# The ratio of output to input of the amplifiers is their gain. The linear loop has this gain in their place:
 
 entering, leaving = (
     np.moveaxis(seen.complex[part], -1, 0) for part in (slice(0, 2), slice(2, 4))
 )
 gain = np.diag(np.mean(leaving @ np.linalg.inv(entering), axis=0)).real
-told = {"amplifier": np.diag(gain)}
+linear = mirror_loop(MatrixGain(np.diag(gain)))
 print("gain of the amplifiers for drives of this size:", gain.round(3))
-for channel, margins in loop_margins(loop, "drive", override=told).channels.items():
+for channel, margins in loop_margins(linear, "drive").channels.items():
     print(
         f"{channel}: phase margin {margins.phase:.0f} deg, disk margin {margins.disk:.2f}"
     )
@@ -77,7 +80,7 @@ for channel, margins in loop_margins(loop, "drive", override=told).channels.item
 # %%
 # The model with this gain (lines), and the estimate with its errors:
 
-model = linearize(loop, "drive", "angles", override=told).frequency_response(
+model = linearize(linear, "drive", "angles").frequency_response(
     np.geomspace(4.0, 150.0, 400)
 )
 for (i, j), style in zip(np.ndindex(2, 2), ["C0", "C1", "C2", "C3"], strict=True):

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 from math import ceil, lcm
@@ -15,17 +15,13 @@ from numpy.typing import NDArray
 from trussflow.blocks.errors import LinearAnalysisError
 from trussflow.blocks.framework.block import Block
 from trussflow.blocks.framework.clock import common_tick, exact
+from trussflow.blocks.framework.layout import spans
 from trussflow.blocks.framework.system import Indices, flatten
-from trussflow.blocks.linear_analysis.frequency.excitation import (
-    SWEEP_MARGIN,
-    Excitation,
-    Multisine,
-    Sweep,
-    excited,
-)
+from trussflow.blocks.linear_analysis.frequency.excitation import Multisine, excited
 from trussflow.blocks.linear_analysis.operating_point import (
     OperatingPoint,
-    Surroundings,
+    as_wired,
+    completed,
 )
 from trussflow.blocks.linear_analysis.references import (
     References,
@@ -38,12 +34,10 @@ from trussflow.blocks.support.validation import (
     finite_array,
     frequencies,
     is_whole,
-    one_of,
     positive,
     positive_whole,
     shown,
 )
-from trussflow.blocks.tracing.plan import Plan
 
 if TYPE_CHECKING:
     from trussflow.blocks.linear_analysis.frequency.response_estimate import (
@@ -61,9 +55,6 @@ MOST_SAMPLES = 10**7
 
 Spectra = NDArray[np.complex128]
 
-Draw = Mapping[str, Vector]
-"""Parameters of the excitation in one run, by name, of all elements one after the other."""
-
 
 def estimated_response(
     item: Block,
@@ -73,7 +64,6 @@ def estimated_response(
     omega: Sequence[float] | Vector,
     amplitude: npt.ArrayLike,
     step: float,
-    signal: str = "multisine",
     at: OperatingPoint | None = None,
     realizations: int = 4,
     cycles: int = 5,
@@ -89,8 +79,9 @@ def estimated_response(
     .. math:: \hat G(j\omega_k) = Y(\omega_k)\, U(\omega_k)^{-1}, \qquad \omega_k T / 2 \pi = 1, 2, \dots
 
     with the discrete Fourier transforms, over one period, of m runs under different excitations of the
-    m inputs. Of a linear diagram it is exact. Of any other it is the best linear approximation for this
-    kind of signal and amplitude; distortions and noise are in the standard error [1]_.
+    m inputs. The excitations are sines of random phases at the wanted frequencies, in all inputs at once;
+    those of different runs are orthogonal. Of a linear diagram the result is exact. Of any other it is the
+    best linear approximation for this amplitude; distortions and noise are in the standard error [1]_.
 
     Parameters
     ----------
@@ -105,14 +96,10 @@ def estimated_response(
         [unit of the input].
     step : float
         Step of the solver, and between samples [s].
-    signal : str
-        ``"multisine"``: sines of random phases at the frequencies wanted, in all inputs at once, the runs
-        orthogonal to each other; or ``"chirp"``: one input after the other is swept through the
-        frequencies in every period, which excites all those between them, too.
     at : OperatingPoint, optional
         Initial operating point; by default the initial states. Its time is ignored; each run begins at 0.
     realizations : int
-        Number of repetitions with other random phases, or with sweeps of other start and opposite sign [-].
+        Number of repetitions with other random phases [-].
     cycles : int
         Periods of the slowest frequency within T, at least [-].
     sample_time : float, optional
@@ -168,7 +155,6 @@ def estimated_response(
         raise LinearAnalysisError(
             f"tolerance = {shown(tolerance)} must be positive; infinite under noise"
         )
-    one_of("excitation signal", signal, ("multisine", "chirp"), LinearAnalysisError)
     if not read * omega.max() < 2 * np.pi / often:
         raise LinearAnalysisError(
             f"the response is read every {read:g} s, less than {often} times within a period of "
@@ -193,22 +179,16 @@ def estimated_response(
     samples = int(period / exact(read))
     lines = np.unique(np.round(omega * float(period) / (2 * np.pi))).astype(int)
     moved = 2 * np.pi * lines / float(period)
-    sources: list[Excitation] = []
-    for number, one in enumerate(put_in):
-        sources.append(
-            Multisine(one.port, moved)
-            if signal == "multisine"
-            else Sweep(
-                one.port,
-                moved[0] / SWEEP_MARGIN,
-                moved[-1] * SWEEP_MARGIN,
-                float(period),
-            )
-        )
-        sources[-1].named(f"excitation {number + 1}")
+    parts = spans(one.port.elements().size for one in put_in)
+    sources = [
+        Multisine(one.port, moved, sizes[part])
+        for one, part in zip(put_in, parts, strict=True)
+    ]
+    for number, source in enumerate(sources, 1):
+        source.named(f"excitation {number}")
         if sample_time is not None:
-            sources[-1].sampled(sample_time)
-    point, _ = Surroundings(Plan(system)).complete(at, [], {})
+            source.sampled(sample_time)
+    point, _ = completed(as_wired(system), at, [], {})
     simulator = Simulator(
         excited(
             system,
@@ -225,12 +205,8 @@ def estimated_response(
     rng = np.random.default_rng(seed)
     estimates = []
     for _ in range(realizations):
-        draw = (
-            _multisines(rng, sizes, lines.size)
-            if signal == "multisine"
-            else _sweeps(rng, sizes, samples, read)
-        )
-        U, Y = zip(*(runs.spectra(changed) for changed in draw), strict=True)
+        phases = _phases(rng, size, lines.size)
+        U, Y = zip(*(runs.spectra(phase) for phase in phases), strict=True)
         estimates.append(_ratio(np.stack(Y, axis=-1), np.stack(U, axis=-1)))
     return ResponseEstimate(
         np.array(estimates), moved, inputs=labels[0], outputs=labels[1]
@@ -262,28 +238,14 @@ def _period(times: list[Fraction], least: float) -> Fraction:
     return period
 
 
-def _multisines(rng: np.random.Generator, sizes: Vector, lines: int) -> Iterator[Draw]:
-    """Return runs with random phases, orthogonal by the columns of the Fourier matrix."""
-    phase = rng.uniform(0.0, 2 * np.pi, (lines, sizes.size))
-    count = np.arange(sizes.size)
+def _phases(rng: np.random.Generator, size: int, lines: int) -> Iterator[Vector]:
+    """Yield the phases (lines, inputs) of each run, orthogonal by the columns of the Fourier matrix."""
+    phase = rng.uniform(0.0, 2 * np.pi, (lines, size))
+    count = np.arange(size)
     for run in count:
         # Of each run by itself as well: else noise that is the same in all falls to the first input alone.
         own = rng.uniform(0.0, 2 * np.pi, (lines, 1))
-        yield {
-            "amplitude": sizes,
-            "phase": phase + own + 2 * np.pi * run * count / count.size,
-        }
-
-
-def _sweeps(
-    rng: np.random.Generator, sizes: Vector, samples: int, read: float
-) -> Iterator[Draw]:
-    """Return runs with one input after the other."""
-    shift: Vector = read * rng.integers(samples, size=sizes.size).astype(np.float64)
-    sign = rng.choice([-1.0, 1.0], sizes.size)
-    for run in range(sizes.size):
-        alone: Vector = sign * sizes * (np.arange(sizes.size) == run)
-        yield {"amplitude": alone, "shift": shift}
+        yield phase + own + 2 * np.pi * run * count / size
 
 
 def _ratio(Y: Spectra, U: Spectra) -> Spectra:
@@ -298,24 +260,21 @@ class _Runs:
 
     simulator: Simulator
     point: OperatingPoint
-    sources: Sequence[Excitation]
+    sources: Sequence[Multisine]
     period: Fraction
     samples: int
     lines: Indices
     tolerance: float
     periods: int = 2
 
-    def spectra(self, draw: Draw) -> tuple[Spectra, Spectra]:
+    def spectra(self, phase: Vector) -> tuple[Spectra, Spectra]:
         """Return the Fourier coefficients of the inputs and of the outputs, of shape (signals, lines)."""
         parameters = dict(self.point.parameters)
-        first = 0
-        for source in self.sources:
-            for name, values in draw.items():
-                own = values[..., first : first + source.size]
-                parameters[f"{source.path}.{name}"] = (
-                    own if name == "phase" else own.reshape(source.extent)
-                )
-            first += source.size
+        first = phase.shape[1]
+        for source, part in zip(
+            self.sources, spans(source.size for source in self.sources), strict=True
+        ):
+            parameters[f"{source.path}.phase"] = phase[:, part]
         while self.periods <= MOST_PERIODS:
             before, last = self._last_two(parameters)
             off = np.abs(last - before).max(axis=1)

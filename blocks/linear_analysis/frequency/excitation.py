@@ -1,4 +1,4 @@
-r"""Periodic signals that excite all frequencies of a response at once: multisines and sweeps.
+r"""Multisines: periodic signals that excite all frequencies of a response at once.
 
 Whatever repeats itself needs no window: over a whole period, in the steady state, the discrete
 Fourier transforms of input and output of a linear system have the ratio :math:`G(j\omega_k)`
@@ -23,35 +23,9 @@ from trussflow.blocks.library.sources import Constant
 from trussflow.blocks.linear_analysis.operating_point import OperatingPoint
 from trussflow.blocks.support.types import Array, Vector
 
-SWEEP_MARGIN = 1.2
-"""Factor by which a sweep exceeds the frequency range, because it excites half as much at its ends [-]."""
 
-
-class Excitation(Block):
-    """Base of the signals: one for each element of a port, by an amplitude that may change.
-
-    Parameters
-    ----------
-    port : Port
-        Port that receives it; its shape and unit are used.
-    **parameters : Vector
-        Further parameters of the signal [as declared].
-    """
-
-    y = Output("extent", unit=Attribute("own_unit"))
-    amplitude = Parameter(0.0, shape="extent")
-
-    def __init__(self, port: Port, **parameters: Vector) -> None:
-        self.extent = port.shape or ()
-        self.size = port.elements().size
-        self.own_unit = (
-            port.element_units()[0] if len(set(port.element_units())) == 1 else None
-        )
-        super().__init__(amplitude=np.zeros(self.extent), **parameters)
-
-
-class Multisine(Excitation):
-    r"""Sines of equal amplitude.
+class Multisine(Block):
+    r"""Sines of equal amplitude, with phases of its own for each element of a port.
 
     .. math:: y = a \frac{1}{\sqrt K} \sum_{k=1}^{K} \sin(\omega_k t + \varphi_k)
 
@@ -60,19 +34,28 @@ class Multisine(Excitation):
     Parameters
     ----------
     port : Port
-        Port that receives it.
+        Port that receives it; its shape and unit are used.
     omega : Vector
         Frequencies [rad/s].
+    amplitude : Vector
+        a of each element [unit of the port].
     """
 
+    y = Output("extent", unit=Attribute("own_unit"))
+    amplitude = Parameter(shape="extent", meaning="a")
     # not compiled: responses share code
     omega = Parameter(shape="lines", unit="rad/s", meaning="ω")
     phase = Parameter(shape=("lines", "size"), unit="rad", meaning="φ")
 
-    def __init__(self, port: Port, omega: Vector) -> None:
-        self.lines = omega.size
+    def __init__(self, port: Port, omega: Vector, amplitude: Vector) -> None:
+        self.extent = port.shape or ()
+        self.size, self.lines = amplitude.size, omega.size
+        units = port.element_units()
+        self.own_unit = units[0] if len(set(units)) == 1 else None
         super().__init__(
-            port, omega=omega, phase=np.zeros((self.lines, port.elements().size))
+            amplitude=amplitude.reshape(self.extent),
+            omega=omega,
+            phase=np.zeros((self.lines, self.size)),
         )
 
     def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
@@ -81,46 +64,6 @@ class Multisine(Excitation):
             np.sin(np.reshape(p.omega, (self.lines, 1)) * t + p.phase), axis=0
         ) / np.sqrt(self.lines)
         return {"y": p.amplitude * np.reshape(sines, self.extent)}
-
-
-class Sweep(Excitation):
-    r"""A sine whose frequency rises exponentially within a period, again and again: a periodic chirp.
-
-    .. math:: y = a \sin\left(\frac{\omega_0 T}{\ln r} (r^{\tau / T} - 1)\right), \quad
-        \tau = (t + s) \bmod T, \quad r = \omega_1 / \omega_0
-
-    Frequencies are moved a little, for whole cycles in a period: it has no jump, only a bend.
-
-    Parameters
-    ----------
-    port : Port
-        Port that receives it.
-    lowest, highest : float
-        ω_0 and ω_1 [rad/s].
-    period : float
-        T [s].
-    """
-
-    shift = Parameter(shape="extent", unit="s", meaning="s")
-
-    def __init__(
-        self, port: Port, lowest: float, highest: float, period: float
-    ) -> None:
-        self.ratio = np.log(highest / lowest)
-        self.period = period
-        cycles = np.round(
-            lowest * period * (highest / lowest - 1.0) / self.ratio / (2 * np.pi)
-        )
-        self.rise = 2 * np.pi * max(cycles, 1.0) / (highest / lowest - 1.0)
-        super().__init__(port, shift=np.zeros(port.shape or ()))
-
-    def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
-        """Return the sine."""
-        turns = (t + p.shift) / self.period
-        return {
-            "y": p.amplitude
-            * np.sin(self.rise * np.expm1(self.ratio * (turns - np.floor(turns))))
-        }
 
 
 def excited(

@@ -103,7 +103,6 @@ def robust_stability(
             return matrix + decay * np.eye(n)
         return np.asarray(matrix * np.exp(min(decay * nominal.dt, MAX_LOG_SPEEDUP)))
 
-    whole = _polynomial(at, count)
     axes = np.eye(count)
     looked = 0
     left = [(-1.0, 0, np.zeros(count), np.ones(count))]
@@ -111,7 +110,7 @@ def robust_stability(
         while left and looked < boxes:
             minus, _, centre, half = heapq.heappop(left)
             looked += 1
-            box = _within(whole, centre, half)
+            box = _polynomial(at, centre, half)
             poles = np.linalg.eigvals(box[(0,) * count])
             if np.max(np.abs(poles) - 1.0 if sampled else poles.real) >= 0.0:
                 share = -minus - sum(minus for minus, *_ in left)
@@ -129,34 +128,22 @@ def robust_stability(
     return RobustStability(not left, None, -sum(minus for minus, *_ in left), looked)
 
 
-def _polynomial(at: Callable[[Vector], Vector], count: int) -> Polynomial:
-    """Return a quadratic function of `count` numbers, by differences, which are exact."""
+def _polynomial(
+    at: Callable[[Vector], Vector], centre: Vector, half: Vector
+) -> Polynomial:
+    """Return a quadratic function in a box as one of numbers from -1 to 1: differences of it are exact."""
+    count = len(half)
     one = np.eye(count, dtype=int)
-    middle = at(np.zeros(count))
-    up, down = ([at(sign * step) for step in one] for sign in (1.0, -1.0))
+    steps = np.diag(half)
+    middle = at(centre)
+    up, down = ([at(centre + sign * step) for step in steps] for sign in (1.0, -1.0))
     found = {(0,) * count: middle}
     for i, (a, b) in enumerate(zip(up, down, strict=True)):
         found[tuple(one[i])] = (a - b) / 2.0
         found[tuple(2 * one[i])] = (a + b) / 2.0 - middle
     for i, j in combinations(range(count), 2):
-        found[tuple(one[i] + one[j])] = at(one[i] + one[j]) - up[i] - up[j] + middle
-    return found
-
-
-def _within(whole: Polynomial, centre: Vector, half: Vector) -> Polynomial:
-    """Return a quadratic function as one of numbers from -1 to 1 in a box."""
-    none = (0,) * len(half)
-    one = np.eye(len(half), dtype=int)
-    numbers: list[Polynomial] = [
-        {tuple(one[i]): half[i], none: centre[i]} for i in range(len(half))
-    ]
-    found: Polynomial = {}
-    for power, matrix in whole.items():
-        term: Polynomial = {none: matrix}
-        for i, times in enumerate(power):
-            for _ in range(times):
-                term = _product(term, numbers[i])
-        found = _sum(found, term)
+        corner = at(centre + steps[i] + steps[j])
+        found[tuple(one[i] + one[j])] = corner - up[i] - up[j] + middle
     return found
 
 
@@ -232,12 +219,10 @@ def _sum(a: Polynomial, b: Polynomial) -> Polynomial:
 
 
 def _product(a: Polynomial, b: Polynomial) -> Polynomial:
-    """Return a b, of matrices or of matrices and numbers."""
+    """Return a b."""
     found: Polynomial = {}
     for first, left in a.items():
         for second, right in b.items():
             power = tuple(i + j for i, j in zip(first, second, strict=True))
-            found[power] = found.get(power, 0.0) + (
-                left @ right if np.ndim(right) else left * right
-            )
+            found[power] = found.get(power, 0.0) + left @ right
     return found

@@ -2,28 +2,21 @@ r"""The greatest gain of an uncertain model, by branch and bound.
 
 Boxes of parameters are split until the greatest gain that was found in one, times 1 + tolerance, bounds
 them all (Balakrishnan, Boyd, Balemi 1991, *Branch and bound algorithm for computing the minimum stability
-degree of parameter-dependent linear systems*, International Journal of Robust and Nonlinear Control 1). What
-bounds a box is the gain's power series. Where little is repeated, boxes are also left by the structured
-singular value: a gain γ is not reached if
-
-.. math:: \mu \begin{bmatrix} N_{11} & N_{12} \\ N_{21} / \gamma & N_{22} / \gamma \end{bmatrix} \le 1
-
-with a complex full block between outputs and inputs (main loop theorem; Zhou, Doyle, Glover 1996, chapter
-11), of which SLICOT's AB13MD gives an upper bound.
+degree of parameter-dependent linear systems*, International Journal of Robust and Nonlinear Control 1). The
+gain's power series bounds each box.
 """
 
 from __future__ import annotations
 
 import heapq
 import sys
-from importlib.util import find_spec
-from itertools import pairwise
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
 from trussflow.blocks.errors import LinearAnalysisError
+from trussflow.blocks.framework.layout import spans
 from trussflow.blocks.linear_analysis.margins import response
 from trussflow.blocks.linear_analysis.uncertainty.gain_series import (
     MAX_CORNER_PARAMETERS,
@@ -43,9 +36,6 @@ EDGE_TOLERANCE = 1e-6
 
 ASCENT_EVALUATIONS = 50
 """Gain evaluations per parameter of the local ascent from a member [-]."""
-
-MAX_REAL_REPETITIONS = 12
-"""Number of repeated parameters up to which the bound for real parameters is computed [-]."""
 
 
 class WorstGain(NamedTuple):
@@ -80,11 +70,7 @@ class _Gain:
         self.sizes = model.fractions.sizes
         self.whole = model.response(omega)
         self.inner = sum(self.sizes)
-        outputs, inputs = (n - self.inner for n in self.whole.shape)
-        self.block = max(outputs, inputs)
-        self.padding = ((0, self.block - outputs), (0, self.block - inputs))
-        inner = [slice(a, b) for a, b in pairwise(np.cumsum([0, *self.sizes]).tolist())]
-        self.places = inner
+        self.places = spans(self.sizes)
 
     def within(self, centre: Vector, half: Vector) -> Vector:
         """Return what Δ', from -1 to 1, and the inputs do, where δ is `centre` + `half` Δ'."""
@@ -124,47 +110,6 @@ class _Gain:
         found = minimize(lost, delta, bounds=[(-1.0, 1.0)] * len(delta), **settings)
         return max(np.asarray(found.x), delta, key=self.at)
 
-    def stays_below(self, gain: float, centre: Vector, half: Vector) -> bool:
-        """Tell whether the gain of all members in a box is proved to be below `gain`."""
-        k = self.inner
-        if k > MAX_REAL_REPETITIONS or find_spec("slycot") is None:
-            return False  # the series alone bounds the box, and takes more boxes near resonances
-        box = self.within(centre, half)
-        closed = np.vstack([box[:k], box[k:] / gain])
-        return mu_bound(np.pad(closed, self.padding), k, self.block) <= 1.0
-
-
-def mu_bound(matrix: Array, real: int, block: int) -> float:
-    """Return an upper bound of the structured singular value: real scalars, then a complex block.
-
-    Parameters
-    ----------
-    matrix : array, shape (n, n)
-        Transfer matrix that the uncertainty closes [1].
-    real : int
-        Number of real scalars [-].
-    block : int
-        Size of the complex block; 0 for none [-].
-
-    Raises
-    ------
-    LinearAnalysisError
-        If slycot is not installed.
-    """
-    try:
-        from slycot import ab13md  # type: ignore[import-untyped]
-    except ImportError as error:
-        raise LinearAnalysisError(
-            "the bounds of worst_gain are computed by slycot; pip install 'trussflow[uncertainty]'"
-        ) from error
-
-    sizes, kinds = [1] * real + [block] * bool(block), [1] * real + [2] * bool(block)
-    # A bound must not depend on its scale: far from 1 the routine loses digits.
-    largest = float(np.max(np.abs(matrix), initial=0.0))
-    if largest == 0.0:
-        return 0.0
-    return largest * float(ab13md(matrix / largest, sizes, kinds)[0])
-
 
 def worst_gain(
     model: UncertainModel,
@@ -195,9 +140,8 @@ def worst_gain(
     Raises
     ------
     LinearAnalysisError
-        If slycot is not installed, a frequency is not at least 0, tolerance or boxes are not above 0, or the
-        model is unstable in the middle or at a corner of the ranges. That all members are stable
-        `robust_stability` proves.
+        If a frequency is not at least 0, tolerance or boxes are not above 0, or the model is unstable in the
+        middle or at a corner of the ranges. `robust_stability` proves that all members are stable.
     """
     frequencies = np.atleast_1d(finite_array("frequencies", omega))
     positive(LinearAnalysisError, tolerance=tolerance, boxes=boxes)
@@ -271,14 +215,9 @@ def _worst(
 
     keep(np.zeros(count), np.ones(count))
     while (
-        0.0 < best < np.inf
-        and looked < most
-        and left
-        and -left[0][0] > best * (1.0 + tolerance)
+        0.0 < best < np.inf and looked < most and -left[0][0] > best * (1.0 + tolerance)
     ):
         _, _, centre, half, widest = heapq.heappop(left)
-        if gain.stays_below(best * (1.0 + tolerance), centre, half):
-            continue
         half = half * (1.0 - axes[widest] / 2.0)
         for side in (-1.0, 1.0):
             middle = centre + side * half * axes[widest]
@@ -287,5 +226,5 @@ def _worst(
                 best = gain.at(place)
             looked += 1
             keep(middle, half)
-    bound = max([best * (1.0 + tolerance), *(-one for one, *_ in left[:1])])
+    bound = max(best * (1.0 + tolerance), -left[0][0])
     return best, bound, place, looked

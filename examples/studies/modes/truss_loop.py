@@ -10,13 +10,7 @@ import control
 import numpy as np
 from numpy.typing import NDArray
 
-from trussflow.blocks import (
-    Diagram,
-    delay_margin,
-    largest_sample_time,
-    linearize,
-    loop_transfer,
-)
+from trussflow.blocks import Diagram, OperatingPoint, delay_margin, loop_transfer
 from trussflow.blocks.errors import LinearAnalysisError
 from trussflow.blocks.linear_analysis.loop_transfer import LoopMargins, margins_of
 from trussflow.blocks.linear_analysis.margins import (
@@ -27,7 +21,6 @@ from trussflow.blocks.linear_analysis.margins import (
 from trussflow.blocks.linear_analysis.modal_table import oscillating_modes
 from trussflow.models import SpaceTruss
 from trussflow.models.transport import Mission, transport_diagram
-from trussflow.models.transport.wiring import control_law
 
 RIGID, ROBOTS, JOINTS = 34, 4, 7
 CHANNELS = ["x", "y", "z", "phi", "theta", "psi"]
@@ -45,7 +38,7 @@ GROUPS |= {
 ERROR, OMEGA = 1e-3, 1.0
 """Amplitude [m, rad] and frequency [rad/s] of the errors for describing functions."""
 
-PERIODS = {"shortest": 1e-8, "longest": 1.0}
+PERIODS = 1e-8, 1.0
 """Range of sample times [s]; the fastest pole of the PD loop is near 1e7 1/s."""
 
 
@@ -89,31 +82,42 @@ class TrussLoop:
         )
 
     @cached_property
-    def amplitude(self) -> dict[str, float]:
-        """Amplitudes of error, its rate and its integral."""
+    def point(self) -> OperatingPoint:
+        """Initial states, and the gains of the describing functions of the law."""
         if self.linear or self.controller == "pd":
-            return {}
-        sizes = {"position": ERROR, "velocity": ERROR * OMEGA}
-        amplitude = {f"controller.{name}": size for name, size in sizes.items()}
-        if self.controller == "ismc":
-            law = control_law(self.mission, "ismc")
-            B = linearize(law, list(sizes), ["feedback"], amplitude=sizes).B[0]
-            amplitude["controller.integral"] = (
-                float(abs(B[0] / (1j * OMEGA) + B[1])) * ERROR
-            )
-        return amplitude
+            return OperatingPoint()
+        law = self.mission
+        if self.controller == "smc":
+            sliding = ERROR * abs(law.surface_slope + 1j * OMEGA)
+            # Within this layer, the slope is that of the describing function of the switching term.
+            layer = np.pi / 4 * sliding
+            return OperatingPoint(parameters={"controller.boundary_layer": layer})
+        power = law.exponent
+        gamma = law.rate_gain * _power_gain(power, ERROR * OMEGA)
+        mu = law.error_gain * _power_gain(power / (2 - power), ERROR)
+        sliding = ERROR * abs(1j * OMEGA + gamma + mu / (1j * OMEGA))
+        reaching = control.describing_function(
+            lambda s: s / (abs(s) + law.boundary_layer), sliding
+        )
+        gains = {
+            "gamma": gamma,
+            "mu": mu,
+            "beta": 1.0,
+            "eta": 0.0,
+            "sigma": law.reaching_gain + law.switching_gain * reaching.real.item(),
+        }
+        named = {f"controller.{name}": gain for name, gain in gains.items()}
+        return OperatingPoint(parameters=named)
 
     @cached_property
     def demand_loop(self) -> control.StateSpace:
         """Loop gain at the demand."""
-        return loop_transfer(self.diagram, self.demand, amplitude=self.amplitude)
+        return loop_transfer(self.diagram, self.demand, at=self.point)
 
     @cached_property
     def modal_loop(self) -> control.StateSpace:
         """Loop gain at the modal force."""
-        return loop_transfer(
-            self.diagram, "truss.modal_force", amplitude=self.amplitude
-        )
+        return loop_transfer(self.diagram, "truss.modal_force", at=self.point)
 
     @cached_property
     def closed(self) -> NDArray[np.float64]:
@@ -207,10 +211,53 @@ class TrussLoop:
             remove_useless_states=False,
         )
         periods = [
-            largest_sample_time(plant, law, delay=part, points=points, **PERIODS)
-            for part in (0.0, 1.0)
+            largest_sample_time(plant, law, late=late, points=points)
+            for late in (False, True)
         ]
         return [
             f"{value:.3g}"
             for value in (1e3 * delay, omega, 1e3 * periods[0], 1e3 * periods[1])
         ]
+
+
+def _power_gain(exponent: float, amplitude: float) -> float:
+    """Return the describing function of ``sign(x) |x|^exponent`` at an `amplitude` [unit of x]."""
+    found = control.describing_function(
+        lambda x: np.sign(x) * abs(x) ** exponent, amplitude
+    )
+    return float(found.real.item())
+
+
+def largest_sample_time(
+    plant: control.StateSpace, law: control.StateSpace, *, late: bool, points: int
+) -> float:
+    """Return the first sample time on the way up at which the sampled loop is unstable, to 0.1 % [s].
+
+    Commands are held for one sample, and sent one sample after the measurement if `late`. Zero if already
+    the shortest of `PERIODS` is unstable, infinite if none is.
+    """
+
+    def stable(period: float) -> bool:
+        body = control.c2d(plant, period)
+        if late:
+            size = plant.ninputs
+            hold = (
+                np.zeros((size, size)),
+                np.eye(size),
+                np.eye(size),
+                np.zeros((size, size)),
+            )
+            body = body * control.StateSpace(*hold, period)
+        poles = control.feedback(body, control.c2d(law, period), sign=1).poles()
+        return bool(np.abs(poles).max() <= 1 + 1e-9)
+
+    periods = np.geomspace(*PERIODS, points)
+    if not stable(periods[0]):
+        return 0.0
+    for low, high in pairwise(periods.tolist()):
+        if not stable(high):
+            while high > low * 1.001:
+                middle = (low * high) ** 0.5
+                low, high = (middle, high) if stable(middle) else (low, middle)
+            return low
+    return float("inf")

@@ -4,7 +4,6 @@ Bar-Shalom, Li, Kirubarajan (2001), section 5.4: bounds of chi-square, here of 9
 """
 
 import campaign
-import control
 import numpy as np
 import pytest
 from scipy.stats import binom, chi2
@@ -13,6 +12,7 @@ from trussflow.blocks import (
     ExtendedKalmanFilter,
     GaussMarkov,
     NonlinearProcess,
+    StateSpace,
     kalman_filter,
 )
 
@@ -72,12 +72,12 @@ def linear(kind, first=None, delay=0.0):
     A = [[0, 0, 1, 0], [0, 0, 0, 1], [-30, 20, -0.5, 0.3], [20, -20, 0.3, -0.3]]
     B = [[0, 0], [0, 0], [0.5, 0], [0, 1]]
     return kalman_filter(
-        control.ss(A, B, np.eye(2, 4), 0, inputs=["force", "wind"]),
-        inputs="force",
+        StateSpace(A, B, np.eye(2, 4)),
+        inputs="u[0]",
         every=0.05,
         measurement_noise=[1e-4, 1e-5],
-        process_noise={"force": 1e-3, "wind": 2e-3},
-        disturbances={"wind": GaussMarkov(0.4, 2.0)},
+        process_noise={"u[0]": 1e-3, "u[1]": 2e-3},
+        disturbances={"u[1]": GaussMarkov(0.4, 2.0)},
         measurement_delay=delay,
         kind=kind,
         initial_covariance=first,

@@ -19,6 +19,7 @@ from trussflow.blocks import (
     Signals,
     StateSpace,
     ZeroOrderHold,
+    from_control,
     kalman_filter,
 )
 from trussflow.blocks.control.covariances import hidden
@@ -38,28 +39,17 @@ def oscillator(**settings):
         "measurement_noise": 1.0,
         "process_noise": [0.0, 1.0],
     }
-    model = control.ss(
-        [[0, 1], [-4, 0]],
-        [[0], [1]],
-        [[1, 0]],
-        0,
-        inputs=["force"],
-        outputs=["y"],
-        name="m",
-    )
-    return kalman_filter(settings.pop("plant", model), **usual | settings)
+    model = control.ss([[0, 1], [-4, 0]], [[0], [1]], [[1, 0]], 0)
+    plant = settings.pop("plant", model)
+    if isinstance(plant, control.StateSpace):
+        plant = from_control(plant)
+    return kalman_filter(plant, **usual | settings)
 
 
 TWO = control.ss(
-    np.kron(np.eye(2), np.eye(2, k=1)),
-    [[0], [1], [0], [0]],
-    np.eye(1, 4),
-    0,
-    inputs=["force"],
+    np.kron(np.eye(2), np.eye(2, k=1)), [[0], [1], [0], [0]], np.eye(1, 4), 0
 )
-ACCELEROMETER = control.ss(
-    [[0, 1], [-4, -1]], [[0], [1]], [[-4, -1]], [[1]], inputs=["force"], outputs=["a"]
-)
+ACCELEROMETER = control.ss([[0, 1], [-4, -1]], [[0], [1]], [[-4, -1]], [[1]])
 DECAYING = control.ss(
     [[0, 1, 0], [-4, 0, 0], [0, 0, -1]], [[0], [1], [1]], [[1, 0, 0]], 0
 )
@@ -81,32 +71,32 @@ def held():
         (
             {"plant": TWO, "process_noise": 1.0},
             LinearAnalysisError,
-            r"cannot estimate 'x\[2\]', 'x\[3\]': what",
+            r"cannot estimate 'StateSpace/x\[2\]', 'StateSpace/x\[3\]': what",
         ),
         (
             {"plant": DECAYING, "process_noise": 1.0},
             LinearAnalysisError,
-            r"cannot estimate 'x\[2\]': .*allow_unobs",
+            r"cannot estimate 'StateSpace/x\[2\]': .*allow_unobs",
         ),
         (
-            {"disturbances": {"force": 1.0, "x[1]": 1.0}},
+            {"disturbances": {"u": 1.0, "x[1]": 1.0}},
             LinearAnalysisError,
-            "'disturbance/force', 'disturbance/x",
+            "'disturbance/u', 'disturbance/StateSpace/x",
         ),
         (
             {"process_noise": 0.0},
             LinearAnalysisError,
-            r"no process noise drives 'x\[0\]', 'x\[1\]', which do not",
+            r"no process noise drives 'StateSpace/x\[0\]', 'StateSpace/x\[1\]', which",
         ),
         (
-            {"disturbances": {"force": 0.0}},
+            {"disturbances": {"u": 0.0}},
             LinearAnalysisError,
-            "no process noise drives 'disturbance/force'",
+            "no process noise drives 'disturbance/u'",
         ),
         (
-            {"plant": ACCELEROMETER, "process_noise": {"force": 1.0}},
+            {"plant": ACCELEROMETER, "process_noise": {"u": 1.0}},
             LinearAnalysisError,
-            "process noise enters what is measured, a, with nothing in between",
+            "process noise enters what is measured, y, with nothing in between",
         ),
         (
             {"process_noise": np.eye(3)},
@@ -131,7 +121,7 @@ def held():
         (
             {"process_noise": {"wind": 1.0}},
             NameLookupError,
-            r"nothing is called 'wind'; there are: x\[0\], x",
+            r"nothing is called 'wind'; there are: StateSpace.x\[0\], Sta",
         ),
         (
             {"process_noise": {"x[7]": 1.0}},
@@ -142,7 +132,7 @@ def held():
         (
             {"measured": "speed"},
             NameLookupError,
-            "nothing is called 'speed'; there are: y",
+            "has no port 'speed'; inputs: u; outputs: y",
         ),
         (
             {"measurement_noise": 0.0},
@@ -173,19 +163,14 @@ def held():
         ({"kind": "square"}, SimulationError, "choose from: steady, varying, extended"),
         ({"kind": "varying"}, ParameterError, "needs initial_covariance"),
         (
-            {"kind": "extended", "initial_covariance": 1.0},
-            LinearAnalysisError,
-            "give a block",
-        ),
-        (
             {"plant": 3},
             LinearAnalysisError,
-            "cannot make this Kalman filter of 3: give a block",
+            "cannot make this Kalman filter of 3: give a block; from_control",
         ),
         (
             {"plant": control.c2d(TWO, 0.1)},
             LinearAnalysisError,
-            "a linear model in continuous time",
+            "'DiscreteStateSpace': it has sampled blocks",
         ),
         ({"plant": held()}, LinearAnalysisError, "'held': it has sampled blocks"),
         (
@@ -196,7 +181,7 @@ def held():
         (
             {"plant": TWO, "process_noise": 1.0, "allow_unobserved": True},
             LinearAnalysisError,
-            r"cannot estimate 'x\[2\]', 'x\[3\]'",
+            r"cannot estimate 'StateSpace/x\[2\]', 'StateSpace/x\[3\]'",
         ),
     ],
 )

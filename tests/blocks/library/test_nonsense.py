@@ -35,7 +35,6 @@ from trussflow.blocks import (
     delay_margin,
     estimated_response,
     frequency_response,
-    largest_sample_time,
     linearize,
     simulate,
     trim,
@@ -278,12 +277,7 @@ def analyses():
             small(), at=at, states=states, inputs=inputs
         ),
         lambda loop=LAG, omega=None: delay_margin(loop, omega=omega),
-        lambda delay=0.0, points=9, plant=LAG: largest_sample_time(
-            plant, LAG, delay=delay, points=points
-        ),
-        lambda omega=1.0, amplitude=1.0: frequency_response(
-            small(), "g.u", "i.y", omega=omega, amplitude=amplitude
-        ),
+        lambda omega=1.0: frequency_response(small(), "g.u", "i.y", omega=omega),
         lambda path="": save(FIVE, path),
         lambda time=0.0: OperatingPoint(time=time),
         estimated,

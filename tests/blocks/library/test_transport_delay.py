@@ -186,12 +186,11 @@ def test_interpolation_between_steps_is_of_fourth_order():
 TEST_FREQUENCIES = np.array([0.3, 4.0, 60.0])
 
 
-@pytest.mark.parametrize("amplitude", [None, 0.1])
-def test_frequency_responses_have_the_exact_delay(amplitude):
+def test_frequency_responses_have_the_exact_delay():
     """Closed, broken before and behind the delay, and the delay alone."""
     late = TransportDelay(0.7, 1.0)
     d = loop(late)
-    settings = {"omega": TEST_FREQUENCIES, "amplitude": amplitude}
+    settings = {"omega": TEST_FREQUENCIES}
     turn = np.exp(-0.7j * TEST_FREQUENCIES)
     for ends, cut, exact in (
         (("x.u", "x.y"), (), 1 / (1j * TEST_FREQUENCIES + turn)),
@@ -199,7 +198,7 @@ def test_frequency_responses_have_the_exact_delay(amplitude):
         (("late.y", "late.y"), "late.y", -turn / (1j * TEST_FREQUENCIES)),
     ):
         found = frequency_response(d, *ends, cut=cut, **settings).frdata[0, 0]
-        assert_allclose(found, exact, rtol=1e-11 if amplitude else 1e-12, atol=0)
+        assert_allclose(found, exact, rtol=1e-12, atol=0)
     found = frequency_response(late, **settings).frdata[0, 0]
     assert_allclose(found, turn, rtol=1e-12, atol=0)
 

@@ -239,13 +239,6 @@ def test_unused_inputs_and_wires_do_not_spoil_the_model_but_used_ones_are_named(
         linearize(held, "plant.u", "plant.y")
 
 
-def test_describing_functions_of_sampled_diagrams_are_refused():
-    with pytest.raises(
-        LinearAnalysisError, match=r"'held': it has sampled blocks; use estimated_resp"
-    ):
-        linearize(held_oscillator(), "plant.u", "y", amplitude={"plant.x": 0.1})
-
-
 def test_sample_times_that_hardly_ever_coincide_are_refused():
     diagram = Diagram()
     diagram.add(a=ZeroOrderHold(0.1), b=ZeroOrderHold(0.1000003))

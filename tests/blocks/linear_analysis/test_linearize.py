@@ -90,8 +90,6 @@ def test_names_units_and_the_point_come_with_the_model():
     assert model.input_labels == ["force[0]", "force[1]"]
     assert model.output_labels == ["angle[0]", "angle[1]", "power"]
     assert model.state_labels == ["arm/q[0]", "arm/q[1]", "arm/v[0]", "arm/v[1]"]
-    assert model.input_units == ["N", "N"]
-    assert model.output_units == ["rad", "rad", "W"]
     assert model.derivatives == {}
     np.testing.assert_allclose(
         model.operating_point.states["arm.q"], [0.7, -0.4], rtol=ROUND_OFF
@@ -139,7 +137,9 @@ def test_parameters_of_the_point_count_and_a_linearizer_serves_many_points():
         model = linearizer.at(OperatingPoint(parameters={"arm.length": length}))
         assert model.A[2, 0] == pytest.approx(-np.cos(0.1) / length, abs=ROUND_OFF)
         assert model.operating_point.parameters == {"arm.length": length}
-    np.testing.assert_array_equal(linearizer.point().states["arm.q"], [0.1, 0.1])
+    np.testing.assert_array_equal(
+        linearizer.at().operating_point.states["arm.q"], [0.1, 0.1]
+    )
 
 
 def test_directions_differentiate_exactly_what_has_no_simple_form():

@@ -17,12 +17,10 @@ from trussflow.blocks import (
     State,
     StateSpace,
     ZeroOrderHold,
-    frequency_response,
     linearize,
     loop_transfer,
     trim,
 )
-from trussflow.blocks.errors import LinearAnalysisError
 from trussflow.blocks.linear_analysis.trim import _Problem
 
 
@@ -157,11 +155,3 @@ def test_the_equations_of_trim_have_exact_derivatives(kind):
         columns = [(up - down) / 2e-5 for up, down in ends]
         jacobian = problem._jacobian(local, z)
     np.testing.assert_allclose(jacobian, np.stack(columns, axis=1), rtol=0, atol=1e-8)
-
-
-def test_describing_functions_are_refused():
-    message = r"'swings': it has continuous Python blocks; use estimated_response"
-    with pytest.raises(LinearAnalysisError, match=f"describing functions of {message}"):
-        linearize(loop(Swing), amplitude={"r": 0.1})
-    with pytest.raises(LinearAnalysisError, match=f"balance harmonics of {message}"):
-        frequency_response(loop(Swing), omega=[1.0], amplitude=0.1)

@@ -179,26 +179,6 @@ def test_failed_samples_are_results():
     assert_array_equal(np.isnan(swept["x.y"].values).all((1, 2)), [0, 1, 1, 0])
 
 
-def test_stops_when_the_mean_is_known_well_enough():
-    vary, keep = {"noise.mean": stats.norm(5.0, 1.0)}, {"end": ("noise.y", "mean")}
-    one, other = (
-        sweep(
-            noisy(),
-            1.0,
-            vary=vary,
-            samples=5000,
-            keep=keep,
-            until={"end": 0.15},
-            step=0.1,
-            executor=name,
-        )
-        for name in ("serial", "threads")
-    )
-    # 1.96 sqrt(1 + variance of the noise's mean) / sqrt(n) <= 0.15
-    assert 150 <= one.sizes["sample"] <= 300
-    xr.testing.assert_equal(one, other)
-
-
 def test_the_end_is_rerun_from_a_file(tmp_path):
     swept = sweep(
         decay(),

@@ -1,4 +1,4 @@
-"""Delay margins and longest control periods, against exact stability limits."""
+"""Delay margins and responses with exact delays, against exact stability limits."""
 
 import control
 import numpy as np
@@ -6,18 +6,14 @@ import pytest
 
 from trussflow.blocks import (
     Diagram,
-    DiscreteStateSpace,
     Gain,
     StateSpace,
     TransportDelay,
-    UnitDelay,
     delay_margin,
     frequency_response,
-    largest_sample_time,
     linearize,
 )
 from trussflow.blocks.errors import LinearAnalysisError
-from trussflow.blocks.linear_analysis.frequency.delays import sampled_loop_radius
 
 INTEGRATOR = control.ss([[0.0]], [[1.0]], [[1.0]], [[0.0]])
 SAMPLED = control.ss([[0.5]], [[1.0]], [[1.0]], [[0.0]], 0.1)
@@ -103,64 +99,6 @@ def test_delay_margin_with_direct_feedthrough(D):
             assert (linearize(diagram, **wire).poles().real.max() < 0.0) == (part < 1.0)
 
 
-# -- longest periods -------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize("gain", [0.5, 20.0])
-@pytest.mark.parametrize("delay", [0.0, 0.25, 0.4, 0.6, 0.9, 1.0])
-def test_an_integrator_with_a_held_gain(gain, delay):
-    """With k = gain T, z^2 - (1 - k (1 - d)) z + k d is stable while k d < 1 and k (1 - 2 d) < 2."""
-    limit = 1 / (gain * max(delay, 0.5 - delay))
-    found = largest_sample_time(INTEGRATOR, static(-gain), delay=delay)
-    assert found == pytest.approx(limit, rel=1.1e-3)
-    assert found <= limit
-
-
-def test_a_first_order_plant():
-    """x+ = a x - k (1 - a) x with a = e^-T: stable to a = (k - 1) / (k + 1)."""
-    found = largest_sample_time(LAG, static(-5.0))
-    assert found == pytest.approx(-np.log(4 / 6), rel=1.1e-3)
-    assert largest_sample_time(LAG, static(-0.9)) == np.inf
-
-
-@pytest.mark.parametrize("delay", [0.0, 0.3, 0.8, 1.0])
-def test_the_radius_with_a_part_of_a_period_of_delay_and_a_lag(delay):
-    """The command before acts for a part of the period, and what it did decays in the rest."""
-    k, period = 2.5, 0.7
-    rest, first = np.exp(-(1 - delay) * period), np.exp(-delay * period)
-    polynomial = [1, -(first * rest - k * (1 - rest)), k * rest * (1 - first)]
-    radius = sampled_loop_radius(LAG, static(-k), period, delay)
-    assert radius == pytest.approx(np.abs(np.roots(polynomial)).max(), rel=1e-12)
-
-
-def test_the_radius_is_that_of_the_diagram_that_is_described():
-    """The lifted model of plant, controller with states, hold and one period of delay."""
-    plant = control.ss([[0, 1], [-4, -0.2]], [[0], [1]], [[1, 0]], [[0]])
-    law = control.ss([[-3.0]], [[1.0]], [[4.0]], [[-6.0]])
-    period = 0.15
-    for delay in (0.0, 1.0):
-        discrete = control.c2d(law, period, "zoh")
-        diagram = Diagram()
-        body, controller = diagram.add(
-            body=StateSpace(plant.A, plant.B, plant.C),
-            controller=DiscreteStateSpace(
-                discrete.A, discrete.B, discrete.C, discrete.D, sample_time=period
-            ),
-        )
-        body >> controller
-        if delay:
-            controller >> diagram.add(late=UnitDelay(period)) >> body
-        else:
-            controller >> body
-        poles = linearize(diagram, "body.u", "body.y").poles()
-        radius = sampled_loop_radius(plant, law, period, delay)
-        assert radius == pytest.approx(np.abs(poles).max(), rel=1e-10)
-
-
-def test_a_loop_that_is_unstable_at_any_period_gets_zero():
-    assert largest_sample_time(INTEGRATOR, static(1.0)) == 0.0
-
-
 @pytest.mark.parametrize(
     ("loop", "message"),
     [
@@ -177,34 +115,20 @@ def test_loops_without_a_delay_margin_are_refused(loop, message):
         delay_margin(loop)
 
 
-@pytest.mark.parametrize(
-    ("plant", "gain", "change", "message"),
-    [
-        (SAMPLED, -1.0, {}, r"the plant must be a continuous model"),
-        (LAG, [1.0, 2.0], {}, r"a plant with 1 inputs and 1 outputs does not"),
-        (
-            control.ss([[-1.0]], [[1.0]], [[1.0]], [[1.0]]),
-            -1.0,
-            {},
-            r"feedthrough has an algebraic loop",
-        ),
-        (LAG, -1.0, {"delay": 1.5}, r"delay = 1.5 must be from 0 to 1 periods"),
-        (LAG, -1.0, {"delay": -0.1}, r"delay = -0.1 must be from 0 to 1 periods"),
-        (
-            LAG,
-            -1.0,
-            {"shortest": 0.0},
-            r"shortest = 0.0, .* the periods must rise from above zero",
-        ),
-        (
-            LAG,
-            -1.0,
-            {"shortest": 2.0, "longest": 1.0},
-            r"longest = 1.0, .* the periods must rise",
-        ),
-        (LAG, -1.0, {"points": 1}, r"points = 1: the periods must rise"),
-    ],
-)
-def test_loops_without_a_largest_sample_time_are_refused(plant, gain, change, message):
-    with pytest.raises(LinearAnalysisError, match=message):
-        largest_sample_time(plant, static(gain), **change)
+@pytest.mark.parametrize("omega", [0.0, -1.0, np.nan, np.inf])
+def test_bad_frequencies_are_refused(omega):
+    with pytest.raises(
+        LinearAnalysisError, match=r"omega = .* must be a positive and finite"
+    ):
+        frequency_response(Gain(1.0), omega=[omega])
+
+
+def test_undamped_resonances_have_no_response():
+    spring = StateSpace([[0.0, 1.0], [-4.0, 0.0]], [[0.0], [1.0]], [[1.0, 0.0]])
+    with pytest.raises(
+        LinearAnalysisError, match=r"at 2 rad/s is not finite: undamped resonance"
+    ):
+        frequency_response(spring, omega=[2.0])
+    found = frequency_response(spring, omega=[1.0, 3.0])
+    np.testing.assert_allclose(found.complex, [1 / 3, -1 / 5], rtol=1e-14)
+    assert (found.input_labels, found.output_labels) == (["u[0]"], ["y[0]"])

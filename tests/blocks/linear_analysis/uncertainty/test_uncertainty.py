@@ -1,6 +1,5 @@
 """Uncertain models against exact members: nothing beyond the bounds, and the bounds are reached."""
 
-import sys
 from dataclasses import replace
 from itertools import product
 
@@ -22,7 +21,6 @@ from trussflow.blocks.errors import (
     SimulationWarning,
 )
 from trussflow.blocks.linear_analysis.uncertainty.gain_series import GainSeries, corners
-from trussflow.blocks.linear_analysis.uncertainty.worst_case import mu_bound
 from trussflow.models import TrussModes, TunableTruss
 from trussflow.models.truss.variations import loaded, scaled
 
@@ -56,11 +54,7 @@ def test_what_is_linear_or_quadratic_in_the_parameters_is_exact():
     )
 
 
-@pytest.mark.parametrize("installed", [True, False])
-def test_a_spring_is_softest_where_its_stiffness_is_least(installed, monkeypatch):
-    """The singular value is used if slycot is installed, else the series alone."""
-    if not installed:
-        monkeypatch.setitem(sys.modules, "slycot", None)
+def test_a_spring_is_softest_where_its_stiffness_is_least():
     found = worst_gain(model_of(stiffness=0.2, damping=0.5), 0.0, tolerance=TOLERANCE)
     assert found.reached[0] == pytest.approx(1.0 / 3.2, rel=1e-6)
     assert (
@@ -76,7 +70,7 @@ def test_no_member_is_beyond_the_bound_and_one_is_near():
     assert model.misfit < 0.01
     omega = np.array([0.5, 1.6, 1.8, 2.0, 2.2, 5.0])
     found, sampled = (
-        worst_gain(model, omega, tolerance=TOLERANCE),
+        worst_gain(model, omega, tolerance=TOLERANCE, boxes=4000),
         gains(model, omega, 3000),
     )
     assert np.all(sampled < found.bound)
@@ -150,26 +144,6 @@ def test_sampled_diagrams_are_uncertain_too():
         abs(model.family(np.array([d]))(np.exp(0.19j))) for d in np.linspace(-1, 1, 41)
     ]
     assert found.bound[1] / 1.2 < max(exact) < found.bound[1]
-
-
-def test_bounds_of_the_structured_singular_value():
-    random = np.random.default_rng(3)
-    matrix = random.standard_normal((4, 4)) + 1j * random.standard_normal((4, 4))
-    assert mu_bound(matrix, 0, 4) == pytest.approx(np.linalg.norm(matrix, 2), rel=1e-6)
-    assert mu_bound(1e9 * matrix, 0, 4) == pytest.approx(
-        1e9 * np.linalg.norm(matrix, 2), rel=1e-6
-    )
-    assert mu_bound(matrix, 2, 2) < np.linalg.norm(matrix, 2) * (1.0 + 1e-6)
-    # no real number makes 1 - 2j δ singular
-    assert mu_bound(np.array([[2j]]), 1, 0) == 0.0
-
-
-def test_without_slycot_the_message_says_what_to_install(monkeypatch):
-    monkeypatch.setitem(sys.modules, "slycot", None)
-    with pytest.raises(
-        LinearAnalysisError, match=r"by slycot; pip install 'trussflow\[uncertainty\]'"
-    ):
-        mu_bound(np.eye(2), 0, 2)
 
 
 BLOCKS = slice(0, 2), slice(2, 3), slice(3, 5)

@@ -1,0 +1,106 @@
+r"""Frequency response of a linearized diagram, with exact transport delays.
+
+A delay T with the input u has the output :math:`w = e^{-j \omega T} u`. In the linear model its
+approximant :math:`\dot z = A_p z + B_p u`, :math:`w = C_p z` has the same output if
+
+.. math:: e^{j \omega T} z = v u, \qquad C_p v = 1
+
+take the place of its equations.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from trussflow.blocks.errors import LinearAnalysisError
+from trussflow.blocks.framework.block import Block
+from trussflow.blocks.library.transport_delay import TransportDelay
+from trussflow.blocks.linear_analysis.linearize import Linearizer
+from trussflow.blocks.linear_analysis.operating_point import OperatingPoint
+from trussflow.blocks.linear_analysis.references import References
+from trussflow.blocks.support.interrupts import interruptible
+from trussflow.blocks.support.types import Vector
+from trussflow.blocks.support.validation import frequencies
+
+if TYPE_CHECKING:
+    import control
+
+
+@interruptible()
+def frequency_response(
+    item: Block,
+    inputs: References = None,
+    outputs: References = None,
+    *,
+    omega: Sequence[float] | Vector,
+    at: OperatingPoint | None = None,
+    cut: References = (),
+) -> control.FrequencyResponseData:
+    r"""Return the frequency response of `linearize`, with exact transport delays.
+
+    Delays are :math:`e^{-j \omega T}` in the place of their approximants. In a diagram with sampled
+    blocks, delays of whole samples are exact and transport delays are approximants.
+
+    Parameters
+    ----------
+    item : Block
+        A diagram, or a single block.
+    inputs, outputs, cut : Port, str or sequence of these, optional
+        As for `linearize`.
+    omega : array_like
+        Frequencies [rad/s].
+    at : OperatingPoint, optional
+        Operating point; by default the initial states.
+
+    Returns
+    -------
+    control.FrequencyResponseData
+
+    Raises
+    ------
+    LinearAnalysisError
+        If an argument makes no sense, or there is an undamped resonance at a frequency.
+    """
+    import control
+
+    omega = frequencies(omega)
+    linearizer = Linearizer(item, inputs, outputs, cut=cut)
+    model, point, (x, d, p) = linearizer.opened(at)
+    if model.instants is not None:
+        return linearizer.at(at).frequency_response(omega, squeeze=False)
+    size = x.size
+    factors = np.outer(1j * omega, np.ones(size))
+    with model.at(point.time, p) as local:
+        rates, rows = model.linear(local, x, d)
+        by_all = local.python_outputs(x, d)
+        for call, quantity in local.assembly.python.continuous:
+            delay = call.block
+            if not isinstance(delay, TransportDelay):
+                continue
+            by_inputs = local.substituted(local.matrix(quantity.name, x, d), by_all)
+            v = delay.C[:, None] / (delay.C @ delay.C)
+            rates[call.states] = np.kron(v, by_inputs[: delay.size])
+            turns = np.exp(1j * omega * delay.delay)
+            factors[:, call.states] = turns[:, None]
+    columns = model.input_columns
+    A, B = rates[:, :size], rates[:, columns]
+    C, D = rows[:, :size], rows[:, columns]
+    each = []
+    for w, factor in zip(omega, factors, strict=True):
+        try:
+            each.append(C @ np.linalg.solve(np.diag(factor) - A, B) + D)
+        except np.linalg.LinAlgError:
+            raise LinearAnalysisError(
+                f"the response at {w:g} rad/s is not finite: undamped resonance"
+            ) from None
+    input_labels, output_labels = linearizer.labels()
+    return control.FrequencyResponseData(
+        np.stack(each, axis=-1),
+        omega,
+        inputs=input_labels,
+        outputs=output_labels,
+        smooth=omega.size > 3,
+    )
