@@ -95,8 +95,6 @@ class Capabilities:
         Whether only one instance per process is allowed.
     variable_step : bool
         Whether the communication step size may vary.
-    interpolates_inputs : bool
-        Whether input derivatives may be set.
     event_mode : bool
         Whether the FMU reports events in co-simulation by returning early from a step (FMI 3).
     completed_step_needed : bool
@@ -112,7 +110,6 @@ class Capabilities:
     serializes_state: bool = False
     once_per_process: bool = False
     variable_step: bool = False
-    interpolates_inputs: bool = False
     event_mode: bool = False
     completed_step_needed: bool = True
     derivatives: bool = False
@@ -125,7 +122,6 @@ FMPY_ATTRIBUTES = {
     "serializes_state": "canSerializeFMUstate",
     "once_per_process": "canBeInstantiatedOnlyOncePerProcess",
     "variable_step": "canHandleVariableCommunicationStepSize",
-    "interpolates_inputs": "canInterpolateInputs",
     "event_mode": "hasEventMode",
     "completed_step_needed": "needsCompletedIntegratorStep",
 }

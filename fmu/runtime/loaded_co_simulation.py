@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-import ctypes
 from collections.abc import Callable, Mapping
 from typing import Any, ClassVar
 
 import numpy as np
 
 from trussflow.blocks.support.types import Vector
-from trussflow.fmu.errors import FmuError
-from trussflow.fmu.runtime.description import REAL_TYPES, Kind
+from trussflow.fmu.runtime.description import Kind
 from trussflow.fmu.runtime.discrete_inputs import DiscreteInputs
 from trussflow.fmu.runtime.library import Step
 from trussflow.fmu.runtime.loaded import LoadedFmu
@@ -158,45 +156,3 @@ class LoadedCoSimulation(LoadedFmu):
         update = self._settle()
         self._library.call("EnterStepMode")
         return update.terminate
-
-    # -- coupling ---------------------------------------------------------------------------
-
-    def set_input_derivatives(self, values: Vector) -> None:
-        """Set the time derivatives of all inputs for the next step (FMI 2).
-
-        Parameters
-        ----------
-        values : Vector
-            The derivatives [units as the FMU states, per second].
-
-        Raises
-        ------
-        FmuError
-            If the FMU cannot interpolate inputs, or an input is not a real number.
-        """
-        if not self.can_interpolate:
-            raise FmuError(
-                f"FMU '{self.description.name}' cannot interpolate its inputs: either "
-                "canInterpolateInputs is not set in its model description, or its version is FMI 3, or "
-                "an input is not a real number"
-            )
-        n = len(self.inputs)
-        buffer = np.ascontiguousarray(values, dtype=np.float64)
-        if buffer.shape != (n,):
-            raise FmuError(
-                f"FMU '{self.description.name}' has {n} inputs, not {buffer.size} derivatives"
-            )
-        references = (ctypes.c_uint * n)(*(v.reference for v in self.inputs))
-        orders = (ctypes.c_int * n)(*[1] * n)
-        self._library.call(
-            "SetRealInputDerivatives", references, n, orders, buffer.ctypes.data
-        )
-
-    @property
-    def can_interpolate(self) -> bool:
-        """Whether input derivatives may be set."""
-        return (
-            self._library.version == 2
-            and self.capabilities.interpolates_inputs
-            and all(v.type in REAL_TYPES for v in self.inputs)
-        )

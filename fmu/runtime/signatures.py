@@ -37,7 +37,6 @@ FMI2_FUNCTIONS = {
     "cpp": "SerializedFMUstateSize",
     "cppz": "SerializeFMUstate",
     "cddi": "DoStep",
-    "cpzpp": "SetRealInputDerivatives",
     "cip": "GetRealStatus GetBooleanStatus",
     "cipp": "CompletedIntegratorStep",
     "cpz": "GetDerivatives",

@@ -124,24 +124,6 @@ def test_dependencies(make_fmu, version):
     assert unknown.feedthrough()["y"] == tuple(p.name for p in unknown.inputs())
 
 
-def test_input_derivatives(loaded):
-    """U = 1 + 3 t within the step, so that y = 2 u ends at 2.6."""
-    alone = {
-        f'valueReference="{k}" causality="input"': f'valueReference="{k}"'
-        for k in (0, 2)
-    }
-    slave = loaded("types", flags='canInterpolateInputs="true"', replace=alone)
-    assert slave.can_interpolate
-    slave.set_inputs(np.array([1.0]))
-    slave.set_input_derivatives(np.array([3.0]))
-    slave.do_step(0.0, 0.1)
-    assert slave.get_outputs()[0] == pytest.approx(2.6, abs=1e-15)
-    with pytest.raises(FmuError, match="has 1 inputs, not 2 derivatives"):
-        slave.set_input_derivatives(np.zeros(2))
-    with pytest.raises(FmuError, match="cannot interpolate its inputs"):
-        loaded("types", 3).set_input_derivatives(np.zeros(3))
-
-
 @versions
 def test_setup_begins_anew(loaded, version):
     slave, found = loaded(version=version), []
