@@ -16,7 +16,7 @@ from trussflow.blocks.framework.diagram import Diagram, leaves
 from trussflow.blocks.framework.port import Port
 from trussflow.blocks.support.validation import positive
 from trussflow.fmu.errors import ExportError
-from trussflow.fmu.exporting.description.xml_text import (
+from trussflow.fmu.exporting.description.model_description import (
     base_unit,
     filled,
     generation_tool,

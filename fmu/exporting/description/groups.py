@@ -55,31 +55,26 @@ def variables(
         Whether each element of `p` has an effect after initialization.
     """
     taken = {*item.ports, *getattr(item, "blocks", ())}
-    name = "time" if "time" not in taken else "independent_time"
     time = Variable(
-        name, (), 1, "independent", "continuous", "", None, ("s",), "simulation time"
+        "time" if "time" not in taken else "independent_time",
+        (),
+        ("s",),
+        "simulation time",
+        causality="independent",
+        initial="",
+        reference=1,
     )
-    inputs = _numbered(
-        (_of_port(port, "", starts[port.name].ravel()) for port in item.inputs()), 2
-    )
+    inputs = _numbered((_input(port, starts) for port in item.inputs()), 2)
     parameters = _numbered(_parameters(item, plan, p, tunable), 2 + plan.u.size)
     first = 2 + plan.u.size + plan.p.size
     states = _numbered(_states(item, plan, plan.x, x), first)
     derivatives = tuple(_derivative(v, plan.x.size) for v in states)
-    outputs = _numbered(
-        (_of_port(port, "calculated", None) for port in item.outputs()),
-        first + 2 * plan.x.size,
-    )
-    shown = _states(item, plan, plan.modes, d)
-    calculated = (
+    outputs = _numbered(map(_of_port, item.outputs()), first + 2 * plan.x.size)
+    first = outputs[-1].references.stop
+    modes = (
         replace(v, variability="discrete", initial="calculated", start=None)
-        for v in shown
+        for v in _states(item, plan, plan.modes, d)
     )
-    modes = _numbered(calculated, outputs[-1].references.stop)
-    indicators = _numbered(
-        _indicators(item, plan), outputs[-1].references.stop + plan.modes.size
-    )
-    memory = _numbered(_states(item, plan, plan.memory, d), plan.memory.span.start)
     return Variables(
         time,
         inputs,
@@ -87,9 +82,9 @@ def variables(
         states,
         derivatives,
         outputs,
-        modes,
-        indicators,
-        memory,
+        modes=_numbered(modes, first),
+        indicators=_numbered(_indicators(item, plan), first + plan.modes.size),
+        memory=_numbered(_states(item, plan, plan.memory, d), plan.memory.span.start),
     )
 
 
@@ -153,39 +148,44 @@ def _numbered(group: Iterable[Variable], first: int) -> VariableGroup:
     return tuple(numbered)
 
 
-def _of_port(port: Port, initial: str, start: Vector | None) -> Variable:
+def _of_port(port: Port) -> Variable:
+    """Return the variable of an output."""
     inner = resolved(port)
     frame = f" [frame: {port.frame}]" if port.frame else ""
     held = not port.is_input and inner.block.sample_time is not None
-    causality = "input" if port.is_input else "output"
-    variability = "discrete" if held else "continuous"
-    shape = port.whole_shape or ()
-    units = port.element_units()
-    meaning = inner.declaration.meaning + frame
     return Variable(
         port.name,
-        shape,
-        0,
-        causality,
-        variability,
-        initial,
-        start,
-        units,
-        meaning.strip(),
+        port.whole_shape or (),
+        port.element_units(),
+        (inner.declaration.meaning + frame).strip(),
+        causality="output",
+        variability="discrete" if held else "continuous",
     )
+
+
+def _input(port: Port, starts: Starts) -> Variable:
+    start = starts[port.name].ravel()
+    return replace(_of_port(port), causality="input", initial="", start=start)
+
+
+def _of_entry(item: Block, plan: Plan, e: Entry) -> Variable:
+    """Return the variable of a parameter, a state or an event."""
+    declared = plan.system.blocks[e.path]._declared[e.name]
+    unit = declared.unit
+    units = unit if isinstance(unit, tuple) else (unit or None,) * (e.stop - e.start)
+    return Variable(name_of(item, e), e.shape, units, declared.meaning)
 
 
 def _parameters(
     item: Block, plan: Plan, p: Vector, tunable: Pattern
 ) -> Iterator[Variable]:
     for e in plan.p:
-        declared = plan.system.blocks[e.path]._declared[e.name]
-        kind = "tunable" if tunable[e.start : e.stop].any() else "fixed"
-        units = (declared.unit or None,) * (e.stop - e.start)
-        name = name_of(item, e)
-        start = p[e.start : e.stop].copy()
-        yield Variable(
-            name, e.shape, 0, "parameter", kind, "exact", start, units, declared.meaning
+        yield replace(
+            _of_entry(item, plan, e),
+            causality="parameter",
+            variability="tunable" if tunable[e.start : e.stop].any() else "fixed",
+            initial="exact",
+            start=p[e.start : e.stop].copy(),
         )
 
 
@@ -199,55 +199,27 @@ def _states(
         of_parameter = (
             isinstance(declared.initial, str) and type(block).initial is Block.initial
         )
-        unit = declared.unit
-        units = (
-            unit if isinstance(unit, tuple) else (unit or None,) * (e.stop - e.start)
-        )
-        free = block not in setting and not of_parameter
-        start = values[e.start : e.stop] if free else None
-        initial = "exact" if free else "calculated"
-        name = name_of(item, e)
-        yield Variable(
-            name,
-            e.shape,
-            0,
-            "local",
-            "continuous",
-            initial,
-            start,
-            units,
-            declared.meaning,
-        )
+        variable = _of_entry(item, plan, e)
+        if block not in setting and not of_parameter:
+            start = values[e.start : e.stop]
+            variable = replace(variable, initial="exact", start=start)
+        yield variable
 
 
 def _indicators(item: Block, plan: Plan) -> Iterator[Variable]:
     for e in plan.sides:
         declared = plan.system.blocks[e.path].declared(Event)[e.name]
-        units = (declared.unit or None,) * (e.stop - e.start)
-        name = f"{name_of(item, e)}.indicator"
-        kind = KINDS[declared.kind]
-        if kind != TIMED:
-            yield Variable(
-                name,
-                e.shape,
-                0,
-                "local",
-                "continuous",
-                "calculated",
-                None,
-                units,
-                declared.meaning,
-            )
+        if KINDS[declared.kind] != TIMED:
+            variable = _of_entry(item, plan, e)
+            yield replace(variable, name=f"{variable.name}.indicator")
 
 
 def _derivative(state: Variable, distance: int) -> Variable:
-    return replace(
-        state,
-        name=f"der({state.name})",
+    return Variable(
+        f"der({state.name})",
+        state.shape,
+        tuple(f"({unit})/s" if unit else None for unit in state.units),
+        f"rate of {state.name}",
         reference=state.reference + distance,
-        initial="calculated",
-        start=None,
-        units=tuple(f"({unit})/s" if unit else None for unit in state.units),
-        meaning=f"rate of {state.name}",
         state=state.reference,
     )

@@ -1,28 +1,41 @@
-"""Text of ``modelDescription.xml``: the part common to both FMI versions."""
+"""Text of ``modelDescription.xml`` and of ``buildDescription.xml``."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from uuid import UUID
+from xml.etree import ElementTree
 from xml.etree.ElementTree import Element, SubElement
 
-from trussflow.fmu.exporting.description import fmi2_xml, fmi3_xml
+import numpy as np
+
+from trussflow.blocks.results.dataset import own_version
+from trussflow.fmu.exporting.description.dependencies import Dependencies, Pattern
 from trussflow.fmu.exporting.description.export_interface import ExportInterface
-from trussflow.fmu.exporting.description.variables import STRUCTURED_NAME
-from trussflow.fmu.exporting.description.xml_text import (
-    base_unit,
-    filled,
-    generation_tool,
-    text,
+from trussflow.fmu.exporting.description.variables import (
+    STRUCTURED_NAME,
+    Variable,
+    VariableGroup,
+    Variables,
 )
-from trussflow.fmu.fmi_units import fmi_unit
+from trussflow.fmu.fmi_units import FmiUnit, fmi_unit
+
+FMI_VERSIONS = ("2.0", "3.0")
+"""Versions of FMI that can be exported."""
 
 LOG_CATEGORY = "logStatus"
 """Category of all log messages: reasons for refused calls and failed steps."""
 
-VERSION_MODULES = {"2.0": fmi2_xml, "3.0": fmi3_xml}
-"""Modules with the XML specific to each version of FMI."""
+UNKNOWN_ELEMENTS = {
+    "Outputs": "Output",
+    "Derivatives": "ContinuousStateDerivative",
+    "InitialUnknowns": "InitialUnknown",
+}
+"""Elements of the model structure: lists of FMI 2.0, and FMI 3.0's element for one variable."""
+
+Rows = list[tuple[Variable, Pattern]]
+"""Variables with the dependencies of their elements."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,28 +80,21 @@ def model_description(
     interface : ExportInterface
         The exported interface.
     version : str
-        ``"2.0"`` or ``"3.0"``.
+        ``"2.0"`` (one variable per scalar) or ``"3.0"`` (one variable per array).
     uses : sequence of Use
         Kinds of use, model exchange first.
     """
     scalar = version == "2.0"
-    names = [
-        name
-        for v in interface.variables
-        for name in (v.scalars() if scalar else [v.name])
-    ]
-    structured = all(STRUCTURED_NAME.fullmatch(name) for name in names)
+    shown = interface.variables.scalarized() if scalar else interface.variables
+    structured = all(STRUCTURED_NAME.fullmatch(v.name) for v in shown)
+    indicators = sum(v.size for v in shown.indicators)
     about = {
         "fmiVersion": version,
         "modelName": interface.name,
         "guid" if scalar else "instantiationToken": token(interface, version),
         "generationTool": generation_tool(),
         "variableNamingConvention": "structured" if structured else "flat",
-        "numberOfEventIndicators": str(
-            sum(v.size for v in interface.variables.indicators)
-        )
-        if scalar
-        else "",
+        "numberOfEventIndicators": str(indicators) if scalar else "",
         "description": interface.meaning,
         **interface.about,
     }
@@ -103,7 +109,7 @@ def model_description(
             files = SubElement(element, "SourceFiles")
             for name in use.sources:
                 SubElement(files, "File", name=name)
-    _add_units(root, interface)
+    _add_units(root, shown)
     categories = SubElement(root, "LogCategories")
     SubElement(
         categories,
@@ -118,24 +124,173 @@ def model_description(
         "stepSize": repr(interface.step),
     }
     SubElement(root, "DefaultExperiment", experiment)
-    VERSION_MODULES[version].add_variables(
-        SubElement(root, "ModelVariables"), interface
-    )
-    VERSION_MODULES[version].add_structure(
-        SubElement(root, "ModelStructure"), interface
+    variables = SubElement(root, "ModelVariables")
+    for v in shown:
+        if v.size:
+            _add_variable(variables, v, scalar)
+    _add_structure(
+        SubElement(root, "ModelStructure"), shown, interface.dependencies, scalar
     )
     return text(root)
 
 
-def _add_units(root: Element, interface: ExportInterface) -> None:
+def _add_units(root: Element, shown: Variables) -> None:
     """Add the definitions of all units of the variables."""
     definitions = SubElement(root, "UnitDefinitions")
-    for name in sorted(
-        {unit for v in interface.variables for unit in v.units if unit is not None}
-    ):
+    for name in sorted({unit for v in shown for unit in v.units if unit is not None}):
         unit = fmi_unit(name)
         element = SubElement(definitions, "Unit", name=name)
         if unit.exponents is not None:
             SubElement(element, "BaseUnit", base_unit(unit))
-        for shown, factor in unit.display:
-            SubElement(element, "DisplayUnit", name=shown, factor=repr(factor))
+        for display, factor in unit.display:
+            SubElement(element, "DisplayUnit", name=display, factor=repr(factor))
+
+
+def _add_variable(parent: Element, v: Variable, scalar: bool) -> None:
+    """Add one variable: a real scalar of FMI 2.0, or an array of FMI 3.0."""
+    about = {
+        "name": v.name,
+        "valueReference": str(v.reference),
+        "description": v.description(),
+        "causality": v.causality,
+        "variability": v.variability,
+        "initial": v.initial,
+    }
+    number = {}
+    if v.unit is not None:
+        number["unit"] = v.unit
+        if display := fmi_unit(v.unit).display:
+            number["displayUnit"] = display[0][0]
+    if v.start is not None:
+        number["start"] = " ".join(repr(float(value)) for value in v.start)
+    if v.state is not None:
+        # FMI 2.0 needs the index of the state, which equals its reference
+        number["derivative"] = str(v.state)
+    if scalar:
+        element = SubElement(parent, "ScalarVariable", filled(about))
+        SubElement(element, "Real", number)
+        return
+    element = SubElement(parent, "Float64", filled(about) | number)
+    for size in v.shape:
+        SubElement(element, "Dimension", start=str(size))
+
+
+def _add_structure(
+    parent: Element, shown: Variables, needs: Dependencies, scalar: bool
+) -> None:
+    """Add the dependencies between variables: a variable has those of all its elements."""
+    known = (shown.time, *shown.inputs, *shown.parameters, *shown.states)
+    references = np.repeat([v.reference for v in known], [v.size for v in known])
+    for (title, name), rows in zip(
+        UNKNOWN_ELEMENTS.items(), _unknowns(shown, needs), strict=True
+    ):
+        found = {}
+        for variable, patterns in rows:
+            needed = references[np.any(patterns, axis=0)].tolist()
+            found[variable.reference] = " ".join(map(str, dict.fromkeys(needed)))
+        if scalar and found:
+            listed = SubElement(parent, title)
+            for reference, names in sorted(found.items()):
+                SubElement(listed, "Unknown", index=str(reference), dependencies=names)
+        elif not scalar:
+            for reference, names in found.items():
+                SubElement(
+                    parent, name, valueReference=str(reference), dependencies=names
+                )
+    if not scalar:
+        for variable in shown.indicators:
+            SubElement(parent, "EventIndicator", valueReference=str(variable.reference))
+
+
+def _unknowns(shown: Variables, needs: Dependencies) -> tuple[Rows, Rows, Rows]:
+    """Return the unknowns: outputs, derivatives, and initial unknowns.
+
+    Parameters count as dependencies of initial unknowns only.
+    """
+    elsewhere = np.ones(needs.outputs.shape[1], dtype=bool)
+    elsewhere[[r - 1 for v in shown.parameters for r in v.references]] = False
+    states = _rows(shown.states, needs.initial_states)
+    return (
+        [*_rows(shown.outputs, needs.outputs & elsewhere)],
+        [*_rows(shown.derivatives, needs.derivatives & elsewhere)],
+        [
+            *_rows(shown.outputs, needs.initial_outputs),
+            *((v, rows) for v, rows in states if v.initial == "calculated"),
+            *_rows(shown.derivatives, needs.initial_derivatives),
+        ],
+    )
+
+
+def _rows(group: VariableGroup, pattern: Pattern) -> Iterator[tuple[Variable, Pattern]]:
+    for v in group:
+        if v.size:
+            begin = v.reference - group[0].reference
+            yield v, pattern[begin : begin + v.size]
+
+
+def build_description(interface: ExportInterface, sources: Sequence[str]) -> str:
+    """Return the text of ``sources/buildDescription.xml`` of FMI 3.0.
+
+    Parameters
+    ----------
+    interface : ExportInterface
+        The exported interface.
+    sources : sequence of str
+        Source files to compile.
+    """
+    root = Element("fmiBuildDescription", fmiVersion="3.0")
+    build = SubElement(root, "BuildConfiguration", modelIdentifier=interface.identifier)
+    files = SubElement(build, "SourceFileSet")
+    for name in sources:
+        SubElement(files, "SourceFile", name=name)
+    return text(root)
+
+
+def generation_tool() -> str:
+    """Return the name and version of this program."""
+    return f"trussflow {own_version()}"
+
+
+def base_unit(unit: FmiUnit) -> dict[str, str]:
+    """Return the attributes that define a unit in SI base units.
+
+    Parameters
+    ----------
+    unit : FmiUnit
+        The unit; without exponents it has no attributes.
+    """
+    found = {
+        part: str(power) for part, power in (unit.exponents or {}).items() if power
+    }
+    if unit.factor != 1:
+        found["factor"] = repr(unit.factor)
+    if unit.offset:
+        found["offset"] = repr(unit.offset)
+    return found
+
+
+def filled(attributes: Mapping[str, str]) -> dict[str, str]:
+    """Return the attributes that have a value.
+
+    Parameters
+    ----------
+    attributes : mapping of str
+        Values by name; empty ones are left out.
+    """
+    return {name: value for name, value in attributes.items() if value}
+
+
+def text(root: Element) -> str:
+    """Return an XML tree as text.
+
+    Parameters
+    ----------
+    root : Element
+        The tree.
+    """
+    ElementTree.indent(root)
+    return (
+        '<?xml version="1.0" encoding="UTF-8"?>\n'
+        + ElementTree.tostring(root, "unicode")
+        + "\n"
+    )

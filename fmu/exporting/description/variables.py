@@ -28,30 +28,30 @@ class Variable:
         Name of the port, ``block.parameter`` or ``block.state``.
     shape : tuple of int
         Shape of the array; ``()`` for a scalar.
-    reference : int
-        Value reference of the first element, and of the whole array in FMI 3; elements follow
-        in row-major order.
-    causality, variability, initial : str
-        Attributes as defined by FMI; `initial` is empty where FMI defines none.
-    start : Vector or None
-        Flat value before initialization [units]; None for a calculated variable.
     units : tuple of (str or None)
         Unit of each element; None if it is not stated.
     meaning : str
         Description, one line.
+    causality, variability, initial : str
+        Attributes as defined by FMI; `initial` is empty where FMI defines none.
+    start : Vector or None
+        Flat value before initialization [units]; None for a calculated variable.
+    reference : int
+        Value reference of the first element, and of the whole array in FMI 3; elements follow
+        in row-major order.
     state : int or None
         For a derivative, the value reference of its state.
     """
 
     name: str
     shape: tuple[int, ...]
-    reference: int
-    causality: str
-    variability: str
-    initial: str
-    start: Vector | None
     units: tuple[str | None, ...]
-    meaning: str = ""
+    meaning: str
+    causality: str = "local"
+    variability: str = "continuous"
+    initial: str = "calculated"
+    start: Vector | None = None
+    reference: int = 0
     state: int | None = None
 
     @property
@@ -80,9 +80,9 @@ class Variable:
                 self,
                 name=name,
                 shape=(),
-                reference=self.reference + i,
-                start=None if self.start is None else self.start[i : i + 1],
                 units=self.units[i : i + 1],
+                start=None if self.start is None else self.start[i : i + 1],
+                reference=self.reference + i,
                 state=None if self.state is None else self.state + i,
             )
             for i, name in enumerate(self.scalars())

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from trussflow.fmu.exporting.description import fmi3_xml
 from trussflow.fmu.exporting.description.export_interface import ExportInterface
 from trussflow.fmu.exporting.description.model_description import (
     Use,
+    build_description,
     model_description,
     token,
 )
@@ -77,7 +77,7 @@ def native_files(
         "sources/model.c": code.model,
     }
     if version == "3.0":
-        texts["sources/buildDescription.xml"] = fmi3_xml.build_description(
+        texts["sources/buildDescription.xml"] = build_description(
             interface, COMPILED_FILES
         )
     files = {path: text.encode() for path, text in texts.items()}
