@@ -6,6 +6,7 @@ import argparse
 import sys
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 from trussflow.blocks.framework.command_arguments import (
     Outcome,
@@ -101,15 +102,13 @@ def _performed(options: argparse.Namespace) -> Outcome:
     return outcome
 
 
-def _export(
-    item: str, path: Path, parameters: list[str], **settings: object
-) -> Outcome:
+def _export(item: str, path: Path, parameters: list[str], **settings: Any) -> Outcome:
     path = export(
         block_of(item),
         path,
         parameters=values_of("--parameter", parameters),
         **settings,
-    )  # type: ignore[arg-type]
+    )
     size = path.stat().st_size
     return Outcome({"file": path, "bytes": size}, f"{path}: {size / 1e6:.2f} MB")
 

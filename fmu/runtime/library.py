@@ -12,11 +12,15 @@ from trussflow.blocks.support.temporary_folders import not_loaded
 from trussflow.blocks.support.types import Vector
 from trussflow.fmu.errors import FmuBinaryError, FmuCallError, FmuError
 from trussflow.fmu.runtime.description import FmuDescription, Kind
-from trussflow.fmu.runtime.messages import Messages, status_name
+from trussflow.fmu.runtime.messages import (
+    PYTHON_LOGGER,
+    STATUS_ERROR,
+    STATUS_FATAL,
+    STATUS_WARNING,
+    Messages,
+    status_name,
+)
 from trussflow.fmu.runtime.signatures import function
-
-STATUS_WARNING, STATUS_DISCARD, STATUS_ERROR, STATUS_FATAL = 1, 2, 3, 4
-"""FMI statuses that are handled; any other status above a warning is an error."""
 
 _alone: set[str] = set()
 """Tokens of FMUs that allow one instance per process and have one in this process."""
@@ -325,6 +329,7 @@ class Library:
         """Free the instance, if it exists and calls are still allowed."""
         component = self.component
         self.component = None
+        PYTHON_LOGGER.removeHandler(self.log)
         if component:
             _alone.discard(self.description.token)
         if component and not self.dead:

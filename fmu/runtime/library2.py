@@ -11,15 +11,8 @@ from typing import Any, ClassVar
 import numpy as np
 
 from trussflow.fmu.errors import FmuBinaryError
-from trussflow.fmu.runtime.library import (
-    STATUS_DISCARD,
-    STATUS_WARNING,
-    Library,
-    Step,
-    Update,
-    unload,
-)
-from trussflow.fmu.runtime.messages import callbacks2
+from trussflow.fmu.runtime.library import Library, Step, Update, unload
+from trussflow.fmu.runtime.messages import STATUS_DISCARD, STATUS_WARNING, callbacks2
 
 KIND_LAST_SUCCESSFUL_TIME, KIND_TERMINATED = 2, 3
 """Values of ``fmi2StatusKind`` that are queried after a discarded step."""

@@ -10,14 +10,8 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from trussflow.fmu.runtime.library import (
-    STATUS_DISCARD,
-    STATUS_WARNING,
-    Library,
-    Step,
-    Update,
-)
-from trussflow.fmu.runtime.messages import callback3
+from trussflow.fmu.runtime.library import Library, Step, Update
+from trussflow.fmu.runtime.messages import STATUS_DISCARD, STATUS_WARNING, callback3
 from trussflow.fmu.runtime.signatures import INTEGER_TYPES
 
 

@@ -23,6 +23,7 @@ from trussflow.fmu.runtime.file import FmuFile
 from trussflow.fmu.runtime.library import Library, Update
 from trussflow.fmu.runtime.library2 import Library2
 from trussflow.fmu.runtime.library3 import Library3
+from trussflow.fmu.runtime.messages import PYTHON_LOGGER
 from trussflow.fmu.runtime.start_values import apply, resized, resolve
 from trussflow.fmu.runtime.variable_buffers import VariableBuffers
 
@@ -190,7 +191,11 @@ class LoadedFmu(KnownFmu):
         library.broken = False
         library.log.messages.clear()
         library.check_alone()
+        library.log.instance = ""
+        if not self._logging:
+            PYTHON_LOGGER.addHandler(library.log)
         library.instantiate(self._name, logging=self._logging)
+        library.log.instance = self._name
         starts = {**self._starts, **resolve(self.description, start or {})}
         known = self.description.variables
         structure = {n: starts.pop(n) for n in list(starts) if known[n].is_structural}

@@ -3,11 +3,15 @@
 from __future__ import annotations
 
 import ctypes
+import logging
 import shutil
 from collections import deque
 from contextlib import suppress
 from pathlib import Path
 from typing import Any, ClassVar, TextIO
+
+STATUS_WARNING, STATUS_DISCARD, STATUS_ERROR, STATUS_FATAL = 1, 2, 3, 4
+"""FMI statuses that are handled; any other status above a warning is an error."""
 
 STATUS_NAMES = ("ok", "warning", "discard", "error", "fatal", "pending")
 """Names of the FMI statuses, by number."""
@@ -19,19 +23,27 @@ MAX_SHOWN_MESSAGES = 12
 """Maximum number of messages in an error message."""
 
 
-class Messages:
-    """The latest log messages of one instance of an FMU.
+PYTHON_LOGGER = logging.getLogger("trussflow_fmu")
+"""Python logger of the Python FMUs of trussflow; their wrapper drops messages unless logging is on."""
+
+
+class Messages(logging.Handler):
+    """The latest log messages of one instance of an FMU; also a handler of `PYTHON_LOGGER`.
 
     Attributes
     ----------
     messages : deque of (int, str, str)
         Status, category, text.
+    instance : str
+        Name of the instance; empty until it exists.
     """
 
     echo: ClassVar[TextIO | None] = None
     """Stream to which messages are also written immediately; set in a process that may crash."""
 
     def __init__(self) -> None:
+        super().__init__()
+        self.instance = ""
         self.messages: deque[tuple[int, str, str]] = deque(maxlen=MAX_KEPT_MESSAGES)
 
     def add(self, status: int, category: bytes | None, text: bytes | None) -> None:
@@ -53,9 +65,17 @@ class Messages:
             self.echo.write(f"[{status_name(status)}] {said}\n")
             self.echo.flush()
 
+    def emit(self, record: logging.LogRecord) -> None:
+        """Store an error of this instance; also one without a name, while it is created."""
+        text = record.getMessage()
+        if not self.instance or text.startswith(f"{self.instance}: "):
+            self.add(STATUS_ERROR, None, text.encode())
+
     def text(self) -> str:
         """Return the latest warnings and errors, or else the latest messages, for an error message."""
-        worst = [m for m in self.messages if m[0] >= 1] or list(self.messages)
+        worst = [m for m in self.messages if m[0] >= STATUS_WARNING] or list(
+            self.messages
+        )
         if not worst:
             return "; the FMU logged nothing"
         lines = [

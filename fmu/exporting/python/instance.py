@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import contextlib
 from collections.abc import Sequence
-from dataclasses import dataclass, fields
 from itertools import pairwise
 from math import prod
 from typing import Any
@@ -14,7 +13,6 @@ import numpy as np
 from trussflow.blocks.errors import TrussflowError
 from trussflow.blocks.framework.clock import SNAP
 from trussflow.blocks.framework.declarations import TIMED
-from trussflow.blocks.results.state_file import Snapshot, decode, encode
 from trussflow.blocks.simulation.session import Session
 from trussflow.blocks.support.types import Vector
 from trussflow.fmu.exporting.python.payload import Payload
@@ -22,31 +20,6 @@ from trussflow.fmu.exporting.python.payload import Payload
 
 class RefusedError(Exception):
     """A call by the importer violates the FMI standard or the interface."""
-
-
-@dataclass(frozen=True, slots=True)
-class State:
-    """Saved state of an instance.
-
-    Attributes
-    ----------
-    start : float
-        Start time [s].
-    values : Vector
-        Latest values of all variables, set or computed [units as declared].
-    touched : tuple of int
-        Indices of the elements of the initial state that the importer set.
-    fault : str
-        Reason why the next step is refused; empty if it is not.
-    snapshot : Snapshot or None
-        Snapshot of the session; None before the end of initialization.
-    """
-
-    start: float
-    values: Vector
-    touched: tuple[int, ...]
-    fault: str
-    snapshot: Snapshot | None
 
 
 class Instance:
@@ -76,15 +49,14 @@ class Instance:
         self._events = slice(first, None)
         self._values = np.zeros(len(payload.names))
         # Masks of the variables that may be set before and after the end of initialization.
-        self._early, self._late = (
-            np.zeros(len(self._values), dtype=bool) for _ in "ab"
-        )
+        self._early = np.zeros(len(self._values), dtype=bool)
+        self._late = self._early.copy()
         self._early[self._u] = self._late[self._u] = self._early[self._p] = True
         self._early[self._x] = payload.vector("exact") > 0
         self._late[self._p] = payload.vector("tunable") > 0
+        self._touched = np.zeros(len(self._values))  # 1 for each value that was set
         for name, part in (("u", self._u), ("p", self._p), ("x", self._x)):
             self._values[part] = payload.vector(name)
-        self._touched: set[int] = set()
         self._start = 0.0
         self._fault = ""
         self._running = self._ended = False
@@ -119,7 +91,7 @@ class Instance:
             self._fault = f"'{self._payload.names[bad[0]]}' cannot be set {when}"
             raise RefusedError(f"{self._fault}; the next step is refused")
         self._values[indices] = values
-        self._touched |= {int(i) for i in indices if self._x.start <= i < self._x.stop}
+        self._touched[indices] = 1.0
         self._stale = True
         self._inputs_set |= bool(np.any(indices < self._u.stop))
         self._parameters_set |= bool(np.any(indices >= self._u.stop))
@@ -154,9 +126,7 @@ class Instance:
         """Start the session from the values set so far."""
         plan = self._session.prepared.plan
         values = self._values
-        chosen = np.zeros(len(values))
-        chosen[[*self._touched]] = 1.0
-        touched = plan.x.named(chosen[self._x])
+        touched = plan.x.named(self._touched[self._x])
         states = {
             name: v
             for name, v in plan.x.named(values[self._x]).items()
@@ -206,8 +176,8 @@ class Instance:
             raise
         self._running = True
 
-    def step(self, time: float, length: float) -> None:
-        """Advance by one communication step.
+    def step(self, time: float, length: float) -> bool:
+        """Advance by one communication step; return True.
 
         Parameters
         ----------
@@ -229,6 +199,7 @@ class Instance:
         except BaseException as error:
             self._fault = f"the step from t = {time:g} s failed before: {error}"
             raise
+        return True
 
     def _advance(self, time: float, length: float) -> None:
         if not self._running or self._ended:
@@ -265,8 +236,8 @@ class Instance:
 
     # -- states -------------------------------------------------------------------------------
 
-    def save(self) -> State:
-        """Return the current state.
+    def save(self) -> dict[str, Any]:
+        """Return the current state; the snapshot is None before the end of initialization.
 
         Raises
         ------
@@ -276,8 +247,13 @@ class Instance:
         if self._running:
             self._apply()
         snapshot = self._session.save() if self._running else None
-        touched = tuple(sorted(self._touched))
-        return State(self._start, self._values.copy(), touched, self._fault, snapshot)
+        return {
+            "start": self._start,
+            "values": self._values.copy(),
+            "touched": self._touched.copy(),
+            "fault": self._fault,
+            "snapshot": snapshot,
+        }
 
     def restore(self, state: object) -> None:
         """Restore a state of this or another instance of the same FMU.
@@ -287,65 +263,24 @@ class Instance:
         RefusedError
             If `state` is not such a state; the next step is refused then.
         """
-        if not isinstance(state, State):
+        if not isinstance(state, dict):
             reason = state if isinstance(state, str) else "it was not saved"
             self._fault = f"a state could not be restored: {reason}"
             raise RefusedError(self._fault)
-        if len(state.values) != len(self._values):
+        if len(state["values"]) != len(self._values):
             self._fault = "a state could not be restored: it belongs to another FMU"
             raise RefusedError(self._fault)
-        if state.snapshot is not None:
+        snapshot = state["snapshot"]
+        if snapshot is not None:
             if not self._session.started:
-                self._session.start(time=state.start)
-            self._session.restore(state.snapshot)
-        self._start = state.start
-        self._touched = set(state.touched)
-        self._fault = state.fault
-        self._values[:] = state.values
-        self._running = state.snapshot is not None
+                self._session.start(time=state["start"])
+            self._session.restore(snapshot)
+        self._start = state["start"]
+        self._touched[:] = state["touched"]
+        self._fault = state["fault"]
+        self._values[:] = state["values"]
+        self._running = snapshot is not None
         self._ended = False
         self._stale = True
         self._inputs_set = False
         self._parameters_set = False
-
-
-def to_bytes(state: State, token: str) -> bytes:
-    """Return a state as bytes.
-
-    Parameters
-    ----------
-    state : State
-        Result of `Instance.save`.
-    token : str
-        Instantiation token of the FMU.
-
-    Raises
-    ------
-    TypeError
-        If the state of a Python block cannot be serialized.
-    """
-    return encode(
-        {field.name: getattr(state, field.name) for field in fields(state)},
-        {"FMU": token},
-    )
-
-
-def from_bytes(data: bytes, token: str) -> State:
-    """Return the state that `to_bytes` wrote.
-
-    Parameters
-    ----------
-    data : bytes
-        Result of `to_bytes`.
-    token : str
-        Instantiation token of the FMU.
-
-    Raises
-    ------
-    ValueError
-        If the bytes are damaged or belong to another FMU.
-    """
-    try:
-        return State(**decode(data, {"FMU": token}))
-    except TypeError as error:
-        raise ValueError(f"it is damaged: {error}") from None

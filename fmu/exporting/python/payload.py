@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import io
+import json
 import pickle
 import sys
 from collections.abc import Callable
 from functools import partial
-from typing import Any
+from pathlib import Path
+from typing import Any, Self
 
 import numpy as np
 
@@ -18,6 +20,9 @@ from trussflow.blocks.tracing.compiler import find_compiler
 
 PICKLE_FILE, FACTS_FILE = "item.pickle", "facts.json"
 """Files of the payload in the folder ``resources``."""
+
+REQUIREMENTS_FILE = "requirements.txt"
+"""File of the required packages in the folder ``resources``."""
 
 
 class Payload:
@@ -34,6 +39,10 @@ class Payload:
 
     Attributes
     ----------
+    identity : dict of str to str
+        Identity of the saved states of this FMU.
+    names : list of str
+        Names of the scalars, by value reference.
     notes : list of str
         Messages for the user about the execution on this machine.
 
@@ -47,6 +56,8 @@ class Payload:
         self, pickled: bytes, facts: dict[str, Any], *, compiled: bool = True
     ) -> None:
         self.facts = facts
+        self.identity = {"FMU": facts["token"]}
+        self.names: list[str] = facts["names"]
         self.notes: list[str] = []
         here = f"{sys.version_info.major}.{sys.version_info.minor}"
         if facts["python"] not in (None, here):
@@ -56,10 +67,11 @@ class Payload:
             )
         self._shared = self._prepared(_Unpickler(io.BytesIO(pickled)).load(), compiled)
 
-    @property
-    def names(self) -> list[str]:
-        """Names of the scalars, by value reference."""
-        return list(self.facts["names"])
+    @classmethod
+    def read(cls, folder: Path) -> Self:
+        """Return the payload in the folder ``resources`` of an unpacked FMU."""
+        facts = json.loads((folder / FACTS_FILE).read_text(encoding="utf-8"))
+        return cls((folder / PICKLE_FILE).read_bytes(), facts)
 
     def vector(self, name: str) -> Any:
         """Return a vector of the facts."""

@@ -16,11 +16,17 @@ import pythonfmu
 from trussflow.blocks.errors import TrussflowError
 from trussflow.blocks.framework.block import Block
 from trussflow.blocks.results.dataset import own_version
+from trussflow.blocks.results.state_file import encode
 from trussflow.fmu.errors import ExportError
 from trussflow.fmu.exporting.description.export_interface import ExportInterface
 from trussflow.fmu.exporting.description.model_description import Use, model_description
-from trussflow.fmu.exporting.python.instance import Instance, to_bytes
-from trussflow.fmu.exporting.python.payload import FACTS_FILE, PICKLE_FILE, Payload
+from trussflow.fmu.exporting.python.instance import Instance
+from trussflow.fmu.exporting.python.payload import (
+    FACTS_FILE,
+    PICKLE_FILE,
+    REQUIREMENTS_FILE,
+    Payload,
+)
 from trussflow.fmu.exporting.python.pickling import pickled
 
 SLAVE_TEMPLATE = '''"""Written by trussflow; pythonfmu's binary runs this file anew for each instance."""
@@ -99,7 +105,7 @@ def python_files(
     resources = payload | {
         f"{module}.py": loader.encode(),
         "slavemodule.txt": module.encode(),
-        "requirements.txt": ("\n".join(requirements) + "\n").encode(),
+        REQUIREMENTS_FILE: ("\n".join(requirements) + "\n").encode(),
     }
     files = {f"resources/{name}": data for name, data in resources.items()}
     files |= _wrapper(interface.identifier)
@@ -120,7 +126,7 @@ def python_files(
 
 def _facts(interface: ExportInterface, has_code: bool, solver: str) -> dict[str, Any]:
     """Return the settings and start values that the FMU needs to run."""
-    shown = interface.variables
+    shown = interface.variables.scalarized()
     python = f"{sys.version_info.major}.{sys.version_info.minor}" if has_code else None
     return {
         "name": interface.name,
@@ -128,17 +134,12 @@ def _facts(interface: ExportInterface, has_code: bool, solver: str) -> dict[str,
         "step": interface.step,
         "solver": solver,
         "python": python,
-        "u": [
-            float(value)
-            for v in shown.inputs
-            if v.start is not None
-            for value in v.start
-        ],
+        "u": [float(v.start[0]) for v in shown.inputs if v.start is not None],
         "p": interface.p.tolist(),
         "x": interface.x.tolist(),
         "exact": [*map(float, shown.settable_states())],
         "tunable": [*map(float, shown.tunable_parameters())],
-        "names": [name for v in shown for name in v.scalars()],
+        "names": [v.name for v in shown],
     }
 
 
@@ -164,7 +165,7 @@ def _self_test(pickle: bytes, facts: dict[str, Any]) -> tuple[bool, bool]:
         if not instance.restores:
             return False, False
         try:
-            to_bytes(instance.save(), facts["token"])
+            encode(instance.save(), payload.identity)
         except TypeError:
             return True, False
         return True, True
