@@ -22,7 +22,6 @@ from trussflow.fmu.importing.model_exchange_run import (
     DifferentiableRun,
     ModelExchangeRun,
 )
-from trussflow.fmu.runtime.archive import MAX_BYTES
 from trussflow.fmu.runtime.description import FmuDescription, Kind
 from trussflow.fmu.runtime.discrete_inputs import is_continuous
 from trussflow.fmu.runtime.file import FmuFile
@@ -85,8 +84,6 @@ class Fmu(Block):
         Maximum memory of the FMU in the child process [B].
     logging : bool
         Whether the FMU logs all its messages; see ``messages`` of a result or session.
-    max_bytes : float
-        Maximum unpacked size [B].
 
     Raises
     ------
@@ -129,9 +126,8 @@ class Fmu(Block):
         time_limit: float | None = None,
         memory_limit: float | None = None,
         logging: bool = False,
-        max_bytes: float = MAX_BYTES,
     ) -> None:
-        self.file = FmuFile.read(path, max_bytes)
+        self.file = FmuFile.read(path)
         self.kind = self.file.kind(kind)
         limits = {"time_limit": time_limit, "memory_limit": memory_limit}
         numbers = {"tolerance": tolerance, **limits}

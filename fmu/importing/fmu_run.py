@@ -13,7 +13,6 @@ from trussflow.fmu.errors import FmuEndedError, FmuError
 from trussflow.fmu.runtime.child_process import open_instance
 from trussflow.fmu.runtime.loaded_co_simulation import LoadedCoSimulation
 from trussflow.fmu.runtime.loaded_model_exchange import LoadedModelExchange
-from trussflow.fmu.runtime.messages import status_name
 from trussflow.fmu.runtime.saved_states import restore_state
 from trussflow.fmu.runtime.start_values import Starts
 
@@ -70,9 +69,7 @@ class FmuRun(Running):
     def messages(self) -> tuple[str, ...]:
         """Latest log messages of the FMU: ``"[status] text"``."""
         try:
-            return tuple(
-                f"[{status_name(status)}] {text}" for status, _, text in self._fmu.log
-            )
+            return tuple(self._fmu.log)
         except FmuError:  # the child process has ended
             return ()
 

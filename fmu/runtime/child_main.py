@@ -37,21 +37,20 @@ def main() -> None:
     connection.send_bytes(encode((True, None), {}))  # reports that the imports are done
     while True:
         try:
-            what, arguments = connection.recv()
+            name, given, named = connection.recv()
         except EOFError:
             break
         try:
-            if what == "open":
-                kind, file, memory, options = arguments
+            value: Any = None
+            if name == "open":
+                kind, file, memory = given
                 if memory is not None:
                     _limit(memory)
-                instance = kind(file, **options)
-                value: Any = None
-            elif what == "get":
-                value = getattr(instance, arguments)
+                instance = kind(file, **named)
             else:
-                name, given, named = arguments
-                value = getattr(instance, name)(*given, **named)
+                value = getattr(instance, name)
+                if callable(value):
+                    value = value(*given, **named)
             reply: Any = True, value
         except FmuError as error:
             reply = (

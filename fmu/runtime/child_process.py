@@ -12,6 +12,7 @@ import sys
 import tempfile
 import weakref
 from contextlib import ExitStack
+from functools import partial
 from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Any
@@ -138,11 +139,9 @@ class RemoteInstance(KnownFmu):
             self._set_timeout(STARTUP_TIMEOUT)
             self._answer("start", STARTUP_TIMEOUT)
             self._set_timeout(self._limit)
-            unpacked = unpack(self.file.path, self.file.max_bytes, folder)
+            unpacked = unpack(self.file.path, folder)
             memory = None if memory_limit is None else int(memory_limit)
-            self._call(
-                "open", (kind, self.file, memory, {"folder": unpacked, **arguments})
-            )
+            self._call("open", kind, self.file, memory, folder=unpacked, **arguments)
         except BaseException:
             self.close()
             raise
@@ -156,20 +155,19 @@ class RemoteInstance(KnownFmu):
                 socket.SOL_SOCKET, option, struct.pack("@ll", whole, microseconds)
             )
 
-    def _call(self, what: str, arguments: Any) -> Any:
-        """Send a request to the child and return its answer."""
+    def _call(self, name: str, /, *given: Any, **named: Any) -> Any:
+        """Call a method of the FMU in the child, or read its attribute."""
         if not self._finalizer.alive:
             raise self._fault
         if self._waiting:  # by another thread, or by the finalizer of a saved state
             raise FmuError(
                 f"FMU '{self._name}' is called before its last call has returned"
             )
-        doing = arguments[0] if what == "call" else what
-        done, value = self._answer(doing, self._limit, (what, arguments))
+        done, value = self._answer(name, self._limit, (name, given, named))
         if done:
-            return Step(*value) if doing == "do_step" else value
-        name, text, status = value
-        error = ERROR_CLASSES.get(name, FmuError)(text)
+            return Step(*value) if name == "do_step" else value
+        cause, text, status = value
+        error = ERROR_CLASSES.get(cause, FmuError)(text)
         if isinstance(error, FmuCallError):
             error.status = status
         raise error
@@ -232,8 +230,8 @@ class RemoteInstance(KnownFmu):
             callable(getattr(kind, name, None))
             for kind in (LoadedCoSimulation, LoadedModelExchange)
         ):
-            return lambda *given, **named: self._call("call", (name, given, named))
-        return self._call("get", name)
+            return partial(self._call, name)
+        return self._call(name)
 
     def close(self) -> None:
         """End the process and delete the unpacked files."""

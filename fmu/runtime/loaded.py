@@ -124,7 +124,7 @@ class LoadedFmu(KnownFmu):
         self._starts = resolve(self.description, start or {})
         self._name = name or self.description.name
         self._logging = logging
-        folder = folder or unpack(self.file.path, self.file.max_bytes)
+        folder = folder or unpack(self.file.path)
         self._finalizer: Any = weakref.finalize(self, remove, folder)
         try:
             self.file.check_unchanged(folder)
@@ -143,9 +143,9 @@ class LoadedFmu(KnownFmu):
         return self._library.component is not None
 
     @property
-    def log(self) -> tuple[tuple[int, str, str], ...]:
-        """The latest log messages: status, category and text."""
-        return tuple(self._library.log.messages)
+    def log(self) -> tuple[str, ...]:
+        """The latest log messages: ``"[status] text"``."""
+        return tuple(line for _, line in self._library.log.messages)
 
     def log_text(self) -> str:
         """Return the latest log messages for an error message."""
@@ -232,32 +232,6 @@ class LoadedFmu(KnownFmu):
             If a name or value is wrong, or the FMU rejects it.
         """
         apply(self._library, resolve(self.description, values))
-
-    def read(self, names: tuple[str, ...]) -> Vector:
-        """Return the current values of variables of any causality.
-
-        Parameters
-        ----------
-        names : tuple of str
-            Names of numeric variables in the FMU [units as the FMU states].
-
-        Raises
-        ------
-        FmuError
-            If a variable does not exist or is not numeric.
-        """
-        known = self.description.variables
-        for name in names:
-            if name not in known or known[name].type not in NUMERIC_TYPES:
-                raise FmuError(
-                    f"FMU '{self.description.name}' has no numeric variable '{name}'"
-                )
-        bank = VariableBuffers(
-            [known[name] for name in names], self._library, writes=False
-        )
-        bank.bind()
-        bank.read()
-        return bank.values
 
     def _free(self) -> None:
         """Terminate and free the instance, if it exists."""
@@ -363,46 +337,40 @@ class LoadedFmu(KnownFmu):
                 f"Free{library.state_word}", ctypes.byref(ctypes.c_void_p(state))
             )
 
-    def serialize_state(self, state: int) -> bytes:
-        """Return a saved state as bytes.
-
-        Parameters
-        ----------
-        state : int
-            Handle from `save_state` [-].
-
-        Raises
-        ------
-        FmuError
-            If the FMU cannot serialize its state.
-        """
-        if not self.capabilities.serializes_state:
-            raise FmuError(
-                f"FMU '{self.description.name}' cannot serialize its state to bytes "
-                "(canSerializeFMUState is not set in its model description)"
-            )
-        word = self._library.state_word
+    def state_to_bytes(self) -> bytes:
+        """Return the current state as bytes."""
+        library = self._library
+        word = library.state_word
+        state = self.save_state()
         handle = ctypes.c_void_p(state)
         size = ctypes.c_size_t()
-        self._library.call(f"Serialized{word}Size", handle, ctypes.byref(size))
-        buffer = ctypes.create_string_buffer(size.value)
-        self._library.call(f"Serialize{word}", handle, buffer, size.value)
+        try:
+            library.call(f"Serialized{word}Size", handle, ctypes.byref(size))
+            buffer = ctypes.create_string_buffer(size.value)
+            library.call(f"Serialize{word}", handle, buffer, size.value)
+        finally:
+            self.free_state(state)
         return buffer.raw
 
-    def deserialize_state(self, content: bytes) -> int:
-        """Return the handle of a deserialized state.
+    def state_from_bytes(self, content: bytes) -> None:
+        """Restore a state.
 
         Parameters
         ----------
         content : bytes
-            Bytes from `serialize_state` of this or another instance of the same FMU.
+            Result of `state_to_bytes` of this or another instance of the same FMU.
         """
+        library = self._library
         handle = ctypes.c_void_p()
         buffer = ctypes.create_string_buffer(content, len(content))
-        self._library.call(
-            self._library.deserialize_name, buffer, len(content), ctypes.byref(handle)
+        library.call(
+            library.deserialize_name, buffer, len(content), ctypes.byref(handle)
         )
-        return handle.value or 0
+        state = handle.value or 0
+        try:
+            self.restore_state(state)
+        finally:
+            self.free_state(state)
 
 
 def numbers(description: FmuDescription, causality: str) -> tuple[FmuVariable, ...]:

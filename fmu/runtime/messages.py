@@ -32,8 +32,8 @@ class Messages(logging.Handler):
 
     Attributes
     ----------
-    messages : deque of (int, str, str)
-        Status, category, text.
+    messages : deque of (int, str)
+        Status, and the line ``[status] text``.
     instance : str
         Name of the instance; empty until it exists.
     """
@@ -44,32 +44,30 @@ class Messages(logging.Handler):
     def __init__(self) -> None:
         super().__init__()
         self.instance = ""
-        self.messages: deque[tuple[int, str, str]] = deque(maxlen=MAX_KEPT_MESSAGES)
+        self.messages: deque[tuple[int, str]] = deque(maxlen=MAX_KEPT_MESSAGES)
 
-    def add(self, status: int, category: bytes | None, text: bytes | None) -> None:
+    def add(self, status: int, text: bytes | None) -> None:
         """Store a message; it never raises, because the FMU's C code calls it.
 
         Parameters
         ----------
         status : int
             FMI status [-].
-        category, text : bytes or None
-            Arguments of the FMU's logger call.
+        text : bytes or None
+            Text of the FMU's logger call.
         """
-        said, kind = (
-            (part or b"").decode("utf-8", "replace").strip()
-            for part in (text, category)
-        )
-        self.messages.append((status, kind, said))
+        decoded = (text or b"").decode("utf-8", "replace").strip()
+        line = f"[{status_name(status)}] {decoded}"
+        self.messages.append((status, line))
         if self.echo is not None:
-            self.echo.write(f"[{status_name(status)}] {said}\n")
+            self.echo.write(f"{line}\n")
             self.echo.flush()
 
     def emit(self, record: logging.LogRecord) -> None:
         """Store an error of this instance; also one without a name, while it is created."""
         text = record.getMessage()
         if not self.instance or text.startswith(f"{self.instance}: "):
-            self.add(STATUS_ERROR, None, text.encode())
+            self.add(STATUS_ERROR, text.encode())
 
     def text(self) -> str:
         """Return the latest warnings and errors, or else the latest messages, for an error message."""
@@ -78,10 +76,7 @@ class Messages(logging.Handler):
         )
         if not worst:
             return "; the FMU logged nothing"
-        lines = [
-            f"\n  [{status_name(status)}] {text}"
-            for status, _, text in worst[-MAX_SHOWN_MESSAGES:]
-        ]
+        lines = [f"\n  {line}" for _, line in worst[-MAX_SHOWN_MESSAGES:]]
         return "; the FMU's own log:" + "".join(lines)
 
 
@@ -106,8 +101,8 @@ def callbacks2(log: Messages, folder: Path) -> Any:
     """
     from fmpy import calloc, fmi2, free
 
-    def logged(_: Any, __: Any, status: int, category: bytes, text: bytes) -> None:
-        log.add(status, category, text)
+    def logged(_: Any, __: Any, status: int, _category: bytes, text: bytes) -> None:
+        log.add(status, text)
 
     callbacks = fmi2.fmi2CallbackFunctions()
     callbacks.logger = fmi2.fmi2CallbackLoggerTYPE(logged)
@@ -137,7 +132,7 @@ def callback3(log: Messages) -> Any:
     """
     from fmpy.fmi3 import fmi3LogMessageCallback
 
-    def logged(_: Any, status: int, category: bytes, text: bytes) -> None:
-        log.add(status, category, text)
+    def logged(_: Any, status: int, _category: bytes, text: bytes) -> None:
+        log.add(status, text)
 
     return fmi3LogMessageCallback(logged)

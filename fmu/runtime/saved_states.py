@@ -54,11 +54,7 @@ def saved_state(fmu: Any) -> bytes | HeldState:
     """
     if not fmu.capabilities.serializes_state:
         return HeldState(fmu)
-    handle = fmu.save_state()
-    try:
-        content: bytes = fmu.serialize_state(handle)
-    finally:
-        fmu.free_state(handle)
+    content: bytes = fmu.state_to_bytes()
     return content
 
 
@@ -77,17 +73,13 @@ def restore_state(fmu: Any, state: bytes | HeldState) -> None:
     FmuError
         If the state belongs to another instance.
     """
-    if isinstance(state, HeldState):
-        keeper: Any = state.fmu()
-        if keeper is not fmu or state.instance != fmu.generation:
-            raise FmuError(
-                f"cannot restore FMU '{fmu.description.name}': it cannot serialize its state to "
-                "bytes, so only the run that saved the state can restore it"
-            )
-        fmu.restore_state(state.handle)
+    if not isinstance(state, HeldState):
+        fmu.state_from_bytes(state)
         return
-    handle = fmu.deserialize_state(state)
-    try:
-        fmu.restore_state(handle)
-    finally:
-        fmu.free_state(handle)
+    owner: Any = state.fmu()
+    if owner is not fmu or state.instance != owner.generation:
+        raise FmuError(
+            f"cannot restore FMU '{fmu.description.name}': it cannot serialize its state to "
+            "bytes, so only the run that saved the state can restore it"
+        )
+    owner.restore_state(state.handle)

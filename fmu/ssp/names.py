@@ -31,17 +31,6 @@ OPTIONS_FILE = "extra/trussflow.json"
 """File of the options that SSP cannot express, by path of the FMU. The standard provides annotations for
 such data, but OMSimulator rejects foreign annotations and reads foreign XML files as its own."""
 
-OPTION_TYPES: dict[str, type | tuple[type, ...]] = {
-    "step": (int, float),
-    "tolerance": (int, float),
-    "time_limit": (int, float),
-    "memory_limit": (int, float),
-    "delayed": bool,
-    "logging": bool,
-    "units": dict,
-}
-"""Types of the options of an FMU in that file."""
-
 FMU_TYPE = "application/x-fmu-sharedlibrary"
 
 IMPLEMENTATION_NAMES = {"cs": "CoSimulation", "me": "ModelExchange"}

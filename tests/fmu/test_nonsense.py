@@ -38,7 +38,7 @@ IMPORT = (
     "delayed",
     "tolerance",
 )
-LIMITS = ("time_limit", "memory_limit", "logging", "max_bytes")
+LIMITS = ("time_limit", "memory_limit", "logging")
 COUPLED = ("path", "step", "stop_time")
 
 
@@ -68,10 +68,7 @@ def calls(fmu, tmp_path, monkeypatch):
             partial(_call, export_ssp, {"diagram": loop, "path": "a.ssp"}),
             COUPLED,
         ),
-        "import_ssp": (
-            partial(_call, import_ssp, {"path": fmu}),
-            ("path", "folder", "step", "max_bytes"),
-        ),
+        "import_ssp": (partial(_call, import_ssp, {"path": fmu}), ("path", "step")),
     }
 
 

@@ -148,7 +148,7 @@ def run(path, kind, limit=CALL_LIMIT):
             "fmi2SetFMUstate",
             "segv",
             FmuCrashError,
-            "'restore_state' with signal SIGSEGV",
+            "'state_from_bytes' with signal SIGSEGV",
         ),
     ],
 )

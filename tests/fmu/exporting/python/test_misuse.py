@@ -170,10 +170,10 @@ def test_instantiation_names_what_is_missing(
             new.writestr(name, change if isinstance(change, bytes) else content)
     needs = f"{message}; this FMU needs cloudpickle>="
     # The files of the first attempt are deleted before the second; the wrapper logs only if told to.
-    for logging in (True, False):
+    for logs in (True, False):
         with (
             pytest.raises(FmuCallError, match=needs),
-            LoadedCoSimulation(changed, logging=logging) as one,
+            LoadedCoSimulation(changed, logging=logs) as one,
         ):
             one.setup()
     # an importer may have switched the FMU's log off
