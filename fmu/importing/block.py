@@ -23,11 +23,7 @@ from trussflow.fmu.importing.model_exchange_run import (
     ModelExchangeRun,
 )
 from trussflow.fmu.runtime.description import FmuDescription, Kind
-from trussflow.fmu.runtime.discrete_inputs import is_continuous
 from trussflow.fmu.runtime.file import FmuFile
-
-MAX_LIMITS = {"time_limit": 1e6, "memory_limit": 1e15}
-"""Maximum limits that operating systems support [s, B]."""
 
 
 class Fmu(Block):
@@ -143,11 +139,6 @@ class Fmu(Block):
             raise FmuError(
                 "Fmu: memory_limit needs a child process; give time_limit too"
             )
-        for name, most in MAX_LIMITS.items():
-            if (limit := limits[name]) is not None and limit > most:
-                raise FmuError(
-                    f"Fmu: {name} = {limit:g} is more than {most:g}; leave it out for no limit"
-                )
         yes_or_no("Fmu", "declared_starts", declared_starts)
         yes_or_no("Fmu", "delayed", delayed)
         yes_or_no("Fmu", "logging", logging)
@@ -205,12 +196,11 @@ class Fmu(Block):
 
     def _suggested_step(self) -> float:
         description = self.description
-        suggested = description.step or description.kinds["cs"].fixed_step
-        if suggested is None:
+        if description.step is None:
             raise FmuError(
                 f"FMU '{description.name}' suggests no step size; give step, the communication step size [s]"
             )
-        return suggested
+        return description.step
 
     def _described(self) -> Description:
         own = super()._described()
@@ -256,7 +246,7 @@ class Fmu(Block):
         """Unpack and load the FMU for one run, with parameters `p` [units as the FMU states]."""
         if self.kind == "cs":
             return CoSimulationRun(self, p)
-        offers = self.description.kinds["me"].derivatives and all(
-            map(is_continuous, self.interface.inputs.order)
+        offers = self.description.differentiable and all(
+            v.is_continuous for v in self.interface.inputs.order
         )
         return (DifferentiableRun if offers else ModelExchangeRun)(self, p)

@@ -63,7 +63,7 @@ class CoSimulationRun(FmuRun, SelfStepping):
         self._delayed = block.delayed
         self._direct = any(block.feedthrough().values())
         self._nominal = float(block.sample_time or 0.0)
-        self.varies = self._fmu.capabilities.variable_step
+        self.varies = self._fmu.capabilities.canHandleVariableCommunicationStepSize
         self._saved_once = False
         self._follows: bool | None = None
         self._begun: tuple[float, Vector] | None = None

@@ -63,7 +63,7 @@ class FmuRun(Running):
     @property
     def restores(self) -> bool:
         """Whether the FMU can restore a saved state."""
-        return bool(self._fmu.capabilities.saves_state)
+        return bool(self._fmu.capabilities.canGetAndSetFMUstate)
 
     @property
     def messages(self) -> tuple[str, ...]:

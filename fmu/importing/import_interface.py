@@ -17,13 +17,8 @@ from trussflow.fmu.importing.unit_table import UnitTable
 from trussflow.fmu.runtime.array_ports import VariableGroup, gather, legal_names
 from trussflow.fmu.runtime.description import FmuDescription, FmuVariable
 from trussflow.fmu.runtime.loaded import numbers
-from trussflow.fmu.runtime.start_values import (
-    Starts,
-    declared_start,
-    resized,
-    resolve,
-    shares,
-)
+from trussflow.fmu.runtime.start_values import Starts, declared_start, resized, resolve
+from trussflow.fmu.runtime.variable_buffers import shares
 
 
 class VariableVector:
@@ -153,11 +148,6 @@ class ImportInterface:
             self.states = VariableVector(
                 description.states, self._states(description, taken)
             )
-        self._tunable = [
-            name
-            for name, group in self.parameters.groups.items()
-            if group.variables[0].variability == "tunable"
-        ]
         self.declarations = self._declarations()
 
     @staticmethod
@@ -263,6 +253,14 @@ class ImportInterface:
             name: value for name, value in self.starts.items() if name not in elsewhere
         }
 
+    def _values(self, p: Signals) -> Starts:
+        """Return the values of the parameters by the FMU's names."""
+        return {
+            v.name: value
+            for name, group in self.parameters.groups.items()
+            for v, value in shares(group.variables, p[name].flatten())
+        }
+
     def changed(self, p: Signals) -> Starts:
         """Return the parameters that were given or differ from the values in the model description.
 
@@ -271,15 +269,13 @@ class ImportInterface:
         p : Signals
             The parameters of the block [units as the FMU states].
         """
-        found: Starts = {}
-        for name, group in self.parameters.groups.items():
-            for variable, value in shares(group.variables, p[name].flatten()):
-                same = variable.name not in self.starts and np.array_equal(
-                    value, declared_start(variable)
-                )
-                if not same:
-                    found[variable.name] = value
-        return found
+        known = self.description.variables
+        return {
+            name: value
+            for name, value in self._values(p).items()
+            if name in self.starts
+            or not np.array_equal(value, declared_start(known[name]))
+        }
 
     def tunable(self, p: Signals) -> Starts:
         """Return the values of the tunable parameters.
@@ -289,13 +285,12 @@ class ImportInterface:
         p : Signals
             The parameters of the block [units as the FMU states].
         """
-        found: Starts = {}
-        for name in self._tunable:
-            variables = self.parameters.groups[name].variables
-            found |= {
-                v.name: value for v, value in shares(variables, p[name].flatten())
-            }
-        return found
+        known = self.description.variables
+        return {
+            name: value
+            for name, value in self._values(p).items()
+            if known[name].variability == "tunable"
+        }
 
     def feedthrough(self) -> dict[str, tuple[str, ...]]:
         """Return the inputs with direct feedthrough to each output, by the block's names."""

@@ -100,7 +100,7 @@ class UnitTable:
         if found is not None and _agree(found, definition):
             return ours
         base = _from_base(definition)
-        if base is not None and _agree(fmi_unit(base), definition):
+        if base is not None:
             return base
         here = (
             ", which differs from the unit of that name in trussflow"

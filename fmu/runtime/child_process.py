@@ -36,6 +36,9 @@ STARTUP_TIMEOUT = 60.0
 EXIT_TIMEOUT = 1.0
 """Maximum time [s] for a child process to end after its answer is missing."""
 
+MAX_TIME_LIMIT, MAX_MEMORY_LIMIT = 1e6, 1e15
+"""Maximum limits that operating systems support [s, B]; longer and larger ones are reduced to these."""
+
 MAX_ANSWER_BYTES = 1_000_000_000
 """Maximum size of an answer [B]; the largest answers are saved states."""
 
@@ -95,7 +98,7 @@ class RemoteInstance(KnownFmu):
             )
         # The description is read here: the child process is not trusted to report it.
         super().__init__(kind.kind, file, arguments.get("start") or {})
-        self._limit = float(time_limit)
+        self._limit = min(float(time_limit), MAX_TIME_LIMIT)
         self._name = self.file.path.name
         self._waiting = False
         self._fault = FmuError(
@@ -140,7 +143,7 @@ class RemoteInstance(KnownFmu):
             self._answer("start", STARTUP_TIMEOUT)
             self._set_timeout(self._limit)
             unpacked = unpack(self.file.path, folder)
-            memory = None if memory_limit is None else int(memory_limit)
+            memory = memory_limit and int(min(memory_limit, MAX_MEMORY_LIMIT))
             self._call("open", kind, self.file, memory, folder=unpacked, **arguments)
         except BaseException:
             self.close()

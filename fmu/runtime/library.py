@@ -20,7 +20,11 @@ from trussflow.fmu.runtime.messages import (
     Messages,
     status_name,
 )
-from trussflow.fmu.runtime.signatures import function
+from trussflow.fmu.runtime.signatures import (
+    ARGUMENT_TYPES,
+    FUNCTION_SIGNATURES,
+    RESULT_TYPES,
+)
 
 _alone: set[str] = set()
 """Tokens of FMUs that allow one instance per process and have one in this process."""
@@ -87,7 +91,7 @@ def binary_path(description: FmuDescription, kind: Kind) -> str:
     from fmpy import platform, platform_tuple, sharedLibraryExtension
 
     folder = platform if description.version == 2 else platform_tuple
-    identifier = description.kinds[kind].identifier
+    identifier = description.kinds[kind].modelIdentifier
     return f"binaries/{folder}/{identifier}{sharedLibraryExtension}"
 
 
@@ -144,9 +148,30 @@ class Library:
         self._functions: dict[str, Any] = {}
 
     def function(self, name: str) -> Any:
-        """Return a function of the binary."""
+        """Return a function of the binary.
+
+        Parameters
+        ----------
+        name : str
+            Name without the prefix.
+
+        Raises
+        ------
+        FmuBinaryError
+            If the binary does not contain the function.
+        """
         if name not in self._functions:
-            self._functions[name] = function(self._library, self.version, name)
+            full = f"fmi{self.version}{name}"
+            try:
+                found = self._library[full]
+            except AttributeError:
+                raise FmuBinaryError(
+                    f"the binary of the FMU has no function {full}; it was built incompletely"
+                ) from None
+            signature = FUNCTION_SIGNATURES[self.version, name]
+            found.argtypes = [ARGUMENT_TYPES[letter] for letter in signature]
+            found.restype = RESULT_TYPES.get(name, ctypes.c_int)
+            self._functions[name] = found
         return self._functions[name]
 
     def call(self, name: str, *arguments: Any) -> None:
@@ -283,11 +308,13 @@ class Library:
         """
         raise NotImplementedError
 
-    def step_call(self, rollback: bool) -> Callable[[float, float], Step]:
-        """Return the function that performs a co-simulation step, given its start and size [s].
+    def do_step(self, t: float, h: float, rollback: bool) -> Step:
+        """Perform a co-simulation step.
 
         Parameters
         ----------
+        t, h : float
+            Start and size of the step [s].
         rollback : bool
             Whether a state from before the step may be restored later.
         """
@@ -302,7 +329,7 @@ class Library:
     def instantiated(self, component: Any) -> None:
         """Store the instance, or raise an error if there is none."""
         self.component = component
-        if component and self.capabilities.once_per_process:
+        if component and self.capabilities.canBeInstantiatedOnlyOncePerProcess:
             _alone.add(self.description.token)
         if not component:
             raise FmuCallError(
@@ -318,7 +345,10 @@ class Library:
         FmuError
             If an instance exists already.
         """
-        if self.capabilities.once_per_process and self.description.token in _alone:
+        if (
+            self.capabilities.canBeInstantiatedOnlyOncePerProcess
+            and self.description.token in _alone
+        ):
             raise FmuError(
                 f"FMU '{self.description.name}' allows one instance in a process "
                 "(canBeInstantiatedOnlyOncePerProcess), and one exists; stop that instance, or set "

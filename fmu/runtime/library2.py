@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import ctypes
 import math
-from collections.abc import Callable
 from contextlib import suppress
 from typing import Any, ClassVar
 
@@ -52,24 +51,16 @@ class Library2(Library):
         )
         self.instantiated(component)
 
-    def step_call(self, rollback: bool) -> Callable[[float, float], Step]:
-        """Return the function that performs a co-simulation step, given its start and size [s]."""
-        do_step = self.function("DoStep")
-        component = self.component
-        prior = int(not rollback)
+    def do_step(self, t: float, h: float, rollback: bool) -> Step:
+        """Perform a co-simulation step; see `Library`.
 
-        def step(t: float, h: float) -> Step:
-            status = do_step(component, t, h, prior)
-            if status <= STATUS_WARNING:
-                return Step(t + h)
-            if status != STATUS_DISCARD:
-                self.fail("DoStep", status)
-            return self._discarded(t, h)
-
-        return step
-
-    def _discarded(self, t: float, h: float) -> Step:
-        """Query the time that a discarded step reached; its start if the FMU does not report it."""
+        The time that a discarded step reached is its start if the FMU does not report it.
+        """
+        status = self.function("DoStep")(self.component, t, h, int(not rollback))
+        if status <= STATUS_WARNING:
+            return Step(t + h)
+        if status != STATUS_DISCARD:
+            self.fail("DoStep", status)
         reached = ctypes.c_double(t)
         ended = ctypes.c_int(0)
         with suppress(FmuBinaryError):

@@ -5,7 +5,6 @@ from __future__ import annotations
 import ctypes
 import math
 import os
-from collections.abc import Callable
 from typing import Any, ClassVar
 
 import numpy as np
@@ -49,7 +48,7 @@ class Library3(Library):
         )
         logger = ctypes.cast(self._logger, ctypes.c_void_p)
         if self.kind == "cs":
-            events = self.capabilities.event_mode
+            events = self.capabilities.hasEventMode
             component = self.function("InstantiateCoSimulation")(
                 *common, events, events, None, 0, None, logger, None
             )
@@ -57,28 +56,19 @@ class Library3(Library):
             component = self.function("InstantiateModelExchange")(*common, None, logger)
         self.instantiated(component)
 
-    def step_call(self, rollback: bool) -> Callable[[float, float], Step]:
-        """Return the function that performs a co-simulation step, given its start and size [s]."""
-        do_step, component, prior = (
-            self.function("DoStep"),
-            self.component,
-            not rollback,
+    def do_step(self, t: float, h: float, rollback: bool) -> Step:
+        """Perform a co-simulation step; see `Library`."""
+        results: Any = (*(ctypes.c_bool() for _ in range(3)), ctypes.c_double())
+        status = self.function("DoStep")(
+            self.component, t, h, not rollback, *map(ctypes.byref, results)
         )
-        event, end, early = ctypes.c_bool(), ctypes.c_bool(), ctypes.c_bool()
-        reached = ctypes.c_double()
-        pointers = [ctypes.byref(place) for place in (event, end, early, reached)]
-
-        def step(t: float, h: float) -> Step:
-            status = do_step(component, t, h, prior, *pointers)
-            if status <= STATUS_WARNING:
-                until = reached.value if early.value else t + h
-                return Step(until, False, early.value, event.value, end.value)
-            if status != STATUS_DISCARD:
-                self.fail("DoStep", status)
-            inside = early.value and t <= reached.value <= t + h
-            return Step(reached.value if inside else t, True, False, False, end.value)
-
-        return step
+        event, end, early, reached = (result.value for result in results)
+        if status <= STATUS_WARNING:
+            return Step(reached if early else t + h, False, early, event, end)
+        if status != STATUS_DISCARD:
+            self.fail("DoStep", status)
+        inside = early and t <= reached <= t + h
+        return Step(reached if inside else t, True, False, False, end)
 
     def update_discrete(self) -> Update:
         """Update discrete states once, in event mode."""

@@ -52,8 +52,8 @@ class KnownFmu:
     ----------
     description : FmuDescription
         The model description.
-    capabilities : Capabilities
-        Capabilities of the kind in use.
+    capabilities : object
+        Capability flags of the kind in use.
     inputs, outputs : tuple of FmuVariable
         The numeric inputs and outputs, in the order of the input and output vectors.
     """
@@ -304,7 +304,7 @@ class LoadedFmu(KnownFmu):
         FmuError
             If the FMU cannot save its state.
         """
-        if not self.capabilities.saves_state:
+        if not self.capabilities.canGetAndSetFMUstate:
             raise FmuError(
                 f"FMU '{self.description.name}' cannot save its state (canGetAndSetFMUState is "
                 "not set in its model description)"

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from typing import Any, ClassVar
 
 import numpy as np
 
 from trussflow.blocks.support.types import Vector
 from trussflow.fmu.runtime.description import Kind
-from trussflow.fmu.runtime.discrete_inputs import DiscreteInputs
 from trussflow.fmu.runtime.library import Step
 from trussflow.fmu.runtime.loaded import LoadedFmu
 
@@ -38,43 +37,22 @@ class LoadedCoSimulation(LoadedFmu):
 
     kind: ClassVar[Kind] = "cs"
 
-    _keeping: Callable[[float, float], Step]
-    _plain: Callable[[float, float], Step]
-
     def _started(self, time: float) -> None:
-        library = self._library
-        self._plain, self._keeping = (
-            library.step_call(rollback) for rollback in (False, True)
-        )
-        self._discrete_inputs: DiscreteInputs | None = None
         self._written: Vector | None = None
-        self._written_by_state: dict[int, Vector | None] = {}
         self._ended = False
+        self._discrete = ~self._input.continuous
         if self._has_events:  # FMI 3: it is in event mode after initialization
-            discrete = DiscreteInputs(self._input, library)
-            self._discrete_inputs = discrete if discrete.places.size else None
             self._ended = self._leave_event_mode()
-
-    def save_state(self) -> int:
-        """Return the handle of a copy of the state; see `LoadedFmu.save_state`."""
-        state = super().save_state()
-        self._written_by_state[state] = self._written
-        return state
 
     def restore_state(self, state: int) -> None:
         """Restore a saved state; see `LoadedFmu.restore_state`."""
         super().restore_state(state)
-        self._written = self._written_by_state.get(state)
+        self._written = None  # the discrete inputs in the state are unknown
         self._ended = False
-
-    def free_state(self, state: int) -> None:
-        """Free a saved state."""
-        super().free_state(state)
-        self._written_by_state.pop(state, None)
 
     @property
     def _has_events(self) -> bool:
-        return self._library.version == 3 and self.capabilities.event_mode
+        return self._library.version == 3 and self.capabilities.hasEventMode
 
     def set_inputs(self, values: Vector | None = None) -> None:
         """Set all inputs; see `LoadedFmu.set_inputs`.
@@ -84,21 +62,17 @@ class LoadedCoSimulation(LoadedFmu):
         """
         if values is not None:
             self._input.values[:] = values
-        discrete = self._discrete_inputs
-        if discrete is None:
+        if not (self._has_events and self._discrete.any()):
             self._input.write()
             return
-        now = self._input.values
-        before = self._written
-        if before is not None and np.array_equal(
-            now[discrete.places], before[discrete.places]
-        ):
-            discrete.write_continuous(now)
+        now = self._input.values[self._discrete]
+        if self._written is not None and np.array_equal(now, self._written):
+            self._input.write(only_continuous=True)
             return
         self._library.call("EnterEventMode")
         self._input.write()
         self._ended = self._leave_event_mode()
-        self._written = now.copy()
+        self._written = now
 
     def do_step(self, time: float, step: float, *, rollback: bool = False) -> Step:
         """Perform a step.
@@ -123,7 +97,7 @@ class LoadedCoSimulation(LoadedFmu):
         """
         if self._ended:
             return Step(time, terminate=True)
-        return (self._keeping if rollback else self._plain)(time, step)
+        return self._library.do_step(time, step, rollback)
 
     def tune(self, values: Mapping[str, Any]) -> None:
         """Change parameters between steps, in event mode if the FMU has one; see `LoadedFmu.tune`."""

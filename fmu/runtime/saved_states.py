@@ -52,7 +52,7 @@ def saved_state(fmu: Any) -> bytes | HeldState:
     FmuError
         If the FMU cannot save its state.
     """
-    if not fmu.capabilities.serializes_state:
+    if not fmu.capabilities.canSerializeFMUstate:
         return HeldState(fmu)
     content: bytes = fmu.state_to_bytes()
     return content

@@ -11,8 +11,6 @@ from __future__ import annotations
 import ctypes
 from typing import Any
 
-from trussflow.fmu.errors import FmuBinaryError
-
 INTEGER_TYPES = [f"{sign}Int{bits}" for sign in ("", "U") for bits in (8, 16, 32, 64)]
 """Integer types of FMI 3.0."""
 
@@ -92,34 +90,3 @@ ARGUMENT_TYPES: dict[str, Any] = {
     "i": ctypes.c_int,
     "b": ctypes.c_bool,
 }
-
-
-def function(library: ctypes.CDLL, version: int, name: str) -> Any:
-    """Return a function of an FMU with its argument and result types.
-
-    Parameters
-    ----------
-    library : ctypes.CDLL
-        The binary.
-    version : int
-        Major version of FMI [-].
-    name : str
-        Name without the prefix.
-
-    Raises
-    ------
-    FmuBinaryError
-        If the binary does not contain the function.
-    """
-    full = f"fmi{version}{name}"
-    try:
-        found = library[full]
-    except AttributeError:
-        raise FmuBinaryError(
-            f"the binary of the FMU has no function {full}; it was built incompletely"
-        ) from None
-    found.argtypes = [
-        ARGUMENT_TYPES[letter] for letter in FUNCTION_SIGNATURES[version, name]
-    ]
-    found.restype = RESULT_TYPES.get(name, ctypes.c_int)
-    return found

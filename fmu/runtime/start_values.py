@@ -6,7 +6,6 @@ import ctypes
 import difflib
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
-from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -22,7 +21,7 @@ from trussflow.fmu.runtime.description import (
     FmuVariable,
 )
 from trussflow.fmu.runtime.library import Library
-from trussflow.fmu.runtime.variable_buffers import VariableBuffers
+from trussflow.fmu.runtime.variable_buffers import VariableBuffers, shares
 
 Starts = dict[str, Any]
 """Values by the FMU's variable names: flat vectors of floats, or lists of text."""
@@ -142,24 +141,6 @@ def _parts(
             f"{where} cannot be {value!r}: numbers are floats here, exact for whole ones to 2^53"
         )
     return shares(variables, np.ravel(numbers))
-
-
-def shares(
-    variables: Sequence[FmuVariable], values: Any
-) -> list[tuple[FmuVariable, Any]]:
-    """Return each variable with its slice of the values.
-
-    Parameters
-    ----------
-    variables : sequence of FmuVariable
-        The variables.
-    values : Vector or list of str
-        Values of all elements, concatenated [units as the FMU states].
-    """
-    ends = np.cumsum([0, *(v.size for v in variables)])
-    return [
-        (v, values[a:b]) for v, (a, b) in zip(variables, pairwise(ends), strict=True)
-    ]
 
 
 def declared_start(variable: FmuVariable) -> Vector:

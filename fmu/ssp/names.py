@@ -3,14 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from math import prod
 from typing import TYPE_CHECKING
 from xml.etree.ElementTree import Element, SubElement
-
-from trussflow.blocks.framework.diagram import Diagram
-from trussflow.blocks.framework.port import Port
-from trussflow.fmu.errors import ExportError
-from trussflow.fmu.exporting.description.variables import element_names
 
 if TYPE_CHECKING:
     from trussflow.fmu.runtime.description import FmuVariable
@@ -88,27 +82,3 @@ def type_of(variable: FmuVariable) -> str:
         The variable.
     """
     return SSP_TYPES.get(variable.type, "Integer")
-
-
-def connectors(port: Port) -> list[str]:
-    """Return the names of the scalar connectors of the elements of a port.
-
-    Parameters
-    ----------
-    port : Port
-        Port of an `Fmu` block or of a diagram.
-
-    Raises
-    ------
-    ExportError
-        If the port is an array variable of FMI 3.
-    """
-    if isinstance(port.block, Diagram):
-        return element_names(port.name, port.whole_shape or ())
-    names = list(port.block.variables[port.name])
-    if len(names) != prod(port.whole_shape or ()):
-        raise ExportError(
-            f"cannot export '{port.path}' to SSP: it is an array variable of FMI 3, and SSP 1.0 "
-            "has scalar connectors only; use an FMU of FMI 2.0, which has a variable per element"
-        )
-    return names

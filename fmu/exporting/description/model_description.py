@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
 from uuid import UUID
 from xml.etree import ElementTree
 from xml.etree.ElementTree import Element, SubElement
@@ -38,25 +37,6 @@ Rows = list[tuple[Variable, Pattern]]
 """Variables with the dependencies of their elements."""
 
 
-@dataclass(frozen=True, slots=True)
-class Use:
-    """One kind of use that an FMU offers.
-
-    Attributes
-    ----------
-    element : str
-        ``"ModelExchange"`` or ``"CoSimulation"``.
-    capabilities : mapping
-        Its capability flags, by the names of the FMI version.
-    sources : sequence of str
-        Source files to compile, for FMI 2.0.
-    """
-
-    element: str
-    capabilities: Mapping[str, str] = field(default_factory=dict)
-    sources: Sequence[str] = ()
-
-
 def token(interface: ExportInterface, version: str) -> str:
     """Return the instantiation token, which FMI 2.0 calls and formats as a GUID.
 
@@ -71,7 +51,10 @@ def token(interface: ExportInterface, version: str) -> str:
 
 
 def model_description(
-    interface: ExportInterface, version: str, uses: Sequence[Use]
+    interface: ExportInterface,
+    version: str,
+    uses: Mapping[str, Mapping[str, str]],
+    sources: Sequence[str] = (),
 ) -> str:
     """Return the text of ``modelDescription.xml``.
 
@@ -81,8 +64,10 @@ def model_description(
         The exported interface.
     version : str
         ``"2.0"`` (one variable per scalar) or ``"3.0"`` (one variable per array).
-    uses : sequence of Use
-        Kinds of use, model exchange first.
+    uses : mapping of str to mapping
+        Capability flags, by the names of the FMI version, of ``"ModelExchange"`` and ``"CoSimulation"``.
+    sources : sequence of str
+        Source files to compile, for FMI 2.0.
     """
     scalar = version == "2.0"
     shown = interface.variables.scalarized() if scalar else interface.variables
@@ -99,15 +84,12 @@ def model_description(
         **interface.about,
     }
     root = Element("fmiModelDescription", filled(about))
-    for use in uses:
-        element = SubElement(
-            root,
-            use.element,
-            {"modelIdentifier": interface.identifier, **use.capabilities},
-        )
-        if use.sources:
+    for use, capabilities in uses.items():
+        flags = {"modelIdentifier": interface.identifier, **capabilities}
+        element = SubElement(root, use, flags)
+        if sources:
             files = SubElement(element, "SourceFiles")
-            for name in use.sources:
+            for name in sources:
                 SubElement(files, "File", name=name)
     _add_units(root, shown)
     categories = SubElement(root, "LogCategories")

@@ -5,7 +5,6 @@ from __future__ import annotations
 import contextlib
 from collections.abc import Sequence
 from itertools import pairwise
-from math import prod
 from typing import Any
 
 import numpy as np
@@ -60,7 +59,7 @@ class Instance:
         self._start = 0.0
         self._fault = ""
         self._running = self._ended = False
-        self._stale = self._inputs_set = self._parameters_set = True
+        self._stale = self._parameters_set = True
 
     @property
     def restores(self) -> bool:
@@ -88,12 +87,11 @@ class Instance:
         bad = indices[~(self._late if self._running else self._early)[indices]]
         if bad.size:
             when = "after initialization" if self._early[bad[0]] else "at any time"
-            self._fault = f"'{self._payload.names[bad[0]]}' cannot be set {when}"
-            raise RefusedError(f"{self._fault}; the next step is refused")
+            fault = f"'{self._payload.names[bad[0]]}' cannot be set {when}"
+            raise self._refused(fault, "; the next step is refused")
         self._values[indices] = values
         self._touched[indices] = 1.0
         self._stale = True
-        self._inputs_set |= bool(np.any(indices < self._u.stop))
         self._parameters_set |= bool(np.any(indices >= self._u.stop))
 
     def _indices(
@@ -102,9 +100,14 @@ class Instance:
         indices = np.asarray(references, dtype=np.int64) - 1
         unknown = indices[(indices < 0) | (indices >= len(self._values))]
         if unknown.size:
-            self._fault = f"there is no variable with value reference {unknown[0] + 1}"
-            raise RefusedError(f"{self._fault}; there are {len(self._values)} scalars")
+            fault = f"there is no variable with value reference {unknown[0] + 1}"
+            raise self._refused(fault, f"; there are {len(self._values)} scalars")
         return indices
+
+    def _refused(self, fault: str, more: str = "") -> RefusedError:
+        """Return an error, and refuse the next step."""
+        self._fault = fault
+        return RefusedError(fault + more)
 
     def _refresh(self) -> None:
         """Update all values."""
@@ -138,27 +141,24 @@ class Instance:
             inputs=self._inputs(),
             time=self._start,
         )
-        self._inputs_set = self._parameters_set = False
+        self._parameters_set = False
 
     def _inputs(self) -> dict[str, Vector]:
-        inputs = {}
-        begin = self._u.start
-        for name, block in self._session.prepared.plan.system.external.items():
-            inputs[name] = self._values[begin : begin + prod(block.extent)].reshape(
-                block.extent
-            )
-            begin += prod(block.extent)
-        return inputs
+        plan = self._session.prepared.plan
+        first = self._u.start - plan.u_start
+        return {
+            name: self._values[first + e.start : first + e.stop].reshape(e.shape)
+            for name, e in zip(plan.system.external, plan.u, strict=True)
+        }
 
     def _apply(self) -> None:
-        """Pass changed inputs and parameters to the session."""
-        if self._inputs_set:
-            self._session.set(self._inputs())
+        """Pass the inputs and changed parameters to the session."""
+        self._session.set(self._inputs())
         if self._parameters_set:
             self._session.tune(
                 self._session.prepared.plan.p.named(self._values[self._p])
             )
-        self._inputs_set = self._parameters_set = False
+        self._parameters_set = False
 
     # -- running ------------------------------------------------------------------------------
 
@@ -265,11 +265,11 @@ class Instance:
         """
         if not isinstance(state, dict):
             reason = state if isinstance(state, str) else "it was not saved"
-            self._fault = f"a state could not be restored: {reason}"
-            raise RefusedError(self._fault)
+            raise self._refused(f"a state could not be restored: {reason}")
         if len(state["values"]) != len(self._values):
-            self._fault = "a state could not be restored: it belongs to another FMU"
-            raise RefusedError(self._fault)
+            raise self._refused(
+                "a state could not be restored: it belongs to another FMU"
+            )
         snapshot = state["snapshot"]
         if snapshot is not None:
             if not self._session.started:
@@ -282,5 +282,4 @@ class Instance:
         self._running = snapshot is not None
         self._ended = False
         self._stale = True
-        self._inputs_set = False
         self._parameters_set = False

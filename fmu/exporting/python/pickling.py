@@ -7,7 +7,6 @@ import functools
 import io
 import re
 import sys
-import sysconfig
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from importlib.metadata import packages_distributions, version
@@ -23,6 +22,9 @@ from trussflow.blocks.results.dataset import own_version
 from trussflow.fmu.errors import ExportError
 
 OWN_PACKAGE = __name__.partition(".")[0]
+
+PACKAGE_FOLDERS = {"site-packages", "dist-packages"}
+"""Names of the folders of installed packages."""
 
 
 @dataclass(slots=True)
@@ -144,13 +146,9 @@ def _home(name: str) -> str:
     )
     if file is None:
         return "installed" if module is None else "user"
-    folders = {
-        Path(sysconfig.get_path(kind)).resolve() for kind in ("purelib", "platlib")
-    }
     path = Path(file)
-    within = {*path.parents, *path.resolve().parents}
-    other = any(part in ("site-packages", "dist-packages") for part in path.parts)
-    return "installed" if other or folders & within else "user"
+    folders = {*path.parts, *path.resolve().parts}
+    return "installed" if folders & PACKAGE_FOLDERS else "user"
 
 
 def _check_imports(code: CodeType) -> None:

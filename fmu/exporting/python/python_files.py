@@ -19,7 +19,7 @@ from trussflow.blocks.results.dataset import own_version
 from trussflow.blocks.results.state_file import encode
 from trussflow.fmu.errors import ExportError
 from trussflow.fmu.exporting.description.export_interface import ExportInterface
-from trussflow.fmu.exporting.description.model_description import Use, model_description
+from trussflow.fmu.exporting.description.model_description import model_description
 from trussflow.fmu.exporting.python.instance import Instance
 from trussflow.fmu.exporting.python.payload import (
     FACTS_FILE,
@@ -117,9 +117,7 @@ def python_files(
         "canGetAndSetFMUstate": str(saves).lower(),
         "canSerializeFMUstate": str(serializes).lower(),
     }
-    description = model_description(
-        interface, version, [Use("CoSimulation", capabilities)]
-    )
+    description = model_description(interface, version, {"CoSimulation": capabilities})
     files["modelDescription.xml"] = description.encode()
     return files
 

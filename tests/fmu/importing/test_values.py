@@ -68,10 +68,8 @@ def test_no_number_is_bent_to_fit_a_type(kind, value):
     )
     bank = VariableBuffers([variable], cast("Library", library), writes=True)
     sent: list[Any] = []
-    bank._calls, bank._only = (
-        [lambda: sent.append(bank._parts[0].buffer[0].item())],
-        None,
-    )
+    (part,) = bank._parts
+    part.call = lambda: sent.append(part.buffer[0].item())
     bank.values[:] = value
     try:
         bank.write()

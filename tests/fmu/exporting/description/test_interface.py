@@ -22,7 +22,7 @@ from trussflow.blocks import (
 from trussflow.blocks.errors import ParameterError
 from trussflow.fmu.errors import ExportError
 from trussflow.fmu.exporting.description.export_interface import ExportInterface
-from trussflow.fmu.exporting.description.model_description import Use, model_description
+from trussflow.fmu.exporting.description.model_description import model_description
 from trussflow.fmu.fmi_units import fmi_unit
 
 
@@ -136,7 +136,7 @@ class Clock(Block):
 
 
 def test_unusual_names():
-    text = model_description(ExportInterface.of(Clock()), "2.0", [Use("CoSimulation")])
+    text = model_description(ExportInterface.of(Clock()), "2.0", {"CoSimulation": {}})
     assert 'variableNamingConvention="flat"' in text
     assert 'name="ω"' in text
     names = {name: v.causality for name, v in by_name(Clock()).items()}
@@ -148,7 +148,7 @@ def test_description(version, systems):
     interface = ExportInterface.of(
         systems.Oscillator(2), stop_time=3.0, step=2e-3, tolerance=1e-5
     )
-    text = model_description(interface, version, [Use("CoSimulation")])
+    text = model_description(interface, version, {"CoSimulation": {}})
     for part in (
         'startTime="0.0"',
         'stopTime="3.0"',
