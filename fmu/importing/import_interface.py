@@ -152,7 +152,7 @@ class ImportInterface:
 
     @staticmethod
     def _vector(variables: Sequence[FmuVariable], taken: set[str]) -> VariableVector:
-        """VariableGroup variables and give each group a unique name."""
+        """Group variables into arrays and give each group a unique name."""
         groups = gather(variables)
         names = legal_names([group.name for group in groups], taken)
         taken.update(names.values())

@@ -7,7 +7,6 @@ import re
 from collections import Counter
 from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass
-from itertools import product
 from math import prod
 
 from trussflow.fmu.runtime.description import FmuVariable
@@ -43,7 +42,7 @@ class VariableGroup:
 
 
 def gather(variables: Iterable[FmuVariable]) -> list[VariableGroup]:
-    """VariableGroup variables into arrays; return the groups in the order of their first elements.
+    """Group variables into arrays; return the groups in the order of their first elements.
 
     Scalars form an array if their names differ in the last indices only and their causality,
     variability and type are equal. The indices must count from 1 or 0 without gaps.
@@ -96,10 +95,8 @@ def _shape(members: Mapping[tuple[int, ...], FmuVariable]) -> tuple[int, ...] | 
     columns = list(zip(*members, strict=True))
     first = min(map(min, columns))
     shape = tuple(max(column) - first + 1 for column in columns)
-    if first not in (0, 1) or prod(shape) != len(members):
-        return None
-    full = set(product(*(range(first, first + n) for n in shape)))
-    return shape if full == set(members) else None
+    # the indices differ and are in a box of this shape: as many as elements leave no gap
+    return shape if first in (0, 1) and prod(shape) == len(members) else None
 
 
 def legal_names(names: Iterable[str], reserved: Collection[str]) -> dict[str, str]:

@@ -18,7 +18,7 @@ from trussflow.blocks.framework.system import flatten, resolved
 from trussflow.blocks.library.transport_delay import DelayLine
 from trussflow.blocks.simulation.schedule import Schedule
 from trussflow.blocks.support.types import Vector
-from trussflow.blocks.support.validation import by_name, positive
+from trussflow.blocks.support.validation import by_name, one_of, positive
 from trussflow.blocks.tracing.plan import Plan
 from trussflow.blocks.tracing.program import Program
 from trussflow.blocks.tracing.quantities import (
@@ -247,12 +247,9 @@ def _parameter_values(item: Block, plan: Plan, chosen: Mapping[str, Any]) -> Vec
         If a value is not allowed.
     """
     known = {name_of(item, e): f"{e.path}.{e.name}" for e in plan.p}
-    unknown = [name for name in chosen if name not in {*known, *known.values()}]
-    if unknown:
-        raise ExportError(
-            f"cannot export '{item.name}': no parameter '{unknown[0]}'; the parameters are: "
-            f"{', '.join(known) or 'none'}"
-        )
+    for name in chosen:
+        if name not in known.values():
+            one_of(f"parameter of '{item.name}'", name, [*known], ExportError)
     return plan.parameters(
         {known.get(name, name): value for name, value in chosen.items()}
     )

@@ -6,7 +6,6 @@ from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import replace
 from typing import Any
 
-from trussflow.blocks.errors import ParameterError
 from trussflow.blocks.framework.block import Block
 from trussflow.blocks.framework.declarations import KINDS, TIMED, Event, State
 from trussflow.blocks.framework.diagram import Diagram
@@ -14,7 +13,7 @@ from trussflow.blocks.framework.layout import Entry, Layout
 from trussflow.blocks.framework.port import Port
 from trussflow.blocks.framework.system import resolved
 from trussflow.blocks.support.types import Vector
-from trussflow.blocks.support.validation import finite_array
+from trussflow.blocks.support.validation import finite_array, one_of
 from trussflow.blocks.tracing.plan import Plan
 from trussflow.fmu.errors import ExportError
 from trussflow.fmu.exporting.description.dependencies import Pattern
@@ -116,26 +115,18 @@ def input_starts(item: Block, plan: Plan, chosen: Mapping[str, Any]) -> Starts:
     Raises
     ------
     ExportError
-        If a name is unknown, or a value has the wrong shape or is not finite.
+        If a name is unknown.
+    ParameterError
+        If a value has the wrong shape or is not finite.
     """
     ports = {port.name: port for port in item.inputs()}
     for name in chosen:
-        if name not in ports:
-            raise ExportError(
-                f"cannot export '{item.name}': no input '{name}' to start; the inputs are: "
-                f"{', '.join(ports) or 'none'}"
-            )
+        one_of(f"input of '{item.name}'", name, [*ports], ExportError)
     starts = {}
     for name, port in ports.items():
         value = chosen.get(name, plan.system.external[name].start_value())
-        try:
-            starts[name] = finite_array(
-                f"the start of input '{name}'", value, port.whole_shape or ()
-            ).copy()
-        except ParameterError as error:
-            raise ExportError(
-                f"cannot export '{item.name}': {error}; give start={{'{name}': ...}}"
-            ) from None
+        what = f"the start of input '{name}' of '{item.name}'"
+        starts[name] = finite_array(what, value, port.whole_shape or ()).copy()
     return starts
 
 

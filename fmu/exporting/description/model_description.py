@@ -18,7 +18,7 @@ from trussflow.fmu.exporting.description.variables import (
     VariableGroup,
     Variables,
 )
-from trussflow.fmu.fmi_units import FmiUnit, fmi_unit
+from trussflow.fmu.fmi_units import fmi_unit
 
 FMI_VERSIONS = ("2.0", "3.0")
 """Versions of FMI that can be exported."""
@@ -123,7 +123,12 @@ def _add_units(root: Element, shown: Variables) -> None:
         unit = fmi_unit(name)
         element = SubElement(definitions, "Unit", name=name)
         if unit.exponents is not None:
-            SubElement(element, "BaseUnit", base_unit(unit))
+            base = {part: str(n) for part, n in unit.exponents.items() if n}
+            if unit.factor != 1:
+                base["factor"] = repr(unit.factor)
+            if unit.offset:
+                base["offset"] = repr(unit.offset)
+            SubElement(element, "BaseUnit", base)
         for display, factor in unit.display:
             SubElement(element, "DisplayUnit", name=display, factor=repr(factor))
 
@@ -231,24 +236,6 @@ def build_description(interface: ExportInterface, sources: Sequence[str]) -> str
 def generation_tool() -> str:
     """Return the name and version of this program."""
     return f"trussflow {own_version()}"
-
-
-def base_unit(unit: FmiUnit) -> dict[str, str]:
-    """Return the attributes that define a unit in SI base units.
-
-    Parameters
-    ----------
-    unit : FmiUnit
-        The unit; without exponents it has no attributes.
-    """
-    found = {
-        part: str(power) for part, power in (unit.exponents or {}).items() if power
-    }
-    if unit.factor != 1:
-        found["factor"] = repr(unit.factor)
-    if unit.offset:
-        found["offset"] = repr(unit.offset)
-    return found
 
 
 def filled(attributes: Mapping[str, str]) -> dict[str, str]:

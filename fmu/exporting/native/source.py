@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from importlib.resources import files
 from operator import itemgetter
+from pathlib import Path
 
 import casadi as ca
 import numpy as np
@@ -276,8 +276,4 @@ def calendar(interface: ExportInterface) -> list[str]:
 
 def file_text(name: str) -> str:
     """Return the text of a file of this folder."""
-    return (
-        files("trussflow.fmu.exporting.native")
-        .joinpath(name)
-        .read_text(encoding="utf-8")
-    )
+    return Path(__file__).with_name(name).read_text(encoding="utf-8")

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator
-from importlib.resources import files
 from pathlib import Path
 
 from trussflow.blocks.tracing.codegen import c_functions, vector_functions
@@ -145,7 +144,7 @@ def plain_files(interface: ExportInterface, path: Path) -> dict[Path, str]:
 
 def _text(name: str) -> str:
     """Return the text of a file of this package."""
-    return files(__package__).joinpath(name).read_text(encoding="utf-8")
+    return Path(__file__).with_name(name).read_text(encoding="utf-8")
 
 
 def _accessors(name: str, interface: ExportInterface) -> Iterator[tuple[str, str, str]]:

@@ -11,7 +11,6 @@ import numpy as np
 
 from trussflow.blocks.errors import TrussflowError
 from trussflow.blocks.framework.clock import SNAP
-from trussflow.blocks.framework.declarations import TIMED
 from trussflow.blocks.simulation.session import Session
 from trussflow.blocks.support.types import Vector
 from trussflow.fmu.exporting.python.payload import Payload
@@ -24,7 +23,8 @@ class RefusedError(Exception):
 class Instance:
     """A co-simulation instance. Its methods may raise any error, which the slave catches.
 
-    Value references count from 1: time, inputs, parameters, states, derivatives, outputs.
+    Value references count from 1: time, inputs, parameters, states, derivatives, outputs, modes,
+    event indicators.
 
     Parameters
     ----------
@@ -35,27 +35,11 @@ class Instance:
     def __init__(self, payload: Payload) -> None:
         self._payload = payload
         self._session: Session = payload.session()
-        plan = self._session.prepared.plan
-        ends = np.cumsum(
-            [0, 1, plan.u.size, plan.p.size, plan.x.size, plan.x.size]
-        ).tolist()
-        self._u, self._p, self._x, self._rates = (
-            slice(a, b) for a, b in pairwise(ends[1:])
-        )
-        events = plan.modes.size + int(np.count_nonzero(plan.kinds != TIMED))
-        first = len(payload.names) - events
-        self._outputs = slice(ends[-1], first)
-        self._events = slice(first, None)
-        self._values = np.zeros(len(payload.names))
-        # Masks of the variables that may be set before and after the end of initialization.
-        self._early = np.zeros(len(self._values), dtype=bool)
-        self._late = self._early.copy()
-        self._early[self._u] = self._late[self._u] = self._early[self._p] = True
-        self._early[self._x] = payload.vector("exact") > 0
-        self._late[self._p] = payload.vector("tunable") > 0
+        plan = self._plan = self._session.prepared.plan
+        ends = np.cumsum([1, plan.u.size, plan.p.size, plan.x.size]).tolist()
+        self._u, self._p, self._x = (slice(a, b) for a, b in pairwise(ends))
+        self._values = payload.values.copy()
         self._touched = np.zeros(len(self._values))  # 1 for each value that was set
-        for name, part in (("u", self._u), ("p", self._p), ("x", self._x)):
-            self._values[part] = payload.vector(name)
         self._start = 0.0
         self._fault = ""
         self._running = self._ended = False
@@ -84,9 +68,10 @@ class Instance:
             If a variable cannot be set now. Then no value is set, and the next step fails.
         """
         indices = self._indices(references)
-        bad = indices[~(self._late if self._running else self._early)[indices]]
+        early = self._payload.early
+        bad = indices[~(self._payload.late if self._running else early)[indices]]
         if bad.size:
-            when = "after initialization" if self._early[bad[0]] else "at any time"
+            when = "after initialization" if early[bad[0]] else "at any time"
             fault = f"'{self._payload.names[bad[0]]}' cannot be set {when}"
             raise self._refused(fault, "; the next step is refused")
         self._values[indices] = values
@@ -119,15 +104,14 @@ class Instance:
         session = self._session
         values = self._values
         values[0] = session.time
-        values[self._x] = session.states()
-        values[self._rates] = session.rates()
-        values[self._outputs] = session.row()
-        values[self._events] = session.events()
+        values[self._x.start :] = np.concatenate(
+            [session.states(), session.rates(), session.row(), session.events()]
+        )
         self._stale = False
 
     def _begin(self) -> None:
         """Start the session from the values set so far."""
-        plan = self._session.prepared.plan
+        plan = self._plan
         values = self._values
         touched = plan.x.named(self._touched[self._x])
         states = {
@@ -144,7 +128,7 @@ class Instance:
         self._parameters_set = False
 
     def _inputs(self) -> dict[str, Vector]:
-        plan = self._session.prepared.plan
+        plan = self._plan
         first = self._u.start - plan.u_start
         return {
             name: self._values[first + e.start : first + e.stop].reshape(e.shape)
@@ -155,9 +139,7 @@ class Instance:
         """Pass the inputs and changed parameters to the session."""
         self._session.set(self._inputs())
         if self._parameters_set:
-            self._session.tune(
-                self._session.prepared.plan.p.named(self._values[self._p])
-            )
+            self._session.tune(self._plan.p.named(self._values[self._p]))
         self._parameters_set = False
 
     # -- running ------------------------------------------------------------------------------

@@ -64,13 +64,15 @@ def _distributions() -> Mapping[str, list[str]]:
     return packages_distributions()
 
 
-def pickled(item: Block) -> Pickled:
+def pickled(item: Block, facts: Any) -> Pickled:
     """Pickle a block with all code that is not part of an installed package.
 
     Parameters
     ----------
     item : Block
         The block or diagram.
+    facts : object
+        Further contents.
 
     Raises
     ------
@@ -79,7 +81,7 @@ def pickled(item: Block) -> Pickled:
         inside its body.
     """
     try:
-        return _pickled(item)
+        return _pickled((item, facts))
     except ExportError:
         raise
     except Exception as error:  # pickling may run arbitrary code

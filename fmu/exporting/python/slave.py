@@ -23,7 +23,11 @@ from pythonfmu.fmi2slave import Fmi2Slave
 
 from trussflow.blocks.results.state_file import decode, encode
 from trussflow.fmu.exporting.python.instance import Instance
-from trussflow.fmu.exporting.python.payload import REQUIREMENTS_FILE, Payload
+from trussflow.fmu.exporting.python.payload import (
+    PICKLE_FILE,
+    REQUIREMENTS_FILE,
+    Payload,
+)
 
 LOG_CATEGORY = "logStatus"
 """Category of all log messages, as in the model description."""
@@ -64,7 +68,7 @@ class Slave(Fmi2Slave):  # type: ignore[misc]
         resources = Path(self.resources)
         sys.path[:] = [path for path in sys.path if not path or Path(path) != resources]
         try:
-            payload = self.payload or Payload.read(resources)
+            payload = self.payload or Payload((resources / PICKLE_FILE).read_bytes())
             self._model = Instance(payload)
         except Exception as error:
             needs = (resources / REQUIREMENTS_FILE).read_text(encoding="utf-8").split()

@@ -147,7 +147,7 @@ MISSING_LIBRARY = (
         ({"slave": (b'version("trussflow")', b'version("nowhere")')}, "nowhere"),
         ({"item": MISSING_LIBRARY}, "No module named 'library_that_is_not_there'"),
         (
-            {"facts": (b'"python": "3', b'"python": "2')},
+            {"slave": (b"made = '3", b"made = '2")},
             r"compiled for Python 2\.\d+; this is Python 3\.\d+",
         ),
     ],
