@@ -125,9 +125,8 @@ def export(
     one_of("FMI version", version, FMI_VERSIONS, ExportError)
     one_of("solver", solver, (*FIXED_STEP, *METHODS), ExportError)
     if kind != "python" and solver != "rk4":
-        what = "a native FMU" if kind == "native" else "plain C"
         raise ExportError(
-            f"{what} contains the solver rk4, not {solver!r}; use kind='python'"
+            f"an export of {kind=} contains the solver rk4, not {solver!r}; use kind='python'"
         )
     if kind == "c" and (version != "2.0" or platforms is not None):
         raise ExportError(

@@ -129,11 +129,7 @@ class Fmu(Block):
         numbers = {"tolerance": tolerance, **limits}
         positive(
             FmuError,
-            **{
-                f"Fmu: {name}": value
-                for name, value in numbers.items()
-                if value is not None
-            },
+            **{name: value for name, value in numbers.items() if value is not None},
         )
         if memory_limit is not None and time_limit is None:
             raise FmuError(
@@ -171,15 +167,16 @@ class Fmu(Block):
             with_states=self.kind == "me",
             declared_starts=declared_starts,
         )
+        description = self.interface.description  # with the given array sizes
+        self.file = replace(self.file, description=description)
         self._declared = dict(self.interface.declarations)
         if self.kind == "me" and not self.interface.states.size:
             state = State(meaning="always zero: the FMU has no states")
             state.name = PLACEHOLDER_STATE
             self._declared[PLACEHOLDER_STATE] = state
         if self.kind == "me":
-            number = self.file.description.event_indicators
             self._declared |= {
-                STATE_EVENT: Event(shape=(number,)),
+                STATE_EVENT: Event(shape=(description.event_indicators,)),
                 TIME_EVENT: Event("time"),
             }
         super().__init__()

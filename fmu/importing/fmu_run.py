@@ -48,16 +48,12 @@ class FmuRun(Running):
         self._logs_all = bool(block.options["logging"])
         self._tuned = self._interface.tunable(p)
         self._look = False
-        self._starts = self._interface.changed(p)
+        self._starts = self._interface.initial_values(p)
         self._ended: float | None = (
             None  # time at which the FMU requested the end of the run
         )
         self._fmu: Any = open_instance(
-            kind,
-            block.file,
-            start=self._interface.fixed_starts(),
-            name=block.name,
-            **block.options,
+            kind, block.file, name=block.name, **block.options
         )
 
     @property
@@ -75,10 +71,9 @@ class FmuRun(Running):
 
     def _set_up(self, time: float, inputs: Vector) -> None:
         """Initialize the FMU in a new instance."""
-        inputs_given = inputs if inputs.size else None
         self._ended = None
         self._fmu.setup(
-            time, tolerance=self._tolerance, inputs=inputs_given, start=self._starts
+            time, tolerance=self._tolerance, inputs=inputs, start=self._starts
         )
 
     def _retuned(self) -> Starts:

@@ -16,7 +16,6 @@ from trussflow.fmu.errors import FmuError
 from trussflow.fmu.importing.unit_table import UnitTable
 from trussflow.fmu.runtime.array_ports import VariableGroup, gather, legal_names
 from trussflow.fmu.runtime.description import FmuDescription, FmuVariable
-from trussflow.fmu.runtime.loaded import numbers
 from trussflow.fmu.runtime.start_values import Starts, declared_start, resized, resolve
 from trussflow.fmu.runtime.variable_buffers import shares
 
@@ -127,9 +126,9 @@ class ImportInterface:
         self._declared_starts = declared_starts
         description = self.description = resized(description, given)
         taken = set(reserved)  # of equal names, the first one is not changed
-        parameters = self._vector(numbers(description, "parameter"), taken)
-        self.inputs = self._vector(numbers(description, "input"), taken)
-        self.outputs = self._vector(numbers(description, "output"), taken)
+        parameters = self._vector(description.numbers("parameter"), taken)
+        self.inputs = self._vector(description.numbers("input"), taken)
+        self.outputs = self._vector(description.numbers("output"), taken)
         named = parameters.groups | self.inputs.groups
         self.starts: Starts = resolve(
             description, given, {name: g.variables for name, g in named.items()}
@@ -244,15 +243,6 @@ class ImportInterface:
 
     # -- values -------------------------------------------------------------------------------
 
-    def fixed_starts(self) -> Starts:
-        """Return the given values of variables other than parameters and inputs of the block."""
-        elsewhere = {
-            v.name for vector in (self.parameters, self.inputs) for v in vector.order
-        }
-        return {
-            name: value for name, value in self.starts.items() if name not in elsewhere
-        }
-
     def _values(self, p: Signals) -> Starts:
         """Return the values of the parameters by the FMU's names."""
         return {
@@ -261,8 +251,8 @@ class ImportInterface:
             for v, value in shares(group.variables, p[name].flatten())
         }
 
-    def changed(self, p: Signals) -> Starts:
-        """Return the parameters that were given or differ from the values in the model description.
+    def initial_values(self, p: Signals) -> Starts:
+        """Return the given values, and the parameters that differ from the model description.
 
         Parameters
         ----------
@@ -270,7 +260,7 @@ class ImportInterface:
             The parameters of the block [units as the FMU states].
         """
         known = self.description.variables
-        return {
+        return self.starts | {
             name: value
             for name, value in self._values(p).items()
             if name in self.starts

@@ -12,14 +12,7 @@ from trussflow.fmu.errors import FmuUnitError
 from trussflow.fmu.fmi_units import FmiUnit, fmi_unit
 from trussflow.fmu.runtime.description import FmuDescription
 
-UNIT_NAMES = {
-    "-": "",
-    "1": "",
-    "Ohm": "ohm",
-    "degC": "degC",
-    "%": "percent",
-    "°": "deg",
-}
+UNIT_NAMES = {"-": "", "1": "", "Ohm": "ohm", "%": "percent", "°": "deg"}
 """pint's names of units that are common in FMUs under other names."""
 
 POWER_PATTERN = re.compile(r"(?<=[A-Za-z\u00b5\u03bc])\^?(-?\d+)")

@@ -124,12 +124,11 @@ def read_description(path: Path) -> tuple[bytes, frozenset[str]]:
         If the archive is refused, or has no model description.
     """
     with opened(path) as archive:
-        try:
-            member = archive.getinfo(DESCRIPTION_FILE)
-        except KeyError:
+        if DESCRIPTION_FILE not in archive.namelist():
             raise FmuArchiveError(
                 f"cannot read FMU '{path}': it has no {DESCRIPTION_FILE} at its top level"
-            ) from None
+            )
+        member = archive.getinfo(DESCRIPTION_FILE)
         if member.file_size > MAX_XML_BYTES:
             raise FmuArchiveError(
                 f"cannot read FMU '{path}': its {DESCRIPTION_FILE} has {member.file_size / 1e6:.4g} MB, "

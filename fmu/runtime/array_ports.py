@@ -35,11 +35,6 @@ class VariableGroup:
     variables: tuple[FmuVariable, ...]
     shape: tuple[int, ...]
 
-    @property
-    def size(self) -> int:
-        """Number of elements."""
-        return prod(self.shape)
-
 
 def gather(variables: Iterable[FmuVariable]) -> list[VariableGroup]:
     """Group variables into arrays; return the groups in the order of their first elements.

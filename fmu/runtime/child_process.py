@@ -97,8 +97,9 @@ class RemoteInstance(KnownFmu):
                 "child processes for FMUs need a POSIX system; leave out time_limit"
             )
         # The description is read here: the child process is not trusted to report it.
-        super().__init__(kind.kind, file, arguments.get("start") or {})
+        super().__init__(kind.kind, file)
         self._limit = min(float(time_limit), MAX_TIME_LIMIT)
+        self._kind = kind
         self._name = self.file.path.name
         self._waiting = False
         self._fault = FmuError(
@@ -229,10 +230,7 @@ class RemoteInstance(KnownFmu):
         """Return a method, or the current value of an attribute, of the FMU in the child process."""
         if name.startswith("_"):
             raise AttributeError(name)
-        if any(
-            callable(getattr(kind, name, None))
-            for kind in (LoadedCoSimulation, LoadedModelExchange)
-        ):
+        if callable(getattr(self._kind, name, None)):
             return partial(self._call, name)
         return self._call(name)
 

@@ -134,9 +134,13 @@ class FmuDescription:
     tolerance: float | None = None
     step: float | None = None
 
-    def having(self, *causalities: str) -> list[FmuVariable]:
-        """Return the variables of the given causalities, in order."""
-        return [v for v in self.variables.values() if v.causality in causalities]
+    def numbers(self, causality: str) -> tuple[FmuVariable, ...]:
+        """Return the numeric variables of one causality, in order."""
+        return tuple(
+            v
+            for v in self.variables.values()
+            if v.causality == causality and v.type in NUMERIC_TYPES
+        )
 
 
 def parse_description(text: bytes, where: str) -> FmuDescription:

@@ -113,17 +113,9 @@ class FmuFile:
         needed = binary_path(self.description, kind)
         if needed not in self.files:
             parts = (f.split("/") for f in self.files if f.startswith("binaries/"))
-            has_sources = any(
-                f.startswith("sources/") and f.endswith(".c") for f in self.files
-            )
             there = sorted({p[1] for p in parts if len(p) > 2})
             raise FmuBinaryError(
                 f"FMU '{self.path.name}' has no binary for this machine ('{needed}'); it has: "
-                f"{', '.join(there) or 'none'}"
-                + (
-                    "; its sources can be built with 'fmpy compile'"
-                    if has_sources
-                    else ""
-                )
+                f"{', '.join(there) or 'none'}; 'fmpy compile' builds its sources, if it has any"
             )
         return kind  # type: ignore[no-any-return]

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import ctypes
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from functools import partial
 from pathlib import Path
 from typing import Any, ClassVar, NamedTuple, NoReturn
 
+from trussflow.blocks.errors import TrussflowError
 from trussflow.blocks.support.temporary_folders import not_loaded
 from trussflow.blocks.support.types import Vector
 from trussflow.fmu.errors import FmuBinaryError, FmuCallError, FmuError
@@ -259,9 +261,13 @@ class Library:
             Number of values [-].
         """
         name = f"{'Get' if get else 'Set'}{self.accessors[kind][0]}"
-        listed = (ctypes.c_uint * len(references))(*references)
         sizes = (count,) if self.version == 3 else ()
-        return self.bound(name, listed, len(references), buffer, *sizes)
+        return self.bound(name, *self.listed(references), buffer, *sizes)
+
+    @staticmethod
+    def listed(references: Sequence[int]) -> tuple[Any, int]:
+        """Return value references [-] as an array of C, and their number."""
+        return (ctypes.c_uint * len(references))(*references), len(references)
 
     def enter_initialization(self, start: float, tol: float | None) -> None:
         """Set up the experiment and enter initialization mode.
@@ -356,13 +362,18 @@ class Library:
             )
 
     def free(self) -> None:
-        """Free the instance, if it exists and calls are still allowed."""
+        """Terminate and free the instance, if it exists and calls are still allowed."""
+        PYTHON_LOGGER.removeHandler(self.log)
+        if not self.component:
+            return
+        if not self.broken:
+            with suppress(TrussflowError):
+                # a failed Terminate does not prevent freeing
+                self.call("Terminate")
         component = self.component
         self.component = None
-        PYTHON_LOGGER.removeHandler(self.log)
-        if component:
-            _alone.discard(self.description.token)
-        if component and not self.dead:
+        _alone.discard(self.description.token)
+        if not self.dead:
             self.function("FreeInstance")(component)
 
     def close(self) -> None:

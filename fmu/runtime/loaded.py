@@ -5,26 +5,19 @@ from __future__ import annotations
 import ctypes
 import weakref
 from collections.abc import Mapping
-from contextlib import suppress
 from pathlib import Path
 from typing import Any, ClassVar, Self
 
-from trussflow.blocks.errors import TrussflowError
 from trussflow.blocks.support.types import Vector
 from trussflow.fmu.errors import FmuError
 from trussflow.fmu.runtime.archive import remove, unpack
-from trussflow.fmu.runtime.description import (
-    NUMERIC_TYPES,
-    FmuDescription,
-    FmuVariable,
-    Kind,
-)
+from trussflow.fmu.runtime.description import Kind
 from trussflow.fmu.runtime.file import FmuFile
 from trussflow.fmu.runtime.library import Library, Update
 from trussflow.fmu.runtime.library2 import Library2
 from trussflow.fmu.runtime.library3 import Library3
 from trussflow.fmu.runtime.messages import PYTHON_LOGGER
-from trussflow.fmu.runtime.start_values import apply, resized, resolve
+from trussflow.fmu.runtime.start_values import apply
 from trussflow.fmu.runtime.variable_buffers import VariableBuffers
 
 MAX_UPDATES = 100
@@ -40,8 +33,6 @@ class KnownFmu:
         ``"cs"`` or ``"me"``.
     file : FmuFile, str or pathlib.Path
         The FMU.
-    start : mapping of str to object
-        Start values by the FMU's names [units as the FMU states]; structural parameters decide sizes.
 
     Raises
     ------
@@ -58,16 +49,13 @@ class KnownFmu:
         The numeric inputs and outputs, in the order of the input and output vectors.
     """
 
-    def __init__(
-        self, kind: Kind, file: FmuFile | str | Path, start: Mapping[str, Any]
-    ) -> None:
+    def __init__(self, kind: Kind, file: FmuFile | str | Path) -> None:
         self.file = file if isinstance(file, FmuFile) else FmuFile.read(file)
         self.file.kind(kind)
-        self.description = resized(self.file.description, start)
+        self.description = self.file.description
         self.capabilities = self.description.kinds[kind]
-        self.inputs, self.outputs = (
-            numbers(self.description, c) for c in ("input", "output")
-        )
+        self.inputs = self.description.numbers("input")
+        self.outputs = self.description.numbers("output")
 
     def close(self) -> None:
         """Release the FMU and delete its temporary files."""
@@ -86,8 +74,6 @@ class LoadedFmu(KnownFmu):
     ----------
     file : FmuFile, str or pathlib.Path
         The FMU.
-    start : mapping of str to object, optional
-        Parameters and start values by the FMU's names [units as the FMU states].
     name : str, optional
         Name of the instance, used in its log; by default the name of the model.
     logging : bool
@@ -98,7 +84,7 @@ class LoadedFmu(KnownFmu):
     Raises
     ------
     FmuError
-        If the FMU is refused, or a name or value in `start` is wrong. The temporary files are deleted.
+        If the FMU is refused. The temporary files are deleted.
 
     Attributes
     ----------
@@ -115,13 +101,11 @@ class LoadedFmu(KnownFmu):
         self,
         file: FmuFile | str | Path,
         *,
-        start: Mapping[str, Any] | None = None,
         name: str | None = None,
         logging: bool = False,
         folder: Path | None = None,
     ) -> None:
-        super().__init__(self.kind, file, start or {})
-        self._starts = resolve(self.description, start or {})
+        super().__init__(self.kind, file)
         self._name = name or self.description.name
         self._logging = logging
         folder = folder or unpack(self.file.path)
@@ -172,7 +156,7 @@ class LoadedFmu(KnownFmu):
         inputs : Vector, optional
             Inputs at the start [units as the FMU states]; by default the FMU's start values.
         start : mapping of str to object, optional
-            Start values besides those given to the constructor [units as the FMU states].
+            Parameters and start values, as `resolve` returns them [units as the FMU states].
 
         Raises
         ------
@@ -186,7 +170,7 @@ class LoadedFmu(KnownFmu):
             raise FmuError(
                 f"FMU '{self.description.name}' failed fatally before; close it and load it again"
             )
-        self._free()
+        library.free()
         self.generation += 1
         library.broken = False
         library.log.messages.clear()
@@ -196,7 +180,7 @@ class LoadedFmu(KnownFmu):
             PYTHON_LOGGER.addHandler(library.log)
         library.instantiate(self._name, logging=self._logging)
         library.log.instance = self._name
-        starts = {**self._starts, **resolve(self.description, start or {})}
+        starts = dict(start or {})
         known = self.description.variables
         structure = {n: starts.pop(n) for n in list(starts) if known[n].is_structural}
         if structure:  # array sizes can be set in configuration mode only
@@ -224,29 +208,19 @@ class LoadedFmu(KnownFmu):
         Parameters
         ----------
         values : mapping of str to object
-            Values by the FMU's names [units as the FMU states].
+            Values, as `resolve` returns them [units as the FMU states].
 
         Raises
         ------
         FmuError
-            If a name or value is wrong, or the FMU rejects it.
+            If a value does not fit its type, or the FMU rejects it.
         """
-        apply(self._library, resolve(self.description, values))
-
-    def _free(self) -> None:
-        """Terminate and free the instance, if it exists."""
-        library = self._library
-        if library.component and not library.broken:
-            with suppress(TrussflowError):
-                # a failed Terminate does not prevent freeing
-                library.call("Terminate")
-        library.free()
+        apply(self._library, values)
 
     def close(self) -> None:
         """Free the instance, unload the binary and delete the unpacked files."""
         if self._finalizer.alive:
             try:
-                self._free()
                 self._library.close()
             finally:
                 self._finalizer()
@@ -371,16 +345,3 @@ class LoadedFmu(KnownFmu):
             self.restore_state(state)
         finally:
             self.free_state(state)
-
-
-def numbers(description: FmuDescription, causality: str) -> tuple[FmuVariable, ...]:
-    """Return the numeric variables of one causality.
-
-    Parameters
-    ----------
-    description : FmuDescription
-        The model description.
-    causality : str
-        Causality as defined by FMI.
-    """
-    return tuple(v for v in description.having(causality) if v.type in NUMERIC_TYPES)

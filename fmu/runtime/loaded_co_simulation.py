@@ -27,8 +27,8 @@ class LoadedCoSimulation(LoadedFmu):
     --------
     ::
 
-        with LoadedCoSimulation("plant.fmu", start={"mass": 2.0}) as slave:
-            slave.setup()
+        with LoadedCoSimulation("plant.fmu") as slave:
+            slave.setup(start={"mass": 2.0})
             for k in range(1000):
                 slave.set_inputs(force)
                 slave.do_step(k * 1e-3, 1e-3)

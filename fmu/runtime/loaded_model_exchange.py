@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import ctypes
 import math
 from collections.abc import Mapping
 from typing import Any, ClassVar
@@ -139,10 +138,7 @@ class LoadedModelExchange(LoadedFmu):
         arguments: list[Any] = []
         for side in (unknowns, knowns):
             references = [v.reference for v in side if v.is_continuous]
-            arguments += [
-                (ctypes.c_uint * len(references))(*references),
-                len(references),
-            ]
+            arguments += self._library.listed(references)
         for vector in (seed, result):
             sizes = [vector.size] if self._library.version == 3 else []
             arguments += [vector.ctypes.data, *sizes]

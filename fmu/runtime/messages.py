@@ -104,10 +104,11 @@ def callbacks2(log: Messages, folder: Path) -> Any:
     def logged(_: Any, __: Any, status: int, _category: bytes, text: bytes) -> None:
         log.add(status, text)
 
-    callbacks = fmi2.fmi2CallbackFunctions()
-    callbacks.logger = fmi2.fmi2CallbackLoggerTYPE(logged)
-    callbacks.allocateMemory = fmi2.fmi2CallbackAllocateMemoryTYPE(calloc)
-    callbacks.freeMemory = fmi2.fmi2CallbackFreeMemoryTYPE(free)
+    callbacks = fmi2.fmi2CallbackFunctions(
+        logger=fmi2.fmi2CallbackLoggerTYPE(logged),
+        allocateMemory=fmi2.fmi2CallbackAllocateMemoryTYPE(calloc),
+        freeMemory=fmi2.fmi2CallbackFreeMemoryTYPE(free),
+    )
     with suppress(ImportError, OSError, AttributeError):
         # fmpy has no such library for this machine
         from fmpy import logging as proxy

@@ -106,16 +106,15 @@ def _parts(
 ) -> list[tuple[FmuVariable, Any]]:
     """Split a value among the variables of one name."""
     size = sum(v.size for v in variables)
+    kind = variables[0].type  # that of all elements of an array
     where = f"FMU '{description.name}': '{name}'"
-    if any(v.type == "String" for v in variables):
+    if kind == "String":
         texts = list(value) if isinstance(value, list | tuple) else [value]
         if len(texts) != size or not all(isinstance(text, str) for text in texts):
             raise FmuError(f"{where} takes {size} text(s), not {value!r}")
         return shares(variables, texts)
-    if any(v.type not in NUMERIC_TYPES for v in variables):
-        raise FmuError(
-            f"{where} is of type {variables[0].type}, which cannot be set from here"
-        )
+    if kind not in NUMERIC_TYPES:
+        raise FmuError(f"{where} is of type {kind}, which cannot be set from here")
     try:
         numbers = np.asarray(value, dtype=float)
     except (TypeError, ValueError):
@@ -126,12 +125,9 @@ def _parts(
         raise FmuError(f"{where} has {size} elements, not {numbers.size}")
     if not np.isfinite(numbers).all():
         raise FmuError(f"{where} must be finite, not {value!r}")
-    if (
-        any(v.type not in REAL_TYPES for v in variables)
-        and not (numbers == np.rint(numbers)).all()
-    ):
+    if kind not in REAL_TYPES and not (numbers == np.rint(numbers)).all():
         raise FmuError(
-            f"{where} is of type {variables[0].type}; it takes whole numbers, not {value!r}"
+            f"{where} is of type {kind}; it takes whole numbers, not {value!r}"
         )
     if any(
         isinstance(v, int) and v != float(v)

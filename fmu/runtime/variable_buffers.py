@@ -143,11 +143,7 @@ class VariableBuffers:
                 & (given >= float(low))
                 & (given < float(high + 1))
             )
-            takes = (
-                "0 or 1"
-                if part.type == "Boolean"
-                else f"whole numbers from {low} to {high}"
-            )
+            takes = f"whole numbers from {low} to {high}"
         if wrong.any():
             names = [v.name for v in self.variables for _ in range(v.size)]
             place = int(np.asarray(part.places)[np.flatnonzero(wrong)[0]])

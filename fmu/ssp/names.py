@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from typing import TYPE_CHECKING
 from xml.etree.ElementTree import Element, SubElement
 
@@ -51,9 +50,7 @@ def qualified(name: str) -> str:
     return f"{{{XML_NAMESPACES[prefix]}}}{plain}"
 
 
-def add(
-    parent: Element, path: str, attributes: Mapping[str, str] | None = None, **more: str
-) -> Element:
+def add(parent: Element, path: str, **attributes: str) -> Element:
     """Add a path of nested elements and return the innermost one, which gets the attributes.
 
     Parameters
@@ -62,14 +59,12 @@ def add(
         Element to which the outermost one is added.
     path : str
         Names with prefixes of `XML_NAMESPACES`, separated by slashes.
-    attributes : mapping of str, optional
-        Attributes by name.
-    **more : str
+    **attributes : str
         Attributes by name.
     """
     for name in path.split("/"):
         parent = SubElement(parent, qualified(name))
-    parent.attrib.update({**(attributes or {}), **more})
+    parent.attrib.update(attributes)
     return parent
 
 

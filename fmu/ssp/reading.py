@@ -32,15 +32,6 @@ from trussflow.fmu.ssp.wiring import Connection, Place, wire
 Values = dict[str, Any]
 """Values by the FMU's variable names."""
 
-RESERVED_NAMES = frozenset(dir(Diagram)) | {
-    "blocks",
-    "wires",
-    "exposed",
-    "name",
-    "parent",
-    "ports",
-}
-
 
 def import_ssp(path: str | Path, *, step: float | None = None) -> Diagram:
     """Return the diagram of an SSP 1.0 file, with its FMUs as blocks.
@@ -167,12 +158,12 @@ class _Reader:
             raise SspError(
                 f"cannot import '{title}' of '{self.where}': two elements have the same name"
             )
-        legal = legal_names(names, RESERVED_NAMES)
+        legal = legal_names(names, dir(diagram))
         places: dict[tuple[str, str], Place] = {}
         for element, name in zip(elements, names, strict=True):
-            inner = self._within(values, name, names)
+            inner = self._within(values, name)
             if element.tag == qualified("ssd:System"):
-                own = self._within(options, name, names)
+                own = self._within(options, name)
                 block, found = self._system(element, name, inner, own)
                 diagram.add(**{legal[name]: block})
             else:
@@ -206,14 +197,11 @@ class _Reader:
                 values[".".join(end)] = values[start[1]]
         return found
 
-    def _within(self, values: Values, name: str, others: list[str]) -> Values:
+    def _within(self, values: Values, name: str) -> Values:
         """Return the values for one element, whose names begin with that of the element."""
         prefix = f"{name}."
-        longer = tuple(f"{o}." for o in others if o.startswith(prefix))
         return {
-            k.removeprefix(prefix): v
-            for k, v in values.items()
-            if k.startswith(prefix) and not (longer and k.startswith(longer))
+            k.removeprefix(prefix): v for k, v in values.items() if k.startswith(prefix)
         }
 
     def _component(
@@ -241,7 +229,7 @@ class _Reader:
             if self.step is not None:
                 options["step"] = self.step
         values = outer | self._values(component)
-        free = [v for v in description.having("input") if v.name not in connected]
+        free = [v for v in description.numbers("input") if v.name not in connected]
         grounded = {v.name for v in free if values.get(v.name) == 0.0}
         starts = {v.name: v.start for v in free if v.start is not None and not v.shape}
         given = {k: v for k, v in (starts | values).items() if k not in grounded}

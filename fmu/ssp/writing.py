@@ -83,31 +83,22 @@ def export_ssp(
         raise ExportError(
             f"cannot export {given!r} to SSP: it is not a diagram; add it to a diagram"
         )
-    where = f"cannot export '{diagram.name}': "
-    positive(
-        ExportError,
-        **{
-            f"{where}stop_time": stop_time,
-            f"{where}step": 1.0 if step is None else step,
-        },
-    )
     blocks = leaves(diagram)
+    if step is None:
+        steps = [b.sample_time for b in blocks if b.sample_time is not None]
+        step = min(steps, default=1e-3)
+    positive(ExportError, step=step, stop_time=stop_time)
     strangers = [
         f"'{b.path}' ({type(b).__name__})" for b in blocks if not isinstance(b, Fmu)
     ]
     if strangers or not blocks:
-        what = (
-            f"these blocks are not FMUs: {', '.join(strangers)}"
-            if strangers
-            else "it has no block"
-        )
+        what = ", ".join(strangers) or "it has no block"
         raise ExportError(
             f"cannot export '{diagram.name}' to SSP, which supports FMUs only: {what}. Export each block, "
             "or an inner diagram, with trussflow.fmu.export, and replace it by Fmu(path)"
         )
     files = _resources(blocks)
-    steps = [b.sample_time for b in blocks if b.sample_time is not None]
-    text = _structure(diagram, files, step or min(steps, default=1e-3), stop_time)
+    text = _structure(diagram, files, step, stop_time)
     target = check_writable(path)
     notes = {
         "name": diagram.name,
@@ -127,18 +118,12 @@ def export_ssp(
 
 def _resources(blocks: list[Block]) -> dict[Path, str]:
     """Return the path inside the archive of each FMU file."""
-    found: dict[Path, str] = {}
-    for block in blocks:
-        file = block.file.path
-        if file in found:
-            continue
-        name = file.name
-        number = 2
-        while f"resources/{name}" in found.values():
-            name = f"{file.stem}_{number}{file.suffix}"
-            number = number + 1
-        found[file] = f"resources/{name}"
-    return found
+    files = [*dict.fromkeys(block.file.path for block in blocks)]
+    names = [file.name for file in files]
+    return {
+        file: f"resources/{name}" if names.count(name) == 1 else f"resources/{i}/{name}"
+        for i, (file, name) in enumerate(zip(files, names, strict=True))
+    }
 
 
 def _structure(
@@ -201,7 +186,7 @@ def _system(
             "endElement": to_element,
             "endConnector": to_name,
         }
-        add(connections, "ssd:Connection", filled(ends))
+        add(connections, "ssd:Connection", **filled(ends))
     return system
 
 

@@ -15,7 +15,6 @@ from trussflow.blocks.framework.block import Block
 from trussflow.blocks.framework.clock import exact
 from trussflow.blocks.framework.diagram import Diagram
 from trussflow.blocks.framework.system import flatten, resolved
-from trussflow.blocks.library.transport_delay import DelayLine
 from trussflow.blocks.simulation.schedule import Schedule
 from trussflow.blocks.support.types import Vector
 from trussflow.blocks.support.validation import by_name, one_of, positive
@@ -200,13 +199,7 @@ def _check(item: Block, **times: float) -> None:
         raise ExportError(
             f"cannot export {given!r}: it is neither a block nor a diagram"
         )
-    positive(
-        ExportError,
-        **{
-            f"cannot export '{item.name}': {name}": value
-            for name, value in times.items()
-        },
-    )
+    positive(ExportError, **times)
     if not item.outputs():
         what = "exposes no output; expose one with diagram.expose(name=block.port)"
         raise ExportError(
@@ -227,12 +220,10 @@ def _check_initialization(item: Block, plan: Plan) -> None:
         # as imported FMUs do
         loads = block.hides and (block.continuous or block.steps_itself)
         if loads or block.states_own("initial_state"):
-            remedy = "leave that block out. For diagrams of FMUs there is trussflow.fmu.ssp.export_ssp"
-            if isinstance(block, DelayLine):
-                remedy = "replace it by sampled_delay(sample_time, delay), which can be exported"
             raise ExportError(
                 f"cannot export '{item.name}': '{block.path}' ({type(block).__name__}) runs or initializes "
-                f"itself by code that cannot be traced; {remedy}"
+                "itself by code that cannot be traced; leave that block out. sampled_delay(sample_time, delay) "
+                "can replace a delay; for diagrams of FMUs there is trussflow.fmu.ssp.export_ssp"
             )
 
 

@@ -53,38 +53,39 @@ def variables(
     tunable : Pattern
         Whether each element of `p` has an effect after initialization.
     """
+    reference = 1
+
+    def numbered(group: Iterable[Variable]) -> VariableGroup:
+        """Return the variables with the next value references."""
+        nonlocal reference
+        found: list[Variable] = []
+        for variable in group:
+            found.append(replace(variable, reference=reference))
+            reference += variable.size
+        return tuple(found)
+
     taken = {*item.ports, *getattr(item, "blocks", ())}
+    name = "time" if "time" not in taken else "independent_time"
     time = Variable(
-        "time" if "time" not in taken else "independent_time",
-        (),
-        ("s",),
-        "simulation time",
-        causality="independent",
-        initial="",
-        reference=1,
+        name, (), ("s",), "simulation time", causality="independent", initial=""
     )
-    inputs = _numbered((_input(port, starts) for port in item.inputs()), 2)
-    parameters = _numbered(_parameters(item, plan, p, tunable), 2 + plan.u.size)
-    first = 2 + plan.u.size + plan.p.size
-    states = _numbered(_states(item, plan, plan.x, x), first)
-    derivatives = tuple(_derivative(v, plan.x.size) for v in states)
-    outputs = _numbered(map(_of_port, item.outputs()), first + 2 * plan.x.size)
-    first = outputs[-1].references.stop
     modes = (
         replace(v, variability="discrete", initial="calculated", start=None)
         for v in _states(item, plan, plan.modes, d)
     )
-    return Variables(
-        time,
-        inputs,
-        parameters,
-        states,
-        derivatives,
-        outputs,
-        modes=_numbered(modes, first),
-        indicators=_numbered(_indicators(item, plan), first + plan.modes.size),
-        memory=_numbered(_states(item, plan, plan.memory, d), plan.memory.span.start),
-    )
+    (time,) = numbered([time])
+    inputs = numbered(_input(port, starts) for port in item.inputs())
+    parameters = numbered(_parameters(item, plan, p, tunable))
+    states = numbered(_states(item, plan, plan.x, x))
+    shown = {
+        "derivatives": numbered(map(_derivative, states)),
+        "outputs": numbered(map(_of_port, item.outputs())),
+        "modes": numbered(modes),
+        "indicators": numbered(_indicators(item, plan)),
+    }
+    reference = plan.memory.span.start
+    memory = numbered(_states(item, plan, plan.memory, d))
+    return Variables(time, inputs, parameters, states, **shown, memory=memory)
 
 
 def name_of(item: Block, entry: Entry) -> str:
@@ -128,15 +129,6 @@ def input_starts(item: Block, plan: Plan, chosen: Mapping[str, Any]) -> Starts:
         what = f"the start of input '{name}' of '{item.name}'"
         starts[name] = finite_array(what, value, port.whole_shape or ()).copy()
     return starts
-
-
-def _numbered(group: Iterable[Variable], first: int) -> VariableGroup:
-    """Return the variables with their value references."""
-    numbered: list[Variable] = []
-    for variable in group:
-        numbered.append(replace(variable, reference=first))
-        first += variable.size
-    return tuple(numbered)
 
 
 def _of_port(port: Port) -> Variable:
@@ -205,12 +197,11 @@ def _indicators(item: Block, plan: Plan) -> Iterator[Variable]:
             yield replace(variable, name=f"{variable.name}.indicator")
 
 
-def _derivative(state: Variable, distance: int) -> Variable:
+def _derivative(state: Variable) -> Variable:
     return Variable(
         f"der({state.name})",
         state.shape,
         tuple(f"({unit})/s" if unit else None for unit in state.units),
         f"rate of {state.name}",
-        reference=state.reference + distance,
         state=state.reference,
     )

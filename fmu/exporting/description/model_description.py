@@ -99,13 +99,14 @@ def model_description(
         name=LOG_CATEGORY,
         description="why a call is refused or a step fails",
     )
-    experiment = {
-        "startTime": "0.0",
-        "stopTime": repr(interface.stop_time),
-        "tolerance": repr(interface.tolerance),
-        "stepSize": repr(interface.step),
-    }
-    SubElement(root, "DefaultExperiment", experiment)
+    SubElement(
+        root,
+        "DefaultExperiment",
+        startTime="0.0",
+        stopTime=repr(interface.stop_time),
+        tolerance=repr(interface.tolerance),
+        stepSize=repr(interface.step),
+    )
     variables = SubElement(root, "ModelVariables")
     for v in shown:
         if v.size:

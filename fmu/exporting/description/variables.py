@@ -159,16 +159,6 @@ class Variables:
         }
         return replace(self, **elements)
 
-    def settable_states(self) -> list[bool]:
-        """Return whether an importer may set the start value of each element of the states."""
-        return [v.initial == "exact" for v in self.states for _ in v.references]
-
-    def tunable_parameters(self) -> list[bool]:
-        """Return whether each element of the parameters may change after initialization."""
-        return [
-            v.variability == "tunable" for v in self.parameters for _ in v.references
-        ]
-
 
 def element_names(name: str, shape: tuple[int, ...]) -> list[str]:
     """Return the names of the elements of an array in row-major order, such as ``u[1,2]``.

@@ -83,7 +83,7 @@ def python_diagram():
             Integrator,
             "x.fmu",
             {"solver": "euler"},
-            "a native FMU contains the solver rk4, not 'euler'",
+            "kind='native' contains the solver rk4, not 'euler'",
         ),
         (
             Integrator,
@@ -96,7 +96,7 @@ def python_diagram():
             lambda: TransportDelay(0.1),
             "x.fmu",
             {},
-            r"\(TransportDelay\) runs or .* replace it by sampled_delay\(sample_time, delay\)",
+            r"\(TransportDelay\) runs or .* sampled_delay\(sample_time, delay\) can replace a delay",
         ),
         (
             Integrator,

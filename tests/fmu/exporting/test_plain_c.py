@@ -285,7 +285,7 @@ def equal_names():
             lambda: Gain(1.0),
             "made.c",
             {"solver": "BDF"},
-            "plain C contains the solver rk4",
+            "kind='c' contains the solver rk4",
         ),
         (lambda: Gain(1.0), "no/made.c", {}, "there is no folder"),
         (

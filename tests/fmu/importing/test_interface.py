@@ -235,7 +235,7 @@ WITH_BLOB = ("types", 3, {"</ModelVariables>": BLOB})
             "memory_limit needs a child process; give time_limit too",
         ),
         *(
-            (BALL, {option: value}, f"Fmu: {option} = .* must be a positive and finite")
+            (BALL, {option: value}, f"{option} = .* must be a positive and finite")
             for option in ("tolerance", "time_limit", "memory_limit")
             for value in (0.0, np.inf, np.nan)
         ),

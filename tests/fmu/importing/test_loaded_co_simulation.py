@@ -31,8 +31,8 @@ def loaded(make_fmu):
 
         def make(model="ball", version=2, start=None, **changes):
             path = make_fmu(model, version, **changes)
-            slave = stack.enter_context(LoadedCoSimulation(path, start=start))
-            slave.setup()
+            slave = stack.enter_context(LoadedCoSimulation(path))
+            slave.setup(start=start)
             return slave
 
         yield make
@@ -187,10 +187,8 @@ def test_an_instance_in_a_child_process_does_the_same(make_fmu, version):
     file = FmuFile.read(make_fmu("relay", version))
     found = []
     for time_limit in (None, 20.0):
-        with open_instance(
-            LoadedModelExchange, file, time_limit=time_limit, start={"x": 0.5}
-        ) as model:
-            model.setup(inputs=np.array([1.0, 0.0]))
+        with open_instance(LoadedModelExchange, file, time_limit=time_limit) as model:
+            model.setup(inputs=np.array([1.0, 0.0]), start={"x": 0.5})
             model.place(0.1, np.array([0.25]), np.array([0.75, 2.0]))
             assert model.event_inputs_changed(np.array([0.75, 2.0]))
             states, ended = model.handle_event(np.array([0.75, 2.0]))
@@ -219,8 +217,8 @@ def test_a_child_process_ends_with_its_parent(make_fmu, tmp_path):
     script = (
         "from trussflow.fmu.runtime.child_process import RemoteInstance\n"
         "from trussflow.fmu.runtime.loaded_co_simulation import LoadedCoSimulation\n"
-        f"slave = RemoteInstance(LoadedCoSimulation, {str(path)!r}, 60.0, start={{'fault': 3}})\n"
-        "slave.setup()\n"
+        f"slave = RemoteInstance(LoadedCoSimulation, {str(path)!r}, 60.0)\n"
+        "slave.setup(start={'fault': 3})\n"
         "print(slave._process.pid, flush=True)\n"
         "slave.do_step(0.0, 0.1)\n"
     )
@@ -300,7 +298,8 @@ def test_one_call_of_a_child_at_a_time(make_fmu, monkeypatch):
 
 def test_a_child_that_refuses_is_ended(make_fmu):
     process_folder()  # whose lock stays open
-    path, before = make_fmu("ball"), len(os.listdir("/proc/self/fd"))
-    with pytest.raises(FmuError, match="has no variable 'nothing'") as caught:  # noqa: F841
-        RemoteInstance(LoadedCoSimulation, path, 20.0, start={"nothing": 1.0})
+    file, before = FmuFile.read(make_fmu("ball")), len(os.listdir("/proc/self/fd"))
+    make_fmu("ball", replace={'start="9.81"': 'start="1.6"'})
+    with pytest.raises(FmuError, match="was changed since it was read") as caught:  # noqa: F841
+        RemoteInstance(LoadedCoSimulation, file, 20.0)
     assert len(os.listdir("/proc/self/fd")) == before  # while the error is still held
