@@ -145,9 +145,11 @@ class Fmu(Block):
             raise FmuError(
                 f"'{min(twice)}' is given both as a parameter and as a start value"
             )
-        if self.kind == "me":
-            self._refuse("step", step is not None, "the diagram's solver sets the step")
-            self._refuse("delayed", delayed, "inputs are not held")
+        if self.kind == "me" and (step is not None or delayed):
+            raise FmuError(
+                f"FMU '{self.file.description.name}' is used for model exchange, where the diagram's solver sets "
+                "the step and inputs are not held; leave out step and delayed, or set kind='cs'"
+            )
         self.options = {**limits, "logging": logging}
         self.units = dict(by_name("units", units))
         self.delayed = delayed
@@ -170,11 +172,11 @@ class Fmu(Block):
         description = self.interface.description  # with the given array sizes
         self.file = replace(self.file, description=description)
         self._declared = dict(self.interface.declarations)
-        if self.kind == "me" and not self.interface.states.size:
-            state = State(meaning="always zero: the FMU has no states")
-            state.name = PLACEHOLDER_STATE
-            self._declared[PLACEHOLDER_STATE] = state
         if self.kind == "me":
+            if not self.interface.states.size:
+                state = State(meaning="always zero: the FMU has no states")
+                state.name = PLACEHOLDER_STATE
+                self._declared[PLACEHOLDER_STATE] = state
             self._declared |= {
                 STATE_EVENT: Event(shape=(description.event_indicators,)),
                 TIME_EVENT: Event("time"),
@@ -182,14 +184,6 @@ class Fmu(Block):
         super().__init__()
         if self.kind == "cs":
             self.sampled(self._suggested_step() if step is None else step)
-
-    def _refuse(self, option: str, given: bool, reason: str) -> None:
-        """Raise an error for an option that does not apply to model exchange."""
-        if given:
-            raise FmuError(
-                f"FMU '{self.file.description.name}' is used for model exchange, where {reason}; leave "
-                f"out {option}, or set kind='cs'"
-            )
 
     def _suggested_step(self) -> float:
         description = self.description

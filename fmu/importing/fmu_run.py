@@ -10,9 +10,7 @@ from trussflow.blocks.framework.declarations import Signals
 from trussflow.blocks.framework.run_state import Running
 from trussflow.blocks.support.types import Vector
 from trussflow.fmu.errors import FmuEndedError, FmuError
-from trussflow.fmu.runtime.child_process import open_instance
-from trussflow.fmu.runtime.loaded_co_simulation import LoadedCoSimulation
-from trussflow.fmu.runtime.loaded_model_exchange import LoadedModelExchange
+from trussflow.fmu.runtime.child_process import Loaded, open_instance
 from trussflow.fmu.runtime.saved_states import restore_state
 from trussflow.fmu.runtime.start_values import Starts
 
@@ -35,17 +33,12 @@ class FmuRun(Running):
 
     stuck = "its FMU cannot save its state (no canGetAndSetFMUState in its model description)"
 
-    def __init__(
-        self,
-        block: Fmu,
-        p: Signals,
-        kind: type[LoadedCoSimulation | LoadedModelExchange],
-    ) -> None:
+    def __init__(self, block: Fmu, p: Signals, kind: type[Loaded]) -> None:
         self._interface = block.interface
         self._description = block.description
         self._p = p
         self._tolerance = block.tolerance
-        self._logs_all = bool(block.options["logging"])
+        self._logs_all = block.options["logging"]
         self._tuned = self._interface.tunable(p)
         self._look = False
         self._starts = self._interface.initial_values(p)

@@ -85,8 +85,8 @@ class VariableVector:
 def _index(places: list[int]) -> Any:
     """Return the index of elements of a vector: a slice if possible, because it does not copy."""
     first = places[0] if places else 0
-    whole = slice(first, first + len(places))
-    return whole if places == list(range(whole.start, whole.stop)) else np.array(places)
+    end = first + len(places)
+    return slice(first, end) if places == [*range(first, end)] else np.array(places)
 
 
 class ImportInterface:
@@ -142,11 +142,8 @@ class ImportInterface:
             [v for group in known.values() for v in group.variables], known
         )
         self._table = UnitTable(description, units)
-        self.states = VariableVector((), {})
-        if with_states:
-            self.states = VariableVector(
-                description.states, self._states(description, taken)
-            )
+        states = description.states if with_states else ()
+        self.states = VariableVector(states, self._states(states, taken))
         self.declarations = self._declarations()
 
     @staticmethod
@@ -157,12 +154,13 @@ class ImportInterface:
         taken.update(names.values())
         return VariableVector(variables, {names[group.name]: group for group in groups})
 
+    @staticmethod
     def _states(
-        self, description: FmuDescription, taken: set[str]
+        states: Sequence[FmuVariable], taken: set[str]
     ) -> dict[str, VariableGroup]:
         """Name the states; the name of a state that is also an output gets the suffix `_state`."""
         found = {}
-        for group in gather(description.states):
+        for group in gather(states):
             plain = legal_names([group.name], ())[group.name]
             name = plain if plain not in taken else f"{plain}_state"
             name = legal_names([name], taken)[name]
@@ -299,10 +297,9 @@ class ImportInterface:
 
     def variables(self) -> dict[str, tuple[str, ...]]:
         """Return the names of the FMU variables of each name of the block."""
-        vectors = (self.inputs, self.outputs, self.parameters, self.states)
-        groups = {
-            name: group for vector in vectors for name, group in vector.groups.items()
-        }
+        groups: dict[str, VariableGroup] = {}
+        for vector in (self.inputs, self.outputs, self.parameters, self.states):
+            groups |= vector.groups
         return {
             name: tuple(v.name for v in group.variables)
             for name, group in groups.items()

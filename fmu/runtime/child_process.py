@@ -30,6 +30,8 @@ from trussflow.fmu.runtime.loaded import KnownFmu
 from trussflow.fmu.runtime.loaded_co_simulation import LoadedCoSimulation
 from trussflow.fmu.runtime.loaded_model_exchange import LoadedModelExchange
 
+Loaded = LoadedCoSimulation | LoadedModelExchange
+
 STARTUP_TIMEOUT = 60.0
 """Maximum time [s] for the imports of a child process, before the FMU is loaded."""
 
@@ -49,9 +51,6 @@ ERROR_CLASSES = {
     name: kind for name, kind in vars(errors).items() if name.startswith("Fmu")
 }
 """Error classes that a child process may report, by name."""
-
-SIGNAL_NAMES = {-number: f"signal {number.name}" for number in signal.Signals}
-"""Names of signals by the return code of a process that a signal ended."""
 
 
 class RemoteInstance(KnownFmu):
@@ -85,7 +84,7 @@ class RemoteInstance(KnownFmu):
 
     def __init__(
         self,
-        kind: type[LoadedCoSimulation | LoadedModelExchange],
+        kind: type[Loaded],
         file: FmuFile | str | Path,
         time_limit: float,
         *,
@@ -207,11 +206,9 @@ class RemoteInstance(KnownFmu):
         except subprocess.TimeoutExpired:
             how = f"wrote into the descriptor reserved for answers in '{doing}', or closed it, and was ended"
         else:
-            how = (
-                f"exit code {code}"
-                if code >= 0
-                else SIGNAL_NAMES.get(code, f"signal {-code}")
-            )
+            how = f"exit code {code}"
+            if code < 0:
+                how = f"signal {-code} ({signal.strsignal(-code)})"
             how = f"ended by itself in '{doing}' with {how}"
         return FmuCrashError, f"the process of FMU '{self._name}' {how}"
 
@@ -240,7 +237,7 @@ class RemoteInstance(KnownFmu):
 
 
 def open_instance(
-    kind: type[LoadedCoSimulation | LoadedModelExchange],
+    kind: type[Loaded],
     file: FmuFile | str | Path,
     *,
     time_limit: float | None = None,

@@ -22,14 +22,14 @@ Kind = Literal["cs", "me"]
 MAX_ELEMENTS = 10_000_000
 """Maximum number of elements of an array variable."""
 
-NUMERIC_TYPES = frozenset(
-    {"Real", "Integer", "Boolean", "Enumeration", "Float32", "Float64"}
-    | {f"{sign}Int{bits}" for sign in ("", "U") for bits in (8, 16, 32, 64)}
-)
-"""FMI types whose values fit into a vector of floats."""
+INTEGER_TYPES = [f"{sign}Int{bits}" for sign in ("", "U") for bits in (8, 16, 32, 64)]
+"""Integer types of FMI 3.0."""
 
 REAL_TYPES = frozenset({"Real", "Float32", "Float64"})
 """FMI types of real numbers."""
+
+NUMERIC_TYPES = REAL_TYPES | {"Integer", "Boolean", "Enumeration", *INTEGER_TYPES}
+"""FMI types whose values fit into a vector of floats."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -72,7 +72,8 @@ class Library2(Library):
             status = self.function("GetBooleanStatus")(
                 self.component, KIND_TERMINATED, ctypes.byref(ended)
             )
-            ended.value = 0 if status > STATUS_WARNING else ended.value
+            if status > STATUS_WARNING:
+                ended.value = 0
         return Step(reached.value, discarded=True, terminate=bool(ended.value))
 
     def update_discrete(self) -> Update:

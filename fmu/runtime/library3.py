@@ -9,9 +9,9 @@ from typing import Any, ClassVar
 
 import numpy as np
 
+from trussflow.fmu.runtime.description import INTEGER_TYPES
 from trussflow.fmu.runtime.library import Library, Step, Update
 from trussflow.fmu.runtime.messages import STATUS_DISCARD, STATUS_WARNING, callback3
-from trussflow.fmu.runtime.signatures import INTEGER_TYPES
 
 
 class Library3(Library):

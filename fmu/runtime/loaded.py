@@ -109,7 +109,7 @@ class LoadedFmu(KnownFmu):
         self._name = name or self.description.name
         self._logging = logging
         folder = folder or unpack(self.file.path)
-        self._finalizer: Any = weakref.finalize(self, remove, folder)
+        self._finalizer = weakref.finalize(self, remove, folder)
         try:
             self.file.check_unchanged(folder)
             library = Library2 if self.description.version == 2 else Library3
@@ -188,15 +188,16 @@ class LoadedFmu(KnownFmu):
             apply(library, structure)
             library.call("ExitConfigurationMode")
         apply(library, starts)
-        tolerance = self.description.tolerance if tolerance is None else tolerance
-        library.enter_initialization(float(start_time), tolerance)
+        if tolerance is None:
+            tolerance = self.description.tolerance
+        library.enter_initialization(start_time, tolerance)
         self._input.bind()
         self._output.bind()
         if inputs is not None:
             self._input.values[:] = inputs
             self._input.write()
         library.call("ExitInitializationMode")
-        self._started(float(start_time))
+        self._started(start_time)
 
     def _started(self, time: float) -> None:
         """Prepare the subclass after initialization."""

@@ -41,7 +41,9 @@ class LoadedCoSimulation(LoadedFmu):
         self._written: Vector | None = None
         self._ended = False
         self._discrete = ~self._input.continuous
-        if self._has_events:  # FMI 3: it is in event mode after initialization
+        if (
+            self.capabilities.hasEventMode
+        ):  # FMI 3: it is in event mode after initialization
             self._ended = self._leave_event_mode()
 
     def restore_state(self, state: int) -> None:
@@ -49,10 +51,6 @@ class LoadedCoSimulation(LoadedFmu):
         super().restore_state(state)
         self._written = None  # the discrete inputs in the state are unknown
         self._ended = False
-
-    @property
-    def _has_events(self) -> bool:
-        return self._library.version == 3 and self.capabilities.hasEventMode
 
     def set_inputs(self, values: Vector | None = None) -> None:
         """Set all inputs; see `LoadedFmu.set_inputs`.
@@ -62,7 +60,7 @@ class LoadedCoSimulation(LoadedFmu):
         """
         if values is not None:
             self._input.values[:] = values
-        if not (self._has_events and self._discrete.any()):
+        if not (self.capabilities.hasEventMode and self._discrete.any()):
             self._input.write()
             return
         now = self._input.values[self._discrete]
@@ -101,10 +99,10 @@ class LoadedCoSimulation(LoadedFmu):
 
     def tune(self, values: Mapping[str, Any]) -> None:
         """Change parameters between steps, in event mode if the FMU has one; see `LoadedFmu.tune`."""
-        if self._has_events:
+        if self.capabilities.hasEventMode:
             self._library.call("EnterEventMode")
         super().tune(values)
-        if self._has_events:
+        if self.capabilities.hasEventMode:
             self._ended = self._leave_event_mode()
 
     def handle_event(self) -> bool:

@@ -13,7 +13,9 @@ from typing import Any, ClassVar, TextIO
 STATUS_WARNING, STATUS_DISCARD, STATUS_ERROR, STATUS_FATAL = 1, 2, 3, 4
 """FMI statuses that are handled; any other status above a warning is an error."""
 
-STATUS_NAMES = ("ok", "warning", "discard", "error", "fatal", "pending")
+STATUS_NAMES = dict(
+    enumerate(("ok", "warning", "discard", "error", "fatal", "pending"))
+)
 """Names of the FMI statuses, by number."""
 
 MAX_KEPT_MESSAGES = 200
@@ -82,7 +84,7 @@ class Messages(logging.Handler):
 
 def status_name(status: int) -> str:
     """Return the name of an FMI `status` [-]."""
-    return STATUS_NAMES[status] if 0 <= status < len(STATUS_NAMES) else str(status)
+    return STATUS_NAMES.get(status, str(status))
 
 
 def callbacks2(log: Messages, folder: Path) -> Any:
@@ -101,11 +103,10 @@ def callbacks2(log: Messages, folder: Path) -> Any:
     """
     from fmpy import calloc, fmi2, free
 
-    def logged(_: Any, __: Any, status: int, _category: bytes, text: bytes) -> None:
-        log.add(status, text)
-
     callbacks = fmi2.fmi2CallbackFunctions(
-        logger=fmi2.fmi2CallbackLoggerTYPE(logged),
+        logger=fmi2.fmi2CallbackLoggerTYPE(
+            lambda _e, _i, status, _c, text: log.add(status, text)
+        ),
         allocateMemory=fmi2.fmi2CallbackAllocateMemoryTYPE(calloc),
         freeMemory=fmi2.fmi2CallbackFreeMemoryTYPE(free),
     )
@@ -133,7 +134,4 @@ def callback3(log: Messages) -> Any:
     """
     from fmpy.fmi3 import fmi3LogMessageCallback
 
-    def logged(_: Any, status: int, _category: bytes, text: bytes) -> None:
-        log.add(status, text)
-
-    return fmi3LogMessageCallback(logged)
+    return fmi3LogMessageCallback(lambda _e, status, _c, text: log.add(status, text))

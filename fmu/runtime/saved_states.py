@@ -21,8 +21,8 @@ class HeldState:
     def __init__(self, fmu: Any) -> None:
         self.fmu = weakref.ref(fmu)
         self.instance = fmu.generation
-        self.handle: int = fmu.save_state()
-        self._name: str = fmu.description.name
+        self.handle = fmu.save_state()
+        self._name = fmu.description.name
         weakref.finalize(self, _free, self.fmu, self.instance, self.handle)
 
     def __repr__(self) -> str:

@@ -11,8 +11,7 @@ from __future__ import annotations
 import ctypes
 from typing import Any
 
-INTEGER_TYPES = [f"{sign}Int{bits}" for sign in ("", "U") for bits in (8, 16, 32, 64)]
-"""Integer types of FMI 3.0."""
+from trussflow.fmu.runtime.description import INTEGER_TYPES
 
 _TYPES2 = ("Real", "Integer", "Boolean", "String")
 _TYPES3 = ("Float32", "Float64", "Boolean", "String", *INTEGER_TYPES)

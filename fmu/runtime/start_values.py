@@ -6,6 +6,7 @@ import ctypes
 import difflib
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
+from math import prod
 from typing import Any
 
 import numpy as np
@@ -154,9 +155,9 @@ def declared_start(variable: FmuVariable) -> Vector:
     """
     if variable.start is None:
         return np.zeros(variable.size)
-    words = {"true": 1.0, "false": 0.0}
+    words = {"true": "1", "false": "0"}
     try:
-        values = [words[w] if w in words else float(w) for w in variable.start.split()]
+        values = [float(words.get(w, w)) for w in variable.start.split()]
         return np.array(np.broadcast_to(values, variable.size))
     except ValueError:
         raise FmuError(
@@ -176,18 +177,18 @@ def apply(library: Library, starts: Mapping[str, Any]) -> None:
         Result of `resolve`.
     """
     known = library.description.variables
-    texts = {
-        name: value for name, value in starts.items() if known[name].type == "String"
-    }
-    for name, value in texts.items():
+    numbers = []
+    for name, value in starts.items():
+        if known[name].type != "String":
+            numbers.append(known[name])
+            continue
         listed = (ctypes.c_char_p * len(value))(*(text.encode() for text in value))
         library.accessor(False, "String", [known[name].reference], listed, len(value))()
-    numbers = [name for name in starts if name not in texts]
-    if numbers:
-        bank = VariableBuffers([known[n] for n in numbers], library, writes=True)
-        bank.values[:] = np.concatenate([np.ravel(starts[n]) for n in numbers])
-        bank.bind()
-        bank.write()
+    bank = VariableBuffers(numbers, library, writes=True)
+    for variable, part in shares(numbers, bank.values):
+        part[:] = starts[variable.name]
+    bank.bind()
+    bank.write()
 
 
 def resized(description: FmuDescription, given: Mapping[str, Any]) -> FmuDescription:
@@ -211,7 +212,7 @@ def resized(description: FmuDescription, given: Mapping[str, Any]) -> FmuDescrip
         for name, value in given.items()
         if name in known and known[name].is_structural
     }
-    sizes: dict[int, int] = {}
+    sizes: dict[int | None, int] = {}
     for name, values in resolve(description, structure).items():
         size = float(values[0])
         if not 0 <= size <= MAX_ELEMENTS:
@@ -223,15 +224,13 @@ def resized(description: FmuDescription, given: Mapping[str, Any]) -> FmuDescrip
     if not sizes:
         return description
 
-    def fit(variable: FmuVariable) -> FmuVariable:
-        pairs = zip(variable.dimensions, variable.shape, strict=True)
-        fitted = replace(
-            variable, shape=tuple(n if d is None else sizes.get(d, n) for d, n in pairs)
-        )
-        fits = fitted.shape == variable.shape or len(
-            (variable.start or "").split()
-        ) in (1, fitted.size)
-        return fitted if fits else replace(fitted, start=None)
+    def fit(v: FmuVariable) -> FmuVariable:
+        pairs = zip(v.dimensions, v.shape, strict=True)
+        shape = tuple(sizes.get(reference, size) for reference, size in pairs)
+        if shape == v.shape:
+            return v
+        fits = len((v.start or "").split()) in (1, prod(shape))
+        return replace(v, shape=shape, start=v.start if fits else None)
 
     variables = {name: fit(variable) for name, variable in known.items()}
     return replace(

@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
 from xml.etree.ElementTree import Element, SubElement
 
-if TYPE_CHECKING:
-    from trussflow.fmu.runtime.description import FmuVariable
+from trussflow.fmu.runtime.description import REAL_TYPES, FmuVariable
 
 XML_NAMESPACES = {
     "ssd": "http://ssp-standard.org/SSP1/SystemStructureDescription",
@@ -27,15 +25,6 @@ such data, but OMSimulator rejects foreign annotations and reads foreign XML fil
 FMU_TYPE = "application/x-fmu-sharedlibrary"
 
 IMPLEMENTATION_NAMES = {"cs": "CoSimulation", "me": "ModelExchange"}
-
-SSP_TYPES = {
-    "Boolean": "Boolean",
-    "String": "String",
-    "Real": "Real",
-    "Float32": "Real",
-    "Float64": "Real",
-}
-"""SSP's types by FMI's types; all other types are integers."""
 
 
 def qualified(name: str) -> str:
@@ -69,11 +58,13 @@ def add(parent: Element, path: str, **attributes: str) -> Element:
 
 
 def type_of(variable: FmuVariable) -> str:
-    """Return the SSP type of a variable.
+    """Return the SSP type of a variable; all types other than these four are integers in SSP.
 
     Parameters
     ----------
     variable : FmuVariable
         The variable.
     """
-    return SSP_TYPES.get(variable.type, "Integer")
+    if variable.type in ("Boolean", "String"):
+        return variable.type
+    return "Real" if variable.type in REAL_TYPES else "Integer"

@@ -93,24 +93,23 @@ class _Reader:
             raise SspError(
                 f"cannot read '{self.where}': it is not a system structure of SSP 1"
             )
-        master = system.find(".//oms:FixedStepMaster", XML_NAMESPACES)
-        stated = None if master is None else master.get("stepSize")
-        self.master_step = None if stated is None else self._number(stated, "stepSize")
+        self.master_step = None
+        for master in system.findall(
+            ".//oms:FixedStepMaster[@stepSize]", XML_NAMESPACES
+        ):
+            self.master_step = self._number(master.get("stepSize", ""), "stepSize")
         name = system.get("name", "")
         options: Values = {}
         if (self.folder / OPTIONS_FILE).is_file():
-            notes = json.loads(self._file(OPTIONS_FILE))
+            notes = json.loads(self._inside(OPTIONS_FILE).read_bytes())
             name, options = notes["name"], notes["fmus"]
         return self._system(system, name, {}, options)[0]
 
     def _xml(self, name: str) -> Element:
         """Return the XML tree of a file in the archive, checked before it is parsed."""
-        text = self._file(name)
+        text = self._inside(name).read_bytes()
         check_xml(text, f"'{name}' of '{self.where}'")
         return ElementTree.fromstring(text)
-
-    def _file(self, name: str) -> bytes:
-        return self._inside(name).read_bytes()
 
     def _inside(self, name: str) -> Path:
         """Return the path of an unpacked file.
@@ -161,9 +160,9 @@ class _Reader:
         legal = legal_names(names, dir(diagram))
         places: dict[tuple[str, str], Place] = {}
         for element, name in zip(elements, names, strict=True):
-            inner = self._within(values, name)
+            inner = _within(values, name)
             if element.tag == qualified("ssd:System"):
-                own = self._within(options, name)
+                own = _within(options, name)
                 block, found = self._system(element, name, inner, own)
                 diagram.add(**{legal[name]: block})
             else:
@@ -196,13 +195,6 @@ class _Reader:
             elif start[1] in values:
                 values[".".join(end)] = values[start[1]]
         return found
-
-    def _within(self, values: Values, name: str) -> Values:
-        """Return the values for one element, whose names begin with that of the element."""
-        prefix = f"{name}."
-        return {
-            k.removeprefix(prefix): v for k, v in values.items() if k.startswith(prefix)
-        }
 
     def _component(
         self,
@@ -305,3 +297,11 @@ class _Reader:
         if kind == "Boolean":
             return float(text.strip() in ("true", "1"))
         return self._number(text, f"parameter '{name}'")
+
+
+def _within(values: Values, name: str) -> Values:
+    """Return the values for one element, whose names begin with that of the element."""
+    prefix = f"{name}."
+    return {
+        k.removeprefix(prefix): v for k, v in values.items() if k.startswith(prefix)
+    }

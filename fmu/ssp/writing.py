@@ -19,6 +19,7 @@ from trussflow.fmu.errors import ExportError
 from trussflow.fmu.exporting.description.model_description import (
     filled,
     generation_tool,
+    text,
 )
 from trussflow.fmu.exporting.description.variables import element_names
 from trussflow.fmu.exporting.packing import check_writable, write
@@ -98,7 +99,7 @@ def export_ssp(
             "or an inner diagram, with trussflow.fmu.export, and replace it by Fmu(path)"
         )
     files = _resources(blocks)
-    text = _structure(diagram, files, step, stop_time)
+    structure = _structure(diagram, files, step, stop_time)
     target = check_writable(path)
     notes = {
         "name": diagram.name,
@@ -108,7 +109,7 @@ def export_ssp(
     write(
         target,
         {
-            STRUCTURE_FILE: text,
+            STRUCTURE_FILE: structure.encode(),
             OPTIONS_FILE: content,
             **{name: file for file, name in files.items()},
         },
@@ -128,7 +129,7 @@ def _resources(blocks: list[Block]) -> dict[Path, str]:
 
 def _structure(
     diagram: Diagram, files: dict[Path, str], step: float, stop_time: float
-) -> bytes:
+) -> str:
     """Return the XML of the system description."""
     for prefix, space in XML_NAMESPACES.items():
         ElementTree.register_namespace(prefix, space)
@@ -149,9 +150,7 @@ def _structure(
         relativeTolerance="0.0001",
     )
     add(root, "ssd:DefaultExperiment", startTime="0.0", stopTime=repr(float(stop_time)))
-    ElementTree.indent(root)
-    content: bytes = ElementTree.tostring(root, encoding="UTF-8", xml_declaration=True)
-    return content + b"\n"
+    return text(root)
 
 
 def _system(
@@ -245,27 +244,27 @@ def _component(
     _add_connectors(component, block)
     interface = block.interface
     given: dict[str, Any] = interface.starts | grounded
-    values = {
-        name: given[name] for name in interface.description.variables if name in given
-    }
-    if values:
+    variables = [
+        v for name, v in interface.description.variables.items() if name in given
+    ]
+    if variables:
         inline = add(
             component, "ssd:ParameterBindings/ssd:ParameterBinding/ssd:ParameterValues"
         )
-        listed = add(
+        parameters = add(
             add(inline, "ssv:ParameterSet", version="1.0", name=block.name),
             "ssv:Parameters",
         )
-        for name, value in values.items():
-            variable = interface.description.variables[name]
-            if np.size(value) != 1 or variable.shape:
-                raise ExportError(
-                    f"cannot export '{block.path}' to SSP: its variable '{name}' is an array, and "
-                    "SSP 1.0 has scalar values only"
-                )
-            parameter = add(listed, "ssv:Parameter", name=name)
-            kind = type_of(variable)
-            add(parameter, f"ssv:{kind}", value=_value(kind, value))
+    for variable in variables:
+        value = given[variable.name]
+        if np.size(value) != 1 or variable.shape:
+            raise ExportError(
+                f"cannot export '{block.path}' to SSP: its variable '{variable.name}' is an array, and "
+                "SSP 1.0 has scalar values only"
+            )
+        parameter = add(parameters, "ssv:Parameter", name=variable.name)
+        kind = type_of(variable)
+        add(parameter, f"ssv:{kind}", value=_value(kind, value))
 
 
 def _value(kind: str, value: Any) -> str:

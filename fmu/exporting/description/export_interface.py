@@ -160,10 +160,10 @@ class ExportInterface:
         x, d = plan.initial(p, {}, starts)
         shown = variables(item, plan, p, x, d, starts, needs.tunable)
         _check_start(plan, programs, shown, x, d, p)
-        made_from = [repr((item.name, step, stop_time, tolerance))]
-        made_from += [program.code for program in traced]
-        made_from += [
-            repr((v.name, v.shape, v.units, v.meaning, v.start)) for v in shown
+        made_from = [
+            repr((item.name, step, stop_time, tolerance)),
+            *(program.code for program in traced),
+            *(repr((v.name, v.shape, v.units, v.meaning, v.start)) for v in shown),
         ]
         return cls(
             name=item.name,
@@ -201,10 +201,8 @@ def _check(item: Block, **times: float) -> None:
         )
     positive(ExportError, **times)
     if not item.outputs():
-        what = "exposes no output; expose one with diagram.expose(name=block.port)"
         raise ExportError(
-            f"cannot export '{item.name}': it "
-            + (what if isinstance(item, Diagram) else "has no output")
+            f"cannot export '{item.name}': it has no output; diagram.expose(name=block.port) exposes one"
         )
 
 
@@ -266,15 +264,17 @@ def _check_start(
     x, d[: plan.memory.span.stop] = np.split(
         programs["initialization"].evaluate([t, x, d, p]), [plan.x.size]
     )
-    for group, name in ((shown.derivatives, "derivative"), (shown.outputs, "outputs")):
-        values = programs[name].evaluate([t, x, d, p])
-        for v in group:
-            begin = v.reference - group[0].reference
-            if not np.isfinite(values[begin : begin + v.size]).all():
-                raise ExportError(
-                    f"'{v.name}' has no start value: with the inputs and parameters at their start "
-                    "values it is not finite; set other values with start={...} or parameters={...}"
-                )
+    scalars = shown.scalarized()
+    for group, name in (
+        (scalars.derivatives, "derivative"),
+        (scalars.outputs, "outputs"),
+    ):
+        finite = np.isfinite(programs[name].evaluate([t, x, d, p]))
+        if not finite.all():
+            raise ExportError(
+                f"'{group[int(np.argmin(finite))].name}' has no start value: with the inputs and parameters at "
+                "their start values it is not finite; set other values with start={...} or parameters={...}"
+            )
 
 
 def _identifier(name: str) -> str:

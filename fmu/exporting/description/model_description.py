@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
+from math import pi
 from uuid import UUID
 from xml.etree import ElementTree
 from xml.etree.ElementTree import Element, SubElement
@@ -130,8 +131,8 @@ def _add_units(root: Element, shown: Variables) -> None:
             if unit.offset:
                 base["offset"] = repr(unit.offset)
             SubElement(element, "BaseUnit", base)
-        for display, factor in unit.display:
-            SubElement(element, "DisplayUnit", name=display, factor=repr(factor))
+        if unit.display:
+            SubElement(element, "DisplayUnit", name=unit.display, factor=repr(180 / pi))
 
 
 def _add_variable(parent: Element, v: Variable, scalar: bool) -> None:
@@ -148,7 +149,7 @@ def _add_variable(parent: Element, v: Variable, scalar: bool) -> None:
     if v.unit is not None:
         number["unit"] = v.unit
         if display := fmi_unit(v.unit).display:
-            number["displayUnit"] = display[0][0]
+            number["displayUnit"] = display
     if v.start is not None:
         number["start"] = " ".join(repr(float(value)) for value in v.start)
     if v.state is not None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator
 from dataclasses import dataclass, fields, replace
-from itertools import product
+from itertools import groupby, product
 from math import prod
 from typing import Any
 
@@ -92,14 +92,9 @@ class Variable:
         """Return the meaning, with the units of the elements if they differ."""
         if not self.units or self.unit is not None or not any(self.units):
             return self.meaning
-        changes = [
-            0,
-            *(i for i in range(1, self.size) if self.units[i] != self.units[i - 1]),
-        ]
-        ends = [*changes[1:], self.size]
         runs = (
-            f"{b - a} x {self.units[a] or 'not stated'}"
-            for a, b in zip(changes, ends, strict=True)
+            f"{len([*alike])} x {unit or 'not stated'}"
+            for unit, alike in groupby(self.units)
         )
         units = f"units in order: {', '.join(runs)}"
         return f"{self.meaning}; {units}" if self.meaning else units
@@ -148,15 +143,10 @@ class Variables:
 
     def scalarized(self) -> Variables:
         """Return the variables with each array split into its elements."""
-        groups = {
-            field.name: getattr(self, field.name)
-            for field in fields(self)
-            if field.name != "time"
-        }
-        elements: dict[str, Any] = {
-            name: tuple(e for v in group for e in v.elements())
-            for name, group in groups.items()
-        }
+        elements: dict[str, Any] = {}
+        for field in fields(self)[1:]:  # all groups after the time
+            group = getattr(self, field.name)
+            elements[field.name] = tuple(e for v in group for e in v.elements())
         return replace(self, **elements)
 
 

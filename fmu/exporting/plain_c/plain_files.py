@@ -84,13 +84,12 @@ def plain_files(interface: ExportInterface, path: Path) -> dict[Path, str]:
     """
     name = path.stem
     header = path.with_suffix(".h")
-    if path.suffix != ".c" or not re.fullmatch(r"[A-Za-z]\w*", name, re.ASCII):
+    reserved = name.lower().startswith("tf_") or name in _text("c_names.txt").split()
+    is_identifier = re.fullmatch(r"[A-Za-z]\w*", name, re.ASCII)
+    if path.suffix != ".c" or reserved or not is_identifier:
         raise ExportError(
-            f"cannot write plain C to '{path}': the name must be a C identifier, such as controller.c"
-        )
-    if name.lower().startswith("tf_") or name in _text("c_names.txt").split():
-        raise ExportError(
-            f"cannot write plain C to '{path}': '{name}' is reserved in C; choose another name"
+            f"cannot write plain C to '{path}': the name must be a C identifier that is not reserved in C, "
+            "such as controller.c"
         )
     if header.is_file() and HEADER_MARK not in header.read_text(
         encoding="utf-8", errors="replace"

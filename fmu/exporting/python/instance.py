@@ -8,6 +8,7 @@ from itertools import pairwise
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from trussflow.blocks.errors import TrussflowError
 from trussflow.blocks.framework.clock import SNAP
@@ -79,9 +80,7 @@ class Instance:
         self._stale = True
         self._parameters_set |= bool(np.any(indices >= self._u.stop))
 
-    def _indices(
-        self, references: Sequence[int]
-    ) -> np.ndarray[Any, np.dtype[np.int64]]:
+    def _indices(self, references: Sequence[int]) -> NDArray[np.int64]:
         indices = np.asarray(references, dtype=np.int64) - 1
         unknown = indices[(indices < 0) | (indices >= len(self._values))]
         if unknown.size:
@@ -207,8 +206,7 @@ class Instance:
         if not self._ended:
             with contextlib.suppress(TrussflowError):
                 self._refresh()
-            self._ended = True
-            self._session.stop()
+            self.close()
 
     def close(self) -> None:
         """Release all resources, even if the importer has not called `terminate`."""
@@ -226,9 +224,10 @@ class Instance:
         SimulationError
             If the last step failed, or a block cannot save its state.
         """
+        snapshot = None
         if self._running:
             self._apply()
-        snapshot = self._session.save() if self._running else None
+            snapshot = self._session.save()
         return {
             "start": self._start,
             "values": self._values.copy(),

@@ -15,7 +15,6 @@ from trussflow.blocks.framework.block import Block
 from trussflow.blocks.simulation.session import Session
 from trussflow.blocks.support.types import Vector
 from trussflow.blocks.tracing.compile_cache import CompilationError
-from trussflow.blocks.tracing.compiler import find_compiler
 
 PICKLE_FILE = "item.pickle"
 """File of the payload in the folder ``resources``."""
@@ -66,11 +65,7 @@ class Payload:
         return self._shared.twin()
 
     def _prepared(self, item: Block, compiled: bool) -> Session:
-        if compiled and find_compiler() is None:
-            self.notes.append(
-                "there is no C compiler here: the model runs in CasADi's interpreter"
-            )
-        elif compiled:
+        if compiled:
             try:
                 return Session(item, backend="compiled", **self.settings)
             except CompilationError as error:

@@ -114,8 +114,7 @@ class Slave(Fmi2Slave):  # type: ignore[misc]
 
     def get_real(self, vrs: list[int]) -> list[float]:
         """Return values, or NaN if reading fails."""
-        values = self._calling("reading values", "get", vrs)
-        return [math.nan] * len(vrs) if values is None else list(values)
+        return self._calling("reading values", "get", vrs) or [math.nan] * len(vrs)
 
     def set_real(self, vrs: list[int], values: list[float]) -> None:
         """Set `values` [as declared] by the value references `vrs`."""

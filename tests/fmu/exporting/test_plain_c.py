@@ -266,7 +266,7 @@ def equal_names():
             lambda: Gain(1.0),
             "made.cpp",
             {},
-            "the name must be a C identifier, such as controller.c",
+            "the name must be a C identifier .*, such as controller.c",
         ),
         (lambda: Gain(1.0), "2made.c", {}, "the name must be a C identifier"),
         (

@@ -273,7 +273,7 @@ def test_units_that_do_not_fit(make_fmu, version):
         "ball", version, replace={'<BaseUnit m="1"/>': '<BaseUnit m="1" factor="0.3"/>'}
     )
     with pytest.raises(
-        FmuUnitError, match=r"defines its unit 'm' as 0\.3 m, which differs from"
+        FmuUnitError, match=r"defines its unit 'm' as 0\.3 m; .*no equal unit"
     ):
         Fmu(path, kind="me")
     with pytest.raises(
@@ -380,7 +380,12 @@ def test_discarded_steps_that_cannot_be_shorter(make_fmu, version):
     ("fault", "limit", "error", "text"),
     [
         (3, 0.5, FmuTimeoutError, r"'do_step' within 0\.5 s; its process was ended"),
-        (4, 20.0, FmuCrashError, r"signal SIGABRT(.|\n)*about to crash \(number 7\)"),
+        (
+            4,
+            20.0,
+            FmuCrashError,
+            r"signal 6 .Aborted(.|\n)*about to crash \(number 7\)",
+        ),
     ],
 )
 def test_a_step_that_never_ends_or_crashes(

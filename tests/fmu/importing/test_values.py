@@ -12,10 +12,9 @@ from systems import ports
 
 from trussflow.blocks import Constant, Diagram, PythonFunction, Step, simulate
 from trussflow.fmu import Fmu, FmuError
-from trussflow.fmu.runtime.description import FmuVariable
+from trussflow.fmu.runtime.description import INTEGER_TYPES, FmuVariable
 from trussflow.fmu.runtime.library import Library
 from trussflow.fmu.runtime.library3 import Library3
-from trussflow.fmu.runtime.signatures import INTEGER_TYPES
 from trussflow.fmu.runtime.variable_buffers import VariableBuffers
 
 versions = pytest.mark.parametrize("version", [2, 3])
