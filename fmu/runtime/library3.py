@@ -37,6 +37,9 @@ class Library3(Library):
     def instantiate(self, name: str, *, logging: bool) -> None:
         """Create the instance; early return is enabled only with event mode, which handles it."""
         self._logger = callback3(self.log)
+        # the results of a step: event, end, early, time
+        self._results: Any = (*(ctypes.c_bool() for _ in range(3)), ctypes.c_double())
+        self._pointers = [*map(ctypes.byref, self._results)]
         folder = self.folder / "resources"
         resources = f"{folder}{os.sep}".encode() if folder.is_dir() else None
         common = (
@@ -58,11 +61,9 @@ class Library3(Library):
 
     def do_step(self, t: float, h: float, rollback: bool) -> Step:
         """Perform a co-simulation step; see `Library`."""
-        results: Any = (*(ctypes.c_bool() for _ in range(3)), ctypes.c_double())
-        status = self.function("DoStep")(
-            self.component, t, h, not rollback, *map(ctypes.byref, results)
-        )
-        event, end, early, reached = (result.value for result in results)
+        do_step = self.function("DoStep")
+        status = do_step(self.component, t, h, not rollback, *self._pointers)
+        event, end, early, reached = (result.value for result in self._results)
         if status <= STATUS_WARNING:
             return Step(reached if early else t + h, False, early, event, end)
         if status != STATUS_DISCARD:

@@ -122,11 +122,6 @@ class LoadedFmu(KnownFmu):
         self.input_values = self._input.values
 
     @property
-    def initialized(self) -> bool:
-        """Whether an instance exists."""
-        return self._library.component is not None
-
-    @property
     def log(self) -> tuple[str, ...]:
         """The latest log messages: ``"[status] text"``."""
         return tuple(line for _, line in self._library.log.messages)

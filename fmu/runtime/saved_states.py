@@ -35,7 +35,7 @@ def _free(fmu: weakref.ref[Any], instance: int, handle: int) -> None:
     if found is None:
         return
     with suppress(FmuError):  # the state is already gone if the child process has ended
-        if found.initialized and found.generation == instance:
+        if found.generation == instance:
             found.free_state(handle)
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator
 from dataclasses import dataclass, fields, replace
-from itertools import groupby, product
+from itertools import chain, groupby, product
 from math import prod
 from typing import Any
 
@@ -130,16 +130,12 @@ class Variables:
     memory: VariableGroup
 
     def __iter__(self) -> Iterator[Variable]:
-        """Yield all variables except the memory."""
-        yield self.time
-        yield from (
-            self.inputs
-            + self.parameters
-            + self.states
-            + self.derivatives
-            + self.outputs
+        """Return an iterator of all variables except the memory."""
+        return chain(
+            (self.time,),
+            self.inputs + self.parameters + self.states + self.derivatives,
+            self.outputs + self.modes + self.indicators,
         )
-        yield from self.modes + self.indicators
 
     def scalarized(self) -> Variables:
         """Return the variables with each array split into its elements."""
