@@ -17,7 +17,7 @@ from trussflow.blocks.framework.command_arguments import (
     values_of,
 )
 from trussflow.fmu.exporting.description.export_interface import DEFAULT_TOLERANCE
-from trussflow.fmu.exporting.description.model_description import VERSION_MODULES
+from trussflow.fmu.exporting.description.model_description import FMI_VERSIONS
 from trussflow.fmu.exporting.export import EXPORT_KINDS, export
 from trussflow.fmu.importing.block import Fmu
 
@@ -49,7 +49,7 @@ def parser(prog: str = PROGRAM_NAME) -> argparse.ArgumentParser:
     exporting.add_argument("path", type=Path, help="file to write")
     exporting.add_argument("--kind", choices=EXPORT_KINDS, default="native")
     exporting.add_argument(
-        "--version", choices=VERSION_MODULES, default="2.0", help="version of FMI"
+        "--version", choices=FMI_VERSIONS, default="2.0", help="version of FMI"
     )
     exporting.add_argument("--step", type=float, default=1e-3, help="internal step [s]")
     exporting.add_argument(

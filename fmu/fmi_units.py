@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cache
-from math import inf, isclose, pi
+from math import inf, isclose
 from typing import Any
 
 from trussflow.blocks.framework.units import parse
@@ -35,15 +35,15 @@ class FmiUnit:
         FMI cannot express the unit: an exponent is not an integer, or the factor is zero or infinite.
     factor, offset : float
         Value in base units = factor * value + offset [1].
-    display : tuple of (str, float)
-        Display units, and the number of them per unit [1].
+    display : str
+        Name of the display unit with degrees instead of radians; empty if there is none.
     """
 
     name: str
     exponents: dict[str, int] | None = None
     factor: float = 1.0
     offset: float = 0.0
-    display: tuple[tuple[str, float], ...] = ()
+    display: str = ""
 
 
 @cache
@@ -68,14 +68,10 @@ def fmi_unit(name: str) -> FmiUnit:
         return FmiUnit(name)
     # pint allows exponents of any numeric type
     parts: dict[str, Any] = dict(one.unit_items())
-    powers = {
-        BASE_UNIT_NAMES.get(part, part): float(power)
-        for part, power in parts.items()
-        if power
-    }
-    display: tuple[tuple[str, float], ...] = ()
+    powers = {BASE_UNIT_NAMES.get(n, n): float(e) for n, e in parts.items() if e}
+    display = ""
     if dict(quantity(1.0, unit).unit_items()).get("radian") == 1:
-        display = ((name.replace("radian", "deg").replace("rad", "deg"), 180 / pi),)
+        display = name.replace("radian", "deg").replace("rad", "deg")
     factor = float(one.magnitude - zero.magnitude)
     offset = float(zero.magnitude)
     # xs:int

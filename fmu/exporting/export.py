@@ -19,7 +19,7 @@ from trussflow.fmu.exporting.description.export_interface import (
     DEFAULT_TOLERANCE,
     ExportInterface,
 )
-from trussflow.fmu.exporting.description.model_description import VERSION_MODULES
+from trussflow.fmu.exporting.description.model_description import FMI_VERSIONS
 from trussflow.fmu.exporting.native.package import native_files
 from trussflow.fmu.exporting.packing import check_writable, write, written
 from trussflow.fmu.exporting.plain_c.plain_files import plain_files
@@ -122,12 +122,11 @@ def export(
         If the diagram cannot be built.
     """
     one_of("kind of FMU", kind, EXPORT_KINDS, ExportError)
-    one_of("FMI version", version, tuple(VERSION_MODULES), ExportError)
+    one_of("FMI version", version, FMI_VERSIONS, ExportError)
     one_of("solver", solver, (*FIXED_STEP, *METHODS), ExportError)
     if kind != "python" and solver != "rk4":
-        what = "a native FMU" if kind == "native" else "plain C"
         raise ExportError(
-            f"{what} contains the solver rk4, not {solver!r}; use kind='python'"
+            f"an export of {kind=} contains the solver rk4, not {solver!r}; use kind='python'"
         )
     if kind == "c" and (version != "2.0" or platforms is not None):
         raise ExportError(

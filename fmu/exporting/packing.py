@@ -12,9 +12,6 @@ from trussflow.blocks.support.files import destination, replaced
 from trussflow.blocks.support.validation import as_path
 from trussflow.fmu.errors import ExportError
 
-ARCHIVE_SUFFIXES = (".fmu",)
-"""Suffixes of archives, which are not compressed again."""
-
 
 def write(path: Path, files: Mapping[str, bytes | Path]) -> None:
     """Write an archive atomically; equal files give equal bytes.
@@ -34,7 +31,7 @@ def write(path: Path, files: Mapping[str, bytes | Path]) -> None:
     with written(path) as partial, zipfile.ZipFile(partial, "w") as archive:
         for inner, content in files.items():
             info = zipfile.ZipInfo(inner)  # it has a fixed date
-            packed = inner.endswith(ARCHIVE_SUFFIXES)
+            packed = inner.endswith(".fmu")
             info.compress_type = zipfile.ZIP_STORED if packed else zipfile.ZIP_DEFLATED
             info.external_attr = 0o644 << 16
             archive.writestr(

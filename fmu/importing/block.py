@@ -22,13 +22,8 @@ from trussflow.fmu.importing.model_exchange_run import (
     DifferentiableRun,
     ModelExchangeRun,
 )
-from trussflow.fmu.runtime.archive import MAX_BYTES
 from trussflow.fmu.runtime.description import FmuDescription, Kind
-from trussflow.fmu.runtime.discrete_inputs import is_continuous
 from trussflow.fmu.runtime.file import FmuFile
-
-MAX_LIMITS = {"time_limit": 1e6, "memory_limit": 1e15}
-"""Maximum limits that operating systems support [s, B]."""
 
 
 class Fmu(Block):
@@ -85,8 +80,6 @@ class Fmu(Block):
         Maximum memory of the FMU in the child process [B].
     logging : bool
         Whether the FMU logs all its messages; see ``messages`` of a result or session.
-    max_bytes : float
-        Maximum unpacked size [B].
 
     Raises
     ------
@@ -129,29 +122,19 @@ class Fmu(Block):
         time_limit: float | None = None,
         memory_limit: float | None = None,
         logging: bool = False,
-        max_bytes: float = MAX_BYTES,
     ) -> None:
-        self.file = FmuFile.read(path, max_bytes)
+        self.file = FmuFile.read(path)
         self.kind = self.file.kind(kind)
         limits = {"time_limit": time_limit, "memory_limit": memory_limit}
         numbers = {"tolerance": tolerance, **limits}
         positive(
             FmuError,
-            **{
-                f"Fmu: {name}": value
-                for name, value in numbers.items()
-                if value is not None
-            },
+            **{name: value for name, value in numbers.items() if value is not None},
         )
         if memory_limit is not None and time_limit is None:
             raise FmuError(
                 "Fmu: memory_limit needs a child process; give time_limit too"
             )
-        for name, most in MAX_LIMITS.items():
-            if (limit := limits[name]) is not None and limit > most:
-                raise FmuError(
-                    f"Fmu: {name} = {limit:g} is more than {most:g}; leave it out for no limit"
-                )
         yes_or_no("Fmu", "declared_starts", declared_starts)
         yes_or_no("Fmu", "delayed", delayed)
         yes_or_no("Fmu", "logging", logging)
@@ -162,9 +145,11 @@ class Fmu(Block):
             raise FmuError(
                 f"'{min(twice)}' is given both as a parameter and as a start value"
             )
-        if self.kind == "me":
-            self._refuse("step", step is not None, "the diagram's solver sets the step")
-            self._refuse("delayed", delayed, "inputs are not held")
+        if self.kind == "me" and (step is not None or delayed):
+            raise FmuError(
+                f"FMU '{self.file.description.name}' is used for model exchange, where the diagram's solver sets "
+                "the step and inputs are not held; leave out step and delayed, or set kind='cs'"
+            )
         self.options = {**limits, "logging": logging}
         self.units = dict(by_name("units", units))
         self.delayed = delayed
@@ -184,37 +169,29 @@ class Fmu(Block):
             with_states=self.kind == "me",
             declared_starts=declared_starts,
         )
+        description = self.interface.description  # with the given array sizes
+        self.file = replace(self.file, description=description)
         self._declared = dict(self.interface.declarations)
-        if self.kind == "me" and not self.interface.states.size:
-            state = State(meaning="always zero: the FMU has no states")
-            state.name = PLACEHOLDER_STATE
-            self._declared[PLACEHOLDER_STATE] = state
         if self.kind == "me":
-            number = self.file.description.event_indicators
+            if not self.interface.states.size:
+                state = State(meaning="always zero: the FMU has no states")
+                state.name = PLACEHOLDER_STATE
+                self._declared[PLACEHOLDER_STATE] = state
             self._declared |= {
-                STATE_EVENT: Event(shape=(number,)),
+                STATE_EVENT: Event(shape=(description.event_indicators,)),
                 TIME_EVENT: Event("time"),
             }
         super().__init__()
         if self.kind == "cs":
             self.sampled(self._suggested_step() if step is None else step)
 
-    def _refuse(self, option: str, given: bool, reason: str) -> None:
-        """Raise an error for an option that does not apply to model exchange."""
-        if given:
-            raise FmuError(
-                f"FMU '{self.file.description.name}' is used for model exchange, where {reason}; leave "
-                f"out {option}, or set kind='cs'"
-            )
-
     def _suggested_step(self) -> float:
         description = self.description
-        suggested = description.step or description.kinds["cs"].fixed_step
-        if suggested is None:
+        if description.step is None:
             raise FmuError(
                 f"FMU '{description.name}' suggests no step size; give step, the communication step size [s]"
             )
-        return suggested
+        return description.step
 
     def _described(self) -> Description:
         own = super()._described()
@@ -260,7 +237,7 @@ class Fmu(Block):
         """Unpack and load the FMU for one run, with parameters `p` [units as the FMU states]."""
         if self.kind == "cs":
             return CoSimulationRun(self, p)
-        offers = self.description.kinds["me"].derivatives and all(
-            map(is_continuous, self.interface.inputs.order)
+        offers = self.description.differentiable and all(
+            v.is_continuous for v in self.interface.inputs.order
         )
         return (DifferentiableRun if offers else ModelExchangeRun)(self, p)

@@ -63,7 +63,7 @@ class CoSimulationRun(FmuRun, SelfStepping):
         self._delayed = block.delayed
         self._direct = any(block.feedthrough().values())
         self._nominal = float(block.sample_time or 0.0)
-        self.varies = self._fmu.capabilities.variable_step
+        self.varies = self._fmu.capabilities.canHandleVariableCommunicationStepSize
         self._saved_once = False
         self._follows: bool | None = None
         self._begun: tuple[float, Vector] | None = None
@@ -75,14 +75,10 @@ class CoSimulationRun(FmuRun, SelfStepping):
         self._u[self._inputs] = np.where(
             np.isnan(inputs), self._u[self._inputs], inputs
         )
-        before = self._begun  # initial signals are iterated: several calls
-        same = (
-            before is not None
-            and before[0] == time
-            and np.array_equal(before[1], self._u)
-        )
-        if same or (before is not None and self._delayed):
-            return
+        if self._begun is not None:  # initial signals are iterated: several calls
+            before, u = self._begun
+            if self._delayed or (before == time and np.array_equal(u, self._u)):
+                return
         self._set_up(time, self._u)
         self._begun = time, self._u.copy()
 
@@ -102,17 +98,9 @@ class CoSimulationRun(FmuRun, SelfStepping):
         fmu = self._fmu
         saved, before = HeldState(fmu), fmu.get_outputs().copy()
         inputs = self._interface.inputs.order
-        is_real = np.array(
-            [v.type in REAL_TYPES for v in inputs for _ in range(v.size)], dtype=bool
-        )
+        real = np.array([v.type in REAL_TYPES for v in inputs for _ in range(v.size)])
         try:
-            fmu.set_inputs(
-                np.where(
-                    is_real,
-                    self._u * (1.0 + INPUT_PERTURBATION) + INPUT_PERTURBATION,
-                    self._u,
-                )
-            )
+            fmu.set_inputs(self._u + INPUT_PERTURBATION * (1.0 + self._u) * real)
             follows = not np.array_equal(before, fmu.get_outputs(), equal_nan=True)
             fmu.set_inputs(self._u)
             restore_state(fmu, saved)

@@ -10,10 +10,7 @@ from trussflow.blocks.framework.declarations import Signals
 from trussflow.blocks.framework.run_state import Running
 from trussflow.blocks.support.types import Vector
 from trussflow.fmu.errors import FmuEndedError, FmuError
-from trussflow.fmu.runtime.child_process import open_instance
-from trussflow.fmu.runtime.loaded_co_simulation import LoadedCoSimulation
-from trussflow.fmu.runtime.loaded_model_exchange import LoadedModelExchange
-from trussflow.fmu.runtime.messages import status_name
+from trussflow.fmu.runtime.child_process import Loaded, open_instance
 from trussflow.fmu.runtime.saved_states import restore_state
 from trussflow.fmu.runtime.start_values import Starts
 
@@ -36,52 +33,40 @@ class FmuRun(Running):
 
     stuck = "its FMU cannot save its state (no canGetAndSetFMUState in its model description)"
 
-    def __init__(
-        self,
-        block: Fmu,
-        p: Signals,
-        kind: type[LoadedCoSimulation | LoadedModelExchange],
-    ) -> None:
+    def __init__(self, block: Fmu, p: Signals, kind: type[Loaded]) -> None:
         self._interface = block.interface
         self._description = block.description
         self._p = p
         self._tolerance = block.tolerance
-        self._logs_all = bool(block.options["logging"])
+        self._logs_all = block.options["logging"]
         self._tuned = self._interface.tunable(p)
         self._look = False
-        self._starts = self._interface.changed(p)
+        self._starts = self._interface.initial_values(p)
         self._ended: float | None = (
             None  # time at which the FMU requested the end of the run
         )
         self._fmu: Any = open_instance(
-            kind,
-            block.file,
-            start=self._interface.fixed_starts(),
-            name=block.name,
-            **block.options,
+            kind, block.file, name=block.name, **block.options
         )
 
     @property
     def restores(self) -> bool:
         """Whether the FMU can restore a saved state."""
-        return bool(self._fmu.capabilities.saves_state)
+        return bool(self._fmu.capabilities.canGetAndSetFMUstate)
 
     @property
     def messages(self) -> tuple[str, ...]:
         """Latest log messages of the FMU: ``"[status] text"``."""
         try:
-            return tuple(
-                f"[{status_name(status)}] {text}" for status, _, text in self._fmu.log
-            )
+            return tuple(self._fmu.log)
         except FmuError:  # the child process has ended
             return ()
 
     def _set_up(self, time: float, inputs: Vector) -> None:
         """Initialize the FMU in a new instance."""
-        inputs_given = inputs if inputs.size else None
         self._ended = None
         self._fmu.setup(
-            time, tolerance=self._tolerance, inputs=inputs_given, start=self._starts
+            time, tolerance=self._tolerance, inputs=inputs, start=self._starts
         )
 
     def _retuned(self) -> Starts:

@@ -16,14 +16,8 @@ from trussflow.fmu.errors import FmuError
 from trussflow.fmu.importing.unit_table import UnitTable
 from trussflow.fmu.runtime.array_ports import VariableGroup, gather, legal_names
 from trussflow.fmu.runtime.description import FmuDescription, FmuVariable
-from trussflow.fmu.runtime.loaded import numbers
-from trussflow.fmu.runtime.start_values import (
-    Starts,
-    declared_start,
-    resized,
-    resolve,
-    shares,
-)
+from trussflow.fmu.runtime.start_values import Starts, declared_start, resized, resolve
+from trussflow.fmu.runtime.variable_buffers import shares
 
 
 class VariableVector:
@@ -91,8 +85,8 @@ class VariableVector:
 def _index(places: list[int]) -> Any:
     """Return the index of elements of a vector: a slice if possible, because it does not copy."""
     first = places[0] if places else 0
-    whole = slice(first, first + len(places))
-    return whole if places == list(range(whole.start, whole.stop)) else np.array(places)
+    end = first + len(places)
+    return slice(first, end) if places == [*range(first, end)] else np.array(places)
 
 
 class ImportInterface:
@@ -132,9 +126,9 @@ class ImportInterface:
         self._declared_starts = declared_starts
         description = self.description = resized(description, given)
         taken = set(reserved)  # of equal names, the first one is not changed
-        parameters = self._vector(numbers(description, "parameter"), taken)
-        self.inputs = self._vector(numbers(description, "input"), taken)
-        self.outputs = self._vector(numbers(description, "output"), taken)
+        parameters = self._vector(description.numbers("parameter"), taken)
+        self.inputs = self._vector(description.numbers("input"), taken)
+        self.outputs = self._vector(description.numbers("output"), taken)
         named = parameters.groups | self.inputs.groups
         self.starts: Starts = resolve(
             description, given, {name: g.variables for name, g in named.items()}
@@ -148,32 +142,25 @@ class ImportInterface:
             [v for group in known.values() for v in group.variables], known
         )
         self._table = UnitTable(description, units)
-        self.states = VariableVector((), {})
-        if with_states:
-            self.states = VariableVector(
-                description.states, self._states(description, taken)
-            )
-        self._tunable = [
-            name
-            for name, group in self.parameters.groups.items()
-            if group.variables[0].variability == "tunable"
-        ]
+        states = description.states if with_states else ()
+        self.states = VariableVector(states, self._states(states, taken))
         self.declarations = self._declarations()
 
     @staticmethod
     def _vector(variables: Sequence[FmuVariable], taken: set[str]) -> VariableVector:
-        """VariableGroup variables and give each group a unique name."""
+        """Group variables into arrays and give each group a unique name."""
         groups = gather(variables)
         names = legal_names([group.name for group in groups], taken)
         taken.update(names.values())
         return VariableVector(variables, {names[group.name]: group for group in groups})
 
+    @staticmethod
     def _states(
-        self, description: FmuDescription, taken: set[str]
+        states: Sequence[FmuVariable], taken: set[str]
     ) -> dict[str, VariableGroup]:
         """Name the states; the name of a state that is also an output gets the suffix `_state`."""
         found = {}
-        for group in gather(description.states):
+        for group in gather(states):
             plain = legal_names([group.name], ())[group.name]
             name = plain if plain not in taken else f"{plain}_state"
             name = legal_names([name], taken)[name]
@@ -254,32 +241,29 @@ class ImportInterface:
 
     # -- values -------------------------------------------------------------------------------
 
-    def fixed_starts(self) -> Starts:
-        """Return the given values of variables other than parameters and inputs of the block."""
-        elsewhere = {
-            v.name for vector in (self.parameters, self.inputs) for v in vector.order
-        }
+    def _values(self, p: Signals) -> Starts:
+        """Return the values of the parameters by the FMU's names."""
         return {
-            name: value for name, value in self.starts.items() if name not in elsewhere
+            v.name: value
+            for name, group in self.parameters.groups.items()
+            for v, value in shares(group.variables, p[name].flatten())
         }
 
-    def changed(self, p: Signals) -> Starts:
-        """Return the parameters that were given or differ from the values in the model description.
+    def initial_values(self, p: Signals) -> Starts:
+        """Return the given values, and the parameters that differ from the model description.
 
         Parameters
         ----------
         p : Signals
             The parameters of the block [units as the FMU states].
         """
-        found: Starts = {}
-        for name, group in self.parameters.groups.items():
-            for variable, value in shares(group.variables, p[name].flatten()):
-                same = variable.name not in self.starts and np.array_equal(
-                    value, declared_start(variable)
-                )
-                if not same:
-                    found[variable.name] = value
-        return found
+        known = self.description.variables
+        return self.starts | {
+            name: value
+            for name, value in self._values(p).items()
+            if name in self.starts
+            or not np.array_equal(value, declared_start(known[name]))
+        }
 
     def tunable(self, p: Signals) -> Starts:
         """Return the values of the tunable parameters.
@@ -289,13 +273,12 @@ class ImportInterface:
         p : Signals
             The parameters of the block [units as the FMU states].
         """
-        found: Starts = {}
-        for name in self._tunable:
-            variables = self.parameters.groups[name].variables
-            found |= {
-                v.name: value for v, value in shares(variables, p[name].flatten())
-            }
-        return found
+        known = self.description.variables
+        return {
+            name: value
+            for name, value in self._values(p).items()
+            if known[name].variability == "tunable"
+        }
 
     def feedthrough(self) -> dict[str, tuple[str, ...]]:
         """Return the inputs with direct feedthrough to each output, by the block's names."""
@@ -314,10 +297,9 @@ class ImportInterface:
 
     def variables(self) -> dict[str, tuple[str, ...]]:
         """Return the names of the FMU variables of each name of the block."""
-        vectors = (self.inputs, self.outputs, self.parameters, self.states)
-        groups = {
-            name: group for vector in vectors for name, group in vector.groups.items()
-        }
+        groups: dict[str, VariableGroup] = {}
+        for vector in (self.inputs, self.outputs, self.parameters, self.states):
+            groups |= vector.groups
         return {
             name: tuple(v.name for v in group.variables)
             for name, group in groups.items()

@@ -122,8 +122,8 @@ class ModelExchangeRun(FmuRun):
         self._refuse_after_end(float(t))
         inputs = self._place(t, x, u)
         self._last = float(t), inputs
-        wanted = self._completed_step(float(t))
-        return wanted or bool(self._fmu.event_inputs_changed(inputs))
+        changed = bool(self._fmu.event_inputs_changed(inputs))
+        return self._completed_step(float(t)) or changed
 
     def on_event(
         self, t: Array, x: Signals, u: Signals, p: Signals, fired: Signals

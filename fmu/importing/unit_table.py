@@ -12,14 +12,7 @@ from trussflow.fmu.errors import FmuUnitError
 from trussflow.fmu.fmi_units import FmiUnit, fmi_unit
 from trussflow.fmu.runtime.description import FmuDescription
 
-UNIT_NAMES = {
-    "-": "",
-    "1": "",
-    "Ohm": "ohm",
-    "degC": "degC",
-    "%": "percent",
-    "°": "deg",
-}
+UNIT_NAMES = {"-": "", "1": "", "Ohm": "ohm", "%": "percent", "°": "deg"}
 """pint's names of units that are common in FMUs under other names."""
 
 POWER_PATTERN = re.compile(r"(?<=[A-Za-z\u00b5\u03bc])\^?(-?\d+)")
@@ -99,17 +92,11 @@ class UnitTable:
             return ours
         if found is not None and _agree(found, definition):
             return ours
-        base = _from_base(definition)
-        if base is not None and _agree(fmi_unit(base), definition):
-            return base
-        here = (
-            ", which differs from the unit of that name in trussflow"
-            if found is not None
-            else ""
-        )
+        if definition.factor == 1.0 and definition.offset == 0.0:
+            return _base_units(definition)
         raise FmuUnitError(
-            f"FMU '{self._name}' defines its unit '{name}' as {describe(definition)}{here}; "
-            f"name an equal unit with units={{'{name}': '...'}}, or disable its check "
+            f"FMU '{self._name}' defines its unit '{name}' as {describe(definition)}; trussflow has no "
+            f"equal unit of that name. Name one with units={{'{name}': '...'}}, or disable its check "
             f"with units={{'{name}': None}}"
         )
 
@@ -154,12 +141,7 @@ def describe(definition: FmiUnit) -> str:
     definition : FmiUnit
         The unit.
     """
-    powers = [
-        f"{n}^{e}" if e != 1 else n
-        for n, e in (definition.exponents or {}).items()
-        if e
-    ]
-    text = f"{definition.factor:g} {' '.join(powers) or '1'}"
+    text = f"{definition.factor:g} {_base_units(definition)}".rstrip()
     return text + (
         f" with its zero at {definition.offset:g}" if definition.offset else ""
     )
@@ -180,9 +162,7 @@ def _agree(ours: FmiUnit, theirs: FmiUnit) -> bool:
     )
 
 
-def _from_base(definition: FmiUnit) -> str | None:
-    """Return a unit as a product of base units, if it has neither factor nor offset."""
-    if definition.factor != 1.0 or definition.offset != 0.0:
-        return None
+def _base_units(definition: FmiUnit) -> str:
+    """Return the product of the base units of a unit."""
     powers = (definition.exponents or {}).items()
     return "*".join(f"{n}**{e}" if e != 1 else n for n, e in powers if e)

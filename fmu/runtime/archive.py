@@ -14,11 +14,13 @@ from pathlib import Path, PurePosixPath
 
 from trussflow.blocks.support.files import reading
 from trussflow.blocks.support.temporary_folders import process_folder, with_place
-from trussflow.blocks.support.validation import positive, shown
+from trussflow.blocks.support.validation import shown
 from trussflow.fmu.errors import FmuArchiveError
 
 MAX_BYTES = 2_000_000_000
-"""Maximum unpacked size of an archive [B]; the largest known FMUs have about 500 MB."""
+"""Maximum unpacked size of an archive [B]; the largest known FMUs have about 500 MB.
+
+Users may set it to a larger value."""
 
 MAX_FILES = 50_000
 """Maximum number of files of an archive."""
@@ -41,29 +43,25 @@ DESCRIPTION_FILE = "modelDescription.xml"
 
 
 @contextmanager
-def opened(path: Path, max_bytes: float = MAX_BYTES) -> Iterator[zipfile.ZipFile]:
+def opened(path: Path) -> Iterator[zipfile.ZipFile]:
     """Open an FMU and check all names and sizes in it before unpacking.
 
     Parameters
     ----------
     path : pathlib.Path
         The FMU.
-    max_bytes : float
-        Maximum unpacked size [B].
 
     Raises
     ------
     FmuArchiveError
-        If the file is not a zip archive, is damaged, or has unsafe names, links or sizes; or if
-        `max_bytes` is not positive.
+        If the file is not a zip archive, is damaged, or has unsafe names, links or sizes.
     """
-    positive(FmuArchiveError, max_bytes=max_bytes)
     damaged = "it is no zip archive, or a damaged one ({})"
     with reading(path, FmuArchiveError, "cannot open", damaged) as file:
         archive = zipfile.ZipFile(file)
     try:
         with archive:
-            if fault := next(_faults(archive.infolist(), max_bytes), None):
+            if fault := next(_faults(archive.infolist()), None):
                 raise FmuArchiveError(f"refused to unpack '{path}': {fault}")
             yield archive
     except ARCHIVE_ERRORS as error:
@@ -76,15 +74,15 @@ def opened(path: Path, max_bytes: float = MAX_BYTES) -> Iterator[zipfile.ZipFile
         ) from error
 
 
-def _faults(members: list[zipfile.ZipInfo], max_bytes: float) -> Iterator[str]:
+def _faults(members: list[zipfile.ZipInfo]) -> Iterator[str]:
     """Yield the reasons why unpacking an archive is unsafe."""
     if len(members) > MAX_FILES:
         yield f"it has {len(members)} files, more than {MAX_FILES}"
     size = sum(member.file_size for member in members)
-    if size > max_bytes:
+    if size > MAX_BYTES:
         yield (
-            f"it would take {size / 1e6:.4g} MB, more than {max_bytes / 1e6:.4g} MB; if you trust it, "
-            "increase max_bytes"
+            f"it would take {size / 1e6:.4g} MB, more than {MAX_BYTES / 1e6:.4g} MB; if you trust it, "
+            f"increase {__name__}.MAX_BYTES"
         )
     seen: dict[str, tuple[int, int]] = {}
     for member in members:
@@ -112,30 +110,25 @@ def _harm(member: zipfile.ZipInfo) -> str:
     return ""
 
 
-def read_description(
-    path: Path, max_bytes: float = MAX_BYTES
-) -> tuple[bytes, frozenset[str]]:
+def read_description(path: Path) -> tuple[bytes, frozenset[str]]:
     """Return the bytes of the model description of an FMU, and the names of all its files.
 
     Parameters
     ----------
     path : pathlib.Path
         The FMU.
-    max_bytes : float
-        Maximum unpacked size [B].
 
     Raises
     ------
     FmuArchiveError
         If the archive is refused, or has no model description.
     """
-    with opened(path, max_bytes) as archive:
-        try:
-            member = archive.getinfo(DESCRIPTION_FILE)
-        except KeyError:
+    with opened(path) as archive:
+        if DESCRIPTION_FILE not in archive.namelist():
             raise FmuArchiveError(
                 f"cannot read FMU '{path}': it has no {DESCRIPTION_FILE} at its top level"
-            ) from None
+            )
+        member = archive.getinfo(DESCRIPTION_FILE)
         if member.file_size > MAX_XML_BYTES:
             raise FmuArchiveError(
                 f"cannot read FMU '{path}': its {DESCRIPTION_FILE} has {member.file_size / 1e6:.4g} MB, "
@@ -144,15 +137,13 @@ def read_description(
         return archive.read(member), frozenset(archive.namelist())
 
 
-def unpack(path: Path, max_bytes: float = MAX_BYTES, place: Path | None = None) -> Path:
+def unpack(path: Path, place: Path | None = None) -> Path:
     """Unpack an FMU into a new temporary folder, which the caller must delete.
 
     Parameters
     ----------
     path : pathlib.Path
         The FMU.
-    max_bytes : float
-        Maximum unpacked size [B].
     place : pathlib.Path, optional
         Parent folder; by default the temporary folder of this process.
 
@@ -161,7 +152,7 @@ def unpack(path: Path, max_bytes: float = MAX_BYTES, place: Path | None = None) 
     FmuArchiveError
         If the archive is refused or damaged; the folder is deleted then.
     """
-    with opened(path, max_bytes) as archive:
+    with opened(path) as archive:
         folder = Path(tempfile.mkdtemp(prefix="fmu-", dir=place or process_folder()))
         try:
             archive.extractall(folder)

@@ -4,10 +4,8 @@ from __future__ import annotations
 
 import keyword
 import re
-from collections import Counter
 from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass
-from itertools import product
 from math import prod
 
 from trussflow.fmu.runtime.description import FmuVariable
@@ -36,14 +34,9 @@ class VariableGroup:
     variables: tuple[FmuVariable, ...]
     shape: tuple[int, ...]
 
-    @property
-    def size(self) -> int:
-        """Number of elements."""
-        return prod(self.shape)
-
 
 def gather(variables: Iterable[FmuVariable]) -> list[VariableGroup]:
-    """VariableGroup variables into arrays; return the groups in the order of their first elements.
+    """Group variables into arrays; return the groups in the order of their first elements.
 
     Scalars form an array if their names differ in the last indices only and their causality,
     variability and type are equal. The indices must count from 1 or 0 without gaps.
@@ -55,51 +48,39 @@ def gather(variables: Iterable[FmuVariable]) -> list[VariableGroup]:
     """
     listed = list(variables)
     taken = {v.name for v in listed}
-    families: dict[tuple[str, ...], dict[tuple[int, ...], FmuVariable]] = {}
+    families: dict[str, dict[tuple[int, ...], FmuVariable]] = {}
     for variable in listed:
         found = ELEMENT_NAME.fullmatch(variable.name)
-        if found is None or variable.shape:
-            families[("", variable.name)] = {(): variable}
-            continue
-        name = found["name"] + found["close"]
-        key: tuple[str, ...] = (
-            name,
-            variable.causality,
-            variable.variability,
-            variable.type,
-        )
-        index = tuple(int(part) for part in found["index"].split(","))
-        families.setdefault(key, {})[index] = variable
-    groups: list[VariableGroup] = []
-    # above one, the elements differ in kind
-    kinds = Counter(key[0] for key in families)
-    for key, members in families.items():
+        if found and not variable.shape:
+            index = tuple(map(int, found["index"].split(",")))
+            families.setdefault(found["name"] + found["close"], {})[index] = variable
+    arrays: dict[str, VariableGroup] = {}
+    for name, members in families.items():
         shape = _shape(members)
-        name = key[0]
-        if name and shape and name not in taken and kinds[name] == 1:
-            groups.append(
-                VariableGroup(name, tuple(members[i] for i in sorted(members)), shape)
+        kinds = {(v.causality, v.variability, v.type) for v in members.values()}
+        if shape and name not in taken and len(kinds) == 1:
+            group = VariableGroup(
+                name, tuple(members[i] for i in sorted(members)), shape
             )
-        else:
-            groups += [VariableGroup(v.name, (v,), v.shape) for v in members.values()]
-    order = {v.name: i for i, v in enumerate(listed)}
-    return sorted(groups, key=lambda group: min(order[v.name] for v in group.variables))
+            arrays |= {v.name: group for v in group.variables}
+    groups = {}
+    for variable in listed:
+        single = VariableGroup(variable.name, (variable,), variable.shape)
+        group = arrays.get(variable.name, single)
+        groups[group.name] = group
+    return list(groups.values())
 
 
 def _shape(members: Mapping[tuple[int, ...], FmuVariable]) -> tuple[int, ...] | None:
     """Return the shape of an array with the given indices, or None if there are gaps."""
-    if () in members:
-        return ()
     ranks = {len(index) for index in members}
     if len(ranks) != 1:
         return None
     columns = list(zip(*members, strict=True))
     first = min(map(min, columns))
     shape = tuple(max(column) - first + 1 for column in columns)
-    if first not in (0, 1) or prod(shape) != len(members):
-        return None
-    full = set(product(*(range(first, first + n) for n in shape)))
-    return shape if full == set(members) else None
+    # the indices differ and are in a box of this shape: as many as elements leave no gap
+    return shape if first in (0, 1) and prod(shape) == len(members) else None
 
 
 def legal_names(names: Iterable[str], reserved: Collection[str]) -> dict[str, str]:

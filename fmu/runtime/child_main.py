@@ -37,34 +37,28 @@ def main() -> None:
     connection.send_bytes(encode((True, None), {}))  # reports that the imports are done
     while True:
         try:
-            what, arguments = connection.recv()
+            name, given, named = connection.recv()
         except EOFError:
-            break
+            return
         try:
-            if what == "open":
-                kind, file, memory, options = arguments
+            value: Any = None
+            if name == "open":
+                make, file, memory = given
                 if memory is not None:
                     _limit(memory)
-                instance = kind(file, **options)
-                value: Any = None
-            elif what == "get":
-                value = getattr(instance, arguments)
+                instance = make(file, **named)
             else:
-                name, given, named = arguments
-                value = getattr(instance, name)(*given, **named)
+                value = getattr(instance, name)
+                if callable(value):
+                    value = value(*given, **named)
             reply: Any = True, value
-        except FmuError as error:
-            reply = (
-                False,
-                (type(error).__name__, str(error), getattr(error, "status", 0)),
-            )
         except Exception as error:  # noqa: BLE001 - the parent process needs every error
-            reply = False, ("FmuError", f"{type(error).__name__}: {error}", 0)
+            kind = type(error).__name__
+            text = str(error) if isinstance(error, FmuError) else f"{kind}: {error}"
+            reply = False, (kind, text, getattr(error, "status", 0))
         if os.getpid() != server:  # a copy forked by the FMU must not answer
             os._exit(0)
         connection.send_bytes(encode(reply, {}))
-    if instance is not None:
-        instance.close()
 
 
 def _limit(memory: int) -> None:

@@ -12,6 +12,7 @@ import sys
 import tempfile
 import weakref
 from contextlib import ExitStack
+from functools import partial
 from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Any
@@ -29,11 +30,16 @@ from trussflow.fmu.runtime.loaded import KnownFmu
 from trussflow.fmu.runtime.loaded_co_simulation import LoadedCoSimulation
 from trussflow.fmu.runtime.loaded_model_exchange import LoadedModelExchange
 
+Loaded = LoadedCoSimulation | LoadedModelExchange
+
 STARTUP_TIMEOUT = 60.0
 """Maximum time [s] for the imports of a child process, before the FMU is loaded."""
 
 EXIT_TIMEOUT = 1.0
 """Maximum time [s] for a child process to end after its answer is missing."""
+
+MAX_TIME_LIMIT, MAX_MEMORY_LIMIT = 1e6, 1e15
+"""Maximum limits that operating systems support [s, B]; longer and larger ones are reduced to these."""
 
 MAX_ANSWER_BYTES = 1_000_000_000
 """Maximum size of an answer [B]; the largest answers are saved states."""
@@ -45,9 +51,6 @@ ERROR_CLASSES = {
     name: kind for name, kind in vars(errors).items() if name.startswith("Fmu")
 }
 """Error classes that a child process may report, by name."""
-
-SIGNAL_NAMES = {-number: f"signal {number.name}" for number in signal.Signals}
-"""Names of signals by the return code of a process that a signal ended."""
 
 
 class RemoteInstance(KnownFmu):
@@ -81,7 +84,7 @@ class RemoteInstance(KnownFmu):
 
     def __init__(
         self,
-        kind: type[LoadedCoSimulation | LoadedModelExchange],
+        kind: type[Loaded],
         file: FmuFile | str | Path,
         time_limit: float,
         *,
@@ -93,8 +96,9 @@ class RemoteInstance(KnownFmu):
                 "child processes for FMUs need a POSIX system; leave out time_limit"
             )
         # The description is read here: the child process is not trusted to report it.
-        super().__init__(kind.kind, file, arguments.get("start") or {})
-        self._limit = float(time_limit)
+        super().__init__(kind.kind, file)
+        self._limit = min(float(time_limit), MAX_TIME_LIMIT)
+        self._kind = kind
         self._name = self.file.path.name
         self._waiting = False
         self._fault = FmuError(
@@ -138,11 +142,9 @@ class RemoteInstance(KnownFmu):
             self._set_timeout(STARTUP_TIMEOUT)
             self._answer("start", STARTUP_TIMEOUT)
             self._set_timeout(self._limit)
-            unpacked = unpack(self.file.path, self.file.max_bytes, folder)
-            memory = None if memory_limit is None else int(memory_limit)
-            self._call(
-                "open", (kind, self.file, memory, {"folder": unpacked, **arguments})
-            )
+            unpacked = unpack(self.file.path, folder)
+            memory = memory_limit and int(min(memory_limit, MAX_MEMORY_LIMIT))
+            self._call("open", kind, self.file, memory, folder=unpacked, **arguments)
         except BaseException:
             self.close()
             raise
@@ -156,20 +158,19 @@ class RemoteInstance(KnownFmu):
                 socket.SOL_SOCKET, option, struct.pack("@ll", whole, microseconds)
             )
 
-    def _call(self, what: str, arguments: Any) -> Any:
-        """Send a request to the child and return its answer."""
+    def _call(self, name: str, /, *given: Any, **named: Any) -> Any:
+        """Call a method of the FMU in the child, or read its attribute."""
         if not self._finalizer.alive:
             raise self._fault
         if self._waiting:  # by another thread, or by the finalizer of a saved state
             raise FmuError(
                 f"FMU '{self._name}' is called before its last call has returned"
             )
-        doing = arguments[0] if what == "call" else what
-        done, value = self._answer(doing, self._limit, (what, arguments))
+        done, value = self._answer(name, self._limit, (name, given, named))
         if done:
-            return Step(*value) if doing == "do_step" else value
-        name, text, status = value
-        error = ERROR_CLASSES.get(name, FmuError)(text)
+            return Step(*value) if name == "do_step" else value
+        cause, text, status = value
+        error = ERROR_CLASSES.get(cause, FmuError)(text)
         if isinstance(error, FmuCallError):
             error.status = status
         raise error
@@ -205,11 +206,9 @@ class RemoteInstance(KnownFmu):
         except subprocess.TimeoutExpired:
             how = f"wrote into the descriptor reserved for answers in '{doing}', or closed it, and was ended"
         else:
-            how = (
-                f"exit code {code}"
-                if code >= 0
-                else SIGNAL_NAMES.get(code, f"signal {-code}")
-            )
+            how = f"exit code {code}"
+            if code < 0:
+                how = f"signal {-code} ({signal.strsignal(-code)})"
             how = f"ended by itself in '{doing}' with {how}"
         return FmuCrashError, f"the process of FMU '{self._name}' {how}"
 
@@ -228,12 +227,9 @@ class RemoteInstance(KnownFmu):
         """Return a method, or the current value of an attribute, of the FMU in the child process."""
         if name.startswith("_"):
             raise AttributeError(name)
-        if any(
-            callable(getattr(kind, name, None))
-            for kind in (LoadedCoSimulation, LoadedModelExchange)
-        ):
-            return lambda *given, **named: self._call("call", (name, given, named))
-        return self._call("get", name)
+        if callable(getattr(self._kind, name, None)):
+            return partial(self._call, name)
+        return self._call(name)
 
     def close(self) -> None:
         """End the process and delete the unpacked files."""
@@ -241,7 +237,7 @@ class RemoteInstance(KnownFmu):
 
 
 def open_instance(
-    kind: type[LoadedCoSimulation | LoadedModelExchange],
+    kind: type[Loaded],
     file: FmuFile | str | Path,
     *,
     time_limit: float | None = None,

@@ -22,14 +22,14 @@ Kind = Literal["cs", "me"]
 MAX_ELEMENTS = 10_000_000
 """Maximum number of elements of an array variable."""
 
-NUMERIC_TYPES = frozenset(
-    {"Real", "Integer", "Boolean", "Enumeration", "Float32", "Float64"}
-    | {f"{sign}Int{bits}" for sign in ("", "U") for bits in (8, 16, 32, 64)}
-)
-"""FMI types whose values fit into a vector of floats."""
+INTEGER_TYPES = [f"{sign}Int{bits}" for sign in ("", "U") for bits in (8, 16, 32, 64)]
+"""Integer types of FMI 3.0."""
 
 REAL_TYPES = frozenset({"Real", "Float32", "Float64"})
 """FMI types of real numbers."""
+
+NUMERIC_TYPES = REAL_TYPES | {"Integer", "Boolean", "Enumeration", *INTEGER_TYPES}
+"""FMI types whose values fit into a vector of floats."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -76,60 +76,14 @@ class FmuVariable:
         return prod(self.shape)
 
     @property
+    def is_continuous(self) -> bool:
+        """Whether the variable may change between events."""
+        return self.variability == "continuous" and self.type in REAL_TYPES
+
+    @property
     def is_structural(self) -> bool:
         """Whether the variable sets array sizes."""
         return self.causality == "structuralParameter"
-
-
-@dataclass(frozen=True, slots=True)
-class Capabilities:
-    """Capabilities of one kind of an FMU.
-
-    Attributes
-    ----------
-    identifier : str
-        Name of the binary without its suffix.
-    saves_state, serializes_state : bool
-        Whether the state can be saved and restored, and serialized to bytes.
-    once_per_process : bool
-        Whether only one instance per process is allowed.
-    variable_step : bool
-        Whether the communication step size may vary.
-    interpolates_inputs : bool
-        Whether input derivatives may be set.
-    event_mode : bool
-        Whether the FMU reports events in co-simulation by returning early from a step (FMI 3).
-    completed_step_needed : bool
-        Whether ``completedIntegratorStep`` must be called after every accepted step.
-    derivatives : bool
-        Whether directional derivatives are available.
-    fixed_step : float or None
-        Fixed internal step of co-simulation [s], or None.
-    """
-
-    identifier: str
-    saves_state: bool = False
-    serializes_state: bool = False
-    once_per_process: bool = False
-    variable_step: bool = False
-    interpolates_inputs: bool = False
-    event_mode: bool = False
-    completed_step_needed: bool = True
-    derivatives: bool = False
-    fixed_step: float | None = None
-
-
-FMPY_ATTRIBUTES = {
-    "identifier": "modelIdentifier",
-    "saves_state": "canGetAndSetFMUstate",
-    "serializes_state": "canSerializeFMUstate",
-    "once_per_process": "canBeInstantiatedOnlyOncePerProcess",
-    "variable_step": "canHandleVariableCommunicationStepSize",
-    "interpolates_inputs": "canInterpolateInputs",
-    "event_mode": "hasEventMode",
-    "completed_step_needed": "needsCompletedIntegratorStep",
-}
-"""fmpy's names of the capabilities that are flags or text; some exist for one kind only."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -145,7 +99,7 @@ class FmuDescription:
     token : str
         GUID or instantiation token.
     kinds : dict
-        Capabilities by kind: ``"cs"``, ``"me"``.
+        Capability flags by kind, ``"cs"`` or ``"me"``: fmpy's object with the names of the standard.
     variables : dict
         All variables by name, in the order of the model description.
     units : dict
@@ -158,14 +112,17 @@ class FmuDescription:
         Name of a derivative without a state; model exchange is refused then. Empty if there is none.
     event_indicators : int
         Number of event indicators [-].
+    differentiable : bool
+        Whether model exchange has directional derivatives.
     tolerance, step : float or None
-        Relative tolerance [-] and step size [s] of the default experiment.
+        Relative tolerance [-] of the default experiment, and its step size or else the fixed internal
+        step of co-simulation [s].
     """
 
     name: str
     version: int
     token: str
-    kinds: Mapping[str, Capabilities]
+    kinds: Mapping[str, Any]
     variables: Mapping[str, FmuVariable]
     units: Mapping[str, FmiUnit]
     dependencies: Mapping[str, frozenset[str] | None]
@@ -173,12 +130,17 @@ class FmuDescription:
     derivatives: tuple[FmuVariable, ...] = ()
     stateless: str = ""
     event_indicators: int = 0
+    differentiable: bool = False
     tolerance: float | None = None
     step: float | None = None
 
-    def having(self, *causalities: str) -> list[FmuVariable]:
-        """Return the variables of the given causalities, in order."""
-        return [v for v in self.variables.values() if v.causality in causalities]
+    def numbers(self, causality: str) -> tuple[FmuVariable, ...]:
+        """Return the numeric variables of one causality, in order."""
+        return tuple(
+            v
+            for v in self.variables.values()
+            if v.causality == causality and v.type in NUMERIC_TYPES
+        )
 
 
 def parse_description(text: bytes, where: str) -> FmuDescription:
@@ -264,23 +226,8 @@ def _check_structure(root: ElementTree.Element, where: str) -> None:
 
 def _converted(read: Any, root: ElementTree.Element) -> FmuDescription:
     """Convert fmpy's description, read from `root`, to an `FmuDescription`."""
-    kinds: dict[str, Capabilities] = {}
-    for kind, stated in (("cs", read.coSimulation), ("me", read.modelExchange)):
-        if stated is not None:
-            found = {
-                k: getattr(stated, name)
-                for k, name in FMPY_ATTRIBUTES.items()
-                if hasattr(stated, name)
-            }
-            # FMI 3 uses another name for this attribute, which fmpy does not read.
-            flags = (f"providesDirectionalDerivative{s}" for s in ("", "s"))
-            elements = root.findall(type(stated).__name__)
-            found["derivatives"] = any(
-                e.get(f) in ("true", "1") for f in flags for e in elements
-            )
-            kinds[kind] = Capabilities(
-                **found, fixed_step=_number(stated, "fixedInternalStepSize")
-            )
+    stated = {"cs": read.coSimulation, "me": read.modelExchange}
+    kinds = {kind: flags for kind, flags in stated.items() if flags is not None}
     if not kinds:
         raise FmuDescriptionError(
             f"cannot use FMU '{read.modelName}': it offers neither co-simulation nor model exchange"
@@ -308,8 +255,15 @@ def _converted(read: Any, root: ElementTree.Element) -> FmuDescription:
         derivatives=tuple(variables[rate.name] for rate in rates),
         stateless="".join(stateless[:1]),
         event_indicators=read.numberOfEventIndicators or 0,
+        # FMI 3 uses another name for this attribute, which fmpy does not read.
+        differentiable=any(
+            element.get(f"providesDirectionalDerivative{s}") in ("true", "1")
+            for element in root.findall("ModelExchange")
+            for s in ("", "s")
+        ),
         tolerance=_number(experiment, "tolerance"),
-        step=_number(experiment, "stepSize"),
+        step=_number(experiment, "stepSize")
+        or _number(read.coSimulation, "fixedInternalStepSize"),
     )
 
 

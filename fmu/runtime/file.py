@@ -14,7 +14,7 @@ from trussflow.fmu.errors import (
     FmuDescriptionError,
     FmuError,
 )
-from trussflow.fmu.runtime.archive import DESCRIPTION_FILE, MAX_BYTES, read_description
+from trussflow.fmu.runtime.archive import DESCRIPTION_FILE, read_description
 from trussflow.fmu.runtime.description import FmuDescription, Kind, parse_description
 from trussflow.fmu.runtime.library import binary_path
 
@@ -33,26 +33,21 @@ class FmuFile:
         Names of the files in the archive.
     digest : str
         SHA-256 digest of the model description.
-    max_bytes : float
-        Maximum unpacked size [B].
     """
 
     path: Path
     description: FmuDescription
     files: frozenset[str]
     digest: str
-    max_bytes: float = MAX_BYTES
 
     @classmethod
-    def read(cls, path: str | Path, max_bytes: float = MAX_BYTES) -> FmuFile:
+    def read(cls, path: str | Path) -> FmuFile:
         """Read an FMU file.
 
         Parameters
         ----------
         path : str or pathlib.Path
             The FMU.
-        max_bytes : float
-            Maximum unpacked size [B].
 
         Raises
         ------
@@ -62,11 +57,9 @@ class FmuFile:
             If the model description is invalid or unsafe.
         """
         path = as_path(FmuArchiveError, "cannot open the FMU", path).absolute()
-        text, files = read_description(path, max_bytes)
+        text, files = read_description(path)
         description = parse_description(text, f"the model description of '{path.name}'")
-        return cls(
-            path, description, files, hashlib.sha256(text).hexdigest(), max_bytes
-        )
+        return cls(path, description, files, hashlib.sha256(text).hexdigest())
 
     def check_unchanged(self, folder: Path) -> None:
         """Raise an error if the FMU file was changed since it was read.
@@ -120,17 +113,9 @@ class FmuFile:
         needed = binary_path(self.description, kind)
         if needed not in self.files:
             parts = (f.split("/") for f in self.files if f.startswith("binaries/"))
-            has_sources = any(
-                f.startswith("sources/") and f.endswith(".c") for f in self.files
-            )
             there = sorted({p[1] for p in parts if len(p) > 2})
             raise FmuBinaryError(
                 f"FMU '{self.path.name}' has no binary for this machine ('{needed}'); it has: "
-                f"{', '.join(there) or 'none'}"
-                + (
-                    "; its sources can be built with 'fmpy compile'"
-                    if has_sources
-                    else ""
-                )
+                f"{', '.join(there) or 'none'}; 'fmpy compile' builds its sources, if it has any"
             )
         return kind  # type: ignore[no-any-return]

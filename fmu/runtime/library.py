@@ -4,19 +4,29 @@ from __future__ import annotations
 
 import ctypes
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from functools import partial
 from pathlib import Path
 from typing import Any, ClassVar, NamedTuple, NoReturn
 
+from trussflow.blocks.errors import TrussflowError
 from trussflow.blocks.support.temporary_folders import not_loaded
 from trussflow.blocks.support.types import Vector
 from trussflow.fmu.errors import FmuBinaryError, FmuCallError, FmuError
 from trussflow.fmu.runtime.description import FmuDescription, Kind
-from trussflow.fmu.runtime.messages import Messages, status_name
-from trussflow.fmu.runtime.signatures import function
-
-STATUS_WARNING, STATUS_DISCARD, STATUS_ERROR, STATUS_FATAL = 1, 2, 3, 4
-"""FMI statuses that are handled; any other status above a warning is an error."""
+from trussflow.fmu.runtime.messages import (
+    PYTHON_LOGGER,
+    STATUS_ERROR,
+    STATUS_FATAL,
+    STATUS_WARNING,
+    Messages,
+    status_name,
+)
+from trussflow.fmu.runtime.signatures import (
+    ARGUMENT_TYPES,
+    FUNCTION_SIGNATURES,
+    RESULT_TYPES,
+)
 
 _alone: set[str] = set()
 """Tokens of FMUs that allow one instance per process and have one in this process."""
@@ -83,7 +93,7 @@ def binary_path(description: FmuDescription, kind: Kind) -> str:
     from fmpy import platform, platform_tuple, sharedLibraryExtension
 
     folder = platform if description.version == 2 else platform_tuple
-    identifier = description.kinds[kind].identifier
+    identifier = description.kinds[kind].modelIdentifier
     return f"binaries/{folder}/{identifier}{sharedLibraryExtension}"
 
 
@@ -140,9 +150,30 @@ class Library:
         self._functions: dict[str, Any] = {}
 
     def function(self, name: str) -> Any:
-        """Return a function of the binary."""
+        """Return a function of the binary.
+
+        Parameters
+        ----------
+        name : str
+            Name without the prefix.
+
+        Raises
+        ------
+        FmuBinaryError
+            If the binary does not contain the function.
+        """
         if name not in self._functions:
-            self._functions[name] = function(self._library, self.version, name)
+            full = f"fmi{self.version}{name}"
+            try:
+                found = self._library[full]
+            except AttributeError:
+                raise FmuBinaryError(
+                    f"the binary of the FMU has no function {full}; it was built incompletely"
+                ) from None
+            signature = FUNCTION_SIGNATURES[self.version, name]
+            found.argtypes = [ARGUMENT_TYPES[letter] for letter in signature]
+            found.restype = RESULT_TYPES.get(name, ctypes.c_int)
+            self._functions[name] = found
         return self._functions[name]
 
     def call(self, name: str, *arguments: Any) -> None:
@@ -230,9 +261,13 @@ class Library:
             Number of values [-].
         """
         name = f"{'Get' if get else 'Set'}{self.accessors[kind][0]}"
-        listed = (ctypes.c_uint * len(references))(*references)
         sizes = (count,) if self.version == 3 else ()
-        return self.bound(name, listed, len(references), buffer, *sizes)
+        return self.bound(name, *self.listed(references), buffer, *sizes)
+
+    @staticmethod
+    def listed(references: Sequence[int]) -> tuple[Any, int]:
+        """Return value references [-] as an array of C, and their number."""
+        return (ctypes.c_uint * len(references))(*references), len(references)
 
     def enter_initialization(self, start: float, tol: float | None) -> None:
         """Set up the experiment and enter initialization mode.
@@ -279,11 +314,13 @@ class Library:
         """
         raise NotImplementedError
 
-    def step_call(self, rollback: bool) -> Callable[[float, float], Step]:
-        """Return the function that performs a co-simulation step, given its start and size [s].
+    def do_step(self, t: float, h: float, rollback: bool) -> Step:
+        """Perform a co-simulation step.
 
         Parameters
         ----------
+        t, h : float
+            Start and size of the step [s].
         rollback : bool
             Whether a state from before the step may be restored later.
         """
@@ -298,7 +335,7 @@ class Library:
     def instantiated(self, component: Any) -> None:
         """Store the instance, or raise an error if there is none."""
         self.component = component
-        if component and self.capabilities.once_per_process:
+        if component and self.capabilities.canBeInstantiatedOnlyOncePerProcess:
             _alone.add(self.description.token)
         if not component:
             raise FmuCallError(
@@ -314,7 +351,10 @@ class Library:
         FmuError
             If an instance exists already.
         """
-        if self.capabilities.once_per_process and self.description.token in _alone:
+        if (
+            self.capabilities.canBeInstantiatedOnlyOncePerProcess
+            and self.description.token in _alone
+        ):
             raise FmuError(
                 f"FMU '{self.description.name}' allows one instance in a process "
                 "(canBeInstantiatedOnlyOncePerProcess), and one exists; stop that instance, or set "
@@ -322,12 +362,18 @@ class Library:
             )
 
     def free(self) -> None:
-        """Free the instance, if it exists and calls are still allowed."""
+        """Terminate and free the instance, if it exists and calls are still allowed."""
+        PYTHON_LOGGER.removeHandler(self.log)
+        if not self.component:
+            return
+        if not self.broken:
+            with suppress(TrussflowError):
+                # a failed Terminate does not prevent freeing
+                self.call("Terminate")
         component = self.component
         self.component = None
-        if component:
-            _alone.discard(self.description.token)
-        if component and not self.dead:
+        _alone.discard(self.description.token)
+        if not self.dead:
             self.function("FreeInstance")(component)
 
     def close(self) -> None:

@@ -4,22 +4,14 @@ from __future__ import annotations
 
 import ctypes
 import math
-from collections.abc import Callable
 from contextlib import suppress
 from typing import Any, ClassVar
 
 import numpy as np
 
 from trussflow.fmu.errors import FmuBinaryError
-from trussflow.fmu.runtime.library import (
-    STATUS_DISCARD,
-    STATUS_WARNING,
-    Library,
-    Step,
-    Update,
-    unload,
-)
-from trussflow.fmu.runtime.messages import callbacks2
+from trussflow.fmu.runtime.library import Library, Step, Update, unload
+from trussflow.fmu.runtime.messages import STATUS_DISCARD, STATUS_WARNING, callbacks2
 
 KIND_LAST_SUCCESSFUL_TIME, KIND_TERMINATED = 2, 3
 """Values of ``fmi2StatusKind`` that are queried after a discarded step."""
@@ -59,24 +51,16 @@ class Library2(Library):
         )
         self.instantiated(component)
 
-    def step_call(self, rollback: bool) -> Callable[[float, float], Step]:
-        """Return the function that performs a co-simulation step, given its start and size [s]."""
-        do_step = self.function("DoStep")
-        component = self.component
-        prior = int(not rollback)
+    def do_step(self, t: float, h: float, rollback: bool) -> Step:
+        """Perform a co-simulation step; see `Library`.
 
-        def step(t: float, h: float) -> Step:
-            status = do_step(component, t, h, prior)
-            if status <= STATUS_WARNING:
-                return Step(t + h)
-            if status != STATUS_DISCARD:
-                self.fail("DoStep", status)
-            return self._discarded(t, h)
-
-        return step
-
-    def _discarded(self, t: float, h: float) -> Step:
-        """Query the time that a discarded step reached; its start if the FMU does not report it."""
+        The time that a discarded step reached is its start if the FMU does not report it.
+        """
+        status = self.function("DoStep")(self.component, t, h, int(not rollback))
+        if status <= STATUS_WARNING:
+            return Step(t + h)
+        if status != STATUS_DISCARD:
+            self.fail("DoStep", status)
         reached = ctypes.c_double(t)
         ended = ctypes.c_int(0)
         with suppress(FmuBinaryError):
@@ -88,7 +72,8 @@ class Library2(Library):
             status = self.function("GetBooleanStatus")(
                 self.component, KIND_TERMINATED, ctypes.byref(ended)
             )
-            ended.value = 0 if status > STATUS_WARNING else ended.value
+            if status > STATUS_WARNING:
+                ended.value = 0
         return Step(reached.value, discarded=True, terminate=bool(ended.value))
 
     def update_discrete(self) -> Update:

@@ -5,20 +5,13 @@ from __future__ import annotations
 import ctypes
 import math
 import os
-from collections.abc import Callable
 from typing import Any, ClassVar
 
 import numpy as np
 
-from trussflow.fmu.runtime.library import (
-    STATUS_DISCARD,
-    STATUS_WARNING,
-    Library,
-    Step,
-    Update,
-)
-from trussflow.fmu.runtime.messages import callback3
-from trussflow.fmu.runtime.signatures import INTEGER_TYPES
+from trussflow.fmu.runtime.description import INTEGER_TYPES
+from trussflow.fmu.runtime.library import Library, Step, Update
+from trussflow.fmu.runtime.messages import STATUS_DISCARD, STATUS_WARNING, callback3
 
 
 class Library3(Library):
@@ -44,6 +37,9 @@ class Library3(Library):
     def instantiate(self, name: str, *, logging: bool) -> None:
         """Create the instance; early return is enabled only with event mode, which handles it."""
         self._logger = callback3(self.log)
+        # the results of a step: event, end, early, time
+        self._results: Any = (*(ctypes.c_bool() for _ in range(3)), ctypes.c_double())
+        self._pointers = [*map(ctypes.byref, self._results)]
         folder = self.folder / "resources"
         resources = f"{folder}{os.sep}".encode() if folder.is_dir() else None
         common = (
@@ -55,7 +51,7 @@ class Library3(Library):
         )
         logger = ctypes.cast(self._logger, ctypes.c_void_p)
         if self.kind == "cs":
-            events = self.capabilities.event_mode
+            events = self.capabilities.hasEventMode
             component = self.function("InstantiateCoSimulation")(
                 *common, events, events, None, 0, None, logger, None
             )
@@ -63,28 +59,17 @@ class Library3(Library):
             component = self.function("InstantiateModelExchange")(*common, None, logger)
         self.instantiated(component)
 
-    def step_call(self, rollback: bool) -> Callable[[float, float], Step]:
-        """Return the function that performs a co-simulation step, given its start and size [s]."""
-        do_step, component, prior = (
-            self.function("DoStep"),
-            self.component,
-            not rollback,
-        )
-        event, end, early = ctypes.c_bool(), ctypes.c_bool(), ctypes.c_bool()
-        reached = ctypes.c_double()
-        pointers = [ctypes.byref(place) for place in (event, end, early, reached)]
-
-        def step(t: float, h: float) -> Step:
-            status = do_step(component, t, h, prior, *pointers)
-            if status <= STATUS_WARNING:
-                until = reached.value if early.value else t + h
-                return Step(until, False, early.value, event.value, end.value)
-            if status != STATUS_DISCARD:
-                self.fail("DoStep", status)
-            inside = early.value and t <= reached.value <= t + h
-            return Step(reached.value if inside else t, True, False, False, end.value)
-
-        return step
+    def do_step(self, t: float, h: float, rollback: bool) -> Step:
+        """Perform a co-simulation step; see `Library`."""
+        do_step = self.function("DoStep")
+        status = do_step(self.component, t, h, not rollback, *self._pointers)
+        event, end, early, reached = (result.value for result in self._results)
+        if status <= STATUS_WARNING:
+            return Step(reached if early else t + h, False, early, event, end)
+        if status != STATUS_DISCARD:
+            self.fail("DoStep", status)
+        inside = early and t <= reached <= t + h
+        return Step(reached if inside else t, True, False, False, end)
 
     def update_discrete(self) -> Update:
         """Update discrete states once, in event mode."""

@@ -5,25 +5,19 @@ from __future__ import annotations
 import ctypes
 import weakref
 from collections.abc import Mapping
-from contextlib import suppress
 from pathlib import Path
 from typing import Any, ClassVar, Self
 
-from trussflow.blocks.errors import TrussflowError
 from trussflow.blocks.support.types import Vector
 from trussflow.fmu.errors import FmuError
 from trussflow.fmu.runtime.archive import remove, unpack
-from trussflow.fmu.runtime.description import (
-    NUMERIC_TYPES,
-    FmuDescription,
-    FmuVariable,
-    Kind,
-)
+from trussflow.fmu.runtime.description import Kind
 from trussflow.fmu.runtime.file import FmuFile
 from trussflow.fmu.runtime.library import Library, Update
 from trussflow.fmu.runtime.library2 import Library2
 from trussflow.fmu.runtime.library3 import Library3
-from trussflow.fmu.runtime.start_values import apply, resized, resolve
+from trussflow.fmu.runtime.messages import PYTHON_LOGGER
+from trussflow.fmu.runtime.start_values import apply
 from trussflow.fmu.runtime.variable_buffers import VariableBuffers
 
 MAX_UPDATES = 100
@@ -39,8 +33,6 @@ class KnownFmu:
         ``"cs"`` or ``"me"``.
     file : FmuFile, str or pathlib.Path
         The FMU.
-    start : mapping of str to object
-        Start values by the FMU's names [units as the FMU states]; structural parameters decide sizes.
 
     Raises
     ------
@@ -51,22 +43,19 @@ class KnownFmu:
     ----------
     description : FmuDescription
         The model description.
-    capabilities : Capabilities
-        Capabilities of the kind in use.
+    capabilities : object
+        Capability flags of the kind in use.
     inputs, outputs : tuple of FmuVariable
         The numeric inputs and outputs, in the order of the input and output vectors.
     """
 
-    def __init__(
-        self, kind: Kind, file: FmuFile | str | Path, start: Mapping[str, Any]
-    ) -> None:
+    def __init__(self, kind: Kind, file: FmuFile | str | Path) -> None:
         self.file = file if isinstance(file, FmuFile) else FmuFile.read(file)
         self.file.kind(kind)
-        self.description = resized(self.file.description, start)
+        self.description = self.file.description
         self.capabilities = self.description.kinds[kind]
-        self.inputs, self.outputs = (
-            numbers(self.description, c) for c in ("input", "output")
-        )
+        self.inputs = self.description.numbers("input")
+        self.outputs = self.description.numbers("output")
 
     def close(self) -> None:
         """Release the FMU and delete its temporary files."""
@@ -85,8 +74,6 @@ class LoadedFmu(KnownFmu):
     ----------
     file : FmuFile, str or pathlib.Path
         The FMU.
-    start : mapping of str to object, optional
-        Parameters and start values by the FMU's names [units as the FMU states].
     name : str, optional
         Name of the instance, used in its log; by default the name of the model.
     logging : bool
@@ -97,7 +84,7 @@ class LoadedFmu(KnownFmu):
     Raises
     ------
     FmuError
-        If the FMU is refused, or a name or value in `start` is wrong. The temporary files are deleted.
+        If the FMU is refused. The temporary files are deleted.
 
     Attributes
     ----------
@@ -114,17 +101,15 @@ class LoadedFmu(KnownFmu):
         self,
         file: FmuFile | str | Path,
         *,
-        start: Mapping[str, Any] | None = None,
         name: str | None = None,
         logging: bool = False,
         folder: Path | None = None,
     ) -> None:
-        super().__init__(self.kind, file, start or {})
-        self._starts = resolve(self.description, start or {})
+        super().__init__(self.kind, file)
         self._name = name or self.description.name
         self._logging = logging
-        folder = folder or unpack(self.file.path, self.file.max_bytes)
-        self._finalizer: Any = weakref.finalize(self, remove, folder)
+        folder = folder or unpack(self.file.path)
+        self._finalizer = weakref.finalize(self, remove, folder)
         try:
             self.file.check_unchanged(folder)
             library = Library2 if self.description.version == 2 else Library3
@@ -137,14 +122,9 @@ class LoadedFmu(KnownFmu):
         self.input_values = self._input.values
 
     @property
-    def initialized(self) -> bool:
-        """Whether an instance exists."""
-        return self._library.component is not None
-
-    @property
-    def log(self) -> tuple[tuple[int, str, str], ...]:
-        """The latest log messages: status, category and text."""
-        return tuple(self._library.log.messages)
+    def log(self) -> tuple[str, ...]:
+        """The latest log messages: ``"[status] text"``."""
+        return tuple(line for _, line in self._library.log.messages)
 
     def log_text(self) -> str:
         """Return the latest log messages for an error message."""
@@ -171,7 +151,7 @@ class LoadedFmu(KnownFmu):
         inputs : Vector, optional
             Inputs at the start [units as the FMU states]; by default the FMU's start values.
         start : mapping of str to object, optional
-            Start values besides those given to the constructor [units as the FMU states].
+            Parameters and start values, as `resolve` returns them [units as the FMU states].
 
         Raises
         ------
@@ -185,13 +165,17 @@ class LoadedFmu(KnownFmu):
             raise FmuError(
                 f"FMU '{self.description.name}' failed fatally before; close it and load it again"
             )
-        self._free()
+        library.free()
         self.generation += 1
         library.broken = False
         library.log.messages.clear()
         library.check_alone()
+        library.log.instance = ""
+        if not self._logging:
+            PYTHON_LOGGER.addHandler(library.log)
         library.instantiate(self._name, logging=self._logging)
-        starts = {**self._starts, **resolve(self.description, start or {})}
+        library.log.instance = self._name
+        starts = dict(start or {})
         known = self.description.variables
         structure = {n: starts.pop(n) for n in list(starts) if known[n].is_structural}
         if structure:  # array sizes can be set in configuration mode only
@@ -199,15 +183,16 @@ class LoadedFmu(KnownFmu):
             apply(library, structure)
             library.call("ExitConfigurationMode")
         apply(library, starts)
-        tolerance = self.description.tolerance if tolerance is None else tolerance
-        library.enter_initialization(float(start_time), tolerance)
+        if tolerance is None:
+            tolerance = self.description.tolerance
+        library.enter_initialization(start_time, tolerance)
         self._input.bind()
         self._output.bind()
         if inputs is not None:
             self._input.values[:] = inputs
             self._input.write()
         library.call("ExitInitializationMode")
-        self._started(float(start_time))
+        self._started(start_time)
 
     def _started(self, time: float) -> None:
         """Prepare the subclass after initialization."""
@@ -219,55 +204,19 @@ class LoadedFmu(KnownFmu):
         Parameters
         ----------
         values : mapping of str to object
-            Values by the FMU's names [units as the FMU states].
+            Values, as `resolve` returns them [units as the FMU states].
 
         Raises
         ------
         FmuError
-            If a name or value is wrong, or the FMU rejects it.
+            If a value does not fit its type, or the FMU rejects it.
         """
-        apply(self._library, resolve(self.description, values))
-
-    def read(self, names: tuple[str, ...]) -> Vector:
-        """Return the current values of variables of any causality.
-
-        Parameters
-        ----------
-        names : tuple of str
-            Names of numeric variables in the FMU [units as the FMU states].
-
-        Raises
-        ------
-        FmuError
-            If a variable does not exist or is not numeric.
-        """
-        known = self.description.variables
-        for name in names:
-            if name not in known or known[name].type not in NUMERIC_TYPES:
-                raise FmuError(
-                    f"FMU '{self.description.name}' has no numeric variable '{name}'"
-                )
-        bank = VariableBuffers(
-            [known[name] for name in names], self._library, writes=False
-        )
-        bank.bind()
-        bank.read()
-        return bank.values
-
-    def _free(self) -> None:
-        """Terminate and free the instance, if it exists."""
-        library = self._library
-        if library.component and not library.broken:
-            with suppress(TrussflowError):
-                # a failed Terminate does not prevent freeing
-                library.call("Terminate")
-        library.free()
+        apply(self._library, values)
 
     def close(self) -> None:
         """Free the instance, unload the binary and delete the unpacked files."""
         if self._finalizer.alive:
             try:
-                self._free()
                 self._library.close()
             finally:
                 self._finalizer()
@@ -325,7 +274,7 @@ class LoadedFmu(KnownFmu):
         FmuError
             If the FMU cannot save its state.
         """
-        if not self.capabilities.saves_state:
+        if not self.capabilities.canGetAndSetFMUstate:
             raise FmuError(
                 f"FMU '{self.description.name}' cannot save its state (canGetAndSetFMUState is "
                 "not set in its model description)"
@@ -358,56 +307,37 @@ class LoadedFmu(KnownFmu):
                 f"Free{library.state_word}", ctypes.byref(ctypes.c_void_p(state))
             )
 
-    def serialize_state(self, state: int) -> bytes:
-        """Return a saved state as bytes.
-
-        Parameters
-        ----------
-        state : int
-            Handle from `save_state` [-].
-
-        Raises
-        ------
-        FmuError
-            If the FMU cannot serialize its state.
-        """
-        if not self.capabilities.serializes_state:
-            raise FmuError(
-                f"FMU '{self.description.name}' cannot serialize its state to bytes "
-                "(canSerializeFMUState is not set in its model description)"
-            )
-        word = self._library.state_word
+    def state_to_bytes(self) -> bytes:
+        """Return the current state as bytes."""
+        library = self._library
+        word = library.state_word
+        state = self.save_state()
         handle = ctypes.c_void_p(state)
         size = ctypes.c_size_t()
-        self._library.call(f"Serialized{word}Size", handle, ctypes.byref(size))
-        buffer = ctypes.create_string_buffer(size.value)
-        self._library.call(f"Serialize{word}", handle, buffer, size.value)
+        try:
+            library.call(f"Serialized{word}Size", handle, ctypes.byref(size))
+            buffer = ctypes.create_string_buffer(size.value)
+            library.call(f"Serialize{word}", handle, buffer, size.value)
+        finally:
+            self.free_state(state)
         return buffer.raw
 
-    def deserialize_state(self, content: bytes) -> int:
-        """Return the handle of a deserialized state.
+    def state_from_bytes(self, content: bytes) -> None:
+        """Restore a state.
 
         Parameters
         ----------
         content : bytes
-            Bytes from `serialize_state` of this or another instance of the same FMU.
+            Result of `state_to_bytes` of this or another instance of the same FMU.
         """
+        library = self._library
         handle = ctypes.c_void_p()
         buffer = ctypes.create_string_buffer(content, len(content))
-        self._library.call(
-            self._library.deserialize_name, buffer, len(content), ctypes.byref(handle)
+        library.call(
+            library.deserialize_name, buffer, len(content), ctypes.byref(handle)
         )
-        return handle.value or 0
-
-
-def numbers(description: FmuDescription, causality: str) -> tuple[FmuVariable, ...]:
-    """Return the numeric variables of one causality.
-
-    Parameters
-    ----------
-    description : FmuDescription
-        The model description.
-    causality : str
-        Causality as defined by FMI.
-    """
-    return tuple(v for v in description.having(causality) if v.type in NUMERIC_TYPES)
+        state = handle.value or 0
+        try:
+            self.restore_state(state)
+        finally:
+            self.free_state(state)

@@ -2,16 +2,13 @@
 
 from __future__ import annotations
 
-import ctypes
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from typing import Any, ClassVar
 
 import numpy as np
 
 from trussflow.blocks.support.types import Vector
-from trussflow.fmu.errors import FmuError
-from trussflow.fmu.runtime.description import REAL_TYPES, Kind
-from trussflow.fmu.runtime.discrete_inputs import DiscreteInputs
+from trussflow.fmu.runtime.description import Kind
 from trussflow.fmu.runtime.library import Step
 from trussflow.fmu.runtime.loaded import LoadedFmu
 
@@ -30,8 +27,8 @@ class LoadedCoSimulation(LoadedFmu):
     --------
     ::
 
-        with LoadedCoSimulation("plant.fmu", start={"mass": 2.0}) as slave:
-            slave.setup()
+        with LoadedCoSimulation("plant.fmu") as slave:
+            slave.setup(start={"mass": 2.0})
             for k in range(1000):
                 slave.set_inputs(force)
                 slave.do_step(k * 1e-3, 1e-3)
@@ -40,43 +37,20 @@ class LoadedCoSimulation(LoadedFmu):
 
     kind: ClassVar[Kind] = "cs"
 
-    _keeping: Callable[[float, float], Step]
-    _plain: Callable[[float, float], Step]
-
     def _started(self, time: float) -> None:
-        library = self._library
-        self._plain, self._keeping = (
-            library.step_call(rollback) for rollback in (False, True)
-        )
-        self._discrete_inputs: DiscreteInputs | None = None
         self._written: Vector | None = None
-        self._written_by_state: dict[int, Vector | None] = {}
         self._ended = False
-        if self._has_events:  # FMI 3: it is in event mode after initialization
-            discrete = DiscreteInputs(self._input, library)
-            self._discrete_inputs = discrete if discrete.places.size else None
+        self._discrete = ~self._input.continuous
+        if (
+            self.capabilities.hasEventMode
+        ):  # FMI 3: it is in event mode after initialization
             self._ended = self._leave_event_mode()
-
-    def save_state(self) -> int:
-        """Return the handle of a copy of the state; see `LoadedFmu.save_state`."""
-        state = super().save_state()
-        self._written_by_state[state] = self._written
-        return state
 
     def restore_state(self, state: int) -> None:
         """Restore a saved state; see `LoadedFmu.restore_state`."""
         super().restore_state(state)
-        self._written = self._written_by_state.get(state)
+        self._written = None  # the discrete inputs in the state are unknown
         self._ended = False
-
-    def free_state(self, state: int) -> None:
-        """Free a saved state."""
-        super().free_state(state)
-        self._written_by_state.pop(state, None)
-
-    @property
-    def _has_events(self) -> bool:
-        return self._library.version == 3 and self.capabilities.event_mode
 
     def set_inputs(self, values: Vector | None = None) -> None:
         """Set all inputs; see `LoadedFmu.set_inputs`.
@@ -86,21 +60,17 @@ class LoadedCoSimulation(LoadedFmu):
         """
         if values is not None:
             self._input.values[:] = values
-        discrete = self._discrete_inputs
-        if discrete is None:
+        if not (self.capabilities.hasEventMode and self._discrete.any()):
             self._input.write()
             return
-        now = self._input.values
-        before = self._written
-        if before is not None and np.array_equal(
-            now[discrete.places], before[discrete.places]
-        ):
-            discrete.write_continuous(now)
+        now = self._input.values[self._discrete]
+        if self._written is not None and np.array_equal(now, self._written):
+            self._input.write(only_continuous=True)
             return
         self._library.call("EnterEventMode")
         self._input.write()
         self._ended = self._leave_event_mode()
-        self._written = now.copy()
+        self._written = now
 
     def do_step(self, time: float, step: float, *, rollback: bool = False) -> Step:
         """Perform a step.
@@ -125,14 +95,14 @@ class LoadedCoSimulation(LoadedFmu):
         """
         if self._ended:
             return Step(time, terminate=True)
-        return (self._keeping if rollback else self._plain)(time, step)
+        return self._library.do_step(time, step, rollback)
 
     def tune(self, values: Mapping[str, Any]) -> None:
         """Change parameters between steps, in event mode if the FMU has one; see `LoadedFmu.tune`."""
-        if self._has_events:
+        if self.capabilities.hasEventMode:
             self._library.call("EnterEventMode")
         super().tune(values)
-        if self._has_events:
+        if self.capabilities.hasEventMode:
             self._ended = self._leave_event_mode()
 
     def handle_event(self) -> bool:
@@ -158,45 +128,3 @@ class LoadedCoSimulation(LoadedFmu):
         update = self._settle()
         self._library.call("EnterStepMode")
         return update.terminate
-
-    # -- coupling ---------------------------------------------------------------------------
-
-    def set_input_derivatives(self, values: Vector) -> None:
-        """Set the time derivatives of all inputs for the next step (FMI 2).
-
-        Parameters
-        ----------
-        values : Vector
-            The derivatives [units as the FMU states, per second].
-
-        Raises
-        ------
-        FmuError
-            If the FMU cannot interpolate inputs, or an input is not a real number.
-        """
-        if not self.can_interpolate:
-            raise FmuError(
-                f"FMU '{self.description.name}' cannot interpolate its inputs: either "
-                "canInterpolateInputs is not set in its model description, or its version is FMI 3, or "
-                "an input is not a real number"
-            )
-        n = len(self.inputs)
-        buffer = np.ascontiguousarray(values, dtype=np.float64)
-        if buffer.shape != (n,):
-            raise FmuError(
-                f"FMU '{self.description.name}' has {n} inputs, not {buffer.size} derivatives"
-            )
-        references = (ctypes.c_uint * n)(*(v.reference for v in self.inputs))
-        orders = (ctypes.c_int * n)(*[1] * n)
-        self._library.call(
-            "SetRealInputDerivatives", references, n, orders, buffer.ctypes.data
-        )
-
-    @property
-    def can_interpolate(self) -> bool:
-        """Whether input derivatives may be set."""
-        return (
-            self._library.version == 2
-            and self.capabilities.interpolates_inputs
-            and all(v.type in REAL_TYPES for v in self.inputs)
-        )

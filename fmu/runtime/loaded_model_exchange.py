@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import ctypes
 import math
 from collections.abc import Mapping
 from typing import Any, ClassVar
@@ -12,12 +11,8 @@ import numpy as np
 from trussflow.blocks.support.types import Vector
 from trussflow.fmu.errors import FmuEndedError
 from trussflow.fmu.runtime.description import Kind
-from trussflow.fmu.runtime.discrete_inputs import (
-    DiscreteInputs,
-    continuous_elements,
-    is_continuous,
-)
 from trussflow.fmu.runtime.loaded import LoadedFmu
+from trussflow.fmu.runtime.variable_buffers import continuous_elements
 
 
 class LoadedModelExchange(LoadedFmu):
@@ -55,7 +50,6 @@ class LoadedModelExchange(LoadedFmu):
         self._get_states = library.vector_call("GetContinuousStates", self._states)
         self._get_rates = library.vector_call(library.derivatives_name, self._rates)
         self._get_signs = library.vector_call("GetEventIndicators", self._signs)
-        self._discrete_inputs = DiscreteInputs(self._input, library)
         self.next_time = math.inf
         if self._resume()[1]:
             raise FmuEndedError(
@@ -87,7 +81,8 @@ class LoadedModelExchange(LoadedFmu):
         if x.size:
             self._states[:] = x
             self._set_states()
-        self._discrete_inputs.write_continuous(u)
+        np.copyto(self._input.values, u, where=self._input.continuous)
+        self._input.write(only_continuous=True)
 
     def set_restored(self, next_time: float, inputs: Vector) -> None:
         """Set the values that belong to a restored state but are stored outside the FMU.
@@ -110,8 +105,8 @@ class LoadedModelExchange(LoadedFmu):
         u : Vector
             All inputs [units as the FMU states].
         """
-        places = self._discrete_inputs.places
-        return bool(np.any(self._input.values[places] != u[places]))
+        changed = self._input.values != u
+        return bool(np.any(changed & ~self._input.continuous))
 
     def derivatives(self) -> Vector:
         """Return the derivatives of the continuous states; the next call overwrites them."""
@@ -142,11 +137,8 @@ class LoadedModelExchange(LoadedFmu):
         result = np.zeros(np.count_nonzero(rows))
         arguments: list[Any] = []
         for side in (unknowns, knowns):
-            references = [v.reference for v in side if is_continuous(v)]
-            arguments += [
-                (ctypes.c_uint * len(references))(*references),
-                len(references),
-            ]
+            references = [v.reference for v in side if v.is_continuous]
+            arguments += self._library.listed(references)
         for vector in (seed, result):
             sizes = [vector.size] if self._library.version == 3 else []
             arguments += [vector.ctypes.data, *sizes]
@@ -170,7 +162,7 @@ class LoadedModelExchange(LoadedFmu):
         tuple of bool
             Whether the FMU requests an event now, and whether it requests the end of the run.
         """
-        if not self.capabilities.completed_step_needed:
+        if not self.capabilities.needsCompletedIntegratorStep:
             return False, False
         return self._library.completed_step()
 

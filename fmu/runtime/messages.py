@@ -3,13 +3,19 @@
 from __future__ import annotations
 
 import ctypes
+import logging
 import shutil
 from collections import deque
 from contextlib import suppress
 from pathlib import Path
 from typing import Any, ClassVar, TextIO
 
-STATUS_NAMES = ("ok", "warning", "discard", "error", "fatal", "pending")
+STATUS_WARNING, STATUS_DISCARD, STATUS_ERROR, STATUS_FATAL = 1, 2, 3, 4
+"""FMI statuses that are handled; any other status above a warning is an error."""
+
+STATUS_NAMES = dict(
+    enumerate(("ok", "warning", "discard", "error", "fatal", "pending"))
+)
 """Names of the FMI statuses, by number."""
 
 MAX_KEPT_MESSAGES = 200
@@ -19,55 +25,66 @@ MAX_SHOWN_MESSAGES = 12
 """Maximum number of messages in an error message."""
 
 
-class Messages:
-    """The latest log messages of one instance of an FMU.
+PYTHON_LOGGER = logging.getLogger("trussflow_fmu")
+"""Python logger of the Python FMUs of trussflow; their wrapper drops messages unless logging is on."""
+
+
+class Messages(logging.Handler):
+    """The latest log messages of one instance of an FMU; also a handler of `PYTHON_LOGGER`.
 
     Attributes
     ----------
-    messages : deque of (int, str, str)
-        Status, category, text.
+    messages : deque of (int, str)
+        Status, and the line ``[status] text``.
+    instance : str
+        Name of the instance; empty until it exists.
     """
 
     echo: ClassVar[TextIO | None] = None
     """Stream to which messages are also written immediately; set in a process that may crash."""
 
     def __init__(self) -> None:
-        self.messages: deque[tuple[int, str, str]] = deque(maxlen=MAX_KEPT_MESSAGES)
+        super().__init__()
+        self.instance = ""
+        self.messages: deque[tuple[int, str]] = deque(maxlen=MAX_KEPT_MESSAGES)
 
-    def add(self, status: int, category: bytes | None, text: bytes | None) -> None:
+    def add(self, status: int, text: bytes | None) -> None:
         """Store a message; it never raises, because the FMU's C code calls it.
 
         Parameters
         ----------
         status : int
             FMI status [-].
-        category, text : bytes or None
-            Arguments of the FMU's logger call.
+        text : bytes or None
+            Text of the FMU's logger call.
         """
-        said, kind = (
-            (part or b"").decode("utf-8", "replace").strip()
-            for part in (text, category)
-        )
-        self.messages.append((status, kind, said))
+        decoded = (text or b"").decode("utf-8", "replace").strip()
+        line = f"[{status_name(status)}] {decoded}"
+        self.messages.append((status, line))
         if self.echo is not None:
-            self.echo.write(f"[{status_name(status)}] {said}\n")
+            self.echo.write(f"{line}\n")
             self.echo.flush()
+
+    def emit(self, record: logging.LogRecord) -> None:
+        """Store an error of this instance; also one without a name, while it is created."""
+        text = record.getMessage()
+        if not self.instance or text.startswith(f"{self.instance}: "):
+            self.add(STATUS_ERROR, text.encode())
 
     def text(self) -> str:
         """Return the latest warnings and errors, or else the latest messages, for an error message."""
-        worst = [m for m in self.messages if m[0] >= 1] or list(self.messages)
+        worst = [m for m in self.messages if m[0] >= STATUS_WARNING] or list(
+            self.messages
+        )
         if not worst:
             return "; the FMU logged nothing"
-        lines = [
-            f"\n  [{status_name(status)}] {text}"
-            for status, _, text in worst[-MAX_SHOWN_MESSAGES:]
-        ]
+        lines = [f"\n  {line}" for _, line in worst[-MAX_SHOWN_MESSAGES:]]
         return "; the FMU's own log:" + "".join(lines)
 
 
 def status_name(status: int) -> str:
     """Return the name of an FMI `status` [-]."""
-    return STATUS_NAMES[status] if 0 <= status < len(STATUS_NAMES) else str(status)
+    return STATUS_NAMES.get(status, str(status))
 
 
 def callbacks2(log: Messages, folder: Path) -> Any:
@@ -86,13 +103,13 @@ def callbacks2(log: Messages, folder: Path) -> Any:
     """
     from fmpy import calloc, fmi2, free
 
-    def logged(_: Any, __: Any, status: int, category: bytes, text: bytes) -> None:
-        log.add(status, category, text)
-
-    callbacks = fmi2.fmi2CallbackFunctions()
-    callbacks.logger = fmi2.fmi2CallbackLoggerTYPE(logged)
-    callbacks.allocateMemory = fmi2.fmi2CallbackAllocateMemoryTYPE(calloc)
-    callbacks.freeMemory = fmi2.fmi2CallbackFreeMemoryTYPE(free)
+    callbacks = fmi2.fmi2CallbackFunctions(
+        logger=fmi2.fmi2CallbackLoggerTYPE(
+            lambda _e, _i, status, _c, text: log.add(status, text)
+        ),
+        allocateMemory=fmi2.fmi2CallbackAllocateMemoryTYPE(calloc),
+        freeMemory=fmi2.fmi2CallbackFreeMemoryTYPE(free),
+    )
     with suppress(ImportError, OSError, AttributeError):
         # fmpy has no such library for this machine
         from fmpy import logging as proxy
@@ -117,7 +134,4 @@ def callback3(log: Messages) -> Any:
     """
     from fmpy.fmi3 import fmi3LogMessageCallback
 
-    def logged(_: Any, status: int, category: bytes, text: bytes) -> None:
-        log.add(status, category, text)
-
-    return fmi3LogMessageCallback(logged)
+    return fmi3LogMessageCallback(lambda _e, status, _c, text: log.add(status, text))

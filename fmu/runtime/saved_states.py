@@ -21,8 +21,8 @@ class HeldState:
     def __init__(self, fmu: Any) -> None:
         self.fmu = weakref.ref(fmu)
         self.instance = fmu.generation
-        self.handle: int = fmu.save_state()
-        self._name: str = fmu.description.name
+        self.handle = fmu.save_state()
+        self._name = fmu.description.name
         weakref.finalize(self, _free, self.fmu, self.instance, self.handle)
 
     def __repr__(self) -> str:
@@ -35,7 +35,7 @@ def _free(fmu: weakref.ref[Any], instance: int, handle: int) -> None:
     if found is None:
         return
     with suppress(FmuError):  # the state is already gone if the child process has ended
-        if found.initialized and found.generation == instance:
+        if found.generation == instance:
             found.free_state(handle)
 
 
@@ -52,13 +52,9 @@ def saved_state(fmu: Any) -> bytes | HeldState:
     FmuError
         If the FMU cannot save its state.
     """
-    if not fmu.capabilities.serializes_state:
+    if not fmu.capabilities.canSerializeFMUstate:
         return HeldState(fmu)
-    handle = fmu.save_state()
-    try:
-        content: bytes = fmu.serialize_state(handle)
-    finally:
-        fmu.free_state(handle)
+    content: bytes = fmu.state_to_bytes()
     return content
 
 
@@ -77,17 +73,13 @@ def restore_state(fmu: Any, state: bytes | HeldState) -> None:
     FmuError
         If the state belongs to another instance.
     """
-    if isinstance(state, HeldState):
-        keeper: Any = state.fmu()
-        if keeper is not fmu or state.instance != fmu.generation:
-            raise FmuError(
-                f"cannot restore FMU '{fmu.description.name}': it cannot serialize its state to "
-                "bytes, so only the run that saved the state can restore it"
-            )
-        fmu.restore_state(state.handle)
+    if not isinstance(state, HeldState):
+        fmu.state_from_bytes(state)
         return
-    handle = fmu.deserialize_state(state)
-    try:
-        fmu.restore_state(handle)
-    finally:
-        fmu.free_state(handle)
+    owner: Any = state.fmu()
+    if owner is not fmu or state.instance != owner.generation:
+        raise FmuError(
+            f"cannot restore FMU '{fmu.description.name}': it cannot serialize its state to "
+            "bytes, so only the run that saved the state can restore it"
+        )
+    owner.restore_state(state.handle)

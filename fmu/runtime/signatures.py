@@ -11,10 +11,7 @@ from __future__ import annotations
 import ctypes
 from typing import Any
 
-from trussflow.fmu.errors import FmuBinaryError
-
-INTEGER_TYPES = [f"{sign}Int{bits}" for sign in ("", "U") for bits in (8, 16, 32, 64)]
-"""Integer types of FMI 3.0."""
+from trussflow.fmu.runtime.description import INTEGER_TYPES
 
 _TYPES2 = ("Real", "Integer", "Boolean", "String")
 _TYPES3 = ("Float32", "Float64", "Boolean", "String", *INTEGER_TYPES)
@@ -37,7 +34,6 @@ FMI2_FUNCTIONS = {
     "cpp": "SerializedFMUstateSize",
     "cppz": "SerializeFMUstate",
     "cddi": "DoStep",
-    "cpzpp": "SetRealInputDerivatives",
     "cip": "GetRealStatus GetBooleanStatus",
     "cipp": "CompletedIntegratorStep",
     "cpz": "GetDerivatives",
@@ -93,34 +89,3 @@ ARGUMENT_TYPES: dict[str, Any] = {
     "i": ctypes.c_int,
     "b": ctypes.c_bool,
 }
-
-
-def function(library: ctypes.CDLL, version: int, name: str) -> Any:
-    """Return a function of an FMU with its argument and result types.
-
-    Parameters
-    ----------
-    library : ctypes.CDLL
-        The binary.
-    version : int
-        Major version of FMI [-].
-    name : str
-        Name without the prefix.
-
-    Raises
-    ------
-    FmuBinaryError
-        If the binary does not contain the function.
-    """
-    full = f"fmi{version}{name}"
-    try:
-        found = library[full]
-    except AttributeError:
-        raise FmuBinaryError(
-            f"the binary of the FMU has no function {full}; it was built incompletely"
-        ) from None
-    found.argtypes = [
-        ARGUMENT_TYPES[letter] for letter in FUNCTION_SIGNATURES[version, name]
-    ]
-    found.restype = RESULT_TYPES.get(name, ctypes.c_int)
-    return found

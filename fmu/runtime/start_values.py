@@ -6,7 +6,7 @@ import ctypes
 import difflib
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
-from itertools import pairwise
+from math import prod
 from typing import Any
 
 import numpy as np
@@ -22,7 +22,7 @@ from trussflow.fmu.runtime.description import (
     FmuVariable,
 )
 from trussflow.fmu.runtime.library import Library
-from trussflow.fmu.runtime.variable_buffers import VariableBuffers
+from trussflow.fmu.runtime.variable_buffers import VariableBuffers, shares
 
 Starts = dict[str, Any]
 """Values by the FMU's variable names: flat vectors of floats, or lists of text."""
@@ -107,16 +107,15 @@ def _parts(
 ) -> list[tuple[FmuVariable, Any]]:
     """Split a value among the variables of one name."""
     size = sum(v.size for v in variables)
+    kind = variables[0].type  # that of all elements of an array
     where = f"FMU '{description.name}': '{name}'"
-    if any(v.type == "String" for v in variables):
+    if kind == "String":
         texts = list(value) if isinstance(value, list | tuple) else [value]
         if len(texts) != size or not all(isinstance(text, str) for text in texts):
             raise FmuError(f"{where} takes {size} text(s), not {value!r}")
         return shares(variables, texts)
-    if any(v.type not in NUMERIC_TYPES for v in variables):
-        raise FmuError(
-            f"{where} is of type {variables[0].type}, which cannot be set from here"
-        )
+    if kind not in NUMERIC_TYPES:
+        raise FmuError(f"{where} is of type {kind}, which cannot be set from here")
     try:
         numbers = np.asarray(value, dtype=float)
     except (TypeError, ValueError):
@@ -127,12 +126,9 @@ def _parts(
         raise FmuError(f"{where} has {size} elements, not {numbers.size}")
     if not np.isfinite(numbers).all():
         raise FmuError(f"{where} must be finite, not {value!r}")
-    if (
-        any(v.type not in REAL_TYPES for v in variables)
-        and not (numbers == np.rint(numbers)).all()
-    ):
+    if kind not in REAL_TYPES and not (numbers == np.rint(numbers)).all():
         raise FmuError(
-            f"{where} is of type {variables[0].type}; it takes whole numbers, not {value!r}"
+            f"{where} is of type {kind}; it takes whole numbers, not {value!r}"
         )
     if any(
         isinstance(v, int) and v != float(v)
@@ -142,24 +138,6 @@ def _parts(
             f"{where} cannot be {value!r}: numbers are floats here, exact for whole ones to 2^53"
         )
     return shares(variables, np.ravel(numbers))
-
-
-def shares(
-    variables: Sequence[FmuVariable], values: Any
-) -> list[tuple[FmuVariable, Any]]:
-    """Return each variable with its slice of the values.
-
-    Parameters
-    ----------
-    variables : sequence of FmuVariable
-        The variables.
-    values : Vector or list of str
-        Values of all elements, concatenated [units as the FMU states].
-    """
-    ends = np.cumsum([0, *(v.size for v in variables)])
-    return [
-        (v, values[a:b]) for v, (a, b) in zip(variables, pairwise(ends), strict=True)
-    ]
 
 
 def declared_start(variable: FmuVariable) -> Vector:
@@ -177,9 +155,9 @@ def declared_start(variable: FmuVariable) -> Vector:
     """
     if variable.start is None:
         return np.zeros(variable.size)
-    words = {"true": 1.0, "false": 0.0}
+    words = {"true": "1", "false": "0"}
     try:
-        values = [words[w] if w in words else float(w) for w in variable.start.split()]
+        values = [float(words.get(w, w)) for w in variable.start.split()]
         return np.array(np.broadcast_to(values, variable.size))
     except ValueError:
         raise FmuError(
@@ -199,18 +177,18 @@ def apply(library: Library, starts: Mapping[str, Any]) -> None:
         Result of `resolve`.
     """
     known = library.description.variables
-    texts = {
-        name: value for name, value in starts.items() if known[name].type == "String"
-    }
-    for name, value in texts.items():
+    numbers = []
+    for name, value in starts.items():
+        if known[name].type != "String":
+            numbers.append(known[name])
+            continue
         listed = (ctypes.c_char_p * len(value))(*(text.encode() for text in value))
         library.accessor(False, "String", [known[name].reference], listed, len(value))()
-    numbers = [name for name in starts if name not in texts]
-    if numbers:
-        bank = VariableBuffers([known[n] for n in numbers], library, writes=True)
-        bank.values[:] = np.concatenate([np.ravel(starts[n]) for n in numbers])
-        bank.bind()
-        bank.write()
+    bank = VariableBuffers(numbers, library, writes=True)
+    for variable, part in shares(numbers, bank.values):
+        part[:] = starts[variable.name]
+    bank.bind()
+    bank.write()
 
 
 def resized(description: FmuDescription, given: Mapping[str, Any]) -> FmuDescription:
@@ -234,7 +212,7 @@ def resized(description: FmuDescription, given: Mapping[str, Any]) -> FmuDescrip
         for name, value in given.items()
         if name in known and known[name].is_structural
     }
-    sizes: dict[int, int] = {}
+    sizes: dict[int | None, int] = {}
     for name, values in resolve(description, structure).items():
         size = float(values[0])
         if not 0 <= size <= MAX_ELEMENTS:
@@ -246,15 +224,13 @@ def resized(description: FmuDescription, given: Mapping[str, Any]) -> FmuDescrip
     if not sizes:
         return description
 
-    def fit(variable: FmuVariable) -> FmuVariable:
-        pairs = zip(variable.dimensions, variable.shape, strict=True)
-        fitted = replace(
-            variable, shape=tuple(n if d is None else sizes.get(d, n) for d, n in pairs)
-        )
-        fits = fitted.shape == variable.shape or len(
-            (variable.start or "").split()
-        ) in (1, fitted.size)
-        return fitted if fits else replace(fitted, start=None)
+    def fit(v: FmuVariable) -> FmuVariable:
+        pairs = zip(v.dimensions, v.shape, strict=True)
+        shape = tuple(sizes.get(reference, size) for reference, size in pairs)
+        if shape == v.shape:
+            return v
+        fits = len((v.start or "").split()) in (1, prod(shape))
+        return replace(v, shape=shape, start=v.start if fits else None)
 
     variables = {name: fit(variable) for name, variable in known.items()}
     return replace(

@@ -8,6 +8,7 @@ from itertools import pairwise
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from trussflow.blocks.support.types import Vector
 from trussflow.fmu.errors import FmuError
@@ -17,12 +18,14 @@ from trussflow.fmu.runtime.library import Library
 
 @dataclass(slots=True, eq=False)
 class _Part:
-    """The variables of one type."""
+    """The variables of one type: their places in the vector, or None if it is their buffer."""
 
     type: str
+    continuous: bool
     references: list[int]
     places: Any
     buffer: Any
+    call: Any = None
 
 
 class VariableBuffers:
@@ -42,71 +45,70 @@ class VariableBuffers:
     ----------
     values : Vector
         The values [units as the FMU states], which `write` sends and `read` updates.
+    continuous : array of bool
+        Whether each element may change between events.
     """
 
     def __init__(
         self, variables: Sequence[FmuVariable], library: Library, *, writes: bool
     ) -> None:
         self.variables = tuple(variables)
-        ends = np.cumsum([0, *(v.size for v in self.variables)])
-        self.values: Vector = np.zeros(int(ends[-1]))
+        self.values: Vector = np.zeros(sum(v.size for v in self.variables))
         self._library = library
         self._writes = writes
-        members: dict[tuple[str, Any], list[FmuVariable]] = {}
-        places: dict[tuple[str, Any], list[int]] = {}
-        for variable, (start, end) in zip(self.variables, pairwise(ends), strict=True):
-            accessor = library.accessors[variable.type]
-            members.setdefault(accessor, []).append(variable)
-            places.setdefault(accessor, []).extend(range(start, end))
+        self.continuous = continuous_elements(self.variables)
+        members: dict[tuple[str, Any, bool], list[tuple[FmuVariable, range]]] = {}
+        for variable, span in shares(self.variables, range(self.values.size)):
+            # continuous inputs are also written alone
+            alone = writes and variable.is_continuous
+            key = (*library.accessors[variable.type], alone)
+            members.setdefault(key, []).append((variable, span))
         # the vector itself is the buffer then
-        plain = all(kind is np.float64 for _, kind in members)
-        self._parts = [
-            _Part(
-                alike[-1].type,
-                [v.reference for v in alike],
-                None if plain else np.array(places[accessor]),
-                self.values
-                if plain
-                else np.zeros(len(places[accessor]), dtype=accessor[1]),
-            )
-            for accessor, alike in members.items()
-            if places[accessor]
-        ]
+        plain = len(members) == 1 and all(kind is np.float64 for _, kind, _ in members)
+        self._parts: list[_Part] = []
+        for (_, kind, alone), alike in members.items():
+            places = np.concatenate([span for _, span in alike]).astype(int)
+            if places.size:
+                self._parts.append(
+                    _Part(
+                        alike[-1][0].type,
+                        alone,
+                        [v.reference for v, _ in alike],
+                        None if plain else places,
+                        self.values if plain else np.zeros(places.size, dtype=kind),
+                    )
+                )
 
     def bind(self) -> None:
         """Prepare the calls for the current instance."""
-        self._calls = [
-            self._library.accessor(
+        for part in self._parts:
+            part.call = self._library.accessor(
                 not self._writes,
                 part.type,
                 part.references,
                 part.buffer.ctypes.data,
                 part.buffer.size,
             )
-            for part in self._parts
-        ]
-        # Most FMUs need one call without conversion in every step: it avoids the loop.
-        self._only = (
-            self._calls[0]
-            if len(self._parts) == 1 and self._parts[0].places is None
-            else None
-        )
 
-    def write(self) -> None:
+    def write(self, *, only_continuous: bool = False) -> None:
         """Send the values to the FMU.
+
+        Parameters
+        ----------
+        only_continuous : bool
+            Whether to send only the variables that may change between events.
 
         Raises
         ------
         FmuError
             If a value does not fit its type, or the FMU rejects it.
         """
-        if self._only is not None:
-            self._only()
-            return
-        for part, call in zip(self._parts, self._calls, strict=True):
+        for part in self._parts:
+            if only_continuous and not part.continuous:
+                continue
             if part.places is not None:
                 self._convert(part)
-            call()
+            part.call()
 
     def read(self) -> None:
         """Read the values from the FMU.
@@ -116,11 +118,8 @@ class VariableBuffers:
         FmuCallError
             If the FMU cannot compute the values.
         """
-        if self._only is not None:
-            self._only()
-            return
-        for part, call in zip(self._parts, self._calls, strict=True):
-            call()
+        for part in self._parts:
+            part.call()
             if part.places is not None:
                 self.values[part.places] = part.buffer
 
@@ -144,11 +143,7 @@ class VariableBuffers:
                 & (given >= float(low))
                 & (given < float(high + 1))
             )
-            takes = (
-                "0 or 1"
-                if part.type == "Boolean"
-                else f"whole numbers from {low} to {high}"
-            )
+            takes = f"whole numbers from {low} to {high}"
         if wrong.any():
             names = [v.name for v in self.variables for _ in range(v.size)]
             place = int(np.asarray(part.places)[np.flatnonzero(wrong)[0]])
@@ -157,3 +152,27 @@ class VariableBuffers:
                 f"{self.values[place]:g}; it is of type {part.type} and takes {takes}"
             )
         part.buffer[:] = given
+
+
+def continuous_elements(variables: Sequence[FmuVariable]) -> NDArray[np.bool_]:
+    """Return whether each element of `variables` may change between events."""
+    sizes = [v.size for v in variables]
+    return np.repeat(np.array([v.is_continuous for v in variables], dtype=bool), sizes)
+
+
+def shares(
+    variables: Sequence[FmuVariable], values: Any
+) -> list[tuple[FmuVariable, Any]]:
+    """Return each variable with its slice of the values.
+
+    Parameters
+    ----------
+    variables : sequence of FmuVariable
+        The variables.
+    values : Vector or list of str
+        Values of all elements, concatenated [units as the FMU states].
+    """
+    ends = np.cumsum([0, *(v.size for v in variables)])
+    return [
+        (v, values[a:b]) for v, (a, b) in zip(variables, pairwise(ends), strict=True)
+    ]

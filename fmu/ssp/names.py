@@ -2,18 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from math import prod
-from typing import TYPE_CHECKING
 from xml.etree.ElementTree import Element, SubElement
 
-from trussflow.blocks.framework.diagram import Diagram
-from trussflow.blocks.framework.port import Port
-from trussflow.fmu.errors import ExportError
-from trussflow.fmu.exporting.description.variables import element_names
-
-if TYPE_CHECKING:
-    from trussflow.fmu.runtime.description import FmuVariable
+from trussflow.fmu.runtime.description import REAL_TYPES, FmuVariable
 
 XML_NAMESPACES = {
     "ssd": "http://ssp-standard.org/SSP1/SystemStructureDescription",
@@ -31,29 +22,9 @@ OPTIONS_FILE = "extra/trussflow.json"
 """File of the options that SSP cannot express, by path of the FMU. The standard provides annotations for
 such data, but OMSimulator rejects foreign annotations and reads foreign XML files as its own."""
 
-OPTION_TYPES: dict[str, type | tuple[type, ...]] = {
-    "step": (int, float),
-    "tolerance": (int, float),
-    "time_limit": (int, float),
-    "memory_limit": (int, float),
-    "delayed": bool,
-    "logging": bool,
-    "units": dict,
-}
-"""Types of the options of an FMU in that file."""
-
 FMU_TYPE = "application/x-fmu-sharedlibrary"
 
 IMPLEMENTATION_NAMES = {"cs": "CoSimulation", "me": "ModelExchange"}
-
-SSP_TYPES = {
-    "Boolean": "Boolean",
-    "String": "String",
-    "Real": "Real",
-    "Float32": "Real",
-    "Float64": "Real",
-}
-"""SSP's types by FMI's types; all other types are integers."""
 
 
 def qualified(name: str) -> str:
@@ -68,9 +39,7 @@ def qualified(name: str) -> str:
     return f"{{{XML_NAMESPACES[prefix]}}}{plain}"
 
 
-def add(
-    parent: Element, path: str, attributes: Mapping[str, str] | None = None, **more: str
-) -> Element:
+def add(parent: Element, path: str, **attributes: str) -> Element:
     """Add a path of nested elements and return the innermost one, which gets the attributes.
 
     Parameters
@@ -79,47 +48,23 @@ def add(
         Element to which the outermost one is added.
     path : str
         Names with prefixes of `XML_NAMESPACES`, separated by slashes.
-    attributes : mapping of str, optional
-        Attributes by name.
-    **more : str
+    **attributes : str
         Attributes by name.
     """
     for name in path.split("/"):
         parent = SubElement(parent, qualified(name))
-    parent.attrib.update({**(attributes or {}), **more})
+    parent.attrib.update(attributes)
     return parent
 
 
 def type_of(variable: FmuVariable) -> str:
-    """Return the SSP type of a variable.
+    """Return the SSP type of a variable; all types other than these four are integers in SSP.
 
     Parameters
     ----------
     variable : FmuVariable
         The variable.
     """
-    return SSP_TYPES.get(variable.type, "Integer")
-
-
-def connectors(port: Port) -> list[str]:
-    """Return the names of the scalar connectors of the elements of a port.
-
-    Parameters
-    ----------
-    port : Port
-        Port of an `Fmu` block or of a diagram.
-
-    Raises
-    ------
-    ExportError
-        If the port is an array variable of FMI 3.
-    """
-    if isinstance(port.block, Diagram):
-        return element_names(port.name, port.whole_shape or ())
-    names = list(port.block.variables[port.name])
-    if len(names) != prod(port.whole_shape or ()):
-        raise ExportError(
-            f"cannot export '{port.path}' to SSP: it is an array variable of FMI 3, and SSP 1.0 "
-            "has scalar connectors only; use an FMU of FMI 2.0, which has a variable per element"
-        )
-    return names
+    if variable.type in ("Boolean", "String"):
+        return variable.type
+    return "Real" if variable.type in REAL_TYPES else "Integer"

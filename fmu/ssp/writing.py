@@ -16,13 +16,13 @@ from trussflow.blocks.framework.diagram import Diagram, leaves
 from trussflow.blocks.framework.port import Port
 from trussflow.blocks.support.validation import positive
 from trussflow.fmu.errors import ExportError
-from trussflow.fmu.exporting.description.xml_text import (
-    base_unit,
+from trussflow.fmu.exporting.description.model_description import (
     filled,
     generation_tool,
+    text,
 )
+from trussflow.fmu.exporting.description.variables import element_names
 from trussflow.fmu.exporting.packing import check_writable, write
-from trussflow.fmu.fmi_units import FmiUnit
 from trussflow.fmu.importing.block import Fmu
 from trussflow.fmu.runtime.description import FmuVariable
 from trussflow.fmu.ssp.names import (
@@ -32,7 +32,6 @@ from trussflow.fmu.ssp.names import (
     STRUCTURE_FILE,
     XML_NAMESPACES,
     add,
-    connectors,
     qualified,
     type_of,
 )
@@ -85,31 +84,22 @@ def export_ssp(
         raise ExportError(
             f"cannot export {given!r} to SSP: it is not a diagram; add it to a diagram"
         )
-    where = f"cannot export '{diagram.name}': "
-    positive(
-        ExportError,
-        **{
-            f"{where}stop_time": stop_time,
-            f"{where}step": 1.0 if step is None else step,
-        },
-    )
     blocks = leaves(diagram)
+    if step is None:
+        steps = [b.sample_time for b in blocks if b.sample_time is not None]
+        step = min(steps, default=1e-3)
+    positive(ExportError, step=step, stop_time=stop_time)
     strangers = [
         f"'{b.path}' ({type(b).__name__})" for b in blocks if not isinstance(b, Fmu)
     ]
     if strangers or not blocks:
-        what = (
-            f"these blocks are not FMUs: {', '.join(strangers)}"
-            if strangers
-            else "it has no block"
-        )
+        what = ", ".join(strangers) or "it has no block"
         raise ExportError(
             f"cannot export '{diagram.name}' to SSP, which supports FMUs only: {what}. Export each block, "
             "or an inner diagram, with trussflow.fmu.export, and replace it by Fmu(path)"
         )
     files = _resources(blocks)
-    steps = [b.sample_time for b in blocks if b.sample_time is not None]
-    text = _structure(diagram, files, step or min(steps, default=1e-3), stop_time)
+    structure = _structure(diagram, files, step, stop_time)
     target = check_writable(path)
     notes = {
         "name": diagram.name,
@@ -119,7 +109,7 @@ def export_ssp(
     write(
         target,
         {
-            STRUCTURE_FILE: text,
+            STRUCTURE_FILE: structure.encode(),
             OPTIONS_FILE: content,
             **{name: file for file, name in files.items()},
         },
@@ -129,23 +119,17 @@ def export_ssp(
 
 def _resources(blocks: list[Block]) -> dict[Path, str]:
     """Return the path inside the archive of each FMU file."""
-    found: dict[Path, str] = {}
-    for block in blocks:
-        file = block.file.path
-        if file in found:
-            continue
-        name = file.name
-        number = 2
-        while f"resources/{name}" in found.values():
-            name = f"{file.stem}_{number}{file.suffix}"
-            number = number + 1
-        found[file] = f"resources/{name}"
-    return found
+    files = [*dict.fromkeys(block.file.path for block in blocks)]
+    names = [file.name for file in files]
+    return {
+        file: f"resources/{name}" if names.count(name) == 1 else f"resources/{i}/{name}"
+        for i, (file, name) in enumerate(zip(files, names, strict=True))
+    }
 
 
 def _structure(
     diagram: Diagram, files: dict[Path, str], step: float, stop_time: float
-) -> bytes:
+) -> str:
     """Return the XML of the system description."""
     for prefix, space in XML_NAMESPACES.items():
         ElementTree.register_namespace(prefix, space)
@@ -155,36 +139,32 @@ def _structure(
         qualified("ssd:SystemStructureDescription"),
         {"name": name, "version": "1.0", "generationTool": generation_tool()},
     )
-    units: dict[str, FmiUnit] = {}
-    system = _system(root, name, diagram, files, units)
-    _note_master(system, step)
-    if units:
-        listed = add(root, "ssd:Units")
-        for name in sorted(units):
-            unit = add(listed, "ssc:Unit", name=name)
-            add(unit, "ssc:BaseUnit", base_unit(units[name]))
+    system = _system(root, name, diagram, files)
+    # OMSimulator requires its annotation of the communication step size
+    add(
+        add(system, "ssd:Annotations/ssc:Annotation", type="org.openmodelica"),
+        "oms:Annotations/oms:SimulationInformation/oms:FixedStepMaster",
+        description="oms-ma",
+        stepSize=repr(float(step)),
+        absoluteTolerance="0.0001",
+        relativeTolerance="0.0001",
+    )
     add(root, "ssd:DefaultExperiment", startTime="0.0", stopTime=repr(float(stop_time)))
-    ElementTree.indent(root)
-    content: bytes = ElementTree.tostring(root, encoding="UTF-8", xml_declaration=True)
-    return content + b"\n"
+    return text(root)
 
 
 def _system(
-    parent: Element,
-    name: str,
-    diagram: Diagram,
-    files: dict[Path, str],
-    units: dict[str, FmiUnit],
+    parent: Element, name: str, diagram: Diagram, files: dict[Path, str]
 ) -> Element:
     """Add the system of a diagram."""
     system = add(parent, "ssd:System", name=name)
-    _add_connectors(system, diagram, units)
+    _add_connectors(system, diagram)
     elements = add(system, "ssd:Elements")
     for block in diagram.blocks.values():
         if isinstance(block, Diagram):
-            _system(elements, block.name, block, files, units)
+            _system(elements, block.name, block, files)
         elif isinstance(block, Fmu):
-            _component(elements, block, files, units, _grounded(diagram, block))
+            _component(elements, block, files, _grounded(diagram, block))
     pairs = [
         pair
         for wire in diagram.wires
@@ -192,7 +172,7 @@ def _system(
         for pair in zip(_ends(wire.source), _ends(wire.target), strict=True)
     ]
     for name in diagram.exposed:
-        outer = [("", connector) for connector in connectors(diagram.ports[name])]
+        outer = [("", connector) for connector, _ in _scalars(diagram.ports[name])]
         for inner in diagram.exposed[name]:
             both = (outer, _ends(inner)) if inner.is_input else (_ends(inner), outer)
             pairs += zip(*both, strict=True)
@@ -205,58 +185,52 @@ def _system(
             "endElement": to_element,
             "endConnector": to_name,
         }
-        add(connections, "ssd:Connection", filled(ends))
+        add(connections, "ssd:Connection", **filled(ends))
     return system
 
 
 def _ends(port: Port) -> list[tuple[str, str]]:
     """Return the component and connector of each element of a port."""
-    names = connectors(port.block.port(port.name))
-    return [(port.block.name, names[i]) for i in port.elements().ravel()]
+    scalars = _scalars(port.block.port(port.name))
+    return [(port.block.name, scalars[i][0]) for i in port.elements().ravel()]
 
 
-def _add_connectors(element: Element, block: Block, units: dict[str, FmiUnit]) -> None:
-    """Add the connectors of a block, one for each element of a port."""
+def _add_connectors(element: Element, block: Block) -> None:
+    """Add the connectors of a block, one for each element of a port; the FMUs state their units."""
     if not block.ports:
         return
     listed = add(element, "ssd:Connectors")
     for port in [*block.inputs(), *block.outputs()]:
-        variables = _variables(port)
-        for name, variable in zip(connectors(port), variables, strict=True):
-            kind = "input" if port.is_input else "output"
+        kind = "input" if port.is_input else "output"
+        for name, variable in _scalars(port):
             connector = add(listed, "ssd:Connector", name=name, kind=kind)
-            attributes = {}
-            definition = variable[0].description.units.get(variable[1].unit)
-            if (
-                type_of(variable[1]) == "Real"
-                and definition
-                and definition.exponents is not None
-            ):
-                known = units.setdefault(definition.name, definition)
-                if base_unit(known) != base_unit(definition):
-                    raise ExportError(
-                        f"cannot export '{port.path}' to SSP: its unit '{definition.name}' means "
-                        "something else in another FMU, and SSP has one list of units"
-                    )
-                attributes["unit"] = definition.name
-            add(connector, f"ssc:{type_of(variable[1])}", attributes)
+            add(connector, f"ssc:{type_of(variable)}")
 
 
-def _variables(port: Port) -> list[tuple[Any, FmuVariable]]:
-    """Return the FMU block and the variable of each element of a port."""
+def _scalars(port: Port) -> list[tuple[str, FmuVariable]]:
+    """Return the connector and the FMU's variable of each element of a port.
+
+    Raises
+    ------
+    ExportError
+        If the port is an array variable of FMI 3.
+    """
     block = port.block
+    shape = port.whole_shape or ()
     if isinstance(block, Diagram):
-        return _variables(block.exposed[port.name][0])
-    known = block.description.variables
-    return [(block, known[name]) for name in connectors(port)]
+        variables = [v for _, v in _scalars(block.exposed[port.name][0])]
+        return list(zip(element_names(port.name, shape), variables, strict=True))
+    names = block.variables[port.name]
+    if len(names) != port.size:
+        raise ExportError(
+            f"cannot export '{port.path}' to SSP: it is an array variable of FMI 3, and SSP 1.0 "
+            "has scalar connectors only; use an FMU of FMI 2.0, which has a variable per element"
+        )
+    return [(name, block.description.variables[name]) for name in names]
 
 
 def _component(
-    elements: Element,
-    block: Fmu,
-    files: dict[Path, str],
-    units: dict[str, FmiUnit],
-    grounded: dict[str, float],
+    elements: Element, block: Fmu, files: dict[Path, str], grounded: dict[str, float]
 ) -> None:
     """Add the component of one FMU."""
     component = add(
@@ -267,30 +241,30 @@ def _component(
         source=files[block.file.path],
         implementation=IMPLEMENTATION_NAMES[block.kind],
     )
-    _add_connectors(component, block, units)
+    _add_connectors(component, block)
     interface = block.interface
     given: dict[str, Any] = interface.starts | grounded
-    values = {
-        name: given[name] for name in interface.description.variables if name in given
-    }
-    if values:
+    variables = [
+        v for name, v in interface.description.variables.items() if name in given
+    ]
+    if variables:
         inline = add(
             component, "ssd:ParameterBindings/ssd:ParameterBinding/ssd:ParameterValues"
         )
-        listed = add(
+        parameters = add(
             add(inline, "ssv:ParameterSet", version="1.0", name=block.name),
             "ssv:Parameters",
         )
-        for name, value in values.items():
-            variable = interface.description.variables[name]
-            if np.size(value) != 1 or variable.shape:
-                raise ExportError(
-                    f"cannot export '{block.path}' to SSP: its variable '{name}' is an array, and "
-                    "SSP 1.0 has scalar values only"
-                )
-            parameter = add(listed, "ssv:Parameter", name=name)
-            kind = type_of(variable)
-            add(parameter, f"ssv:{kind}", value=_value(kind, value))
+    for variable in variables:
+        value = given[variable.name]
+        if np.size(value) != 1 or variable.shape:
+            raise ExportError(
+                f"cannot export '{block.path}' to SSP: its variable '{variable.name}' is an array, and "
+                "SSP 1.0 has scalar values only"
+            )
+        parameter = add(parameters, "ssv:Parameter", name=variable.name)
+        kind = type_of(variable)
+        add(parameter, f"ssv:{kind}", value=_value(kind, value))
 
 
 def _value(kind: str, value: Any) -> str:
@@ -323,15 +297,3 @@ def _options(block: Block) -> dict[str, Any]:
         **block.options,
     }
     return {name: value for name, value in options.items() if value}
-
-
-def _note_master(system: Element, step: float) -> None:
-    """Add the communication step size as OMSimulator's annotation, which OMSimulator requires."""
-    add(
-        add(system, "ssd:Annotations/ssc:Annotation", type="org.openmodelica"),
-        "oms:Annotations/oms:SimulationInformation/oms:FixedStepMaster",
-        description="oms-ma",
-        stepSize=repr(float(step)),
-        absoluteTolerance="0.0001",
-        relativeTolerance="0.0001",
-    )

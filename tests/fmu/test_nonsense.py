@@ -38,7 +38,7 @@ IMPORT = (
     "delayed",
     "tolerance",
 )
-LIMITS = ("time_limit", "memory_limit", "logging", "max_bytes")
+LIMITS = ("time_limit", "memory_limit", "logging")
 COUPLED = ("path", "step", "stop_time")
 
 
@@ -68,10 +68,7 @@ def calls(fmu, tmp_path, monkeypatch):
             partial(_call, export_ssp, {"diagram": loop, "path": "a.ssp"}),
             COUPLED,
         ),
-        "import_ssp": (
-            partial(_call, import_ssp, {"path": fmu}),
-            ("path", "folder", "step", "max_bytes"),
-        ),
+        "import_ssp": (partial(_call, import_ssp, {"path": fmu}), ("path", "step")),
     }
 
 
@@ -100,14 +97,6 @@ def test_nonsense_is_refused_by_our_errors(name, calls):
 @pytest.mark.parametrize(
     ("given", "message"),
     [
-        (
-            {"time_limit": 1e10},
-            r"time_limit = 1e\+10 is more than 1e\+06; leave it out for no limit",
-        ),
-        (
-            {"time_limit": 1.0, "memory_limit": 1e300},
-            r"memory_limit = 1e\+300 is more than 1e\+15",
-        ),
         ({"delayed": "no"}, r"Fmu needs delayed=True or delayed=False, not 'no'"),
         ({"logging": "yes"}, r"Fmu needs logging=True or logging=False, not 'yes'"),
         ({"units": ["N"]}, r"units must be given by name, as a dict, not as \['N'\]"),
@@ -129,7 +118,7 @@ def test_what_was_taken_in_silence_or_by_errors_of_others(given, message, fmu):
 )
 def test_names_with_a_meaning_in_c_are_refused(name, tmp_path):
     with pytest.raises(
-        TrussflowError, match=rf"'{name}' is reserved in C; choose another name"
+        TrussflowError, match=rf"{name}\.c': the name must be .* not reserved in C"
     ):
         export(Integrator(), tmp_path / f"{name}.c", kind="c")
     assert not list(tmp_path.iterdir())

@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 
+import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
@@ -46,13 +47,10 @@ class Dependencies:
 def sparsity(program: Program) -> list[Pattern]:
     """Return the sparsity pattern of the result of a program for each argument."""
     function = program.expanded
-    patterns = []
-    for argument in range(len(program.inputs)):
-        sparse = function.jac_sparsity(0, argument)
-        pattern = np.zeros(sparse.shape, dtype=bool)
-        pattern[tuple(np.array(sparse.get_triplet(), dtype=int).reshape(2, -1))] = True
-        patterns.append(pattern)
-    return patterns
+    return [
+        ca.DM(function.jac_sparsity(0, argument), 1.0).full() > 0
+        for argument in range(len(program.inputs))
+    ]
 
 
 def dependencies(plan: Plan, programs: Mapping[str, Program]) -> Dependencies:

@@ -15,10 +15,9 @@ from trussflow.blocks.framework.block import Block
 from trussflow.blocks.framework.clock import exact
 from trussflow.blocks.framework.diagram import Diagram
 from trussflow.blocks.framework.system import flatten, resolved
-from trussflow.blocks.library.transport_delay import TransportDelay
 from trussflow.blocks.simulation.schedule import Schedule
 from trussflow.blocks.support.types import Vector
-from trussflow.blocks.support.validation import by_name, positive
+from trussflow.blocks.support.validation import by_name, one_of, positive
 from trussflow.blocks.tracing.plan import Plan
 from trussflow.blocks.tracing.program import Program
 from trussflow.blocks.tracing.quantities import (
@@ -159,10 +158,10 @@ class ExportInterface:
         x, d = plan.initial(p, {}, starts)
         shown = variables(item, plan, p, x, d, starts, needs.tunable)
         _check_start(plan, programs, shown, x, d, p)
-        made_from = [repr((item.name, step, stop_time, tolerance))]
-        made_from += [program.code for program in traced]
-        made_from += [
-            repr((v.name, v.shape, v.units, v.meaning, v.start)) for v in shown
+        made_from = [
+            repr((item.name, step, stop_time, tolerance)),
+            *(program.code for program in traced),
+            *(repr((v.name, v.shape, v.units, v.meaning, v.start)) for v in shown),
         ]
         return cls(
             name=item.name,
@@ -198,18 +197,10 @@ def _check(item: Block, **times: float) -> None:
         raise ExportError(
             f"cannot export {given!r}: it is neither a block nor a diagram"
         )
-    positive(
-        ExportError,
-        **{
-            f"cannot export '{item.name}': {name}": value
-            for name, value in times.items()
-        },
-    )
+    positive(ExportError, **times)
     if not item.outputs():
-        what = "exposes no output; expose one with diagram.expose(name=block.port)"
         raise ExportError(
-            f"cannot export '{item.name}': it "
-            + (what if isinstance(item, Diagram) else "has no output")
+            f"cannot export '{item.name}': it has no output; diagram.expose(name=block.port) exposes one"
         )
 
 
@@ -225,12 +216,10 @@ def _check_initialization(item: Block, plan: Plan) -> None:
         # as imported FMUs do
         loads = block.hides and (block.continuous or block.steps_itself)
         if loads or block.states_own("initial_state"):
-            remedy = "leave that block out. For diagrams of FMUs there is trussflow.fmu.ssp.export_ssp"
-            if isinstance(block, TransportDelay):
-                remedy = "replace it by sampled_delay(sample_time, delay), which can be exported"
             raise ExportError(
                 f"cannot export '{item.name}': '{block.path}' ({type(block).__name__}) runs or initializes "
-                f"itself by code that cannot be traced; {remedy}"
+                "itself by code that cannot be traced; leave that block out. sampled_delay(sample_time, delay) "
+                "can replace a delay; for diagrams of FMUs there is trussflow.fmu.ssp.export_ssp"
             )
 
 
@@ -245,12 +234,9 @@ def _parameter_values(item: Block, plan: Plan, chosen: Mapping[str, Any]) -> Vec
         If a value is not allowed.
     """
     known = {name_of(item, e): f"{e.path}.{e.name}" for e in plan.p}
-    unknown = [name for name in chosen if name not in {*known, *known.values()}]
-    if unknown:
-        raise ExportError(
-            f"cannot export '{item.name}': no parameter '{unknown[0]}'; the parameters are: "
-            f"{', '.join(known) or 'none'}"
-        )
+    for name in chosen:
+        if name not in known.values():
+            one_of(f"parameter of '{item.name}'", name, [*known], ExportError)
     return plan.parameters(
         {known.get(name, name): value for name, value in chosen.items()}
     )
@@ -276,15 +262,17 @@ def _check_start(
     x, d[: plan.memory.span.stop] = np.split(
         programs["initialization"].function(t, x, d, p).full().ravel(), [plan.x.size]
     )
-    for group, name in ((shown.derivatives, "derivative"), (shown.outputs, "outputs")):
-        values = programs[name].function(t, x, d, p).full().ravel()
-        for v in group:
-            begin = v.reference - group[0].reference
-            if not np.isfinite(values[begin : begin + v.size]).all():
-                raise ExportError(
-                    f"'{v.name}' has no start value: with the inputs and parameters at their start "
-                    "values it is not finite; set other values with start={...} or parameters={...}"
-                )
+    scalars = shown.scalarized()
+    for group, name in (
+        (scalars.derivatives, "derivative"),
+        (scalars.outputs, "outputs"),
+    ):
+        finite = np.isfinite(programs[name].function(t, x, d, p).full().ravel())
+        if not finite.all():
+            raise ExportError(
+                f"'{group[int(np.argmin(finite))].name}' has no start value: with the inputs and parameters at "
+                "their start values it is not finite; set other values with start={...} or parameters={...}"
+            )
 
 
 def _identifier(name: str) -> str:

@@ -6,7 +6,6 @@ from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import replace
 from typing import Any
 
-from trussflow.blocks.errors import ParameterError
 from trussflow.blocks.framework.block import Block
 from trussflow.blocks.framework.declarations import KINDS, TIMED, Event, State
 from trussflow.blocks.framework.diagram import Diagram
@@ -14,7 +13,7 @@ from trussflow.blocks.framework.layout import Entry, Layout
 from trussflow.blocks.framework.port import Port
 from trussflow.blocks.framework.system import resolved
 from trussflow.blocks.support.types import Vector
-from trussflow.blocks.support.validation import finite_array
+from trussflow.blocks.support.validation import finite_array, one_of
 from trussflow.blocks.tracing.plan import Plan
 from trussflow.fmu.errors import ExportError
 from trussflow.fmu.exporting.description.dependencies import Pattern
@@ -54,43 +53,39 @@ def variables(
     tunable : Pattern
         Whether each element of `p` has an effect after initialization.
     """
+    reference = 1
+
+    def numbered(group: Iterable[Variable]) -> VariableGroup:
+        """Return the variables with the next value references."""
+        nonlocal reference
+        found: list[Variable] = []
+        for variable in group:
+            found.append(replace(variable, reference=reference))
+            reference += variable.size
+        return tuple(found)
+
     taken = {*item.ports, *getattr(item, "blocks", ())}
     name = "time" if "time" not in taken else "independent_time"
     time = Variable(
-        name, (), 1, "independent", "continuous", "", None, ("s",), "simulation time"
+        name, (), ("s",), "simulation time", causality="independent", initial=""
     )
-    inputs = _numbered(
-        (_of_port(port, "", starts[port.name].ravel()) for port in item.inputs()), 2
-    )
-    parameters = _numbered(_parameters(item, plan, p, tunable), 2 + plan.u.size)
-    first = 2 + plan.u.size + plan.p.size
-    states = _numbered(_states(item, plan, plan.x, x), first)
-    derivatives = tuple(_derivative(v, plan.x.size) for v in states)
-    outputs = _numbered(
-        (_of_port(port, "calculated", None) for port in item.outputs()),
-        first + 2 * plan.x.size,
-    )
-    shown = _states(item, plan, plan.modes, d)
-    calculated = (
+    modes = (
         replace(v, variability="discrete", initial="calculated", start=None)
-        for v in shown
+        for v in _states(item, plan, plan.modes, d)
     )
-    modes = _numbered(calculated, outputs[-1].references.stop)
-    indicators = _numbered(
-        _indicators(item, plan), outputs[-1].references.stop + plan.modes.size
-    )
-    memory = _numbered(_states(item, plan, plan.memory, d), plan.memory.span.start)
-    return Variables(
-        time,
-        inputs,
-        parameters,
-        states,
-        derivatives,
-        outputs,
-        modes,
-        indicators,
-        memory,
-    )
+    (time,) = numbered([time])
+    inputs = numbered(_input(port, starts) for port in item.inputs())
+    parameters = numbered(_parameters(item, plan, p, tunable))
+    states = numbered(_states(item, plan, plan.x, x))
+    shown = {
+        "derivatives": numbered(map(_derivative, states)),
+        "outputs": numbered(map(_of_port, item.outputs())),
+        "modes": numbered(modes),
+        "indicators": numbered(_indicators(item, plan)),
+    }
+    reference = plan.memory.span.start
+    memory = numbered(_states(item, plan, plan.memory, d))
+    return Variables(time, inputs, parameters, states, **shown, memory=memory)
 
 
 def name_of(item: Block, entry: Entry) -> str:
@@ -121,71 +116,59 @@ def input_starts(item: Block, plan: Plan, chosen: Mapping[str, Any]) -> Starts:
     Raises
     ------
     ExportError
-        If a name is unknown, or a value has the wrong shape or is not finite.
+        If a name is unknown.
+    ParameterError
+        If a value has the wrong shape or is not finite.
     """
     ports = {port.name: port for port in item.inputs()}
     for name in chosen:
-        if name not in ports:
-            raise ExportError(
-                f"cannot export '{item.name}': no input '{name}' to start; the inputs are: "
-                f"{', '.join(ports) or 'none'}"
-            )
+        one_of(f"input of '{item.name}'", name, [*ports], ExportError)
     starts = {}
     for name, port in ports.items():
         value = chosen.get(name, plan.system.external[name].start_value())
-        try:
-            starts[name] = finite_array(
-                f"the start of input '{name}'", value, port.whole_shape or ()
-            ).copy()
-        except ParameterError as error:
-            raise ExportError(
-                f"cannot export '{item.name}': {error}; give start={{'{name}': ...}}"
-            ) from None
+        what = f"the start of input '{name}' of '{item.name}'"
+        starts[name] = finite_array(what, value, port.whole_shape or ()).copy()
     return starts
 
 
-def _numbered(group: Iterable[Variable], first: int) -> VariableGroup:
-    """Return the variables with their value references."""
-    numbered: list[Variable] = []
-    for variable in group:
-        numbered.append(replace(variable, reference=first))
-        first += variable.size
-    return tuple(numbered)
-
-
-def _of_port(port: Port, initial: str, start: Vector | None) -> Variable:
+def _of_port(port: Port) -> Variable:
+    """Return the variable of an output."""
     inner = resolved(port)
     frame = f" [frame: {port.frame}]" if port.frame else ""
     held = not port.is_input and inner.block.sample_time is not None
-    causality = "input" if port.is_input else "output"
-    variability = "discrete" if held else "continuous"
-    shape = port.whole_shape or ()
-    units = port.element_units()
-    meaning = inner.declaration.meaning + frame
     return Variable(
         port.name,
-        shape,
-        0,
-        causality,
-        variability,
-        initial,
-        start,
-        units,
-        meaning.strip(),
+        port.whole_shape or (),
+        port.element_units(),
+        (inner.declaration.meaning + frame).strip(),
+        causality="output",
+        variability="discrete" if held else "continuous",
     )
+
+
+def _input(port: Port, starts: Starts) -> Variable:
+    start = starts[port.name].ravel()
+    return replace(_of_port(port), causality="input", initial="", start=start)
+
+
+def _of_entry(item: Block, plan: Plan, e: Entry) -> Variable:
+    """Return the variable of a parameter, a state or an event."""
+    declared = plan.system.blocks[e.path]._declared[e.name]
+    unit = declared.unit
+    units = unit if isinstance(unit, tuple) else (unit or None,) * (e.stop - e.start)
+    return Variable(name_of(item, e), e.shape, units, declared.meaning)
 
 
 def _parameters(
     item: Block, plan: Plan, p: Vector, tunable: Pattern
 ) -> Iterator[Variable]:
     for e in plan.p:
-        declared = plan.system.blocks[e.path]._declared[e.name]
-        kind = "tunable" if tunable[e.start : e.stop].any() else "fixed"
-        units = (declared.unit or None,) * (e.stop - e.start)
-        name = name_of(item, e)
-        start = p[e.start : e.stop].copy()
-        yield Variable(
-            name, e.shape, 0, "parameter", kind, "exact", start, units, declared.meaning
+        yield replace(
+            _of_entry(item, plan, e),
+            causality="parameter",
+            variability="tunable" if tunable[e.start : e.stop].any() else "fixed",
+            initial="exact",
+            start=p[e.start : e.stop].copy(),
         )
 
 
@@ -199,55 +182,26 @@ def _states(
         of_parameter = (
             isinstance(declared.initial, str) and type(block).initial is Block.initial
         )
-        unit = declared.unit
-        units = (
-            unit if isinstance(unit, tuple) else (unit or None,) * (e.stop - e.start)
-        )
-        free = block not in setting and not of_parameter
-        start = values[e.start : e.stop] if free else None
-        initial = "exact" if free else "calculated"
-        name = name_of(item, e)
-        yield Variable(
-            name,
-            e.shape,
-            0,
-            "local",
-            "continuous",
-            initial,
-            start,
-            units,
-            declared.meaning,
-        )
+        variable = _of_entry(item, plan, e)
+        if block not in setting and not of_parameter:
+            start = values[e.start : e.stop]
+            variable = replace(variable, initial="exact", start=start)
+        yield variable
 
 
 def _indicators(item: Block, plan: Plan) -> Iterator[Variable]:
     for e in plan.sides:
         declared = plan.system.blocks[e.path].declared(Event)[e.name]
-        units = (declared.unit or None,) * (e.stop - e.start)
-        name = f"{name_of(item, e)}.indicator"
-        kind = KINDS[declared.kind]
-        if kind != TIMED:
-            yield Variable(
-                name,
-                e.shape,
-                0,
-                "local",
-                "continuous",
-                "calculated",
-                None,
-                units,
-                declared.meaning,
-            )
+        if KINDS[declared.kind] != TIMED:
+            variable = _of_entry(item, plan, e)
+            yield replace(variable, name=f"{variable.name}.indicator")
 
 
-def _derivative(state: Variable, distance: int) -> Variable:
-    return replace(
-        state,
-        name=f"der({state.name})",
-        reference=state.reference + distance,
-        initial="calculated",
-        start=None,
-        units=tuple(f"({unit})/s" if unit else None for unit in state.units),
-        meaning=f"rate of {state.name}",
+def _derivative(state: Variable) -> Variable:
+    return Variable(
+        f"der({state.name})",
+        state.shape,
+        tuple(f"({unit})/s" if unit else None for unit in state.units),
+        f"rate of {state.name}",
         state=state.reference,
     )

@@ -1,47 +1,41 @@
-"""Text of ``modelDescription.xml``: the part common to both FMI versions."""
+"""Text of ``modelDescription.xml`` and of ``buildDescription.xml``."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Iterator, Mapping, Sequence
+from math import pi
 from uuid import UUID
+from xml.etree import ElementTree
 from xml.etree.ElementTree import Element, SubElement
 
-from trussflow.fmu.exporting.description import fmi2_xml, fmi3_xml
+import numpy as np
+
+from trussflow.blocks.results.dataset import own_version
+from trussflow.fmu.exporting.description.dependencies import Dependencies, Pattern
 from trussflow.fmu.exporting.description.export_interface import ExportInterface
-from trussflow.fmu.exporting.description.variables import STRUCTURED_NAME
-from trussflow.fmu.exporting.description.xml_text import (
-    base_unit,
-    filled,
-    generation_tool,
-    text,
+from trussflow.fmu.exporting.description.variables import (
+    STRUCTURED_NAME,
+    Variable,
+    VariableGroup,
+    Variables,
 )
 from trussflow.fmu.fmi_units import fmi_unit
+
+FMI_VERSIONS = ("2.0", "3.0")
+"""Versions of FMI that can be exported."""
 
 LOG_CATEGORY = "logStatus"
 """Category of all log messages: reasons for refused calls and failed steps."""
 
-VERSION_MODULES = {"2.0": fmi2_xml, "3.0": fmi3_xml}
-"""Modules with the XML specific to each version of FMI."""
+UNKNOWN_ELEMENTS = {
+    "Outputs": "Output",
+    "Derivatives": "ContinuousStateDerivative",
+    "InitialUnknowns": "InitialUnknown",
+}
+"""Elements of the model structure: lists of FMI 2.0, and FMI 3.0's element for one variable."""
 
-
-@dataclass(frozen=True, slots=True)
-class Use:
-    """One kind of use that an FMU offers.
-
-    Attributes
-    ----------
-    element : str
-        ``"ModelExchange"`` or ``"CoSimulation"``.
-    capabilities : mapping
-        Its capability flags, by the names of the FMI version.
-    sources : sequence of str
-        Source files to compile, for FMI 2.0.
-    """
-
-    element: str
-    capabilities: Mapping[str, str] = field(default_factory=dict)
-    sources: Sequence[str] = ()
+Rows = list[tuple[Variable, Pattern]]
+"""Variables with the dependencies of their elements."""
 
 
 def token(interface: ExportInterface, version: str) -> str:
@@ -58,7 +52,10 @@ def token(interface: ExportInterface, version: str) -> str:
 
 
 def model_description(
-    interface: ExportInterface, version: str, uses: Sequence[Use]
+    interface: ExportInterface,
+    version: str,
+    uses: Mapping[str, Mapping[str, str]],
+    sources: Sequence[str] = (),
 ) -> str:
     """Return the text of ``modelDescription.xml``.
 
@@ -67,43 +64,35 @@ def model_description(
     interface : ExportInterface
         The exported interface.
     version : str
-        ``"2.0"`` or ``"3.0"``.
-    uses : sequence of Use
-        Kinds of use, model exchange first.
+        ``"2.0"`` (one variable per scalar) or ``"3.0"`` (one variable per array).
+    uses : mapping of str to mapping
+        Capability flags, by the names of the FMI version, of ``"ModelExchange"`` and ``"CoSimulation"``.
+    sources : sequence of str
+        Source files to compile, for FMI 2.0.
     """
     scalar = version == "2.0"
-    names = [
-        name
-        for v in interface.variables
-        for name in (v.scalars() if scalar else [v.name])
-    ]
-    structured = all(STRUCTURED_NAME.fullmatch(name) for name in names)
+    shown = interface.variables.scalarized() if scalar else interface.variables
+    structured = all(STRUCTURED_NAME.fullmatch(v.name) for v in shown)
+    indicators = sum(v.size for v in shown.indicators)
     about = {
         "fmiVersion": version,
         "modelName": interface.name,
         "guid" if scalar else "instantiationToken": token(interface, version),
         "generationTool": generation_tool(),
         "variableNamingConvention": "structured" if structured else "flat",
-        "numberOfEventIndicators": str(
-            sum(v.size for v in interface.variables.indicators)
-        )
-        if scalar
-        else "",
+        "numberOfEventIndicators": str(indicators) if scalar else "",
         "description": interface.meaning,
         **interface.about,
     }
     root = Element("fmiModelDescription", filled(about))
-    for use in uses:
-        element = SubElement(
-            root,
-            use.element,
-            {"modelIdentifier": interface.identifier, **use.capabilities},
-        )
-        if use.sources:
+    for use, capabilities in uses.items():
+        flags = {"modelIdentifier": interface.identifier, **capabilities}
+        element = SubElement(root, use, flags)
+        if sources:
             files = SubElement(element, "SourceFiles")
-            for name in use.sources:
+            for name in sources:
                 SubElement(files, "File", name=name)
-    _add_units(root, interface)
+    _add_units(root, shown)
     categories = SubElement(root, "LogCategories")
     SubElement(
         categories,
@@ -111,31 +100,168 @@ def model_description(
         name=LOG_CATEGORY,
         description="why a call is refused or a step fails",
     )
-    experiment = {
-        "startTime": "0.0",
-        "stopTime": repr(interface.stop_time),
-        "tolerance": repr(interface.tolerance),
-        "stepSize": repr(interface.step),
-    }
-    SubElement(root, "DefaultExperiment", experiment)
-    VERSION_MODULES[version].add_variables(
-        SubElement(root, "ModelVariables"), interface
+    SubElement(
+        root,
+        "DefaultExperiment",
+        startTime="0.0",
+        stopTime=repr(interface.stop_time),
+        tolerance=repr(interface.tolerance),
+        stepSize=repr(interface.step),
     )
-    VERSION_MODULES[version].add_structure(
-        SubElement(root, "ModelStructure"), interface
+    variables = SubElement(root, "ModelVariables")
+    for v in shown:
+        if v.size:
+            _add_variable(variables, v, scalar)
+    _add_structure(
+        SubElement(root, "ModelStructure"), shown, interface.dependencies, scalar
     )
     return text(root)
 
 
-def _add_units(root: Element, interface: ExportInterface) -> None:
+def _add_units(root: Element, shown: Variables) -> None:
     """Add the definitions of all units of the variables."""
     definitions = SubElement(root, "UnitDefinitions")
-    for name in sorted(
-        {unit for v in interface.variables for unit in v.units if unit is not None}
-    ):
+    for name in sorted({unit for v in shown for unit in v.units if unit is not None}):
         unit = fmi_unit(name)
         element = SubElement(definitions, "Unit", name=name)
         if unit.exponents is not None:
-            SubElement(element, "BaseUnit", base_unit(unit))
-        for shown, factor in unit.display:
-            SubElement(element, "DisplayUnit", name=shown, factor=repr(factor))
+            base = {part: str(n) for part, n in unit.exponents.items() if n}
+            if unit.factor != 1:
+                base["factor"] = repr(unit.factor)
+            if unit.offset:
+                base["offset"] = repr(unit.offset)
+            SubElement(element, "BaseUnit", base)
+        if unit.display:
+            SubElement(element, "DisplayUnit", name=unit.display, factor=repr(180 / pi))
+
+
+def _add_variable(parent: Element, v: Variable, scalar: bool) -> None:
+    """Add one variable: a real scalar of FMI 2.0, or an array of FMI 3.0."""
+    about = {
+        "name": v.name,
+        "valueReference": str(v.reference),
+        "description": v.description(),
+        "causality": v.causality,
+        "variability": v.variability,
+        "initial": v.initial,
+    }
+    number = {}
+    if v.unit is not None:
+        number["unit"] = v.unit
+        if display := fmi_unit(v.unit).display:
+            number["displayUnit"] = display
+    if v.start is not None:
+        number["start"] = " ".join(repr(float(value)) for value in v.start)
+    if v.state is not None:
+        # FMI 2.0 needs the index of the state, which equals its reference
+        number["derivative"] = str(v.state)
+    if scalar:
+        element = SubElement(parent, "ScalarVariable", filled(about))
+        SubElement(element, "Real", number)
+        return
+    element = SubElement(parent, "Float64", filled(about) | number)
+    for size in v.shape:
+        SubElement(element, "Dimension", start=str(size))
+
+
+def _add_structure(
+    parent: Element, shown: Variables, needs: Dependencies, scalar: bool
+) -> None:
+    """Add the dependencies between variables: a variable has those of all its elements."""
+    known = (shown.time, *shown.inputs, *shown.parameters, *shown.states)
+    references = np.repeat([v.reference for v in known], [v.size for v in known])
+    for (title, name), rows in zip(
+        UNKNOWN_ELEMENTS.items(), _unknowns(shown, needs), strict=True
+    ):
+        found = {}
+        for variable, patterns in rows:
+            needed = references[np.any(patterns, axis=0)].tolist()
+            found[variable.reference] = " ".join(map(str, dict.fromkeys(needed)))
+        if scalar and found:
+            listed = SubElement(parent, title)
+            for reference, names in sorted(found.items()):
+                SubElement(listed, "Unknown", index=str(reference), dependencies=names)
+        elif not scalar:
+            for reference, names in found.items():
+                SubElement(
+                    parent, name, valueReference=str(reference), dependencies=names
+                )
+    if not scalar:
+        for variable in shown.indicators:
+            SubElement(parent, "EventIndicator", valueReference=str(variable.reference))
+
+
+def _unknowns(shown: Variables, needs: Dependencies) -> tuple[Rows, Rows, Rows]:
+    """Return the unknowns: outputs, derivatives, and initial unknowns.
+
+    Parameters count as dependencies of initial unknowns only.
+    """
+    elsewhere = np.ones(needs.outputs.shape[1], dtype=bool)
+    elsewhere[[r - 1 for v in shown.parameters for r in v.references]] = False
+    states = _rows(shown.states, needs.initial_states)
+    return (
+        [*_rows(shown.outputs, needs.outputs & elsewhere)],
+        [*_rows(shown.derivatives, needs.derivatives & elsewhere)],
+        [
+            *_rows(shown.outputs, needs.initial_outputs),
+            *((v, rows) for v, rows in states if v.initial == "calculated"),
+            *_rows(shown.derivatives, needs.initial_derivatives),
+        ],
+    )
+
+
+def _rows(group: VariableGroup, pattern: Pattern) -> Iterator[tuple[Variable, Pattern]]:
+    for v in group:
+        if v.size:
+            begin = v.reference - group[0].reference
+            yield v, pattern[begin : begin + v.size]
+
+
+def build_description(interface: ExportInterface, sources: Sequence[str]) -> str:
+    """Return the text of ``sources/buildDescription.xml`` of FMI 3.0.
+
+    Parameters
+    ----------
+    interface : ExportInterface
+        The exported interface.
+    sources : sequence of str
+        Source files to compile.
+    """
+    root = Element("fmiBuildDescription", fmiVersion="3.0")
+    build = SubElement(root, "BuildConfiguration", modelIdentifier=interface.identifier)
+    files = SubElement(build, "SourceFileSet")
+    for name in sources:
+        SubElement(files, "SourceFile", name=name)
+    return text(root)
+
+
+def generation_tool() -> str:
+    """Return the name and version of this program."""
+    return f"trussflow {own_version()}"
+
+
+def filled(attributes: Mapping[str, str]) -> dict[str, str]:
+    """Return the attributes that have a value.
+
+    Parameters
+    ----------
+    attributes : mapping of str
+        Values by name; empty ones are left out.
+    """
+    return {name: value for name, value in attributes.items() if value}
+
+
+def text(root: Element) -> str:
+    """Return an XML tree as text.
+
+    Parameters
+    ----------
+    root : Element
+        The tree.
+    """
+    ElementTree.indent(root)
+    return (
+        '<?xml version="1.0" encoding="UTF-8"?>\n'
+        + ElementTree.tostring(root, "unicode")
+        + "\n"
+    )

@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator
 from dataclasses import dataclass, fields, replace
-from itertools import product
+from itertools import chain, groupby, product
 from math import prod
 from typing import Any
 
@@ -28,30 +28,30 @@ class Variable:
         Name of the port, ``block.parameter`` or ``block.state``.
     shape : tuple of int
         Shape of the array; ``()`` for a scalar.
-    reference : int
-        Value reference of the first element, and of the whole array in FMI 3; elements follow
-        in row-major order.
-    causality, variability, initial : str
-        Attributes as defined by FMI; `initial` is empty where FMI defines none.
-    start : Vector or None
-        Flat value before initialization [units]; None for a calculated variable.
     units : tuple of (str or None)
         Unit of each element; None if it is not stated.
     meaning : str
         Description, one line.
+    causality, variability, initial : str
+        Attributes as defined by FMI; `initial` is empty where FMI defines none.
+    start : Vector or None
+        Flat value before initialization [units]; None for a calculated variable.
+    reference : int
+        Value reference of the first element, and of the whole array in FMI 3; elements follow
+        in row-major order.
     state : int or None
         For a derivative, the value reference of its state.
     """
 
     name: str
     shape: tuple[int, ...]
-    reference: int
-    causality: str
-    variability: str
-    initial: str
-    start: Vector | None
     units: tuple[str | None, ...]
-    meaning: str = ""
+    meaning: str
+    causality: str = "local"
+    variability: str = "continuous"
+    initial: str = "calculated"
+    start: Vector | None = None
+    reference: int = 0
     state: int | None = None
 
     @property
@@ -80,9 +80,9 @@ class Variable:
                 self,
                 name=name,
                 shape=(),
-                reference=self.reference + i,
-                start=None if self.start is None else self.start[i : i + 1],
                 units=self.units[i : i + 1],
+                start=None if self.start is None else self.start[i : i + 1],
+                reference=self.reference + i,
                 state=None if self.state is None else self.state + i,
             )
             for i, name in enumerate(self.scalars())
@@ -92,14 +92,9 @@ class Variable:
         """Return the meaning, with the units of the elements if they differ."""
         if not self.units or self.unit is not None or not any(self.units):
             return self.meaning
-        changes = [
-            0,
-            *(i for i in range(1, self.size) if self.units[i] != self.units[i - 1]),
-        ]
-        ends = [*changes[1:], self.size]
         runs = (
-            f"{b - a} x {self.units[a] or 'not stated'}"
-            for a, b in zip(changes, ends, strict=True)
+            f"{len([*alike])} x {unit or 'not stated'}"
+            for unit, alike in groupby(self.units)
         )
         units = f"units in order: {', '.join(runs)}"
         return f"{self.meaning}; {units}" if self.meaning else units
@@ -135,39 +130,20 @@ class Variables:
     memory: VariableGroup
 
     def __iter__(self) -> Iterator[Variable]:
-        """Yield all variables except the memory."""
-        yield self.time
-        yield from (
-            self.inputs
-            + self.parameters
-            + self.states
-            + self.derivatives
-            + self.outputs
+        """Return an iterator of all variables except the memory."""
+        return chain(
+            (self.time,),
+            self.inputs + self.parameters + self.states + self.derivatives,
+            self.outputs + self.modes + self.indicators,
         )
-        yield from self.modes + self.indicators
 
     def scalarized(self) -> Variables:
         """Return the variables with each array split into its elements."""
-        groups = {
-            field.name: getattr(self, field.name)
-            for field in fields(self)
-            if field.name != "time"
-        }
-        elements: dict[str, Any] = {
-            name: tuple(e for v in group for e in v.elements())
-            for name, group in groups.items()
-        }
+        elements: dict[str, Any] = {}
+        for field in fields(self)[1:]:  # all groups after the time
+            group = getattr(self, field.name)
+            elements[field.name] = tuple(e for v in group for e in v.elements())
         return replace(self, **elements)
-
-    def settable_states(self) -> list[bool]:
-        """Return whether an importer may set the start value of each element of the states."""
-        return [v.initial == "exact" for v in self.states for _ in v.references]
-
-    def tunable_parameters(self) -> list[bool]:
-        """Return whether each element of the parameters may change after initialization."""
-        return [
-            v.variability == "tunable" for v in self.parameters for _ in v.references
-        ]
 
 
 def element_names(name: str, shape: tuple[int, ...]) -> list[str]:

@@ -13,6 +13,8 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
+import fmpy
+
 from trussflow.blocks.support.progress import map_counted
 from trussflow.blocks.support.temporary_folders import process_folder
 from trussflow.blocks.support.validation import one_of
@@ -30,6 +32,14 @@ also runs on other processors."""
 
 FAST_FLAGS = ("-mavx2", "-mfma")
 """Flags for the fast variant of the equations on x86-64, which is selected at run time."""
+
+
+SYSTEMS = {
+    "linux": (".so", "linux64", "linux-gnu"),
+    "windows": (".dll", "win64", "windows-gnu"),
+    "darwin": (".dylib", "darwin64", "macos"),
+}
+"""Suffix of shared libraries, folder in FMI 2.0, and name for ziglang, by system."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,13 +63,7 @@ class Platform:
     @property
     def suffix(self) -> str:
         """Suffix of a shared library."""
-        return {"linux": ".so", "windows": ".dll", "darwin": ".dylib"}[self.system]
-
-    @property
-    def target(self) -> str:
-        """Name of the platform for the ziglang compiler."""
-        ends = {"linux": "linux-gnu", "windows": "windows-gnu", "darwin": "macos"}
-        return f"{self.processor}-{ends[self.system]}"
+        return SYSTEMS[self.system][0]
 
     def folder(self, version: str, among: Sequence[Platform]) -> str:
         """Return the folder of the binary within ``binaries/``.
@@ -77,8 +81,7 @@ class Platform:
         if version == "3.0":
             return self.name
         taken = self.processor != "x86_64" and Platform(self.system, "x86_64") in among
-        short = {"linux": "linux64", "windows": "win64", "darwin": "darwin64"}
-        return self.name if taken else short[self.system]
+        return self.name if taken else SYSTEMS[self.system][1]
 
 
 KNOWN_PLATFORMS = (
@@ -143,7 +146,8 @@ def compile_binary(source: Source, target: Platform) -> bytes:
     """
     command = _compiler(target)
     model = ("-DTF_VARIANT=_ordinary",)
-    wrapper = ("-DTF_SEPARATE", "-I", headers())
+    headers = Path(str(fmpy.__file__)).parent / "c-code"
+    wrapper = ("-DTF_SEPARATE", "-I", str(headers))
     jobs = [(source.model, model, "model.c"), (source.wrapper, wrapper, "all.c")]
     if target.processor == "x86_64":
         jobs = [
@@ -165,16 +169,6 @@ def compile_binary(source: Source, target: Platform) -> bytes:
         ).read_bytes()
 
 
-def headers() -> str:
-    """Return the folder of the FMI headers in the fmpy package."""
-    spec = find_spec("fmpy")
-    if spec is None or spec.origin is None:
-        raise ExportError(
-            "cannot compile: the FMI headers are part of the package fmpy; install it"
-        )
-    return str(Path(spec.origin).parent / "c-code")
-
-
 def _compiler(target: Platform) -> tuple[str, ...]:
     """Return the command of a compiler for a platform.
 
@@ -183,7 +177,8 @@ def _compiler(target: Platform) -> tuple[str, ...]:
     ExportError
         If no compiler is found.
     """
-    zig = (sys.executable, "-m", "ziglang", "cc", "-target", target.target)
+    name = f"{target.processor}-{SYSTEMS[target.system][2]}"
+    zig = (sys.executable, "-m", "ziglang", "cc", "-target", name)
     if target != here():
         if find_spec("ziglang") is None:
             raise ExportError(

@@ -4,10 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from trussflow.fmu.exporting.description import fmi3_xml
 from trussflow.fmu.exporting.description.export_interface import ExportInterface
 from trussflow.fmu.exporting.description.model_description import (
-    Use,
+    build_description,
     model_description,
     token,
 )
@@ -29,10 +28,6 @@ CAPABILITY_FLAGS = {
         "providesAdjointDerivatives": "true",
     },
 }
-NO_STEP_FLAGS = {"2.0": {"completedIntegratorStepNotNeeded": "true"}, "3.0": {}}
-COMPLETED_STEP_FLAGS = {"2.0": {}, "3.0": {"needsCompletedIntegratorStep": "true"}}
-EARLY_RETURN_FLAGS = {"2.0": {}, "3.0": {"mightReturnEarlyFromDoStep": "true"}}
-VARIABLE_STEP_FLAGS = {"canHandleVariableCommunicationStepSize": "true"}
 
 
 def native_files(
@@ -55,21 +50,22 @@ def native_files(
         If there are Python blocks, or there is no compiler.
     """
     targets = chosen(platforms)
-    common = CAPABILITY_FLAGS[version]
-    listed = COMPILED_FILES if version == "2.0" else ()
+    exchange = dict(CAPABILITY_FLAGS[version])
+    simulation = exchange | {"canHandleVariableCommunicationStepSize": "true"}
     # Algebraic loops need the completed step: their solution there starts the next iteration.
-    step_flags = COMPLETED_STEP_FLAGS if interface.plan.guesses.size else NO_STEP_FLAGS
-    uses = [
-        Use("ModelExchange", common | step_flags[version], listed),
-        Use(
-            "CoSimulation",
-            common
-            | VARIABLE_STEP_FLAGS
-            | (EARLY_RETURN_FLAGS[version] if interface.plan.has_events else {}),
-            listed,
-        ),
-    ]
-    description = model_description(interface, version, uses)
+    completed = interface.plan.guesses.size > 0
+    if version == "3.0" and completed:
+        exchange["needsCompletedIntegratorStep"] = "true"
+    if version == "2.0" and not completed:
+        exchange["completedIntegratorStepNotNeeded"] = "true"
+    if version == "3.0" and interface.plan.has_events:
+        simulation["mightReturnEarlyFromDoStep"] = "true"
+    description = model_description(
+        interface,
+        version,
+        {"ModelExchange": exchange, "CoSimulation": simulation},
+        COMPILED_FILES if version == "2.0" else (),
+    )
     code = source(interface, version, token(interface, version))
     texts = {
         "modelDescription.xml": description,
@@ -77,7 +73,7 @@ def native_files(
         "sources/model.c": code.model,
     }
     if version == "3.0":
-        texts["sources/buildDescription.xml"] = fmi3_xml.build_description(
+        texts["sources/buildDescription.xml"] = build_description(
             interface, COMPILED_FILES
         )
     files = {path: text.encode() for path, text in texts.items()}

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from importlib.resources import files
 from operator import itemgetter
+from pathlib import Path
 
 import casadi as ca
 import numpy as np
@@ -200,7 +200,8 @@ def sizes(interface: ExportInterface) -> str:
 def _tables(interface: ExportInterface, order: NDArray[np.int64], token: str) -> str:
     """Return the C tables of start values, names, clocks and event times."""
     plan = interface.plan
-    variables = [v for v in interface.variables if v.size]
+    shown = interface.variables
+    variables = [v for v in shown if v.size]
     sizes = np.zeros(variables[-1].references.stop, dtype=int)
     for v in variables:
         sizes[v.reference] = v.size
@@ -213,12 +214,16 @@ def _tables(interface: ExportInterface, order: NDArray[np.int64], token: str) ->
             table(
                 "unsigned char",
                 "tf_x_exact",
-                map(int, interface.variables.settable_states()),
+                [int(v.initial == "exact") for v in shown.states for _ in v.references],
             ),
             table(
                 "unsigned char",
                 "tf_p_tunable",
-                map(int, interface.variables.tunable_parameters()),
+                [
+                    int(v.variability == "tunable")
+                    for v in shown.parameters
+                    for _ in v.references
+                ],
             ),
             table("int", "tf_y_place", np.argsort(order).tolist()),
             table("unsigned", "tf_size", sizes.tolist()),
@@ -272,8 +277,4 @@ def calendar(interface: ExportInterface) -> list[str]:
 
 def file_text(name: str) -> str:
     """Return the text of a file of this folder."""
-    return (
-        files("trussflow.fmu.exporting.native")
-        .joinpath(name)
-        .read_text(encoding="utf-8")
-    )
+    return Path(__file__).with_name(name).read_text(encoding="utf-8")

@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 
 import casadi as ca
+import numpy as np
 
 from trussflow.blocks.tracing.instructions import instructions_of
 from trussflow.blocks.tracing.operations import FORMULAS
@@ -49,25 +50,21 @@ def tape(program: Program, name: str, rates: int) -> str:
     ExportError
         If the program calls a function without a symbolic expression.
     """
-    without = [
-        call.kernel
+    called = [
+        call.kernel.function.name()
         for call in program.calls
         if call.kernel.source
         and (call.kernel.near is None or program.name == "initialization")
     ]
-    if called := [kernel.function.name() for kernel in without]:
+    if called:
         raise ExportError(
             f"cannot export derivatives of {', '.join(called)}, which an output or a rate of this item "
             "depends on at all times: sample the block that computes it, or export with kind='c' or 'python'"
         )
     function = program.expanded
-    starts = [
-        sum(i.numel() for i in program.inputs[:k]) for k in range(len(program.inputs))
-    ]
+    starts = np.cumsum([0, *(i.numel() for i in program.inputs)])
     numbers = {operation: i for i, operation in enumerate(OPERATION_NAMES)}
-    operations: list[int] = []
-    first: list[int] = []
-    second: list[int] = []
+    entries: list[tuple[int, int, int]] = []  # operation and two operands
     constants: list[float] = []
     rows = [0] * program.size
     place: list[int] = []  # position of each instruction on the tape
@@ -76,24 +73,20 @@ def tape(program: Program, name: str, rates: int) -> str:
             rows[instruction.place[1]] = place[instruction.operands[0]]
             place.append(-1)
             continue
-        place.append(len(operations))
-        operations.append(numbers[instruction.operation])
+        place.append(len(entries))
+        operands = [place[i] for i in instruction.operands] or [0]
         if instruction.operation == ca.OP_INPUT:
             argument, element = instruction.place
-            first.append(starts[argument] + element)
-            second.append(0)
+            operands = [starts[argument] + element, 0]
         elif instruction.operation == ca.OP_CONST:
-            first.append(len(constants))
-            second.append(0)
+            operands = [len(constants), 0]
             constants.append(instruction.constant)
-        else:
-            operands = [place[i] for i in instruction.operands]
-            first.append(operands[0])
-            second.append(operands[-1])
+        entries.append((numbers[instruction.operation], operands[0], operands[-1]))
+    operations, first, second = np.array(entries, dtype=int).reshape(-1, 3).T.tolist()
     length = name.upper()
     return "\n".join(
         [
-            f"#define {length} {len(operations)}",
+            f"#define {length} {len(entries)}",
             f"#define {length}_RATES {1 + max(rows[:rates], default=-1)}",
             table("unsigned char", f"{name}_operation", operations),
             table("unsigned", f"{name}_a", first),

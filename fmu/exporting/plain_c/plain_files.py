@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator
-from importlib.resources import files
 from pathlib import Path
 
 from trussflow.blocks.tracing.codegen import c_functions, vector_functions
@@ -85,13 +84,12 @@ def plain_files(interface: ExportInterface, path: Path) -> dict[Path, str]:
     """
     name = path.stem
     header = path.with_suffix(".h")
-    if path.suffix != ".c" or not re.fullmatch(r"[A-Za-z]\w*", name, re.ASCII):
+    reserved = name.lower().startswith("tf_") or name in _text("c_names.txt").split()
+    is_identifier = re.fullmatch(r"[A-Za-z]\w*", name, re.ASCII)
+    if path.suffix != ".c" or reserved or not is_identifier:
         raise ExportError(
-            f"cannot write plain C to '{path}': the name must be a C identifier, such as controller.c"
-        )
-    if name.lower().startswith("tf_") or name in _text("c_names.txt").split():
-        raise ExportError(
-            f"cannot write plain C to '{path}': '{name}' is reserved in C; choose another name"
+            f"cannot write plain C to '{path}': the name must be a C identifier that is not reserved in C, "
+            "such as controller.c"
         )
     if header.is_file() and HEADER_MARK not in header.read_text(
         encoding="utf-8", errors="replace"
@@ -145,7 +143,7 @@ def plain_files(interface: ExportInterface, path: Path) -> dict[Path, str]:
 
 def _text(name: str) -> str:
     """Return the text of a file of this package."""
-    return files(__package__).joinpath(name).read_text(encoding="utf-8")
+    return Path(__file__).with_name(name).read_text(encoding="utf-8")
 
 
 def _accessors(name: str, interface: ExportInterface) -> Iterator[tuple[str, str, str]]:

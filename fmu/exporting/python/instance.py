@@ -4,17 +4,14 @@ from __future__ import annotations
 
 import contextlib
 from collections.abc import Sequence
-from dataclasses import dataclass, fields
 from itertools import pairwise
-from math import prod
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from trussflow.blocks.errors import TrussflowError
 from trussflow.blocks.framework.clock import SNAP
-from trussflow.blocks.framework.declarations import TIMED
-from trussflow.blocks.results.state_file import Snapshot, decode, encode
 from trussflow.blocks.simulation.session import Session
 from trussflow.blocks.support.types import Vector
 from trussflow.fmu.exporting.python.payload import Payload
@@ -24,35 +21,11 @@ class RefusedError(Exception):
     """A call by the importer violates the FMI standard or the interface."""
 
 
-@dataclass(frozen=True, slots=True)
-class State:
-    """Saved state of an instance.
-
-    Attributes
-    ----------
-    start : float
-        Start time [s].
-    values : Vector
-        Latest values of all variables, set or computed [units as declared].
-    touched : tuple of int
-        Indices of the elements of the initial state that the importer set.
-    fault : str
-        Reason why the next step is refused; empty if it is not.
-    snapshot : Snapshot or None
-        Snapshot of the session; None before the end of initialization.
-    """
-
-    start: float
-    values: Vector
-    touched: tuple[int, ...]
-    fault: str
-    snapshot: Snapshot | None
-
-
 class Instance:
     """A co-simulation instance. Its methods may raise any error, which the slave catches.
 
-    Value references count from 1: time, inputs, parameters, states, derivatives, outputs.
+    Value references count from 1: time, inputs, parameters, states, derivatives, outputs, modes,
+    event indicators.
 
     Parameters
     ----------
@@ -63,32 +36,15 @@ class Instance:
     def __init__(self, payload: Payload) -> None:
         self._payload = payload
         self._session: Session = payload.session()
-        plan = self._session.prepared.plan
-        ends = np.cumsum(
-            [0, 1, plan.u.size, plan.p.size, plan.x.size, plan.x.size]
-        ).tolist()
-        self._u, self._p, self._x, self._rates = (
-            slice(a, b) for a, b in pairwise(ends[1:])
-        )
-        events = plan.modes.size + int(np.count_nonzero(plan.kinds != TIMED))
-        first = len(payload.names) - events
-        self._outputs = slice(ends[-1], first)
-        self._events = slice(first, None)
-        self._values = np.zeros(len(payload.names))
-        # Masks of the variables that may be set before and after the end of initialization.
-        self._early, self._late = (
-            np.zeros(len(self._values), dtype=bool) for _ in "ab"
-        )
-        self._early[self._u] = self._late[self._u] = self._early[self._p] = True
-        self._early[self._x] = payload.vector("exact") > 0
-        self._late[self._p] = payload.vector("tunable") > 0
-        for name, part in (("u", self._u), ("p", self._p), ("x", self._x)):
-            self._values[part] = payload.vector(name)
-        self._touched: set[int] = set()
+        plan = self._plan = self._session.prepared.plan
+        ends = np.cumsum([1, plan.u.size, plan.p.size, plan.x.size]).tolist()
+        self._u, self._p, self._x = (slice(a, b) for a, b in pairwise(ends))
+        self._values = payload.values.copy()
+        self._touched = np.zeros(len(self._values))  # 1 for each value that was set
         self._start = 0.0
         self._fault = ""
         self._running = self._ended = False
-        self._stale = self._inputs_set = self._parameters_set = True
+        self._stale = self._parameters_set = True
 
     @property
     def restores(self) -> bool:
@@ -113,26 +69,29 @@ class Instance:
             If a variable cannot be set now. Then no value is set, and the next step fails.
         """
         indices = self._indices(references)
-        bad = indices[~(self._late if self._running else self._early)[indices]]
+        early = self._payload.early
+        bad = indices[~(self._payload.late if self._running else early)[indices]]
         if bad.size:
-            when = "after initialization" if self._early[bad[0]] else "at any time"
-            self._fault = f"'{self._payload.names[bad[0]]}' cannot be set {when}"
-            raise RefusedError(f"{self._fault}; the next step is refused")
+            when = "after initialization" if early[bad[0]] else "at any time"
+            fault = f"'{self._payload.names[bad[0]]}' cannot be set {when}"
+            raise self._refused(fault, "; the next step is refused")
         self._values[indices] = values
-        self._touched |= {int(i) for i in indices if self._x.start <= i < self._x.stop}
+        self._touched[indices] = 1.0
         self._stale = True
-        self._inputs_set |= bool(np.any(indices < self._u.stop))
         self._parameters_set |= bool(np.any(indices >= self._u.stop))
 
-    def _indices(
-        self, references: Sequence[int]
-    ) -> np.ndarray[Any, np.dtype[np.int64]]:
+    def _indices(self, references: Sequence[int]) -> NDArray[np.int64]:
         indices = np.asarray(references, dtype=np.int64) - 1
         unknown = indices[(indices < 0) | (indices >= len(self._values))]
         if unknown.size:
-            self._fault = f"there is no variable with value reference {unknown[0] + 1}"
-            raise RefusedError(f"{self._fault}; there are {len(self._values)} scalars")
+            fault = f"there is no variable with value reference {unknown[0] + 1}"
+            raise self._refused(fault, f"; there are {len(self._values)} scalars")
         return indices
+
+    def _refused(self, fault: str, more: str = "") -> RefusedError:
+        """Return an error, and refuse the next step."""
+        self._fault = fault
+        return RefusedError(fault + more)
 
     def _refresh(self) -> None:
         """Update all values."""
@@ -144,19 +103,16 @@ class Instance:
         session = self._session
         values = self._values
         values[0] = session.time
-        values[self._x] = session.states()
-        values[self._rates] = session.rates()
-        values[self._outputs] = session.row()
-        values[self._events] = session.events()
+        values[self._x.start :] = np.concatenate(
+            [session.states(), session.rates(), session.row(), session.events()]
+        )
         self._stale = False
 
     def _begin(self) -> None:
         """Start the session from the values set so far."""
-        plan = self._session.prepared.plan
+        plan = self._plan
         values = self._values
-        chosen = np.zeros(len(values))
-        chosen[[*self._touched]] = 1.0
-        touched = plan.x.named(chosen[self._x])
+        touched = plan.x.named(self._touched[self._x])
         states = {
             name: v
             for name, v in plan.x.named(values[self._x]).items()
@@ -168,27 +124,22 @@ class Instance:
             inputs=self._inputs(),
             time=self._start,
         )
-        self._inputs_set = self._parameters_set = False
+        self._parameters_set = False
 
     def _inputs(self) -> dict[str, Vector]:
-        inputs = {}
-        begin = self._u.start
-        for name, block in self._session.prepared.plan.system.external.items():
-            inputs[name] = self._values[begin : begin + prod(block.extent)].reshape(
-                block.extent
-            )
-            begin += prod(block.extent)
-        return inputs
+        plan = self._plan
+        first = self._u.start - plan.u_start
+        return {
+            name: self._values[first + e.start : first + e.stop].reshape(e.shape)
+            for name, e in zip(plan.system.external, plan.u, strict=True)
+        }
 
     def _apply(self) -> None:
-        """Pass changed inputs and parameters to the session."""
-        if self._inputs_set:
-            self._session.set(self._inputs())
+        """Pass the inputs and changed parameters to the session."""
+        self._session.set(self._inputs())
         if self._parameters_set:
-            self._session.tune(
-                self._session.prepared.plan.p.named(self._values[self._p])
-            )
-        self._inputs_set = self._parameters_set = False
+            self._session.tune(self._plan.p.named(self._values[self._p]))
+        self._parameters_set = False
 
     # -- running ------------------------------------------------------------------------------
 
@@ -206,8 +157,8 @@ class Instance:
             raise
         self._running = True
 
-    def step(self, time: float, length: float) -> None:
-        """Advance by one communication step.
+    def step(self, time: float, length: float) -> bool:
+        """Advance by one communication step; return True.
 
         Parameters
         ----------
@@ -229,6 +180,7 @@ class Instance:
         except BaseException as error:
             self._fault = f"the step from t = {time:g} s failed before: {error}"
             raise
+        return True
 
     def _advance(self, time: float, length: float) -> None:
         if not self._running or self._ended:
@@ -254,8 +206,7 @@ class Instance:
         if not self._ended:
             with contextlib.suppress(TrussflowError):
                 self._refresh()
-            self._ended = True
-            self._session.stop()
+            self.close()
 
     def close(self) -> None:
         """Release all resources, even if the importer has not called `terminate`."""
@@ -265,19 +216,25 @@ class Instance:
 
     # -- states -------------------------------------------------------------------------------
 
-    def save(self) -> State:
-        """Return the current state.
+    def save(self) -> dict[str, Any]:
+        """Return the current state; the snapshot is None before the end of initialization.
 
         Raises
         ------
         SimulationError
             If the last step failed, or a block cannot save its state.
         """
+        snapshot = None
         if self._running:
             self._apply()
-        snapshot = self._session.save() if self._running else None
-        touched = tuple(sorted(self._touched))
-        return State(self._start, self._values.copy(), touched, self._fault, snapshot)
+            snapshot = self._session.save()
+        return {
+            "start": self._start,
+            "values": self._values.copy(),
+            "touched": self._touched.copy(),
+            "fault": self._fault,
+            "snapshot": snapshot,
+        }
 
     def restore(self, state: object) -> None:
         """Restore a state of this or another instance of the same FMU.
@@ -287,65 +244,23 @@ class Instance:
         RefusedError
             If `state` is not such a state; the next step is refused then.
         """
-        if not isinstance(state, State):
+        if not isinstance(state, dict):
             reason = state if isinstance(state, str) else "it was not saved"
-            self._fault = f"a state could not be restored: {reason}"
-            raise RefusedError(self._fault)
-        if len(state.values) != len(self._values):
-            self._fault = "a state could not be restored: it belongs to another FMU"
-            raise RefusedError(self._fault)
-        if state.snapshot is not None:
+            raise self._refused(f"a state could not be restored: {reason}")
+        if len(state["values"]) != len(self._values):
+            raise self._refused(
+                "a state could not be restored: it belongs to another FMU"
+            )
+        snapshot = state["snapshot"]
+        if snapshot is not None:
             if not self._session.started:
-                self._session.start(time=state.start)
-            self._session.restore(state.snapshot)
-        self._start = state.start
-        self._touched = set(state.touched)
-        self._fault = state.fault
-        self._values[:] = state.values
-        self._running = state.snapshot is not None
+                self._session.start(time=state["start"])
+            self._session.restore(snapshot)
+        self._start = state["start"]
+        self._touched[:] = state["touched"]
+        self._fault = state["fault"]
+        self._values[:] = state["values"]
+        self._running = snapshot is not None
         self._ended = False
         self._stale = True
-        self._inputs_set = False
         self._parameters_set = False
-
-
-def to_bytes(state: State, token: str) -> bytes:
-    """Return a state as bytes.
-
-    Parameters
-    ----------
-    state : State
-        Result of `Instance.save`.
-    token : str
-        Instantiation token of the FMU.
-
-    Raises
-    ------
-    TypeError
-        If the state of a Python block cannot be serialized.
-    """
-    return encode(
-        {field.name: getattr(state, field.name) for field in fields(state)},
-        {"FMU": token},
-    )
-
-
-def from_bytes(data: bytes, token: str) -> State:
-    """Return the state that `to_bytes` wrote.
-
-    Parameters
-    ----------
-    data : bytes
-        Result of `to_bytes`.
-    token : str
-        Instantiation token of the FMU.
-
-    Raises
-    ------
-    ValueError
-        If the bytes are damaged or belong to another FMU.
-    """
-    try:
-        return State(**decode(data, {"FMU": token}))
-    except TypeError as error:
-        raise ValueError(f"it is damaged: {error}") from None

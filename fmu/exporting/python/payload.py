@@ -4,20 +4,23 @@ from __future__ import annotations
 
 import io
 import pickle
-import sys
 from collections.abc import Callable
 from functools import partial
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from trussflow.blocks.framework.block import Block
 from trussflow.blocks.simulation.session import Session
+from trussflow.blocks.support.types import Vector
 from trussflow.blocks.tracing.compile_cache import CompilationError
-from trussflow.blocks.tracing.compiler import find_compiler
 
-PICKLE_FILE, FACTS_FILE = "item.pickle", "facts.json"
-"""Files of the payload in the folder ``resources``."""
+PICKLE_FILE = "item.pickle"
+"""File of the payload in the folder ``resources``."""
+
+REQUIREMENTS_FILE = "requirements.txt"
+"""File of the required packages in the folder ``resources``."""
 
 
 class Payload:
@@ -26,63 +29,50 @@ class Payload:
     Parameters
     ----------
     pickled : bytes
-        The block.
-    facts : dict
-        Settings from the export: solver, step, start values and names of all variables.
+        The block and the facts of its interface.
     compiled : bool
         Whether to use a C compiler if there is one.
 
     Attributes
     ----------
+    identity : dict of str to str
+        Identity of the saved states of this FMU.
+    names : list of str
+        Names of the scalars, by value reference.
+    values : Vector
+        Start values of the scalars, zero if they are calculated [units as declared].
+    early, late : array of bool
+        Whether each scalar may be set before and after the end of initialization.
     notes : list of str
         Messages for the user about the execution on this machine.
-
-    Raises
-    ------
-    RuntimeError
-        If the pickle contains code for another version of Python.
     """
 
-    def __init__(
-        self, pickled: bytes, facts: dict[str, Any], *, compiled: bool = True
-    ) -> None:
-        self.facts = facts
+    identity: dict[str, str]
+    names: list[str]
+    values: Vector
+    early: NDArray[np.bool_]
+    late: NDArray[np.bool_]
+    settings: dict[str, Any]
+
+    def __init__(self, pickled: bytes, *, compiled: bool = True) -> None:
         self.notes: list[str] = []
-        here = f"{sys.version_info.major}.{sys.version_info.minor}"
-        if facts["python"] not in (None, here):
-            raise RuntimeError(
-                f"this FMU contains its author's code, compiled for Python {facts['python']}; "
-                f"this is Python {here}"
-            )
-        self._shared = self._prepared(_Unpickler(io.BytesIO(pickled)).load(), compiled)
-
-    @property
-    def names(self) -> list[str]:
-        """Names of the scalars, by value reference."""
-        return list(self.facts["names"])
-
-    def vector(self, name: str) -> Any:
-        """Return a vector of the facts."""
-        return np.array(self.facts[name], dtype=float)
+        item, facts = _Unpickler(io.BytesIO(pickled)).load()
+        vars(self).update(facts)
+        self._shared = self._prepared(item, compiled)
 
     def session(self) -> Session:
         """Return a new session for one instance; all sessions share one plan."""
         return self._shared.twin()
 
     def _prepared(self, item: Block, compiled: bool) -> Session:
-        settings = {"step": self.facts["step"], "solver": self.facts["solver"]}
-        if compiled and find_compiler() is None:
-            self.notes.append(
-                "there is no C compiler here: the model runs in CasADi's interpreter"
-            )
-        elif compiled:
+        if compiled:
             try:
-                return Session(item, backend="compiled", **settings)
+                return Session(item, backend="compiled", **self.settings)
             except CompilationError as error:
                 self.notes.append(
                     f"the model runs in CasADi's interpreter, because {error}"
                 )
-        return Session(item, backend="interpreted", **settings)
+        return Session(item, backend="interpreted", **self.settings)
 
 
 class _Unpickler(pickle.Unpickler):

@@ -7,9 +7,8 @@ import functools
 import io
 import re
 import sys
-import sysconfig
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from importlib.metadata import packages_distributions, version
 from pathlib import Path
 from types import CodeType, FunctionType, ModuleType
@@ -23,6 +22,9 @@ from trussflow.blocks.results.dataset import own_version
 from trussflow.fmu.errors import ExportError
 
 OWN_PACKAGE = __name__.partition(".")[0]
+
+PACKAGE_FOLDERS = {"site-packages", "dist-packages"}
+"""Names of the folders of installed packages."""
 
 
 @dataclass(slots=True)
@@ -39,9 +41,9 @@ class Pickled:
         Whether the pickle contains compiled code, which only this version of Python can run.
     """
 
-    data: bytes = b""
-    libraries: set[str] = field(default_factory=set)
-    has_code: bool = False
+    data: bytes
+    libraries: set[str]
+    has_code: bool
 
     def requirements(self) -> list[str]:
         """Return the distributions that the target needs.
@@ -62,13 +64,15 @@ def _distributions() -> Mapping[str, list[str]]:
     return packages_distributions()
 
 
-def pickled(item: Block) -> Pickled:
+def pickled(item: Block, facts: Any) -> Pickled:
     """Pickle a block with all code that is not part of an installed package.
 
     Parameters
     ----------
     item : Block
         The block or diagram.
+    facts : object
+        Further contents.
 
     Raises
     ------
@@ -77,7 +81,7 @@ def pickled(item: Block) -> Pickled:
         inside its body.
     """
     try:
-        return _pickled(item)
+        return _pickled((item, facts))
     except ExportError:
         raise
     except Exception as error:  # pickling may run arbitrary code
@@ -89,31 +93,31 @@ def pickled(item: Block) -> Pickled:
 
 
 def _pickled(item: object) -> Pickled:
-    found = Pickled()
     buffer = io.BytesIO()
-    pickler = _Pickler(buffer, found)
+    pickler = _Pickler(buffer)
     try:
         pickler.dump(item)
     finally:
         for module in pickler.registered:
             cloudpickle.unregister_pickle_by_value(module)
-    found.data = buffer.getvalue()
-    return found
+    return Pickled(buffer.getvalue(), pickler.libraries, pickler.has_code)
 
 
 class _Pickler(cloudpickle.Pickler):  # type: ignore[misc]
     """Pickler that stores by value the code that the target cannot import."""
 
-    def __init__(self, file: io.BytesIO, found: Pickled) -> None:
+    has_code = False
+
+    def __init__(self, file: io.BytesIO) -> None:
         super().__init__(file)
-        self._found = found
+        self.libraries: set[str] = set()
         self.registered: list[ModuleType] = []
 
     def reducer_override(self, obj: Any) -> Any:
         if isinstance(obj, type | FunctionType | ModuleType):
             self._admit(obj)
         elif isinstance(obj, CodeType):
-            self._found.has_code = True
+            self.has_code = True
             _check_imports(obj)
         return super().reducer_override(obj)
 
@@ -125,7 +129,7 @@ class _Pickler(cloudpickle.Pickler):  # type: ignore[misc]
             return  # cloudpickle pickles such objects by value
         home = _home(name)
         if home == "installed":
-            self._found.libraries.add(name.partition(".")[0])
+            self.libraries.add(name.partition(".")[0])
         elif home == "user" and name not in cloudpickle.list_registry_pickle_by_value():
             cloudpickle.register_pickle_by_value(module)
             self.registered.append(module)
@@ -144,13 +148,9 @@ def _home(name: str) -> str:
     )
     if file is None:
         return "installed" if module is None else "user"
-    folders = {
-        Path(sysconfig.get_path(kind)).resolve() for kind in ("purelib", "platlib")
-    }
     path = Path(file)
-    within = {*path.parents, *path.resolve().parents}
-    other = any(part in ("site-packages", "dist-packages") for part in path.parts)
-    return "installed" if other or folders & within else "user"
+    folders = {*path.parts, *path.resolve().parts}
+    return "installed" if folders & PACKAGE_FOLDERS else "user"
 
 
 def _check_imports(code: CodeType) -> None:

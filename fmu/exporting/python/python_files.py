@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-import json
 import re
 import sys
 from importlib.metadata import distribution
@@ -16,21 +15,31 @@ import pythonfmu
 from trussflow.blocks.errors import TrussflowError
 from trussflow.blocks.framework.block import Block
 from trussflow.blocks.results.dataset import own_version
+from trussflow.blocks.results.state_file import encode
 from trussflow.fmu.errors import ExportError
 from trussflow.fmu.exporting.description.export_interface import ExportInterface
-from trussflow.fmu.exporting.description.model_description import Use, model_description
-from trussflow.fmu.exporting.python.instance import Instance, to_bytes
-from trussflow.fmu.exporting.python.payload import FACTS_FILE, PICKLE_FILE, Payload
+from trussflow.fmu.exporting.description.model_description import model_description
+from trussflow.fmu.exporting.python.instance import Instance
+from trussflow.fmu.exporting.python.payload import (
+    PICKLE_FILE,
+    REQUIREMENTS_FILE,
+    Payload,
+)
 from trussflow.fmu.exporting.python.pickling import pickled
 
 SLAVE_TEMPLATE = '''"""Written by trussflow; pythonfmu's binary runs this file anew for each instance."""
 
 import logging
+import sys
 from importlib.metadata import version
 
 try:
     if version("trussflow") != {version!r}:
         raise ImportError("the version of trussflow is " + version("trussflow"))
+    here = "%d.%d" % sys.version_info[:2]
+    made = {python!r}
+    if made not in ("any", here):
+        raise ImportError("its author's code is compiled for Python " + made + "; this is Python " + here)
     from trussflow.fmu.exporting.python.slave import slave
 
     {name} = slave(globals())
@@ -75,31 +84,31 @@ def python_files(
         raise ExportError(
             f"an FMU of kind 'python' has version 2.0 of FMI, not {version!r}"
         )
-    pickle = pickled(item)
-    facts = _facts(interface, pickle.has_code, solver)
+    pickle = pickled(item, _facts(interface, solver))
     try:
-        saves, serializes = _self_test(pickle.data, facts)
+        saves, serializes = _self_test(pickle.data)
     except TrussflowError:
         raise
     except Exception as error:  # loading the copy runs code of the user
         raise ExportError(
             f"cannot export '{item.name}': the copy for the FMU does not run: {type(error).__name__}: {error}"
         ) from error
-    payload = {
-        PICKLE_FILE: pickle.data,
-        FACTS_FILE: json.dumps(facts, indent=1).encode(),
-    }
     # Python keeps loaded modules by name, so each content needs a name of its own.
-    digest = hashlib.sha256(b"".join(payload.values())).hexdigest()[:8]
+    digest = hashlib.sha256(pickle.data).hexdigest()[:8]
     module = f"slave_{interface.identifier}_{digest}"
     requirements = pickle.requirements()
+    python = f"{sys.version_info.major}.{sys.version_info.minor}"
     loader = SLAVE_TEMPLATE.format(
-        version=own_version(), name=f"Slave_{digest}", needs=", ".join(requirements)
+        version=own_version(),
+        python=python if pickle.has_code else "any",
+        name=f"Slave_{digest}",
+        needs=", ".join(requirements),
     )
-    resources = payload | {
+    resources = {
+        PICKLE_FILE: pickle.data,
         f"{module}.py": loader.encode(),
         "slavemodule.txt": module.encode(),
-        "requirements.txt": ("\n".join(requirements) + "\n").encode(),
+        REQUIREMENTS_FILE: ("\n".join(requirements) + "\n").encode(),
     }
     files = {f"resources/{name}": data for name, data in resources.items()}
     files |= _wrapper(interface.identifier)
@@ -111,38 +120,26 @@ def python_files(
         "canGetAndSetFMUstate": str(saves).lower(),
         "canSerializeFMUstate": str(serializes).lower(),
     }
-    description = model_description(
-        interface, version, [Use("CoSimulation", capabilities)]
-    )
+    description = model_description(interface, version, {"CoSimulation": capabilities})
     files["modelDescription.xml"] = description.encode()
     return files
 
 
-def _facts(interface: ExportInterface, has_code: bool, solver: str) -> dict[str, Any]:
-    """Return the settings and start values that the FMU needs to run."""
-    shown = interface.variables
-    python = f"{sys.version_info.major}.{sys.version_info.minor}" if has_code else None
+def _facts(interface: ExportInterface, solver: str) -> dict[str, Any]:
+    """Return the settings that the FMU needs to run, and the facts of each scalar variable."""
+    shown = [*interface.variables.scalarized()]
+    inputs = np.array([v.causality == "input" for v in shown])
     return {
-        "name": interface.name,
-        "token": interface.token,
-        "step": interface.step,
-        "solver": solver,
-        "python": python,
-        "u": [
-            float(value)
-            for v in shown.inputs
-            if v.start is not None
-            for value in v.start
-        ],
-        "p": interface.p.tolist(),
-        "x": interface.x.tolist(),
-        "exact": [*map(float, shown.settable_states())],
-        "tunable": [*map(float, shown.tunable_parameters())],
-        "names": [name for v in shown for name in v.scalars()],
+        "identity": {"FMU": interface.token},
+        "settings": {"step": interface.step, "solver": solver},
+        "names": [v.name for v in shown],
+        "values": np.array([0.0 if v.start is None else v.start[0] for v in shown]),
+        "early": inputs | np.array([v.initial == "exact" for v in shown]),
+        "late": inputs | np.array([v.variability == "tunable" for v in shown]),
     }
 
 
-def _self_test(pickle: bytes, facts: dict[str, Any]) -> tuple[bool, bool]:
+def _self_test(pickle: bytes) -> tuple[bool, bool]:
     """Load a payload, initialize the model and save its state.
 
     Return whether its state can be saved, and whether it can be serialized.
@@ -152,7 +149,7 @@ def _self_test(pickle: bytes, facts: dict[str, Any]) -> tuple[bool, bool]:
     ExportError
         If an output is not finite at the start.
     """
-    payload = Payload(pickle, facts, compiled=False)
+    payload = Payload(pickle, compiled=False)
     instance = Instance(payload)
     try:
         instance.initialize()
@@ -164,7 +161,7 @@ def _self_test(pickle: bytes, facts: dict[str, Any]) -> tuple[bool, bool]:
         if not instance.restores:
             return False, False
         try:
-            to_bytes(instance.save(), facts["token"])
+            encode(instance.save(), payload.identity)
         except TypeError:
             return True, False
         return True, True

@@ -11,20 +11,23 @@ from __future__ import annotations
 
 import contextlib
 import ctypes
-import json
 import logging
 import math
 import sys
 import traceback
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any, ClassVar
 
 from pythonfmu.enums import Fmi2Status
 from pythonfmu.fmi2slave import Fmi2Slave
 
-from trussflow.fmu.exporting.python.instance import Instance, from_bytes, to_bytes
-from trussflow.fmu.exporting.python.payload import FACTS_FILE, PICKLE_FILE, Payload
+from trussflow.blocks.results.state_file import decode, encode
+from trussflow.fmu.exporting.python.instance import Instance
+from trussflow.fmu.exporting.python.payload import (
+    PICKLE_FILE,
+    REQUIREMENTS_FILE,
+    Payload,
+)
 
 LOG_CATEGORY = "logStatus"
 """Category of all log messages, as in the model description."""
@@ -46,33 +49,35 @@ def slave(namespace: dict[str, Any]) -> type:
         ``globals()`` of the slave module.
     """
     ctypes.pythonapi.Py_IncRef(ctypes.py_object(namespace))
-    name = namespace["__name__"]  # contains a digest of the payload
-    if name not in _CLASSES:
-        # later, the files may be gone: importers delete them after a run
-        folder = Path(namespace["__file__"]).parent
-        facts = json.loads((folder / FACTS_FILE).read_text(encoding="utf-8"))
-        payload = Payload((folder / PICKLE_FILE).read_bytes(), facts)
-        _CLASSES[name] = type("Slave", (Slave,), {"payload": payload})
-    return _CLASSES[name]
+    return _CLASSES.setdefault(namespace["__name__"], type("Slave", (Slave,), {}))
 
 
 _CLASSES: dict[str, type] = {}
-"""Classes by the names of their modules."""
+"""Classes by the names of their modules, which contain a digest of the payload."""
 
 
 class Slave(Fmi2Slave):  # type: ignore[misc]
     """Class that the wrapper instantiates with its own `kwargs`, once for each instance."""
 
-    payload: ClassVar[Payload]
+    payload: ClassVar[Any] = None
+    """Payload, read by the first instance; later its files may be gone."""
 
     def __init__(self, **kwargs: Any) -> None:
         super().__init__(**kwargs)
         # The wrapper adds the folder to sys.path, which other modules of this process share.
         resources = Path(self.resources)
         sys.path[:] = [path for path in sys.path if not path or Path(path) != resources]
-        for note in self.payload.notes:
+        try:
+            payload = self.payload or Payload((resources / PICKLE_FILE).read_bytes())
+            self._model = Instance(payload)
+        except Exception as error:
+            needs = (resources / REQUIREMENTS_FILE).read_text(encoding="utf-8").split()
+            text = f"{error}; this FMU needs {', '.join(needs)}"
+            ERROR_LOGGER.error("%s: %s", self.instance_name, text)
+            raise ImportError(text) from error
+        type(self).payload = payload
+        for note in payload.notes:
             self._report(Fmi2Status.warning, note)
-        self._model = Instance(self.payload)
 
     def _report(self, status: Fmi2Status, text: str) -> None:
         text = f"{self.instance_name}: {text}"
@@ -82,16 +87,13 @@ class Slave(Fmi2Slave):  # type: ignore[misc]
             # the wrapper drops all messages unless logging is on
             ERROR_LOGGER.error("%s", text)
 
-    def _guarded(self, what: str, function: Callable[[], Any]) -> Any:
-        """Call a function; if it fails, log the error and return None."""
+    def _calling(self, what: str, method: str, *arguments: Any) -> Any:
+        """Call a method of the model; if it fails, log the error and return None."""
         try:
-            return function()
+            return getattr(self._model, method)(*arguments)
         except BaseException as error:  # noqa: BLE001 - no exception may reach the wrapper
             self._report(Fmi2Status.error, f"{what} failed: {_explained(error)}")
             return None
-
-    def _calling(self, what: str, method: str, *arguments: Any) -> Any:
-        return self._guarded(what, lambda: getattr(self._model, method)(*arguments))
 
     def setup_experiment(self, start_time: float, *_others: Any) -> None:
         """Set the start time [s]; the internal solver needs neither stop time nor tolerance."""
@@ -103,13 +105,8 @@ class Slave(Fmi2Slave):  # type: ignore[misc]
 
     def do_step(self, current_time: float, step_size: float) -> bool:
         """Advance from `current_time` [s] by `step_size` [s]; the wrapper maps False to fmi2Discard."""
-
-        def step() -> bool:
-            self._model.step(current_time, step_size)
-            return True
-
         what = f"the step of {step_size:g} s from t = {current_time:g} s"
-        return self._guarded(what, step) is not None
+        return bool(self._calling(what, "step", current_time, step_size))
 
     def terminate(self) -> None:
         """Terminate the run."""
@@ -117,8 +114,7 @@ class Slave(Fmi2Slave):  # type: ignore[misc]
 
     def get_real(self, vrs: list[int]) -> list[float]:
         """Return values, or NaN if reading fails."""
-        values = self._calling("reading values", "get", vrs)
-        return [math.nan] * len(vrs) if values is None else list(values)
+        return self._calling("reading values", "get", vrs) or [math.nan] * len(vrs)
 
     def set_real(self, vrs: list[int], values: list[float]) -> None:
         """Set `values` [as declared] by the value references `vrs`."""
@@ -147,14 +143,14 @@ class Slave(Fmi2Slave):  # type: ignore[misc]
     @classmethod
     def _fmu_state_to_bytes(cls, state: Any) -> bytes:
         try:
-            return to_bytes(state, cls.payload.facts["token"])
+            return encode(state, cls.payload.identity)
         except BaseException:  # noqa: BLE001 - a class method has no instance to log with
             return b""
 
     @classmethod
     def _fmu_state_from_bytes(cls, data: bytes) -> Any:
         try:
-            return from_bytes(data, cls.payload.facts["token"])
+            return decode(data, cls.payload.identity)
         except BaseException as error:  # noqa: BLE001 - logged when the state is restored
             return str(error)
 

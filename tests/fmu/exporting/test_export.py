@@ -83,15 +83,20 @@ def python_diagram():
             Integrator,
             "x.fmu",
             {"solver": "euler"},
-            "a native FMU contains the solver rk4, not 'euler'",
+            "kind='native' contains the solver rk4, not 'euler'",
         ),
-        (Integrator, "x.fmu", {"parameters": {"gain": 1}}, "no parameter 'gain'"),
+        (
+            Integrator,
+            "x.fmu",
+            {"parameters": {"gain": 1}},
+            "unknown parameter of .* 'gain'",
+        ),
         (python_diagram, "x.fmu", {}, r"'double' \(PythonFunction\) runs Python code"),
         (
             lambda: TransportDelay(0.1),
             "x.fmu",
             {},
-            r"\(TransportDelay\) runs or .* replace it by sampled_delay\(sample_time, delay\)",
+            r"\(TransportDelay\) runs or .* sampled_delay\(sample_time, delay\) can replace a delay",
         ),
         (
             Integrator,

@@ -266,7 +266,7 @@ def equal_names():
             lambda: Gain(1.0),
             "made.cpp",
             {},
-            "the name must be a C identifier, such as controller.c",
+            "the name must be a C identifier .*, such as controller.c",
         ),
         (lambda: Gain(1.0), "2made.c", {}, "the name must be a C identifier"),
         (
@@ -285,7 +285,7 @@ def equal_names():
             lambda: Gain(1.0),
             "made.c",
             {"solver": "BDF"},
-            "plain C contains the solver rk4",
+            "kind='c' contains the solver rk4",
         ),
         (lambda: Gain(1.0), "no/made.c", {}, "there is no folder"),
         (

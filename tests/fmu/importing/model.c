@@ -42,7 +42,6 @@ typedef struct {
     double begin, t, next, r[REALS], last;
     int i[INTEGERS], b[BOOLEANS];
     size_t n;
-    double slope; /* of the input u, for the next step */
     double in[ARRAY], out[ARRAY], gains[ARRAY];
     char text[64];
 #ifdef FMI3
@@ -120,7 +119,6 @@ static int advance(Model *m, double end) { /* returns 1 at an event, where it st
             m->r[H] = hit ? 0 : m->r[H] + m->r[V] * s - m->r[G] * s * s / 2;
             m->r[V] -= m->r[G] * s;
         }
-        if (m->model == TYPES) m->r[U] += m->slope * s, m->slope = 0;
         if (m->model == RELAY) {
             double c = m->i[RELAY_ON] + m->r[D];
             m->r[H] = c + (m->r[H] - c) * exp(-s);
@@ -356,11 +354,6 @@ EXPORT Status fmi2NewDiscreteStates(Handle c, fmi2EventInfo *info) {
 }
 EXPORT Status fmi2DoStep(Handle c, double t, double h, Flag prior) {
     SELF; (void)prior; int hit; return step(m, t, h, &hit);
-}
-EXPORT Status fmi2SetRealInputDerivatives(Handle c, const unsigned vr[], size_t n, const int order[], const double v[]) {
-    SELF; if (n != 1 || vr[0] != U || order[0] != 1) return ERROR;
-    m->slope = v[0];
-    return OK;
 }
 EXPORT Status fmi2GetRealStatus(Handle c, const fmi2StatusKind kind, double *v) { SELF; (void)kind; *v = m->last; return OK; }
 EXPORT Status fmi2GetBooleanStatus(Handle c, const fmi2StatusKind kind, Flag *v) { SELF; (void)kind; *v = m->ended; return OK; }

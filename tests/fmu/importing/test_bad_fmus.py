@@ -151,19 +151,20 @@ def test_archives_that_are_too_large(make_fmu, monkeypatch):
     """A thousand megabytes of zeros take one megabyte of zip; here it is a hundred to one."""
     path = make_fmu("ball", more={"resources/zeros": bytes(5_000_000)})
     assert path.stat().st_size < 100_000
-    with pytest.raises(FmuArchiveError, match=r"would take 5\.\d+ MB, more than 4 MB"):
-        Fmu(path, max_bytes=4e6)
     monkeypatch.setattr(archive, "MAX_XML_BYTES", 1000)
     with pytest.raises(
         FmuArchiveError, match=r"its modelDescription\.xml has .* MB, more than"
     ):
+        Fmu(path)
+    monkeypatch.setattr(archive, "MAX_BYTES", 4e6)
+    with pytest.raises(FmuArchiveError, match=r"would take 5\.\d+ MB, more than 4 MB"):
         Fmu(path)
     monkeypatch.setattr(archive, "MAX_FILES", 1)
     with pytest.raises(FmuArchiveError, match="it has 3 files, more than 1"):
         Fmu(path)
 
 
-def test_sizes_that_lie(make_fmu):
+def test_sizes_that_lie(make_fmu, monkeypatch):
     """An archive that declares less than it holds: no more is unpacked than was declared."""
     path = make_fmu("ball", more={"resources/zeros": bytes(5_000_000)})
     content = bytearray(path.read_bytes())
@@ -173,8 +174,9 @@ def test_sizes_that_lie(make_fmu):
             if struct.unpack_from("<I", content, place + offset)[0] == 5_000_000:
                 struct.pack_into("<I", content, place + offset, 1000)
     path.write_bytes(content)
+    monkeypatch.setattr(archive, "MAX_BYTES", 4e6)
     with pytest.raises(FmuArchiveError, match="damaged"):
-        run(Fmu(path, kind="me", max_bytes=4e6))
+        run(Fmu(path, kind="me"))
 
 
 # -- model descriptions -------------------------------------------------------------------------
@@ -271,7 +273,7 @@ def test_units_that_do_not_fit(make_fmu, version):
         "ball", version, replace={'<BaseUnit m="1"/>': '<BaseUnit m="1" factor="0.3"/>'}
     )
     with pytest.raises(
-        FmuUnitError, match=r"defines its unit 'm' as 0\.3 m, which differs from"
+        FmuUnitError, match=r"defines its unit 'm' as 0\.3 m; .*no equal unit"
     ):
         Fmu(path, kind="me")
     with pytest.raises(
@@ -378,7 +380,12 @@ def test_discarded_steps_that_cannot_be_shorter(make_fmu, version):
     ("fault", "limit", "error", "text"),
     [
         (3, 0.5, FmuTimeoutError, r"'do_step' within 0\.5 s; its process was ended"),
-        (4, 20.0, FmuCrashError, r"signal SIGABRT(.|\n)*about to crash \(number 7\)"),
+        (
+            4,
+            20.0,
+            FmuCrashError,
+            r"signal 6 .Aborted(.|\n)*about to crash \(number 7\)",
+        ),
     ],
 )
 def test_a_step_that_never_ends_or_crashes(

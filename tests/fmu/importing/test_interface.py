@@ -119,7 +119,9 @@ def test_unknown_units_can_be_named():
         match="the unit 'smoot', which is unknown and which the FMU does not define",
     ):
         table("smoot").unit("smoot")
-    with pytest.raises(FmuUnitError, match=r"defines its unit 'smoot' as 1\.7 m; name"):
+    with pytest.raises(
+        FmuUnitError, match=r"defines its unit 'smoot' as 1\.7 m; .*no equal unit"
+    ):
         table("smoot", {"m": 1}, 1.7).unit("smoot")
     assert table("smoot", given={"smoot": "m"}).unit("smoot") == "m"
     with pytest.raises(
@@ -223,11 +225,11 @@ WITH_BLOB = ("types", 3, {"</ModelVariables>": BLOB})
         ),
         (BALL, {"kind": "cs", "step": None}, "suggests no step size; give step"),
         (BALL, {"step": 0.0}, r"every 0\.0 s(.|\n)*must be positive and finite"),
-        (BALL, {"kind": "me"}, "the diagram's solver sets the step; leave out step"),
+        (BALL, {"kind": "me"}, "the diagram's solver sets the step .*; leave out step"),
         (
             BALL,
             {"kind": "me", "step": None, "delayed": True},
-            "inputs are not held; leave out delay",
+            "inputs are not held; leave out step and delayed",
         ),
         (
             BALL,
@@ -235,7 +237,7 @@ WITH_BLOB = ("types", 3, {"</ModelVariables>": BLOB})
             "memory_limit needs a child process; give time_limit too",
         ),
         *(
-            (BALL, {option: value}, f"Fmu: {option} = .* must be a positive and finite")
+            (BALL, {option: value}, f"{option} = .* must be a positive and finite")
             for option in ("tolerance", "time_limit", "memory_limit")
             for value in (0.0, np.inf, np.nan)
         ),

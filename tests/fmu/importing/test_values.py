@@ -12,10 +12,9 @@ from systems import ports
 
 from trussflow.blocks import Constant, Diagram, PythonFunction, Step, simulate
 from trussflow.fmu import Fmu, FmuError
-from trussflow.fmu.runtime.description import FmuVariable
+from trussflow.fmu.runtime.description import INTEGER_TYPES, FmuVariable
 from trussflow.fmu.runtime.library import Library
 from trussflow.fmu.runtime.library3 import Library3
-from trussflow.fmu.runtime.signatures import INTEGER_TYPES
 from trussflow.fmu.runtime.variable_buffers import VariableBuffers
 
 versions = pytest.mark.parametrize("version", [2, 3])
@@ -68,10 +67,8 @@ def test_no_number_is_bent_to_fit_a_type(kind, value):
     )
     bank = VariableBuffers([variable], cast("Library", library), writes=True)
     sent: list[Any] = []
-    bank._calls, bank._only = (
-        [lambda: sent.append(bank._parts[0].buffer[0].item())],
-        None,
-    )
+    (part,) = bank._parts
+    part.call = lambda: sent.append(part.buffer[0].item())
     bank.values[:] = value
     try:
         bank.write()

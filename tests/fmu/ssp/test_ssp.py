@@ -200,14 +200,6 @@ def test_fmpy_runs_it_with_the_same_digits(fmus, tmp_path):
         assert abs(signal).max() > 0.02
 
 
-def test_fmus_may_be_kept_in_a_folder(file, tmp_path):
-    import_ssp(file, tmp_path / "kept")
-    assert sorted(p.name for p in (tmp_path / "kept" / "resources").iterdir()) == [
-        "filter.fmu",
-        "mass.fmu",
-    ]
-
-
 def test_the_fmus_of_an_import_are_deleted_with_the_diagram(file):
     diagram = import_ssp(file)
     fmu = diagram.blocks["mass"].file.path
@@ -282,7 +274,7 @@ def rewritten(file, target, changes):
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
-        ({"resources/mass.fmu": "../mass.fmu"}, r"'\.\./mass\.fmu' is not inside"),
+        ({"resources/mass.fmu": "../mass.fmu"}, r"contains no file '\.\./mass\.fmu'"),
         ({"resources/mass.fmu": "n" * 300}, "it contains no file 'nnn"),
         ({"resources/mass.fmu": "resources/no.fmu"}, r"no file 'resources/no\.fmu'"),
         (
@@ -317,8 +309,6 @@ def test_imports_that_are_refused(changes, message, file, tmp_path):
 
 
 def test_hostile_archives_are_refused(file, tmp_path):
-    with pytest.raises(SspError, match="it exists already and is not an empty folder"):
-        import_ssp(file, tmp_path)
     with zipfile.ZipFile(file, "a") as archive:
         archive.writestr("../outside.txt", "boo")
     with pytest.raises(FmuArchiveError, match="leads outside"):
@@ -385,13 +375,12 @@ def test_other_tools_find_nothing_but_ssp(fmus, tmp_path):
 @pytest.mark.parametrize(
     ("notes", "message"),
     [
-        ("{", "is damaged .JSONDecodeError"),
-        ("[1]", "is damaged .TypeError"),
-        ("[" * 100_000, "is damaged .RecursionError"),
-        ('{"name": "a"}', "is damaged .KeyError: 'fmus'"),
-        ('{"name": "a", "fmus": {"mass": 3}}', "is damaged .TypeError"),
-        ('{"name": "a", "fmus": {"mass": {"step": "1"}}}', "'step' of 'mass' is '1'"),
-        ('{"name": "a", "fmus": {"mass": {"path": "x"}}}', "'path' of 'mass' is 'x'"),
+        ("{", "JSONDecodeError"),
+        ("[1]", "TypeError"),
+        ("[" * 100_000, "RecursionError"),
+        ('{"name": "a"}', "KeyError: 'fmus'"),
+        ('{"name": "a", "fmus": {"mass": 3}}', "TypeError"),
+        ('{"name": "a", "fmus": {"mass": {"path": "x"}}}', "TypeError: .*'path'"),
     ],
 )
 def test_damaged_notes_are_refused(notes, message, file, tmp_path):
@@ -401,5 +390,5 @@ def test_damaged_notes_are_refused(notes, message, file, tmp_path):
     ):
         for name in old.namelist():
             new.writestr(name, notes if name.endswith(".json") else old.read(name))
-    with pytest.raises(SspError, match=message):
+    with pytest.raises(SspError, match=f"cannot read 'bad.ssp': {message}"):
         import_ssp(tmp_path / "bad.ssp")

@@ -11,7 +11,7 @@ from trussflow.fmu.exporting.description.model_description import model_descript
 
 def test_each_derivative_refers_to_its_own_state():
     description = model_description(
-        ExportInterface.of(Integrator(np.zeros(3))), "2.0", []
+        ExportInterface.of(Integrator(np.zeros(3))), "2.0", {}
     )
     variables = list(ElementTree.fromstring(description).find("ModelVariables"))
     states = {
