@@ -53,9 +53,8 @@ class PointAccelerations(TrussBlock):
     )
 
     def __init__(self, dynamics: TrussDynamics, sample_time: float) -> None:
-        self.set_dynamics(dynamics)
-        self.points = 2 * self.robots
-        super().__init__()
+        self.points = 2 * len(dynamics.arms)
+        super().__init__(dynamics)
         self.sampled(sample_time)
 
     def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:

@@ -107,13 +107,9 @@ class MeanAxesAllocation(MeanAxesBlock):
             dynamics,
             design,
             limits=limits,
-            effort=design.effort,
             reluctance=np.append(
                 np.tile(base, robots), np.full(dynamics.joints, design.joint_reluctance)
             ),
-            neutrality=design.neutrality,
-            slow_share=design.slow_share,
-            resting_thrust=design.resting_thrust,
         )
 
     def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:

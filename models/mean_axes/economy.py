@@ -66,13 +66,7 @@ class ActuatorEconomy(MeanAxesBlock):
         self, dynamics: TrussDynamics, limits: Vector, design: MeanAxesDesign
     ) -> None:
         self.stored = 3 * len(dynamics.arms)
-        super().__init__(
-            dynamics,
-            design,
-            limits=limits,
-            propellant_spread=design.propellant_spread,
-            unloading_time=design.unloading_time,
-        )
+        super().__init__(dynamics, design, limits=limits)
 
     def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
         """Return costs and preferred commands."""

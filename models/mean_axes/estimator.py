@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import fields, replace
 
 import numpy as np
 import scipy
@@ -29,9 +29,9 @@ class MeanAxesBlock(TrussBlock):
     dynamics : TrussDynamics
         Nominal dynamics of truss and robots.
     design : MeanAxesDesign
-        Sample time, and number of modes.
+        Sample time, number of modes, and the parameters with the names of design values.
     **parameters
-        Parameter values of the derived block.
+        Other parameter values of the derived block.
 
     Raises
     ------
@@ -46,10 +46,26 @@ class MeanAxesBlock(TrussBlock):
             raise ModelError(
                 "a truss without robots has no actuators to control it; add robots"
             )
-        self.set_dynamics(replace(dynamics, modes=dynamics.modes.rigid()))
-        self.design, self.modes = design, design.estimated_modes
-        super().__init__(**parameters)
+        self.design = design
+        designed = {
+            one.name: getattr(design, one.name)
+            for one in fields(design)
+            if isinstance(getattr(type(self), one.name, None), Parameter)
+        }
+        rigid = replace(dynamics, modes=dynamics.modes.rigid())
+        super().__init__(rigid, **designed | parameters)
         self.sampled(design.sample_time)
+
+    def set_dynamics(self, dynamics: TrussDynamics) -> None:
+        """Set also the number of estimated modes.
+
+        Parameters
+        ----------
+        dynamics : TrussDynamics
+            Nominal dynamics, rigid.
+        """
+        super().set_dynamics(dynamics)
+        self.modes = self.design.estimated_modes
 
 
 def thrusts_of(dynamics: TrussDynamics) -> NDArray[np.bool_]:

@@ -93,9 +93,6 @@ class MeanAxesLaw(MeanAxesBlock):
             dynamics,
             design,
             bandwidth=design.of_groups(design.bandwidth, dynamics.rigid_freedoms),
-            damping=design.damping,
-            modal_damping=design.modal_damping,
-            resting_error=design.resting_error,
         )
 
     def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:

@@ -135,18 +135,7 @@ class ActuatorMonitor(MeanAxesBlock):
         noise = 2.0 * design.rate_noise**2 * np.eye(joints)
         self.covariance = noise + ringing @ ringing.T + scatter @ scatter.T
         self.precision = np.linalg.inv(self.covariance)
-        believing = {
-            name: getattr(design, name)
-            for name in (
-                "unknown_share",
-                "calm",
-                "drift",
-                "threshold",
-                "doubt",
-                "settling",
-            )
-        }
-        super().__init__(dynamics, design, **believing)
+        super().__init__(dynamics, design)
 
     def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
         """Return health and statistics."""

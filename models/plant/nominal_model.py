@@ -7,7 +7,6 @@ from trussflow.blocks.framework.declarations import Attribute, Signals
 from trussflow.blocks.framework.port import Input, Output
 from trussflow.blocks.support.types import Array
 from trussflow.blocks.tracing.linear_algebra import solve_positive_definite
-from trussflow.models.dynamics.dynamics import TrussDynamics
 from trussflow.models.dynamics.task_space import (
     seen_from,
     task_drift,
@@ -26,10 +25,6 @@ class _NominalDynamics(TrussBlock):
 
     coordinates = Input("nq", unit=Attribute("coordinate_units"), meaning="q")
     speeds = Input("n", unit=Attribute("speed_units"), meaning="v")
-
-    def __init__(self, dynamics: TrussDynamics) -> None:
-        self.set_dynamics(dynamics)
-        super().__init__()
 
 
 class NominalModel(_NominalDynamics):
@@ -194,10 +189,6 @@ class TaskErrors(TrussBlock):
     acceleration = Output(
         "rigid", unit=ACCELERATIONS, meaning="reference acceleration", labels=TASK
     )
-
-    def __init__(self, dynamics: TrussDynamics) -> None:
-        self.set_dynamics(dynamics)
-        super().__init__()
 
     def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
         """Return errors and acceleration."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Self
+from typing import Any, Self
 
 import numpy as np
 
@@ -18,10 +18,9 @@ from trussflow.models.dynamics.assembly import DynamicsTerms
 from trussflow.models.dynamics.dynamics import TrussDynamics
 from trussflow.models.dynamics.task_space import task_velocity
 from trussflow.models.geometry.attitude import QUATERNION
-from trussflow.models.parameter_files import ParameterTable
 from trussflow.models.plant.truss_block import MODAL_UNIT, SPEEDS, TrussBlock
 from trussflow.models.robots.robot_arm import RobotArm
-from trussflow.models.truss.paper_truss import accurate_modes
+from trussflow.models.truss.paper_truss import accurate_modes, printed_modes
 from trussflow.models.truss.truss_modes import ModalData, TrussModes
 from trussflow.models.validation import check_choice, frozen_array
 
@@ -200,7 +199,7 @@ class SpaceTruss(TrussBlock):
         start: Vector | None = None,
         speeds: Vector | None = None,
     ) -> None:
-        self.set_dynamics(dynamics)
+        self.dynamics = dynamics  # for `truss_parameters`
         self.modal_actuation = modal_actuation
         if not modal_actuation:
             force = Input(
@@ -214,7 +213,10 @@ class SpaceTruss(TrussBlock):
         start = dynamics.rest if start is None else start
         moving = {} if speeds is None else {"initial_speeds": speeds}
         super().__init__(
-            initial_coordinates=start, **moving, **self.truss_parameters(dynamics.modes)
+            dynamics,
+            initial_coordinates=start,
+            **moving,
+            **self.truss_parameters(dynamics.modes),
         )
 
     @classmethod
@@ -255,7 +257,7 @@ class SpaceTruss(TrussBlock):
             Damping ratio of every mode [-]; 0.5 % by default.
         """
         truss = TrussModes.reconstructed().truncated(modes).damped(_damping(damping))
-        return cls(_dynamics(truss, arm, elastic_integrals=True), modal_actuation=True)
+        return cls(_dynamics(truss, arm, elastic_integrals=True))
 
     @classmethod
     def accurate(
@@ -291,16 +293,27 @@ class SpaceTruss(TrussBlock):
         keep their accuracy. See `trussflow.models.truss.reduction`.
         """
         truss = accurate_modes(modes, highest_frequency).damped(_damping(damping))
-        return cls(_dynamics(truss, arm, elastic_integrals=True), modal_actuation=True)
+        return cls(_dynamics(truss, arm, elastic_integrals=True))
 
     def opened(self) -> Self:
         """Return the same plant without `modal_actuation`, to connect ``modal_demand >> modal_force``."""
-        return type(self)(
-            self.dynamics,
-            modal_actuation=False,
-            start=self.parameters["initial_coordinates"],
-            speeds=np.broadcast_to(self.parameters["initial_speeds"], self.n),
-        )
+        return self.changed(modal_actuation=False)
+
+    def changed(self, **arguments: Any) -> Self:
+        """Return the same plant with other arguments of the constructor.
+
+        Parameters
+        ----------
+        **arguments
+            Arguments of `SpaceTruss` that differ [see there].
+        """
+        same = {
+            "dynamics": self.dynamics,
+            "modal_actuation": self.modal_actuation,
+            "start": self.parameters["initial_coordinates"],
+            "speeds": self.parameters["initial_speeds"],
+        }
+        return type(self)(**same | arguments)
 
     def turned(self, attitude: Vector) -> Self:
         """Return the same plant, at rest in another attitude at the start.
@@ -319,9 +332,7 @@ class SpaceTruss(TrussBlock):
         kind, rest = self.dynamics.attitude, self.dynamics.rest
         attitude = kind.checked(frozen_array("attitude", attitude, (len(kind.rest),)))
         start = np.concatenate([rest[:3], attitude, rest[kind.end :]])
-        return type(self)(
-            self.dynamics, modal_actuation=self.modal_actuation, start=start
-        )
+        return self.changed(start=start, speeds=None)
 
     def with_quaternion(self) -> Self:
         """Return the same plant in the same initial state, with a quaternion in place of Euler angles."""
@@ -329,57 +340,41 @@ class SpaceTruss(TrussBlock):
 
         kind, q = self.dynamics.attitude, self.parameters["initial_coordinates"]
         turned = Rotation.from_matrix(kind.rotation(q[3 : kind.end]))
-        return type(self)(
-            replace(self.dynamics, attitude=QUATERNION),
-            modal_actuation=self.modal_actuation,
+        return self.changed(
+            dynamics=replace(self.dynamics, attitude=QUATERNION),
             start=np.concatenate(
                 [q[:3], turned.as_quat(canonical=True)[[3, 0, 1, 2]], q[kind.end :]]
             ),
-            speeds=np.broadcast_to(self.parameters["initial_speeds"], self.n),
         )
 
-    def without(
-        self,
-        robot: int,
-        coordinates: Vector | None = None,
-        speeds: Vector | None = None,
-    ) -> Self:
+    def without(self, robot: int) -> Self:
         """Return the plant after a robot has released the truss: truss and other robots in the same motion.
 
-        Positions and speeds of the others are continuous. The released robot keeps its own momentum.
+        Positions and speeds of the others are the initial ones of this plant; for a release in motion first
+        set them by `changed`. The released robot keeps its own momentum.
 
         Parameters
         ----------
         robot : int
             Number of the released robot, from 1 [-].
-        coordinates : Vector, shape (nq,), optional
-            q at the release [m, rad, kg^½·m]; by default the initial coordinates.
-        speeds : Vector, shape (n,), optional
-            v at the release [m/s, rad/s, kg^½·m/s]; by default the initial speeds.
 
         Raises
         ------
         ModelError
-            If the robot does not exist, or the state has the wrong size.
+            If the robot does not exist.
         """
         check_choice("robot", robot, range(1, self.robots + 1))
         owner = np.repeat(
             np.arange(1, self.robots + 1), [arm.joints for arm in self.dynamics.arms]
         )
-        stays, root = (
-            np.append(owner != robot, np.full(self.modes, True)),
+        stays = np.append(owner != robot, np.full(self.modes, True))
+        root, others = (
             self.dynamics.attitude.end,
+            [i for i in range(self.robots) if i != robot - 1],
         )
-        given = {"coordinates": coordinates, "speeds": speeds}
         q, v = (
-            np.broadcast_to(self.parameters[f"initial_{name}"], size)
-            if value is None
-            else frozen_array(f"released robot: {name}", value, (size,))
-            for (name, value), size in zip(
-                given.items(), (self.nq, self.n), strict=True
-            )
+            self.parameters[f"initial_{name}"] for name in ("coordinates", "speeds")
         )
-        others = [i for i in range(self.robots) if i != robot - 1]
         modes = self.dynamics.modes
         held = {
             name: getattr(modes, name)[others]
@@ -387,9 +382,8 @@ class SpaceTruss(TrussBlock):
         }
         arms = tuple(self.dynamics.arms[i] for i in others)
         dynamics = replace(self.dynamics, modes=replace(modes, **held), arms=arms)
-        return type(self)(
-            dynamics,
-            modal_actuation=self.modal_actuation,
+        return self.changed(
+            dynamics=dynamics,
             start=np.append(q[:root], q[root:][stays]),
             speeds=np.append(v[:6], v[6:][stays]),
         )
@@ -467,13 +461,8 @@ class SpaceTruss(TrussBlock):
 
 
 def _damping(ratio: float | None) -> float:
-    if ratio is None:
-        return (
-            ParameterTable.shipped("space_truss.toml")
-            .table("modes")
-            .scalar("damping_ratio", "1")
-        )
-    return ratio
+    """Return the damping ratio of all modes, by default that of ``space_truss.toml``."""
+    return printed_modes().scalar("damping_ratio", "1") if ratio is None else ratio
 
 
 def _dynamics(truss: TrussModes, arm: str, *, elastic_integrals: bool) -> TrussDynamics:

@@ -13,7 +13,19 @@ SPEEDS = Attribute("rigid_speed_labels")
 
 
 class TrussBlock(Block):
-    """Block with the dynamics of a truss, and with sizes, units and labels of its generalized coordinates."""
+    """Block with the dynamics of a truss, and with sizes, units and labels of its generalized coordinates.
+
+    Parameters
+    ----------
+    dynamics : TrussDynamics
+        Truss and robots.
+    **parameters
+        Parameter values of the derived block.
+    """
+
+    def __init__(self, dynamics: TrussDynamics, **parameters: object) -> None:
+        self.set_dynamics(dynamics)
+        super().__init__(**parameters)
 
     def set_dynamics(self, dynamics: TrussDynamics) -> None:
         """Set the dynamics, and the sizes, units and labels that ports and states refer to.

@@ -6,7 +6,7 @@ from systems import simulate_block
 
 from trussflow.blocks import Constant, Ramp
 from trussflow.blocks.errors import TrussflowError
-from trussflow.models import JointDrives, Measurement
+from trussflow.models import Joint, JointDrives, Measurement
 
 
 def watch(measurement, source, size, duration, **settings):
@@ -97,7 +97,8 @@ def test_everything_together_is_the_same_in_every_run():
 
 
 def test_drives_limit_torque_and_rub():
-    drives = JointDrives(4, torque=0.3, viscous=0.2, coulomb=0.05, transition=1e-3)
+    joints = [Joint(name) for name in "abcd"]
+    drives = JointDrives(joints, torque=0.3, viscous=0.2, coulomb=0.05, transition=1e-3)
     sources = {
         "command": Constant([1.0, -1.0, 0.1, 1.0]),
         "rate": Constant([0.0, 0.5, -0.5, 0.5]),
@@ -133,8 +134,8 @@ def test_errors_of_measurements(settings, message):
 @pytest.mark.parametrize(
     ("joints", "torque", "message"),
     [
-        (7, -0.3, r"'maximum' of JointDrives is -0.3"),
-        (0, 0.3, "JointDrives needs at least one joint, not 0"),
+        ([Joint("a")], -0.3, r"'maximum' of JointDrives is -0.3"),
+        ([], 0.3, r"JointDrives needs a sequence of at least one Joint, not \[\]"),
     ],
 )
 def test_errors_of_drives(joints, torque, message):
