@@ -52,10 +52,7 @@ def path_from(
     shaping = (
         table.choice("shaping", ("none", *SHAPERS)) if "shaping" in table else "none"
     )
-    optional = {"strength": "1", "speed": "m/s", "turn_rate": "rad/s"}
-    given = {
-        key: table.scalar(key, unit) for key, unit in optional.items() if key in table
-    }
+    given = table.optional(strength="1", speed="m/s", turn_rate="rad/s")
     if mission.duration < np.inf and not given and len(ways) == 2 and shaping == "none":
         return mission, None
     kind, start = (

@@ -29,8 +29,6 @@ FRAME, NASTRAN, MATRICES = "frame", "nastran", "matrices"
 
 ARMS = ("literal", "jaco")
 URDF = ".urdf"
-UNCERTAINTY_UNITS = {"mass": "1", "frequency": "1", "payload": "kg"}
-"""Units of the uncertainties of the truss, besides damping."""
 
 SWITCHES: Mapping[str, bool | None] = {"auto": None, "on": True, "off": False}
 
@@ -53,9 +51,7 @@ def plant_of(file: LayeredFile) -> tuple[SpaceTruss, NDArray[np.int_] | None]:
     structure, folder = file.table("structure"), file.folder
     model = structure.choice("model", (*STRUCTURES, FRAME, NASTRAN, MATRICES))
     modes = {"modes": structure.whole("modes")} if "modes" in structure else {}
-    damping = (
-        {"damping": structure.scalar("damping", "1")} if "damping" in structure else {}
-    )
+    damping = structure.optional(damping="1")
     if model == "published" and damping:
         raise structure.error(
             "damping",
@@ -108,11 +104,7 @@ def truth_of(file: LayeredFile, believed: SpaceTruss) -> SpaceTruss:
         If a value of the table is invalid.
     """
     table, modes = file.table("uncertainties"), believed.dynamics.modes
-    given = {
-        key: table.scalar(key, unit)
-        for key, unit in UNCERTAINTY_UNITS.items()
-        if key in table
-    }
+    given = table.optional(mass="1", frequency="1", payload="kg")
     damping = table.array("damping", "1", (2,)) if "damping" in table else None
     draw = table.whole("draw") if "draw" in table else None
     for key, value in given.items():
@@ -174,9 +166,7 @@ def _structure(model: str, table: LayeredTable, folder: Path) -> Structure:
 
 def _shapes(table: LayeredTable) -> dict[str, Any]:
     """Return the arguments of `reduced_modes` for attachment shapes."""
-    found: dict[str, Any] = {}
-    if "highest_frequency" in table:
-        found["highest_frequency"] = table.scalar("highest_frequency", "Hz")
+    found: dict[str, Any] = table.optional(highest_frequency="Hz")
     if "attachments" in table:
         found["attachments"] = SWITCHES[table.choice("attachments", ("on", "off"))]
     return found
@@ -218,7 +208,8 @@ def _arm(robot: LayeredTable, folder: Path) -> RobotArm:
         raise robot.error("arm", f"is {name!r}; choose from: {choices}")
     for key in ("hand", "base", "locked"):
         # An arm of the command line replaces a URDF file of the mission file, and its links with it.
-        if key in robot and kind != URDF and robot.layer(key) is robot.layer("arm"):
+        given, arm_given = robot.owner(key), robot.owner("arm")
+        if key in robot and kind != URDF and given.place == arm_given.place:
             raise robot.error(
                 key, f"applies to a URDF file only, and the arm is {name!r}; omit it"
             )
