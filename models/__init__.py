@@ -29,9 +29,6 @@ from trussflow.models.mean_axes.monitor import ActuatorMonitor as ActuatorMonito
 from trussflow.models.mean_axes.probe import ActuatorProbe as ActuatorProbe
 from trussflow.models.parameter_files import ParameterTable as ParameterTable
 from trussflow.models.parameter_files import shipped_file as shipped_file
-from trussflow.models.plant.nominal_model import (
-    NominalAcceleration as NominalAcceleration,
-)
 from trussflow.models.plant.nominal_model import NominalModel as NominalModel
 from trussflow.models.plant.nominal_model import TaskErrors as TaskErrors
 from trussflow.models.plant.space_truss import SpaceTruss as SpaceTruss

@@ -173,13 +173,11 @@ def check_rotation(owner: str, name: str, matrix: Vector) -> None:
         If the matrix is not a rotation.
     """
     error = float(np.max(np.abs(matrix.T @ matrix - np.eye(3))))
-    if error <= _ROTATION_SLACK and np.linalg.det(matrix) < 0.0:
+    determinant = np.linalg.det(matrix)
+    if error > _ROTATION_SLACK or determinant < 0.0:
         raise ModelError(
-            f"{owner}: {name} is not a rotation matrix but left-handed: its determinant is -1, it must be 1"
-        )
-    if error > _ROTATION_SLACK:
-        raise ModelError(
-            f"{owner}: {name} is not a rotation matrix (R^T R differs from I by {error:.2g})"
+            f"{owner}: {name} is not a rotation matrix: R^T R differs from I by {error:.2g}, and the "
+            f"determinant is {determinant:.3g} instead of 1"
         )
 
 

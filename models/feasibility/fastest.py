@@ -25,7 +25,7 @@ from trussflow.blocks.support.types import Vector
 from trussflow.blocks.support.validation import is_whole, shown
 from trussflow.models.dynamics.task_space import task_drift, task_motion, to_body
 from trussflow.models.errors import ModelError
-from trussflow.models.feasibility.reach import LEAST_COSINE, SOLVED
+from trussflow.models.feasibility.reach import LEAST_COSINE, solution
 from trussflow.models.feasibility.truss_path import TrussPath, on_one_side
 from trussflow.models.geometry.attitude import EULER
 from trussflow.models.plant.space_truss import SpaceTruss
@@ -98,7 +98,7 @@ def fastest(
         Positions of the truss frame with its Euler angles or quaternions, at least two rows, the start first
         [m, rad or 1]. Quaternions rotate by the smaller angle.
     limits : Vector, shape (actuators,)
-        Limit of each actuator, by `Hardware.limits` or `actuator_limits` [N, N·m].
+        Limit of each actuator, such as `Hardware.limits` [N, N·m].
     velocity, acceleration : array_like
         Positive limits of the six task coordinates, one number or six; by default none [m/s, rad/s; m/s²,
         rad/s²].
@@ -190,7 +190,6 @@ def _squared_speeds(
     truss: SpaceTruss, limits: Vector, q: Vector, dq: Vector, ddq: Vector, most: Vector
 ) -> Vector:
     """Return the optimal squared path velocities at the grid points, zero at both ends [1/s²]."""
-    from scipy.optimize import linprog
     from scipy.sparse import block_diag, csr_array, hstack
 
     rigid, kind = (
@@ -244,14 +243,10 @@ def _squared_speeds(
             [np.append(np.zeros(count), -each), np.append(squares, each)]
         ),
     }
-    found = linprog(
+    found = solution(
         np.append(-np.ones(count), np.zeros(len(each))),
         b_eq=np.zeros(len(acting.indptr) - 1),
         b_ub=np.tile(most_bent, 2),
         **matrices,
     )
-    if found.status != SOLVED:
-        raise ModelError(
-            f"fastest: a linear programme could not be solved: {found.message}"
-        )
     return np.asarray(unit * np.maximum(found.x[:count], 0.0))

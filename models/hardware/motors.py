@@ -96,7 +96,7 @@ class JointDrives(Block):
         transition: npt.ArrayLike = 1e-3,
     ) -> None:
         if not (
-            isinstance(joints, Sequence)
+            isinstance(joints, list | tuple)
             and joints
             and all(isinstance(joint, Joint) for joint in joints)
         ):

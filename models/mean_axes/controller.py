@@ -76,20 +76,24 @@ def mean_axes_controller(
     monitor.effectiveness >> allocation.effectiveness
     monitor.effectiveness >> left.u1
     left.y >> estimator.actuation
-    for name in ("position", "velocity"):
-        controller.expose(**{name: (estimator.port(name), monitor.port(name))})
-    controller.expose(actuation=(left.u2, monitor.actuation))
-    exposed = dict.fromkeys(
-        ("reference_position", "reference_velocity", "reference_acceleration"), law
-    )
     probe.probe >> allocation.probe
     economy.price >> allocation.price
     economy.preferred >> allocation.preferred
-    exposed |= dict.fromkeys(("propellant", "momentum"), economy)
-    exposed |= dict.fromkeys(("command", "missed"), allocation)
-    exposed |= dict.fromkeys(
-        ("mean_position", "mean_speeds", "modal_coordinate", "disturbance"), estimator
+    controller.expose(
+        position=(estimator.position, monitor.position),
+        velocity=(estimator.velocity, monitor.velocity),
+        actuation=(left.u2, monitor.actuation),
+        reference_position=law.reference_position,
+        reference_velocity=law.reference_velocity,
+        reference_acceleration=law.reference_acceleration,
+        propellant=economy.propellant,
+        momentum=economy.momentum,
+        command=allocation.command,
+        missed=allocation.missed,
+        mean_position=estimator.mean_position,
+        mean_speeds=estimator.mean_speeds,
+        modal_coordinate=estimator.modal_coordinate,
+        disturbance=estimator.disturbance,
+        effectiveness=monitor.effectiveness,
     )
-    exposed |= {"effectiveness": monitor}
-    controller.expose(**{name: block.port(name) for name, block in exposed.items()})
     return controller

@@ -18,7 +18,15 @@ from trussflow.models.dynamics.task_space import normalized, to_body, way_to
 from trussflow.models.errors import ModelError
 from trussflow.models.mean_axes.design import MeanAxesDesign
 from trussflow.models.mean_axes.free_modes import FreeModes
-from trussflow.models.plant.truss_block import MODAL_UNIT, TrussBlock
+from trussflow.models.plant.truss_block import (
+    ACTUATOR_UNITS,
+    FORCE_UNITS,
+    MODAL_RATE_UNIT,
+    MODAL_UNIT,
+    POSITION_UNITS,
+    RATE_UNITS,
+    TrussBlock,
+)
 
 
 class MeanAxesBlock(TrussBlock):
@@ -112,22 +120,18 @@ class MeanAxesEstimator(MeanAxesBlock):
 
     position = Input(
         "rigid_q",
-        unit=Attribute("position_units"),
+        unit=POSITION_UNITS,
         meaning="measured x_1: pose of the truss frame, joints",
     )
-    velocity = Input(
-        "rigid", unit=Attribute("rigid_speed_units"), meaning="measured x_2"
-    )
+    velocity = Input("rigid", unit=RATE_UNITS, meaning="measured x_2")
     actuation = Input(
-        "actuators", unit=Attribute("actuator_units"), meaning="Q until the next sample"
+        "actuators", unit=ACTUATOR_UNITS, meaning="Q until the next sample"
     )
-    mean_position = Output("rigid_q", unit=Attribute("position_units"), meaning="y")
-    mean_speeds = Output("rigid", unit=Attribute("rigid_speed_units"), meaning="nu")
+    mean_position = Output("rigid_q", unit=POSITION_UNITS, meaning="y")
+    mean_speeds = Output("rigid", unit=RATE_UNITS, meaning="nu")
     modal_coordinate = Output("modes", unit=MODAL_UNIT, meaning="eta")
-    modal_rate = Output("modes", unit=f"{MODAL_UNIT}/s", meaning="d eta/dt")
-    disturbance = Output(
-        "rigid", unit=Attribute("force_units"), meaning="w, a generalized force"
-    )
+    modal_rate = Output("modes", unit=MODAL_RATE_UNIT, meaning="d eta/dt")
+    disturbance = Output("rigid", unit=FORCE_UNITS, meaning="w, a generalized force")
     joint_angles = Output(
         "joints",
         unit=Attribute("joint_units"),

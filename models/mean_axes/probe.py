@@ -6,13 +6,14 @@ import numpy as np
 import scipy
 
 from trussflow.blocks.framework.block import Values
-from trussflow.blocks.framework.declarations import Attribute, Parameter, Signals
+from trussflow.blocks.framework.declarations import Parameter, Signals
 from trussflow.blocks.framework.port import Output
 from trussflow.blocks.support.types import Array
 from trussflow.models.dynamics.dynamics import TrussDynamics
 from trussflow.models.mean_axes.design import MeanAxesDesign
 from trussflow.models.mean_axes.estimator import MeanAxesBlock, thrusts_of
 from trussflow.models.mean_axes.monitor import ActuatorMonitor
+from trussflow.models.plant.truss_block import ACTUATOR_UNITS
 
 PATTERN_SAMPLES = 4
 """Samples per period: +, -, -, +. With two, the sums of the fault detection would cancel [-]."""
@@ -52,7 +53,7 @@ class ActuatorProbe(MeanAxesBlock):
     Campbell, Nikoukhah (2004), *Auxiliary Signal Design for Failure Detection*, Princeton University Press.
     """
 
-    probe = Output("actuators", unit=Attribute("actuator_units"), meaning="Q_p")
+    probe = Output("actuators", unit=ACTUATOR_UNITS, meaning="Q_p")
 
     strength = Parameter(minimum=0.0, meaning="v")
 

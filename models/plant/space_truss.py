@@ -18,13 +18,29 @@ from trussflow.models.dynamics.assembly import DynamicsTerms
 from trussflow.models.dynamics.dynamics import TrussDynamics
 from trussflow.models.dynamics.task_space import task_velocity
 from trussflow.models.geometry.attitude import QUATERNION
-from trussflow.models.plant.truss_block import MODAL_UNIT, SPEEDS, TrussBlock
+from trussflow.models.plant.truss_block import (
+    ACCELERATION_UNITS,
+    ACTUATOR_UNITS,
+    MODAL_FORCE_UNIT,
+    MODAL_RATE_UNIT,
+    MODAL_UNIT,
+    POSITION_UNITS,
+    RATE_UNITS,
+    SPEEDS,
+    TrussBlock,
+)
 from trussflow.models.robots.robot_arm import RobotArm
 from trussflow.models.truss.paper_truss import accurate_modes, printed_modes
 from trussflow.models.truss.truss_modes import ModalData, TrussModes
 from trussflow.models.validation import check_choice, frozen_array
 
 BASES, MODES = Attribute("base_labels"), Attribute("mode_labels")
+
+
+STRUCTURES = ("published", "consistent", "accurate")
+"""Names of the constructors of the plant of the paper."""
+ARMS = {"literal": RobotArm.literal, "jaco": RobotArm.jaco}
+"""Constructors of the shipped arms, by name."""
 
 
 def arm_by_name(name: str) -> RobotArm:
@@ -40,9 +56,8 @@ def arm_by_name(name: str) -> RobotArm:
     ModelError
         If no arm has that name.
     """
-    arms = {"literal": RobotArm.literal, "jaco": RobotArm.jaco}
-    check_choice("arm", name, arms)
-    return arms[name]()
+    check_choice("arm", name, ARMS)
+    return ARMS[name]()
 
 
 class SpaceTruss(TrussBlock):
@@ -83,12 +98,12 @@ class SpaceTruss(TrussBlock):
 
     actuation = Input(
         "actuators",
-        unit=Attribute("actuator_units"),
+        unit=ACTUATOR_UNITS,
         meaning="Q: force and torque on each base in its own axes, then joint torques",
     )
     modal_demand = Output(
         "modes",
-        unit=f"{MODAL_UNIT}/s**2",
+        unit=MODAL_FORCE_UNIT,
         meaning="P_f Q, generalized force of the actuators on the modes",
         labels=MODES,
     )
@@ -106,23 +121,19 @@ class SpaceTruss(TrussBlock):
     )
     task_position = Output(
         "rigid_q",
-        unit=Attribute("position_units"),
+        unit=POSITION_UNITS,
         meaning="x_1",
         labels=Attribute("position_labels"),
     )
     task_velocity = Output(
         "rigid",
-        unit=Attribute("task_rate_units"),
+        unit=RATE_UNITS,
         meaning="dx_1/dt, J_g x_2",
         labels=Attribute("task_labels"),
     )
-    rigid_speeds = Output(
-        "rigid", unit=Attribute("rigid_speed_units"), meaning="x_2", labels=SPEEDS
-    )
+    rigid_speeds = Output("rigid", unit=RATE_UNITS, meaning="x_2", labels=SPEEDS)
     modal_coordinate = Output("modes", unit=MODAL_UNIT, meaning="tau", labels=MODES)
-    modal_rate = Output(
-        "modes", unit=f"{MODAL_UNIT}/s", meaning="d tau/dt", labels=MODES
-    )
+    modal_rate = Output("modes", unit=MODAL_RATE_UNIT, meaning="d tau/dt", labels=MODES)
     grasp_displacement = Output(
         ("robots", 3),
         unit="m",
@@ -152,7 +163,7 @@ class SpaceTruss(TrussBlock):
     )
     disturbance = Output(
         "rigid",
-        unit=Attribute("acceleration_units"),
+        unit=ACCELERATION_UNITS,
         meaning="d = -G^-1 M_rf tau'', disturbance acceleration by the flexibility (Eq. 45)",
         labels=SPEEDS,
     )
@@ -204,7 +215,7 @@ class SpaceTruss(TrussBlock):
         if not modal_actuation:
             force = Input(
                 "modes",
-                unit=f"{MODAL_UNIT}/s**2",
+                unit=MODAL_FORCE_UNIT,
                 default=0.0,
                 meaning="f, generalized force on the modes",
                 labels=MODES,
@@ -345,47 +356,6 @@ class SpaceTruss(TrussBlock):
             start=np.concatenate(
                 [q[:3], turned.as_quat(canonical=True)[[3, 0, 1, 2]], q[kind.end :]]
             ),
-        )
-
-    def without(self, robot: int) -> Self:
-        """Return the plant after a robot has released the truss: truss and other robots in the same motion.
-
-        Positions and speeds of the others are the initial ones of this plant; for a release in motion first
-        set them by `changed`. The released robot keeps its own momentum.
-
-        Parameters
-        ----------
-        robot : int
-            Number of the released robot, from 1 [-].
-
-        Raises
-        ------
-        ModelError
-            If the robot does not exist.
-        """
-        check_choice("robot", robot, range(1, self.robots + 1))
-        owner = np.repeat(
-            np.arange(1, self.robots + 1), [arm.joints for arm in self.dynamics.arms]
-        )
-        stays = np.append(owner != robot, np.full(self.modes, True))
-        root, others = (
-            self.dynamics.attitude.end,
-            [i for i in range(self.robots) if i != robot - 1],
-        )
-        q, v = (
-            self.parameters[f"initial_{name}"] for name in ("coordinates", "speeds")
-        )
-        modes = self.dynamics.modes
-        held = {
-            name: getattr(modes, name)[others]
-            for name in ("grasp_positions", "grasp_translations", "grasp_rotations")
-        }
-        arms = tuple(self.dynamics.arms[i] for i in others)
-        dynamics = replace(self.dynamics, modes=replace(modes, **held), arms=arms)
-        return self.changed(
-            dynamics=dynamics,
-            start=np.append(q[:root], q[root:][stays]),
-            speeds=np.append(v[:6], v[6:][stays]),
         )
 
     def truss_parameters(self, truss: TrussModes) -> dict[str, Vector]:

@@ -22,6 +22,7 @@ from trussflow.blocks.simulation.adaptive import METHODS
 from trussflow.blocks.simulation.solver import FIXED_STEP
 from trussflow.blocks.support.files import replaced
 from trussflow.blocks.support.progress import told
+from trussflow.models.plant.space_truss import ARMS, STRUCTURES
 from trussflow.models.reporting.output_folder import prepared_folder
 from trussflow.models.transport.figures import draw
 from trussflow.models.transport.index import write_index
@@ -32,7 +33,6 @@ from trussflow.models.transport.mission_file import (
     MEAN_AXES,
     MissionFile,
 )
-from trussflow.models.transport.mission_plant import ARMS, STRUCTURES
 from trussflow.models.transport.results import check_run
 from trussflow.models.transport.summary import summarize, table
 from trussflow.models.transport.wiring import ALLOCATIONS, CONTROLLERS
@@ -82,41 +82,64 @@ def parser(prog: str = PROG) -> argparse.ArgumentParser:
     )
     found.add_argument(
         "--plant",
+        dest="structure.model",
         choices=STRUCTURES,
         help="model of the paper, exact equations, or also accurate at the grasp points",
     )
     found.add_argument(
-        "--arm", choices=ARMS, help="arm: Table 2 as printed, or the Kinova JACO2"
+        "--arm",
+        dest="robots.arm",
+        choices=ARMS,
+        help="arm: Table 2 as printed, or the Kinova JACO2",
     )
     found.add_argument(
         "--controller",
+        dest="controller.law",
         choices=(*CONTROLLERS, MEAN_AXES),
         help="integral sliding mode (the paper's), conventional sliding mode, PD, or mean axes",
     )
     found.add_argument(
         "--observer",
-        action=argparse.BooleanOptionalAction,
+        dest="controller.observer",
+        choices=("on", "off"),
         help="estimate the disturbance; by default only with ismc",
     )
     found.add_argument(
         "--allocation",
+        dest="controller.allocation",
         choices=ALLOCATIONS,
         help="Eq. 64, or feedback without work on the modes; the default depends on the plant",
     )
     found.add_argument(
         "--hardware",
+        dest="hardware.kind",
         choices=HARDWARE_KINDS,
         help="hardware between controller and truss",
     )
     found.add_argument(
         "--infeasible",
-        action="store_true",
+        dest="path.infeasible",
+        action="store_const",
+        const="allowed",
         help="allow a path that is too fast for the actuators",
     )
-    found.add_argument("--duration", type=float, help="simulated time [s]; default: 80")
-    found.add_argument("--step", type=float, help="step of fixed-step solvers [s]")
+    found.add_argument(
+        "--duration",
+        dest="simulation.duration",
+        metavar="SECONDS",
+        type=seconds,
+        help="simulated time [s]; default: 80",
+    )
+    found.add_argument(
+        "--step",
+        dest="simulation.step",
+        metavar="SECONDS",
+        type=seconds,
+        help="step of fixed-step solvers [s]",
+    )
     found.add_argument(
         "--solver",
+        dest="simulation.solver",
         choices=(*FIXED_STEP, *METHODS),
         help=f"default: rk4; for PD {STIFF_SOLVER}",
     )
@@ -133,29 +156,19 @@ def parser(prog: str = PROG) -> argparse.ArgumentParser:
 
 def settings_of(options: argparse.Namespace) -> dict[str, dict[str, object]]:
     """Return the settings of `options` that override the mission file, by table."""
-    solver = options.solver or (STIFF_SOLVER if options.controller == "pd" else None)
-    observer = None if options.observer is None else "on" if options.observer else "off"
-    duration, step = (
-        None if time is None else {"value": time, "unit": "s", "source": COMMAND}
-        for time in (options.duration, options.step)
-    )
-    said: dict[str, dict[str, object]] = {
-        "structure": {"model": options.plant},
-        "robots": {"arm": options.arm},
-        "hardware": {"kind": options.hardware},
-        "path": {"infeasible": "allowed" if options.infeasible else None},
-        "controller": {
-            "law": options.controller,
-            "observer": observer,
-            "allocation": options.allocation,
-        },
-        "simulation": {"duration": duration, "step": step, "solver": solver},
-    }
-    return {
-        name: {k: v for k, v in table.items() if v is not None}
-        for name, table in said.items()
-        if any(v is not None for v in table.values())
-    }
+    settings: dict[str, dict[str, object]] = {}
+    for name, value in vars(options).items():
+        table, _, key = name.rpartition(".")
+        if table and value is not None:
+            settings.setdefault(table, {})[key] = value
+    if settings.get("controller", {}).get("law") == "pd":
+        settings.setdefault("simulation", {}).setdefault("solver", STIFF_SOLVER)
+    return settings
+
+
+def seconds(text: str) -> dict[str, object]:
+    """Return a time of the command line as a value of a parameter file."""
+    return {"value": float(text), "unit": "s", "source": COMMAND}
 
 
 def fly(options: argparse.Namespace, command: str) -> Outcome:

@@ -7,10 +7,10 @@ from typing import TYPE_CHECKING
 
 from trussflow.blocks.framework.units import readable
 from trussflow.models.parameter_files import ParameterTable
+from trussflow.models.plant.space_truss import ARMS, STRUCTURES
 from trussflow.models.reporting.tables import html_table
 from trussflow.models.transport.figures import DRAWINGS
 from trussflow.models.transport.mission_file import MissionFile
-from trussflow.models.transport.mission_plant import ARMS, STRUCTURES
 from trussflow.models.transport.summary import TITLES, FigureOfMerit, cells
 from trussflow.models.viewer.page import Section, replay
 

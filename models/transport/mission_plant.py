@@ -14,7 +14,7 @@ from trussflow.models.dynamics.dynamics import TrussDynamics
 from trussflow.models.geometry.attitude import ATTITUDES, QUATERNION
 from trussflow.models.geometry.rotation import fixed_rotation
 from trussflow.models.layered_file import LayeredFile, LayeredTable
-from trussflow.models.plant.space_truss import SpaceTruss, arm_by_name
+from trussflow.models.plant.space_truss import ARMS, STRUCTURES, SpaceTruss, arm_by_name
 from trussflow.models.robots.robot_arm import RobotArm
 from trussflow.models.truss.frame import Frame
 from trussflow.models.truss.nastran import structure_from_nastran
@@ -23,11 +23,9 @@ from trussflow.models.truss.structure import Structure
 from trussflow.models.truss.variations import loaded, scaled
 from trussflow.models.validation import check_number
 
-STRUCTURES = ("published", "consistent", "accurate")
 FRAME, NASTRAN, MATRICES = "frame", "nastran", "matrices"
 """Kinds of user-defined structures."""
 
-ARMS = ("literal", "jaco")
 URDF = ".urdf"
 
 SWITCHES: Mapping[str, bool | None] = {"auto": None, "on": True, "off": False}

@@ -96,7 +96,7 @@ def transport_diagram(
             f"a model of {believed.rigid_freedoms} and {believed.modes.modes}; the model must "
             "have the same robots and no more modes"
         )
-    diagram = Diagram(mission.name)
+    diagram = Diagram("transport")
     trajectory, errors, law, model = diagram.add(
         trajectory=path_of(mission, truss) if path is None else path,
         errors=TaskErrors(truss.dynamics),

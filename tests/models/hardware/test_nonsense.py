@@ -78,9 +78,9 @@ ORDINARY = [
 ]
 
 
-def axial(maximum, period, specific_impulse, quantum, hysteresis=None):
+def axial(maximum, period, specific_impulse, quantum):
     law = {"maximum": maximum, "period": period, "specific_impulse": specific_impulse}
-    return ThrusterSet.axial(quantum=quantum, hysteresis=hysteresis, **law)
+    return ThrusterSet.axial(quantum=quantum, **law)
 
 
 def pulsed(maximum, tick, minimum_impulse=0.0, on_delay=0.0, off_delay=0.0):

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
-from trussflow.blocks import Diagram, Session
+from trussflow.blocks import Diagram, Function, Input, Output, Session
 from trussflow.blocks.framework.declarations import Signals
 from trussflow.models import (
     ActuatorMonitor,
@@ -135,15 +135,17 @@ def test_a_path_becomes_slower_after_a_loss(duration, arrival):
         DYNAMICS, path_of(mission, plant), Hardware.flight().limits(plant)
     )
     assert_array_equal(shares[:3], 1.0)
-    diagram = mean_axes_transport(
-        mission, plant, hardware=Hardware.flight(), shares=shares, seed=1
+    diagram = mean_axes_transport(mission, plant, hardware=Hardware.flight(), seed=1)
+    trajectory, controller = (diagram.blocks[k] for k in ("trajectory", "controller"))
+    smallest = Function(
+        lambda health: np.min(np.where(health[:24:6] < 1.0, shares, 1.0)),
+        {"health": Input(plant.actuators)},
+        {"share": Output()},
     )
-    trajectory = diagram.blocks["trajectory"]
+    diagram.add(smallest=smallest)
+    controller.port("effectiveness") >> smallest >> trajectory.port("share")
     diagram.expose(health=diagram.blocks["actuators"].port("base_effectiveness"))
-    diagram.expose(
-        position=plant.task_position,
-        known=diagram.blocks["controller"].port("effectiveness"),
-    )
+    diagram.expose(position=plant.task_position, known=controller.port("effectiveness"))
     diagram.expose(
         wanted=trajectory.port("position"), arrival=trajectory.port("arrival")
     )

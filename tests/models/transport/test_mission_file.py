@@ -29,7 +29,6 @@ def written(tmp_path, *changes):
 @pytest.mark.parametrize("case", [1, 2])
 def test_missions_of_the_source_are_files(case):
     flown, mission = MissionFile.of_case(case), Mission.of_case(case)
-    assert flown.mission.case == case
     assert repr(flown.mission) == repr(mission)
     assert (flown.law, flown.solver, flown.duration, flown.hardware) == (
         "ismc",
@@ -44,7 +43,6 @@ def test_a_new_mission_is_read_and_wired(tmp_path):
     flown = MissionFile.read(
         written(tmp_path, ('"5 N"', '"4 N"'), ('"40 s"', '"0.6 min"'))
     )
-    assert flown.mission.case is None
     assert flown.mission.attitude[2] == pytest.approx(np.deg2rad(10.0), rel=1e-15)
     assert flown.mission.duration == pytest.approx(36.0, rel=1e-15)
     assert flown.hardware is not None

@@ -310,8 +310,8 @@ def test_what_is_no_run_of_the_truss_is_one_clear_error(
 @pytest.mark.parametrize(
     ("named", "options", "message"),
     [
-        (None, {}, "cannot tell which truss flew"),
-        ("other", {}, "no truss 'other'; choose from: published"),
+        (None, {}, "cannot show the run: the plant is None, not one of published"),
+        ("other", {}, "the plant is 'other', not one of published"),
         ("published", {"target": [1.0]}, "target has shape"),
         ("published", {"target": "north"}, "target"),
         ("published", {"names": ["one"]}, "names must be two, one per run"),
