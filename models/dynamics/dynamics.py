@@ -250,35 +250,6 @@ class TrussDynamics:
         modal = -(omega**2) * q[first:] - 2 * zeta * omega * v[first_rate:]
         return np.concatenate([np.zeros(first_rate), modal])
 
-    def energy(self, q: Array, v: Array) -> Array:
-        r"""Return kinetic plus elastic energy.
-
-        .. math:: E = \tfrac12 v^T M v + \tfrac12 \tau^T \Lambda \tau
-
-        Parameters
-        ----------
-        q : array, shape (n,)
-            Coordinates.
-        v : array, shape (n,)
-            Speeds.
-
-        Returns
-        -------
-        float
-            [J].
-
-        Raises
-        ------
-        ModelError
-            If `q` or `v` has the wrong size.
-        """
-        self._check_sizes(v=v)
-        modal = q[self.rigid_coordinates :]
-        return (
-            v @ self.evaluate(q).mass_matrix @ v
-            + modal @ (self.modes.stiffness * modal)
-        ) / 2.0
-
     def momentum(self, q: Array, v: Array) -> tuple[Array, Array]:
         """Return linear and angular momentum about the inertial origin, in inertial axes.
 

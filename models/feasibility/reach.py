@@ -17,7 +17,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -32,9 +32,6 @@ from trussflow.models.errors import ModelError
 from trussflow.models.feasibility.failures import ActuatorFailure, single_failures
 from trussflow.models.geometry.attitude import EULER
 from trussflow.models.validation import frozen_array
-
-if TYPE_CHECKING:
-    from scipy.optimize import OptimizeResult
 
 RELATIVE_TOLERANCE = 1e-6
 """Relative tolerance of linear programmes and margins [-]."""
@@ -299,7 +296,7 @@ def columns(demand: Demand, failure: ActuatorFailure) -> Vector:
     return np.hstack([terms.actuation_matrix, -terms.mass_matrix[:, limp]])
 
 
-def solution(cost: Vector, **constraints: Any) -> OptimizeResult:
+def solution(cost: Vector, **constraints: Any) -> Any:
     """Return the solution of a linear programme; it has no `x` if the programme is infeasible.
 
     Parameters

@@ -25,7 +25,7 @@ class JointDrives(Block):
     .. math:: \tau = \eta\,\mathrm{lim}(\tau_w, \pm\tau_{max}) - b\,\dot\theta
               - c \tanh(\dot\theta / \dot\theta_c) + \tau_b
 
-    The encoders are `Measurement.encoder`. A drive with health η = 0 makes no torque; its joint is free,
+    A drive with health η = 0 makes no torque; its joint is free,
     not locked.
 
     Parameters

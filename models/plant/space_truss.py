@@ -318,7 +318,7 @@ class SpaceTruss(TrussBlock):
         **arguments
             Arguments of `SpaceTruss` that differ [see there].
         """
-        same = {
+        same: dict[str, Any] = {
             "dynamics": self.dynamics,
             "modal_actuation": self.modal_actuation,
             "start": self.parameters["initial_coordinates"],

@@ -319,14 +319,7 @@ class MissionFile:
         table = text_table(("key", "value", "file", "source"), rows)
         least = self.least_duration()
         bound = f"The actuators need at least {least:.4g} s for the path"
-        arms = self.truss.dynamics.arms
-        missing = dict.fromkeys(
-            (a.name, v.trouble) for a in arms for v in a.visuals if v.trouble
-        )
-        undrawn = "".join(
-            f"\nThe picture of {name} omits {trouble}." for name, trouble in missing
-        )
-        return f"{self.title}\n\n{table}\n\n{bound}, which takes {self.mission.duration:g} s.{self.cut}{undrawn}"
+        return f"{self.title}\n\n{table}\n\n{bound}, which takes {self.mission.duration:g} s.{self.cut}"
 
     @property
     def cut(self) -> str:

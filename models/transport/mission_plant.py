@@ -136,30 +136,26 @@ def truth_of(file: LayeredFile, believed: SpaceTruss) -> SpaceTruss:
         flown = replace(flown, damping_ratios=modes.damping_ratios)
     else:
         flown = flown.damped(damping[0] + damped * (damping[1] - damping[0]))
-    dynamics, start = (
-        replace(believed.dynamics, modes=flown),
-        believed.parameters["initial_coordinates"],
-    )
-    return SpaceTruss(dynamics, modal_actuation=believed.modal_actuation, start=start)
+    return believed.changed(dynamics=replace(believed.dynamics, modes=flown))
 
 
 def _structure(model: str, table: LayeredTable, folder: Path) -> Structure:
     """Return a user-defined structure."""
     if model == MATRICES:
-        files = {
-            key: folder / table.text(key) for key in ("mass", "stiffness", "positions")
-        }
-        given: dict[str, Any] = {
-            **files,
-            "units": table.texts("units"),
-            "source": files["stiffness"].name,
-        }
-        return Structure.from_matrices(**given)
+        keys = ("mass", "stiffness", "positions")
+        mass, stiffness, positions = (folder / table.text(key) for key in keys)
+        return Structure.from_matrices(
+            mass,
+            stiffness,
+            positions,
+            units=table.texts("units"),
+            source=stiffness.name,
+        )
     file = folder / table.text("file")
     if model == FRAME:
         return Frame.from_file(file).structure()
-    matrices, units = folder / table.text("matrices"), tuple(table.texts("units"))
-    return structure_from_nastran(file, matrices, units=units)  # type: ignore[arg-type]  # it counts them
+    matrices = folder / table.text("matrices")
+    return structure_from_nastran(file, matrices, units=table.texts("units"))
 
 
 def _shapes(table: LayeredTable) -> dict[str, Any]:

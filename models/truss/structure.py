@@ -106,7 +106,7 @@ class Structure:
         stiffness: Any,
         positions: npt.ArrayLike | Path,
         *,
-        units: tuple[str, str, str],
+        units: Sequence[str],
         nodes: Sequence[int] | None = None,
         axes: npt.ArrayLike | None = None,
         source: str = "matrices",
@@ -120,7 +120,7 @@ class Structure:
             The latter has the array ``mass`` or ``stiffness`` [`units`].
         positions : array_like, shape (n, 3), str or pathlib.Path
             Positions of the nodes, or a file of the same kinds; in .npz as ``positions`` [`units`].
-        units : tuple of str
+        units : sequence of str
             Units of length, mass and time, for example ``("mm", "t", "s")``; the others are derived.
         nodes : sequence of int, optional
             Numbers of the nodes [-]; by default 1 to n.

@@ -26,8 +26,6 @@ PICTURE_NUMBERS, CHART_NUMBERS = 800_000, 1_700_000
 """Numbers per page if they compress well; longer runs are shown at fewer instants [-]."""
 MIN_INSTANTS = 50
 """Instants of a short run in the picture, if logged [-]."""
-FLOAT32_JOINT_LIMIT = 4.0
-"""Joint coordinates below this have errors of at most 1.2e-7 rad or m in four bytes [rad, m]."""
 SHOWN_DISPLACEMENT = 0.5
 """Largest elastic displacement in the picture by the default exaggeration [m]."""
 CHART_BITS = 13
@@ -213,10 +211,7 @@ class Motion:
             "logged": len(self.time),
             "time": packer.pack(self.time[None, shown], width=8),
             "root": packer.pack(root, width=8),
-            "joints": packer.pack(
-                joints,
-                width=4 if np.abs(joints).max(initial=0.0) < FLOAT32_JOINT_LIMIT else 8,
-            ),
+            "joints": packer.pack(joints, width=8),
             "modes": packer.pack(modes),
             "force": packer.pack(force[:, shown]),
             "torque": packer.pack(torque[:, shown]),

@@ -91,17 +91,6 @@ def test_what_is_assumed_is_told(tmp_path):
     )
 
 
-def test_what_no_picture_will_show_is_told(boom):
-    arm = boom.parent / "walker.urdf"
-    look = '<visual><geometry><mesh filename="hand.dae"/></geometry></visual>'
-    arm.write_text(
-        arm.read_text().replace('<link name="hand">', f'<link name="hand">{look}')
-    )
-    text = MissionFile.read(boom).explained()
-    assert text.endswith("omits hand.dae, which is none of .stl, .obj.")
-    assert text.count("omits") == 1
-
-
 def test_settings_count_more_than_the_file(tmp_path):
     flown = MissionFile.read(
         written(tmp_path), controller={"law": "pd"}, hardware={"kind": "none"}
