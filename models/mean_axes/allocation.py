@@ -33,7 +33,7 @@ class MeanAxesAllocation(MeanAxesBlock):
     except for damping. The third one is the distance of the actuators from their limits, which are h times
     the health of each. r is the additional weight of thrusts and joint torques in the feedback. The feedback
     always has at least the share :math:`1 - \lambda` of each limit. At rest near the reference, the feedback
-    makes no thrust above q unless the slow part does. The excitation :math:`Q_p` by `ActuatorProbe` is added
+    makes no thrust above q unless the slow part does. The excitation :math:`Q_p` by `ActuatorExcitation` is added
     within the limits.
 
     Parameters

@@ -6,13 +6,13 @@ from trussflow.blocks.framework.diagram import Diagram
 from trussflow.blocks.library.algebra import Product
 from trussflow.blocks.support.types import Vector
 from trussflow.models.dynamics.dynamics import TrussDynamics
+from trussflow.models.mean_axes.actuator_costs import ActuatorCosts
 from trussflow.models.mean_axes.allocation import MeanAxesAllocation
 from trussflow.models.mean_axes.design import MeanAxesDesign
-from trussflow.models.mean_axes.economy import ActuatorEconomy
 from trussflow.models.mean_axes.estimator import MeanAxesEstimator
+from trussflow.models.mean_axes.excitation import ActuatorExcitation
+from trussflow.models.mean_axes.fault_detection import FaultDetection
 from trussflow.models.mean_axes.law import MeanAxesLaw
-from trussflow.models.mean_axes.monitor import ActuatorMonitor
-from trussflow.models.mean_axes.probe import ActuatorProbe
 
 
 def mean_axes_controller(
@@ -52,14 +52,14 @@ def mean_axes_controller(
     """
     design = MeanAxesDesign.shipped() if design is None else design
     controller = Diagram("mean-axes controller")
-    monitor = ActuatorMonitor(believed, design)
+    monitor = FaultDetection(believed, design)
     estimator, law, allocation, left, economy, probe, _ = controller.add(
         estimator=MeanAxesEstimator(believed, design, start),
         law=MeanAxesLaw(believed, design),
         allocation=MeanAxesAllocation(believed, limits, design),
         left=Product(shape=believed.actuators).sampled(design.sample_time),
-        economy=ActuatorEconomy(believed, limits, design),
-        probe=ActuatorProbe(believed, design, monitor),
+        economy=ActuatorCosts(believed, limits, design),
+        probe=ActuatorExcitation(believed, design, monitor),
         monitor=monitor,
     )
     for name in (

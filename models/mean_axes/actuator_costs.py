@@ -14,7 +14,7 @@ from trussflow.models.mean_axes.estimator import MeanAxesBlock
 from trussflow.models.plant.truss_block import ACTUATOR_UNITS
 
 
-class ActuatorEconomy(MeanAxesBlock):
+class ActuatorCosts(MeanAxesBlock):
     r"""Costs of thrust by propellant use, and preferred base torques that unload the wheels.
 
     .. math::

@@ -21,7 +21,7 @@ from trussflow.models.plant.truss_block import (
 )
 
 
-class ActuatorMonitor(MeanAxesBlock):
+class FaultDetection(MeanAxesBlock):
     r"""Detection of failed bases and arm drives by a CUSUM test of the joint rates.
 
     With parts g, the base and the drives of each robot, the change of the joint rates in a sample is

@@ -12,7 +12,7 @@ from trussflow.blocks.support.types import Array
 from trussflow.models.dynamics.dynamics import TrussDynamics
 from trussflow.models.mean_axes.design import MeanAxesDesign
 from trussflow.models.mean_axes.estimator import MeanAxesBlock, thrusts_of
-from trussflow.models.mean_axes.monitor import ActuatorMonitor
+from trussflow.models.mean_axes.fault_detection import FaultDetection
 from trussflow.models.plant.truss_block import ACTUATOR_UNITS
 
 PATTERN_SAMPLES = 4
@@ -22,7 +22,7 @@ NULL_SPACE_TOLERANCE = 1e-9
 """Relative tolerance of zero force on the truss [-]."""
 
 
-class ActuatorProbe(MeanAxesBlock):
+class ActuatorExcitation(MeanAxesBlock):
     r"""Excitation of the arms by torques of drives and bases without a force on the truss at rest.
 
     .. math::
@@ -32,7 +32,7 @@ class ActuatorProbe(MeanAxesBlock):
     for the base and for the drives g of each robot, with each sign for two samples. The torques are in the
     null space of the acceleration of the truss frame r at rest, so that there is no force on the truss and
     no mode is excited. In this null space d has the largest effect on the joint rates per torque, weighted
-    with the covariance R of `ActuatorMonitor` without its term of :math:`\lambda`. So the effect in each
+    with the covariance R of `FaultDetection` without its term of :math:`\lambda`. So the effect in each
     sample is v standard deviations. A part with an empty null space is not excited. The sign of the drives
     is that which opposes the effect of the base on the arm. So the failure of a whole robot differs from the
     failures of its parts.
@@ -45,7 +45,7 @@ class ActuatorProbe(MeanAxesBlock):
         Nominal dynamics of truss and robots.
     design : MeanAxesDesign
         Sample time, noise, and v.
-    monitor : ActuatorMonitor
+    monitor : FaultDetection
         Fault detection with the covariance R.
 
     References
@@ -58,7 +58,7 @@ class ActuatorProbe(MeanAxesBlock):
     strength = Parameter(minimum=0.0, meaning="v")
 
     def __init__(
-        self, dynamics: TrussDynamics, design: MeanAxesDesign, monitor: ActuatorMonitor
+        self, dynamics: TrussDynamics, design: MeanAxesDesign, monitor: FaultDetection
     ) -> None:
         rigid = dynamics.rigid_freedoms
         terms = dynamics.evaluate(dynamics.rest)
