@@ -58,6 +58,20 @@ def frozen_array(what: str, values: Array, shape: tuple[int | None, ...]) -> Vec
     return array
 
 
+def set_fields(frozen: object, **values: object) -> None:
+    """Set fields of a frozen dataclass while it is constructed.
+
+    Parameters
+    ----------
+    frozen : object
+        Instance of the dataclass.
+    **values
+        Values of the fields [any].
+    """
+    for name, value in values.items():
+        object.__setattr__(frozen, name, value)
+
+
 def check_choice(kind: str, name: object, known: Iterable[object]) -> None:
     """Raise `ModelError` unless a name is among the known ones.
 

@@ -139,10 +139,7 @@ def fastest(
         raise ModelError(
             f"fastest: intervals is {shown(intervals)}; it must be a whole number from 2 on"
         )
-    joints = np.tile(
-        truss.parameters["initial_coordinates"][kind.end : truss.rigid_q],
-        (len(rows), 1),
-    )
+    joints = np.tile(truss.start_position[kind.end :], (len(rows), 1))
     at = np.concatenate([[0.0], np.cumsum(steps)]) / np.sum(steps)
     spline = make_interp_spline(at, np.hstack([rows, joints]), k=3, bc_type="natural")
     s = np.linspace(0.0, 1.0, intervals + 1)

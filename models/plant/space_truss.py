@@ -306,6 +306,11 @@ class SpaceTruss(TrussBlock):
         truss = accurate_modes(modes, highest_frequency).damped(_damping(damping))
         return cls(_dynamics(truss, arm, elastic_integrals=True))
 
+    @property
+    def start_position(self) -> Vector:
+        """Rigid coordinates at the start [m, unit of the attitude, unit of the joints]."""
+        return self.parameters["initial_coordinates"][: self.rigid_q]
+
     def opened(self) -> Self:
         """Return the same plant without `modal_actuation`, to connect ``modal_demand >> modal_force``."""
         return self.changed(modal_actuation=False)

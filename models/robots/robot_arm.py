@@ -16,7 +16,12 @@ from trussflow.models.parameter_files import ParameterTable, shipped_file
 from trussflow.models.robots.joint import Joint
 from trussflow.models.robots.urdf_chain import chain
 from trussflow.models.robots.visuals import Visual
-from trussflow.models.validation import check_body, check_rotation, frozen_array
+from trussflow.models.validation import (
+    check_body,
+    check_rotation,
+    frozen_array,
+    set_fields,
+)
 
 _SHAPES: dict[str, tuple[int | str, ...]] = {
     "hand_rotation": (3, 3),
@@ -114,17 +119,13 @@ class RobotArm:
         sizes = {"joints": joints, "bodies": joints + 1}
         for name, shape in _SHAPES.items():
             numbers = tuple(sizes[n] if isinstance(n, str) else n for n in shape)
-            object.__setattr__(
-                self,
-                name,
-                frozen_array(f"{owner}: {name}", getattr(self, name), numbers),
-            )
+            array = frozen_array(f"{owner}: {name}", getattr(self, name), numbers)
+            set_fields(self, **{name: array})
         base_mass = float(frozen_array(f"{owner}: base_mass", self.base_mass, ()))
-        object.__setattr__(self, "base_mass", base_mass)
         known = tuple(self.joint_data) or tuple(
             Joint(f"joint_{j + 1}") for j in range(joints)
         )
-        object.__setattr__(self, "joint_data", known)
+        set_fields(self, base_mass=base_mass, joint_data=known)
         self._check(owner)
         base = SpatialInertia(base_mass, np.zeros(3), self.base_inertia)
         position = self.base_origin + self.base_rotation @ self.base_centroid
@@ -137,8 +138,7 @@ class RobotArm:
         links[-1] = combined(
             links[-1], moved_inertia(base, self.base_rotation, position)
         )
-        object.__setattr__(self, "bodies", tuple(links))
-        object.__setattr__(self, "base_position", position)
+        set_fields(self, bodies=tuple(links), base_position=position)
 
     def _check(self, owner: str) -> None:
         check_rotation(owner, "hand_rotation", self.hand_rotation)

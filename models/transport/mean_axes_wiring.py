@@ -82,7 +82,7 @@ def mean_axes_transport(
             believed,
             (hardware or Hardware.flight()).limits(truss),
             design,
-            truss.parameters["initial_coordinates"][: truss.rigid_q],
+            truss.start_position,
         ),
     )
     diagram.add(truss=truss, errors=TaskErrors(truss.dynamics))

@@ -291,8 +291,7 @@ class MissionFile:
     def target(self) -> NDArray[np.float64]:
         """Task coordinates at the end of the path [m, unit of the attitude, rad]."""
         truss, way = self.truss, self.mission.displacement(self.truss.rigid)
-        start = truss.parameters["initial_coordinates"][: truss.rigid_q]
-        return np.asarray(moved(truss.dynamics.attitude, start, way))
+        return np.asarray(moved(truss.dynamics.attitude, truss.start_position, way))
 
     def least_duration(self) -> float:
         """Return the shortest duration of the path within the actuator limits [s].

@@ -27,6 +27,7 @@ from trussflow.models.validation import (
     check_choice,
     check_number,
     frozen_array,
+    set_fields,
 )
 
 # Least distance of two nodes, relative to the size of the frame.
@@ -112,7 +113,7 @@ class Frame:
         from scipy.spatial import KDTree  # slow to import
 
         positions = frozen_array(f"{self.source}: positions", self.positions, (None, 3))
-        object.__setattr__(self, "positions", positions)
+        set_fields(self, positions=positions)
         if not self.members:
             raise ModelError(
                 f"{self.source}: there are no members; a frame needs at least one"

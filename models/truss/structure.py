@@ -26,7 +26,12 @@ from trussflow.blocks.support.types import Vector
 from trussflow.blocks.support.validation import MOST_ELEMENTS
 from trussflow.models.errors import ModelError
 from trussflow.models.geometry.rotation import cross_matrix
-from trussflow.models.validation import check_choice, check_rotation, frozen_array
+from trussflow.models.validation import (
+    check_choice,
+    check_rotation,
+    frozen_array,
+    set_fields,
+)
 
 _SYMMETRY_TOLERANCE = 1e-9  # relative to the largest element
 _RIGID_FORCE_TOLERANCE = (
@@ -90,12 +95,11 @@ class Structure:
         positions = frozen_array(
             "structure: positions", self.positions, (len(nodes), 3)
         )
-        object.__setattr__(self, "nodes", nodes)
-        object.__setattr__(self, "positions", positions)
+        set_fields(self, nodes=nodes, positions=positions)
         self._check_nodes()
-        for name in ("mass", "stiffness"):
-            object.__setattr__(self, name, self._checked(name))
-        object.__setattr__(self, "elastic", self.stiffness.diagonal() > 0.0)
+        set_fields(self, mass=self._checked("mass"))
+        set_fields(self, stiffness=self._checked("stiffness"))
+        set_fields(self, elastic=self.stiffness.diagonal() > 0.0)
         self._check_free()
         self._set_point_masses()
 
@@ -345,18 +349,16 @@ class Structure:
             (entries, (rows.ravel(), columns.ravel())),
             shape=(3 * len(points), 6 * count),
         )
-        for name, found in (
-            ("points", points),
-            ("point_masses", masses),
-            ("carried", carried.tocsr()),
-        ):
-            object.__setattr__(
-                self, name, found if name == "carried" else np.array(found)
-            )
+        set_fields(
+            self,
+            points=np.array(points),
+            point_masses=np.array(masses),
+            carried=carried.tocsr(),
+        )
         row, column = self.mass.tocoo().coords
         if np.any(row // 6 != column // 6):
             lumped = "mass that couples nodes was lumped to them; total mass, centre and inertia are preserved"
-            object.__setattr__(self, "assumptions", (*self.assumptions, lumped))
+            set_fields(self, assumptions=(*self.assumptions, lumped))
         rigid = self._even_motions()
         kept = self.carried @ rigid
         error = rigid.T @ (self.mass @ rigid) - (kept.T * np.repeat(masses, 3)) @ kept

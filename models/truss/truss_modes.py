@@ -14,7 +14,7 @@ from trussflow.blocks.support.files import reading, replaced
 from trussflow.blocks.support.types import Array, Vector
 from trussflow.models.errors import ModelError
 from trussflow.models.parameter_files import shipped_file
-from trussflow.models.validation import central_inertia, frozen_array
+from trussflow.models.validation import central_inertia, frozen_array, set_fields
 
 
 class ModalData(NamedTuple):
@@ -146,14 +146,13 @@ class TrussModes:
         }
         for name, shape in expected.items():
             array = frozen_array(f"truss modes: {name}", getattr(self, name), shape)
-            object.__setattr__(self, name, array)
+            set_fields(self, **{name: array})
         all_shapes = np.concatenate([self.positions[:, :, None], self.shapes], axis=2)
         first = np.einsum("n,nia->ai", self.masses, all_shapes)
         second = np.einsum(
             "n,nia,njb->abij", self.masses, all_shapes, all_shapes, optimize=True
         )
-        object.__setattr__(self, "first_moments", first)
-        object.__setattr__(self, "second_moments", second)
+        set_fields(self, first_moments=first, second_moments=second)
         self._check()
 
     def _check(self) -> None:
