@@ -1,6 +1,6 @@
 """Feasibility of paths with limited and failed actuators, by linear programmes."""
 
-from trussflow.models.feasibility.attitude import FlightAttitude as FlightAttitude
+from trussflow.models.feasibility.attitude import BestAttitude as BestAttitude
 from trussflow.models.feasibility.attitude import attitude_along as attitude_along
 from trussflow.models.feasibility.attitude import best_attitude as best_attitude
 from trussflow.models.feasibility.failures import ActuatorFailure as ActuatorFailure

@@ -36,7 +36,7 @@ from trussflow.models.validation import frozen_array
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class FlightAttitude:
+class BestAttitude:
     """Optimal attitude for a path.
 
     Attributes
@@ -65,7 +65,7 @@ def best_attitude(
     *,
     normal: npt.ArrayLike = (0.0, 0.0, 0.0),
     directions: int = 64,
-) -> FlightAttitude:
+) -> BestAttitude:
     """Return the attitude with the least duration of a path that is feasible after each failure.
 
     Parameters
@@ -86,7 +86,7 @@ def best_attitude(
 
     Returns
     -------
-    FlightAttitude
+    BestAttitude
 
     Raises
     ------
@@ -138,7 +138,7 @@ def best_attitude(
             "no direction is feasible after each of the failures; omit some failures"
         )
     best = best if best @ displacement > 0.0 else -best
-    return FlightAttitude(
+    return BestAttitude(
         direction=best / acceleration,
         attitude=attitude_along(best, displacement),
         acceleration=acceleration,

@@ -88,7 +88,7 @@ class Feasibility:
         needs = f"needs {self.needed_torque:.3g} N·m of base and joint torque, has {self.torque:.3g}"
         if not np.isfinite(self.needed_torque):
             needs = "needs more force, whatever the torque"
-        least = "cannot be flown in any time"
+        least = "no duration is feasible"
         if np.isfinite(self.least_duration):
             least = f"least duration {self.least_duration:.4g} s"
         return f"{start}{self.remark}{needs} at {self.duration:g} s; {least}"

@@ -65,15 +65,15 @@ def parser(prog: str = PROG) -> argparse.ArgumentParser:
         "mission.toml --explain                  # print all values of a mission file with their sources",
         "--duration 5 --json                     # print figures of merit and provenance as JSON",
     )
-    flown = found.add_mutually_exclusive_group()
-    flown.add_argument(
+    missions = found.add_mutually_exclusive_group()
+    missions.add_argument(
         "mission",
         type=Path,
         nargs="?",
         help="mission file; 'trussflow new mission.toml' writes a template",
     )
     # The default is text: argparse would not notice `--case 1` beside a file if the default were equal.
-    flown.add_argument(
+    missions.add_argument(
         "--case",
         type=int,
         choices=CASES,
@@ -171,36 +171,36 @@ def seconds(text: str) -> dict[str, object]:
     return {"value": float(text), "unit": "s", "source": COMMAND}
 
 
-def fly(options: argparse.Namespace, command: str) -> Outcome:
+def simulate_mission(options: argparse.Namespace, command: str) -> Outcome:
     """Simulate the mission of the `options` of this `command`, and write all files."""
     settings = settings_of(options)
-    flown = (
+    mission = (
         MissionFile.of_case(options.case, **settings)
         if options.mission is None
         else MissionFile.read(options.mission, **settings)
     )
     if options.explain:
-        return Outcome([each._asdict() for each in flown.told], flown.explained())
+        return Outcome([each._asdict() for each in mission.told], mission.explained())
     name = f"case{options.case}" if options.mission is None else options.mission.stem
     folder = prepared_folder(options.output or Path("results") / name)
-    diagram = flown.diagram()
-    simulator = flown.simulator(diagram)
+    diagram = mission.diagram()
+    simulator = mission.simulator(diagram)
     failure, started = "", time.perf_counter()
     try:
-        result = simulator.run(flown.duration)
+        result = simulator.run(mission.duration)
     except (DivergenceError, SimulationInterrupted) as error:
         failure, result = str(error), cast("xr.Dataset", error.result)
     wall = time.perf_counter() - started
     result = result.assign_attrs(
-        mission=flown.title,
-        **{attribute: flown.said(key) for attribute, key in RESULT_KEYS.items()},
+        mission=mission.title,
+        **{attribute: mission.said(key) for attribute, key in RESULT_KEYS.items()},
         observer=int("observer" in diagram.blocks),
         allocation="published" if "allocation" in diagram.blocks else "mode-neutral",
         command=command,
-        target=flown.target.tolist(),
+        target=mission.target.tolist(),
     )
     summary = report(
-        check_run(result, flown.truss), flown, folder, wall, drawing=diagram.draw()
+        check_run(result, mission.truss), mission, folder, wall, drawing=diagram.draw()
     )
     if failure:
         print(f"\n{failure}", file=sys.stderr)
@@ -208,23 +208,25 @@ def fly(options: argparse.Namespace, command: str) -> Outcome:
 
 
 def report(
-    result: xr.Dataset, flown: MissionFile, folder: Path, wall: float, *, drawing: str
+    result: xr.Dataset, mission: MissionFile, folder: Path, wall: float, *, drawing: str
 ) -> dict[str, Any]:
     """Write result, summary, figures and page, print the summary and return it."""
     save(result, folder / "result.nc")
-    figures = summarize(result, flown.mission)
+    figures = summarize(result, mission.mission)
     summary = {"figures": [each._asdict() for each in figures], "run": result.attrs}
     with replaced(folder / "summary.json") as partial:
         partial.write_text(json_of(summary) + "\n", encoding="utf-8")
     end = float(result["time"][-1])
-    what = f"{flown.title}; {result.attrs['plant']} plant, {result.attrs['controller']}"
+    what = (
+        f"{mission.title}; {result.attrs['plant']} plant, {result.attrs['controller']}"
+    )
     print(
-        f"{what}: {end:g} s in {wall:.2f} s, {end / wall:.0f} x real time.{flown.cut}\n"
+        f"{what}: {end:g} s in {wall:.2f} s, {end / wall:.0f} x real time.{mission.cut}\n"
     )
     print(f"{table(figures)}\n", flush=True)
     if len(result["time"]) > 1:  # the replay needs two instants
         with told("writing the page"):
-            page = write_index(result, flown, figures, folder, drawing=drawing)
+            page = write_index(result, mission, figures, folder, drawing=drawing)
         print(f"open {page} in a browser", flush=True)  # before the slow figures
     draw(result, folder)
     print(f"written to {folder}: result.nc, summary.json and figures")
@@ -235,7 +237,10 @@ def main(words: list[str] | None = None, prog: str = PROG) -> int:
     """Run the command `prog` with `words`, by default those of the process; return the exit code."""
     words = sys.argv[1:] if words is None else words
     command = f"{prog} {shlex.join(words)}"
-    return ended(lambda options: fly(options, command), parser(prog).parse_args(words))
+    return ended(
+        lambda options: simulate_mission(options, command),
+        parser(prog).parse_args(words),
+    )
 
 
 if __name__ == "__main__":

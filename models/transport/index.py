@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 def write_index(
     result: xr.Dataset,
-    flown: MissionFile,
+    mission_file: MissionFile,
     figures: list[FigureOfMerit],
     folder: Path,
     *,
@@ -32,7 +32,7 @@ def write_index(
     ----------
     result : xarray.Dataset
         Result with the signals of `logged`, with two or more instants.
-    flown : MissionFile
+    mission_file : MissionFile
         Simulated mission.
     figures : list of FigureOfMerit
         Figures of merit by `summarize`.
@@ -62,7 +62,7 @@ def write_index(
         *([Section("Diagram", drawing)] if drawing else []),
         Section(
             "Parameters",
-            html_table(("where", "value", "source"), _parameters(flown, result)),
+            html_table(("where", "value", "source"), _parameters(mission_file, result)),
         ),
         Section(
             "Provenance",
@@ -71,10 +71,10 @@ def write_index(
     ]
     return replay(
         result,
-        flown.truss,
+        mission_file.truss,
         folder / "index.html",
-        rods=flown.rods,
-        title=f"{flown.title}: {about.get('plant')} plant, {about.get('controller')}{ended}",
+        rods=mission_file.rods,
+        title=f"{mission_file.title}: {about.get('plant')} plant, {about.get('controller')}{ended}",
         sections=sections,
     )
 
@@ -92,10 +92,11 @@ def _charts(result: xr.Dataset) -> str:
     return f'<div class="figures">{"".join(chart.format(n.replace("_", " "), n) for n in names)}</div>'
 
 
-def _parameters(flown: MissionFile, result: xr.Dataset) -> list[tuple[str, ...]]:
+def _parameters(mission_file: MissionFile, result: xr.Dataset) -> list[tuple[str, ...]]:
     """Return the values of the mission file and of the parameter files of truss and arms."""
     rows: list[tuple[str, ...]] = [
-        (f"{told.place}, {told.key}", told.value, told.source) for told in flown.told
+        (f"{told.place}, {told.key}", told.value, told.source)
+        for told in mission_file.told
     ]
     files = ["space_truss.toml"] * (result.attrs["plant"] in STRUCTURES)
     files += [f"robot_arm_{arm}.toml" for arm in ARMS if arm in result.attrs["arm"]]

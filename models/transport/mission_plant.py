@@ -129,14 +129,14 @@ def truth_of(file: LayeredFile, believed: SpaceTruss) -> SpaceTruss:
         for key, chance in zip(("mass", "frequency"), chances, strict=True)
     }
     far = modes.positions[np.argmax(np.linalg.norm(modes.positions, axis=1))]
-    flown = loaded(
+    varied = loaded(
         scaled(modes.damped(0.0), **factors), far, loading * given.get("payload", 0.0)
     )
     if damping is None:
-        flown = replace(flown, damping_ratios=modes.damping_ratios)
+        varied = replace(varied, damping_ratios=modes.damping_ratios)
     else:
-        flown = flown.damped(damping[0] + damped * (damping[1] - damping[0]))
-    return believed.changed(dynamics=replace(believed.dynamics, modes=flown))
+        varied = varied.damped(damping[0] + damped * (damping[1] - damping[0]))
+    return believed.changed(dynamics=replace(believed.dynamics, modes=varied))
 
 
 def _structure(model: str, table: LayeredTable, folder: Path) -> Structure:

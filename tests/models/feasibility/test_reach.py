@@ -178,7 +178,7 @@ def test_path_out_of_reach():
     )
     assert "base 1 is alone" in str(found)
     assert (
-        "needs more force, whatever the torque at 60 s; cannot be flown in any time"
+        "needs more force, whatever the torque at 60 s; no duration is feasible"
         in str(found)
     )
 
