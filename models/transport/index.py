@@ -51,10 +51,9 @@ def write_index(
     ModelError
         If the result is not that of this mission, or the file cannot be written.
     """
-    about = dict(result.attrs)
-    for long in ("parameters", "initial_states", "target"):
-        # too long; parameters have their own section
-        about.pop(long, None)
+    # too long; parameters have their own section
+    long = ("parameters", "initial_states", "target")
+    about = {key: value for key, value in result.attrs.items() if key not in long}
     ended = "" if about.get("status") == "complete" else f", {about.get('status')}"
     sections = [
         Section("Summary", html_table(TITLES, cells(figures))),

@@ -96,7 +96,11 @@ class Structure:
             "structure: positions", self.positions, (len(nodes), 3)
         )
         set_fields(self, nodes=nodes, positions=positions)
-        self._check_nodes()
+        if len(set(nodes)) < len(nodes):
+            twice = next(n for n in nodes if nodes.count(n) > 1)
+            raise ModelError(
+                f"structure: node number {twice} is used twice; each number must be unique"
+            )
         set_fields(self, mass=self._checked("mass"))
         set_fields(self, stiffness=self._checked("stiffness"))
         set_fields(self, elastic=self.stiffness.diagonal() > 0.0)
@@ -248,13 +252,6 @@ class Structure:
             Row of the freedom in the matrices [-].
         """
         return f"node {self.nodes[freedom // 6]}, {_FREEDOMS[freedom % 6]}"
-
-    def _check_nodes(self) -> None:
-        if len(set(self.nodes)) < len(self.nodes):
-            twice = next(n for n in self.nodes if self.nodes.count(n) > 1)
-            raise ModelError(
-                f"structure: node number {twice} is used twice; each number must be unique"
-            )
 
     def _checked(self, name: str) -> scipy.sparse.csr_array:
         """Return a matrix made exactly symmetric, or raise `ModelError` if it is invalid."""
