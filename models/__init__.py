@@ -14,6 +14,7 @@ from trussflow.models.hardware.motors import JointDrives as JointDrives
 from trussflow.models.hardware.motors import ReactionWheels as ReactionWheels
 from trussflow.models.hardware.thrusters import Pulses as Pulses
 from trussflow.models.hardware.thrusters import ThrusterSet as ThrusterSet
+from trussflow.models.mean_axes.actuator_costs import ActuatorCosts as ActuatorCosts
 from trussflow.models.mean_axes.allocation import (
     MeanAxesAllocation as MeanAxesAllocation,
 )
@@ -21,17 +22,15 @@ from trussflow.models.mean_axes.controller import (
     mean_axes_controller as mean_axes_controller,
 )
 from trussflow.models.mean_axes.design import MeanAxesDesign as MeanAxesDesign
-from trussflow.models.mean_axes.economy import ActuatorEconomy as ActuatorEconomy
 from trussflow.models.mean_axes.estimator import MeanAxesEstimator as MeanAxesEstimator
+from trussflow.models.mean_axes.excitation import (
+    ActuatorExcitation as ActuatorExcitation,
+)
+from trussflow.models.mean_axes.fault_detection import FaultDetection as FaultDetection
 from trussflow.models.mean_axes.free_modes import FreeModes as FreeModes
 from trussflow.models.mean_axes.law import MeanAxesLaw as MeanAxesLaw
-from trussflow.models.mean_axes.monitor import ActuatorMonitor as ActuatorMonitor
-from trussflow.models.mean_axes.probe import ActuatorProbe as ActuatorProbe
 from trussflow.models.parameter_files import ParameterTable as ParameterTable
 from trussflow.models.parameter_files import shipped_file as shipped_file
-from trussflow.models.plant.nominal_model import (
-    NominalAcceleration as NominalAcceleration,
-)
 from trussflow.models.plant.nominal_model import NominalModel as NominalModel
 from trussflow.models.plant.nominal_model import TaskErrors as TaskErrors
 from trussflow.models.plant.space_truss import SpaceTruss as SpaceTruss

@@ -138,11 +138,6 @@ class LayeredFile:
             f"[{table}] has no {' and no '.join(map(repr, keys))} in any of {places}"
         )
 
-    def layer_of(self, table: str, key: str) -> ParameterTable | None:
-        """Return the first file with a `key` in its `table`, or None."""
-        self.known.add((table, key))
-        return next((each for each in self.layers if key in _part(each, table)), None)
-
     def elements(self, name: str, count: int) -> list[LayeredTable]:
         """Return `count` tables: those of an array `name`, or the common table repeated.
 
@@ -256,30 +251,27 @@ class LayeredTable(TableReader):
     name: str
     general: str
 
+    def _found(self, key: str) -> tuple[str, ParameterTable | None, ParameterTable]:
+        """Return the table with a `key`: its name, the file, None if there is none, and the part of the file."""
+        for name, layer in product((self.name, self.general), self.file.layers):
+            self.file.known.add((name, key))
+            if key in (part := _part(layer, name)):
+                return name, layer, part
+        return self.general, None, self.file.layers[0]
+
     def __contains__(self, key: str) -> bool:
-        return self.layer(key) is not None
-
-    def layer(self, key: str) -> ParameterTable | None:
-        """Return the first file with the `key` in this table, or None."""
-        return self.file.layer_of(self._place(key), key)
-
-    def _place(self, key: str) -> str:
-        """Return the name of the table with a `key`."""
-        return self.name if self.file.layer_of(self.name, key) else self.general
+        return self._found(key)[1] is not None
 
     def owner(self, key: str) -> ParameterTable:
         """Return the table of the first file with a `key`, or the first file."""
-        place = self._place(key)
-        layer = self.file.layer_of(place, key)
-        return _part(layer, place) if layer else self.file.layers[0]
+        return self._found(key)[2]
 
     def find(self, key: str) -> Any:
         """Return the entry of a `key` in the first file that has it, and record its origin."""
-        place = self._place(key)
-        layer = self.file.layer_of(place, key)
+        place, layer, part = self._found(key)
         if layer is None:
             raise self.file.missing(place, key)
-        entry = _part(layer, place).content[key]
+        entry = part.content[key]
         value, source = str(entry), ""
         if isinstance(entry, dict) and "value" in entry:
             value, source = (
@@ -288,11 +280,6 @@ class LayeredTable(TableReader):
             )
         self.file.told[place, key] = Told(f"{place}.{key}", value, layer.place, source)
         return entry
-
-    def mapping(self, key: str) -> dict[str, Any]:
-        """Return the table under a `key`."""
-        self.find(key)
-        return dict(self.owner(key).table(key).content)
 
     def scalars(self, **units: str) -> dict[str, Any]:
         """Return several numbers by name, each in its unit."""

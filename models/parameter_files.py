@@ -119,10 +119,7 @@ class TableReader:
         ModelError
             If the key is missing or its value is not text.
         """
-        found = self.find(key)
-        if not isinstance(found, str):
-            raise self.error(key, f"must be text in quotes, got {found!r}")
-        return found
+        return str(self._of_type(key, str, "text in quotes"))
 
     def whole(self, key: str) -> int:
         """Return a whole number, which has no unit.
@@ -137,9 +134,18 @@ class TableReader:
         ModelError
             If the key is missing or its value is not a whole number.
         """
+        return int(self._of_type(key, int, "a whole number"))
+
+    def _of_type(self, key: str, kind: type, what: str) -> Any:
+        """Return the entry of a key, which must be of a type; bool is not int."""
         found = self.find(key)
-        if not isinstance(found, int) or isinstance(found, bool):
-            raise self.error(key, f"must be a whole number, got {found!r}")
+        if not isinstance(found, kind) or isinstance(found, bool):
+            raise self.error(key, f"must be {what}, got {found!r}")
+        return found
+
+    def mapping(self, key: str) -> Mapping[str, Any]:
+        """Return the content of a table, as parsed."""
+        found: Mapping[str, Any] = self._of_type(key, Mapping, "a table")
         return found
 
     def texts(self, key: str) -> list[str]:
@@ -157,11 +163,7 @@ class TableReader:
         """
         found = self.find(key)
         several = [found] if isinstance(found, str) else found
-        if (
-            not isinstance(several, list)
-            or not several
-            or not all(isinstance(one, str) for one in several)
-        ):
+        if not several or {type(one) for one in several} != {str}:
             raise self.error(
                 key, f"must be text in quotes, or a list of such, got {found!r}"
             )
@@ -180,19 +182,13 @@ class TableReader:
         ModelError
             If the key is missing, or its value is not a list of whole numbers and lists of them.
         """
-        found = self.find(key)
-        rows = (
-            [one if isinstance(one, list) else [one] for one in found]
-            if isinstance(found, list)
-            else []
-        )
+        what = "a list of whole numbers, or of lists of them"
+        found = self._of_type(key, list, what)
+        rows = [one if isinstance(one, list) else [one] for one in found]
         if not rows or not all(
             row and all(type(n) is int for n in row) for row in rows
         ):
-            raise self.error(
-                key,
-                f"must be a list of whole numbers, or of lists of them, got {found!r}",
-            )
+            raise self.error(key, f"must be {what}, got {found!r}")
         return rows
 
     def choice(self, key: str, choices: Iterable[str]) -> str:
@@ -239,6 +235,13 @@ class TableReader:
     def scalars(self, **units: str) -> dict[str, Any]:
         """Return several numbers by name, each with its required unit."""
         return {key: self.scalar(key, unit) for key, unit in units.items()}
+
+    def optional(self, **units: str) -> dict[str, float]:
+        """Return those of several numbers that the table has, by name, each with its required unit."""
+        return {key: self.scalar(key, units[key]) for key in units if key in self}
+
+    def __contains__(self, key: str) -> bool:
+        raise NotImplementedError
 
     def array(self, key: str, unit: str, shape: tuple[int | None, ...]) -> Vector:
         """Return an array of numbers.
@@ -392,9 +395,7 @@ class ParameterTable(TableReader):
         ModelError
             If no table has that name.
         """
-        found = self.find(key)
-        if not isinstance(found, Mapping):
-            raise self.error(key, "must be a table")
+        found = self.mapping(key)
         above = r"[\w.]*\b" if "," in self.place else ""
         return self._below(
             found, f"{self.place}, {key}", rf"\[{above}{re.escape(key)}\]", 0

@@ -58,6 +58,20 @@ def frozen_array(what: str, values: Array, shape: tuple[int | None, ...]) -> Vec
     return array
 
 
+def set_fields(frozen: object, **values: object) -> None:
+    """Set fields of a frozen dataclass while it is constructed.
+
+    Parameters
+    ----------
+    frozen : object
+        Instance of the dataclass.
+    **values
+        Values of the fields [any].
+    """
+    for name, value in values.items():
+        object.__setattr__(frozen, name, value)
+
+
 def check_choice(kind: str, name: object, known: Iterable[object]) -> None:
     """Raise `ModelError` unless a name is among the known ones.
 
@@ -173,13 +187,11 @@ def check_rotation(owner: str, name: str, matrix: Vector) -> None:
         If the matrix is not a rotation.
     """
     error = float(np.max(np.abs(matrix.T @ matrix - np.eye(3))))
-    if error <= _ROTATION_SLACK and np.linalg.det(matrix) < 0.0:
+    determinant = np.linalg.det(matrix)
+    if error > _ROTATION_SLACK or determinant < 0.0:
         raise ModelError(
-            f"{owner}: {name} is not a rotation matrix but left-handed: its determinant is -1, it must be 1"
-        )
-    if error > _ROTATION_SLACK:
-        raise ModelError(
-            f"{owner}: {name} is not a rotation matrix (R^T R differs from I by {error:.2g})"
+            f"{owner}: {name} is not a rotation matrix: R^T R differs from I by {error:.2g}, and the "
+            f"determinant is {determinant:.3g} instead of 1"
         )
 
 

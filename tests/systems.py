@@ -278,3 +278,9 @@ def simulate_block(block, duration, sources, **settings):
     for name, source in sources.items():
         diagram.add(**{f"{name}_source": source}).y >> block.port(name)
     return simulate(diagram, duration, **settings)
+
+
+def actuator_limits(dynamics, force, base_torque, joint_torque):
+    """Return the limit of each actuator of a truss, equal for all bases and all joints."""
+    bases = np.tile(np.repeat([force, base_torque], 3), len(dynamics.arms))
+    return np.append(bases, np.full(dynamics.joints, joint_torque))

@@ -19,6 +19,7 @@ from trussflow.models.robots.joint import Joint
 from trussflow.models.robots.robot_arm import RobotArm
 from trussflow.models.truss.truss_modes import ModalData, TrussModes
 from trussflow.models.truss.truss_terms import truss_terms
+from trussflow.models.validation import set_fields
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -71,7 +72,7 @@ class TrussDynamics:
     groups: tuple[tuple[int, ...], ...] = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "arms", tuple(self.arms))
+        set_fields(self, arms=tuple(self.arms))
         if len(self.arms) != self.modes.grasps:
             raise ModelError(
                 f"the truss has {self.modes.grasps} grasp points but {len(self.arms)} arms are "
@@ -85,7 +86,7 @@ class TrussDynamics:
             tuple(i for i, j in enumerate(first_like) if j == first)
             for first in dict.fromkeys(first_like)
         )
-        object.__setattr__(self, "groups", groups)
+        set_fields(self, groups=groups)
 
     @property
     def joints(self) -> int:
@@ -249,35 +250,6 @@ class TrussDynamics:
         zeta = self.modes.damping_ratios if damping_ratio is None else damping_ratio
         modal = -(omega**2) * q[first:] - 2 * zeta * omega * v[first_rate:]
         return np.concatenate([np.zeros(first_rate), modal])
-
-    def energy(self, q: Array, v: Array) -> Array:
-        r"""Return kinetic plus elastic energy.
-
-        .. math:: E = \tfrac12 v^T M v + \tfrac12 \tau^T \Lambda \tau
-
-        Parameters
-        ----------
-        q : array, shape (n,)
-            Coordinates.
-        v : array, shape (n,)
-            Speeds.
-
-        Returns
-        -------
-        float
-            [J].
-
-        Raises
-        ------
-        ModelError
-            If `q` or `v` has the wrong size.
-        """
-        self._check_sizes(v=v)
-        modal = q[self.rigid_coordinates :]
-        return (
-            v @ self.evaluate(q).mass_matrix @ v
-            + modal @ (self.modes.stiffness * modal)
-        ) / 2.0
 
     def momentum(self, q: Array, v: Array) -> tuple[Array, Array]:
         """Return linear and angular momentum about the inertial origin, in inertial axes.

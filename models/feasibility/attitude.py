@@ -23,21 +23,20 @@ from trussflow.blocks.support.types import Vector
 from trussflow.blocks.support.validation import is_whole
 from trussflow.models.dynamics.dynamics import TrussDynamics
 from trussflow.models.errors import ModelError
-from trussflow.models.feasibility.failures import Failure, single_failures
+from trussflow.models.feasibility.failures import ActuatorFailure, single_failures
 from trussflow.models.feasibility.reach import (
-    INFEASIBLE,
     LEAST_COSINE,
     RELATIVE_TOLERANCE,
-    SOLVED,
     bounds_of,
     columns,
     demands_of,
+    solution,
 )
 from trussflow.models.validation import frozen_array
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class FlightAttitude:
+class BestAttitude:
     """Optimal attitude for a path.
 
     Attributes
@@ -62,11 +61,11 @@ def best_attitude(
     dynamics: TrussDynamics,
     path: Quintic,
     limits: Vector,
-    failures: Sequence[Failure] | None = None,
+    failures: Sequence[ActuatorFailure] | None = None,
     *,
     normal: npt.ArrayLike = (0.0, 0.0, 0.0),
     directions: int = 64,
-) -> FlightAttitude:
+) -> BestAttitude:
     """Return the attitude with the least duration of a path that is feasible after each failure.
 
     Parameters
@@ -76,8 +75,8 @@ def best_attitude(
     path : Quintic
         Path without rotation; its joint angles are used, its initial attitude is not.
     limits : Vector, shape (actuators,)
-        Limit of each healthy actuator, by `Hardware.limits` or `actuator_limits` [N, N·m].
-    failures : sequence of Failure, optional
+        Limit of each healthy actuator, such as `Hardware.limits` [N, N·m].
+    failures : sequence of ActuatorFailure, optional
         Failures; by default none and each single failure.
     normal : array_like, shape (3,)
         Normal, in truss axes, of the considered directions [1]. With the x axis, rotations about body x
@@ -87,15 +86,13 @@ def best_attitude(
 
     Returns
     -------
-    FlightAttitude
+    BestAttitude
 
     Raises
     ------
     ModelError
         If `survey` raises, the path rotates the truss or moves joints, or the attitude is singular.
     """
-    from scipy.optimize import linprog
-
     failures = single_failures(dynamics) if failures is None else failures
     if not failures or not is_whole(directions) or directions < 1:
         raise ModelError(
@@ -123,13 +120,9 @@ def best_attitude(
     def farthest(direction: Vector) -> Vector:
         cost = np.concatenate([np.zeros(len(sizes) - 3), -direction])
         bounds = list(zip(-sizes, sizes, strict=True))
-        result = linprog(
+        result = solution(
             cost, A_eq=equations, b_eq=np.zeros(len(equations)), bounds=bounds
         )
-        if result.status not in (SOLVED, INFEASIBLE):
-            raise ModelError(
-                f"a linear programme could not be solved: {result.message}"
-            )
         return np.zeros(3) if result.x is None else result.x[-3:]
 
     best = np.zeros(3)
@@ -145,7 +138,7 @@ def best_attitude(
             "no direction is feasible after each of the failures; omit some failures"
         )
     best = best if best @ displacement > 0.0 else -best
-    return FlightAttitude(
+    return BestAttitude(
         direction=best / acceleration,
         attitude=attitude_along(best, displacement),
         acceleration=acceleration,

@@ -25,7 +25,7 @@ from trussflow.blocks.support.types import Vector
 from trussflow.blocks.support.validation import is_whole, shown
 from trussflow.models.dynamics.task_space import task_drift, task_motion, to_body
 from trussflow.models.errors import ModelError
-from trussflow.models.feasibility.reach import LEAST_COSINE, SOLVED
+from trussflow.models.feasibility.reach import LEAST_COSINE, solution
 from trussflow.models.feasibility.truss_path import TrussPath, on_one_side
 from trussflow.models.geometry.attitude import EULER
 from trussflow.models.plant.space_truss import SpaceTruss
@@ -98,7 +98,7 @@ def fastest(
         Positions of the truss frame with its Euler angles or quaternions, at least two rows, the start first
         [m, rad or 1]. Quaternions rotate by the smaller angle.
     limits : Vector, shape (actuators,)
-        Limit of each actuator, by `Hardware.limits` or `actuator_limits` [N, N·m].
+        Limit of each actuator, such as `Hardware.limits` [N, N·m].
     velocity, acceleration : array_like
         Positive limits of the six task coordinates, one number or six; by default none [m/s, rad/s; m/s²,
         rad/s²].
@@ -139,10 +139,7 @@ def fastest(
         raise ModelError(
             f"fastest: intervals is {shown(intervals)}; it must be a whole number from 2 on"
         )
-    joints = np.tile(
-        truss.parameters["initial_coordinates"][kind.end : truss.rigid_q],
-        (len(rows), 1),
-    )
+    joints = np.tile(truss.start_position[kind.end :], (len(rows), 1))
     at = np.concatenate([[0.0], np.cumsum(steps)]) / np.sum(steps)
     spline = make_interp_spline(at, np.hstack([rows, joints]), k=3, bc_type="natural")
     s = np.linspace(0.0, 1.0, intervals + 1)
@@ -190,7 +187,6 @@ def _squared_speeds(
     truss: SpaceTruss, limits: Vector, q: Vector, dq: Vector, ddq: Vector, most: Vector
 ) -> Vector:
     """Return the optimal squared path velocities at the grid points, zero at both ends [1/s²]."""
-    from scipy.optimize import linprog
     from scipy.sparse import block_diag, csr_array, hstack
 
     rigid, kind = (
@@ -198,6 +194,7 @@ def _squared_speeds(
         truss.dynamics.attitude,
     )
     bounds, count = frozen_array("actuator limits", limits, (rigid.actuators,)), len(q)
+    forces, limited = rigid.rigid_freedoms, np.isfinite(most[1])
     blocks, mixes = [], []
     for where, slope, bend in zip(q, dq, ddq, strict=True):
         v = to_body(kind, where, slope)
@@ -207,36 +204,33 @@ def _squared_speeds(
             mass @ to_body(kind, where, bend - task_drift(kind, where, v)) + terms.bias
         )
         blocks.append(terms.actuation_matrix)
-        mixes.append((mass @ v, curved))
+        # generalized forces, then accelerations of the six coordinates with a limit
+        mixes.append(
+            [
+                np.append(mass @ v, slope[:6][limited]),
+                np.append(curved, bend[:6][limited]),
+            ]
+        )
     # x is scaled so that the strongest actuator has the limit 1.
-    unit = np.max(bounds) / max(float(np.max(np.abs(mix))) for mix in mixes)
-    asked, bent = (
-        np.zeros((2 * (count - 1), rows, count)) for rows in (len(mixes[0][0]), 6)
-    )
+    unit = np.max(bounds) / np.max(np.abs(np.array(mixes)[..., :forces]))
+    rows = np.zeros((2 * (count - 1), len(mixes[0][0]), count))
     points = [i + end for i in range(count - 1) for end in (0, 1)]
     for row, j in enumerate(points):
         # by x_j and the acceleration (x_{i + 1} - x_i) / (2 ds)
         i = row // 2
         pair, change = np.eye(2)[j - i], np.array([-1.0, 1.0]) * (count - 1) / 2.0
-        for matrix, (ahead, aside) in (
-            (asked, mixes[j]),
-            (bent, (dq[j, :6], ddq[j, :6])),
-        ):
-            matrix[row, :, i : i + 2] = unit * (
-                np.outer(ahead, change) + np.outer(aside, pair)
-            )
-    limited = np.isfinite(np.tile(most[1], len(points)))
-    bent, most_bent = (
-        bent.reshape(-1, count)[limited],
-        np.tile(most[1], len(points))[limited],
-    )
+        ahead, aside = mixes[j]
+        rows[row, :, i : i + 2] = unit * (
+            np.outer(ahead, change) + np.outer(aside, pair)
+        )
+    asked, bent = (part.reshape(-1, count) for part in np.split(rows, [forces], axis=1))
     acting = block_diag([blocks[j] for j in points], format="csr")
     with np.errstate(divide="ignore"):
         squares = np.min((most[0] / np.abs(dq[:, :6])) ** 2, axis=1) / unit
     squares[[0, -1]] = 0.0
     each = np.tile(bounds, len(points))
     matrices: Any = {  # SciPy's type stubs lack sparse matrices here
-        "A_eq": hstack([csr_array(-asked.reshape(-1, count)), acting]),
+        "A_eq": hstack([csr_array(-asked), acting]),
         "A_ub": hstack(
             [csr_array(np.vstack([bent, -bent])), csr_array((2 * len(bent), len(each)))]
         ),
@@ -244,14 +238,10 @@ def _squared_speeds(
             [np.append(np.zeros(count), -each), np.append(squares, each)]
         ),
     }
-    found = linprog(
+    found = solution(
         np.append(-np.ones(count), np.zeros(len(each))),
         b_eq=np.zeros(len(acting.indptr) - 1),
-        b_ub=np.tile(most_bent, 2),
+        b_ub=np.tile(most[1][limited], 2 * len(points)),
         **matrices,
     )
-    if found.status != SOLVED:
-        raise ModelError(
-            f"fastest: a linear programme could not be solved: {found.message}"
-        )
     return np.asarray(unit * np.maximum(found.x[:count], 0.0))

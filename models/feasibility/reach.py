@@ -17,7 +17,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -29,7 +29,7 @@ from trussflow.models.dynamics.assembly import DynamicsTerms
 from trussflow.models.dynamics.dynamics import TrussDynamics
 from trussflow.models.dynamics.task_space import task_drift, to_body
 from trussflow.models.errors import ModelError
-from trussflow.models.feasibility.failures import Failure, single_failures
+from trussflow.models.feasibility.failures import ActuatorFailure, single_failures
 from trussflow.models.geometry.attitude import EULER
 from trussflow.models.validation import frozen_array
 
@@ -88,7 +88,7 @@ class Feasibility:
         needs = f"needs {self.needed_torque:.3g} N·m of base and joint torque, has {self.torque:.3g}"
         if not np.isfinite(self.needed_torque):
             needs = "needs more force, whatever the torque"
-        least = "cannot be flown in any time"
+        least = "no duration is feasible"
         if np.isfinite(self.least_duration):
             least = f"least duration {self.least_duration:.4g} s"
         return f"{start}{self.remark}{needs} at {self.duration:g} s; {least}"
@@ -119,7 +119,7 @@ def survey(
     dynamics: TrussDynamics,
     path: Trajectory,
     limits: Vector,
-    failures: Sequence[Failure] | None = None,
+    failures: Sequence[ActuatorFailure] | None = None,
     *,
     instants: int = 25,
 ) -> tuple[Feasibility, ...]:
@@ -132,8 +132,8 @@ def survey(
     path : Trajectory
         Path of all rigid coordinates, for example by `path_of`.
     limits : Vector, shape (actuators,)
-        Limit of each healthy actuator, by `Hardware.limits` or `actuator_limits` [N, N·m].
-    failures : sequence of Failure, optional
+        Limit of each healthy actuator, such as `Hardware.limits` [N, N·m].
+    failures : sequence of ActuatorFailure, optional
         Failures; by default none and each single failure.
     instants : int
         Number of equidistant instants; breakpoints and instants of peak acceleration are added [-].
@@ -170,7 +170,7 @@ def shares_left(
     path : Quintic
         Path of all rigid coordinates.
     limits : Vector, shape (actuators,)
-        Limit of each healthy actuator, by `Hardware.limits` or `actuator_limits` [N, N·m].
+        Limit of each healthy actuator, such as `Hardware.limits` [N, N·m].
     reserve : float
         Share of the feasible acceleration reserved for feedback, from 0 to below 1 [1].
 
@@ -188,7 +188,7 @@ def shares_left(
         raise ModelError(
             f"shares left: reserve is {reserve}; it must be at least 0 and below 1"
         )
-    losses = [Failure.of(dynamics, i + 1) for i in range(len(dynamics.arms))]
+    losses = [ActuatorFailure.of(dynamics, i + 1) for i in range(len(dynamics.arms))]
     margins = [each.margin for each in survey(dynamics, path, limits, losses)]
     # A feasible path is unchanged, even if its reserve is smaller.
     return np.array(
@@ -259,7 +259,7 @@ def demands_of(
     return demands
 
 
-def bounds_of(limits: Vector, failure: Failure) -> Vector:
+def bounds_of(limits: Vector, failure: ActuatorFailure) -> Vector:
     """Return the `limits` of all actuators after a `failure` [N, N·m]; locked joints are unlimited.
 
     Raises
@@ -267,35 +267,56 @@ def bounds_of(limits: Vector, failure: Failure) -> Vector:
     ModelError
         If no actuator is healthy, or the failure has another number of actuators.
     """
-    left = np.asarray(failure.effectiveness, dtype=float)
+    left = np.asarray(failure.health, dtype=float)
     if left.shape != limits.shape or not np.all(left >= 0.0):
         raise ModelError(
-            f"{failure.name}: effectiveness must be {limits.size} numbers from 0 on, not {left}"
+            f"{failure.name}: health must be {limits.size} numbers from 0 on, not {left}"
         )
     locked = np.isinf(left)
     bounds: Vector = np.where(locked, np.inf, limits * np.where(locked, 1.0, left))
     if not np.any(bounds[~locked]):
         raise ModelError(
-            f"{failure.name}: no actuator is left; raise its limit or its effectiveness above 0"
+            f"{failure.name}: no actuator is left; raise its limit or its health above 0"
         )
     return bounds
 
 
-def columns(demand: Demand, failure: Failure) -> Vector:
+def columns(demand: Demand, failure: ActuatorFailure) -> Vector:
     """Return the matrix from actuations and accelerations of limp joints to generalized forces.
 
     Parameters
     ----------
     demand : Demand
         Demand with the equations of motion.
-    failure : Failure
-        Failure with the limp joints.
+    failure : ActuatorFailure
+        ActuatorFailure with the limp joints.
     """
     terms = demand.terms
-    limp = 6 + np.flatnonzero(
-        failure.effectiveness[terms.base_positions.size * 2 :] == 0.0
-    )
+    limp = 6 + np.flatnonzero(failure.health[terms.base_positions.size * 2 :] == 0.0)
     return np.hstack([terms.actuation_matrix, -terms.mass_matrix[:, limp]])
+
+
+def solution(cost: Vector, **constraints: Any) -> Any:
+    """Return the solution of a linear programme; it has no `x` if the programme is infeasible.
+
+    Parameters
+    ----------
+    cost : array
+        Coefficients of the minimized function [-].
+    **constraints
+        Matrices, right-hand sides and bounds, as for `scipy.optimize.linprog`.
+
+    Raises
+    ------
+    ModelError
+        If the programme is feasible, but could not be solved.
+    """
+    from scipy.optimize import linprog  # slow to import
+
+    result = linprog(cost, **constraints)
+    if result.status not in (SOLVED, INFEASIBLE):
+        raise ModelError(f"a linear programme could not be solved: {result.message}")
+    return result
 
 
 def least_share(matrix: Vector, force: Vector, fixed: Vector, growing: Vector) -> float:
@@ -312,8 +333,6 @@ def least_share(matrix: Vector, force: Vector, fixed: Vector, growing: Vector) -
     fixed, growing : Vector, shape (k,)
         Limits f and g of the first k variables; g may be infinite, and the others are free [any].
     """
-    from scipy.optimize import linprog
-
     size = float(np.abs(force).max())  # for scaling
     if size == 0.0:
         return 0.0
@@ -324,7 +343,7 @@ def least_share(matrix: Vector, force: Vector, fixed: Vector, growing: Vector) -
     limit = np.full(total, np.inf)
     limit[: len(fixed)] = np.where(growing > 0.0, np.inf, fixed / size)
     both = np.kron([[1.0], [-1.0]], np.eye(total)[grows])
-    result = linprog(
+    result = solution(
         np.append(np.zeros(total), 1.0),
         A_ub=np.column_stack([both, -np.tile(growing[grows], 2)]),
         b_ub=np.tile(fixed[grows] / size, 2),
@@ -332,20 +351,18 @@ def least_share(matrix: Vector, force: Vector, fixed: Vector, growing: Vector) -
         b_eq=force / size,
         bounds=[*zip(-limit, limit, strict=True), (0.0, np.inf)],
     )
-    if result.status not in (SOLVED, INFEASIBLE):
-        raise ModelError(f"a linear programme could not be solved: {result.message}")
     return np.inf if result.fun is None else size * float(result.fun)
 
 
 def _checked(
-    demands: list[Demand], failure: Failure, bounds: Vector, path: Trajectory
+    demands: list[Demand], failure: ActuatorFailure, bounds: Vector, path: Trajectory
 ) -> Feasibility:
     """Return the feasibility of a path after one failure."""
     torque = np.arange(len(bounds)) % 6 >= 3
     torque[2 * demands[0].terms.base_positions.size :] = True
     forces, effective = (
         np.where(torque, 0.0, bounds),
-        np.where(torque, failure.effectiveness, 0.0),
+        np.where(torque, failure.health, 0.0),
     )
     shares, needed = [], []
     for demand in demands:

@@ -40,6 +40,9 @@ NORM_FEEDBACK_GAIN = 1.0
 class AttitudeCoordinates(ABC):
     """Description of an attitude by an array of numbers, a.
 
+    By default the numbers are coordinates that add, such as angles; derived classes override the methods
+    that differ.
+
     Attributes
     ----------
     name : str
@@ -122,7 +125,6 @@ class AttitudeCoordinates(ABC):
             Angular velocity in the truss frame [rad/s].
         """
 
-    @abstractmethod
     def normalized(self, a: Array) -> Array:
         """Return a valid attitude from an integrated one.
 
@@ -131,8 +133,8 @@ class AttitudeCoordinates(ABC):
         a : array
             Attitude with errors of integration [unit].
         """
+        return a
 
-    @abstractmethod
     def integrate(self, a: Array, turn: Array) -> Array:
         """Return the attitude after a rotation of any size.
 
@@ -143,8 +145,8 @@ class AttitudeCoordinates(ABC):
         turn : array, shape (3,)
             Changes of the Euler angles, or rotation axis in the truss frame times angle [rad].
         """
+        return a + turn
 
-    @abstractmethod
     def motion(self, a: Array, da: Array, dda: Array) -> tuple[Array, Array, Array]:
         """Return the normalized attitude, and rate and acceleration of its task coordinates.
 
@@ -153,8 +155,8 @@ class AttitudeCoordinates(ABC):
         a, da, dda : array
             Attitude before normalization, first and second derivative [unit, unit/s, unit/s²].
         """
+        return a, da, dda
 
-    @abstractmethod
     def difference(self, a: Array, goal: Array) -> Array:
         """Return the difference of goal and attitude in task coordinates [rad].
 
@@ -165,8 +167,8 @@ class AttitudeCoordinates(ABC):
         goal : array
             Desired attitude [unit].
         """
+        return goal - a
 
-    @abstractmethod
     def reference_rates(
         self, a: Array, turning: Array, goal: Array, rate: Array, acceleration: Array
     ) -> tuple[Array, Array]:
@@ -183,8 +185,8 @@ class AttitudeCoordinates(ABC):
         rate, acceleration : array, shape (3,)
             Motion of the goal in its own task coordinates [rad/s, rad/s²].
         """
+        return rate, acceleration
 
-    @abstractmethod
     def checked(self, a: Vector) -> Vector:
         """Return an attitude from a user [unit] if it is valid.
 
@@ -193,6 +195,7 @@ class AttitudeCoordinates(ABC):
         ModelError
             If the numbers are not a valid attitude.
         """
+        return a
 
 
 @dataclass(frozen=True, slots=True)
@@ -226,32 +229,6 @@ class EulerAngles(AttitudeCoordinates):
         inverse = euler_rate_matrix_inverse(a)
         rates = inverse @ turning
         return -(inverse @ (euler_rate_matrix_derivative(a, rates) @ rates))
-
-    def normalized(self, a: Array) -> Array:
-        """Return the angles unchanged; any three angles are valid."""
-        return a
-
-    def integrate(self, a: Array, turn: Array) -> Array:
-        """Return the sum of angles and changes."""
-        return a + turn
-
-    def motion(self, a: Array, da: Array, dda: Array) -> tuple[Array, Array, Array]:
-        """Return all arguments unchanged."""
-        return a, da, dda
-
-    def difference(self, a: Array, goal: Array) -> Array:
-        """Return goal minus angles."""
-        return goal - a
-
-    def reference_rates(
-        self, a: Array, turning: Array, goal: Array, rate: Array, acceleration: Array
-    ) -> tuple[Array, Array]:
-        """Return rate and acceleration unchanged."""
-        return rate, acceleration
-
-    def checked(self, a: Vector) -> Vector:
-        """Return the angles unchanged."""
-        return a
 
 
 @dataclass(frozen=True, slots=True)

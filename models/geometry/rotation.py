@@ -1,7 +1,7 @@
 r"""Rotations: 3-1-2 Euler angles, fixed frame rotations, small elastic rotations.
 
 A rotation matrix maps components in the child frame to components in the parent frame.
-All functions except `fixed_rotation` and `roll_pitch_yaw` can be traced.
+All functions except `fixed_rotation` can be traced.
 
 References
 ----------
@@ -305,30 +305,6 @@ def fixed_rotation(angles: Vector) -> Vector:
         np.where(np.abs(rotation - nearest) < _ROUND_OFF, nearest, rotation) + 0.0
     )
     return cleaned
-
-
-def roll_pitch_yaw(rotation: Vector) -> Vector:
-    r"""Return the angles of a rotation about fixed axes, as in URDF.
-
-    .. math:: R = R_z(a_3)\, R_y(a_2)\, R_x(a_1)
-
-    Parameters
-    ----------
-    rotation : array, shape (3, 3)
-        R [1]; numbers, not traced.
-
-    Returns
-    -------
-    array, shape (3,)
-        Roll, pitch, yaw [rad]; exact to round-off, also at a pitch of 90 degrees.
-    """
-    x, y, z = rotation.T
-    pitch = np.arctan2(-x[2], np.hypot(x[0], x[1]))
-    yaw = np.arctan2(x[1], x[0])
-    # The roll is that of the rotation without its yaw, which is defined even if both axes coincide.
-    c, s = np.cos(yaw), np.sin(yaw)
-    roll = np.arctan2(s * z[0] - c * z[1], c * y[1] - s * y[0])
-    return np.array([roll, pitch, yaw])
 
 
 def cayley_rotation(vector: Array) -> Array:

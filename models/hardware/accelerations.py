@@ -11,7 +11,6 @@ from trussflow.blocks.support.types import Array
 from trussflow.models.dynamics.dynamics import TrussDynamics
 from trussflow.models.geometry.rotation import stacked
 from trussflow.models.plant.truss_block import TrussBlock
-from trussflow.models.robots.hand_motion import hand_motion
 
 
 class PointAccelerations(TrussBlock):
@@ -53,9 +52,8 @@ class PointAccelerations(TrussBlock):
     )
 
     def __init__(self, dynamics: TrussDynamics, sample_time: float) -> None:
-        self.set_dynamics(dynamics)
-        self.points = 2 * self.robots
-        super().__init__()
+        self.points = 2 * len(dynamics.arms)
+        super().__init__(dynamics)
         self.sampled(sample_time)
 
     def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
@@ -77,28 +75,18 @@ class PointAccelerations(TrussBlock):
 
     def _motion(self, u: Signals) -> Array:
         """Return velocities of points and angular velocities of axes: all grasps, then all bases."""
-        dynamics, root = self.dynamics, u.speeds[:6]
-        modal, rates = (
-            u.coordinates[dynamics.rigid_coordinates :],
-            u.speeds[dynamics.rigid_freedoms :],
+        dynamics, rates = self.dynamics, u.speeds[self.rigid :]
+        velocity, omega = u.speeds[:3], u.speeds[3:6]
+        places = dynamics.modes.grasp_positions + dynamics.grasp_displacement(
+            u.coordinates
         )
         grasps = []
-        for i in range(self.robots):
-            hand = hand_motion(
-                dynamics.modes.data,
-                i,
-                modal,
-                root,
-                rates,
-                exact=dynamics.elastic_integrals,
-            )
-            velocity = hand.velocity[:3] + np.cross(hand.velocity[3:], hand.position)
-            grasps.append(np.concatenate([velocity, root[3:]]))
+        for i, translation in enumerate(dynamics.modes.grasp_translations):
+            moving = velocity + np.cross(omega, places[i]) + translation @ rates
+            grasps.append(np.concatenate([moving, omega]))
         # The columns of P_Q for a base are its partial velocities (virtual work).
-        bases = (
-            u.speeds
-            @ dynamics.evaluate(u.coordinates).actuation_matrix[:, : 6 * self.robots]
-        )
+        matrix = dynamics.evaluate(u.coordinates).actuation_matrix
+        bases = u.speeds @ matrix[:, : 6 * self.robots]
         return np.concatenate(
             [stacked(grasps, (6,)), np.reshape(bases, (self.robots, 6))]
         )

@@ -11,6 +11,7 @@ import numpy as np
 
 from trussflow.blocks.framework.diagram import Diagram
 from trussflow.blocks.framework.port import Input, Output
+from trussflow.blocks.framework.units import Unit
 from trussflow.blocks.library.algebra import Function, Gain
 from trussflow.blocks.library.discrete import sampled_delay
 from trussflow.blocks.support.types import Array, Vector
@@ -45,6 +46,11 @@ def _made(make: Any, robot: int) -> Any:
     return make[robot]() if isinstance(make, tuple) else make()
 
 
+def _bus(size: int, unit: Unit) -> Gain:
+    """Return a block that joins slices of a signal, or divides it, unchanged."""
+    return Gain(np.ones(size), input_unit=unit, output_unit=unit)
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Hardware:
     """Hardware of the robots, as factories of blocks and as measurement errors.
@@ -77,7 +83,7 @@ class Hardware:
     wheels: (
         Callable[[], ReactionWheels] | tuple[Callable[[], ReactionWheels], ...] | None
     )
-    drives: Callable[[int | Sequence[Joint]], JointDrives]
+    drives: Callable[[Sequence[Joint]], JointDrives]
     metrology: Measurement
     star_tracker: Measurement
     velocimeter: Measurement
@@ -264,25 +270,20 @@ class Hardware:
         )
         drives = diagram.add(drives=self.drives(joints)) if joints else None
         total, orders, used = diagram.add(
-            total=Gain(np.ones(truss.actuators), input_unit=units, output_unit=units),
-            orders=Gain(np.ones(truss.actuators), input_unit=units, output_unit=units),
-            used=Gain(np.ones(robots), input_unit="kg", output_unit="kg"),
+            total=_bus(truss.actuators, units),
+            orders=_bus(truss.actuators, units),
+            used=_bus(robots, "kg"),
         )
         if self.wheels is not None:
-            held = "N*m*s"
-            stored = diagram.add(
-                stored=Gain(np.ones(3 * robots), input_unit=held, output_unit=held)
-            )
+            stored = diagram.add(stored=_bus(3 * robots, "N*m*s"))
             diagram.expose(momentum=stored.y)
             if self.gyroscopic != "off":
-                per, size = truss.actuator_rate_units, np.ones(truss.actuators)
-                turning = diagram.add(
-                    turning=Gain(size, input_unit=per, output_unit=per)
-                )
+                turning = _bus(truss.actuators, truss.actuator_rate_units)
+                diagram.add(turning=turning)
                 diagram.expose(rates=turning.u)
         unloading = []
         for i in range(robots):
-            thrusters = diagram.add(**{f"thrusters_{i + 1}": _made(self.thrusters, i)})
+            thrusters = diagram.add(f"thrusters_{i + 1}", _made(self.thrusters, i))
             force, torque = slice(6 * i, 6 * i + 3), slice(6 * i + 3, 6 * i + 6)
             computer.y[force] >> thrusters.demand[:3]
             health.y[i] >> thrusters.effectiveness
@@ -294,23 +295,22 @@ class Hardware:
                 thrusters.wrench[3:] >> total.u[torque]
                 thrusters.ordered[3:] >> orders.u[torque]
                 continue
-            wheels = diagram.add(**{f"wheels_{i + 1}": _made(self.wheels, i)})
+            wheels = diagram.add(f"wheels_{i + 1}", _made(self.wheels, i))
             health.y[i] >> wheels.effectiveness
             -wheels.unloading_torque >> thrusters.demand[3:]
             felt, wanted = wheels.torque + thrusters.wrench[3:], computer.y[torque]
             if self.gyroscopic != "off":
                 # continuous, since a hold would add energy to the nutation
                 gyroscope = diagram.add(
-                    **{
-                        f"gyroscope_{i + 1}": Function(
-                            np.cross,
-                            {
-                                "held": Input(3, unit="N*m*s"),
-                                "rate": Input(3, unit="rad/s"),
-                            },
-                            {"torque": Output(3, unit="N*m")},
-                        )
-                    }
+                    f"gyroscope_{i + 1}",
+                    Function(
+                        np.cross,
+                        {
+                            "held": Input(3, unit="N*m*s"),
+                            "rate": Input(3, unit="rad/s"),
+                        },
+                        {"torque": Output(3, unit="N*m")},
+                    ),
                 )
                 wheels.stored >> gyroscope.held
                 turning.y[torque] >> gyroscope.rate
@@ -361,67 +361,58 @@ class Hardware:
                 "accelerometers of a TunableTruss would measure its nominal truss, not that of the run; use "
                 "a SpaceTruss, or hardware without accelerometers"
             )
-        places, rigid, rest = (
-            truss.rigid_q,
-            truss.rigid,
-            truss.parameters["initial_coordinates"],
-        )
-        where, rates, attitude = (
-            truss.coordinate_units,
-            truss.speed_units,
-            truss.dynamics.attitude,
-        )
+        places, rigid, attitude = truss.rigid_q, truss.rigid, truss.dynamics.attitude
+        where, rates = truss.position_units, truss.task_rate_units
 
         def seen(position: Array, speeds: Array) -> tuple[Array, Array, Array]:
             position = normalized(attitude, position)
             return position, task_velocity(attitude, position, speeds), speeds
 
-        diagram, still = Diagram("sensors"), np.zeros(rigid)
+        diagram = Diagram("sensors")
         true, moving, shown = diagram.add(
-            true=Gain(np.ones(truss.nq), input_unit=where, output_unit=where),
-            moving=Gain(np.ones(truss.n), input_unit=rates, output_unit=rates),
+            true=_bus(truss.nq, truss.coordinate_units),
+            moving=_bus(truss.n, truss.speed_units),
             shown=Function(
                 seen,
                 {
-                    "position": Input(places, unit=where[:places]),
-                    "speeds": Input(rigid, unit=rates[:rigid]),
+                    "position": Input(places, unit=where),
+                    "speeds": Input(rigid, unit=rates),
                 },
                 {
-                    "task_position": Output(places, unit=where[:places]),
-                    "task_velocity": Output(rigid, unit=truss.task_rate_units),
-                    "rigid_speeds": Output(rigid, unit=rates[:rigid]),
+                    "task_position": Output(places, unit=where),
+                    "task_velocity": Output(rigid, unit=rates),
+                    "rigid_speeds": Output(rigid, unit=rates),
                 },
             ),
         )
+        rest = truss.parameters["initial_coordinates"]
+        signals = [
+            (true.y, rest, shown.position, attitude.end),
+            (moving.y, np.zeros(rigid), shown.speeds, 6),
+        ]
         for k, name in enumerate(SENSOR_UNITS):
-            first, last = (attitude.end, places) if k < 3 else (6, rigid)
-            part = (slice(0, 3), slice(3, first), slice(first, last))[k % 3]
-            if first == last and k % 3 == 2:
-                continue  # no joints
-            source, start, target = (
-                (true, rest, shown.position) if k < 3 else (moving, still, shown.speeds)
-            )
+            source, start, target, joints = signals[k // 3]
+            part = (slice(3), slice(3, joints), slice(joints, target.size))[k % 3]
+            if not truss.joints and k % 3 == 2:
+                continue
             kind: Measurement = getattr(self, name)
             if name == "star_tracker":
                 kind = kind.scaled(attitude.per_radian)
             sensor = kind.sensor(
                 start[part].shape, seed=derived_seed(seed, k), initial_value=start[part]
             )
-            source.y[part] >> diagram.add(**{name: sensor}).u
+            source[part] >> diagram.add(name, sensor).u
             sensor.y >> target[part]
         if self.accelerometer is not None:
-            points = diagram.add(
-                points=PointAccelerations(
-                    truss.dynamics, self.accelerometer.sample_time
-                )
-            )
+            time = self.accelerometer.sample_time
+            points = diagram.add(points=PointAccelerations(truss.dynamics, time))
             true.y >> points.coordinates
             moving.y >> points.speeds
             for k, port in enumerate(points.outputs(), len(SENSOR_UNITS)):
                 sensor = self.accelerometer.sensor(
                     port.shape, seed=derived_seed(seed, k)
                 )
-                port >> diagram.add(**{f"{port.name}_sensor": sensor}).u
+                port >> diagram.add(f"{port.name}_sensor", sensor).u
                 diagram.expose(**{f"{port.name}_acceleration": sensor.y})
         diagram.expose(coordinates=true.u, speeds=moving.u)
         diagram.expose(**{port.name: port for port in shown.outputs()})

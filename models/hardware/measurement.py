@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from math import pi, sqrt
-from typing import Any, Self
+from typing import Self
 
 import numpy as np
 import numpy.typing as npt
@@ -12,7 +11,6 @@ import numpy.typing as npt
 from trussflow.blocks.framework.arithmetic import Sum
 from trussflow.blocks.framework.block import Block
 from trussflow.blocks.framework.diagram import Diagram
-from trussflow.blocks.framework.units import Unit
 from trussflow.blocks.library.discrete import sampled_delay
 from trussflow.blocks.library.noise import Drift, Noise
 from trussflow.blocks.library.nonlinear import Quantizer
@@ -40,7 +38,7 @@ class Measurement:
     initial_bias : float
         Standard deviation of the bias at the start [unit].
     quantum : float
-        Step of the quantization [unit]; 0 for none.
+        Step of the quantization [unit], such as 2π / 2^b of an encoder of b bits; 0 for none.
     delay : float
         Delay of the output after the sample, δ [s].
 
@@ -51,6 +49,10 @@ class Measurement:
 
     Notes
     -----
+    A gyro with the angle random walk N and the bias instability B of its data sheet has
+    :math:`\sigma = N / \sqrt{T_s}`, the initial bias B and, with a correlation time τ, the random walk
+    :math:`B \sqrt{2 / \tau}`. This Gauss–Markov process replaces the flicker noise of the bias instability.
+
     An attitude is measured as its Euler angles, with their noise and quantum. The numbers of a quaternion
     have half of both, and the quaternion is normalized. The result is a rotation by the noise about each
     axis of the truss.
@@ -73,77 +75,6 @@ class Measurement:
             "a measurement", zero=True, **{name: getattr(self, name) for name in others}
         )
 
-    @classmethod
-    def gyro(
-        cls,
-        sample_time: float,
-        *,
-        angle_random_walk: float,
-        bias_instability: float = 0.0,
-        correlation_time: float | None = None,
-        **more: Any,
-    ) -> Self:
-        r"""Return a rate gyro with the parameters of a data sheet.
-
-        Parameters
-        ----------
-        sample_time : float
-            Sample time [s].
-        angle_random_walk : float
-            White noise of the rate, N, with the deviation :math:`N / \sqrt{T_s}` per sample [rad/√s].
-        bias_instability : float
-            Standard deviation of the bias, at the start and later [rad/s].
-        correlation_time : float, optional
-            Correlation time of the bias [s]; by default infinite, with a constant bias.
-        **more
-            Other arguments of `Measurement`.
-
-        Notes
-        -----
-        A Gauss–Markov process replaces the flicker noise of the bias instability.
-        """
-        time = 1.0 if correlation_time is None else correlation_time
-        check_number("a gyro", sample_time=sample_time, correlation_time=time)
-        noise = {
-            "angle_random_walk": angle_random_walk,
-            "bias_instability": bias_instability,
-        }
-        check_number("a gyro", zero=True, **noise)
-        return cls(
-            sample_time=sample_time,
-            noise=angle_random_walk / sqrt(sample_time),
-            random_walk=0.0
-            if correlation_time is None
-            else bias_instability * sqrt(2.0 / time),
-            correlation_time=correlation_time,
-            initial_bias=bias_instability,
-            **more,
-        )
-
-    @classmethod
-    def encoder(cls, sample_time: float, *, bits: int, **more: Any) -> Self:
-        """Return an angle encoder.
-
-        Parameters
-        ----------
-        sample_time : float
-            Sample time [s].
-        bits : int
-            Resolution: 2**bits steps per revolution [-].
-        **more
-            Other arguments of `Measurement`.
-
-        Raises
-        ------
-        ModelError
-            If `bits` is not a whole number from 1 to 64.
-        """
-        if not is_whole(bits) or not 1 <= bits <= 64:
-            raise ModelError(
-                f"an encoder: bits is {shown(bits)}; it must be a whole number from 1 to 64"
-            )
-        return cls(sample_time=sample_time, quantum=2.0 * pi / 2.0**bits, **more)
-
     def scaled(self, factor: float) -> Self:
         """Return the same measurement with scaled errors.
 
@@ -160,7 +91,6 @@ class Measurement:
         shape: int | tuple[int, ...],
         *,
         seed: int,
-        unit: Unit = None,
         initial_value: npt.ArrayLike = 0.0,
     ) -> Diagram:
         """Return a sensor with these errors.
@@ -171,8 +101,6 @@ class Measurement:
             Shape of the signal; each element has its own noise [-].
         seed : int
             Seed of the noise, zero or positive, different for each sensor [1].
-        unit : str, tuple of str or None
-            Unit of the signals, or one per element; None disables the check.
         initial_value : array_like
             Output before the first sample [unit].
 
@@ -186,7 +114,7 @@ class Measurement:
         if self.noise:
             deviation = np.full(shape, self.noise)
             errors["noise"] = Noise(
-                deviation, self.sample_time, seed=derived_seed(seed, 0), unit=unit
+                deviation, self.sample_time, seed=derived_seed(seed, 0)
             )
         if self.random_walk or self.initial_bias:
             errors["bias"] = Drift(
@@ -196,7 +124,6 @@ class Measurement:
                 shape=shape,
                 correlation_time=self.correlation_time,
                 initial_deviation=self.initial_bias,
-                unit=unit,
             )
         diagram = Diagram("sensor")
         total, late = diagram.add(

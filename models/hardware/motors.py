@@ -13,7 +13,7 @@ from trussflow.blocks.framework.declarations import Attribute, Parameter, Signal
 from trussflow.blocks.framework.port import Input, Output
 from trussflow.blocks.library.piecewise import limited
 from trussflow.blocks.support.types import Array
-from trussflow.blocks.support.validation import finite_array, is_whole, shown
+from trussflow.blocks.support.validation import finite_array, shown
 from trussflow.models.errors import ModelError
 from trussflow.models.robots.joint import Joint
 from trussflow.models.validation import unit_vectors
@@ -25,14 +25,14 @@ class JointDrives(Block):
     .. math:: \tau = \eta\,\mathrm{lim}(\tau_w, \pm\tau_{max}) - b\,\dot\theta
               - c \tanh(\dot\theta / \dot\theta_c) + \tau_b
 
-    The encoders are `Measurement.encoder`. A drive with health η = 0 makes no torque; its joint is free,
+    A drive with health η = 0 makes no torque; its joint is free,
     not locked.
 
     Parameters
     ----------
-    joints : int or sequence of Joint
-        Number of revolute joints, or all joints [-]. Sliding joints have the units N and m. The `effort` of
-        a joint also limits its drive.
+    joints : sequence of Joint
+        All joints, at least one. Sliding joints have the units N and m. The `effort` of a joint also limits
+        its drive.
     torque : array_like
         Maximum torque [N·m]; one value for all joints or one each, as for all parameters below.
     viscous : array_like
@@ -88,39 +88,36 @@ class JointDrives(Block):
 
     def __init__(
         self,
-        joints: int | Sequence[Joint],
+        joints: Sequence[Joint],
         *,
         torque: npt.ArrayLike,
         viscous: npt.ArrayLike = 0.0,
         coulomb: npt.ArrayLike = 0.0,
         transition: npt.ArrayLike = 1e-3,
     ) -> None:
-        self.effort_units: str | tuple[str, ...] = "N*m"
-        self.rate_units: str | tuple[str, ...] = "rad/s"
-        if (
-            isinstance(joints, Sequence)
+        if not (
+            isinstance(joints, list | tuple)
             and joints
             and all(isinstance(joint, Joint) for joint in joints)
         ):
-            self.joints = len(joints)
-            limp = [joint.name for joint in joints if not joint.effort]
-            if limp:
-                raise BlockError(
-                    f"JointDrives: joint {limp[0]!r} has an effort limit of 0; increase it, or make the "
-                    "joint a fixed one"
-                )
-            given = finite_array("JointDrives: torque", torque, (self.joints,))
-            torque = np.minimum(given, [joint.effort for joint in joints])
-            self.effort_units = tuple(joint.effort_unit for joint in joints)
-            self.rate_units = tuple(f"{joint.unit}/s" for joint in joints)
-        elif not isinstance(joints, Sequence) and is_whole(joints) and joints > 0:
-            self.joints = joints
-        else:
             raise BlockError(
-                f"JointDrives needs at least one joint, not {shown(joints)}"
+                f"JointDrives needs a sequence of at least one Joint, not {shown(joints)}"
             )
+        self.joints = len(joints)
+        limp = [joint.name for joint in joints if not joint.effort]
+        if limp:
+            raise BlockError(
+                f"JointDrives: joint {limp[0]!r} has an effort limit of 0; increase it, or make the "
+                "joint a fixed one"
+            )
+        self.effort_units = tuple(joint.effort_unit for joint in joints)
+        self.rate_units = tuple(f"{joint.unit}/s" for joint in joints)
+        given = finite_array("JointDrives: torque", torque, (self.joints,))
         super().__init__(
-            maximum=torque, viscous=viscous, coulomb=coulomb, transition=transition
+            maximum=np.minimum(given, [joint.effort for joint in joints]),
+            viscous=viscous,
+            coulomb=coulomb,
+            transition=transition,
         )
 
     def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
@@ -136,7 +133,7 @@ class ReactionWheels(Block):
     With the axes as columns of A, momenta h and the commanded torque :math:`\tau_w`, the motor torques are
 
     .. math:: m = \mathrm{lim}(\eta\,[-A^+ \tau_w - u h], \pm m_{max}), \quad
-              \dot h = \frac{m - d h}{1 + d T_s} - s, \quad \tau = -A \dot h - \omega \times A h
+              \dot h = \frac{m - d h}{1 + d T_s} - s, \quad \tau = -A \dot h
 
     u is the rate of unloading, for which another actuator must compensate. s is Coulomb friction: it
     reduces the momentum after the sample towards zero, by a torque of at most c. Saturation of the
@@ -168,9 +165,8 @@ class ReactionWheels(Block):
     -----
     Friction uses the absolute momentum of a wheel instead of that relative to the base.
     The health η, from 0 to 1, is that of the motors; a failed wheel still has friction.
-    ω × A h is held for a sample, as the whole torque. A hold of this term adds energy to the nutation of a
-    base, whose rate is A h over its inertia. In that case leave the input open and add the term
-    continuously, as `Hardware` does.
+    The torque -ω × A h of a base with the rate ω is not included: a hold of this term would add energy to
+    the nutation of the base. `Hardware` adds it continuously.
 
     References
     ----------
@@ -181,9 +177,6 @@ class ReactionWheels(Block):
     demand = Input(3, unit="N*m", frame="base", meaning="commanded torque on the base")
     unloading = Input(unit="1/s", default=0.0, meaning="rate of unloading")
     effectiveness = Input(default=1.0, meaning="health of the motors: 0 is failed")
-    angular_velocity = Input(
-        3, unit="rad/s", frame="base", default=0.0, meaning="rate of the base"
-    )
     torque = Output(3, unit="N*m", frame="base", meaning="torque on the base")
     unloading_torque = Output(
         3, unit="N*m", frame="base", meaning="part of it for unloading"
@@ -234,9 +227,8 @@ class ReactionWheels(Block):
 
     def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
         """Return torques and momenta."""
-        gyroscopic = np.cross(u.angular_velocity, self.axes @ x.h)
         return {
-            "torque": -(self.axes @ self._rate(x, u, p)) - gyroscopic,
+            "torque": -(self.axes @ self._rate(x, u, p)),
             "unloading_torque": self.axes @ (u.unloading * x.h),
             "momentum": x.h,
             "stored": self.axes @ x.h,

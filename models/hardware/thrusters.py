@@ -63,9 +63,6 @@ class ThrusterSet(Diagram):
         Step of the thrust [N]; for pulsed thrusters it is ``maximum * tick / period`` and must be omitted.
     minimum_impulse : float
         Minimum impulse in a period, below which there is none [N·s].
-    hysteresis : float, optional
-        Distance of the demand beyond the middle of two steps at which the thrust changes [quanta]. With it
-        the rounding error is not added in the next period.
     tick : float, optional
         Time resolution of pulses [s]; by default thrusters are throttled and hold their thrust.
     on_delay, off_delay : float
@@ -112,7 +109,6 @@ class ThrusterSet(Diagram):
         specific_impulse: float,
         quantum: float | None = None,
         minimum_impulse: float = 0.0,
-        hysteresis: float | None = None,
         tick: float | None = None,
         on_delay: float = 0.0,
         off_delay: float = 0.0,
@@ -124,15 +120,8 @@ class ThrusterSet(Diagram):
             period=period,
             specific_impulse=specific_impulse,
         )
-        beyond = 0.0 if hysteresis is None else hysteresis
+        check_number("thrusters", zero=True, minimum_impulse=minimum_impulse)
         valves = {"on_delay": on_delay, "off_delay": off_delay}
-        check_number(
-            "thrusters",
-            zero=True,
-            minimum_impulse=minimum_impulse,
-            hysteresis=beyond,
-            **valves,
-        )
         self.matrix = wrench_matrix(positions, directions)
         self.count = self.matrix.shape[1]
         self.shares = _shares(self.matrix, 6 if torques else 3)
@@ -169,14 +158,12 @@ class ThrusterSet(Diagram):
         super().__init__("thrusters")
         thrust = {"thrust": Output(self.count, unit="N")}
         total, share, limit, steps, fire, tank = self.add(
-            total=Sum("++" if hysteresis is None else "+"),
+            total=Sum("++"),
             share=Function(
                 self.thrusts, {"wrench": Input(6, unit=WRENCH_UNITS)}, thrust
             ),
             limit=Saturation(np.zeros(self.count), np.full(self.count, full)),
-            steps=Quantizer(
-                step, period, hysteresis=beyond, smallest=minimum_impulse / period
-            ),
+            steps=Quantizer(step, period, smallest=minimum_impulse / period),
             fire=Function(
                 self._fired,
                 {
@@ -192,12 +179,11 @@ class ThrusterSet(Diagram):
             ),
             tank=Integrator(unit="kg"),
         )
-        if hysteresis is None:
-            back, residue = self.add(
-                back=MatrixGain(self.matrix, input_unit="N", output_unit=WRENCH_UNITS),
-                residue=UnitDelay(period, shape=6),
-            )
-            limit.y - steps.y >> back >> residue >> total.u2
+        back, residue = self.add(
+            back=MatrixGain(self.matrix, input_unit="N", output_unit=WRENCH_UNITS),
+            residue=UnitDelay(period, shape=6),
+        )
+        limit.y - steps.y >> back >> residue >> total.u2
         total >> share.wrench
         share.thrust >> limit >> steps
         (steps >> self.add(pulses=pulses) if pulses else steps).y >> fire.valves
@@ -393,7 +379,7 @@ def _shares(matrix: Vector, parts: int) -> Vector:
     Bounded least squares with a large weight of the equations gives the active thrusters; their
     pseudo-inverse is then exact. (SciPy's `nnls` is wrong for two equal thrusters.)
     """
-    from scipy.optimize import lsq_linear
+    from scipy.optimize import nnls
 
     count, weight = matrix.shape[1], 1e5 / np.abs(matrix).max()
     weighted, columns = np.concatenate([weight * matrix, np.eye(count)]), []
@@ -401,7 +387,7 @@ def _shares(matrix: Vector, parts: int) -> Vector:
         for k in range(6):
             wanted = sign * np.eye(6)[k] * (k < parts)
             aim = np.append(weight * wanted, np.zeros(count))
-            found = lsq_linear(weighted, aim, (0.0, np.inf), method="bvls", tol=1e-14).x
+            found = nnls(weighted, aim)[0]
             active = found > 1e-6 * found.max(initial=0.0)
             thrusts = np.where(active, np.linalg.pinv(matrix * active) @ wanted, 0.0)
             if (

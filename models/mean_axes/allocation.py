@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from trussflow.blocks.framework.block import Values
-from trussflow.blocks.framework.declarations import Attribute, Parameter, Signals
+from trussflow.blocks.framework.declarations import Parameter, Signals
 from trussflow.blocks.framework.port import Input, Output
 from trussflow.blocks.library.piecewise import limited
 from trussflow.blocks.support.types import Array, Vector
@@ -15,6 +15,7 @@ from trussflow.models.dynamics.dynamics import TrussDynamics
 from trussflow.models.mean_axes.design import MeanAxesDesign
 from trussflow.models.mean_axes.estimator import MeanAxesBlock, thrusts_of
 from trussflow.models.mean_axes.free_modes import FreeModes
+from trussflow.models.plant.truss_block import ACTUATOR_UNITS, FORCE_UNITS
 
 
 class MeanAxesAllocation(MeanAxesBlock):
@@ -32,7 +33,7 @@ class MeanAxesAllocation(MeanAxesBlock):
     except for damping. The third one is the distance of the actuators from their limits, which are h times
     the health of each. r is the additional weight of thrusts and joint torques in the feedback. The feedback
     always has at least the share :math:`1 - \lambda` of each limit. At rest near the reference, the feedback
-    makes no thrust above q unless the slow part does. The excitation :math:`Q_p` by `ActuatorProbe` is added
+    makes no thrust above q unless the slow part does. The excitation :math:`Q_p` by `ActuatorExcitation` is added
     within the limits.
 
     Parameters
@@ -56,10 +57,8 @@ class MeanAxesAllocation(MeanAxesBlock):
     trussflow.blocks.control.allocation.BoundedAllocation : Constrained allocation of one demand.
     """
 
-    slow_force = Input("rigid", unit=Attribute("force_units"), meaning="u_s")
-    force = Input(
-        "rigid", unit=Attribute("force_units"), meaning="u, slow part and feedback"
-    )
+    slow_force = Input("rigid", unit=FORCE_UNITS, meaning="u_s")
+    force = Input("rigid", unit=FORCE_UNITS, meaning="u, slow part and feedback")
     modal_force = Input("neutral", meaning="f")
     actuation_matrix = Input(("rigid", "actuators"), meaning="P")
     inertia = Input(("rigid", "rigid"), meaning="G")
@@ -71,18 +70,11 @@ class MeanAxesAllocation(MeanAxesBlock):
         "actuators", default=1.0, meaning="c, positive cost factor of each actuator"
     )
     preferred = Input(
-        "actuators",
-        unit=Attribute("actuator_units"),
-        default=0.0,
-        meaning="Q_0, without cost",
+        "actuators", unit=ACTUATOR_UNITS, default=0.0, meaning="Q_0, without cost"
     )
-    probe = Input(
-        "actuators", unit=Attribute("actuator_units"), default=0.0, meaning="Q_p"
-    )
-    command = Output(
-        "actuators", unit=Attribute("actuator_units"), meaning="Q + Q_p, within h"
-    )
-    missed = Output("rigid", unit=Attribute("force_units"), meaning="u - P Q")
+    probe = Input("actuators", unit=ACTUATOR_UNITS, default=0.0, meaning="Q_p")
+    command = Output("actuators", unit=ACTUATOR_UNITS, meaning="Q + Q_p, within h")
+    missed = Output("rigid", unit=FORCE_UNITS, meaning="u - P Q")
 
     limits = Parameter(shape="actuators", above=0.0, meaning="h")
     effort = Parameter(above=0.0, meaning="epsilon, cost of an actuator at its limit")
@@ -107,13 +99,9 @@ class MeanAxesAllocation(MeanAxesBlock):
             dynamics,
             design,
             limits=limits,
-            effort=design.effort,
             reluctance=np.append(
                 np.tile(base, robots), np.full(dynamics.joints, design.joint_reluctance)
             ),
-            neutrality=design.neutrality,
-            slow_share=design.slow_share,
-            resting_thrust=design.resting_thrust,
         )
 
     def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:

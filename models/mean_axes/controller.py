@@ -8,13 +8,13 @@ from trussflow.blocks.framework.arithmetic import Operation
 from trussflow.blocks.framework.diagram import Diagram
 from trussflow.blocks.support.types import Vector
 from trussflow.models.dynamics.dynamics import TrussDynamics
+from trussflow.models.mean_axes.actuator_costs import ActuatorCosts
 from trussflow.models.mean_axes.allocation import MeanAxesAllocation
 from trussflow.models.mean_axes.design import MeanAxesDesign
-from trussflow.models.mean_axes.economy import ActuatorEconomy
 from trussflow.models.mean_axes.estimator import MeanAxesEstimator
+from trussflow.models.mean_axes.excitation import ActuatorExcitation
+from trussflow.models.mean_axes.fault_detection import FaultDetection
 from trussflow.models.mean_axes.law import MeanAxesLaw
-from trussflow.models.mean_axes.monitor import ActuatorMonitor
-from trussflow.models.mean_axes.probe import ActuatorProbe
 
 
 def mean_axes_controller(
@@ -54,14 +54,14 @@ def mean_axes_controller(
     """
     design = MeanAxesDesign.shipped() if design is None else design
     controller = Diagram("mean-axes controller")
-    monitor = ActuatorMonitor(believed, design)
+    monitor = FaultDetection(believed, design)
     estimator, law, allocation, left, economy, probe, _ = controller.add(
         estimator=MeanAxesEstimator(believed, design, start),
         law=MeanAxesLaw(believed, design),
         allocation=MeanAxesAllocation(believed, limits, design),
         left=Operation(np.multiply).sampled(design.sample_time),
-        economy=ActuatorEconomy(believed, limits, design),
-        probe=ActuatorProbe(believed, design, monitor),
+        economy=ActuatorCosts(believed, limits, design),
+        probe=ActuatorExcitation(believed, design, monitor),
         monitor=monitor,
     )
     for name in (
@@ -78,20 +78,24 @@ def mean_axes_controller(
     monitor.effectiveness >> allocation.effectiveness
     monitor.effectiveness >> left.u1
     left.y >> estimator.actuation
-    for name in ("position", "velocity"):
-        controller.expose(**{name: (estimator.port(name), monitor.port(name))})
-    controller.expose(actuation=(left.u2, monitor.actuation))
-    exposed = dict.fromkeys(
-        ("reference_position", "reference_velocity", "reference_acceleration"), law
-    )
     probe.probe >> allocation.probe
     economy.price >> allocation.price
     economy.preferred >> allocation.preferred
-    exposed |= dict.fromkeys(("propellant", "momentum"), economy)
-    exposed |= dict.fromkeys(("command", "missed"), allocation)
-    exposed |= dict.fromkeys(
-        ("mean_position", "mean_speeds", "modal_coordinate", "disturbance"), estimator
+    controller.expose(
+        position=(estimator.position, monitor.position),
+        velocity=(estimator.velocity, monitor.velocity),
+        actuation=(left.u2, monitor.actuation),
+        reference_position=law.reference_position,
+        reference_velocity=law.reference_velocity,
+        reference_acceleration=law.reference_acceleration,
+        propellant=economy.propellant,
+        momentum=economy.momentum,
+        command=allocation.command,
+        missed=allocation.missed,
+        mean_position=estimator.mean_position,
+        mean_speeds=estimator.mean_speeds,
+        modal_coordinate=estimator.modal_coordinate,
+        disturbance=estimator.disturbance,
+        effectiveness=monitor.effectiveness,
     )
-    exposed |= {"effectiveness": monitor}
-    controller.expose(**{name: block.port(name) for name, block in exposed.items()})
     return controller

@@ -130,11 +130,11 @@ class MeanAxesDesign:
         Lower bound on the normalized innovation variance, for the fault detection [-].
     drift, threshold, doubt : float
         Drift term, at least 0.5, and decision threshold of the CUSUM test; and the share of the largest
-        statistic above which other failures are not excluded; see `ActuatorMonitor` [-].
+        statistic above which other failures are not excluded; see `FaultDetection` [-].
     settling : float
         Holdoff time after a failure, in which no failure of another robot is detected [s].
     probe : float
-        Effect of `ActuatorProbe` on the joints per sample, in standard deviations; 0 for no excitation [-].
+        Effect of `ActuatorExcitation` on the joints per sample, in standard deviations; 0 for no excitation [-].
     """
 
     sample_time: float

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import fields, replace
 
 import numpy as np
 import scipy
@@ -18,7 +18,15 @@ from trussflow.models.dynamics.task_space import normalized, to_body, way_to
 from trussflow.models.errors import ModelError
 from trussflow.models.mean_axes.design import MeanAxesDesign
 from trussflow.models.mean_axes.free_modes import FreeModes
-from trussflow.models.plant.truss_block import MODAL_UNIT, TrussBlock
+from trussflow.models.plant.truss_block import (
+    ACTUATOR_UNITS,
+    FORCE_UNITS,
+    MODAL_RATE_UNIT,
+    MODAL_UNIT,
+    POSITION_UNITS,
+    RATE_UNITS,
+    TrussBlock,
+)
 
 
 class MeanAxesBlock(TrussBlock):
@@ -29,9 +37,9 @@ class MeanAxesBlock(TrussBlock):
     dynamics : TrussDynamics
         Nominal dynamics of truss and robots.
     design : MeanAxesDesign
-        Sample time, and number of modes.
+        Sample time, number of modes, and the parameters with the names of design values.
     **parameters
-        Parameter values of the derived block.
+        Other parameter values of the derived block.
 
     Raises
     ------
@@ -46,10 +54,26 @@ class MeanAxesBlock(TrussBlock):
             raise ModelError(
                 "a truss without robots has no actuators to control it; add robots"
             )
-        self.set_dynamics(replace(dynamics, modes=dynamics.modes.rigid()))
-        self.design, self.modes = design, design.estimated_modes
-        super().__init__(**parameters)
+        self.design = design
+        designed = {
+            one.name: getattr(design, one.name)
+            for one in fields(design)
+            if isinstance(getattr(type(self), one.name, None), Parameter)
+        }
+        rigid = replace(dynamics, modes=dynamics.modes.rigid())
+        super().__init__(rigid, **designed | parameters)
         self.sampled(design.sample_time)
+
+    def set_dynamics(self, dynamics: TrussDynamics) -> None:
+        """Set also the number of estimated modes.
+
+        Parameters
+        ----------
+        dynamics : TrussDynamics
+            Nominal dynamics, rigid.
+        """
+        super().set_dynamics(dynamics)
+        self.modes = self.design.estimated_modes
 
 
 def thrusts_of(dynamics: TrussDynamics) -> NDArray[np.bool_]:
@@ -96,22 +120,18 @@ class MeanAxesEstimator(MeanAxesBlock):
 
     position = Input(
         "rigid_q",
-        unit=Attribute("position_units"),
+        unit=POSITION_UNITS,
         meaning="measured x_1: pose of the truss frame, joints",
     )
-    velocity = Input(
-        "rigid", unit=Attribute("rigid_speed_units"), meaning="measured x_2"
-    )
+    velocity = Input("rigid", unit=RATE_UNITS, meaning="measured x_2")
     actuation = Input(
-        "actuators", unit=Attribute("actuator_units"), meaning="Q until the next sample"
+        "actuators", unit=ACTUATOR_UNITS, meaning="Q until the next sample"
     )
-    mean_position = Output("rigid_q", unit=Attribute("position_units"), meaning="y")
-    mean_speeds = Output("rigid", unit=Attribute("rigid_speed_units"), meaning="nu")
+    mean_position = Output("rigid_q", unit=POSITION_UNITS, meaning="y")
+    mean_speeds = Output("rigid", unit=RATE_UNITS, meaning="nu")
     modal_coordinate = Output("modes", unit=MODAL_UNIT, meaning="eta")
-    modal_rate = Output("modes", unit=f"{MODAL_UNIT}/s", meaning="d eta/dt")
-    disturbance = Output(
-        "rigid", unit=Attribute("force_units"), meaning="w, a generalized force"
-    )
+    modal_rate = Output("modes", unit=MODAL_RATE_UNIT, meaning="d eta/dt")
+    disturbance = Output("rigid", unit=FORCE_UNITS, meaning="w, a generalized force")
     joint_angles = Output(
         "joints",
         unit=Attribute("joint_units"),

@@ -19,7 +19,13 @@ from trussflow.models.dynamics.task_space import (
 from trussflow.models.mean_axes.design import MeanAxesDesign
 from trussflow.models.mean_axes.estimator import MeanAxesBlock
 from trussflow.models.mean_axes.free_modes import FreeModes
-from trussflow.models.plant.truss_block import MODAL_UNIT
+from trussflow.models.plant.truss_block import (
+    ACCELERATION_UNITS,
+    FORCE_UNITS,
+    MODAL_RATE_UNIT,
+    POSITION_UNITS,
+    RATE_UNITS,
+)
 
 
 class MeanAxesLaw(MeanAxesBlock):
@@ -49,26 +55,20 @@ class MeanAxesLaw(MeanAxesBlock):
         If the truss has fewer modes than the design needs.
     """
 
-    reference_position = Input(
-        "rigid_q", unit=Attribute("position_units"), meaning="y_d"
-    )
-    reference_velocity = Input(
-        "rigid", unit=Attribute("task_rate_units"), meaning="dy_d/dt"
-    )
+    reference_position = Input("rigid_q", unit=POSITION_UNITS, meaning="y_d")
+    reference_velocity = Input("rigid", unit=RATE_UNITS, meaning="dy_d/dt")
     reference_acceleration = Input(
-        "rigid", unit=Attribute("acceleration_units"), meaning="d2y_d/dt2"
+        "rigid", unit=ACCELERATION_UNITS, meaning="d2y_d/dt2"
     )
-    mean_position = Input("rigid_q", unit=Attribute("position_units"), meaning="y")
-    mean_speeds = Input("rigid", unit=Attribute("rigid_speed_units"), meaning="nu")
+    mean_position = Input("rigid_q", unit=POSITION_UNITS, meaning="y")
+    mean_speeds = Input("rigid", unit=RATE_UNITS, meaning="nu")
     joint_angles = Input(
         "joints", unit=Attribute("joint_units"), meaning="joints while the command acts"
     )
-    modal_rate = Input("modes", unit=f"{MODAL_UNIT}/s", meaning="d eta/dt")
-    disturbance = Input(
-        "rigid", unit=Attribute("force_units"), default=0.0, meaning="w"
-    )
-    slow_force = Output("rigid", unit=Attribute("force_units"), meaning="u_s")
-    force = Output("rigid", unit=Attribute("force_units"), meaning="u_s + u_f")
+    modal_rate = Input("modes", unit=MODAL_RATE_UNIT, meaning="d eta/dt")
+    disturbance = Input("rigid", unit=FORCE_UNITS, default=0.0, meaning="w")
+    slow_force = Output("rigid", unit=FORCE_UNITS, meaning="u_s")
+    force = Output("rigid", unit=FORCE_UNITS, meaning="u_s + u_f")
     modal_force = Output(
         "neutral", meaning="f of the neutral modes, 0 of undamped ones"
     )
@@ -93,9 +93,6 @@ class MeanAxesLaw(MeanAxesBlock):
             dynamics,
             design,
             bandwidth=design.of_groups(design.bandwidth, dynamics.rigid_freedoms),
-            damping=design.damping,
-            modal_damping=design.modal_damping,
-            resting_error=design.resting_error,
         )
 
     def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:

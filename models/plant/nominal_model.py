@@ -6,8 +6,6 @@ from trussflow.blocks.framework.block import Values
 from trussflow.blocks.framework.declarations import Attribute, Signals
 from trussflow.blocks.framework.port import Input, Output
 from trussflow.blocks.support.types import Array
-from trussflow.blocks.tracing.linear_algebra import solve_positive_definite
-from trussflow.models.dynamics.dynamics import TrussDynamics
 from trussflow.models.dynamics.task_space import (
     seen_from,
     task_drift,
@@ -15,24 +13,18 @@ from trussflow.models.dynamics.task_space import (
     to_body,
     way_to,
 )
-from trussflow.models.plant.truss_block import SPEEDS, TrussBlock
+from trussflow.models.plant.truss_block import (
+    ACCELERATION_UNITS,
+    POSITION_UNITS,
+    RATE_UNITS,
+    SPEEDS,
+    TrussBlock,
+)
 
-ACCELERATIONS = Attribute("acceleration_units")
 TASK = Attribute("task_labels")
 
 
-class _NominalDynamics(TrussBlock):
-    """Base of the blocks of nominal dynamics: their sizes, units, and inputs of the plant's state."""
-
-    coordinates = Input("nq", unit=Attribute("coordinate_units"), meaning="q")
-    speeds = Input("n", unit=Attribute("speed_units"), meaning="v")
-
-    def __init__(self, dynamics: TrussDynamics) -> None:
-        self.set_dynamics(dynamics)
-        super().__init__()
-
-
-class NominalModel(_NominalDynamics):
+class NominalModel(TrussBlock):
     r"""Inverse dynamics of the rigid motion, and the actuation matrices.
 
     With :math:`G = M_{rr}`, :math:`c = F_r^{I,nl}` and :math:`\dot x_1 = J_g x_2`,
@@ -52,22 +44,27 @@ class NominalModel(_NominalDynamics):
     Notes
     -----
     `nominal_acceleration` is :math:`G^{-1}(u - c)`, an input of the disturbance observer. It
-    equals the bracket above, so that no linear system is solved. `NominalAcceleration` computes
-    it for any actuation.
+    equals the bracket above, so that no linear system is solved.
 
     References
     ----------
     Li, Wei, Chen (2026), Eqs. 42–45, 53–55, 63.
     """
 
+    coordinates = Input("nq", unit=Attribute("coordinate_units"), meaning="q")
+    speeds = Input("n", unit=Attribute("speed_units"), meaning="v")
     feedforward = Input(
-        "rigid", unit=ACCELERATIONS, default=0.0, meaning="desired d2x_1/dt2"
+        "rigid", unit=ACCELERATION_UNITS, default=0.0, meaning="desired d2x_1/dt2"
     )
     feedback = Input(
-        "rigid", unit=ACCELERATIONS, default=0.0, meaning="correction of d2x_1/dt2"
+        "rigid", unit=ACCELERATION_UNITS, default=0.0, meaning="correction of d2x_1/dt2"
     )
     disturbance_estimate = Input(
-        "rigid", unit=ACCELERATIONS, default=0.0, meaning="estimate of d", labels=SPEEDS
+        "rigid",
+        unit=ACCELERATION_UNITS,
+        default=0.0,
+        meaning="estimate of d",
+        labels=SPEEDS,
     )
     task_force = Input(
         "rigid", default=0.0, meaning="force and torque in task axes, e.g. of a PD law"
@@ -83,7 +80,7 @@ class NominalModel(_NominalDynamics):
         "rigid", meaning="J_g^T times the task force", labels=SPEEDS
     )
     nominal_acceleration = Output(
-        "rigid", unit=ACCELERATIONS, meaning="G^-1 (u - c)", labels=SPEEDS
+        "rigid", unit=ACCELERATION_UNITS, meaning="G^-1 (u - c)", labels=SPEEDS
     )
     actuation_matrix = Output(
         ("rigid", "actuators"), meaning="P_r, the rigid rows of P_Q"
@@ -111,39 +108,6 @@ class NominalModel(_NominalDynamics):
         }
 
 
-class NominalAcceleration(_NominalDynamics):
-    r"""Forward nominal dynamics :math:`G^{-1}(P_r Q - c)` for any actuation.
-
-    The disturbance observer needs it if the actuation differs from that of the inverse dynamics:
-    behind saturations, or with another control law.
-
-    Parameters
-    ----------
-    dynamics : TrussDynamics
-        Nominal model of the controller.
-
-    References
-    ----------
-    Li, Wei, Chen (2026), Eq. 46.
-    """
-
-    actuation = Input("actuators", unit=Attribute("actuator_units"), meaning="Q")
-    nominal_acceleration = Output(
-        "rigid", unit=ACCELERATIONS, meaning="G^-1 (P_r Q - c)"
-    )
-
-    def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
-        """Return the nominal acceleration."""
-        rigid = self.rigid
-        terms = self.dynamics.evaluate(u.coordinates, u.speeds)
-        force = terms.actuation_matrix[:rigid] @ u.actuation - terms.bias[:rigid]
-        return {
-            "nominal_acceleration": solve_positive_definite(
-                terms.mass_matrix[:rigid, :rigid], force
-            )
-        }
-
-
 class TaskErrors(TrussBlock):
     r"""Tracking errors and reference acceleration in task coordinates, the inputs of a control law.
 
@@ -168,17 +132,13 @@ class TaskErrors(TrussBlock):
     Guidance 12(3); Wen, Kreutz-Delgado (1991), *The attitude control problem*, IEEE TAC 36(10).
     """
 
-    reference_position = Input(
-        "rigid_q", unit=Attribute("position_units"), meaning="x_d"
-    )
-    reference_velocity = Input(
-        "rigid", unit=Attribute("task_rate_units"), meaning="rate of x_d"
-    )
+    reference_position = Input("rigid_q", unit=POSITION_UNITS, meaning="x_d")
+    reference_velocity = Input("rigid", unit=RATE_UNITS, meaning="rate of x_d")
     reference_acceleration = Input(
-        "rigid", unit=ACCELERATIONS, default=0.0, meaning="acceleration of x_d"
+        "rigid", unit=ACCELERATION_UNITS, default=0.0, meaning="acceleration of x_d"
     )
-    position = Input("rigid_q", unit=Attribute("position_units"), meaning="x_1")
-    velocity = Input("rigid", unit=Attribute("task_rate_units"), meaning="J_g x_2")
+    position = Input("rigid_q", unit=POSITION_UNITS, meaning="x_1")
+    velocity = Input("rigid", unit=RATE_UNITS, meaning="J_g x_2")
     error = Output(
         "rigid",
         unit=Attribute("task_units"),
@@ -186,18 +146,11 @@ class TaskErrors(TrussBlock):
         labels=TASK,
     )
     error_rate = Output(
-        "rigid",
-        unit=Attribute("task_rate_units"),
-        meaning="velocity minus reference",
-        labels=TASK,
+        "rigid", unit=RATE_UNITS, meaning="velocity minus reference", labels=TASK
     )
     acceleration = Output(
-        "rigid", unit=ACCELERATIONS, meaning="reference acceleration", labels=TASK
+        "rigid", unit=ACCELERATION_UNITS, meaning="reference acceleration", labels=TASK
     )
-
-    def __init__(self, dynamics: TrussDynamics) -> None:
-        self.set_dynamics(dynamics)
-        super().__init__()
 
     def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
         """Return errors and acceleration."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Self
+from typing import Any, Self
 
 import numpy as np
 
@@ -18,14 +18,29 @@ from trussflow.models.dynamics.assembly import DynamicsTerms
 from trussflow.models.dynamics.dynamics import TrussDynamics
 from trussflow.models.dynamics.task_space import task_velocity
 from trussflow.models.geometry.attitude import QUATERNION
-from trussflow.models.parameter_files import ParameterTable
-from trussflow.models.plant.truss_block import MODAL_UNIT, SPEEDS, TrussBlock
+from trussflow.models.plant.truss_block import (
+    ACCELERATION_UNITS,
+    ACTUATOR_UNITS,
+    MODAL_FORCE_UNIT,
+    MODAL_RATE_UNIT,
+    MODAL_UNIT,
+    POSITION_UNITS,
+    RATE_UNITS,
+    SPEEDS,
+    TrussBlock,
+)
 from trussflow.models.robots.robot_arm import RobotArm
-from trussflow.models.truss.paper_truss import accurate_modes
+from trussflow.models.truss.paper_truss import accurate_modes, printed_modes
 from trussflow.models.truss.truss_modes import ModalData, TrussModes
 from trussflow.models.validation import check_choice, frozen_array
 
 BASES, MODES = Attribute("base_labels"), Attribute("mode_labels")
+
+
+STRUCTURES = ("published", "consistent", "accurate")
+"""Names of the constructors of the plant of the paper."""
+ARMS = {"literal": RobotArm.literal, "jaco": RobotArm.jaco}
+"""Constructors of the shipped arms, by name."""
 
 
 def arm_by_name(name: str) -> RobotArm:
@@ -41,9 +56,8 @@ def arm_by_name(name: str) -> RobotArm:
     ModelError
         If no arm has that name.
     """
-    arms = {"literal": RobotArm.literal, "jaco": RobotArm.jaco}
-    check_choice("arm", name, arms)
-    return arms[name]()
+    check_choice("arm", name, ARMS)
+    return ARMS[name]()
 
 
 class SpaceTruss(TrussBlock):
@@ -84,12 +98,12 @@ class SpaceTruss(TrussBlock):
 
     actuation = Input(
         "actuators",
-        unit=Attribute("actuator_units"),
+        unit=ACTUATOR_UNITS,
         meaning="Q: force and torque on each base in its own axes, then joint torques",
     )
     modal_demand = Output(
         "modes",
-        unit=f"{MODAL_UNIT}/s**2",
+        unit=MODAL_FORCE_UNIT,
         meaning="P_f Q, generalized force of the actuators on the modes",
         labels=MODES,
     )
@@ -107,23 +121,19 @@ class SpaceTruss(TrussBlock):
     )
     task_position = Output(
         "rigid_q",
-        unit=Attribute("position_units"),
+        unit=POSITION_UNITS,
         meaning="x_1",
         labels=Attribute("position_labels"),
     )
     task_velocity = Output(
         "rigid",
-        unit=Attribute("task_rate_units"),
+        unit=RATE_UNITS,
         meaning="dx_1/dt, J_g x_2",
         labels=Attribute("task_labels"),
     )
-    rigid_speeds = Output(
-        "rigid", unit=Attribute("rigid_speed_units"), meaning="x_2", labels=SPEEDS
-    )
+    rigid_speeds = Output("rigid", unit=RATE_UNITS, meaning="x_2", labels=SPEEDS)
     modal_coordinate = Output("modes", unit=MODAL_UNIT, meaning="tau", labels=MODES)
-    modal_rate = Output(
-        "modes", unit=f"{MODAL_UNIT}/s", meaning="d tau/dt", labels=MODES
-    )
+    modal_rate = Output("modes", unit=MODAL_RATE_UNIT, meaning="d tau/dt", labels=MODES)
     grasp_displacement = Output(
         ("robots", 3),
         unit="m",
@@ -153,7 +163,7 @@ class SpaceTruss(TrussBlock):
     )
     disturbance = Output(
         "rigid",
-        unit=Attribute("acceleration_units"),
+        unit=ACCELERATION_UNITS,
         meaning="d = -G^-1 M_rf tau'', disturbance acceleration by the flexibility (Eq. 45)",
         labels=SPEEDS,
     )
@@ -200,12 +210,12 @@ class SpaceTruss(TrussBlock):
         start: Vector | None = None,
         speeds: Vector | None = None,
     ) -> None:
-        self.set_dynamics(dynamics)
+        self.dynamics = dynamics  # for `truss_parameters`
         self.modal_actuation = modal_actuation
         if not modal_actuation:
             force = Input(
                 "modes",
-                unit=f"{MODAL_UNIT}/s**2",
+                unit=MODAL_FORCE_UNIT,
                 default=0.0,
                 meaning="f, generalized force on the modes",
                 labels=MODES,
@@ -214,7 +224,10 @@ class SpaceTruss(TrussBlock):
         start = dynamics.rest if start is None else start
         moving = {} if speeds is None else {"initial_speeds": speeds}
         super().__init__(
-            initial_coordinates=start, **moving, **self.truss_parameters(dynamics.modes)
+            dynamics,
+            initial_coordinates=start,
+            **moving,
+            **self.truss_parameters(dynamics.modes),
         )
 
     @classmethod
@@ -255,7 +268,7 @@ class SpaceTruss(TrussBlock):
             Damping ratio of every mode [-]; 0.5 % by default.
         """
         truss = TrussModes.reconstructed().truncated(modes).damped(_damping(damping))
-        return cls(_dynamics(truss, arm, elastic_integrals=True), modal_actuation=True)
+        return cls(_dynamics(truss, arm, elastic_integrals=True))
 
     @classmethod
     def accurate(
@@ -291,16 +304,32 @@ class SpaceTruss(TrussBlock):
         keep their accuracy. See `trussflow.models.truss.reduction`.
         """
         truss = accurate_modes(modes, highest_frequency).damped(_damping(damping))
-        return cls(_dynamics(truss, arm, elastic_integrals=True), modal_actuation=True)
+        return cls(_dynamics(truss, arm, elastic_integrals=True))
+
+    @property
+    def start_position(self) -> Vector:
+        """Rigid coordinates at the start [m, unit of the attitude, unit of the joints]."""
+        return self.parameters["initial_coordinates"][: self.rigid_q]
 
     def opened(self) -> Self:
         """Return the same plant without `modal_actuation`, to connect ``modal_demand >> modal_force``."""
-        return type(self)(
-            self.dynamics,
-            modal_actuation=False,
-            start=self.parameters["initial_coordinates"],
-            speeds=np.broadcast_to(self.parameters["initial_speeds"], self.n),
-        )
+        return self.changed(modal_actuation=False)
+
+    def changed(self, **arguments: Any) -> Self:
+        """Return the same plant with other arguments of the constructor.
+
+        Parameters
+        ----------
+        **arguments
+            Arguments of `SpaceTruss` that differ [see there].
+        """
+        same: dict[str, Any] = {
+            "dynamics": self.dynamics,
+            "modal_actuation": self.modal_actuation,
+            "start": self.parameters["initial_coordinates"],
+            "speeds": self.parameters["initial_speeds"],
+        }
+        return type(self)(**same | arguments)
 
     def turned(self, attitude: Vector) -> Self:
         """Return the same plant, at rest in another attitude at the start.
@@ -319,9 +348,7 @@ class SpaceTruss(TrussBlock):
         kind, rest = self.dynamics.attitude, self.dynamics.rest
         attitude = kind.checked(frozen_array("attitude", attitude, (len(kind.rest),)))
         start = np.concatenate([rest[:3], attitude, rest[kind.end :]])
-        return type(self)(
-            self.dynamics, modal_actuation=self.modal_actuation, start=start
-        )
+        return self.changed(start=start, speeds=None)
 
     def with_quaternion(self) -> Self:
         """Return the same plant in the same initial state, with a quaternion in place of Euler angles."""
@@ -329,69 +356,11 @@ class SpaceTruss(TrussBlock):
 
         kind, q = self.dynamics.attitude, self.parameters["initial_coordinates"]
         turned = Rotation.from_matrix(kind.rotation(q[3 : kind.end]))
-        return type(self)(
-            replace(self.dynamics, attitude=QUATERNION),
-            modal_actuation=self.modal_actuation,
+        return self.changed(
+            dynamics=replace(self.dynamics, attitude=QUATERNION),
             start=np.concatenate(
                 [q[:3], turned.as_quat(canonical=True)[[3, 0, 1, 2]], q[kind.end :]]
             ),
-            speeds=np.broadcast_to(self.parameters["initial_speeds"], self.n),
-        )
-
-    def without(
-        self,
-        robot: int,
-        coordinates: Vector | None = None,
-        speeds: Vector | None = None,
-    ) -> Self:
-        """Return the plant after a robot has released the truss: truss and other robots in the same motion.
-
-        Positions and speeds of the others are continuous. The released robot keeps its own momentum.
-
-        Parameters
-        ----------
-        robot : int
-            Number of the released robot, from 1 [-].
-        coordinates : Vector, shape (nq,), optional
-            q at the release [m, rad, kg^½·m]; by default the initial coordinates.
-        speeds : Vector, shape (n,), optional
-            v at the release [m/s, rad/s, kg^½·m/s]; by default the initial speeds.
-
-        Raises
-        ------
-        ModelError
-            If the robot does not exist, or the state has the wrong size.
-        """
-        check_choice("robot", robot, range(1, self.robots + 1))
-        owner = np.repeat(
-            np.arange(1, self.robots + 1), [arm.joints for arm in self.dynamics.arms]
-        )
-        stays, root = (
-            np.append(owner != robot, np.full(self.modes, True)),
-            self.dynamics.attitude.end,
-        )
-        given = {"coordinates": coordinates, "speeds": speeds}
-        q, v = (
-            np.broadcast_to(self.parameters[f"initial_{name}"], size)
-            if value is None
-            else frozen_array(f"released robot: {name}", value, (size,))
-            for (name, value), size in zip(
-                given.items(), (self.nq, self.n), strict=True
-            )
-        )
-        others = [i for i in range(self.robots) if i != robot - 1]
-        modes = self.dynamics.modes
-        held = {
-            name: getattr(modes, name)[others]
-            for name in ("grasp_positions", "grasp_translations", "grasp_rotations")
-        }
-        arms = tuple(self.dynamics.arms[i] for i in others)
-        dynamics = replace(self.dynamics, modes=replace(modes, **held), arms=arms)
-        return type(self)(
-            dynamics,
-            modal_actuation=self.modal_actuation,
-            start=np.append(q[:root], q[root:][stays]),
-            speeds=np.append(v[:6], v[6:][stays]),
         )
 
     def truss_parameters(self, truss: TrussModes) -> dict[str, Vector]:
@@ -467,13 +436,8 @@ class SpaceTruss(TrussBlock):
 
 
 def _damping(ratio: float | None) -> float:
-    if ratio is None:
-        return (
-            ParameterTable.shipped("space_truss.toml")
-            .table("modes")
-            .scalar("damping_ratio", "1")
-        )
-    return ratio
+    """Return the damping ratio of all modes, by default that of ``space_truss.toml``."""
+    return printed_modes().scalar("damping_ratio", "1") if ratio is None else ratio
 
 
 def _dynamics(truss: TrussModes, arm: str, *, elastic_integrals: bool) -> TrussDynamics:

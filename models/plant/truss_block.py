@@ -8,12 +8,33 @@ from trussflow.models.dynamics.dynamics import TrussDynamics
 from trussflow.models.geometry.attitude import QUATERNION
 
 MODAL_UNIT = "kg**0.5*m"
+MODAL_RATE_UNIT = "kg**0.5*m/s"
+MODAL_FORCE_UNIT = "kg**0.5*m/s**2"
 AXES = ("x", "y", "z")
 SPEEDS = Attribute("rigid_speed_labels")
 
+# Units of ports, which depend on the robots; see `TrussBlock.set_dynamics`.
+POSITION_UNITS = Attribute("position_units")
+RATE_UNITS = Attribute("task_rate_units")
+ACCELERATION_UNITS = Attribute("acceleration_units")
+FORCE_UNITS = Attribute("force_units")
+ACTUATOR_UNITS = Attribute("actuator_units")
+
 
 class TrussBlock(Block):
-    """Block with the dynamics of a truss, and with sizes, units and labels of its generalized coordinates."""
+    """Block with the dynamics of a truss, and with sizes, units and labels of its generalized coordinates.
+
+    Parameters
+    ----------
+    dynamics : TrussDynamics
+        Truss and robots.
+    **parameters
+        Parameter values of the derived block.
+    """
+
+    def __init__(self, dynamics: TrussDynamics, **parameters: object) -> None:
+        self.set_dynamics(dynamics)
+        super().__init__(**parameters)
 
     def set_dynamics(self, dynamics: TrussDynamics) -> None:
         """Set the dynamics, and the sizes, units and labels that ports and states refer to.
@@ -25,38 +46,23 @@ class TrussBlock(Block):
         """
         self.dynamics = dynamics
         self.nq, self.rigid_q = dynamics.coordinates, dynamics.rigid_coordinates
-        self.n, self.rigid, self.modes = (
-            dynamics.freedoms,
-            dynamics.rigid_freedoms,
-            dynamics.modes.modes,
-        )
-        self.robots, self.joints, self.actuators = (
-            len(dynamics.arms),
-            dynamics.joints,
-            dynamics.actuators,
-        )
+        self.n, self.rigid = dynamics.freedoms, dynamics.rigid_freedoms
+        self.modes, self.robots = dynamics.modes.modes, len(dynamics.arms)
+        self.joints, self.actuators = dynamics.joints, dynamics.actuators
         self.joint_units = tuple(joint.unit for joint in dynamics.joint_data)
         self.effort_units = tuple(joint.effort_unit for joint in dynamics.joint_data)
         self.task_units = ("m",) * 3 + ("rad",) * 3 + self.joint_units
         self.task_rate_units = tuple(f"{unit}/s" for unit in self.task_units)
         self.acceleration_units = tuple(f"{unit}/s**2" for unit in self.task_units)
-        self.force_units = ("N",) * 3 + ("N*m",) * 3 + self.effort_units
+        wrench, rates = ("N",) * 3 + ("N*m",) * 3, self.task_rate_units
+        self.force_units = wrench + self.effort_units
+        self.actuator_units = wrench * self.robots + self.effort_units
+        self.actuator_rate_units = rates[:6] * self.robots + rates[6:]
         self.position_units = ("m",) * 3 + dynamics.attitude.units + self.joint_units
-        self.coordinate_units = (*self.position_units, *(MODAL_UNIT,) * self.modes)
-        self.speed_units = (*self.task_rate_units, *(f"{MODAL_UNIT}/s",) * self.modes)
-        self.rigid_speed_units = self.speed_units[: self.rigid]
-        self.actuator_rate_units = (
-            *(("m/s",) * 3 + ("rad/s",) * 3) * self.robots,
-            *(f"{u}/s" for u in self.joint_units),
-        )
-        self.actuator_units = (
-            *(("N",) * 3 + ("N*m",) * 3) * self.robots,
-            *self.effort_units,
-        )
-        robots, modes = (
-            tuple(range(1, self.robots + 1)),
-            tuple(range(1, self.modes + 1)),
-        )
+        self.coordinate_units = self.position_units + (MODAL_UNIT,) * self.modes
+        self.speed_units = rates + (MODAL_RATE_UNIT,) * self.modes
+        robots = tuple(range(1, self.robots + 1))
+        modes = tuple(range(1, self.modes + 1))
         joints = tuple(
             f"theta_{i}_{j + 1}"
             for i, arm in zip(robots, dynamics.arms, strict=True)

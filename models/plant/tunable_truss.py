@@ -47,22 +47,18 @@ class TunableTruss(SpaceTruss):
         shape=("grasp_rows", "modes"), meaning="R, grasp by grasp"
     )
 
-    def __init__(
-        self,
-        dynamics: TrussDynamics,
-        *,
-        modal_actuation: bool = True,
-        start: Vector | None = None,
-        speeds: Vector | None = None,
-    ) -> None:
-        self.shapes, self.grasp_rows = (
-            dynamics.modes.modes + 1,
-            3 * dynamics.modes.grasps,
-        )
+    def set_dynamics(self, dynamics: TrussDynamics) -> None:
+        """Set also the sizes of the truss data.
+
+        Parameters
+        ----------
+        dynamics : TrussDynamics
+            Truss and robots.
+        """
+        super().set_dynamics(dynamics)
+        self.shapes = self.modes + 1
         self.products = 9 * self.shapes
-        super().__init__(
-            dynamics, modal_actuation=modal_actuation, start=start, speeds=speeds
-        )
+        self.grasp_rows = 3 * self.robots
 
     def truss_parameters(self, truss: TrussModes) -> dict[str, Vector]:
         """Return the values of the truss parameters.

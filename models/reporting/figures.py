@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import io
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -22,7 +22,6 @@ if TYPE_CHECKING:
 # Okabe and Ito (2008): distinguishable for colour-blind readers
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
 STYLES = ("-", "--", "-.", ":", (0, (5, 1)), (0, (1, 1)), "-")
-MARKERS = "ox+sd^v"
 
 DIVERGING = "PuOr_r"
 """Colour map of quantities whose sign matters; safe for colour-blind readers."""
@@ -46,17 +45,11 @@ class Curve:
         Text in the legend; may be empty.
     x, y : Vector
         Points of the curve [units of the axes].
-    number : int, optional
-        Index of colour and line style, from zero [-]; by default the index of the curve.
-    width : float
-        Line width [point]; zero draws markers instead.
     """
 
     label: str
     x: Vector
     y: Vector
-    number: int | None = None
-    width: float = 1.1
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -75,16 +68,14 @@ class Panel:
         Title above the axes; may be empty.
     log, log_x : bool
         Whether the vertical or the horizontal axis is logarithmic.
-    span : tuple of float, optional
-        Displayed part of the horizontal axis [as in `x`].
+    span : tuple of float
+        Displayed part of the horizontal axis, by default all of it [as in `x`].
     levels : sequence of float
         Horizontal lines, such as bounds [as in `y`].
     marks : sequence of float
         Vertical lines, such as natural frequencies [as in `x`].
     legend_inside : bool
         Whether the legend is inside the axes; otherwise it is next to the title.
-    more : mapping
-        Further properties, as for ``Axes.set``.
     """
 
     curves: Sequence[Curve]
@@ -93,35 +84,24 @@ class Panel:
     title: str = ""
     log: bool = False
     log_x: bool = False
-    span: tuple[float, float] | None = None
+    span: tuple[float, float] = (-np.inf, np.inf)
     levels: Sequence[float] | Vector = ()
     marks: Sequence[float] | Vector = ()
     legend_inside: bool = False
-    more: Mapping[str, Any] = field(default_factory=dict)
 
 
-def drawing(
-    panels: Sequence[Panel],
-    columns: int = 2,
-    *,
-    width: float = WIDTH,
-    row_height: float = ROW_HEIGHT,
-) -> Figure:
-    """Return a figure of panels, row by row.
+def drawing(panels: Sequence[Panel], *, row_height: float = ROW_HEIGHT) -> Figure:
+    """Return a figure of panels, two in a row.
 
     Parameters
     ----------
     panels : sequence of Panel
         Panels of the figure.
-    columns : int
-        Maximum number of panels in a row [-].
-    width, row_height : float
-        Width of the figure and height of a row [inch].
+    row_height : float
+        Height of a row [inch].
     """
-    columns = min(columns, len(panels))
-    figure, cells = blank(
-        -(-len(panels) // columns), columns, width=width, row_height=row_height
-    )
+    columns = min(2, len(panels))
+    figure, cells = blank(-(-len(panels) // columns), columns, row_height=row_height)
     for panel, cell in zip(panels, cells, strict=False):
         _draw(panel, cell)
     for cell in cells[len(panels) :]:
@@ -151,24 +131,13 @@ def blank(
 
 def _draw(panel: Panel, plot: Axes) -> None:
     for i, curve in enumerate(panel.curves):
-        shown = slice(None)
-        if panel.span is not None:
-            inside = np.flatnonzero(
-                (curve.x >= panel.span[0]) & (curve.x <= panel.span[1])
-            )
-            shown = slice(inside[0], inside[-1] + 1) if len(inside) else slice(0, 0)
+        shown = (curve.x >= panel.span[0]) & (curve.x <= panel.span[1])
         y = curve.y[shown]
         if panel.log:  # a start at rest would stretch the axis over ten decades
             y = np.where(y > LEAST_PART * np.max(y, initial=0.0), y, np.nan)
-        k = (i if curve.number is None else curve.number) % len(COLOURS)
-        look: dict[str, Any] = {"linestyle": STYLES[k], "linewidth": curve.width}
-        if not curve.width:
-            look = {
-                "linestyle": "none",
-                "marker": MARKERS[k],
-                "markerfacecolor": "none",
-            }
-        plot.plot(curve.x[shown], y, label=curve.label, color=COLOURS[k], **look)
+        k = i % len(COLOURS)
+        look: dict[str, Any] = {"color": COLOURS[k], "linestyle": STYLES[k]}
+        plot.plot(curve.x[shown], y, label=curve.label, linewidth=1.1, **look)
     for level in panel.levels:
         plot.axhline(
             level, color="0.35", linewidth=0.8, linestyle=(0, (4, 3)), zorder=0
@@ -183,7 +152,6 @@ def _draw(panel: Panel, plot: Axes) -> None:
     plot.set_title(panel.title, loc="left", fontsize="medium")
     plot.grid(alpha=0.3)
     plot.margins(x=0)
-    plot.set(**panel.more)
     if any(curve.label for curve in panel.curves):
         place: dict[str, Any] = {"ncols": 2}
         if not panel.legend_inside:
@@ -191,8 +159,6 @@ def _draw(panel: Panel, plot: Axes) -> None:
                 "loc": "lower right",
                 "bbox_to_anchor": (1.0, 0.98),
                 "borderaxespad": 0.1,
-            }
-            place |= {
                 "ncols": min(4, len(panel.curves)),
                 "handlelength": 1.8,
                 "columnspacing": 1.0,

@@ -15,9 +15,13 @@ from trussflow.models.geometry.spatial import SpatialInertia, combined, moved_in
 from trussflow.models.parameter_files import ParameterTable, shipped_file
 from trussflow.models.robots.joint import Joint
 from trussflow.models.robots.urdf_chain import chain
-from trussflow.models.robots.urdf_writing import urdf_text
 from trussflow.models.robots.visuals import Visual
-from trussflow.models.validation import check_body, check_rotation, frozen_array
+from trussflow.models.validation import (
+    check_body,
+    check_rotation,
+    frozen_array,
+    set_fields,
+)
 
 _SHAPES: dict[str, tuple[int | str, ...]] = {
     "hand_rotation": (3, 3),
@@ -115,17 +119,13 @@ class RobotArm:
         sizes = {"joints": joints, "bodies": joints + 1}
         for name, shape in _SHAPES.items():
             numbers = tuple(sizes[n] if isinstance(n, str) else n for n in shape)
-            object.__setattr__(
-                self,
-                name,
-                frozen_array(f"{owner}: {name}", getattr(self, name), numbers),
-            )
+            array = frozen_array(f"{owner}: {name}", getattr(self, name), numbers)
+            set_fields(self, **{name: array})
         base_mass = float(frozen_array(f"{owner}: base_mass", self.base_mass, ()))
-        object.__setattr__(self, "base_mass", base_mass)
         known = tuple(self.joint_data) or tuple(
             Joint(f"joint_{j + 1}") for j in range(joints)
         )
-        object.__setattr__(self, "joint_data", known)
+        set_fields(self, base_mass=base_mass, joint_data=known)
         self._check(owner)
         base = SpatialInertia(base_mass, np.zeros(3), self.base_inertia)
         position = self.base_origin + self.base_rotation @ self.base_centroid
@@ -138,8 +138,7 @@ class RobotArm:
         links[-1] = combined(
             links[-1], moved_inertia(base, self.base_rotation, position)
         )
-        object.__setattr__(self, "bodies", tuple(links))
-        object.__setattr__(self, "base_position", position)
+        set_fields(self, bodies=tuple(links), base_position=position)
 
     def _check(self, owner: str) -> None:
         check_rotation(owner, "hand_rotation", self.hand_rotation)
@@ -255,7 +254,6 @@ class RobotArm:
         *,
         hand: str,
         base: str,
-        hand_rotation: Vector | None = None,
         locked: Mapping[str, float | str] | None = None,
     ) -> RobotArm:
         """Read a robot from a URDF file: the chain from the grasping link to the free-floating base.
@@ -271,8 +269,6 @@ class RobotArm:
             Link fixed to the truss; the origin of its frame is the grasp point.
         base : str
             Link of the base with its thrusters. If it has no inertia, all links fixed to it form the base.
-        hand_rotation : array, shape (3, 3), optional
-            Rotation from the frame of the hand to the truss axes [1]; by default the identity.
         locked : mapping of str to float or str, optional
             Coordinates of locked joints, as a number [rad or m] or as text with a unit. All joints outside
             the chain, such as those of fingers, must be locked.
@@ -280,8 +276,8 @@ class RobotArm:
         Returns
         -------
         RobotArm
-            Robot with the joint names and limits of the file. The rest coordinate of a joint is zero, or
-            the limit nearest to zero.
+            Robot with the joint names and limits of the file. The axes of the hand are those of the truss.
+            The rest coordinate of a joint is zero, or the limit nearest to zero.
 
         Raises
         ------
@@ -294,17 +290,7 @@ class RobotArm:
         Shapes of links are kept for pictures: boxes, cylinders, spheres, and meshes in STL or OBJ files.
         Colours, collisions, transmissions and friction are ignored. A joint without `limit` is unlimited.
         """
-        return cls(
-            hand_rotation=np.eye(3) if hand_rotation is None else hand_rotation,
-            **chain(path, hand, base, locked or {}),
-        )
-
-    def to_urdf(self) -> str:
-        """Return the robot as URDF text, with the links ``hand``, ``link_1`` to ``base``.
-
-        `hand_rotation`, `rest_angles` and `visuals` are omitted.
-        """
-        return urdf_text(self)
+        return cls(hand_rotation=np.eye(3), **chain(path, hand, base, locked or {}))
 
 
 def _rotation(table: ParameterTable) -> Vector:

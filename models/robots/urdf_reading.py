@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from graphlib import CycleError, TopologicalSorter
 from math import inf
 from pathlib import Path
 from sys import float_info
@@ -251,18 +252,13 @@ def read_urdf(path: str | Path) -> UrdfTree:
         raise links[roots[1]].refused(
             f"no joints connect it to {roots[0]!r}; all links must be one tree"
         )
-    # links that are connected to the root; each joint is followed once
-    rooted = set(roots)
-    for name in links:
-        above, seen = name, set[str]()
-        while above not in rooted:
-            if above in seen:
-                raise joints[above].element.refused(
-                    f"it closes a cycle: link {above!r} is its own ancestor"
-                )
-            seen.add(above)
-            above = joints[above].parent
-        rooted |= seen
+    try:
+        TopologicalSorter({name: [j.parent] for name, j in joints.items()}).prepare()
+    except CycleError as error:
+        link = next(name for name in joints if name in error.args[1])
+        raise joints[link].element.refused(
+            f"it closes a cycle: link {link!r} is its own ancestor"
+        ) from None
     return UrdfTree(robot, links, bodies, joints)
 
 

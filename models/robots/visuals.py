@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trussflow.blocks.errors import Explained
+from trussflow.blocks.support.files import destination
 from trussflow.blocks.support.types import Vector
 from trussflow.models.errors import ModelError
 from trussflow.models.robots.urdf_reading import Element, Pose
@@ -62,23 +63,6 @@ class Visual(NamedTuple):
     size: Vector
     file: Path = Path()
 
-    @property
-    def trouble(self) -> str:
-        """Reason why the shape cannot be drawn, without reading its file; empty if there is none."""
-        if self.kind != _MESH:
-            return (
-                ""
-                if self.kind in _SIZES
-                else f"a {self.kind}, which is no shape of URDF"
-            )
-        if self.file.suffix.lower() not in _READERS:
-            return f"{self.file.name}, which is none of {', '.join(_READERS)}"
-        return (
-            ""
-            if os.path.isfile(self.file)
-            else f"{self.file.name}, which was not found"
-        )
-
     def triangles(self) -> Triangles:
         """Return the triangles of the shape in the frame of its body.
 
@@ -87,8 +71,6 @@ class Visual(NamedTuple):
         ModelError
             If the shape cannot be drawn.
         """
-        if self.trouble:
-            raise ModelError(self.trouble)
         points, faces = self._own()
         return points @ self.pose.rotation.T + self.pose.position, faces
 
@@ -106,10 +88,13 @@ class Visual(NamedTuple):
             return _revolved(
                 self.size[0] * np.stack([np.sin(angles), -np.cos(angles)], axis=1)
             )
-        with Explained(
-            lambda e: ModelError(f"{self.file.name}, which cannot be read: {e}")
-        ):
-            points, faces = _READERS[self.file.suffix.lower()](self.file.read_bytes())
+        if self.kind != _MESH:
+            raise ModelError(f"a {self.kind}, which is no shape of URDF")
+        name, suffix = self.file.name, self.file.suffix.lower()
+        if suffix not in _READERS:
+            raise ModelError(f"{name}, which is none of {', '.join(_READERS)}")
+        with Explained(lambda e: ModelError(f"{name}, which cannot be read: {e}")):
+            points, faces = _READERS[suffix](destination(self.file).read_bytes())
             if not (
                 np.isfinite(points).all()
                 and 0 <= faces.min() <= faces.max() < len(points)

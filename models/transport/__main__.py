@@ -22,6 +22,7 @@ from trussflow.blocks.simulation.adaptive import METHODS
 from trussflow.blocks.simulation.solver import FIXED_STEP
 from trussflow.blocks.support.files import replaced
 from trussflow.blocks.support.progress import status_line
+from trussflow.models.plant.space_truss import ARMS, STRUCTURES
 from trussflow.models.reporting.output_folder import prepared_folder
 from trussflow.models.transport.figures import draw
 from trussflow.models.transport.index import write_index
@@ -32,7 +33,6 @@ from trussflow.models.transport.mission_file import (
     MEAN_AXES,
     MissionFile,
 )
-from trussflow.models.transport.mission_plant import ARMS, STRUCTURES
 from trussflow.models.transport.results import check_run
 from trussflow.models.transport.summary import summarize, table
 from trussflow.models.transport.wiring import ALLOCATIONS, CONTROLLERS
@@ -65,15 +65,15 @@ def parser(prog: str = PROG) -> argparse.ArgumentParser:
         "mission.toml --explain                  # print all values of a mission file with their sources",
         "--duration 5 --json                     # print figures of merit and provenance as JSON",
     )
-    flown = found.add_mutually_exclusive_group()
-    flown.add_argument(
+    missions = found.add_mutually_exclusive_group()
+    missions.add_argument(
         "mission",
         type=Path,
         nargs="?",
         help="mission file; 'trussflow new mission.toml' writes a template",
     )
     # The default is text: argparse would not notice `--case 1` beside a file if the default were equal.
-    flown.add_argument(
+    missions.add_argument(
         "--case",
         type=int,
         choices=CASES,
@@ -82,41 +82,64 @@ def parser(prog: str = PROG) -> argparse.ArgumentParser:
     )
     found.add_argument(
         "--plant",
+        dest="structure.model",
         choices=STRUCTURES,
         help="model of the paper, exact equations, or also accurate at the grasp points",
     )
     found.add_argument(
-        "--arm", choices=ARMS, help="arm: Table 2 as printed, or the Kinova JACO2"
+        "--arm",
+        dest="robots.arm",
+        choices=ARMS,
+        help="arm: Table 2 as printed, or the Kinova JACO2",
     )
     found.add_argument(
         "--controller",
+        dest="controller.law",
         choices=(*CONTROLLERS, MEAN_AXES),
         help="integral sliding mode (the paper's), conventional sliding mode, PD, or mean axes",
     )
     found.add_argument(
         "--observer",
-        action=argparse.BooleanOptionalAction,
+        dest="controller.observer",
+        choices=("on", "off"),
         help="estimate the disturbance; by default only with ismc",
     )
     found.add_argument(
         "--allocation",
+        dest="controller.allocation",
         choices=ALLOCATIONS,
         help="Eq. 64, or feedback without work on the modes; the default depends on the plant",
     )
     found.add_argument(
         "--hardware",
+        dest="hardware.kind",
         choices=HARDWARE_KINDS,
         help="hardware between controller and truss",
     )
     found.add_argument(
         "--infeasible",
-        action="store_true",
+        dest="path.infeasible",
+        action="store_const",
+        const="allowed",
         help="allow a path that is too fast for the actuators",
     )
-    found.add_argument("--duration", type=float, help="simulated time [s]; default: 80")
-    found.add_argument("--step", type=float, help="step of fixed-step solvers [s]")
+    found.add_argument(
+        "--duration",
+        dest="simulation.duration",
+        metavar="SECONDS",
+        type=seconds,
+        help="simulated time [s]; default: 80",
+    )
+    found.add_argument(
+        "--step",
+        dest="simulation.step",
+        metavar="SECONDS",
+        type=seconds,
+        help="step of fixed-step solvers [s]",
+    )
     found.add_argument(
         "--solver",
+        dest="simulation.solver",
         choices=(*FIXED_STEP, *METHODS),
         help=f"default: rk4; for PD {STIFF_SOLVER}",
     )
@@ -133,61 +156,51 @@ def parser(prog: str = PROG) -> argparse.ArgumentParser:
 
 def settings_of(options: argparse.Namespace) -> dict[str, dict[str, object]]:
     """Return the settings of `options` that override the mission file, by table."""
-    solver = options.solver or (STIFF_SOLVER if options.controller == "pd" else None)
-    observer = None if options.observer is None else "on" if options.observer else "off"
-    duration, step = (
-        None if time is None else {"value": time, "unit": "s", "source": COMMAND}
-        for time in (options.duration, options.step)
-    )
-    said: dict[str, dict[str, object]] = {
-        "structure": {"model": options.plant},
-        "robots": {"arm": options.arm},
-        "hardware": {"kind": options.hardware},
-        "path": {"infeasible": "allowed" if options.infeasible else None},
-        "controller": {
-            "law": options.controller,
-            "observer": observer,
-            "allocation": options.allocation,
-        },
-        "simulation": {"duration": duration, "step": step, "solver": solver},
-    }
-    return {
-        name: {k: v for k, v in table.items() if v is not None}
-        for name, table in said.items()
-        if any(v is not None for v in table.values())
-    }
+    settings: dict[str, dict[str, object]] = {}
+    for name, value in vars(options).items():
+        table, _, key = name.rpartition(".")
+        if table and value is not None:
+            settings.setdefault(table, {})[key] = value
+    if settings.get("controller", {}).get("law") == "pd":
+        settings.setdefault("simulation", {}).setdefault("solver", STIFF_SOLVER)
+    return settings
 
 
-def fly(options: argparse.Namespace, command: str) -> Outcome:
+def seconds(text: str) -> dict[str, object]:
+    """Return a time of the command line as a value of a parameter file."""
+    return {"value": float(text), "unit": "s", "source": COMMAND}
+
+
+def simulate_mission(options: argparse.Namespace, command: str) -> Outcome:
     """Simulate the mission of the `options` of this `command`, and write all files."""
     settings = settings_of(options)
-    flown = (
+    mission = (
         MissionFile.of_case(options.case, **settings)
         if options.mission is None
         else MissionFile.read(options.mission, **settings)
     )
     if options.explain:
-        return Outcome([each._asdict() for each in flown.told], flown.explained())
+        return Outcome([each._asdict() for each in mission.told], mission.explained())
     name = f"case{options.case}" if options.mission is None else options.mission.stem
     folder = prepared_folder(options.output or Path("results") / name)
-    diagram = flown.diagram()
-    simulator = flown.simulator(diagram)
+    diagram = mission.diagram()
+    simulator = mission.simulator(diagram)
     failure, started = "", time.perf_counter()
     try:
-        result = simulator.run(flown.duration)
+        result = simulator.run(mission.duration)
     except (DivergenceError, SimulationInterrupted) as error:
         failure, result = str(error), cast("xr.Dataset", error.result)
     wall = time.perf_counter() - started
     result = result.assign_attrs(
-        mission=flown.title,
-        **{attribute: flown.said(key) for attribute, key in RESULT_KEYS.items()},
+        mission=mission.title,
+        **{attribute: mission.said(key) for attribute, key in RESULT_KEYS.items()},
         observer=int("observer" in diagram.blocks),
         allocation="published" if "allocation" in diagram.blocks else "mode-neutral",
         command=command,
-        target=flown.target.tolist(),
+        target=mission.target.tolist(),
     )
     summary = report(
-        check_run(result, flown.truss), flown, folder, wall, drawing=diagram.draw()
+        check_run(result, mission.truss), mission, folder, wall, drawing=diagram.draw()
     )
     if failure:
         print(f"\n{failure}", file=sys.stderr)
@@ -195,23 +208,25 @@ def fly(options: argparse.Namespace, command: str) -> Outcome:
 
 
 def report(
-    result: xr.Dataset, flown: MissionFile, folder: Path, wall: float, *, drawing: str
+    result: xr.Dataset, mission: MissionFile, folder: Path, wall: float, *, drawing: str
 ) -> dict[str, Any]:
     """Write result, summary, figures and page, print the summary and return it."""
     save(result, folder / "result.nc")
-    figures = summarize(result, flown.mission)
+    figures = summarize(result, mission.mission)
     summary = {"figures": [each._asdict() for each in figures], "run": result.attrs}
     with replaced(folder / "summary.json") as partial:
         partial.write_text(json_of(summary) + "\n", encoding="utf-8")
     end = float(result["time"][-1])
-    what = f"{flown.title}; {result.attrs['plant']} plant, {result.attrs['controller']}"
+    what = (
+        f"{mission.title}; {result.attrs['plant']} plant, {result.attrs['controller']}"
+    )
     print(
-        f"{what}: {end:g} s in {wall:.2f} s, {end / wall:.0f} x real time.{flown.cut}\n"
+        f"{what}: {end:g} s in {wall:.2f} s, {end / wall:.0f} x real time.{mission.cut}\n"
     )
     print(f"{table(figures)}\n", flush=True)
     if len(result["time"]) > 1:  # the replay needs two instants
         with status_line("writing the page"):
-            page = write_index(result, flown, figures, folder, drawing=drawing)
+            page = write_index(result, mission, figures, folder, drawing=drawing)
         print(f"open {page} in a browser", flush=True)  # before the slow figures
     draw(result, folder)
     print(f"written to {folder}: result.nc, summary.json and figures")
@@ -222,7 +237,10 @@ def main(words: list[str] | None = None, prog: str = PROG) -> int:
     """Run the command `prog` with `words`, by default those of the process; return the exit code."""
     words = sys.argv[1:] if words is None else words
     command = f"{prog} {shlex.join(words)}"
-    return ended(lambda options: fly(options, command), parser(prog).parse_args(words))
+    return ended(
+        lambda options: simulate_mission(options, command),
+        parser(prog).parse_args(words),
+    )
 
 
 if __name__ == "__main__":

@@ -7,10 +7,10 @@ from typing import TYPE_CHECKING
 
 from trussflow.blocks.framework.units import readable
 from trussflow.models.parameter_files import ParameterTable
+from trussflow.models.plant.space_truss import ARMS, STRUCTURES
 from trussflow.models.reporting.tables import html_table
 from trussflow.models.transport.figures import DRAWINGS
 from trussflow.models.transport.mission_file import MissionFile
-from trussflow.models.transport.mission_plant import ARMS, STRUCTURES
 from trussflow.models.transport.summary import TITLES, FigureOfMerit, cells
 from trussflow.models.viewer.page import Section, replay
 
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 def write_index(
     result: xr.Dataset,
-    flown: MissionFile,
+    mission_file: MissionFile,
     figures: list[FigureOfMerit],
     folder: Path,
     *,
@@ -32,7 +32,7 @@ def write_index(
     ----------
     result : xarray.Dataset
         Result with the signals of `logged`, with two or more instants.
-    flown : MissionFile
+    mission_file : MissionFile
         Simulated mission.
     figures : list of FigureOfMerit
         Figures of merit by `summarize`.
@@ -51,10 +51,9 @@ def write_index(
     ModelError
         If the result is not that of this mission, or the file cannot be written.
     """
-    about = dict(result.attrs)
-    for long in ("parameters", "initial_states", "target"):
-        # too long; parameters have their own section
-        about.pop(long, None)
+    # too long; parameters have their own section
+    long = ("parameters", "initial_states", "target")
+    about = {key: value for key, value in result.attrs.items() if key not in long}
     ended = "" if about.get("status") == "complete" else f", {about.get('status')}"
     sections = [
         Section("Summary", html_table(TITLES, cells(figures))),
@@ -62,7 +61,7 @@ def write_index(
         *([Section("Diagram", drawing)] if drawing else []),
         Section(
             "Parameters",
-            html_table(("where", "value", "source"), _parameters(flown, result)),
+            html_table(("where", "value", "source"), _parameters(mission_file, result)),
         ),
         Section(
             "Provenance",
@@ -71,10 +70,10 @@ def write_index(
     ]
     return replay(
         result,
-        flown.truss,
+        mission_file.truss,
         folder / "index.html",
-        rods=flown.rods,
-        title=f"{flown.title}: {about.get('plant')} plant, {about.get('controller')}{ended}",
+        rods=mission_file.rods,
+        title=f"{mission_file.title}: {about.get('plant')} plant, {about.get('controller')}{ended}",
         sections=sections,
     )
 
@@ -92,10 +91,11 @@ def _charts(result: xr.Dataset) -> str:
     return f'<div class="figures">{"".join(chart.format(n.replace("_", " "), n) for n in names)}</div>'
 
 
-def _parameters(flown: MissionFile, result: xr.Dataset) -> list[tuple[str, ...]]:
+def _parameters(mission_file: MissionFile, result: xr.Dataset) -> list[tuple[str, ...]]:
     """Return the values of the mission file and of the parameter files of truss and arms."""
     rows: list[tuple[str, ...]] = [
-        (f"{told.place}, {told.key}", told.value, told.source) for told in flown.told
+        (f"{told.place}, {told.key}", told.value, told.source)
+        for told in mission_file.told
     ]
     files = ["space_truss.toml"] * (result.attrs["plant"] in STRUCTURES)
     files += [f"robot_arm_{arm}.toml" for arm in ARMS if arm in result.attrs["arm"]]

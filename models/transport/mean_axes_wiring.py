@@ -4,13 +4,9 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-import numpy as np
-
 from trussflow.blocks.control.trajectory import Trajectory
+from trussflow.blocks.framework.block import Block
 from trussflow.blocks.framework.diagram import Diagram
-from trussflow.blocks.framework.port import Input, Output
-from trussflow.blocks.library.algebra import Function
-from trussflow.blocks.support.types import Array, Vector
 from trussflow.models.dynamics.dynamics import TrussDynamics
 from trussflow.models.errors import ModelError
 from trussflow.models.hardware.hardware import Hardware
@@ -20,7 +16,6 @@ from trussflow.models.plant.nominal_model import TaskErrors
 from trussflow.models.plant.space_truss import SpaceTruss
 from trussflow.models.transport.mission import Mission
 from trussflow.models.transport.wiring import compare, path_of, with_hardware
-from trussflow.models.validation import frozen_array
 
 
 def mean_axes_transport(
@@ -30,7 +25,6 @@ def mean_axes_transport(
     design: MeanAxesDesign | None = None,
     believed: TrussDynamics | None = None,
     hardware: Hardware | None = None,
-    shares: Vector | None = None,
     seed: int = 0,
     path: Trajectory | None = None,
 ) -> Diagram:
@@ -50,10 +44,6 @@ def mean_axes_transport(
     hardware : Hardware, optional
         Hardware between controller and truss. By default there are only the delay of one sample time and the
         limits of `Hardware.flight`. The delay of the hardware includes this sample time.
-    shares : Vector, shape (robots,), optional
-        Factor of the path's peak acceleration after the failure of each base, positive [1]; see
-        `trussflow.models.feasibility.shares_left`. If the fault detection isolates a base with a factor below
-        1, the path is slowed down. By default it is unchanged.
     seed : int
         Seed of the sensor noise, zero or positive [1].
     path : Trajectory, optional
@@ -71,7 +61,7 @@ def mean_axes_transport(
     ------
     ModelError
         If `believed` has other robots, or the hardware has another sample time or a smaller delay than the
-        design. Also if both shares and a path are given.
+        design.
     """
     design = MeanAxesDesign.shipped() if design is None else design
     believed = replace(believed or truss.dynamics, attitude=truss.dynamics.attitude)
@@ -85,61 +75,38 @@ def mean_axes_transport(
         if path is None
         else path.sampled(design.sample_time)
     )
-    diagram = Diagram(f"{mission.name} by its mean axes")
+    diagram = Diagram("transport by mean axes")
     trajectory, controller = diagram.add(
         trajectory=given,
         controller=mean_axes_controller(
             believed,
             (hardware or Hardware.flight()).limits(truss),
             design,
-            truss.parameters["initial_coordinates"][: truss.rigid_q],
+            truss.start_position,
         ),
     )
     diagram.add(truss=truss, errors=TaskErrors(truss.dynamics))
     compare(diagram.errors, trajectory, truss)
     for name in ("position", "velocity", "acceleration"):
         trajectory.port(name) >> controller.port(f"reference_{name}")
-    if shares is not None:
-        if path is not None:
+    seen: Block = truss
+    acting, ordered = truss.actuation, controller.command
+    if hardware is not None:
+        hold = design.sample_time
+        if hardware.sample_time != hold or hardware.delay < hold:
             raise ModelError(
-                "shares slow down the path of the mission; omit either shares or path"
+                f"the hardware has a sample time of {hardware.sample_time} s and a delay of {hardware.delay} "
+                f"s, the controller a sample time of {hold} s: the sample times must be equal, and the delay "
+                "not less"
             )
-        each = frozen_array("transport by mean axes: shares", shares, (truss.robots,))
-
-        def smallest(effectiveness: Array) -> Array:
-            return np.min(
-                np.where(effectiveness[: 6 * truss.robots : 6] < 1.0, each, 1.0)
-            )
-
-        left = diagram.add(
-            left=Function(
-                smallest, {"effectiveness": Input(truss.actuators)}, {"share": Output()}
-            )
-        )
-        controller.effectiveness >> left.effectiveness
-        left.share >> trajectory.share
-    if hardware is None:
-        truss.task_position >> controller.position
-        truss.rigid_speeds >> controller.velocity
-        controller.command >> truss.actuation
-        controller.command >> controller.actuation
-        return diagram
-    if (
-        hardware.sample_time != design.sample_time
-        or hardware.delay < design.sample_time
-    ):
-        raise ModelError(
-            f"the hardware has a sample time of {hardware.sample_time} s and a delay of {hardware.delay} s, "
-            f"the controller a sample time of {design.sample_time} s: the sample times must be equal, and "
-            "the delay not less"
-        )
-    hardware = replace(hardware, delay=hardware.delay - design.sample_time)
-    actuators, sensors = with_hardware(diagram, truss, hardware, seed)
-    sensors.task_position >> controller.position
-    sensors.rigid_speeds >> controller.velocity
-    controller.command >> actuators.command
-    actuators.ordered >> controller.actuation
-    actuators.propellant >> controller.propellant
-    if "momentum" in actuators.ports:
-        actuators.momentum >> controller.momentum
+        hardware = replace(hardware, delay=hardware.delay - hold)
+        actuators, seen = with_hardware(diagram, truss, hardware, seed)
+        acting, ordered = actuators.command, actuators.ordered
+        actuators.propellant >> controller.propellant
+        if "momentum" in actuators.ports:
+            actuators.momentum >> controller.momentum
+    seen.task_position >> controller.position
+    seen.rigid_speeds >> controller.velocity
+    controller.command >> acting
+    ordered >> controller.actuation
     return diagram

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 
@@ -18,14 +19,29 @@ FASTEST = "fastest"
 """Value of a duration in a file for the fastest feasible path."""
 
 
+def case_file(case: int) -> Path:
+    """Return the mission file of a case of the paper.
+
+    Parameters
+    ----------
+    case : int
+        Case 1 or 2 [-].
+
+    Raises
+    ------
+    ModelError
+        If the case does not exist.
+    """
+    check_choice("transport case", case, CASES)
+    return shipped_file(f"case_{case}.toml")
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Mission:
     """Rest-to-rest transport of the truss, with controller gains.
 
     Attributes
     ----------
-    case : int or None
-        Case 1 or 2 of section 4 of the paper; None for other missions.
     position : Vector, shape (3,)
         Displacement of the truss frame, inertial axes [m].
     attitude : Vector, shape (3,)
@@ -51,7 +67,6 @@ class Mission:
         Step of the fixed-step solver [s].
     """
 
-    case: int | None
     position: Vector
     attitude: Vector
     duration: float
@@ -84,15 +99,11 @@ class Mission:
         ModelError
             If the case does not exist.
         """
-        check_choice("transport case", case, CASES)
-        return cls.of(LayeredFile.read(shipped_file(f"case_{case}.toml")), case)
+        return cls.of(LayeredFile.read(case_file(case)))
 
     @classmethod
     def of(
-        cls,
-        file: LayeredFile,
-        case: int | None = None,
-        used: Callable[[str, str], bool] = lambda *_: True,
+        cls, file: LayeredFile, used: Callable[[str, str], bool] = lambda *_: True
     ) -> Mission:
         """Return the mission of a file.
 
@@ -100,8 +111,6 @@ class Mission:
         ----------
         file : LayeredFile
             File as in `trussflow.models.transport.mission_file`.
-        case : int, optional
-            Case of the paper; by default none.
         used : callable
             Function of table and key that returns whether the mission uses the key. If unused, observer
             bandwidth and reaching gain are optional, by default NaN.
@@ -122,7 +131,6 @@ class Mission:
             allocation.array(f"{k}_weights", "1", (3,)) for k in ("force", "torque")
         )
         found = cls(
-            case=case,
             position=path.array("position", "m", (3,)),
             attitude=path.array("attitude", "rad", (3,)),
             weights=np.concatenate([forces, torques]),
@@ -133,8 +141,13 @@ class Mission:
             else path.scalar("duration", "s"),
             **dict.fromkeys(gains, np.nan)
             | controller.scalars(**dict.fromkeys(needed, "1/s")),
-            **sliding.scalars(rate_gain="1/s", error_gain="1/s^2", exponent="1"),
-            **sliding.scalars(switching_gain="m/s^2", boundary_layer="m/s"),
+            **sliding.scalars(
+                rate_gain="1/s",
+                error_gain="1/s^2",
+                exponent="1",
+                switching_gain="m/s^2",
+                boundary_layer="m/s",
+            ),
             **allocation.scalars(joint_weight="1"),
             **pd.scalars(proportional_gain="N/m", derivative_gain="N*s/m"),
             **file.table("simulation").scalars(step="s"),
@@ -142,11 +155,6 @@ class Mission:
         if found.duration != np.inf:
             check_number("path", duration=found.duration)
         return found
-
-    @property
-    def name(self) -> str:
-        """Name of the diagram."""
-        return "transport" if self.case is None else f"transport case {self.case}"
 
     def displacement(self, rigid: int) -> Vector:
         """Return the displacement of all task coordinates, zero for joints.

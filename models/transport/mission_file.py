@@ -31,7 +31,7 @@ from trussflow.models.parameter_files import ParameterTable, shipped_file
 from trussflow.models.plant.space_truss import SpaceTruss
 from trussflow.models.reporting.tables import text_table
 from trussflow.models.transport.mean_axes_wiring import mean_axes_transport
-from trussflow.models.transport.mission import CASES, FASTEST, Mission
+from trussflow.models.transport.mission import FASTEST, Mission, case_file
 from trussflow.models.transport.mission_path import path_from
 from trussflow.models.transport.mission_plant import SWITCHES, plant_of, truth_of
 from trussflow.models.transport.results import logged
@@ -41,7 +41,7 @@ from trussflow.models.transport.wiring import (
     path_of,
     transport_diagram,
 )
-from trussflow.models.validation import check_choice, check_number
+from trussflow.models.validation import check_number
 
 MEAN_AXES = "mean axes"
 """Name of the mean-axes law; the other laws are those of the paper."""
@@ -144,8 +144,7 @@ class MissionFile:
         **settings : mapping
             Tables that override the file, see `read`.
         """
-        check_choice("transport case", case, CASES)
-        return cls.read(shipped_file(f"case_{case}.toml"), **settings)
+        return cls.read(case_file(case), **settings)
 
     @classmethod
     def of(cls, file: LayeredFile) -> MissionFile:
@@ -168,9 +167,6 @@ class MissionFile:
     def _of(cls, file: LayeredFile) -> MissionFile:
         file.refuse_tables(_tables())
         controller, simulation = file.table("controller"), file.table("simulation")
-        shipped = [f"case_{case}.toml" for case in CASES]
-        named = [layer.place for layer in file.layers]
-        own = next((n for n in named if n != COMMAND), "")
         law = controller.choice("law", (*CONTROLLERS, MEAN_AXES))
         observer = SWITCHES[controller.choice("observer", SWITCHES)]
         allocation = controller.choice("allocation", ("auto", *ALLOCATIONS))
@@ -179,9 +175,7 @@ class MissionFile:
         stated = _hardware(file, believed)  # read even if unused, to find errors in it
         hardware = stated if kind == "flight" else None
         used = _used_by(law, observer, kind)
-        mission = Mission.of(
-            file, CASES[shipped.index(own)] if own in shipped else None, used
-        )
+        mission = Mission.of(file, used)
         requested, way = mission.duration, file.table("path")
         limits = (hardware or Hardware.flight()).limits(believed)
         mission, path = path_from(file, mission, believed, limits)
@@ -297,8 +291,7 @@ class MissionFile:
     def target(self) -> NDArray[np.float64]:
         """Task coordinates at the end of the path [m, unit of the attitude, rad]."""
         truss, way = self.truss, self.mission.displacement(self.truss.rigid)
-        start = truss.parameters["initial_coordinates"][: truss.rigid_q]
-        return np.asarray(moved(truss.dynamics.attitude, start, way))
+        return np.asarray(moved(truss.dynamics.attitude, truss.start_position, way))
 
     def least_duration(self) -> float:
         """Return the shortest duration of the path within the actuator limits [s].
@@ -325,14 +318,7 @@ class MissionFile:
         table = text_table(("key", "value", "file", "source"), rows)
         least = self.least_duration()
         bound = f"The actuators need at least {least:.4g} s for the path"
-        arms = self.truss.dynamics.arms
-        missing = dict.fromkeys(
-            (a.name, v.trouble) for a in arms for v in a.visuals if v.trouble
-        )
-        undrawn = "".join(
-            f"\nThe picture of {name} omits {trouble}." for name, trouble in missing
-        )
-        return f"{self.title}\n\n{table}\n\n{bound}, which takes {self.mission.duration:g} s.{self.cut}{undrawn}"
+        return f"{self.title}\n\n{table}\n\n{bound}, which takes {self.mission.duration:g} s.{self.cut}"
 
     @property
     def cut(self) -> str:

@@ -52,16 +52,10 @@ def path_from(
     shaping = (
         table.choice("shaping", ("none", *SHAPERS)) if "shaping" in table else "none"
     )
-    optional = {"strength": "1", "speed": "m/s", "turn_rate": "rad/s"}
-    given = {
-        key: table.scalar(key, unit) for key, unit in optional.items() if key in table
-    }
+    given = table.optional(strength="1", speed="m/s", turn_rate="rad/s")
     if mission.duration < np.inf and not given and len(ways) == 2 and shaping == "none":
         return mission, None
-    kind, start = (
-        truss.dynamics.attitude,
-        truss.parameters["initial_coordinates"][: truss.rigid_q],
-    )
+    kind = truss.dynamics.attitude
     if kind != EULER and shaping != "none":
         raise table.error(
             "shaping", "adds paths, which is not possible with quaternions; omit it"
@@ -76,7 +70,7 @@ def path_from(
     ways = np.pad(
         ways if kind == EULER else _by_quarters(ways), ((0, 0), (0, truss.joints))
     )
-    rows = np.array([moved(kind, start, way) for way in ways])
+    rows = np.array([moved(kind, truss.start_position, way) for way in ways])
     far = np.append(0.0, np.cumsum(np.linalg.norm(np.diff(ways, axis=0), axis=1)))
     if len(rows) > 2 and not np.all(np.diff(far) > 0.0):
         raise table.error("through_position", "has two equal waypoints in succession")

@@ -14,7 +14,7 @@ from trussflow.models.dynamics.dynamics import TrussDynamics
 from trussflow.models.geometry.attitude import ATTITUDES, QUATERNION
 from trussflow.models.geometry.rotation import fixed_rotation
 from trussflow.models.layered_file import LayeredFile, LayeredTable
-from trussflow.models.plant.space_truss import SpaceTruss, arm_by_name
+from trussflow.models.plant.space_truss import ARMS, STRUCTURES, SpaceTruss, arm_by_name
 from trussflow.models.robots.robot_arm import RobotArm
 from trussflow.models.truss.frame import Frame
 from trussflow.models.truss.nastran import structure_from_nastran
@@ -23,14 +23,10 @@ from trussflow.models.truss.structure import Structure
 from trussflow.models.truss.variations import loaded, scaled
 from trussflow.models.validation import check_number
 
-STRUCTURES = ("published", "consistent", "accurate")
 FRAME, NASTRAN, MATRICES = "frame", "nastran", "matrices"
 """Kinds of user-defined structures."""
 
-ARMS = ("literal", "jaco")
 URDF = ".urdf"
-UNCERTAINTY_UNITS = {"mass": "1", "frequency": "1", "payload": "kg"}
-"""Units of the uncertainties of the truss, besides damping."""
 
 SWITCHES: Mapping[str, bool | None] = {"auto": None, "on": True, "off": False}
 
@@ -53,9 +49,7 @@ def plant_of(file: LayeredFile) -> tuple[SpaceTruss, NDArray[np.int_] | None]:
     structure, folder = file.table("structure"), file.folder
     model = structure.choice("model", (*STRUCTURES, FRAME, NASTRAN, MATRICES))
     modes = {"modes": structure.whole("modes")} if "modes" in structure else {}
-    damping = (
-        {"damping": structure.scalar("damping", "1")} if "damping" in structure else {}
-    )
+    damping = structure.optional(damping="1")
     if model == "published" and damping:
         raise structure.error(
             "damping",
@@ -108,11 +102,7 @@ def truth_of(file: LayeredFile, believed: SpaceTruss) -> SpaceTruss:
         If a value of the table is invalid.
     """
     table, modes = file.table("uncertainties"), believed.dynamics.modes
-    given = {
-        key: table.scalar(key, unit)
-        for key, unit in UNCERTAINTY_UNITS.items()
-        if key in table
-    }
+    given = table.optional(mass="1", frequency="1", payload="kg")
     damping = table.array("damping", "1", (2,)) if "damping" in table else None
     draw = table.whole("draw") if "draw" in table else None
     for key, value in given.items():
@@ -139,44 +129,38 @@ def truth_of(file: LayeredFile, believed: SpaceTruss) -> SpaceTruss:
         for key, chance in zip(("mass", "frequency"), chances, strict=True)
     }
     far = modes.positions[np.argmax(np.linalg.norm(modes.positions, axis=1))]
-    flown = loaded(
+    varied = loaded(
         scaled(modes.damped(0.0), **factors), far, loading * given.get("payload", 0.0)
     )
     if damping is None:
-        flown = replace(flown, damping_ratios=modes.damping_ratios)
+        varied = replace(varied, damping_ratios=modes.damping_ratios)
     else:
-        flown = flown.damped(damping[0] + damped * (damping[1] - damping[0]))
-    dynamics, start = (
-        replace(believed.dynamics, modes=flown),
-        believed.parameters["initial_coordinates"],
-    )
-    return SpaceTruss(dynamics, modal_actuation=believed.modal_actuation, start=start)
+        varied = varied.damped(damping[0] + damped * (damping[1] - damping[0]))
+    return believed.changed(dynamics=replace(believed.dynamics, modes=varied))
 
 
 def _structure(model: str, table: LayeredTable, folder: Path) -> Structure:
     """Return a user-defined structure."""
     if model == MATRICES:
-        files = {
-            key: folder / table.text(key) for key in ("mass", "stiffness", "positions")
-        }
-        given: dict[str, Any] = {
-            **files,
-            "units": table.texts("units"),
-            "source": files["stiffness"].name,
-        }
-        return Structure.from_matrices(**given)
+        keys = ("mass", "stiffness", "positions")
+        mass, stiffness, positions = (folder / table.text(key) for key in keys)
+        return Structure.from_matrices(
+            mass,
+            stiffness,
+            positions,
+            units=table.texts("units"),
+            source=stiffness.name,
+        )
     file = folder / table.text("file")
     if model == FRAME:
         return Frame.from_file(file).structure()
-    matrices, units = folder / table.text("matrices"), tuple(table.texts("units"))
-    return structure_from_nastran(file, matrices, units=units)  # type: ignore[arg-type]  # it counts them
+    matrices = folder / table.text("matrices")
+    return structure_from_nastran(file, matrices, units=table.texts("units"))
 
 
 def _shapes(table: LayeredTable) -> dict[str, Any]:
     """Return the arguments of `reduced_modes` for attachment shapes."""
-    found: dict[str, Any] = {}
-    if "highest_frequency" in table:
-        found["highest_frequency"] = table.scalar("highest_frequency", "Hz")
+    found: dict[str, Any] = table.optional(highest_frequency="Hz")
     if "attachments" in table:
         found["attachments"] = SWITCHES[table.choice("attachments", ("on", "off"))]
     return found
@@ -218,7 +202,8 @@ def _arm(robot: LayeredTable, folder: Path) -> RobotArm:
         raise robot.error("arm", f"is {name!r}; choose from: {choices}")
     for key in ("hand", "base", "locked"):
         # An arm of the command line replaces a URDF file of the mission file, and its links with it.
-        if key in robot and kind != URDF and robot.layer(key) is robot.layer("arm"):
+        given, arm_given = robot.owner(key), robot.owner("arm")
+        if key in robot and kind != URDF and given.place == arm_given.place:
             raise robot.error(
                 key, f"applies to a URDF file only, and the arm is {name!r}; omit it"
             )

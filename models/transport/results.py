@@ -95,10 +95,9 @@ def check_run(result: xr.Dataset, truss: SpaceTruss) -> xr.Dataset:
             "shapes exceed 1 %, without foreshortening: do not rely on the results; reduce the forces"
         )
     beyond = []
-    owners = [k for k, arm in enumerate(truss.dynamics.arms, 1) for _ in arm.joint_data]
-    for i, (joint, robot) in enumerate(
-        zip(truss.dynamics.joint_data, owners, strict=True)
-    ):
+    arms = enumerate(truss.dynamics.arms, 1)
+    owners = [(robot, joint) for robot, arm in arms for joint in arm.joint_data]
+    for i, (robot, joint) in enumerate(owners):
         angle = result["joint_angle"].values[:, i]
         far = max(joint.lower - angle.min(), angle.max() - joint.upper)
         if far > JOINT_LIMIT_TOLERANCE:

@@ -51,7 +51,7 @@ class Slew(Quintic):
     ) -> None:
         self.kind = truss.dynamics.attitude
         self.places, self.place_units = truss.rigid_q, truss.position_units
-        start = truss.parameters["initial_coordinates"][: truss.rigid_q]
+        start = truss.start_position
         super().__init__(
             displacement,
             duration,

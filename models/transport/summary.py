@@ -51,7 +51,8 @@ def summarize(result: xr.Dataset, mission: Mission) -> list[FigureOfMerit]:
         f"{name} error": result[f"{name}_error"].values
         for name in ("position", "attitude")
     }
-    found = tracking_metrics(result["time"].values, errors)
+    time = result["time"].values
+    found = tracking_metrics(time, errors)
     largest = [
         (f"{part} {name}", found[f"{part} {name} (component)"], unit)
         for name, unit in (("position error", "m"), ("attitude error", "rad"))
@@ -76,7 +77,6 @@ def summarize(result: xr.Dataset, mission: Mission) -> list[FigureOfMerit]:
     bent = largest_component(result["grasp_displacement"].values[:, -1])
     largest.append(("peak elastic displacement, last grasp", bent, "m"))
     figures = [FigureOfMerit(*each) for each in largest]
-    time = result["time"].values
     if result.attrs.get("observer", 0):
         # The initial error decays as exp(-L t); of a very short run the second half is evaluated.
         late = time >= min(5 / mission.observer_bandwidth, time[-1] / 2)

@@ -96,7 +96,7 @@ def transport_diagram(
             f"a model of {believed.rigid_freedoms} and {believed.modes.modes}; the model must "
             "have the same robots and no more modes"
         )
-    diagram = Diagram(mission.name)
+    diagram = Diagram("transport")
     trajectory, errors, law, model = diagram.add(
         trajectory=path_of(mission, truss) if path is None else path,
         errors=TaskErrors(truss.dynamics),
@@ -203,7 +203,7 @@ def path_of(
         Sample time of the input `share`, which slows down the path under way [s]; by default the path has no
         such input.
     """
-    start = truss.parameters["initial_coordinates"][: truss.rigid_q]
+    start = truss.start_position
     way, times = mission.displacement(truss.rigid), [mission.duration]
     times += [] if sample_time is None else [sample_time]
     if truss.dynamics.attitude != EULER:

@@ -27,6 +27,7 @@ from trussflow.models.validation import (
     check_choice,
     check_number,
     frozen_array,
+    set_fields,
 )
 
 # Least distance of two nodes, relative to the size of the frame.
@@ -109,20 +110,20 @@ class Frame:
     source: str = "frame"
 
     def __post_init__(self) -> None:
+        from scipy.spatial import KDTree  # slow to import
+
         positions = frozen_array(f"{self.source}: positions", self.positions, (None, 3))
-        object.__setattr__(self, "positions", positions)
+        set_fields(self, positions=positions)
         if not self.members:
             raise ModelError(
                 f"{self.source}: there are no members; a frame needs at least one"
             )
         numbers = range(1, len(positions) + 1)
         size = np.max(np.ptp(positions, axis=0), initial=0.0)
-        for i in numbers:
-            apart = np.linalg.norm(positions[i:] - positions[i - 1], axis=1)
-            if apart.size and np.min(apart) <= _SAME_PLACE * size:
-                raise ModelError(
-                    f"{self.source}: nodes {i} and {i + 1 + np.argmin(apart)} are at the same place"
-                )
+        for i, j in sorted(KDTree(positions).query_pairs(_SAME_PLACE * size)):
+            raise ModelError(
+                f"{self.source}: nodes {i + 1} and {j + 1} are at the same place"
+            )
         for member in self.members:
             name = f"{self.source}: member {member.start}-{member.end}"
             for end in member[:2]:
@@ -294,21 +295,15 @@ def _members(
             f"{table.place}: hinged is {hinged!r} and elements is {elements!r}; hinged must be true or "
             "false, elements a whole number that a hinged rod must not have"
         )
-    twisting = (
-        0.0 if hinged else modulus / (2.0 * (1.0 + stuff["poissons_ratio"])) * torsion
-    )
+    if hinged:
+        elements, moments, torsion = 1, np.zeros(2), 0.0
+    twisting = modulus / (2.0 * (1.0 + stuff["poissons_ratio"])) * torsion
     found = []
     for start, end in _numbers(table, "ends", 2):
-        bending = (
-            np.zeros((3, 3))
-            if hinged
-            else modulus * _bending(table, positions, (start, end), moments)
-        )
+        bending = modulus * _bending(table, positions, (start, end), moments)
         rigidity = Rigidity(modulus * area, bending, twisting)
         found.append(
-            FrameMember(
-                start, end, 1 if hinged else elements, rigidity, stuff["density"] * area
-            )
+            FrameMember(start, end, elements, rigidity, stuff["density"] * area)
         )
     return found
 
@@ -377,18 +372,10 @@ def _masses(table: ParameterTable) -> list[FrameMass]:
 
 
 def _numbers(table: ParameterTable, key: str, count: int) -> list[tuple[int, ...]]:
-    """Return tuples of `count` node numbers, which are integers without a unit."""
-    given = table.content.get(key)
-    rows = (
-        [row if isinstance(row, list) else [row] for row in given]
-        if isinstance(given, list)
-        else []
-    )
-    if not rows or any(
-        len(row) != count or any(type(n) is not int for n in row) for row in rows
-    ):
-        kind = "pairs of numbers" if count == 2 else "numbers"
-        raise ModelError(
-            f"{table.place}: {key!r} must be a list of {kind} of nodes, got {given!r}"
+    """Return tuples of `count` node numbers."""
+    rows = table.rows(key)
+    if {len(row) for row in rows} != {count}:
+        raise table.error(
+            key, f"must have {count} node number{'s' * (count > 1)} each, got {rows}"
         )
     return [tuple(row) for row in rows]

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import os
 import re
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -23,7 +24,7 @@ def structure_from_nastran(
     deck: str | Path,
     matrices: str | Path,
     *,
-    units: tuple[str, str, str],
+    units: Sequence[str],
     mass: str = "MGG",
     stiffness: str = "KGG",
 ) -> Structure:
@@ -35,7 +36,7 @@ def structure_from_nastran(
         Bulk data with GRID and CORD2* cards, and its INCLUDE files.
     matrices : str or pathlib.Path
         OUTPUT4 file, binary or text.
-    units : tuple of str
+    units : sequence of str
         Units of length, mass and time, for example ``("mm", "t", "s")``; Nastran files state none [-].
     mass, stiffness : str
         Names of the matrices in the file, of six freedoms per node in the order of the nodes' numbers and

@@ -65,7 +65,7 @@ def natural_frequencies(
     blocks = [
         inertias.get(node, np.zeros((6, 6))) for node in range(len(structure.nodes))
     ]
-    added = scipy.sparse.block_diag([scipy.sparse.csr_array(block) for block in blocks])
+    added = scipy.sparse.csr_array(scipy.sparse.block_diag(blocks))
     moves = structure.elastic & ~np.repeat(held | face, 6)
     together = structure.rigid_motions(np.zeros(3)) * np.repeat(face, 6)[:, None]
     single = scipy.sparse.eye_array(len(moves), format="csc")[:, moves]

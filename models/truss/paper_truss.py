@@ -114,22 +114,19 @@ def _corners(
     return np.array(corners)
 
 
+def printed_modes() -> ParameterTable:
+    """Return the table with the modal data that the paper prints."""
+    return ParameterTable.shipped("space_truss.toml").table("modes")
+
+
 def printed_grasps() -> Vector:
     """Return the grasp points of the paper's Table 2, shape (4, 3) [m]."""
-    return (
-        ParameterTable.shipped("space_truss.toml")
-        .table("modes")
-        .array("grasp_points", "m", (None, 3))
-    )
+    return printed_modes().array("grasp_points", "m", (None, 3))
 
 
 def printed_frequencies() -> Vector:
     """Return the natural frequencies of the paper's Table 1, shape (6,) [Hz]."""
-    return (
-        ParameterTable.shipped("space_truss.toml")
-        .table("modes")
-        .array("frequencies", "Hz", (None,))
-    )
+    return printed_modes().array("frequencies", "Hz", (None,))
 
 
 def with_printed_frequencies(modes: TrussModes) -> TrussModes:

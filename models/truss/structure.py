@@ -26,7 +26,12 @@ from trussflow.blocks.support.types import Vector
 from trussflow.blocks.support.validation import MOST_ELEMENTS
 from trussflow.models.errors import ModelError
 from trussflow.models.geometry.rotation import cross_matrix
-from trussflow.models.validation import check_choice, check_rotation, frozen_array
+from trussflow.models.validation import (
+    check_choice,
+    check_rotation,
+    frozen_array,
+    set_fields,
+)
 
 _SYMMETRY_TOLERANCE = 1e-9  # relative to the largest element
 _RIGID_FORCE_TOLERANCE = (
@@ -90,12 +95,15 @@ class Structure:
         positions = frozen_array(
             "structure: positions", self.positions, (len(nodes), 3)
         )
-        object.__setattr__(self, "nodes", nodes)
-        object.__setattr__(self, "positions", positions)
-        self._check_nodes()
-        for name in ("mass", "stiffness"):
-            object.__setattr__(self, name, self._checked(name))
-        object.__setattr__(self, "elastic", self.stiffness.diagonal() > 0.0)
+        set_fields(self, nodes=nodes, positions=positions)
+        if len(set(nodes)) < len(nodes):
+            twice = next(n for n in nodes if nodes.count(n) > 1)
+            raise ModelError(
+                f"structure: node number {twice} is used twice; each number must be unique"
+            )
+        set_fields(self, mass=self._checked("mass"))
+        set_fields(self, stiffness=self._checked("stiffness"))
+        set_fields(self, elastic=self.stiffness.diagonal() > 0.0)
         self._check_free()
         self._set_point_masses()
 
@@ -106,7 +114,7 @@ class Structure:
         stiffness: Any,
         positions: npt.ArrayLike | Path,
         *,
-        units: tuple[str, str, str],
+        units: Sequence[str],
         nodes: Sequence[int] | None = None,
         axes: npt.ArrayLike | None = None,
         source: str = "matrices",
@@ -120,7 +128,7 @@ class Structure:
             The latter has the array ``mass`` or ``stiffness`` [`units`].
         positions : array_like, shape (n, 3), str or pathlib.Path
             Positions of the nodes, or a file of the same kinds; in .npz as ``positions`` [`units`].
-        units : tuple of str
+        units : sequence of str
             Units of length, mass and time, for example ``("mm", "t", "s")``; the others are derived.
         nodes : sequence of int, optional
             Numbers of the nodes [-]; by default 1 to n.
@@ -245,13 +253,6 @@ class Structure:
         """
         return f"node {self.nodes[freedom // 6]}, {_FREEDOMS[freedom % 6]}"
 
-    def _check_nodes(self) -> None:
-        if len(set(self.nodes)) < len(self.nodes):
-            twice = next(n for n in self.nodes if self.nodes.count(n) > 1)
-            raise ModelError(
-                f"structure: node number {twice} is used twice; each number must be unique"
-            )
-
     def _checked(self, name: str) -> scipy.sparse.csr_array:
         """Return a matrix made exactly symmetric, or raise `ModelError` if it is invalid."""
         given = scipy.sparse.csr_array(getattr(self, name))
@@ -345,18 +346,16 @@ class Structure:
             (entries, (rows.ravel(), columns.ravel())),
             shape=(3 * len(points), 6 * count),
         )
-        for name, found in (
-            ("points", points),
-            ("point_masses", masses),
-            ("carried", carried.tocsr()),
-        ):
-            object.__setattr__(
-                self, name, found if name == "carried" else np.array(found)
-            )
+        set_fields(
+            self,
+            points=np.array(points),
+            point_masses=np.array(masses),
+            carried=carried.tocsr(),
+        )
         row, column = self.mass.tocoo().coords
         if np.any(row // 6 != column // 6):
             lumped = "mass that couples nodes was lumped to them; total mass, centre and inertia are preserved"
-            object.__setattr__(self, "assumptions", (*self.assumptions, lumped))
+            set_fields(self, assumptions=(*self.assumptions, lumped))
         rigid = self._even_motions()
         kept = self.carried @ rigid
         error = rigid.T @ (self.mass @ rigid) - (kept.T * np.repeat(masses, 3)) @ kept

@@ -2,18 +2,19 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Sequence
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 
+from trussflow.blocks.support.files import reading, replaced
 from trussflow.blocks.support.types import Array, Vector
 from trussflow.models.errors import ModelError
 from trussflow.models.parameter_files import shipped_file
-from trussflow.models.truss.truss_modes_file import read_modes, write_modes
-from trussflow.models.validation import central_inertia, frozen_array
+from trussflow.models.validation import central_inertia, frozen_array, set_fields
 
 
 class ModalData(NamedTuple):
@@ -50,6 +51,22 @@ If the end of a cantilever is displaced by a tenth of its length, linear theory 
 the foreshortening of 0.6 % of the length. Bisshopp, Drucker (1945), *Large deflection of cantilever beams*,
 Quarterly of Applied Mathematics 3(3).
 """
+
+FILE_FORMAT = "trussflow truss modes 1"
+"""Value of the key ``format`` in files of modal data."""
+
+FILE_KEYS = {
+    "source": "source",
+    "position_m": "positions",
+    "mass_kg": "masses",
+    "shape_per_sqrt_kg": "shapes",
+    "frequency_hz": "frequencies",
+    "damping_ratio": "damping_ratios",
+    "grasp_position_m": "grasp_positions",
+    "grasp_translation_per_sqrt_kg": "grasp_translations",
+    "grasp_rotation_rad_per_sqrt_kg_m": "grasp_rotations",
+}
+"""Attributes in files of modal data, by key."""
 
 # Tolerance of E = sum m T^T T from the identity, which the equations assume.
 _ORTHONORMALITY = 1e-6
@@ -129,14 +146,13 @@ class TrussModes:
         }
         for name, shape in expected.items():
             array = frozen_array(f"truss modes: {name}", getattr(self, name), shape)
-            object.__setattr__(self, name, array)
+            set_fields(self, **{name: array})
         all_shapes = np.concatenate([self.positions[:, :, None], self.shapes], axis=2)
         first = np.einsum("n,nia->ai", self.masses, all_shapes)
         second = np.einsum(
             "n,nia,njb->abij", self.masses, all_shapes, all_shapes, optimize=True
         )
-        object.__setattr__(self, "first_moments", first)
-        object.__setattr__(self, "second_moments", second)
+        set_fields(self, first_moments=first, second_moments=second)
         self._check()
 
     def _check(self) -> None:
@@ -303,7 +319,22 @@ class TrussModes:
 
     @classmethod
     def load(cls, path: str | Path) -> TrussModes:
-        """Read modal data from a file; see `truss_modes_file` for the format.
+        """Read modal data from a JSON file, with one key per array and units in the keys.
+
+        ================================ ========= =====================================================
+        key                              shape     meaning
+        ================================ ========= =====================================================
+        format                           text      always ``"trussflow truss modes 1"``
+        source                           text      origin of the data
+        position_m                       (n, 3)    point masses, undeformed, in the truss frame
+        mass_kg                          (n,)      masses of these points
+        shape_per_sqrt_kg                (n, 3, h) mass-normalized mode shapes at these points
+        frequency_hz                     (h,)      natural frequencies
+        damping_ratio                    (h,)      damping ratios
+        grasp_position_m                 (k, 3)    grasp points, undeformed
+        grasp_translation_per_sqrt_kg    (k, 3, h) mode shapes at the grasp points
+        grasp_rotation_rad_per_sqrt_kg_m (k, 3, h) rotations of the modes at the grasp points
+        ================================ ========= =====================================================
 
         Parameters
         ----------
@@ -317,11 +348,24 @@ class TrussModes:
         Raises
         ------
         ModelError
-            If the file cannot be read or its data are invalid.
+            If the file cannot be read, its keys are not those above, or its data are invalid.
         """
-        values = read_modes(path)
+        cannot = "cannot read truss modes from"
+        with reading(path, ModelError, cannot, "it is not JSON ({})") as file:
+            content = json.loads(file.read_text(encoding="utf-8"))
+        problem = f"{cannot} '{path}'"
+        if not isinstance(content, dict) or content.pop("format", None) != FILE_FORMAT:
+            raise ModelError(
+                f"{problem}: it must be an object with 'format': {FILE_FORMAT!r}"
+            )
+        for kind, keys in (
+            ("unknown", content.keys() - FILE_KEYS),
+            ("missing", FILE_KEYS.keys() - content),
+        ):
+            if keys:
+                raise ModelError(f"{problem}: {kind} keys {sorted(keys)}")
         try:
-            return cls(**values)
+            return cls(**{name: content[key] for key, name in FILE_KEYS.items()})
         except ModelError as error:
             raise ModelError(
                 f"cannot use the data in {str(path)!r}: {error}"
@@ -333,10 +377,15 @@ class TrussModes:
         Parameters
         ----------
         path : str or pathlib.Path
-            An existing file is replaced.
+            File to write; an existing one is replaced.
         """
-        values = {f.name: getattr(self, f.name) for f in fields(self) if f.init}
-        write_modes(values, path)
+        values = {key: getattr(self, name) for key, name in FILE_KEYS.items()}
+        lines = [
+            f"{json.dumps(key)}: {json.dumps(value, default=np.ndarray.tolist, separators=(',', ':'))}"
+            for key, value in {"format": FILE_FORMAT, **values}.items()
+        ]
+        with replaced(path) as partial:
+            partial.write_text("{\n" + ",\n".join(lines) + "\n}\n", encoding="utf-8")
 
 
 def axial(matrix: Array) -> Array:

@@ -9,8 +9,8 @@ from pathlib import Path
 from trussflow.blocks.framework.command_arguments import Outcome, ended, parser_of
 from trussflow.blocks.support.progress import status_line
 from trussflow.models.errors import ModelError
+from trussflow.models.plant.space_truss import STRUCTURES
 from trussflow.models.viewer.page import replay
-from trussflow.models.viewer.scene import PLANTS
 from trussflow.models.viewer.still import CAMERAS, still
 
 PROG = "python -m trussflow.models.viewer"
@@ -33,9 +33,13 @@ def parser(prog: str = PROG) -> argparse.ArgumentParser:
         "other", type=Path, nargs="?", help="second run, in the same picture"
     )
     found.add_argument(
-        "--truss", choices=PLANTS, help="plant of the run; default: that in the result"
+        "--truss",
+        choices=STRUCTURES,
+        help="plant of the run; default: that in the result",
     )
-    found.add_argument("--other-truss", choices=PLANTS, help="plant of the second run")
+    found.add_argument(
+        "--other-truss", choices=STRUCTURES, help="plant of the second run"
+    )
     found.add_argument(
         "--names", nargs=2, default=["run", "other run"], help="names of the runs"
     )

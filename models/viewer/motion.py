@@ -72,8 +72,6 @@ class Motion:
         Result of a run.
     truss : SpaceTruss
         Plant of the run.
-    block : str
-        Name of the plant in the diagram.
 
     Attributes
     ----------
@@ -90,10 +88,8 @@ class Motion:
         If required signals are missing in the result, belong to another truss, or are not finite.
     """
 
-    def __init__(
-        self, result: xr.Dataset, truss: SpaceTruss, block: str = "truss"
-    ) -> None:
-        self._truss, self._block, self._said = truss, block, result.attrs.get("target")
+    def __init__(self, result: xr.Dataset, truss: SpaceTruss) -> None:
+        self._truss, self._said = truss, result.attrs.get("target")
         self.signals = {
             str(name): variable
             for name, variable in result.data_vars.items()
@@ -110,43 +106,32 @@ class Motion:
                 "cannot show the result: its coordinate 'time' must have two or more ascending instants in "
                 f"seconds; it has {len(self.time)} instants"
             )
-        modes, joints = (
-            {name: size} if size else {}
-            for name, size in (
-                ("modal_coordinate", truss.modes),
-                ("joint_angle", truss.joints),
-            )
-        )
-        ways = (
+        modes, angles = truss.modes, truss.dynamics.attitude.end - 3
+        joints = {"joint_angle": truss.joints, "modal_coordinate": modes}
+        for sizes in (
             {"coordinates": truss.nq},
-            {"task_position": truss.rigid_q, **modes},
-            {
-                "position": 3,
-                "attitude": truss.dynamics.attitude.end - 3,
-                **joints,
-                **modes,
-            },
-        )
-        way = next(
-            (way for way in ways if all(self.name_of(port) for port in way)), None
-        )
-        if way is None:
+            {"task_position": truss.rigid_q, "modal_coordinate": modes},
+            {"position": 3, "attitude": angles, **joints},
+        ):
+            ports = [port for port, size in sizes.items() if size]
+            if all(map(self.name_of, ports)):
+                break
+        else:
             there = ", ".join(self.signals) or "nothing"
             raise ModelError(
-                f"cannot show the result: it has no motion of the truss; log {block}.coordinates, or "
-                f"{block}.task_position and {block}.modal_coordinate, and for arrows {block}.base_force and "
-                f"{block}.base_torque; it has {there}"
+                "cannot show the result: it has no motion of the truss; log its outputs coordinates, or "
+                "task_position and modal_coordinate, and for arrows base_force and base_torque; it has "
+                f"{there}"
             )
         self.coordinates = np.concatenate(
-            [self._values(port, size) for port, size in way.items()]
+            [self._values(port, sizes[port]) for port in ports]
         )
 
     def name_of(self, port: str) -> str | None:
-        """Return the name of the logged signal of a port of the truss, or None."""
-        return next(
-            (name for name in (f"{self._block}.{port}", port) if name in self.signals),
-            None,
-        )
+        """Return the name of the logged signal of a port of the truss, or None; its block has any name."""
+        names = [name for name in self.signals if name.rpartition(".")[2] == port]
+        # other blocks, such as sensors, have ports of the same name
+        return max(names, key=lambda name: f".truss.{port}" in f".{name}", default=None)
 
     def _values(self, port: str, size: int) -> Vector:
         variable = self.signals[self.name_of(port) or ""]

@@ -68,7 +68,6 @@ def replay(
     names: Sequence[str] = ("run", "other run"),
     target: npt.ArrayLike | None = None,
     rods: npt.ArrayLike | None = None,
-    block: str = "truss",
     title: str = "Replay",
     sections: Sequence[Section] = (),
 ) -> Path:
@@ -94,8 +93,6 @@ def replay(
         of the result.
     rods : array_like, shape (k, 2), optional
         Pairs of point masses connected by a rod [-]; required except for the shipped trusses.
-    block : str
-        Name of the plant in the diagram.
     title : str
         Title of the page.
     sections : sequence of Section
@@ -130,8 +127,7 @@ def replay(
         )
     plants = [plant_of(named, data.attrs) for data, named in flown]
     motions = [
-        Motion(data, plant, block)
-        for (data, _), plant in zip(flown, plants, strict=True)
+        Motion(data, plant) for (data, _), plant in zip(flown, plants, strict=True)
     ]
     first = motions[0]
     goal = first.target(target)

@@ -12,15 +12,12 @@ from trussflow.blocks.errors import ParameterError
 from trussflow.blocks.support.validation import number_array
 from trussflow.models.errors import ModelError
 from trussflow.models.geometry.attitude import QUATERNION
-from trussflow.models.plant.space_truss import SpaceTruss
+from trussflow.models.plant.space_truss import STRUCTURES, SpaceTruss
 from trussflow.models.robots.robot_arm import RobotArm
 from trussflow.models.truss.paper_truss import paper_structure
 from trussflow.models.truss.truss_modes import TrussModes
-from trussflow.models.validation import check_choice
 from trussflow.models.viewer.packing import Packer
 from trussflow.models.viewer.solids import MAX_TRIANGLES, solid_of
-
-PLANTS = ("published", "consistent", "accurate")
 
 
 def plant_of(truss: SpaceTruss | str | None, attributes: dict[str, Any]) -> SpaceTruss:
@@ -41,17 +38,11 @@ def plant_of(truss: SpaceTruss | str | None, attributes: dict[str, Any]) -> Spac
     if isinstance(truss, SpaceTruss):
         return truss
     name = attributes.get("plant") if truss is None else truss
-    if name is None:
+    if name not in STRUCTURES:
         raise ModelError(
-            "cannot tell which truss flew: the result does not say; give the SpaceTruss, or its name: "
-            f"{', '.join(PLANTS)}"
+            f"cannot show the run: the plant is {name!r}, not one of {', '.join(STRUCTURES)}; open the "
+            "index.html that its mission wrote, or give replay the SpaceTruss and its rods"
         )
-    if truss is None and name not in PLANTS:
-        raise ModelError(
-            f"cannot tell which truss flew: the result says '{name}', known are {', '.join(PLANTS)}; "
-            "open the index.html that its mission wrote, or give replay the SpaceTruss and its rods"
-        )
-    check_choice("truss", name, PLANTS)
     found: SpaceTruss = getattr(SpaceTruss, name)(arm=attributes.get("arm", "literal"))
     return (
         found.with_quaternion()
@@ -143,11 +134,11 @@ def _arm(
 def _solids(arms: Sequence[RobotArm], packer: Packer) -> list[dict[str, Any]]:
     """Return the solid of each robot; robots with the same visuals share it."""
     found: dict[int, dict[str, Any]] = {}
-    for arm in arms:
-        alike = id(arm.visuals) if arm.visuals else id(arm)
-        if alike not in found:
+    keys = [id(arm.visuals) if arm.visuals else id(arm) for arm in arms]
+    for key, arm in zip(keys, arms, strict=True):
+        if key not in found:
             solid = solid_of(arm, MAX_TRIANGLES // len(arms))
-            found[alike] = {
+            found[key] = {
                 "drawn": len(solid.troubles) < len(arm.visuals),
                 "points": packer.pack(solid.points),
                 "bodies": solid.bodies.tolist(),
@@ -156,4 +147,4 @@ def _solids(arms: Sequence[RobotArm], packer: Packer) -> list[dict[str, Any]]:
                     f"{arm.name} without {trouble}" for trouble in solid.troubles
                 ],
             }
-    return [found[id(arm.visuals) if arm.visuals else id(arm)] for arm in arms]
+    return [found[key] for key in keys]

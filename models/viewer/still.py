@@ -102,17 +102,18 @@ def still(
     words = urlencode({key: value for key, value in asked.items() if value is not None})
     try:
         with replaced(picture) as partial, tempfile.TemporaryDirectory() as profile:
-            command = [program, "--headless", *launch_options(), "--hide-scrollbars"]
-            command += [
+            command = [
+                program,
+                "--headless",
+                *launch_options(),
+                "--hide-scrollbars",
                 f"--user-data-dir={profile}",
                 f"--window-size={size[0]},{size[1]}",
-            ]
-            command += [
                 "--virtual-time-budget=60000",
                 "--enable-logging=stderr",
                 f"--screenshot={partial}",
+                f"{source.as_uri()}#{words}",
             ]
-            command.append(f"{source.as_uri()}#{words}")
             done = subprocess.run(
                 command, capture_output=True, text=True, timeout=TIME_LIMIT, check=False
             )

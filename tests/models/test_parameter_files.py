@@ -16,7 +16,7 @@ from trussflow.models import (
     shipped_file,
 )
 from trussflow.models.layered_file import LayeredFile
-from trussflow.models.truss.truss_modes_file import read_modes
+from trussflow.models.truss.truss_modes import TrussModes
 from trussflow.models.viewer.motion import opened
 
 SHIPPED = (
@@ -186,7 +186,7 @@ def test_unreadable_files(tmp_path):
 
 READERS = {
     "parameters.toml": ParameterTable.read,
-    "modes.json": read_modes,
+    "modes.json": TrussModes.load,
     "robot.urdf": lambda path: RobotArm.from_urdf(path, hand="a", base="b"),
     "places.npy": lambda path: Structure.from_matrices(
         np.eye(3), np.eye(3), path, units=("m", "kg", "s")

@@ -15,10 +15,15 @@ from trussflow.blocks.framework.port import Input, Output
 from trussflow.blocks.library.algebra import Function
 from trussflow.blocks.support.types import Array
 from trussflow.models.dynamics.dynamics import TrussDynamics
+from trussflow.models.feasibility import ActuatorFailure
 from trussflow.models.reporting.metrics import largest_component, tracking_metrics
 
-PARTS = {"base": ("bases",), "drives": ("drives",), "robot": ("bases", "drives")}
-"""Parts of a robot that may fail, with their parameters of `ActuatorFailure`."""
+PARTS: dict[str, dict[str, Any]] = {
+    "base": {},
+    "drives": {"axes": (), "joints": "limp"},
+    "robot": {"joints": "limp"},
+}
+"""Parts of a robot that may fail, with their arguments of `ActuatorFailure.of`."""
 
 FAILURE_METRICS = {
     "position": "m",
@@ -50,21 +55,16 @@ def failure_parameters(
     time : float
         Time of the failure [s].
     """
-    robots = np.arange(len(dynamics.arms)) + 1
-    owners = {
-        "bases": robots,
-        "drives": np.repeat(robots, [arm.joints for arm in dynamics.arms]),
+    health = ActuatorFailure.of(dynamics, robot, **PARTS[part]).health
+    bases = 6 * len(dynamics.arms)
+    return {
+        "failure.time": time,
+        "failure.bases": health[:bases:6],
+        "failure.drives": health[bases:],
     }
-    failed = {
-        name: (owner == robot) & (name in PARTS[part]) for name, owner in owners.items()
-    }
-    health = {
-        f"failure.{name}": np.where(off, 0.0, 1.0) for name, off in failed.items()
-    }
-    return {"failure.time": time, **health}
 
 
-class ActuatorFailure(Block):
+class SuddenFailure(Block):
     """Health of bases and joint drives: 1 before the failure, then as in the parameters.
 
     Parameters
@@ -100,7 +100,7 @@ class ActuatorFailure(Block):
 def with_failures(
     diagram: Diagram, dynamics: TrussDynamics, *, brakes: bool = False
 ) -> Diagram:
-    r"""Add an `ActuatorFailure` named failure to a mean-axes loop with hardware, and return the diagram.
+    r"""Add a `SuddenFailure` named failure to a mean-axes loop with hardware, and return the diagram.
 
     Brakes are stiff critically damped springs, :math:`\tau_b = -G (\omega^2\theta + 2\omega\dot\theta)` with
     the inertia G of the arms at rest. They return the joints to zero whose drives the controller has
@@ -116,7 +116,7 @@ def with_failures(
         Whether joints have brakes; without brakes, joints with failed drives move freely.
     """
     failure, actuators = (
-        diagram.add(failure=ActuatorFailure(dynamics)),
+        diagram.add(failure=SuddenFailure(dynamics)),
         diagram.blocks["actuators"],
     )
     for port in failure.outputs():

@@ -77,7 +77,7 @@ values. With an actuator gain of 0.5 an alarm is not false.
 {table}"""
 
 PROPELLANT = """\
-Runs of 100 s on the nominal truss, with and without `ActuatorEconomy`. Initially, the wheels of every base
+Runs of 100 s on the nominal truss, with and without `ActuatorCosts`. Initially, the wheels of every base
 have a momentum of {momentum} N·m·s about its axes, and base 1 has used {propellant:g} kg of propellant, the
 others none. The table has the propellant used in the run, and the largest final momentum of any base.
 

@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 from trussflow.blocks import Quintic, simulate
 from trussflow.models import Hardware, ModelError, SpaceTruss
 from trussflow.models.feasibility import (
-    Failure,
+    ActuatorFailure,
     attitude_along,
     best_attitude,
     single_failures,
@@ -101,7 +101,7 @@ def test_attitude_along_a_direction():
         assert_allclose(spun, about @ turned, rtol=0, atol=1e-12)
 
 
-ALONE = [Failure(name="alone", effectiveness=np.eye(DYNAMICS.actuators)[0])]
+ALONE = [ActuatorFailure(name="alone", health=np.eye(DYNAMICS.actuators)[0])]
 
 
 @pytest.mark.parametrize(

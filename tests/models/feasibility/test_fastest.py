@@ -4,17 +4,12 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from systems import respond
+from systems import actuator_limits, respond
 
 from trussflow.blocks import Diagram, simulate
 from trussflow.models import Hardware, ModelError, SpaceTruss
 from trussflow.models.dynamics.task_space import task_drift, to_body
-from trussflow.models.feasibility import (
-    actuator_limits,
-    fastest,
-    single_failures,
-    survey,
-)
+from trussflow.models.feasibility import fastest, single_failures, survey
 from trussflow.models.feasibility.reach import least_share
 from trussflow.models.geometry.attitude import QUATERNION
 from trussflow.models.transport import Mission, path_of

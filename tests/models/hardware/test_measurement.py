@@ -6,7 +6,7 @@ from systems import simulate_block
 
 from trussflow.blocks import Constant, Ramp
 from trussflow.blocks.errors import TrussflowError
-from trussflow.models import JointDrives, Measurement
+from trussflow.models import Joint, JointDrives, Measurement
 
 
 def watch(measurement, source, size, duration, **settings):
@@ -39,31 +39,32 @@ def test_noise_is_white_and_has_the_deviation_asked_for():
 
 def gyro_rate(channels, duration, **law):
     """Return the rate that gyros at rest measure."""
-    measurement = Measurement.gyro(0.1, **law)
+    measurement = Measurement(sample_time=0.1, **law)
     return watch(measurement, Constant(np.zeros(channels)), channels, duration)[0][:-1]
 
 
 def test_a_gyro_obeys_its_data_sheet():
-    """Angle random walk N √t of the integrated rate; a bias of its own, with correlation time τ."""
-    rate = gyro_rate(1000, 10.0, angle_random_walk=0.01, bias_instability=0.0)
+    """Angle random walk N √t of the integrated rate; a bias B of its own, with correlation time τ."""
+    rate = gyro_rate(1000, 10.0, noise=0.01 / np.sqrt(0.1))
     angle = rate.sum(axis=0) * 0.1
     assert angle.std() == pytest.approx(0.01 * np.sqrt(10.0), rel=4 / np.sqrt(2000))
-    rate = gyro_rate(
-        1000, 10.0, angle_random_walk=0.0, bias_instability=0.02, correlation_time=0.5
-    )
-    np.testing.assert_allclose(rate.std(axis=1), 0.02, rtol=4 / np.sqrt(2000), atol=0)
-    assert np.mean(rate[:-5] * rate[5:]) / 0.02**2 == pytest.approx(
+    bias, time = 0.02, 0.5
+    walk = {"random_walk": bias * np.sqrt(2.0 / time), "correlation_time": time}
+    rate = gyro_rate(1000, 10.0, initial_bias=bias, **walk)
+    np.testing.assert_allclose(rate.std(axis=1), bias, rtol=4 / np.sqrt(2000), atol=0)
+    assert np.mean(rate[:-5] * rate[5:]) / bias**2 == pytest.approx(
         np.exp(-1), abs=0.02
     )
-    rate = gyro_rate(50, 2.0, angle_random_walk=0.0, bias_instability=0.02)
+    rate = gyro_rate(50, 2.0, initial_bias=bias)
     # without a correlation time the bias stays
     np.testing.assert_array_equal(rate[0], rate[-1])
-    assert rate.std() == pytest.approx(0.02, rel=0.4)
+    assert rate.std() == pytest.approx(bias, rel=0.4)
 
 
 def test_an_encoder_counts_steps_of_a_turn():
-    measured, true = watch(Measurement.encoder(0.1, bits=8), Ramp([0.5, -0.3]), 2, 20.0)
     step = 2 * np.pi / 256
+    encoder = Measurement(sample_time=0.1, quantum=step)
+    measured, true = watch(encoder, Ramp([0.5, -0.3]), 2, 20.0)
     assert np.abs(measured - true).max() <= step / 2 * (1 + 1e-9)
     np.testing.assert_allclose(
         measured / step, np.rint(measured / step), rtol=0, atol=1e-9
@@ -97,7 +98,8 @@ def test_everything_together_is_the_same_in_every_run():
 
 
 def test_drives_limit_torque_and_rub():
-    drives = JointDrives(4, torque=0.3, viscous=0.2, coulomb=0.05, transition=1e-3)
+    joints = [Joint(name) for name in "abcd"]
+    drives = JointDrives(joints, torque=0.3, viscous=0.2, coulomb=0.05, transition=1e-3)
     sources = {
         "command": Constant([1.0, -1.0, 0.1, 1.0]),
         "rate": Constant([0.0, 0.5, -0.5, 0.5]),
@@ -133,8 +135,8 @@ def test_errors_of_measurements(settings, message):
 @pytest.mark.parametrize(
     ("joints", "torque", "message"),
     [
-        (7, -0.3, r"'maximum' of JointDrives is -0.3"),
-        (0, 0.3, "JointDrives needs at least one joint, not 0"),
+        ([Joint("a")], -0.3, r"'maximum' of JointDrives is -0.3"),
+        ([], 0.3, r"JointDrives needs a sequence of at least one Joint, not \[\]"),
     ],
 )
 def test_errors_of_drives(joints, torque, message):

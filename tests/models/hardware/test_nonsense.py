@@ -78,9 +78,9 @@ ORDINARY = [
 ]
 
 
-def axial(maximum, period, specific_impulse, quantum, hysteresis=None):
+def axial(maximum, period, specific_impulse, quantum):
     law = {"maximum": maximum, "period": period, "specific_impulse": specific_impulse}
-    return ThrusterSet.axial(quantum=quantum, hysteresis=hysteresis, **law)
+    return ThrusterSet.axial(quantum=quantum, **law)
 
 
 def pulsed(maximum, tick, minimum_impulse=0.0, on_delay=0.0, off_delay=0.0):
@@ -95,15 +95,6 @@ def pulsed(maximum, tick, minimum_impulse=0.0, on_delay=0.0, off_delay=0.0):
     )
 
 
-def gyro(sample_time, angle_random_walk, bias_instability=0.0, correlation_time=None):
-    law = {"angle_random_walk": angle_random_walk, "bias_instability": bias_instability}
-    return Measurement.gyro(sample_time, correlation_time=correlation_time, **law)
-
-
-def encoder(sample_time, bits):
-    return Measurement.encoder(sample_time, bits=bits)
-
-
 def sensor(shape, seed, initial_value=0.0, delay=0.0):
     law = Measurement(
         sample_time=0.1, noise=1.0, random_walk=1.0, quantum=0.1, delay=delay
@@ -113,7 +104,7 @@ def sensor(shape, seed, initial_value=0.0, delay=0.0):
 
 ENTRY_POINTS = (
     *(ThrusterSet, Pulses, ReactionWheels, JointDrives, Measurement),
-    *(axial, pulsed, gyro, encoder, sensor),
+    *(axial, pulsed, sensor),
 )
 
 

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from scipy.optimize import linprog
 from systems import simulate_block
 
-from trussflow.blocks import Constant, Noise, Ramp, Step
+from trussflow.blocks import Constant, Noise, Step
 from trussflow.models import ModelError, Pulses, ThrusterSet
 from trussflow.models.hardware.thrusters import wrench_matrix
 
@@ -135,15 +135,6 @@ def test_sigma_delta_loses_no_impulse(kind, minimum_impulse):
     assert thrust.min() >= 0.0
     assert thrust[thrust > 0].min() >= minimum_impulse / 0.1 - ROUND_OFF
     np.testing.assert_allclose(thrust / 0.1, np.rint(thrust / 0.1), rtol=0, atol=1e-6)
-
-
-def test_hysteresis_keeps_thrust_and_carries_nothing():
-    """A demand that rises slowly moves thrust by whole steps, 0.3 of a step late."""
-    thrusters = ThrusterSet.axial(quantum=0.1, hysteresis=0.3, **LAW)
-    result = fire(thrusters, Ramp([1e-3, 0, 0, 0, 0, 0]), 300.0)
-    thrust, demand = result["thrust"].values[:, 0], result["demand"].values[:, 0]
-    rises = np.flatnonzero(np.diff(thrust) > 0)
-    np.testing.assert_allclose(demand[rises + 1], [0.08, 0.18, 0.28], rtol=0, atol=2e-4)
 
 
 def test_limits_are_never_exceeded_and_lose_what_is_beyond():

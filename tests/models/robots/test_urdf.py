@@ -2,7 +2,6 @@
 
 import re
 import sys
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -15,7 +14,6 @@ from trussflow.models import (
     TrussDynamics,
     arm_terms,
 )
-from trussflow.models.geometry.rotation import fixed_rotation, roll_pitch_yaw
 
 ROUND_OFF = 1e-13  # of numbers of order 1
 
@@ -258,38 +256,3 @@ def test_joints_beside_the_chain_must_be_held(file):
 def test_a_mount_without_joints_has_all_the_mass(file):
     arm = read(file, hand="lower", base="tool", locked=LOCKED)
     assert (arm.joints, arm.mass, arm.base_mass) == (0, 8.0, 8.0)
-
-
-@pytest.mark.parametrize("name", ["literal", "jaco", "slider"])
-def test_written_files_are_read_back(name, file):
-    """Equal but for round-off, rest angles aside; with limits, and without."""
-    arm = read(file) if name == "slider" else getattr(RobotArm, name)()
-    limits = Joint("a <name> & more", lower=-2.0, speed=3.0)
-    arm = replace(arm, joint_data=(limits, *arm.joint_data[1:]))
-    file.write_text(arm.to_urdf())
-    again = RobotArm.from_urdf(
-        file, hand="hand", base="base", hand_rotation=arm.hand_rotation
-    )
-    assert again.joint_data == arm.joint_data
-    for part in (
-        *("joint_origins", "joint_rotations", "masses", "static_moments", "inertias"),
-        *(
-            "base_origin",
-            "base_rotation",
-            "base_centroid",
-            "base_mass",
-            "base_inertia",
-            "hand_rotation",
-        ),
-    ):
-        assert np.allclose(
-            getattr(again, part), getattr(arm, part), rtol=0, atol=ROUND_OFF
-        ), part
-
-
-@pytest.mark.parametrize("pitch", [0.3, np.pi / 2, -np.pi / 2, np.pi / 2 - 1e-9])
-def test_angles_about_fixed_axes_give_the_rotation_back(pitch, rng):
-    for roll, yaw in rng.uniform(-3.0, 3.0, (50, 2)):
-        rotation = fixed_rotation(-np.array([roll, pitch, yaw])).T
-        again = fixed_rotation(-roll_pitch_yaw(rotation)).T
-        assert np.max(np.abs(again - rotation)) < ROUND_OFF

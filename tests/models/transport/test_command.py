@@ -100,7 +100,8 @@ def test_plant_and_observer_are_options(tmp_path):
     words = [
         "--plant",
         "consistent",
-        "--no-observer",
+        "--observer",
+        "off",
         "--duration",
         "0.05",
         "--output",

@@ -10,7 +10,7 @@ from numpy.testing import assert_allclose
 from scipy.io import mmwrite
 from scipy.sparse import csr_array
 
-from trussflow.models import ModelError, RobotArm
+from trussflow.models import ModelError
 from trussflow.models.transport import MissionFile
 
 FeModel = pytest.importorskip("Pynite", reason="Pynite makes the matrices").FEModel3D
@@ -32,9 +32,7 @@ modes = 6
 attachments = "off"
 damping = "0.5 %"
 [robots]
-arm = "arm.urdf"
-hand = "hand"
-base = "base"
+arm = "jaco"
 [path]
 position = "[0, 0, 0.05] m"
 attitude = "[0, 0, 0] deg"
@@ -84,7 +82,6 @@ def written(folder, kind, matrices):
 
 
 def mission(folder, files):
-    (folder / "arm.urdf").write_text(RobotArm.jaco().to_urdf(), encoding="utf-8")
     path = folder / "mission.toml"
     said = "\n".join(f'{key} = "{name}"' for key, name in files.items())
     path.write_text(MISSION.replace("FILES", said), encoding="utf-8")

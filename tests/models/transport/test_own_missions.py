@@ -5,13 +5,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 from numpy.testing import assert_array_equal
+from systems import actuator_limits
 
 from trussflow.blocks import ShapedTrajectory
 from trussflow.blocks.control.trajectory import Trajectory
 from trussflow.blocks.errors import SimulationWarning
 from trussflow.models import FreeModes
 from trussflow.models.dynamics.task_space import to_body
-from trussflow.models.feasibility import FastestPath, actuator_limits, fastest
+from trussflow.models.feasibility import FastestPath, fastest
 from trussflow.models.geometry.rotation import euler_rotation
 from trussflow.models.transport import MissionFile, check_run, mean_axes_transport
 

@@ -166,13 +166,9 @@ ERROR_CASES = [
     (
         "ends = [[1, 3]]",
         "ends = [1, 3]",
-        r"'ends' must be a list of pairs of numbers of nodes, got \[1, 3\]",
+        r"'ends' must have 2 node numbers each, got \[\[1\], \[3\]\]",
     ),
-    (
-        "ends = [[1, 3]]",
-        "",
-        "'ends' must be a list of pairs of numbers of nodes, got None",
-    ),
+    ("ends = [[1, 3]]", "", "'ends' is missing; found"),
     (
         "elements = 4",
         "elements = 3",
@@ -205,7 +201,11 @@ ERROR_CASES = [
         "nodes = [9]",
         "no node for a mass in frame.toml: 9; choose from: 1, 2, 3",
     ),
-    ("nodes = [3]", "nodes = 3", "'nodes' must be a list of numbers of nodes, got 3"),
+    (
+        "nodes = [3]",
+        "nodes = 3",
+        "'nodes' must be a list of whole numbers, or of lists of them, got 3",
+    ),
     (
         "value = 2.0, unit",
         "value = -2.0, unit",

@@ -229,7 +229,7 @@ ERROR_CASES = [
     ),
     (
         {"axes": np.diag([1.0, 1.0, -1.0])},
-        "axes is not a rotation matrix but left-handed: its determinant is -1",
+        "axes is not a rotation matrix: R.T R differs from I by 0, and the determinant is -1",
     ),
     ({"axes": 2.0 * np.eye(3)}, "axes is not a rotation matrix"),
     ({"nodes": [1, 2, 3, 2]}, "node number 2 is used twice"),

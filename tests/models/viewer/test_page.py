@@ -265,7 +265,7 @@ def not_finite(run, _):
     [
         (
             lambda run, _: run.drop_vars("truss.coordinates"),
-            r"log truss.coordinates, or truss.task_position and",
+            r"log its outputs coordinates, or task_position and",
         ),
         (
             lambda run, _: run.isel(coordinate=slice(0, 38)),
@@ -310,8 +310,8 @@ def test_what_is_no_run_of_the_truss_is_one_clear_error(
 @pytest.mark.parametrize(
     ("named", "options", "message"),
     [
-        (None, {}, "cannot tell which truss flew"),
-        ("other", {}, "no truss 'other'; choose from: published"),
+        (None, {}, "cannot show the run: the plant is None, not one of published"),
+        ("other", {}, "the plant is 'other', not one of published"),
         ("published", {"target": [1.0]}, "target has shape"),
         ("published", {"target": "north"}, "target"),
         ("published", {"names": ["one"]}, "names must be two, one per run"),
@@ -334,7 +334,7 @@ def test_a_result_names_its_truss(run, content, tmp_path):
     assert content(run.assign_attrs(plant="published"), None).run
     with pytest.raises(
         ModelError,
-        match=r"says 'frame', known are published, .* open the index.html that",
+        match=r"the plant is 'frame', not one of published, .* open the index.html that",
     ):
         content(run.assign_attrs(plant="frame"), None)
 

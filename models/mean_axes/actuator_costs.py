@@ -5,15 +5,16 @@ from __future__ import annotations
 import numpy as np
 
 from trussflow.blocks.framework.block import Values
-from trussflow.blocks.framework.declarations import Attribute, Parameter, Signals
+from trussflow.blocks.framework.declarations import Parameter, Signals
 from trussflow.blocks.framework.port import Input, Output
 from trussflow.blocks.support.types import Array, Vector
 from trussflow.models.dynamics.dynamics import TrussDynamics
 from trussflow.models.mean_axes.design import MeanAxesDesign
 from trussflow.models.mean_axes.estimator import MeanAxesBlock
+from trussflow.models.plant.truss_block import ACTUATOR_UNITS
 
 
-class ActuatorEconomy(MeanAxesBlock):
+class ActuatorCosts(MeanAxesBlock):
     r"""Costs of thrust by propellant use, and preferred base torques that unload the wheels.
 
     .. math::
@@ -51,9 +52,7 @@ class ActuatorEconomy(MeanAxesBlock):
     )
     price = Output("actuators", unit="1", meaning="c, 1 for torques and joints")
     preferred = Output(
-        "actuators",
-        unit=Attribute("actuator_units"),
-        meaning="Q_0, 0 except base torques",
+        "actuators", unit=ACTUATOR_UNITS, meaning="Q_0, 0 except base torques"
     )
 
     limits = Parameter(shape="actuators", above=0.0, meaning="limit of each actuator")
@@ -66,13 +65,7 @@ class ActuatorEconomy(MeanAxesBlock):
         self, dynamics: TrussDynamics, limits: Vector, design: MeanAxesDesign
     ) -> None:
         self.stored = 3 * len(dynamics.arms)
-        super().__init__(
-            dynamics,
-            design,
-            limits=limits,
-            propellant_spread=design.propellant_spread,
-            unloading_time=design.unloading_time,
-        )
+        super().__init__(dynamics, design, limits=limits)
 
     def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
         """Return costs and preferred commands."""

@@ -8,7 +8,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 from systems import respond
 
 from trussflow.models import (
-    ActuatorEconomy,
+    ActuatorCosts,
     Hardware,
     MeanAxesAllocation,
     MeanAxesDesign,
@@ -24,7 +24,7 @@ G, P = TERMS.mass_matrix[:RIGID, :RIGID], TERMS.actuation_matrix[:RIGID]
 WANTED = G @ np.eye(RIGID)[2] * 5e-3
 
 
-ECONOMY = ActuatorEconomy(DYNAMICS, LIMITS, DESIGN)
+ECONOMY = ActuatorCosts(DYNAMICS, LIMITS, DESIGN)
 
 
 def shared(**used):

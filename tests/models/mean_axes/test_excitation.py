@@ -8,8 +8,8 @@ from numpy.testing import assert_allclose, assert_array_equal
 from systems import respond
 
 from trussflow.models import (
-    ActuatorMonitor,
-    ActuatorProbe,
+    ActuatorExcitation,
+    FaultDetection,
     FreeModes,
     Hardware,
     MeanAxesAllocation,
@@ -22,7 +22,7 @@ DYNAMICS = TunableTruss.accurate().dynamics
 RIGID = DYNAMICS.rigid_freedoms
 DESIGN = MeanAxesDesign.shipped()
 STEP = DESIGN.sample_time
-MONITOR = ActuatorMonitor(DYNAMICS, DESIGN)
+MONITOR = FaultDetection(DYNAMICS, DESIGN)
 MODES = FreeModes.of(DYNAMICS, DYNAMICS.modes.modes)
 TERMS = DYNAMICS.evaluate(DYNAMICS.rest)
 RESPONSE = np.linalg.solve(
@@ -34,7 +34,7 @@ PARTS = MONITOR.members.T > 0.0
 
 def probed(dynamics=DYNAMICS, design=DESIGN, samples=1):
     """Return the torques of each sample."""
-    block = ActuatorProbe(dynamics, design, ActuatorMonitor(dynamics, design))
+    block = ActuatorExcitation(dynamics, design, FaultDetection(dynamics, design))
     return np.array(
         [respond(block, k * design.sample_time)["probe"] for k in range(samples)]
     )

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from trussflow.blocks.framework.block import Values
-from trussflow.blocks.framework.declarations import Attribute, Parameter, Signals, State
+from trussflow.blocks.framework.declarations import Parameter, Signals, State
 from trussflow.blocks.framework.port import Input, Output
 from trussflow.blocks.support.types import Array
 from trussflow.blocks.tracing.linear_algebra import solve_positive_definite
@@ -13,9 +13,15 @@ from trussflow.models.dynamics.dynamics import TrussDynamics
 from trussflow.models.mean_axes.design import MeanAxesDesign
 from trussflow.models.mean_axes.estimator import MeanAxesBlock, thrusts_of
 from trussflow.models.mean_axes.free_modes import FreeModes
+from trussflow.models.plant.truss_block import (
+    ACTUATOR_UNITS,
+    FORCE_UNITS,
+    POSITION_UNITS,
+    RATE_UNITS,
+)
 
 
-class ActuatorMonitor(MeanAxesBlock):
+class FaultDetection(MeanAxesBlock):
     r"""Detection of failed bases and arm drives by a CUSUM test of the joint rates.
 
     With parts g, the base and the drives of each robot, the change of the joint rates in a sample is
@@ -68,20 +74,14 @@ class ActuatorMonitor(MeanAxesBlock):
     term delays detection.
     """
 
-    position = Input(
-        "rigid_q", unit=Attribute("position_units"), meaning="measured x_1"
-    )
-    velocity = Input(
-        "rigid", unit=Attribute("rigid_speed_units"), meaning="measured x_2"
-    )
+    position = Input("rigid_q", unit=POSITION_UNITS, meaning="measured x_1")
+    velocity = Input("rigid", unit=RATE_UNITS, meaning="measured x_2")
     actuation = Input(
         "actuators",
-        unit=Attribute("actuator_units"),
+        unit=ACTUATOR_UNITS,
         meaning="Q of healthy actuators until the next sample",
     )
-    disturbance = Input(
-        "rigid", unit=Attribute("force_units"), default=0.0, meaning="w"
-    )
+    disturbance = Input("rigid", unit=FORCE_UNITS, default=0.0, meaning="w")
     effectiveness = Output("actuators", unit="1", meaning="health: 0 failed, 1 healthy")
     evidence = Output(
         "losses", meaning="S of bases, of drives of the arms, of whole robots"
@@ -135,18 +135,7 @@ class ActuatorMonitor(MeanAxesBlock):
         noise = 2.0 * design.rate_noise**2 * np.eye(joints)
         self.covariance = noise + ringing @ ringing.T + scatter @ scatter.T
         self.precision = np.linalg.inv(self.covariance)
-        believing = {
-            name: getattr(design, name)
-            for name in (
-                "unknown_share",
-                "calm",
-                "drift",
-                "threshold",
-                "doubt",
-                "settling",
-            )
-        }
-        super().__init__(dynamics, design, **believing)
+        super().__init__(dynamics, design)
 
     def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
         """Return health and statistics."""

@@ -10,11 +10,11 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
-from trussflow.blocks import Diagram, Session
+from trussflow.blocks import Diagram, Function, Input, Output, Session
 from trussflow.blocks.framework.declarations import Signals
 from trussflow.models import (
-    ActuatorMonitor,
-    ActuatorProbe,
+    ActuatorExcitation,
+    FaultDetection,
     Hardware,
     MeanAxesDesign,
     RobotArm,
@@ -27,7 +27,7 @@ from trussflow.models.transport import Mission, mean_axes_transport, path_of
 DYNAMICS = SpaceTruss.consistent().dynamics
 RIGID = DYNAMICS.rigid_coordinates
 DESIGN = MeanAxesDesign.shipped()
-MONITOR = ActuatorMonitor(DYNAMICS, DESIGN)
+MONITOR = FaultDetection(DYNAMICS, DESIGN)
 STEP = DESIGN.sample_time
 TERMS = DYNAMICS.evaluate(DYNAMICS.rest, np.zeros(DYNAMICS.coordinates))
 RESPONSE = np.linalg.solve(
@@ -47,8 +47,8 @@ SEEDS = range(2, 2 + 2 * campaign.SIZE)
 def session():
     """Return monitor and probe, with inputs from the simulated arms."""
     diagram = Diagram("d")
-    monitor = ActuatorMonitor(DYNAMICS, DESIGN)
-    probe = ActuatorProbe(DYNAMICS, DESIGN, monitor)
+    monitor = FaultDetection(DYNAMICS, DESIGN)
+    probe = ActuatorExcitation(DYNAMICS, DESIGN, monitor)
     diagram.add(monitor=monitor, probe=probe)
     diagram.expose(
         position=monitor.position,
@@ -135,15 +135,17 @@ def test_a_path_becomes_slower_after_a_loss(duration, arrival):
         DYNAMICS, path_of(mission, plant), Hardware.flight().limits(plant)
     )
     assert_array_equal(shares[:3], 1.0)
-    diagram = mean_axes_transport(
-        mission, plant, hardware=Hardware.flight(), shares=shares, seed=1
+    diagram = mean_axes_transport(mission, plant, hardware=Hardware.flight(), seed=1)
+    trajectory, controller = (diagram.blocks[k] for k in ("trajectory", "controller"))
+    smallest = Function(
+        lambda health: np.min(np.where(health[:24:6] < 1.0, shares, 1.0)),
+        {"health": Input(plant.actuators)},
+        {"share": Output()},
     )
-    trajectory = diagram.blocks["trajectory"]
+    diagram.add(smallest=smallest)
+    controller.port("effectiveness") >> smallest >> trajectory.port("share")
     diagram.expose(health=diagram.blocks["actuators"].port("base_effectiveness"))
-    diagram.expose(
-        position=plant.task_position,
-        known=diagram.blocks["controller"].port("effectiveness"),
-    )
+    diagram.expose(position=plant.task_position, known=controller.port("effectiveness"))
     diagram.expose(
         wanted=trajectory.port("position"), arrival=trajectory.port("arrival")
     )
@@ -183,7 +185,7 @@ def test_a_robot_without_joints_is_never_suspected(modes, rng):
     system = TrussDynamics(
         modes=modes, arms=(arm, module, arm, module), elastic_integrals=True
     )
-    monitor = ActuatorMonitor(system, MeanAxesDesign.shipped())
+    monitor = FaultDetection(system, MeanAxesDesign.shipped())
     x = Signals(
         "x", {n: rng.standard_normal(monitor.state_shape(n)) for n in monitor.states()}
     )
@@ -210,7 +212,7 @@ def test_a_robot_without_joints_is_never_suspected(modes, rng):
 def test_the_evidence_is_that_of_its_formula(scale, modules, rng):
     """S grows by -(a' r + delta a' a) / s with the inverse of R as it stands in the docstring."""
     arms = (*DYNAMICS.arms[modules:], *[without_joints()] * modules)
-    monitor = ActuatorMonitor(replace(DYNAMICS, arms=arms), DESIGN)
+    monitor = FaultDetection(replace(DYNAMICS, arms=arms), DESIGN)
     n = monitor.joints  # more than parts, and fewer
     effects, residue = (
         scale * rng.standard_normal((n, 8)),

@@ -6,13 +6,14 @@ import numpy as np
 import scipy
 
 from trussflow.blocks.framework.block import Values
-from trussflow.blocks.framework.declarations import Attribute, Parameter, Signals
+from trussflow.blocks.framework.declarations import Parameter, Signals
 from trussflow.blocks.framework.port import Output
 from trussflow.blocks.support.types import Array
 from trussflow.models.dynamics.dynamics import TrussDynamics
 from trussflow.models.mean_axes.design import MeanAxesDesign
 from trussflow.models.mean_axes.estimator import MeanAxesBlock, thrusts_of
-from trussflow.models.mean_axes.monitor import ActuatorMonitor
+from trussflow.models.mean_axes.fault_detection import FaultDetection
+from trussflow.models.plant.truss_block import ACTUATOR_UNITS
 
 PATTERN_SAMPLES = 4
 """Samples per period: +, -, -, +. With two, the sums of the fault detection would cancel [-]."""
@@ -21,7 +22,7 @@ NULL_SPACE_TOLERANCE = 1e-9
 """Relative tolerance of zero force on the truss [-]."""
 
 
-class ActuatorProbe(MeanAxesBlock):
+class ActuatorExcitation(MeanAxesBlock):
     r"""Excitation of the arms by torques of drives and bases without a force on the truss at rest.
 
     .. math::
@@ -31,7 +32,7 @@ class ActuatorProbe(MeanAxesBlock):
     for the base and for the drives g of each robot, with each sign for two samples. The torques are in the
     null space of the acceleration of the truss frame r at rest, so that there is no force on the truss and
     no mode is excited. In this null space d has the largest effect on the joint rates per torque, weighted
-    with the covariance R of `ActuatorMonitor` without its term of :math:`\lambda`. So the effect in each
+    with the covariance R of `FaultDetection` without its term of :math:`\lambda`. So the effect in each
     sample is v standard deviations. A part with an empty null space is not excited. The sign of the drives
     is that which opposes the effect of the base on the arm. So the failure of a whole robot differs from the
     failures of its parts.
@@ -44,7 +45,7 @@ class ActuatorProbe(MeanAxesBlock):
         Nominal dynamics of truss and robots.
     design : MeanAxesDesign
         Sample time, noise, and v.
-    monitor : ActuatorMonitor
+    monitor : FaultDetection
         Fault detection with the covariance R.
 
     References
@@ -52,12 +53,12 @@ class ActuatorProbe(MeanAxesBlock):
     Campbell, Nikoukhah (2004), *Auxiliary Signal Design for Failure Detection*, Princeton University Press.
     """
 
-    probe = Output("actuators", unit=Attribute("actuator_units"), meaning="Q_p")
+    probe = Output("actuators", unit=ACTUATOR_UNITS, meaning="Q_p")
 
     strength = Parameter(minimum=0.0, meaning="v")
 
     def __init__(
-        self, dynamics: TrussDynamics, design: MeanAxesDesign, monitor: ActuatorMonitor
+        self, dynamics: TrussDynamics, design: MeanAxesDesign, monitor: FaultDetection
     ) -> None:
         rigid = dynamics.rigid_freedoms
         terms = dynamics.evaluate(dynamics.rest)
