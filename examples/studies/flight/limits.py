@@ -75,18 +75,22 @@ TRUSSES = {"mass": _heavier, "payload": _with_payload}
 """Functions of the nominal truss and a value that return the truss of the plant."""
 
 
-def trial_simulator(law: str, imperfection: str, value: float) -> Simulator:
+def trial_simulator(
+    law: str, imperfection: str, value: float, backend: str = "auto"
+) -> Simulator:
     """Return the simulator of a `Trial`."""
     chosen = LAWS[law]
     truss = chosen.truss()
     nominal = truss.dynamics
+    errors = {imperfection: value}
     if imperfection in TRUSSES:
-        modes = TRUSSES[imperfection](nominal.modes, value)
+        modes = TRUSSES[imperfection](nominal.modes, errors.pop(imperfection))
         truss = TunableTruss(
             replace(nominal, modes=modes), modal_actuation=truss.modal_actuation
         )
-    errors = {} if imperfection in TRUSSES else {imperfection: value}
-    return simulator_of(chosen, truss, chosen.hardware(**errors), nominal=nominal)
+    return simulator_of(
+        chosen, truss, chosen.hardware(**errors), nominal=nominal, backend=backend
+    )
 
 
 def simulated(

@@ -58,10 +58,11 @@ _STATES = [
 ]
 
 
-def loop_session() -> Session:
-    """Return a session of the mean-axes loop of Case 1 without hardware."""
+def loop_session(backend: str = "auto") -> Session:
+    """Return a session of the mean-axes loop of Case 1 without hardware, with a backend of `Session`."""
     diagram = mean_axes_transport(Mission.of_case(1), TunableTruss.accurate())
-    return Session(diagram, outputs=[], step=LAWS["mean axes"].step)
+    step = LAWS["mean axes"].step
+    return Session(diagram, outputs=[], step=step, backend=backend)
 
 
 def loops_along(

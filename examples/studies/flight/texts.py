@@ -85,6 +85,7 @@ others none. The table has the propellant used in the run, and the largest final
 
 LOOPS = """\
 All hardware is exact, with a sample time of 1 ms, as the paper's law needs it. The mean-axes controller has
-1 ms of computing delay, and does not measure the modes. Runs last 80 s.
+1 ms of computing delay, and does not measure the modes. Runs last 80 s. *Late vibration* is the deviation
+from the mean over the late part of the run.
 
 {table}"""

@@ -9,16 +9,15 @@ from typing import Any
 
 import numpy as np
 import xarray as xr
-from study_tools.fingerprints import fingerprint
+from study_tools.evidence import fingerprint
 from study_tools.ledger import Ledger
 
-from flight.campaigns import LONG_DURATION
+from flight.campaigns import LONG_DURATION, loop_fingerprint
 from flight.loops import flight_simulator
 from flight.margins import loop_session, loops_along, min_disk
-from flight.metrics import GOALS, METRICS, heading, run_metrics
+from flight.metrics import GOALS, run_metrics, table
 from flight.sampled_loop import spectral_radius
 from flight.samples import noise_parameters, sample_parameters
-from flight.sections import displayed
 from trussflow.blocks.support.types import Vector
 from trussflow.blocks.sweeps.sweep import sweep
 from trussflow.blocks.sweeps.tuning import tune
@@ -26,7 +25,6 @@ from trussflow.models.mean_axes.design import MeanAxesDesign
 from trussflow.models.mean_axes.free_modes import FreeModes
 from trussflow.models.plant.tunable_truss import TunableTruss
 from trussflow.models.reporting.metrics import LATE_WINDOW
-from trussflow.models.reporting.tables import markdown_table
 from trussflow.models.transport.mission import Mission
 
 RANGES = {
@@ -58,7 +56,7 @@ above its goal, and no disk margin of an actuator or sensor below {disk} on the 
 
 {designs}
 
-Metrics for the seeds {begin} to {end}, which were not used for tuning:
+Metrics for the {count} seeds {begin} to {end}, which were not used for tuning:
 
 {metrics}
 
@@ -177,32 +175,32 @@ class Tuning:
         shape = len(designs), len(self.others)
         columns: dict[str, Any] = {
             name: (("design", "seed"), swept[name].values.reshape(shape))
-            for name in (*METRICS, "share")
+            for name in (*GOALS, "share")
         }
         columns |= {
             name: ("design", [values[name] for values in designs.values()])
             for name in RANGES
         }
         columns["disk"] = "design", [disk(values) for values in designs.values()]
-        facts: dict[str, Any] = {
+        facts = {
             "before": found.before,
             "cost": found.cost,
             "most": float(found.limits["share"].max()),
-        }
-        facts |= {
             "runs": found.runs,
             "message": found.message,
             "duration": self.duration,
+            "first": self.seeds[0],
+            "last": self.seeds[-1],
         }
-        facts |= {"first": self.seeds[0], "last": self.seeds[-1]}
         return xr.Dataset(
             columns, {"design": [*designs], "seed": [*self.others]}, facts
         )
 
-    @staticmethod
-    def fingerprint() -> list[float]:
-        """Return the fingerprint of the simulated and of the linearized loop."""
-        return fingerprint(flight_simulator()) + fingerprint(loop_session())
+
+def loop_fingerprints() -> list[float]:
+    """Return the fingerprints of the simulated and of the linearized loop."""
+    linearized = fingerprint(loop_session("numpy"))
+    return loop_fingerprint(flight_simulator, (("case", 1),)) + linearized
 
 
 def relative_metrics(run: xr.Dataset) -> Vector:
@@ -229,48 +227,44 @@ def values_of(design: MeanAxesDesign) -> dict[str, float]:
 def section(found: xr.Dataset, ledger: Ledger) -> str:
     """Return the section on the result of `Tuning.run`, whose numbers the ledger records."""
     facts, count = found.attrs, found.sizes["seed"]
-    designs, metrics, gains = [], [], {}
+    designs, metrics, gains = {}, {}, {}
     for name in found["design"].values.tolist():
-        one, note = found.sel(design=name), ledger.of(f"tuning, {name}")
-        designs.append(
-            (name, *(note(title, float(of(one))) for title, of in COLUMNS.items()))
-        )
-        cells = [note("objective", one["share"].values.mean())]
-        cells += [
-            displayed(
-                note,
-                f"{metric}, {word}",
-                statistic(one[metric].values),
-                METRICS[metric][0],
-            )
-            for metric in COMPARED
-            for word, statistic in STATISTICS.items()
-        ]
+        one, run = found.sel(design=name), f"tuning, {name}"
+        designs[run] = {"design": name}
+        designs[run] |= {title: of(one) for title, of in COLUMNS.items()}
         met = np.all([one[metric] <= goal for metric, goal in GOALS.items()], axis=0)
         second = one["late force"].values > THRUST_STEP_TOLERANCE
-        cells.append(ledger.count(f"tuning, {name}: second step", int(second.sum())))
-        cells.append(ledger.count(f"tuning, {name}: all goals met", int(met.sum())))
-        metrics.append((name, *cells))
+        metrics[run] = {
+            "design": name,
+            "objective": one["share"].values.mean(),
+            **{
+                f"{metric}, {word}": statistic(one[metric].values)
+                for metric in COMPARED
+                for word, statistic in STATISTICS.items()
+            },
+            "second step": int(second.sum()),
+            "all goals met": int(met.sum()),
+        }
         gain = one["share"].values - found["share"].sel(design="tuned").values
         if name != "tuned":
-            half_width = 1.96 * gain.std(ddof=1) / np.sqrt(count)
+            note, half_width = ledger.of(run), 1.96 * gain.std(ddof=1) / np.sqrt(count)
             gains[name] = (
                 f"{note('gain', gain.mean())} ± {note('gain, ±', half_width, digits=2)}"
             )
-    heads = [f"{heading(metric)}: {word}" for metric in COMPARED for word in STATISTICS]
-    heads += [f"second step, of {count}", f"all goals met, of {count}"]
     note, seeds = ledger.of("tuning"), found["seed"].values
     return TEXT.format(
         **{name: facts[name] for name in ("first", "last", "duration")},
-        **{name: note(name, facts[name]) for name in ("before", "cost", "most")},
+        **{
+            name: note(name, facts[name]) for name in ("before", "cost", "most", "runs")
+        },
         **gains,
         begin=seeds[0],
         end=seeds[-1],
         goals=", ".join(GOALS),
         disk=MIN_DISK,
-        runs=ledger.count("tuning: runs", facts["runs"]),
         ended=f" ({facts['message'].rstrip('.').lower()})" if facts["message"] else "",
         late=LATE_WINDOW,
-        designs=markdown_table(("design", *COLUMNS), designs),
-        metrics=markdown_table(("design", "objective", *heads), metrics),
+        designs=table(ledger, designs),
+        count=count,
+        metrics=table(ledger, metrics),
     )

@@ -123,7 +123,8 @@ class Numbers:
         subjects, measure = self._parts(name)
         self.runs |= dict.fromkeys(RUN.findall(name.replace("#", str(self.case))))
         values = [self.measures[each][measure] for each in subjects]
-        return float(values[0] / values[1] if len(values) > 1 else values[0])
+        found = values[0] / values[1] if len(values) > 1 else values[0]
+        return found if isinstance(found, int) else float(found)
 
     def text(self, name: str, *, show_unit: bool = True) -> str:
         """Return a number as text, and record it; a number that is not finite is ``none``.
@@ -139,11 +140,8 @@ class Numbers:
         if not math.isfinite(value):
             return "none"
         subjects, measure = self._parts(name)
-        unit, digits = FORMATS.get(measure, ("", 3))
-        if len(subjects) > 1:
-            unit, digits = "", 2
-        elif isinstance(self.measures[subjects[0]][measure], int):
-            digits = len(str(self.measures[subjects[0]][measure]))
+        ratio = len(subjects) > 1
+        unit, digits = ("", 2) if ratio else FORMATS.get(measure, ("", 3))
         name = f"{' / '.join(subjects)}: {measure}"
         runs = RUN.findall(name)
         return self.ledger(

@@ -5,7 +5,7 @@ import pytest
 import xarray as xr
 from flight.campaigns import Campaign
 from flight.loops import flight_simulator
-from flight.metrics import METRICS, run_metrics
+from flight.metrics import GOALS, run_metrics
 from flight.samples import noise_parameters, sample_parameters
 from flight.tuning import INITIAL, RANGES, Tuning, design_of, section, values_of
 from numpy.testing import assert_array_equal
@@ -48,7 +48,7 @@ def test_designs_are_compared_on_other_seeds(plant):
         keep=run_metrics,
         duration=TUNING.duration,
     ).run(executor="serial")
-    for name in METRICS:
+    for name in GOALS:
         shipped = found[name].sel(design="shipped").values
         assert shipped == pytest.approx(expected[name].values, rel=1e-9, abs=1e-12), (
             name
