@@ -58,7 +58,7 @@ reports-check: $(VENV)/runtime.stamp
 	$(STUDY) flight --check --samples 1000 --output docs/sweep
 
 modes: $(VENV)/runtime.stamp
-	$(BIN)/python examples/studies/modes/modes.py
+	PYTHONPATH=examples/studies $(BIN)/python examples/studies/modes/modes.py
 
 # One thread per worker for linear algebra: the workers already fill the cores.
 RUN_TESTS := OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest -n $(WORKERS)

@@ -34,7 +34,11 @@ DURATION, LONG_DURATION = 80.0, 100.0
 
 FAILURE_TIMES = (10.0, 30.0, 50.0)  # s
 
-FAILURES: tuple[tuple[str, str, int, dict[str, Any]], ...] = (
+SAMPLES, FAILURES, OFF_NOMINAL = "Monte Carlo samples", "Failures", "Off-nominal cases"
+PROPELLANT, EXACT = "Propellant and wheel management", "Exact loops"
+"""Titles of the sections of the report."""
+
+FAILING: tuple[tuple[str, str, int, dict[str, Any]], ...] = (
     ("base", "", 3, {}),
     ("robot", ", with brakes", 3, {"brakes": True}),
     ("robot", "", 3, {}),
@@ -149,7 +153,7 @@ def all_campaigns(count: int) -> list[Campaign]:
     samples = [sample(seed) for seed in seeds]
     found = [
         Campaign(
-            section="Monte Carlo samples",
+            section=SAMPLES,
             name=f"case {case}",
             options={"case": case},
             rows=samples,
@@ -158,11 +162,11 @@ def all_campaigns(count: int) -> list[Campaign]:
         )
         for case in CASES
     ]
-    for part, remark, failing, options in FAILURES:
+    for part, remark, failing, options in FAILING:
         failures = list(product([part], range(1, failing + 1), FAILURE_TIMES))
         found.append(
             Campaign(
-                section="Failures",
+                section=FAILURES,
                 name=f"{part} fails{remark}",
                 options={"brakes": False, **options},
                 rows=[
@@ -190,7 +194,7 @@ def all_campaigns(count: int) -> list[Campaign]:
         }
         found.append(
             Campaign(
-                section="Off-nominal cases",
+                section=OFF_NOMINAL,
                 name=name,
                 options={"brakes": False, **arms},
                 rows=[health | sample(seed) for seed in NOMINAL_AND_SAMPLES],
@@ -210,7 +214,7 @@ def all_campaigns(count: int) -> list[Campaign]:
     ):
         found.append(
             Campaign(
-                section="Propellant and wheel management",
+                section=PROPELLANT,
                 name=f"case {case}, {word} management",
                 options={"case": case},
                 rows=[sample(NOMINAL_SEED) | start | values],
@@ -220,7 +224,7 @@ def all_campaigns(count: int) -> list[Campaign]:
             )
         )
     paper = Campaign(
-        section="Exact loops",
+        section=EXACT,
         name="exact loops",
         loop=paper_simulator,
         rows=[{"law": law} for law in PAPER_LAWS],

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -19,6 +18,7 @@ from flight.metrics import (
     MAX_JOINTS,
     MAX_LATE_POSITION,
     MAX_POSITION,
+    median_and_worst,
     successful,
     table,
     tracking,
@@ -34,13 +34,14 @@ from flight.samples import (
     sample_parameters,
 )
 from flight.sections import cumulative
+from trussflow.blocks.sweeps.tuning import Tuned
 from trussflow.models.reporting.figures import Panel, drawing, save
 from trussflow.models.reporting.metrics import DEFINITIONS, largest_component, late_part
 
 FIRST_SEED = 1000
 """First seed; smaller ones were used for tuning or for the other report."""
 
-KEPT = ("position", "attitude", "joints", "late position", "late force")
+SHOWN = ("position", "attitude", "joints", "late position", "late force")
 
 STUDIES = (
     ("published", False),
@@ -142,8 +143,8 @@ def make_report(count: int, output: Path, runs: Path, workers: int | None) -> Pa
         )
         for one in all_campaigns(count)
     }
-    tuned = tuning.Tuning().run(runs, workers=workers)
-    return write(found, tuned, output, fingerprints())
+    tuned = tuning.tuned_designs(runs, workers)
+    return write(found, *tuned, output, fingerprints())
 
 
 def fingerprints() -> dict[str, list[float]]:
@@ -153,10 +154,9 @@ def fingerprints() -> dict[str, list[float]]:
 
 
 def errors(run: xr.Dataset) -> dict[str, float]:
-    """Return the `KEPT` metrics of a run."""
+    """Return tracking errors and late force of a run."""
     late = run["truss.base_force"].values[late_part(run["time"].values)]
-    found = tracking(run) | {"late force": largest_component(late)}
-    return {name: found[name] for name in KEPT}
+    return tracking(run) | {"late force": largest_component(late)}
 
 
 def with_uncertainties(found: xr.Dataset, modes: int) -> xr.Dataset:
@@ -192,7 +192,8 @@ def correlations(succeeded: xr.Dataset, metric: str) -> dict[str, float]:
 
 def write(
     found: Mapping[str, xr.Dataset],
-    tuned: xr.Dataset,
+    tuned: Tuned,
+    designs: tuning.Designs,
     folder: Path,
     recorded: Mapping[str, Sequence[float]],
 ) -> Path:
@@ -202,8 +203,8 @@ def write(
     ----------
     found : mapping
         Results by name of the campaign, by `with_uncertainties`.
-    tuned : xarray.Dataset
-        Result of `Tuning.run`.
+    tuned, designs
+        Results of `tuned_designs`.
     folder : pathlib.Path
         Folder of the report.
     recorded : mapping
@@ -211,8 +212,7 @@ def write(
     """
     folder.mkdir(parents=True, exist_ok=True)
     ledger, count = Ledger(), next(iter(found.values())).sizes["sample"]
-    rows: dict[str, dict[str, Any]] = {}
-    rates, ranks, worst, curves = {}, {}, {}, []
+    rates, rows, ranks, worst, curves = {}, {}, {}, {}, []
     for (law, _), (name, data) in zip(STUDIES, found.items(), strict=True):
         note = ledger.of(name)
         rate, low, high = success_rate(data["successful"].values)
@@ -229,12 +229,7 @@ def write(
         }
         succeeded = data.isel(sample=np.flatnonzero(data["successful"].values))
         if succeeded.sizes["sample"]:
-            rows[name] = {"law": name}
-            for metric in KEPT:
-                rows[name] |= {
-                    f"{metric}, median": succeeded[metric].median(),
-                    f"{metric}, worst": succeeded[metric].max(),
-                }
+            rows[name] = {"law": name, **median_and_worst(succeeded[list(SHOWN)])}
             for metric in ("position", "late position"):
                 ranks[f"{name}, {metric}"] = {
                     "law": name,
@@ -278,7 +273,7 @@ def write(
         definitions=DEFINITIONS,
         rates=table(ledger, rates),
         errors=table(ledger, rows),
-        tuning=tuning.section(tuned, ledger),
+        tuning=tuning.section(tuned, designs, ledger),
         correlations=table(ledger, ranks),
         worst=table(ledger, worst),
     )

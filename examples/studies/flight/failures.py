@@ -17,9 +17,6 @@ from trussflow.blocks.library.algebra import Function
 from trussflow.blocks.support.types import Array
 from trussflow.models.dynamics.dynamics import TrussDynamics
 
-PARTS = {"base": ("bases",), "drives": ("drives",), "robot": ("bases", "drives")}
-"""Parts of a robot that may fail, with their parameters of `ActuatorFailure`."""
-
 FAILURE_METRICS = (
     "isolated after",
     "position",
@@ -46,24 +43,23 @@ def failure_parameters(
     dynamics : TrussDynamics
         Truss and robots.
     part : str
-        One of `PARTS`.
+        ``"base"``, ``"drives"``, or ``"robot"`` for both.
     robot : int
         Number of the robot, from 1.
     time : float
         Time of the failure [s].
     """
-    robots = np.arange(len(dynamics.arms)) + 1
-    owners = {
-        "bases": robots,
-        "drives": np.repeat(robots, [arm.joints for arm in dynamics.arms]),
+    bases, arms = np.ones(len(dynamics.arms)), dynamics.arms
+    drives = [np.ones(arm.joints) for arm in arms]
+    if part != "drives":
+        bases[robot - 1] = 0.0
+    if part != "base":
+        drives[robot - 1][:] = 0.0
+    return {
+        "failure.time": time,
+        "failure.bases": bases,
+        "failure.drives": np.concatenate(drives),
     }
-    failed = {
-        name: (owner == robot) & (name in PARTS[part]) for name, owner in owners.items()
-    }
-    health = {
-        f"failure.{name}": np.where(off, 0.0, 1.0) for name, off in failed.items()
-    }
-    return {"failure.time": time, **health}
 
 
 class ActuatorFailure(Block):

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from itertools import product
+from itertools import count, product
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -139,33 +139,28 @@ def robustness_limits(
         By imperfection and law; NaN if no value succeeds, or none fails [unit of the imperfection].
     """
     pairs = list(product(IMPERFECTIONS, LAWS))
-    ends = {
-        (name, law): (IMPERFECTIONS[name].mild, IMPERFECTIONS[name].severe)
+    bounds = dict.fromkeys(pairs, (np.nan, np.nan))
+    trials = [
+        (law, name, end)
         for name, law in pairs
-    }
-    trials = [(law, name, end) for name, law in pairs for end in ends[name, law]]
-    succeeded = dict(zip(trials, simulate(trials, 0), strict=True))
-    bounds = {}
-    for (name, law), (mild, severe) in ends.items():
-        best = next(
-            (end for end in (severe, mild) if succeeded[law, name, end]), np.nan
-        )
-        worst = next(
-            (end for end in (mild, severe) if not succeeded[law, name, end]), np.nan
-        )
-        bounds[name, law] = best, worst
-    number = 0
-    while trials := [
-        (law, name, value)
-        for (name, law), (best, worst) in bounds.items()
-        if (value := next_value(best, worst, _resolution(name, law))) is not None
-    ]:
-        number += 1
-        for (law, name, value), success in zip(
-            trials, simulate(trials, number), strict=True
-        ):
+        for end in (IMPERFECTIONS[name].mild, IMPERFECTIONS[name].severe)
+    ]
+    for number in count():
+        results = dict(zip(trials, simulate(trials, number), strict=True))
+        # The first failure in the order of severity and the last success bound the limit.
+        for (law, name, value), success in results.items():
             best, worst = bounds[name, law]
-            bounds[name, law] = (value, worst) if success else (best, value)
+            if success:
+                bounds[name, law] = value, worst
+            elif number or np.isnan(worst):
+                bounds[name, law] = best, value
+        trials = [
+            (law, name, middle)
+            for (name, law), (best, worst) in bounds.items()
+            if (middle := next_value(best, worst, _resolution(name, law))) is not None
+        ]
+        if not trials:
+            break
     return bounds
 
 

@@ -145,6 +145,15 @@ def displayed(note: Note, name: str, value: SupportsFloat) -> str:
     return note(name, factor * float(value), display, show_unit=False)
 
 
+def median_and_worst(data: xr.Dataset) -> dict[str, float]:
+    """Return median and largest value of each variable of a dataset, NaN if a run diverged."""
+    return {
+        f"{name}, {word}": float(statistic(data[name].values))
+        for name in map(str, data.data_vars)
+        for word, statistic in (("median", np.median), ("worst", np.max))
+    }
+
+
 def table(ledger: Ledger, rows: Mapping[str, Mapping[str, Any]]) -> str:
     """Return a table in Markdown, and record its numbers.
 

@@ -10,7 +10,17 @@ from study_tools.evidence import fingerprint, write_report
 from study_tools.ledger import Ledger
 
 from flight import sections
-from flight.campaigns import FIRST_SEED, Campaign, all_campaigns, loop_fingerprint
+from flight.campaigns import (
+    EXACT,
+    FAILURES,
+    FIRST_SEED,
+    OFF_NOMINAL,
+    PROPELLANT,
+    SAMPLES,
+    Campaign,
+    all_campaigns,
+    loop_fingerprint,
+)
 from flight.limits import robustness_limits, simulated, trial_simulator
 from flight.loops import LAWS
 from flight.margins import loop_session, margins_along
@@ -90,21 +100,16 @@ def write(
     grouped: dict[str, dict[str, xr.Dataset]] = {}
     for one in campaigns:
         grouped.setdefault(one.section, {})[one.name] = found[one.name]
+    samples = sections.samples_section(grouped[SAMPLES], ledger, folder)
     texts = {
         LIMITS: sections.limits_section(bounds, ledger),
-        "Monte Carlo samples": sections.samples_section(
-            grouped["Monte Carlo samples"], ledger, folder
-        ),
+        SAMPLES: samples,
         "Feasibility": sections.missions_section(ledger),
-        "Failures": sections.failures_section(grouped["Failures"], ledger),
+        FAILURES: sections.failures_section(grouped[FAILURES], ledger),
         MARGINS: sections.margins_section(margins, ledger),
-        "Off-nominal cases": sections.off_nominal_section(
-            grouped["Off-nominal cases"], ledger
-        ),
-        "Propellant and wheel management": sections.propellant_section(
-            grouped["Propellant and wheel management"], ledger
-        ),
-        "Exact loops": sections.loops_section(found["exact loops"], ledger),
+        OFF_NOMINAL: sections.off_nominal_section(grouped[OFF_NOMINAL], ledger),
+        PROPELLANT: sections.propellant_section(grouped[PROPELLANT], ledger),
+        EXACT: sections.loops_section(found["exact loops"], ledger),
     }
     parts = [HEAD.format(definitions=DEFINITIONS)]
     parts += [f"## {title}\n\n{text}\n" for title, text in texts.items()]

@@ -24,11 +24,10 @@ from flight.margins import BUCKLING_RATE, VARIATIONS, max_gain_ratio
 from flight.metrics import (
     DISPLAY_UNITS,
     GOALS,
-    MAX_JOINTS,
-    MAX_POSITION,
     METRICS,
     displayed,
     heading,
+    successful,
     table,
 )
 from flight.samples import (
@@ -189,38 +188,36 @@ def torque_limit(case: int) -> float:
 
 def failures_section(found: Results, ledger: Ledger) -> str:
     """Return the metrics of the runs with a failure."""
-    rows = {}
-    for data in found.values():
-        for label in map(str, data["sample"].values):
-            values = metrics_of(data.sel(sample=label))
-            if np.isnan(values["position"]):
-                values = dict.fromkeys(values, "") | {"position": "diverged"}
-            else:
-                values["false alarms"] = int(values["false alarms"])
-            rows[label] = {"failure": label, **values}
+    rows = {
+        str(label): {"failure": str(label), **metrics_of(data.sel(sample=label))}
+        for data in found.values()
+        for label in data["sample"].values
+    }
     return FAILURES.format(table=table(ledger, rows))
 
 
 def margins_section(found: xr.Dataset, ledger: Ledger) -> str:
     """Return the margins of the nominal loop and the worst of the samples, at each instant."""
     drawn = found.where(found["seed"] != NOMINAL_SEED, drop=True)
-    groups = {
-        "nominal": (found.sel(seed=[NOMINAL_SEED]), list(VARIATIONS)),
-        "worst sample": (drawn, ["nominal"]),
-    }
+    groups = (
+        ("nominal", found.sel(seed=[NOMINAL_SEED]), [*VARIATIONS]),
+        ("worst sample", drawn, ["nominal"]),
+    )
     rows = []
     for instant in found["instant"].values:
         cells = [str(instant)]
-        for name, (loops, shown) in groups.items():
-            at = loops.sel(instant=instant)
-            note = partial(ledger.of(f"{instant}, {name}"), digits=2, show_unit=False)
-            growth = at["growth"].max("seed").sel(variation=shown).values
+        for name, loops, shown in groups:
+            at, note = loops.sel(instant=instant), ledger.of(f"{instant}, {name}")
+            note = partial(note, digits=2, show_unit=False)
+            growth = at["growth"].max("seed")
             cells += [
-                note(f"growth, {variation}", float(rate), "1/s")
-                for variation, rate in zip(shown, growth, strict=True)
+                *(
+                    note(f"growth, {v}", float(growth.sel(variation=v)), "1/s")
+                    for v in shown
+                ),
+                note("disk", float(at["disk"].min())),
+                note("delay", 1e3 * float(at["delay"].min()), "ms"),
             ]
-            cells.append(note("disk", float(at["disk"].min())))
-            cells.append(note("delay", 1e3 * float(at["delay"].min()), "ms"))
         rows.append(cells)
     last = ["disk", "delay [ms]"]
     header = ["Case 1", *VARIATIONS, *last, "worst sample: nominal", *last]
@@ -236,9 +233,7 @@ def off_nominal_section(found: Results, ledger: Ledger) -> str:
     """Return the worst metrics of each off-nominal case."""
     rows = {}
     for name, data in found.items():
-        succeeded = (data["position"].values < MAX_POSITION) & (
-            data["joints"].values < MAX_JOINTS
-        )
+        succeeded = successful(data).values
         count = ledger.of(name)("successful", int(succeeded.sum()))
         rows[name] = {
             "case": name,

@@ -5,7 +5,6 @@ from __future__ import annotations
 import contextlib
 import json
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import asdict
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
@@ -54,7 +53,7 @@ def write_report(
         "libraries": {name: version(name) for name in ("casadi", "numpy", "scipy")},
         **facts,
         "fingerprints": fingerprints,
-        "numbers": {name: asdict(number) for name, number in ledger.numbers.items()},
+        "numbers": ledger.numbers,
     }
     report = folder / "README.md"
     for file, content in (

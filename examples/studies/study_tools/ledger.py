@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from typing import Any
 
 from trussflow.blocks.framework.units import readable
@@ -17,33 +16,18 @@ Note = Callable[..., str]
 """Function that records a number of a run, by name, value, unit and digits, and returns it as text."""
 
 
-@dataclass(frozen=True, slots=True)
-class Number:
-    """Number of a report.
+class Ledger:
+    """Record of the numbers in a report.
 
     Attributes
     ----------
-    value : float
-        Value [unit].
-    unit : str
-        Unit; empty for ratios.
-    runs : tuple of str
-        Names of the runs that it is computed from; may be empty.
-    text : str
-        Text in the report, without the unit.
+    numbers : dict
+        By name, each with its ``value`` [unit]; ``unit``, empty for ratios; ``runs``, the names of the runs that
+        it is computed from; and ``text`` in the report, without the unit.
     """
 
-    value: float
-    unit: str
-    runs: tuple[str, ...]
-    text: str
-
-
-class Ledger:
-    """Record of the numbers in a report."""
-
     def __init__(self) -> None:
-        self.numbers: dict[str, Number] = {}
+        self.numbers: dict[str, dict[str, Any]] = {}
 
     def __call__(
         self,
@@ -80,7 +64,7 @@ class Ledger:
         text = pretty(100 * value if unit == "%" else value, digits)
         if isinstance(value, int):
             text = str(value)
-        number = Number(float(value), unit, tuple(runs), text)
+        number = {"value": float(value), "unit": unit, "runs": list(runs), "text": text}
         if self.numbers.setdefault(name, number) != number:
             raise ModelError(f"the report has two different numbers named '{name}'")
         return f"{text} {readable(unit)}" if unit and show_unit else text
