@@ -161,7 +161,8 @@ def failure_metrics(run: xr.Dataset) -> dict[str, float]:
     instants = np.where(
         isolated.any(axis=0), run["time"].values[isolated.argmax(axis=0)], np.inf
     )
-    failed, begin = np.r_[bases, drives[::joints]] < 1.0, parameters["failure.time"]
+    failed = np.r_[bases, drives[::joints]] < 1.0
+    begin = float(np.ravel(parameters["failure.time"])[0])
     found = {
         "isolated after": instants[failed].max() - begin,
         **tracking(run, drives == 1.0),

@@ -70,7 +70,7 @@ COMPARED = "position", "attitude", "late position"
 SEEDS, OTHER_SEEDS = range(16), range(1000, 1064)
 """Seeds of the tuning and of the comparison."""
 
-TRIALS = 25
+MAX_TRIALS = 25
 """Maximum number of designs [-]."""
 
 
@@ -80,7 +80,7 @@ def tuned_designs(
     *,
     seeds: range = SEEDS,
     others: range = OTHER_SEEDS,
-    trials: int = TRIALS,
+    trials: int = MAX_TRIALS,
     duration: float = LONG_DURATION,
 ) -> tuple[Tuned, Designs]:
     """Tune from the design chosen by hand on some samples of Case 1, and compare designs on others.

@@ -71,6 +71,7 @@ def test_a_failed_base_is_isolated(simulated, robot, start):
 
 def test_a_failure_after_the_end_is_not_isolated(simulated):
     found = failure_metrics(simulated("base", 1, 100.0, 1.0))
+    assert all(np.ndim(value) == 0 for value in found.values())
     assert np.isinf(found["isolated after"])
     assert found["false alarms"] == 0
 
