@@ -13,7 +13,7 @@ OLDEST := .venv-oldest
 BIN := $(VENV)/$(if $(filter Windows_NT,$(OS)),Scripts,bin)
 PIP_INSTALL := $(BIN)/python -m pip install --quiet --disable-pip-version-check
 
-.PHONY: help transport reproduce flight sweep modes check types rules test campaign test-oldest format docs bench bench-check bench-growth bench-instructions bench-peers clean FORCE
+.PHONY: help transport reproduce flight sweep modes reports-check check types rules test campaign test-oldest format docs bench bench-check bench-growth bench-instructions bench-peers clean FORCE
 .DELETE_ON_ERROR:
 
 help:
@@ -22,6 +22,7 @@ help:
 	@echo "make flight     robustness of the controllers, 400 Monte Carlo samples: docs/flight"
 	@echo "make sweep      1000 Monte Carlo samples of each controller: docs/sweep"
 	@echo "make modes      modes, margins and spillover of the truss: results/modes"
+	@echo "make reports-check  compare the loops of the three reports with the present code, without runs"
 	@echo "make check      check format, style, types, imports, docstrings, links and prose"
 	@echo "make test       check every law once"
 	@echo "make campaign   run random cases, killed processes, faults and long runs; CAMPAIGN=10 runs ten times as many"
@@ -50,8 +51,14 @@ flight: $(VENV)/runtime.stamp
 sweep: $(VENV)/runtime.stamp
 	$(STUDY) flight --samples 1000 --output docs/sweep
 
+# Each check exits with 1 if its report is old.
+reports-check: $(VENV)/runtime.stamp
+	$(STUDY) reproduction --check --output docs/reproduction
+	$(STUDY) flight --check --output docs/flight
+	$(STUDY) flight --check --samples 1000 --output docs/sweep
+
 modes: $(VENV)/runtime.stamp
-	$(BIN)/python examples/studies/modes/modes.py
+	PYTHONPATH=examples/studies $(BIN)/python examples/studies/modes/modes.py
 
 # One thread per worker for linear algebra: the workers already fill the cores.
 RUN_TESTS := OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest -n $(WORKERS)

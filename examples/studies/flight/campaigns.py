@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
-from functools import partial
+from dataclasses import dataclass, field
+from functools import cache, partial
+from itertools import product
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import xarray as xr
-from study_tools.fingerprints import fingerprint, projection
+from study_tools.evidence import fingerprint, projection
 
 from flight.failures import failure_metrics, failure_parameters
 from flight.loops import PAPER_LAWS, flight_simulator, paper_simulator
@@ -33,14 +34,18 @@ DURATION, LONG_DURATION = 80.0, 100.0
 
 FAILURE_TIMES = (10.0, 30.0, 50.0)  # s
 
-FAILURES: tuple[tuple[str, str, int, dict[str, Any]], ...] = (
+SAMPLES, FAILURES, OFF_NOMINAL = "Monte Carlo samples", "Failures", "Off-nominal cases"
+PROPELLANT, EXACT = "Propellant and wheel management", "Exact loops"
+"""Titles of the sections of the report."""
+
+FAILING: tuple[tuple[str, str, int, dict[str, Any]], ...] = (
     ("base", "", 3, {}),
     ("robot", ", with brakes", 3, {"brakes": True}),
     ("robot", "", 3, {}),
     ("base", ", turned", 4, {"turned": True}),
     ("base", ", Case 2", 2, {"case": 2}),
 )
-"""Failing part, remark, number of robots that may fail, and arguments of `flight_simulator`."""
+"""Failing part, remark, number of robots that may fail, and options of the loop."""
 
 GAINS = (0.5, 0.7, 1.4, 2.0)
 """Actuator gains of the off-nominal cases, actual by commanded [-]."""
@@ -69,7 +74,9 @@ class Campaign:
     name : str
         Unique name in the report.
     loop : callable
-        Function of the arguments in the rows that returns the simulator.
+        Function of the options, the arguments in the rows, and the backend that returns the simulator.
+    options : mapping
+        Arguments of `loop` in all runs.
     rows : sequence of mapping
         Arguments, parameters and initial states of each run, as for `sweep`.
     labels : sequence
@@ -82,10 +89,11 @@ class Campaign:
 
     section: str
     name: str
-    loop: Callable[..., Simulator]
+    loop: Callable[..., Simulator] = flight_simulator
+    options: Mapping[str, Any] = field(default_factory=dict)
     rows: Sequence[Mapping[str, Any]]
     labels: Sequence[Any]
-    keep: Callable[[xr.Dataset], Mapping[str, Any]]
+    keep: Callable[[xr.Dataset], Mapping[str, Any]] = run_metrics
     duration: float = DURATION
 
     def run(self, folder: Path | None = None, **options: Any) -> xr.Dataset:
@@ -100,7 +108,7 @@ class Campaign:
         """
         names = tuple(self.rows[0])
         found = sweep(
-            self.loop,
+            partial(self.loop, **self.options),
             self.duration,
             vary={names: [tuple(row.values()) for row in self.rows]},
             keep=self.keep,
@@ -112,20 +120,25 @@ class Campaign:
             sample=list(self.labels)
         )
 
-    def fingerprint(self, loops: dict[str, list[float]]) -> list[float]:
-        """Return the numbers that identify the loops and values; `loops` stores those of known loops."""
-        found, values = [], [self.duration]
+    def fingerprint(self) -> list[float]:
+        """Return the numbers that identify loops, duration, parameters and initial states."""
+        found, values = dict[tuple[Any, ...], list[float]](), [self.duration]
         for row in self.rows:
             arguments = {name: value for name, value in row.items() if "." not in name}
-            key = repr((self.loop, arguments))
-            if key not in loops:
-                loops[key] = fingerprint(self.loop(**arguments))
-            if loops[key] not in found:
-                found.append(loops[key])
+            key = tuple({**self.options, **arguments}.items())
+            found[key] = loop_fingerprint(self.loop, key)
             values += [value for name, value in row.items() if "." in name]
-        return [number for numbers in found for number in numbers] + [
+        return [number for each in found.values() for number in each] + [
             projection(values)
         ]
+
+
+@cache
+def loop_fingerprint(
+    loop: Callable[..., Simulator], arguments: tuple[tuple[str, Any], ...]
+) -> list[float]:
+    """Return the fingerprint of a loop with arguments, evaluated without compilation."""
+    return fingerprint(loop(**dict(arguments), backend="numpy"))
 
 
 def all_campaigns(count: int) -> list[Campaign]:
@@ -140,25 +153,22 @@ def all_campaigns(count: int) -> list[Campaign]:
     samples = [sample(seed) for seed in seeds]
     found = [
         Campaign(
-            section="Monte Carlo samples",
+            section=SAMPLES,
             name=f"case {case}",
-            loop=partial(flight_simulator, case),
+            options={"case": case},
             rows=samples,
             labels=seeds,
-            keep=run_metrics,
             duration=LONG_DURATION,
         )
         for case in CASES
     ]
-    for part, remark, count, options in FAILURES:
-        failures = [
-            (part, 1 + robot, time) for robot in range(count) for time in FAILURE_TIMES
-        ]
+    for part, remark, failing, options in FAILING:
+        failures = list(product([part], range(1, failing + 1), FAILURE_TIMES))
         found.append(
             Campaign(
-                section="Failures",
+                section=FAILURES,
                 name=f"{part} fails{remark}",
-                loop=partial(flight_simulator, **{"brakes": False} | options),
+                options={"brakes": False, **options},
                 rows=[
                     failure_parameters(plant.dynamics, *failure) for failure in failures
                 ],
@@ -184,12 +194,11 @@ def all_campaigns(count: int) -> list[Campaign]:
         }
         found.append(
             Campaign(
-                section="Off-nominal cases",
+                section=OFF_NOMINAL,
                 name=name,
-                loop=partial(flight_simulator, brakes=False, **arms),
+                options={"brakes": False, **arms},
                 rows=[health | sample(seed) for seed in NOMINAL_AND_SAMPLES],
                 labels=NOMINAL_AND_SAMPLES,
-                keep=run_metrics,
             )
         )
     start = {
@@ -200,21 +209,22 @@ def all_campaigns(count: int) -> list[Campaign]:
         f"controller.economy.{name}": DISABLED_LIMIT
         for name in ("propellant_spread", "unloading_time")
     }
-    for case in CASES:
-        for word, values in (("without", disabled), ("with", {})):
-            found.append(
-                Campaign(
-                    section="Propellant and wheel management",
-                    name=f"case {case}, {word} management",
-                    loop=partial(flight_simulator, case),
-                    rows=[sample(NOMINAL_SEED) | start | values],
-                    labels=[NOMINAL_SEED],
-                    keep=consumption,
-                    duration=LONG_DURATION,
-                )
+    for case, (word, values) in product(
+        CASES, {"without": disabled, "with": {}}.items()
+    ):
+        found.append(
+            Campaign(
+                section=PROPELLANT,
+                name=f"case {case}, {word} management",
+                options={"case": case},
+                rows=[sample(NOMINAL_SEED) | start | values],
+                labels=[NOMINAL_SEED],
+                keep=consumption,
+                duration=LONG_DURATION,
             )
+        )
     paper = Campaign(
-        section="Exact loops",
+        section=EXACT,
         name="exact loops",
         loop=paper_simulator,
         rows=[{"law": law} for law in PAPER_LAWS],
@@ -224,20 +234,24 @@ def all_campaigns(count: int) -> list[Campaign]:
     return [*found, paper]
 
 
-def consumption(run: xr.Dataset) -> dict[str, Any]:
-    """Return position error, propellant used by each base [kg], and final wheel momentum by axis [N·m·s]."""
+def consumption(run: xr.Dataset) -> dict[str, float]:
+    """Return propellant and final wheel momentum by axis, of any base, and the position error."""
     used = run["actuators.used.y"].values[-1].copy()
     used[0] -= INITIAL_PROPELLANT
-    momentum = abs(run["actuators.stored.y"].values[-1]).reshape(-1, 3)
+    momentum = abs(run["actuators.stored.y"].values[-1]).reshape(-1, 3).max(axis=0)
     return {
+        **{f"propellant of base {i}": each for i, each in enumerate(used, 1)},
+        "propellant": used.sum(),
+        **{
+            f"final momentum {axis}": each
+            for axis, each in zip("xyz", momentum, strict=True)
+        },
         "position": tracking(run)["position"],
-        "used": used,
-        "momentum": momentum.max(axis=0),
     }
 
 
 def exact_metrics(run: xr.Dataset) -> dict[str, float]:
-    """Return the tracking errors and the elastic displacement of grasp 4, also late about its mean."""
+    """Return tracking errors, displacement of grasp 4, and its late deviation from the mean."""
     error, grasp = tracking(run), run["truss.grasp_displacement"].values[:, 3]
     late = grasp[late_part(run["time"].values)]
     return {
@@ -245,5 +259,5 @@ def exact_metrics(run: xr.Dataset) -> dict[str, float]:
             name: error[name] for name in ("position", "late position", "late attitude")
         },
         "grasp 4": largest_norm(grasp),
-        "late grasp 4": largest_norm(late - late.mean(axis=0)),
+        "late vibration of grasp 4": largest_norm(late - late.mean(axis=0)),
     }

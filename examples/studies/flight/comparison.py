@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from functools import partial
 from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
 import xarray as xr
-from study_tools.fingerprints import write_evidence
+from study_tools.evidence import write_report
 from study_tools.ledger import Ledger
 
 from flight import tuning
@@ -19,9 +18,9 @@ from flight.metrics import (
     MAX_JOINTS,
     MAX_LATE_POSITION,
     MAX_POSITION,
-    METRICS,
-    heading,
+    median_and_worst,
     successful,
+    table,
     tracking,
 )
 from flight.samples import (
@@ -34,16 +33,15 @@ from flight.samples import (
     noise_parameters,
     sample_parameters,
 )
-from flight.sections import cumulative, displayed
-from trussflow.blocks.support.files import replaced
+from flight.sections import cumulative
+from trussflow.blocks.sweeps.tuning import Tuned
 from trussflow.models.reporting.figures import Panel, drawing, save
 from trussflow.models.reporting.metrics import DEFINITIONS, largest_component, late_part
-from trussflow.models.reporting.tables import markdown_table
 
 FIRST_SEED = 1000
 """First seed; smaller ones were used for tuning or for the other report."""
 
-KEPT = ("position", "attitude", "joints", "late position", "late force")
+SHOWN = ("position", "attitude", "joints", "late position", "late force")
 
 STUDIES = (
     ("published", False),
@@ -112,7 +110,8 @@ def all_campaigns(count: int) -> list[Campaign]:
             Campaign(
                 section=law,
                 name=f"{law}, {'reference hardware' if hardware else 'exact'}",
-                loop=partial(law_simulator, law, reference_hardware=hardware),
+                loop=law_simulator,
+                options={"law": law, "reference_hardware": hardware},
                 rows=[
                     sample_parameters(plant, seed)
                     | (noise_parameters(seed) if hardware else {})
@@ -120,31 +119,52 @@ def all_campaigns(count: int) -> list[Campaign]:
                 ],
                 labels=seeds,
                 keep=errors,
-                duration=DURATION,
             )
         )
     return found
 
 
+def make_report(count: int, output: Path, runs: Path, workers: int | None) -> Path:
+    """Simulate what is missing, write the report, and return its file.
+
+    Parameters
+    ----------
+    count : int
+        Number of samples of each law [-].
+    output, runs : pathlib.Path
+        Folders of the report and of the finished runs.
+    workers : int, optional
+        Number of parallel runs, as for `sweep` [-].
+    """
+    found = {
+        one.name: with_uncertainties(
+            one.run(runs, workers=workers),
+            LAWS[one.section].truss().dynamics.modes.modes,
+        )
+        for one in all_campaigns(count)
+    }
+    tuned = tuning.tuned_designs(runs, workers)
+    return write(found, *tuned, output, fingerprints())
+
+
+def fingerprints() -> dict[str, list[float]]:
+    """Return the fingerprints of all simulated loops, by campaign, with the first sample of each law."""
+    found = {one.name: one.fingerprint() for one in all_campaigns(1)}
+    return found | {"tuning": tuning.loop_fingerprints()}
+
+
 def errors(run: xr.Dataset) -> dict[str, float]:
-    """Return the `KEPT` metrics of a run."""
+    """Return tracking errors and late force of a run."""
     late = run["truss.base_force"].values[late_part(run["time"].values)]
-    found = tracking(run) | {"late force": largest_component(late)}
-    return {name: found[name] for name in KEPT}
+    return tracking(run) | {"late force": largest_component(late)}
 
 
 def with_uncertainties(found: xr.Dataset, modes: int) -> xr.Dataset:
     """Return results with the success and the `UNCERTAINTIES` of each sample; shapes as root mean square."""
     drawn = [deviations(int(seed), modes) for seed in found["sample"].values]
-    columns = {
-        name: (
-            "sample",
-            [float(np.sqrt(np.mean(np.square(one[name])))) for one in drawn],
-        )
-        if name == "shapes"
-        else ("sample", [one[name] for one in drawn])
-        for name in UNCERTAINTIES
-    }
+    for one in drawn:
+        one["shapes"] = float(np.sqrt(np.mean(np.square(one["shapes"]))))
+    columns = {name: ("sample", [one[name] for one in drawn]) for name in UNCERTAINTIES}
     return found.assign(columns).assign(successful=successful(found))
 
 
@@ -172,7 +192,8 @@ def correlations(succeeded: xr.Dataset, metric: str) -> dict[str, float]:
 
 def write(
     found: Mapping[str, xr.Dataset],
-    tuned: xr.Dataset,
+    tuned: Tuned,
+    designs: tuning.Designs,
     folder: Path,
     recorded: Mapping[str, Sequence[float]],
 ) -> Path:
@@ -182,8 +203,8 @@ def write(
     ----------
     found : mapping
         Results by name of the campaign, by `with_uncertainties`.
-    tuned : xarray.Dataset
-        Result of `Tuning.run`.
+    tuned, designs
+        Results of `tuned_designs`.
     folder : pathlib.Path
         Folder of the report.
     recorded : mapping
@@ -191,50 +212,43 @@ def write(
     """
     folder.mkdir(parents=True, exist_ok=True)
     ledger, count = Ledger(), next(iter(found.values())).sizes["sample"]
-    rates, rows, ranks, worst, curves = [], [], [], [], []
+    rates, rows, ranks, worst, curves = {}, {}, {}, {}, []
     for (law, _), (name, data) in zip(STUDIES, found.items(), strict=True):
         note = ledger.of(name)
         rate, low, high = success_rate(data["successful"].values)
-        number = ledger.count(f"{name}: successful", int(data["successful"].sum()))
-        interval = (
-            f"{note('rate, from', low, '%')} to {note('rate, to', high, '%', digits=4)}"
+        least, most = (
+            note("rate, from", low, "%"),
+            note("rate, to", high, "%", digits=4),
         )
-        rates.append((name, LAWS[law].label, number, note("rate", rate, "%"), interval))
+        rates[name] = {
+            "law": name,
+            "plant": LAWS[law].label,
+            "successful": int(data["successful"].sum()),
+            "rate": note("rate", rate, "%"),
+            "confidence interval": f"{least} to {most}",
+        }
         succeeded = data.isel(sample=np.flatnonzero(data["successful"].values))
         if succeeded.sizes["sample"]:
-            cells = [
-                displayed(note, f"{metric}, {word}", value, METRICS[metric][0])
-                for metric in KEPT
-                for word, value in (
-                    ("median", succeeded[metric].median()),
-                    ("worst", succeeded[metric].max()),
-                )
-            ]
-            rows.append((name, *cells))
+            rows[name] = {"law": name, **median_and_worst(succeeded[list(SHOWN)])}
             for metric in ("position", "late position"):
-                values = correlations(succeeded, metric)
-                cells = [
-                    note(f"{metric} by {what}", one, digits=2)
-                    for what, one in values.items()
-                ]
-                ranks.append((name, f"{metric} (norm)", *cells))
+                ranks[f"{name}, {metric}"] = {
+                    "law": name,
+                    "error": metric,
+                    **{
+                        what: note(f"{metric} by {what}", one, digits=2)
+                        for what, one in correlations(succeeded, metric).items()
+                    },
+                }
         candidates = succeeded if succeeded.sizes["sample"] else data
         one = candidates.isel(
             sample=int(np.argmax(candidates["position"].fillna(np.inf).values))
         )
-        drawn = [
-            note(f"worst: {what}", float(one[what]), unit.strip("1"))
-            for what, unit in UNCERTAINTIES.items()
-        ]
-        seed = ledger.count(f"{name}: worst", int(one["sample"]))
-        worst.append(
-            (
-                name,
-                seed,
-                *drawn,
-                note("worst: position", 1e3 * float(one["position"]), "mm"),
-            )
-        )
+        worst[f"{name}, worst sample"] = {
+            "law": name,
+            "seed": int(one["sample"]),
+            **{f"{what} [{unit}]": one[what] for what, unit in UNCERTAINTIES.items()},
+            "position": one["position"],
+        }
         curves.append(cumulative(name, 1e3 * data["position"].fillna(np.inf).values))
     panel = Panel(
         curves=curves,
@@ -245,9 +259,6 @@ def write(
         legend_inside=True,
     )
     save(drawing([panel], row_height=3.2), folder / "samples.png", small=True)
-    heads = [
-        f"{heading(metric)}: {word}" for metric in KEPT for word in ("median", "worst")
-    ]
     text = TEXT.format(
         count=count,
         deviation=MAX_DEVIATION,
@@ -260,15 +271,10 @@ def write(
         duration=DURATION,
         significant=2 / np.sqrt(count),
         definitions=DEFINITIONS,
-        rates=markdown_table(
-            ("law", "plant", "successful", "rate", "confidence interval"), rates
-        ),
-        errors=markdown_table(("law", *heads), rows),
-        tuning=tuning.section(tuned, ledger),
-        correlations=markdown_table(("law", "error", *UNCERTAINTIES), ranks),
-        worst=markdown_table(("law", "seed", *UNCERTAINTIES, "position (norm)"), worst),
+        rates=table(ledger, rates),
+        errors=table(ledger, rows),
+        tuning=tuning.section(tuned, designs, ledger),
+        correlations=table(ledger, ranks),
+        worst=table(ledger, worst),
     )
-    with replaced(folder / "README.md") as partial_file:
-        partial_file.write_text(text, encoding="utf-8")
-    write_evidence(folder, ledger, recorded, samples=count)
-    return folder / "README.md"
+    return write_report(folder, text, ledger, recorded, samples=count)

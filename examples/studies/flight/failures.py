@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
+from flight.metrics import torques, tracking
 from trussflow.blocks.framework.block import Block, Values
 from trussflow.blocks.framework.declarations import Parameter, Signals
 from trussflow.blocks.framework.diagram import Diagram
@@ -16,7 +17,6 @@ from trussflow.blocks.library.algebra import Function
 from trussflow.blocks.support.types import Array
 from trussflow.models.dynamics.dynamics import TrussDynamics
 from trussflow.models.feasibility import ActuatorFailure
-from trussflow.models.reporting.metrics import largest_component, tracking_metrics
 
 PARTS: dict[str, dict[str, Any]] = {
     "base": {},
@@ -25,15 +25,17 @@ PARTS: dict[str, dict[str, Any]] = {
 }
 """Parts of a robot that may fail, with their arguments of `ActuatorFailure.of`."""
 
-FAILURE_METRICS = {
-    "position": "m",
-    "attitude": "rad",
-    "joints": "rad",
-    "late_position": "m",
-    "base_torque": "N*m",
-    "joint_torque": "N*m",
-}
-"""Metrics of a run with a failure, all largest components, with their units."""
+FAILURE_METRICS = (
+    "isolated after",
+    "position",
+    "attitude",
+    "joints",
+    "late position",
+    "base torque",
+    "joint torque",
+    "false alarms",
+)
+"""Metrics of a run with a failure."""
 
 BRAKE_FREQUENCY = 40.0
 """Natural frequency of a braked arm [rad/s]: above that of the loop, below the limit of the solver."""
@@ -49,7 +51,7 @@ def failure_parameters(
     dynamics : TrussDynamics
         Truss and robots.
     part : str
-        One of `PARTS`.
+        ``"base"``, ``"drives"``, or ``"robot"`` for both.
     robot : int
         Number of the robot, from 1.
     time : float
@@ -98,7 +100,7 @@ class SuddenFailure(Block):
 
 
 def with_failures(
-    diagram: Diagram, dynamics: TrussDynamics, *, brakes: bool = False
+    diagram: Diagram, dynamics: TrussDynamics, *, brakes: bool
 ) -> Diagram:
     r"""Add a `SuddenFailure` named failure to a mean-axes loop with hardware, and return the diagram.
 
@@ -115,21 +117,14 @@ def with_failures(
     brakes : bool
         Whether joints have brakes; without brakes, joints with failed drives move freely.
     """
-    failure, actuators = (
-        diagram.add(failure=SuddenFailure(dynamics)),
-        diagram.blocks["actuators"],
-    )
+    failure = diagram.add(failure=SuddenFailure(dynamics))
+    actuators = diagram.blocks["actuators"]
     for port in failure.outputs():
         port >> actuators.port(port.name)
     if brakes:
-        joints, truss, controller = (
-            dynamics.joints,
-            diagram.blocks["truss"],
-            diagram.blocks["controller"],
-        )
-        inertia = dynamics.evaluate(dynamics.rest).mass_matrix[
-            6 : 6 + joints, 6 : 6 + joints
-        ]
+        truss, joints = diagram.blocks["truss"], dynamics.joints
+        own = slice(6, 6 + joints)
+        inertia = dynamics.evaluate(dynamics.rest).mass_matrix[own, own]
 
         def braked(angles: Array, rates: Array, effectiveness: Array) -> Array:
             on = 1.0 - effectiveness[-joints:]
@@ -146,44 +141,36 @@ def with_failures(
         )
         truss.port("task_position")[6:] >> block.port("angles")
         truss.port("rigid_speeds")[6:] >> block.port("rates")
-        controller.port("effectiveness") >> block.port("effectiveness")
+        health = diagram.blocks["controller"].port("effectiveness")
+        health >> block.port("effectiveness")
         block.port("torques") >> actuators.port("brake")
     return diagram
 
 
 def failure_metrics(run: xr.Dataset) -> dict[str, float]:
-    """Return the `FAILURE_METRICS` of a run, its detection delay [s] and its number of false alarms.
+    """Return the `FAILURE_METRICS` of a run.
 
-    Joints with failed drives do not count. The delay is that of the part that is isolated last, infinite if
-    one is never isolated. All arms must have the same number of joints.
+    Joints with failed drives do not count. The detection delay is that of the part that is isolated last,
+    infinite if one is never isolated. All arms must have the same number of joints.
     """
     parameters = json.loads(run.attrs["parameters"])
     bases, drives = (
         np.array(parameters[f"failure.{name}"]) for name in ("bases", "drives")
     )
-    time, health = run["time"].values, run["controller.monitor.effectiveness"].values
-    joints = drives.size // bases.size
+    health = run["controller.monitor.effectiveness"].values
+    count, joints = bases.size, drives.size // bases.size
     # One column for each base, then one for each arm: all actuators of a part are isolated together.
-    isolated = (
-        health[
-            :, np.r_[0 : 6 * bases.size : 6, 6 * bases.size : health.shape[1] : joints]
-        ]
-        < 1.0
+    parts = np.r_[0 : 6 * count : 6, 6 * count : health.shape[1] : joints]
+    isolated = health[:, parts] < 1.0
+    instants = np.where(
+        isolated.any(axis=0), run["time"].values[isolated.argmax(axis=0)], np.inf
     )
-    instants = np.where(isolated.any(axis=0), time[isolated.argmax(axis=0)], np.inf)
-    failed, begin = np.r_[bases, drives[::joints]] < 1.0, parameters["failure.time"]
-    error = run["truss.task_position"].values - run["trajectory.position"].values
-    parts = {
-        "position": error[:, :3],
-        "attitude": error[:, 3:6],
-        "joints": error[:, 6:][:, drives == 1.0],
+    failed = np.r_[bases, drives[::joints]] < 1.0
+    begin = float(np.ravel(parameters["failure.time"])[0])
+    found = {
+        "isolated after": instants[failed].max() - begin,
+        **tracking(run, drives == 1.0),
+        **torques(run),
+        "false alarms": float(np.sum(instants < np.where(failed, begin, np.inf))),
     }
-    found = tracking_metrics(time, parts)
-    return {
-        **{name: found[f"peak {name} (component)"] for name in parts},
-        "late_position": found["late position (component)"],
-        "base_torque": largest_component(run["truss.base_torque"]),
-        "joint_torque": largest_component(run["truss.joint_torque"]),
-        "found_after": instants[failed].max() - begin,
-        "false_alarms": float(np.sum(instants < np.where(failed, begin, np.inf))),
-    }
+    return {name: found[name] for name in FAILURE_METRICS}

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from itertools import product
+from itertools import count, product
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -75,18 +75,22 @@ TRUSSES = {"mass": _heavier, "payload": _with_payload}
 """Functions of the nominal truss and a value that return the truss of the plant."""
 
 
-def trial_simulator(law: str, imperfection: str, value: float) -> Simulator:
+def trial_simulator(
+    law: str, imperfection: str, value: float, backend: str = "auto"
+) -> Simulator:
     """Return the simulator of a `Trial`."""
     chosen = LAWS[law]
     truss = chosen.truss()
     nominal = truss.dynamics
+    errors = {imperfection: value}
     if imperfection in TRUSSES:
-        modes = TRUSSES[imperfection](nominal.modes, value)
+        modes = TRUSSES[imperfection](nominal.modes, errors.pop(imperfection))
         truss = TunableTruss(
             replace(nominal, modes=modes), modal_actuation=truss.modal_actuation
         )
-    errors = {} if imperfection in TRUSSES else {imperfection: value}
-    return simulator_of(chosen, truss, chosen.hardware(**errors), nominal=nominal)
+    return simulator_of(
+        chosen, truss, chosen.hardware(**errors), nominal=nominal, backend=backend
+    )
 
 
 def simulated(
@@ -135,33 +139,28 @@ def robustness_limits(
         By imperfection and law; NaN if no value succeeds, or none fails [unit of the imperfection].
     """
     pairs = list(product(IMPERFECTIONS, LAWS))
-    ends = {
-        (name, law): (IMPERFECTIONS[name].mild, IMPERFECTIONS[name].severe)
+    bounds = dict.fromkeys(pairs, (np.nan, np.nan))
+    trials = [
+        (law, name, end)
         for name, law in pairs
-    }
-    trials = [(law, name, end) for name, law in pairs for end in ends[name, law]]
-    succeeded = dict(zip(trials, simulate(trials, 0), strict=True))
-    bounds = {}
-    for (name, law), (mild, severe) in ends.items():
-        best = next(
-            (end for end in (severe, mild) if succeeded[law, name, end]), np.nan
-        )
-        worst = next(
-            (end for end in (mild, severe) if not succeeded[law, name, end]), np.nan
-        )
-        bounds[name, law] = best, worst
-    number = 0
-    while trials := [
-        (law, name, value)
-        for (name, law), (best, worst) in bounds.items()
-        if (value := next_value(best, worst, _resolution(name, law))) is not None
-    ]:
-        number += 1
-        for (law, name, value), success in zip(
-            trials, simulate(trials, number), strict=True
-        ):
+        for end in (IMPERFECTIONS[name].mild, IMPERFECTIONS[name].severe)
+    ]
+    for number in count():
+        results = dict(zip(trials, simulate(trials, number), strict=True))
+        # The first failure in the order of severity and the last success bound the limit.
+        for (law, name, value), success in results.items():
             best, worst = bounds[name, law]
-            bounds[name, law] = (value, worst) if success else (best, value)
+            if success:
+                bounds[name, law] = value, worst
+            elif number or np.isnan(worst):
+                bounds[name, law] = best, value
+        trials = [
+            (law, name, middle)
+            for (name, law), (best, worst) in bounds.items()
+            if (middle := next_value(best, worst, _resolution(name, law))) is not None
+        ]
+        if not trials:
+            break
     return bounds
 
 

@@ -96,8 +96,9 @@ def simulator_of(
     *,
     case: int = 1,
     nominal: TrussDynamics | None = None,
+    brakes: bool | None = None,
     log: tuple[str, ...] = LOG,
-    **failures: bool,
+    backend: str = "auto",
 ) -> Simulator:
     """Return the simulator of a closed loop.
 
@@ -113,10 +114,12 @@ def simulator_of(
         Case 1 or 2 of the paper.
     nominal : TrussDynamics, optional
         Nominal dynamics of the controller, by default those of the plant.
+    brakes : bool, optional
+        Whether joints have brakes, as for `with_failures`; by default no actuator can fail.
     log : tuple of str
         Logged signals.
-    **failures : bool
-        Arguments of `with_failures`, by default none: then no actuator can fail.
+    backend : str
+        As for `Simulator`.
     """
     mission = Mission.of_case(case)
     if law.delay:
@@ -126,22 +129,24 @@ def simulator_of(
         )
     else:
         diagram = transport_diagram(mission, truss, believed=nominal, hardware=hardware)
-    if failures:
-        with_failures(diagram, truss.dynamics, **failures)
-    return Simulator(diagram, step=law.step, log=log, log_step=0.02)
+    if brakes is not None:
+        with_failures(diagram, truss.dynamics, brakes=brakes)
+    return Simulator(diagram, step=law.step, log=log, log_step=0.02, backend=backend)
 
 
-def law_simulator(law: str, *, reference_hardware: bool = False) -> Simulator:
+def law_simulator(
+    law: str, *, reference_hardware: bool = False, backend: str = "auto"
+) -> Simulator:
     """Return the loop of Case 1 of one of `LAWS`, with exact or with the reference hardware."""
     chosen = LAWS[law]
     hardware = reference_hardware_of(1) if reference_hardware else chosen.hardware()
-    return simulator_of(chosen, chosen.truss(), hardware)
+    return simulator_of(chosen, chosen.truss(), hardware, backend=backend)
 
 
-def paper_simulator(law: str) -> Simulator:
+def paper_simulator(law: str, *, backend: str = "auto") -> Simulator:
     """Return the loop of Case 1 of one of `PAPER_LAWS`, with exact hardware."""
     chosen = PAPER_LAWS[law]
-    return simulator_of(chosen, chosen.truss(), chosen.hardware())
+    return simulator_of(chosen, chosen.truss(), chosen.hardware(), backend=backend)
 
 
 def flight_simulator(
@@ -150,7 +155,7 @@ def flight_simulator(
     mass: float = 1.0,
     length: float = 1.0,
     turned: bool = False,
-    **failures: bool,
+    **settings: Any,
 ) -> Simulator:
     """Return the mean-axes loop of the accurate plant with the reference hardware.
 
@@ -162,8 +167,8 @@ def flight_simulator(
         Masses and lengths of the arms in the nominal dynamics, relative to the plant [-].
     turned : bool
         Whether the truss has the attitude of `failure_tolerant_truss`.
-    **failures : bool
-        Arguments of `with_failures`, by default none: then no actuator can fail.
+    **settings
+        Brakes and backend, as for `simulator_of`.
     """
     truss = failure_tolerant_truss(case) if turned else TunableTruss.accurate()
     return simulator_of(
@@ -173,7 +178,7 @@ def flight_simulator(
         case=case,
         nominal=with_arms(truss.dynamics, mass=mass, length=length),
         log=FLIGHT_LOG,
-        **failures,
+        **settings,
     )
 
 
@@ -202,18 +207,15 @@ def with_arms(dynamics: TrussDynamics, *, mass: float, length: float) -> TrussDy
     mass, length : float
         Positive factors [-].
     """
-    changes: list[dict[str, Any]] = [
-        {
-            "masses": mass * arm.masses,
-            "static_moments": mass * length * arm.static_moments,
-            "inertias": mass * length**2 * arm.inertias,
-            "joint_origins": length * arm.joint_origins,
-            "base_origin": length * arm.base_origin,
-        }
+    arms = [
+        replace(
+            arm,
+            masses=mass * arm.masses,
+            static_moments=mass * length * arm.static_moments,
+            inertias=mass * length**2 * arm.inertias,
+            joint_origins=length * arm.joint_origins,
+            base_origin=length * arm.base_origin,
+        )
         for arm in dynamics.arms
     ]
-    arms = (
-        replace(arm, **change)
-        for arm, change in zip(dynamics.arms, changes, strict=True)
-    )
     return replace(dynamics, arms=tuple(arms))

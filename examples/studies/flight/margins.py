@@ -58,10 +58,11 @@ _STATES = [
 ]
 
 
-def loop_session() -> Session:
-    """Return a session of the mean-axes loop of Case 1 without hardware."""
+def loop_session(backend: str = "auto") -> Session:
+    """Return a session of the mean-axes loop of Case 1 without hardware, with a backend of `Session`."""
     diagram = mean_axes_transport(Mission.of_case(1), TunableTruss.accurate())
-    return Session(diagram, outputs=[], step=LAWS["mean axes"].step)
+    step = LAWS["mean axes"].step
+    return Session(diagram, outputs=[], step=step, backend=backend)
 
 
 def loops_along(
@@ -111,13 +112,12 @@ def margins_of(loop: SampledLoop) -> dict[str, Any]:
         delay of all commands that makes the loop unstable, infinite above `DELAYS` [s].
     """
     radii = [spectral_radius(loop.closed(**change)) for change in VARIATIONS.values()]
-    stable = radii[0] < 1.0
     return {
         "growth": np.log(radii) / loop.controller.dt,
-        "disk": min_disk(loop) if stable else 0.0,
-        "delay": first_unstable(lambda t: spectral_radius(loop.closed(delay=t)), DELAYS)
-        if stable
-        else 0.0,
+        "disk": min_disk(loop) if radii[0] < 1.0 else 0.0,
+        "delay": first_unstable(
+            lambda t: spectral_radius(loop.closed(delay=t)), DELAYS
+        ),
     }
 
 
@@ -156,20 +156,12 @@ def first_unstable(radius: Callable[[float], float], values: Vector) -> float:
 
 def margins_along(seeds: list[int]) -> xr.Dataset:
     """Return the margins at all `INSTANTS` for the truss of each seed."""
-    session, plant, duration = (
-        loop_session(),
-        TunableTruss.accurate(),
-        Mission.of_case(1).duration,
-    )
-    found = [
-        [
-            margins_of(loop)
-            for _, loop in loops_along(
-                session, duration, sample_parameters(plant, seed)
-            )
-        ]
-        for seed in seeds
-    ]
+    session, plant = loop_session(), TunableTruss.accurate()
+    duration = Mission.of_case(1).duration
+    found = []
+    for seed in seeds:
+        loops = loops_along(session, duration, sample_parameters(plant, seed))
+        found.append([margins_of(loop) for _, loop in loops])
     along = "seed", "instant"
     dims = {"growth": (*along, "variation"), "disk": along, "delay": along}
     return xr.Dataset(

@@ -1,8 +1,14 @@
-"""Metrics of a run, from its logged signals."""
+"""Metrics of a run from its logged signals, each defined once, and tables of them."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from typing import Any, SupportsFloat
+
+import numpy as np
+import numpy.typing as npt
 import xarray as xr
+from study_tools.ledger import Ledger, Note
 
 from trussflow.models.reporting.metrics import (
     largest_component,
@@ -10,13 +16,15 @@ from trussflow.models.reporting.metrics import (
     late_part,
     tracking_metrics,
 )
+from trussflow.models.reporting.tables import markdown_table
 
 METRICS = {
+    "isolated after": ("s", ""),
     "position": ("m", "norm"),
     "attitude": ("rad", "component"),
     "joints": ("rad", "component"),
     "force": ("N", "component"),
-    "torque": ("N*m", "component"),
+    "base torque": ("N*m", "component"),
     "joint torque": ("N*m", "component"),
     "late position": ("m", "norm"),
     "late attitude": ("rad", "component"),
@@ -26,6 +34,11 @@ METRICS = {
     "propellant": ("kg", ""),
     "evidence": ("1", ""),
     "alarms": ("1", ""),
+    "false alarms": ("1", ""),
+    "grasp 4": ("m", "norm"),
+    "late vibration of grasp 4": ("m", "norm"),
+    **{f"propellant of base {i}": ("kg", "") for i in (1, 2, 3, 4)},
+    **{f"final momentum {axis}": ("N*m*s", "") for axis in "xyz"},
 }
 """Units of all metrics, and whether they are the largest norm or the largest component of a vector."""
 
@@ -44,23 +57,28 @@ MAX_POSITION, MAX_JOINTS, MAX_LATE_POSITION = 0.05, 0.2, 5e-3
 """A run fails if its position [m] or joint error [rad] exceeds these, or its late position error does [m]."""
 
 DISPLAY_UNITS = {
+    "": ("", 1.0),
     "m": ("mm", 1e3),
     "rad": ("mrad", 1e3),
     "N": ("N", 1.0),
     "N*m": ("N·m", 1.0),
+    "N*m*s": ("N·m·s", 1.0),
+    "s": ("s", 1.0),
     "kg": ("g", 1e3),
     "1": ("1", 1.0),
 }
 """Units in the tables, with their factors."""
 
 
-def tracking(run: xr.Dataset) -> dict[str, float]:
-    """Return the tracking errors among the `METRICS` of a run."""
+def tracking(
+    run: xr.Dataset, joints: slice | npt.NDArray[np.bool_] = slice(None)
+) -> dict[str, float]:
+    """Return the tracking errors among the `METRICS` of a run; only the given joints count."""
     error = run["truss.task_position"].values - run["trajectory.position"].values
     parts = {
         "position": error[:, :3],
         "attitude": error[:, 3:6],
-        "joints": error[:, 6:],
+        "joints": error[:, 6:][:, joints],
     }
     found = tracking_metrics(run["time"].values, parts)
     return {
@@ -71,13 +89,21 @@ def tracking(run: xr.Dataset) -> dict[str, float]:
     }
 
 
+def torques(run: xr.Dataset) -> dict[str, float]:
+    """Return the largest torques of a run [N·m]."""
+    return {
+        f"{part} torque": largest_component(run[f"truss.{part}_torque"])
+        for part in ("base", "joint")
+    }
+
+
 def run_metrics(run: xr.Dataset) -> dict[str, float]:
-    """Return all `METRICS` of a run of the mean-axes loop with the reference hardware."""
+    """Return the metrics of a run of the mean-axes loop with the reference hardware."""
     late, force = late_part(run["time"].values), run["truss.base_force"].values
-    found = tracking(run) | {
+    return {
+        **tracking(run),
+        **torques(run),
         "force": largest_component(force),
-        "torque": largest_component(run["truss.base_torque"]),
-        "joint torque": largest_component(run["truss.joint_torque"]),
         "late grasp 4": largest_norm(run["truss.grasp_displacement"].values[late, 3]),
         "late force": largest_component(force[late]),
         "propellant": float(run["actuators.used.y"].values[-1].sum()),
@@ -86,7 +112,6 @@ def run_metrics(run: xr.Dataset) -> dict[str, float]:
             (run["controller.monitor.effectiveness"].values[-1] < 1.0).any()
         ),
     }
-    return {name: found[name] for name in METRICS}
 
 
 def successful(found: xr.Dataset) -> xr.DataArray:
@@ -100,10 +125,50 @@ def successful(found: xr.Dataset) -> xr.DataArray:
 
 
 def heading(name: str) -> str:
-    """Return the column head of a metric, with its kind and displayed unit."""
-    unit, kind = METRICS[name]
-    return (
-        f"{name} ({kind}) [{DISPLAY_UNITS[unit][0]}]"
-        if kind
-        else f"{name} [{DISPLAY_UNITS[unit][0]}]"
-    )
+    """Return the column head of a metric, or of a statistic of it after a comma, with kind and unit.
+
+    Other names are their own heads.
+    """
+    metric, _, statistic = name.partition(", ")
+    unit, kind = METRICS.get(metric, ("", ""))
+    head = f"{metric} ({kind})" if kind else metric
+    if unit:
+        head += f" [{DISPLAY_UNITS[unit][0]}]"
+    return f"{head}: {statistic}" if statistic else head
+
+
+def displayed(note: Note, name: str, value: SupportsFloat) -> str:
+    """Record a value [as in `METRICS`], and return it in the unit of its `heading`."""
+    if isinstance(value, int):
+        return note(name, value)
+    display, factor = DISPLAY_UNITS[METRICS.get(name.partition(", ")[0], ("", ""))[0]]
+    return note(name, factor * float(value), display, show_unit=False)
+
+
+def median_and_worst(data: xr.Dataset) -> dict[str, float]:
+    """Return median and largest value of each variable of a dataset, NaN if a run diverged."""
+    return {
+        f"{name}, {word}": float(statistic(data[name].values))
+        for name in map(str, data.data_vars)
+        for word, statistic in (("median", np.median), ("worst", np.max))
+    }
+
+
+def table(ledger: Ledger, rows: Mapping[str, Mapping[str, Any]]) -> str:
+    """Return a table in Markdown, and record its numbers.
+
+    Parameters
+    ----------
+    ledger : Ledger
+        Record of the numbers.
+    rows : mapping
+        Cells of each row by name, keyed by the run: numbers [as in `METRICS`], or text.
+    """
+    cells = [
+        [
+            value if isinstance(value, str) else displayed(ledger.of(run), name, value)
+            for name, value in row.items()
+        ]
+        for run, row in rows.items()
+    ]
+    return markdown_table([heading(name) for name in next(iter(rows.values()))], cells)

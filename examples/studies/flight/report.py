@@ -6,17 +6,26 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import xarray as xr
-from study_tools.fingerprints import fingerprint, write_evidence
+from study_tools.evidence import fingerprint, write_report
 from study_tools.ledger import Ledger
 
 from flight import sections
-from flight.campaigns import FIRST_SEED, Campaign
+from flight.campaigns import (
+    EXACT,
+    FAILURES,
+    FIRST_SEED,
+    OFF_NOMINAL,
+    PROPELLANT,
+    SAMPLES,
+    Campaign,
+    all_campaigns,
+    loop_fingerprint,
+)
 from flight.limits import robustness_limits, simulated, trial_simulator
 from flight.loops import LAWS
 from flight.margins import loop_session, margins_along
 from flight.samples import NOMINAL_SEED
 from flight.texts import HEAD
-from trussflow.blocks.support.files import replaced
 from trussflow.models.reporting.metrics import DEFINITIONS
 
 MARGIN_SEEDS = [NOMINAL_SEED, *range(FIRST_SEED, FIRST_SEED + 6)]
@@ -27,26 +36,19 @@ LIMITS, MARGINS = "Robustness limits", "Margins under thrust"
 Bounds = Mapping[tuple[str, str], tuple[float, float]]
 
 
-def make_report(
-    campaigns: Sequence[Campaign],
-    output: Path,
-    runs: Path,
-    workers: int | None,
-    recorded: Mapping[str, Sequence[float]],
-) -> Path:
+def make_report(count: int, output: Path, runs: Path, workers: int | None) -> Path:
     """Simulate what is missing, write the report, and return its file.
 
     Parameters
     ----------
-    campaigns : sequence of Campaign
-        All campaigns.
+    count : int
+        Number of Monte Carlo samples of each case [-].
     output, runs : pathlib.Path
         Folders of the report and of the finished runs.
     workers : int, optional
         Number of parallel runs, as for `sweep` [-].
-    recorded : mapping
-        Result of `fingerprints`.
     """
+    campaigns = all_campaigns(count)
     found = {one.name: one.run(runs, workers=workers) for one in campaigns}
     bounds = robustness_limits(
         lambda trials, number: simulated(
@@ -54,17 +56,17 @@ def make_report(
         )
     )
     margins = margins_along(MARGIN_SEEDS)
-    return write(campaigns, found, bounds, margins, output, recorded)
+    return write(campaigns, found, bounds, margins, output, fingerprints())
 
 
-def fingerprints(campaigns: Sequence[Campaign]) -> dict[str, list[float]]:
-    """Return the fingerprints of all simulated loops, by campaign."""
-    loops: dict[str, list[float]] = {}
-    found = {one.name: one.fingerprint(loops) for one in campaigns}
-    found[LIMITS] = [
-        n for law in LAWS for n in fingerprint(trial_simulator(law, "hold", 0.0))
-    ]
-    found[MARGINS] = fingerprint(loop_session())
+def fingerprints() -> dict[str, list[float]]:
+    """Return the fingerprints of all simulated loops, by campaign, with the first sample of each case."""
+    found = {one.name: one.fingerprint() for one in all_campaigns(1)}
+    found[LIMITS] = []
+    for law in LAWS:
+        trial = ("law", law), ("imperfection", "hold"), ("value", 0.0)
+        found[LIMITS] += loop_fingerprint(trial_simulator, trial)
+    found[MARGINS] = fingerprint(loop_session("numpy"))
     return found
 
 
@@ -98,25 +100,18 @@ def write(
     grouped: dict[str, dict[str, xr.Dataset]] = {}
     for one in campaigns:
         grouped.setdefault(one.section, {})[one.name] = found[one.name]
+    samples = sections.samples_section(grouped[SAMPLES], ledger, folder)
     texts = {
         LIMITS: sections.limits_section(bounds, ledger),
-        "Monte Carlo samples": sections.samples_section(
-            grouped["Monte Carlo samples"], ledger, folder
-        ),
+        SAMPLES: samples,
         "Feasibility": sections.missions_section(ledger),
-        "Failures": sections.failures_section(grouped["Failures"], ledger),
+        FAILURES: sections.failures_section(grouped[FAILURES], ledger),
         MARGINS: sections.margins_section(margins, ledger),
-        "Off-nominal cases": sections.off_nominal_section(
-            grouped["Off-nominal cases"], ledger
-        ),
-        "Propellant and wheel management": sections.propellant_section(
-            grouped["Propellant and wheel management"], ledger
-        ),
-        "Exact loops": sections.loops_section(found["exact loops"], ledger),
+        OFF_NOMINAL: sections.off_nominal_section(grouped[OFF_NOMINAL], ledger),
+        PROPELLANT: sections.propellant_section(grouped[PROPELLANT], ledger),
+        EXACT: sections.loops_section(found["exact loops"], ledger),
     }
     parts = [HEAD.format(definitions=DEFINITIONS)]
     parts += [f"## {title}\n\n{text}\n" for title, text in texts.items()]
-    with replaced(folder / "README.md") as partial_file:
-        partial_file.write_text("\n".join(parts), encoding="utf-8")
-    write_evidence(folder, ledger, recorded, samples=len(found["case 1"]["sample"]))
-    return folder / "README.md"
+    count = len(found["case 1"]["sample"])
+    return write_report(folder, "\n".join(parts), ledger, recorded, samples=count)

@@ -1,10 +1,10 @@
 r"""A continuous plant under a sampled controller, linear, and what gains and delays make of the two.
 
 The controller measures every h seconds, and its command acts n samples and a part :math:`\varphi` of one
-later; everything in between is exact. With gains :math:`\Sigma` of sensors and A of actuators,
+later; everything in between is exact. With gains A of actuators,
 
 .. math::
-    c_k &= M s_k + N \Sigma C x_k, \qquad s_{k+1} = K s_k + L \Sigma C x_k \\
+    c_k &= M s_k + N C x_k, \qquad s_{k+1} = K s_k + L C x_k \\
     x_{k+1} &= e^{F h} x_k + G_1 A\, c_{k-n} + G_2 A\, c_{k-n-1}
 
 where :math:`G_2` is what a command does that acts during the first :math:`\varphi h` alone, and
@@ -21,7 +21,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 import numpy.typing as npt
 
-from trussflow.blocks.errors import LinearAnalysisError
 from trussflow.blocks.framework.system import Indices
 from trussflow.blocks.linear_analysis.lifting import held_flow
 from trussflow.blocks.linear_analysis.references import state_places
@@ -76,8 +75,6 @@ class SampledLoop:
 
         Raises
         ------
-        LinearAnalysisError
-            If sampled blocks compute at several rates or at none.
         NameLookupError
             If there is no such state.
         SimulationError
@@ -87,12 +84,6 @@ class SampledLoop:
 
         prepared, now = session.prepared, session.save()
         plan, t = prepared.plan, float(now.now)
-        clocks = plan.system.clocks
-        if len(clocks) != 1:
-            raise LinearAnalysisError(
-                f"cannot take '{plan.name}' apart into plant and sampled controller: its blocks compute at "
-                f"{len(clocks)} rates; they must all have one sample time and offset"
-            )
         own = np.concatenate(
             [state_places(plan, [plan.memory], name) for name in states]
         )
@@ -123,21 +114,17 @@ class SampledLoop:
         )
         return cls(
             plant=plant,
-            controller=control.StateSpace(K, L, M, N, float(clocks[0].period)),
+            controller=control.StateSpace(
+                K, L, M, N, float(plan.system.clocks[0].period)
+            ),
         )
 
-    def closed(
-        self,
-        *,
-        actuators: npt.ArrayLike = 1.0,
-        sensors: npt.ArrayLike = 1.0,
-        delay: float = 0.0,
-    ) -> Vector:
+    def closed(self, *, actuators: npt.ArrayLike = 1.0, delay: float = 0.0) -> Vector:
         """Return the map of plant, controller and commands under way over one sample time.
 
         Parameters
         ----------
-        actuators, sensors : float or array
+        actuators : float or array
             Gains, of all or of each [-]; the controller does not know of them.
         delay : float
             Delay of the command, not negative; unknown to the controller [s].
@@ -148,12 +135,11 @@ class SampledLoop:
         F2, rest = held_flow(p.A, p.B, (1.0 - part) * k.dt)
         x, s, m = p.nstates, k.nstates, p.ninputs
         waiting = int(late) + (part > 0.0)
-        C = np.broadcast_to(sensors, p.noutputs)[:, None] * p.C
         gains = np.broadcast_to(actuators, m)
         A = np.zeros((x + s + m * waiting,) * 2)
-        A[:x, :x], A[x : x + s, :x], A[x : x + s, x : x + s] = F2 @ F1, k.B @ C, k.A
+        A[:x, :x], A[x : x + s, :x], A[x : x + s, x : x + s] = F2 @ F1, k.B @ p.C, k.A
         commands = np.zeros((m * (waiting + 1), len(A)))  # newest first
-        commands[:m, :x], commands[:m, x : x + s] = k.D @ C, k.C
+        commands[:m, :x], commands[:m, x : x + s] = k.D @ p.C, k.C
         commands[m:, x + s :] = np.eye(m * waiting)
         A[x + s :] = commands[: m * waiting]
         for number, effect in ((int(late), rest), (waiting, F2 @ early)):
@@ -172,19 +158,8 @@ class SampledLoop:
 
         p, k = self.plant, self.controller
         F, G = held_flow(p.A, p.B, k.dt)
-        if where == "actuators":
-            A = np.block([[F, np.zeros((p.nstates, k.nstates))], [k.B @ p.C, k.A]])
-            B, C = (
-                np.vstack([G, np.zeros((k.nstates, p.ninputs))]),
-                np.hstack([k.D @ p.C, k.C]),
-            )
-        else:
-            A = np.block([[F, G @ k.C], [np.zeros((k.nstates, p.nstates)), k.A]])
-            B, C = (
-                np.vstack([G @ k.D, k.B]),
-                np.hstack([p.C, np.zeros((p.noutputs, k.nstates))]),
-            )
-        return control.StateSpace(A, B, -C, np.zeros((len(C), B.shape[1])), k.dt)
+        sampled = control.StateSpace(F, G, p.C, p.D, k.dt)
+        return -(k * sampled if where == "actuators" else sampled * k)
 
     def continuous_poles(self) -> npt.NDArray[np.complex128]:
         """Return the poles of the closed loop and of its parts, as of continuous systems [1/s]."""

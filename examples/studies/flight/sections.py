@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from functools import partial
 from pathlib import Path
-from typing import SupportsFloat
+from typing import Any
 
 import numpy as np
 import xarray as xr
-from study_tools.ledger import Ledger, Note
+from study_tools.ledger import Ledger
 
 from flight.campaigns import (
     ARM_ERROR,
@@ -17,17 +18,17 @@ from flight.campaigns import (
     INITIAL_PROPELLANT,
     LONG_DURATION,
 )
-from flight.failures import FAILURE_METRICS
 from flight.limits import IMPERFECTIONS
 from flight.loops import LAWS, PAPER_LAWS, reference_hardware_of
 from flight.margins import BUCKLING_RATE, VARIATIONS, max_gain_ratio
 from flight.metrics import (
     DISPLAY_UNITS,
     GOALS,
-    MAX_JOINTS,
-    MAX_POSITION,
     METRICS,
+    displayed,
     heading,
+    successful,
+    table,
 )
 from flight.samples import (
     MAX_DAMPING,
@@ -59,7 +60,7 @@ OFF_NOMINAL_METRICS = (
     "attitude",
     "joints",
     "late position",
-    "torque",
+    "base torque",
     "alarms",
 )
 FIGURE_METRICS = ("position", "attitude", "late position", "late grasp 4")
@@ -67,15 +68,14 @@ FIGURE_METRICS = ("position", "attitude", "late position", "late grasp 4")
 Results = Mapping[str, xr.Dataset]
 
 
-def displayed(note: Note, name: str, value: SupportsFloat, unit: str) -> str:
-    """Record a value [`unit`], and return it in its displayed unit, without the unit."""
-    display, factor = DISPLAY_UNITS[unit]
-    return note(name, factor * float(value), display, show_unit=False)
-
-
 def cumulative(label: str, values: np.ndarray) -> Curve:
     """Return the empirical distribution of values [any]."""
     return Curve(label, np.sort(values), np.arange(1, len(values) + 1) / len(values))
+
+
+def metrics_of(data: xr.Dataset) -> dict[str, Any]:
+    """Return the variables of a dataset that are among the `METRICS`, in their order."""
+    return {name: data[name] for name in METRICS if name in data}
 
 
 def samples_section(found: Results, ledger: Ledger, folder: Path) -> str:
@@ -84,38 +84,31 @@ def samples_section(found: Results, ledger: Ledger, folder: Path) -> str:
     header = ["largest value of a run"]
     for case, data in found.items():
         complete = np.isfinite(data["position"].values)
-        succeeded = ledger.count(f"{case}: complete", int(complete.sum()))
+        note = ledger.of(case)
+        succeeded = note("complete", int(complete.sum()))
         counts.append(
-            f"{succeeded} of {ledger.count(f'{case}: samples', complete.size)} in {case.title()}"
+            f"{succeeded} of {note('samples', complete.size)} in {case.title()}"
         )
         header += [f"{case.title()}: median", "worst", "goal: below", "missed by"]
-    for name, (unit, _) in METRICS.items():
-        display, factor = DISPLAY_UNITS[unit]
-        cells, curves = [], []
+    for name in metrics_of(data):
+        display, factor = DISPLAY_UNITS[METRICS[name][0]]
+        cells, curves = [heading(name)], []
         for case, data in found.items():
-            values = data[name].values
-            note = ledger.of(case)
+            values, note = data[name].values, ledger.of(case)
             cells += [
-                displayed(note, f"{name}, {word}", value, unit)
-                for word, value in (
-                    ("median", np.nanmedian(values)),
-                    ("greatest", np.nanmax(values)),
-                )
+                displayed(note, f"{name}, median", np.nanmedian(values)),
+                displayed(note, f"{name}, greatest", np.nanmax(values)),
             ]
-            goal = (
-                torque_limit(int(case[-1]))
-                if name.endswith("torque")
-                else GOALS.get(name)
-            )
-            missed = 0 if goal is None else int(np.sum(~(values < goal * (1.0 - 1e-9))))
-            cells += [
-                "" if goal is None else f"{factor * goal:.3g}",
-                ""
-                if goal is None
-                else ledger.count(f"{case}: {name}, not below", missed, [case]),
-            ]
+            goal = GOALS.get(name)
+            if name.endswith("torque"):
+                goal = torque_limit(int(case[-1]))
+            if goal is None:
+                cells += ["", ""]
+            else:
+                missed = int(np.sum(~(values < goal * (1.0 - 1e-9))))
+                cells += [f"{factor * goal:.3g}", note(f"{name}, not below", missed)]
             curves.append(cumulative(case.title(), factor * values))
-        rows.append((heading(name), *cells))
+        rows.append(cells)
         if name in FIGURE_METRICS:
             panels.append(
                 Panel(
@@ -148,178 +141,117 @@ def limits_section(
         factor, unit = {"s": (1e3, "ms"), "%": (0.01, "%")}.get(
             what.unit, (1.0, what.unit)
         )
-        cells = []
+        cells = [f"{what.label} [{unit.replace('*', '·')}]"]
         for law in LAWS:
-            best, worst = (
-                ledger.of(f"{name}, {law}")(
-                    word, factor * value, unit, digits=2, show_unit=False
-                )
-                for word, value in zip(
-                    ("succeeds", "fails"), bounds[name, law], strict=True
-                )
-            )
-            parts = np.isfinite(bounds[name, law])
-            cells.append(
-                ", ".join(
-                    np.array(
-                        [f"**{best}**" if parts[1] else best, f"fails at {worst}"]
-                    )[parts]
-                )
-            )
-        rows.append((f"{what.label} [{unit.replace('*', '·')}]", *cells))
+            note = partial(ledger.of(f"{name}, {law}"), digits=2, show_unit=False)
+            best, worst = bounds[name, law]
+            parts = []
+            if np.isfinite(best):
+                text = note("succeeds", factor * best, unit)
+                parts.append(f"**{text}**" if np.isfinite(worst) else text)
+            if np.isfinite(worst):
+                parts.append(f"fails at {note('fails', factor * worst, unit)}")
+            cells.append(", ".join(parts))
+        rows.append(cells)
     header = ("imperfection, all else exact", *(law.label for law in LAWS.values()))
     return LIMITS.format(table=markdown_table(header, rows))
 
 
 def missions_section(ledger: Ledger) -> str:
     """Return the feasibility of the missions with each single failure."""
-    plant, found = SpaceTruss.accurate(), {}
+    plant, rows, header = SpaceTruss.accurate(), dict[str, list[str]](), ["failure"]
     for case in CASES:
-        limits = reference_hardware_of(case).limits(plant)
-        found[case] = survey(
-            plant.dynamics, path_of(Mission.of_case(case), plant), limits
-        )
-    rows = []
-    for each in zip(*found.values(), strict=True):
-        cells = [each[0].failure]
-        for case, one in zip(found, each, strict=True):
-            note = ledger.of(f"case {case}, {one.failure}")
-            cells += [
-                note("margin", one.margin),
-                note("least duration", one.least_duration, "s", show_unit=False),
-                note("needed torque", one.needed_torque, "N*m", show_unit=False),
-            ]
-        rows.append(cells)
-    header = ["failure"]
-    for case in found:
         header += [
             f"Case {case}: margin [-]",
             "least duration [s]",
             "needed torque [N·m]",
         ]
-    return MISSIONS.format(table=markdown_table(header, rows))
+        limits = reference_hardware_of(case).limits(plant)
+        for one in survey(
+            plant.dynamics, path_of(Mission.of_case(case), plant), limits
+        ):
+            note = partial(ledger.of(f"case {case}, {one.failure}"), show_unit=False)
+            rows.setdefault(one.failure, [one.failure]).extend(
+                [
+                    note("margin", one.margin),
+                    note("least duration", one.least_duration, "s"),
+                    note("needed torque", one.needed_torque, "N*m"),
+                ]
+            )
+    return MISSIONS.format(table=markdown_table(header, [*rows.values()]))
 
 
 def torque_limit(case: int) -> float:
     """Return the torque limit of bases and joints in a case [N·m]."""
-    return float(reference_hardware_of(case).drives(1).maximum[0])
+    joints = SpaceTruss.consistent().dynamics.joint_data
+    return float(reference_hardware_of(case).drives(joints).maximum[0])
 
 
 def failures_section(found: Results, ledger: Ledger) -> str:
     """Return the metrics of the runs with a failure."""
-    rows = []
-    for data in found.values():
-        for label in data["sample"].values:
-            one, note = data.sel(sample=label), ledger.of(str(label))
-            if np.isnan(one["position"]):
-                rows.append((label, "diverged", *[""] * (len(FAILURE_METRICS) + 1)))
-                continue
-            delay = note("found_after", float(one["found_after"]), "s", show_unit=False)
-            cells = [
-                displayed(note, name, one[name], unit)
-                for name, unit in FAILURE_METRICS.items()
-            ]
-            rows.append((label, delay, *cells, str(int(one["false_alarms"]) or "")))
-    heads = [
-        f"{name.replace('_', ' ')} (component) [{DISPLAY_UNITS[unit][0]}]"
-        for name, unit in FAILURE_METRICS.items()
-    ]
-    return FAILURES.format(
-        table=markdown_table(
-            ("failure", "isolated after [s]", *heads, "false alarms"), rows
-        )
-    )
+    rows = {
+        str(label): {"failure": str(label), **metrics_of(data.sel(sample=label))}
+        for data in found.values()
+        for label in data["sample"].values
+    }
+    return FAILURES.format(table=table(ledger, rows))
 
 
 def margins_section(found: xr.Dataset, ledger: Ledger) -> str:
     """Return the margins of the nominal loop and the worst of the samples, at each instant."""
     drawn = found.where(found["seed"] != NOMINAL_SEED, drop=True)
+    groups = (
+        ("nominal", found.sel(seed=[NOMINAL_SEED]), [*VARIATIONS]),
+        ("worst sample", drawn, ["nominal"]),
+    )
     rows = []
     for instant in found["instant"].values:
         cells = [str(instant)]
-        for name, loops, shown in (
-            ("nominal", found.sel(seed=[NOMINAL_SEED]), list(VARIATIONS)),
-            ("worst sample", drawn, ["nominal"]),
-        ):
+        for name, loops, shown in groups:
             at, note = loops.sel(instant=instant), ledger.of(f"{instant}, {name}")
+            note = partial(note, digits=2, show_unit=False)
             growth = at["growth"].max("seed")
             cells += [
-                note(
-                    f"growth, {v}",
-                    float(growth.sel(variation=v)),
-                    "1/s",
-                    digits=2,
-                    show_unit=False,
-                )
-                for v in shown
+                *(
+                    note(f"growth, {v}", float(growth.sel(variation=v)), "1/s")
+                    for v in shown
+                ),
+                note("disk", float(at["disk"].min())),
+                note("delay", 1e3 * float(at["delay"].min()), "ms"),
             ]
-            cells.append(note("disk", float(at["disk"].min()), digits=2))
-            cells.append(
-                note(
-                    "delay",
-                    1e3 * float(at["delay"].min()),
-                    "ms",
-                    digits=2,
-                    show_unit=False,
-                )
-            )
         rows.append(cells)
-    header = [
-        "Case 1",
-        *VARIATIONS,
-        "disk",
-        "delay [ms]",
-        "worst sample: nominal",
-        "disk",
-        "delay [ms]",
-    ]
+    last = ["disk", "delay [ms]"]
+    header = ["Case 1", *VARIATIONS, *last, "worst sample: nominal", *last]
     ratio = max_gain_ratio(BUCKLING_RATE, 2 * MeanAxesDesign.shipped().sample_time)
     return MARGINS.format(
         table=markdown_table(header, rows),
-        count=ledger.count("margins: samples", drawn.sizes["seed"]),
+        count=ledger("margins: samples", drawn.sizes["seed"]),
         ratio=ledger("margins: largest ratio of gains", ratio, digits=2),
     )
 
 
 def off_nominal_section(found: Results, ledger: Ledger) -> str:
     """Return the worst metrics of each off-nominal case."""
-    rows = []
+    rows = {}
     for name, data in found.items():
-        succeeded = (data["position"].values < MAX_POSITION) & (
-            data["joints"].values < MAX_JOINTS
-        )
-        count = ledger.count(f"{name}: successful", int(succeeded.sum()), [name])
-        cells = [
-            displayed(ledger.of(name), metric, data[metric].max(), METRICS[metric][0])
-            for metric in OFF_NOMINAL_METRICS
-        ]
-        rows.append((name, f"{count} of {len(succeeded)}", *cells))
-    header = ["case", "successful", *map(heading, OFF_NOMINAL_METRICS)]
-    return OFF_NOMINAL.format(table=markdown_table(header, rows), error=ARM_ERROR)
+        succeeded = successful(data).values
+        count = ledger.of(name)("successful", int(succeeded.sum()))
+        rows[name] = {
+            "case": name,
+            "successful": f"{count} of {len(succeeded)}",
+            **{metric: data[metric].max() for metric in OFF_NOMINAL_METRICS},
+        }
+    return OFF_NOMINAL.format(table=table(ledger, rows), error=ARM_ERROR)
 
 
 def propellant_section(found: Results, ledger: Ledger) -> str:
     """Return propellant and wheel momentum with and without their management."""
-    rows = []
-    for name, data in found.items():
-        one, note = data.isel(sample=0), ledger.of(name)
-        used = one["used"].values
-        cells = [
-            displayed(note, f"base {i + 1} used", each, "kg")
-            for i, each in enumerate(used)
-        ]
-        cells.append(displayed(note, "used", used.sum(), "kg"))
-        cells += [
-            note(f"held, {axis}", held, "N*m*s", show_unit=False)
-            for axis, held in zip("xyz", one["momentum"].values, strict=True)
-        ]
-        rows.append((name, *cells, displayed(note, "position", one["position"], "m")))
-    bases = [f"base {i + 1} [g]" for i in range(len(used))]
-    momenta = [f"final momentum, {axis} [N·m·s]" for axis in "xyz"]
+    rows = {
+        name: {"nominal truss": name, **metrics_of(data.isel(sample=0))}
+        for name, data in found.items()
+    }
     return PROPELLANT.format(
-        table=markdown_table(
-            ("nominal truss", *bases, "all [g]", *momenta, heading("position")), rows
-        ),
+        table=table(ledger, rows),
         momentum=", ".join(f"{each:g}" for each in INITIAL_MOMENTUM),
         propellant=INITIAL_PROPELLANT,
     )
@@ -327,31 +259,8 @@ def propellant_section(found: Results, ledger: Ledger) -> str:
 
 def loops_section(found: xr.Dataset, ledger: Ledger) -> str:
     """Return the errors of the exact loops of each law."""
-    units = {
-        "position": "m",
-        "late position": "m",
-        "late attitude": "rad",
-        "grasp 4": "m",
-        "late grasp 4": "m",
-    }
-    rows = [
-        (
-            law.label,
-            *(
-                ledger.of(f"exact, {key}")(
-                    name, float(found[name].sel(sample=key)), unit
-                )
-                for name, unit in units.items()
-            ),
-        )
+    rows = {
+        f"exact, {key}": {"Case 1": law.label, **metrics_of(found.sel(sample=key))}
         for key, law in PAPER_LAWS.items()
-    ]
-    header = (
-        "Case 1",
-        "position (norm)",
-        "late position (norm)",
-        "late attitude (component)",
-        "grasp 4 (norm)",
-        "late grasp 4, about its mean (norm)",
-    )
-    return LOOPS.format(table=markdown_table(header, rows))
+    }
+    return LOOPS.format(table=table(ledger, rows))

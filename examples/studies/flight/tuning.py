@@ -2,31 +2,28 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import xarray as xr
-from study_tools.fingerprints import fingerprint
+from study_tools.evidence import fingerprint
 from study_tools.ledger import Ledger
 
-from flight.campaigns import LONG_DURATION
+from flight.campaigns import LONG_DURATION, Campaign, loop_fingerprint
 from flight.loops import flight_simulator
 from flight.margins import loop_session, loops_along, min_disk
-from flight.metrics import GOALS, METRICS, heading, run_metrics
+from flight.metrics import GOALS, median_and_worst, run_metrics, table
 from flight.sampled_loop import spectral_radius
 from flight.samples import noise_parameters, sample_parameters
-from flight.sections import displayed
 from trussflow.blocks.support.types import Vector
-from trussflow.blocks.sweeps.sweep import sweep
-from trussflow.blocks.sweeps.tuning import tune
+from trussflow.blocks.sweeps.tuning import Tuned, tune
 from trussflow.models.mean_axes.design import MeanAxesDesign
 from trussflow.models.mean_axes.free_modes import FreeModes
 from trussflow.models.plant.tunable_truss import TunableTruss
 from trussflow.models.reporting.metrics import LATE_WINDOW
-from trussflow.models.reporting.tables import markdown_table
 from trussflow.models.transport.mission import Mission
 
 RANGES = {
@@ -58,7 +55,7 @@ above its goal, and no disk margin of an actuator or sensor below {disk} on the 
 
 {designs}
 
-Metrics for the seeds {begin} to {end}, which were not used for tuning:
+Metrics for the {count} seeds {begin} to {end}, which were not used for tuning:
 
 {metrics}
 
@@ -66,148 +63,109 @@ Compared run by run, the objective of the tuned design is lower by {initial} tha
 and by {shipped} than that of the shipped one (95 % confidence intervals). A second step is a thrust of more
 than one step of 0.1 N at any base in the last {late:g} s."""
 
-COLUMNS = {
-    "bandwidth of position [rad/s]": lambda one: one["position_bandwidth"],
-    "bandwidth of attitude [rad/s]": lambda one: one["attitude_bandwidth"],
-    "acceleration noise of position [m/s²/√Hz]": lambda one: (
-        10.0 ** one["position_noise"]
-    ),
-    "acceleration noise of attitude [rad/s²/√Hz]": lambda one: (
-        10.0 ** one["attitude_noise"]
-    ),
-    "disk margin": lambda one: one["disk"],
-}
+Designs = Mapping[str, xr.Dataset]
+
 COMPARED = "position", "attitude", "late position"
-STATISTICS: dict[str, Callable[..., Any]] = {"median": np.median, "worst": np.max}
+
+SEEDS, OTHER_SEEDS = range(16), range(1000, 1064)
+"""Seeds of the tuning and of the comparison."""
+
+MAX_TRIALS = 25
+"""Maximum number of designs [-]."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Tuning:
-    """Search on some samples of Case 1, from the design chosen by hand, and comparison on others.
+def tuned_designs(
+    folder: Path | None = None,
+    workers: int | None = None,
+    *,
+    seeds: range = SEEDS,
+    others: range = OTHER_SEEDS,
+    trials: int = MAX_TRIALS,
+    duration: float = LONG_DURATION,
+) -> tuple[Tuned, Designs]:
+    """Tune from the design chosen by hand on some samples of Case 1, and compare designs on others.
 
-    Attributes
+    Parameters
     ----------
+    folder : pathlib.Path, optional
+        Folder for finished runs; the same call resumes.
+    workers : int, optional
+        Number of parallel runs, as for `sweep` [-].
     seeds, others : range
         Seeds of the tuning and of the comparison.
     trials : int
         Maximum number of designs [-].
     duration : float
         Simulated time [s].
+
+    Returns
+    -------
+    Tuned, dict of str to xarray.Dataset
+        Result of `tune`, and of the initial, shipped and tuned design the metrics along ``sample``; attributes
+        are the values in the `RANGES` and the disk margin.
     """
+    simulator, session = flight_simulator(), loop_session()
+    plant = TunableTruss.accurate()
+    free = FreeModes.of(plant.dynamics, MeanAxesDesign.shipped().estimated_modes)
 
-    seeds: range = range(16)
-    others: range = range(1000, 1064)
-    trials: int = 25
-    duration: float = LONG_DURATION
+    def parameters(seed: int) -> dict[str, Any]:
+        return sample_parameters(plant, seed) | noise_parameters(seed)
 
-    def run(
-        self, folder: Path | None = None, *, workers: int | None = None
-    ) -> xr.Dataset:
-        """Return the metrics of the initial, shipped and tuned design along ``design`` and ``seed``.
+    def becoming(**values: Any) -> dict[str, Vector]:
+        design = design_of(values)
+        return {
+            "controller.law.bandwidth": design.of_groups(
+                design.bandwidth, plant.dynamics.rigid_freedoms
+            ),
+            "controller.estimator.gain": design.estimator_gain(free),
+        }
 
-        Parameters
-        ----------
-        folder : pathlib.Path, optional
-            Folder for finished runs; the same call resumes.
-        workers : int, optional
-            Number of parallel runs, as for `sweep` [-].
-        """
-        simulator, session, plant = (
-            flight_simulator(),
-            loop_session(),
-            TunableTruss.accurate(),
+    def disk(values: Mapping[str, Any]) -> float:
+        end = Mission.of_case(1).duration
+        _, loop = next(loops_along(session, end, becoming(**values), {"at rest": 0.0}))
+        return min_disk(loop) if spectral_radius(loop.closed()) < 1.0 else 0.0
+
+    found = tune(
+        simulator,
+        duration,
+        lambda run: relative_metrics(run_metrics(run)).mean(),
+        RANGES,
+        becoming=becoming,
+        limits={"share": (lambda run: relative_metrics(run_metrics(run)), 1.0)},
+        requirements={"disk": (lambda values: -disk(values), -MIN_DISK)},
+        samples=[parameters(seed) for seed in seeds],
+        derivatives=False,
+        iterations=trials,
+        path=folder and folder / "tuning",
+        workers=workers,
+    )
+    designs = {
+        "initial": INITIAL,
+        "shipped": values_of(MeanAxesDesign.shipped()),
+        "tuned": values_of(design_of(found.values)),
+    }
+    compared = {}
+    for name, values in designs.items():
+        campaign = Campaign(
+            section="Tuning",
+            name=f"{name} design",
+            rows=[becoming(**values) | parameters(seed) for seed in others],
+            labels=others,
+            duration=duration,
         )
-        free = FreeModes.of(plant.dynamics, MeanAxesDesign.shipped().estimated_modes)
-
-        def parameters(seed: int) -> dict[str, Any]:
-            return sample_parameters(plant, seed) | noise_parameters(seed)
-
-        def becoming(**values: Any) -> dict[str, Vector]:
-            design = design_of(values)
-            return {
-                "controller.law.bandwidth": design.of_groups(
-                    design.bandwidth, plant.dynamics.rigid_freedoms
-                ),
-                "controller.estimator.gain": design.estimator_gain(free),
-            }
-
-        def disk(values: Mapping[str, Any]) -> float:
-            duration = Mission.of_case(1).duration
-            _, loop = next(
-                loops_along(session, duration, becoming(**values), {"at rest": 0.0})
-            )
-            return min_disk(loop) if spectral_radius(loop.closed()) < 1.0 else 0.0
-
-        found = tune(
-            simulator,
-            self.duration,
-            lambda run: relative_metrics(run).mean(),
-            RANGES,
-            becoming=becoming,
-            limits={"share": (relative_metrics, 1.0)},
-            requirements={"disk": (lambda values: -disk(values), -MIN_DISK)},
-            samples=[parameters(seed) for seed in self.seeds],
-            derivatives=False,
-            iterations=self.trials,
-            path=folder and folder / "tuning",
-            workers=workers,
-        )
-        designs = {
-            "initial": INITIAL,
-            "shipped": values_of(MeanAxesDesign.shipped()),
-            "tuned": values_of(design_of(found.values)),
-        }
-        rows = [
-            becoming(**values) | parameters(seed)
-            for values in designs.values()
-            for seed in self.others
-        ]
-        swept = sweep(
-            simulator,
-            self.duration,
-            vary={tuple(rows[0]): [tuple(row.values()) for row in rows]},
-            keep=lambda run: run_metrics(run) | {"share": relative_metrics(run).mean()},
-            path=folder and folder / "comparison",
-            executor="threads",
-            workers=workers,
-            repeats=self.trials,
-            not_finite="ignore",
-            progress=False,
-        )
-        shape = len(designs), len(self.others)
-        columns: dict[str, Any] = {
-            name: (("design", "seed"), swept[name].values.reshape(shape))
-            for name in (*METRICS, "share")
-        }
-        columns |= {
-            name: ("design", [values[name] for values in designs.values()])
-            for name in RANGES
-        }
-        columns["disk"] = "design", [disk(values) for values in designs.values()]
-        facts: dict[str, Any] = {
-            "before": found.before,
-            "cost": found.cost,
-            "most": float(found.limits["share"].max()),
-        }
-        facts |= {
-            "runs": found.runs,
-            "message": found.message,
-            "duration": self.duration,
-        }
-        facts |= {"first": self.seeds[0], "last": self.seeds[-1]}
-        return xr.Dataset(
-            columns, {"design": [*designs], "seed": [*self.others]}, facts
-        )
-
-    @staticmethod
-    def fingerprint() -> list[float]:
-        """Return the fingerprint of the simulated and of the linearized loop."""
-        return fingerprint(flight_simulator()) + fingerprint(loop_session())
+        runs = campaign.run(folder, executor="threads", workers=workers, progress=False)
+        compared[name] = runs.assign_attrs(values | {"disk": disk(values)})
+    return found, compared
 
 
-def relative_metrics(run: xr.Dataset) -> Vector:
-    """Return each metric of a run that has a goal, relative to it [-]."""
-    found = run_metrics(run)
+def loop_fingerprints() -> list[float]:
+    """Return the fingerprints of the simulated and of the linearized loop."""
+    linearized = fingerprint(loop_session("numpy"))
+    return loop_fingerprint(flight_simulator, (("case", 1),)) + linearized
+
+
+def relative_metrics(found: Mapping[str, float] | xr.Dataset) -> Vector:
+    """Return each metric of one or several runs that has a goal, relative to it [-]."""
     return np.array([found[name] / goal for name, goal in GOALS.items()])
 
 
@@ -226,51 +184,57 @@ def values_of(design: MeanAxesDesign) -> dict[str, float]:
     return dict(zip(RANGES, map(float, values), strict=True))
 
 
-def section(found: xr.Dataset, ledger: Ledger) -> str:
-    """Return the section on the result of `Tuning.run`, whose numbers the ledger records."""
-    facts, count = found.attrs, found.sizes["seed"]
-    designs, metrics, gains = [], [], {}
-    for name in found["design"].values.tolist():
-        one, note = found.sel(design=name), ledger.of(f"tuning, {name}")
-        designs.append(
-            (name, *(note(title, float(of(one))) for title, of in COLUMNS.items()))
-        )
-        cells = [note("objective", one["share"].values.mean())]
-        cells += [
-            displayed(
-                note,
-                f"{metric}, {word}",
-                statistic(one[metric].values),
-                METRICS[metric][0],
-            )
-            for metric in COMPARED
-            for word, statistic in STATISTICS.items()
-        ]
-        met = np.all([one[metric] <= goal for metric, goal in GOALS.items()], axis=0)
+def section(found: Tuned, compared: Designs, ledger: Ledger) -> str:
+    """Return the section on the results of `tuned_designs`, whose numbers the ledger records."""
+    designs, metrics, gains = {}, {}, {}
+    objective = {
+        name: relative_metrics(one).mean(axis=0) for name, one in compared.items()
+    }
+    for name, one in compared.items():
+        run, values = f"tuning, {name}", one.attrs
+        designs[run] = {
+            "design": name,
+            "bandwidth of position [rad/s]": values["position_bandwidth"],
+            "bandwidth of attitude [rad/s]": values["attitude_bandwidth"],
+            "acceleration noise of position [m/s²/√Hz]": 10.0
+            ** values["position_noise"],
+            "acceleration noise of attitude [rad/s²/√Hz]": 10.0
+            ** values["attitude_noise"],
+            "disk margin": values["disk"],
+        }
         second = one["late force"].values > THRUST_STEP_TOLERANCE
-        cells.append(ledger.count(f"tuning, {name}: second step", int(second.sum())))
-        cells.append(ledger.count(f"tuning, {name}: all goals met", int(met.sum())))
-        metrics.append((name, *cells))
-        gain = one["share"].values - found["share"].sel(design="tuned").values
+        met = np.all([one[metric] <= goal for metric, goal in GOALS.items()], axis=0)
+        metrics[run] = {
+            "design": name,
+            "objective": objective[name].mean(),
+            **median_and_worst(one[list(COMPARED)]),
+            "second step": int(second.sum()),
+            "all goals met": int(met.sum()),
+        }
+        gain = objective[name] - objective["tuned"]
         if name != "tuned":
-            half_width = 1.96 * gain.std(ddof=1) / np.sqrt(count)
+            note = ledger.of(run)
+            half_width = 1.96 * gain.std(ddof=1) / np.sqrt(len(gain))
             gains[name] = (
                 f"{note('gain', gain.mean())} ± {note('gain, ±', half_width, digits=2)}"
             )
-    heads = [f"{heading(metric)}: {word}" for metric in COMPARED for word in STATISTICS]
-    heads += [f"second step, of {count}", f"all goals met, of {count}"]
-    note, seeds = ledger.of("tuning"), found["seed"].values
+    note, seeds = ledger.of("tuning"), compared["tuned"]["sample"].values
     return TEXT.format(
-        **{name: facts[name] for name in ("first", "last", "duration")},
-        **{name: note(name, facts[name]) for name in ("before", "cost", "most")},
         **gains,
+        before=note("before", found.before),
+        cost=note("cost", found.cost),
+        most=note("most", float(found.limits["share"].max())),
+        runs=note("runs", found.runs),
+        ended=f" ({found.message.rstrip('.').lower()})" if found.message else "",
+        duration=LONG_DURATION,
+        first=SEEDS[0],
+        last=SEEDS[-1],
+        count=len(seeds),
         begin=seeds[0],
         end=seeds[-1],
         goals=", ".join(GOALS),
         disk=MIN_DISK,
-        runs=ledger.count("tuning: runs", facts["runs"]),
-        ended=f" ({facts['message'].rstrip('.').lower()})" if facts["message"] else "",
         late=LATE_WINDOW,
-        designs=markdown_table(("design", *COLUMNS), designs),
-        metrics=markdown_table(("design", "objective", *heads), metrics),
+        designs=table(ledger, designs),
+        metrics=table(ledger, metrics),
     )

@@ -1,65 +1,30 @@
 """Map of control spillover: rightmost pole over damping of the modes and bandwidth of the observer.
 
-The model of the controller has six modes, as in the paper; the plant has more. The law is linear. The state
-matrix is affine in the damping ratio and in the bandwidth, so four linearizations suffice: the estimate
-cancels in the rate of the observer, since the nominal acceleration contains it.
+The model of the controller has six modes, as in the paper; the plant has more. The law is linear.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from study_tools.stability import rightmost
 from truss_loop import TrussLoop
 
-from trussflow.blocks import Linearizer, OperatingPoint
+from trussflow.blocks import linearize_over
 from trussflow.models import RobotArm, SpaceTruss, TrussDynamics, TrussModes
 from trussflow.models.transport import transport_diagram
 from trussflow.models.truss.paper_truss import CLAMPED_FACE, paper_structure
 from trussflow.models.truss.reduction import reduced_modes
 
 MODEL_MODES = 6
-MIN_FREQUENCY = 0.1
-"""Poles of lower frequency belong to the law [rad/s]."""
+NO_OBSERVER = 1e-9
+"""Bandwidth in place of zero, which the observer does not allow [1/s]."""
 
-DAMPING = np.array([0.0, 0.05])
-BANDWIDTH = np.array([1.0, 4.0])
-"""Damping ratios [-] and bandwidths [1/s] of the linearizations."""
-
-Matrix = NDArray[np.float64]
-
-
-@dataclass(frozen=True)
-class StateMatrices:
-    """State matrices of a loop, from their values at `DAMPING` and `BANDWIDTH`."""
-
-    values: Matrix
-
-    def at(self, damping: float, bandwidth: float) -> Matrix:
-        """Return the state matrix; bandwidth zero: no observer."""
-        weights = np.outer(_weights(DAMPING, damping), _weights(BANDWIDTH, bandwidth))
-        return np.asarray(np.tensordot(weights, self.values, 2))
-
-    def growth(self, damping: Sequence[float], bandwidth: Sequence[float]) -> Matrix:
-        """Return the real part of the rightmost oscillating pole over damping and bandwidth [1/s]."""
-        return np.array(
-            [[self.rightmost(d, L).real for L in bandwidth] for d in damping]
-        )
-
-    def rightmost(self, damping: float, bandwidth: float) -> complex:
-        """Return the rightmost oscillating pole [1/s]."""
-        poles = np.linalg.eigvals(self.at(damping, bandwidth))
-        return complex(
-            max(poles[poles.imag > MIN_FREQUENCY], key=lambda pole: pole.real)
-        )
-
-
-def _weights(nodes: Matrix, place: float) -> Matrix:
-    """Return the weights of linear interpolation between two nodes, or of extrapolation."""
-    share = (place - nodes[0]) / (nodes[1] - nodes[0])
-    return np.array([1.0 - share, share])
+Poles = NDArray[np.complex128]
 
 
 def truss_with(modes: int) -> SpaceTruss:
@@ -77,51 +42,44 @@ def truss_with(modes: int) -> SpaceTruss:
     )
 
 
-def state_matrices(truss: SpaceTruss) -> dict[str, StateMatrices]:
-    """Return the loops without work on the modes, with it (Eq. 64), and with mode-neutral feedback."""
+def rightmost_poles(
+    truss: SpaceTruss, damping: Sequence[float], bandwidth: Sequence[float]
+) -> dict[str, Poles]:
+    """Return the rightmost oscillating poles of the loops without work on the modes, with it, and neutral.
+
+    Parameters
+    ----------
+    truss : SpaceTruss
+        Plant.
+    damping, bandwidth : sequence of float
+        Damping ratios of all modes [-] and bandwidths of the observer [1/s]; zero: no observer.
+
+    Returns
+    -------
+    dict
+        ``published``, ``Eq. 64`` (with work on the modes) and ``consistent`` (mode-neutral feedback), each of
+        shape (dampings, bandwidths) [1/s].
+    """
     believed = replace(
         truss.dynamics, modes=truss.dynamics.modes.truncated(MODEL_MODES)
     )
     mission = TrussLoop(truss, 1.0, linear=True).mission
-    found: dict[str, list[list[Matrix]]] = {
-        "published": [],
-        "Eq. 64": [],
-        "consistent": [],
+    wire = ["truss.modal_force"]
+    parameters: dict[str, list[Any]] = {
+        "truss.damping_ratio": [np.full(truss.modes, ratio) for ratio in damping],
+        "observer.gain": [max(L, NO_OBSERVER) for L in bandwidth],
     }
-    for allocation in ("published", "mode-neutral"):
+    found = {}
+    for name, allocation in (("Eq. 64", "published"), ("consistent", "mode-neutral")):
         plant = SpaceTruss(truss.dynamics)
         diagram = transport_diagram(
             mission, plant, allocation=allocation, believed=believed
         )
-        wire = ["truss.modal_force"]
-        linearizer = Linearizer(diagram, wire, wire, cut=wire)
-        for damping in DAMPING:
-            models = [
-                linearizer.at(
-                    OperatingPoint(
-                        parameters={
-                            "truss.damping_ratio": np.full(truss.modes, damping),
-                            "observer.gain": bandwidth,
-                        }
-                    )
-                )
-                for bandwidth in BANDWIDTH
-            ]
-            closed = [model.A + model.B @ model.C for model in models]
-            if allocation == "published":
-                found["published"].append([model.A for model in models])
-                found["Eq. 64"].append(closed)
-            else:
-                found["consistent"].append(closed)
-    return {name: StateMatrices(np.array(matrices)) for name, matrices in found.items()}
-
-
-def least_damping(growth: Matrix, ratios: Sequence[float]) -> str:
-    """Return the least damping ratio from which on the growth rates are negative."""
-    unstable = np.flatnonzero(growth >= 0)
-    first = unstable[-1] + 1 if unstable.size else 0
-    return (
-        f"{100 * ratios[first]:g} %"
-        if first < len(ratios)
-        else f"> {100 * ratios[-1]:g} %"
-    )
+        models = linearize_over(diagram, wire, wire, cut=wire, parameters=parameters)
+        closed = [model.A + model.B @ model.C for model in models.values.flat]
+        found[name] = np.array([rightmost(A)[0] for A in closed])
+        if name == "Eq. 64":
+            opened = [rightmost(model.A)[0] for model in models.values.flat]
+            found["published"] = np.array(opened)
+    shape = len(damping), len(bandwidth)
+    return {name: poles.reshape(shape) for name, poles in found.items()}

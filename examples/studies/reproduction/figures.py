@@ -309,9 +309,7 @@ def draw_paper_figures(results: Results, folder: Path) -> str:
         Folder of the report.
     """
     parts = []
-    for figure in counted(
-        "drawing figures", sorted(PAPER_FIGURES, key=lambda each: each.case)
-    ):
+    for figure in counted("drawing figures", PAPER_FIGURES):
         run, file = f"case{figure.case}", f"figure-{figure.number:02d}.png"
         save(drawing(figure.panels(results, run)), folder / file, small=True)
         names = ", ".join(f"`{run}{suffix}`" for suffix in figure.suffixes)
@@ -320,13 +318,9 @@ def draw_paper_figures(results: Results, folder: Path) -> str:
             figure.note,
             f"Runs: {names}.",
         )
-        parts.append(
-            (
-                figure.number,
-                f"![Figure {figure.number}]({file})\n\n{' '.join(filter(None, words))}",
-            )
-        )
-    return "\n\n".join(text for _, text in sorted(parts))
+        text = " ".join(filter(None, words))
+        parts.append(f"![Figure {figure.number}]({file})\n\n{text}")
+    return "\n\n".join(parts)
 
 
 def draw_theorems(
@@ -349,12 +343,13 @@ def draw_theorems(
         later = time > 1.0  # s; without the initial jump of the pushed runs
         quantities = {"estimation error": ("‖d̂ − d‖", error), "V": ("V", lyapunov)}
         for (y, (label, values)), level in zip(quantities.items(), levels, strict=True):
-            curves, finite = (
-                [Curve(label, time[later], values[later])],
-                (level,) if np.isfinite(level) else (),
-            )
-            title = run if y != "V" else ""
             panels.append(
-                Panel(curves=curves, levels=finite, y=y, log=True, title=title)
+                Panel(
+                    curves=[Curve(label, time[later], values[later])],
+                    levels=(level,) if np.isfinite(level) else (),
+                    y=y,
+                    log=True,
+                    title=run if y != "V" else "",
+                )
             )
     save(drawing(panels), file, small=True)

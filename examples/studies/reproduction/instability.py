@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from study_tools.stability import draw_growth, rightmost, stable_damping
 
 from reproduction.trusses import truss_modes
 from trussflow.blocks.framework.diagram import Diagram
@@ -23,7 +24,7 @@ from trussflow.blocks.simulation.simulator import Simulator
 from trussflow.blocks.support.types import Vector
 from trussflow.blocks.sweeps.executors import Processes
 from trussflow.models.plant.space_truss import SpaceTruss
-from trussflow.models.reporting.figures import blank, draw_cells, save
+from trussflow.models.reporting.figures import blank, save
 from trussflow.models.transport.mission import CASES, Mission
 from trussflow.models.transport.wiring import transport_diagram
 
@@ -86,7 +87,7 @@ def growth_rates(folder: Path, modes: int, observer: bool) -> Vector:
         if observer:
             parameters["observer.gain"] = gains.observer_bandwidth
         model = linearizer.at(OperatingPoint(parameters=parameters))
-        pole, shape = rightmost(model.A)
+        pole, shape = rightmost(model.A, MIN_FREQUENCY)
         states = dict(zip(model.state_labels, shape, strict=True))
         found[:, i, j] = pole.real, simulated_rate(simulator, parameters, pole, states)
     return found
@@ -108,19 +109,6 @@ def stability_map(folder: Path, *, workers: int) -> dict[bool, Vector]:
         return {
             o: np.array([jobs[o, m].result() for m in MODES]) for o in (False, True)
         }
-
-
-def rightmost(A: Vector) -> tuple[complex, Vector]:
-    """Return the rightmost oscillating pole of dx/dt = A x [1/s], and its eigenvector.
-
-    Parameters
-    ----------
-    A : array, shape (n, n)
-        State matrix [1/s].
-    """
-    poles, vectors = np.linalg.eig(A)
-    first = int(np.where(poles.imag > MIN_FREQUENCY, poles.real, -np.inf).argmax())
-    return complex(poles[first]), vectors[:, first]
 
 
 def simulated_rate(
@@ -202,24 +190,12 @@ def stability_measures(maps: Mapping[bool, Vector]) -> dict[str, dict[str, float
         ] = {
             "pole": pole[0, 0],
             "simulated": rate[0, 0],
-            "stable damping": stable_damping(pole[0] > 0),
+            "stable damping": stable_damping(pole[0], DAMPINGS),
             "stable damping for all mode counts": stable_damping(
-                (pole > 0).any(axis=0)
+                pole.max(axis=0), DAMPINGS
             ),
         }
     return found
-
-
-def stable_damping(unstable: Vector) -> float:
-    """Return the damping from which on no point is unstable, infinite if the last one is [-].
-
-    Parameters
-    ----------
-    unstable : array of bool, shape (dampings,)
-        Whether the loop is unstable at each of `DAMPINGS`.
-    """
-    first = int(np.flatnonzero(unstable).max(initial=-1)) + 1
-    return DAMPINGS[first] if first < len(DAMPINGS) else np.inf
 
 
 def draw_stability(maps: Mapping[bool, Vector], file: Path) -> None:
@@ -233,21 +209,16 @@ def draw_stability(maps: Mapping[bool, Vector], file: Path) -> None:
         Figure to write.
     """
     figure, cells = blank(2, 2)
-    largest = max(float(np.abs(found[:, 0]).max()) for found in maps.values())
     for ((i, case), observer), cell in zip(
         product(enumerate(CASES), maps), cells, strict=True
     ):
-        draw_cells(  # purple is stable, orange is not
+        draw_growth(
             cell,
             maps[observer][:, 0, i],
-            lambda value: f"{value:.1f}",
-            lambda value: abs(value) > 0.6 * largest,
             [f"{100 * damping:g}" for damping in DAMPINGS],
             [str(modes) for modes in MODES],
-            vmin=-largest,
-            vmax=largest,
+            title=f"Case {case}, {'with' if observer else 'without'} observer",
+            xlabel="damping [%]",
+            ylabel="modes",
         )
-        title = f"Case {case}, {'with' if observer else 'without'} observer"
-        cell.set_title(title, loc="left", fontsize="medium")
-        cell.set(xlabel="damping [%]", ylabel="modes")
     save(figure, file, small=True)

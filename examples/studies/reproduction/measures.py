@@ -40,26 +40,27 @@ def measured(result: xr.Dataset) -> dict[str, float | Vector]:
     result : xarray.Dataset
         Log of a transport diagram with four robots of seven joints and Euler angles.
     """
-    time = result["time"].values
-    parts = ("position_error", "attitude_error", "joint_error")
-    error, rate = (
-        np.hstack([result[f"{part}{suffix}"].values for part in parts])
-        for suffix in ("", "_rate")
+    time, window = result["time"].values, LATE_FRACTION * result["time"].values[-1]
+    errors = {
+        part: result[f"{part}_error"].values
+        for part in ("position", "attitude", "joint")
+    }
+    metrics = tracking_metrics(
+        time, {f"{part} error": error for part, error in errors.items()}, late=window
     )
-    late = late_part(time, LATE_FRACTION * time[-1])
-    tracked = {"position error": error[:, :3], "attitude error": error[:, 3:6]}
-    metrics = tracking_metrics(time, tracked, late=LATE_FRACTION * time[-1])
     found = {
         name.removesuffix(" (component)"): value for name, value in metrics.items()
     }
-    found["peak sideways error"] = largest_component(error[:, :2])
-    found["peak joint error"] = largest_component(error[:, 6:])
-    found["peak angle of C41"] = largest_component(error[:, 27])
-    found["peak rate of C41"] = largest_component(result["joint_rate"].values[:, 21])
+    for name, values in {
+        "sideways error": errors["position"][:, :2],
+        "angle of C41": errors["joint"][:, 21],
+        "rate of C41": result["joint_rate"].values[:, 21],
+    }.items():
+        found[f"peak {name}"] = largest_component(values)
 
     force = result["generalized_force"].values[:, :3]
     found["force ripple"] = ripple(time, force)
-    found["velocity ripple"] = ripple(time, rate[:, :3])
+    found["velocity ripple"] = ripple(time, result["position_error_rate"].values)
     found["largest jump of force per peak"] = largest_component(
         np.diff(force, axis=0)
     ) / largest_component(force)
@@ -81,20 +82,16 @@ def measured(result: xr.Dataset) -> dict[str, float | Vector]:
         found[f"largest torque{suffix}"] = both.max()
         found[f"time of the largest torque{suffix}"] = time[both.argmax()]
 
+    late = late_part(time, window)
+    mode = result["modal_coordinate"].values[late, :1].ravel()  # none if rigid
+    instants, maxima = envelope(time[late], mode)
     found["measured growth of mode 1"] = np.nan
-    if result["modal_coordinate"].size:
-        instants, maxima = envelope(
-            time[late], result["modal_coordinate"].values[late, 0]
-        )
-        if len(maxima) > 1:
-            found["measured growth of mode 1"] = np.polyfit(
-                instants, np.log(maxima), 1
-            )[0]
-    sliding = (
-        result["sliding_variable"].values
-        if "sliding_variable" in result
-        else np.full_like(error, np.nan)
-    )
+    if len(maxima) > 1:
+        growth = np.polyfit(instants, np.log(maxima), 1)[0]
+        found["measured growth of mode 1"] = growth
+    error = np.hstack(list(errors.values()))
+    rate = np.hstack([result[f"{part}_error_rate"].values for part in errors])
+    sliding = np.asarray(result.get("sliding_variable", np.full_like(error, np.nan)))
     theorems = theorem_measures(*observer_signals(result), *observer_gains(result))
     amplitudes = {
         "late error": np.abs(error[late]).max(axis=0),
@@ -165,11 +162,7 @@ def observer_signals(result: xr.Dataset) -> tuple[Vector, Vector, Vector, Vector
     """
     time, d = result["time"].values, result["disturbance"].values
     error = np.linalg.norm(result["disturbance_estimate"].values - d, axis=1)
-    sliding = (
-        np.linalg.norm(result["sliding_variable"].values, axis=1)
-        if "sliding_variable" in result
-        else 0.0
-    )
+    sliding = np.linalg.norm(result.get("sliding_variable", 0.0 * d), axis=1)
     rates = np.linalg.norm(np.diff(d, axis=0) / np.diff(time)[:, None], axis=1)
     return time, error, (sliding**2 + error**2) / 2, rates
 

@@ -21,70 +21,72 @@ ROBOTS = (1, 2, 3, 4)
 FORMATS: dict[str, tuple[str, int]] = {
     name: form
     for form, names in {
-        ("m", 3): (
-            *("peak position error", "late position error", "peak sideways error"),
+        ("m", 3): [
+            "peak position error",
+            "late position error",
+            "peak sideways error",
             *(f"peak elastic displacement at grasp {i}" for i in ROBOTS),
             *(f"distance of grasp {i}" for i in ROBOTS),
-        ),
-        ("m", 2): ("predicted limit cycle", "diameter of the rods"),
-        ("rad", 3): (
+        ],
+        ("m", 2): ["predicted limit cycle", "diameter of the rods"],
+        ("rad", 3): [
             "peak attitude error",
             "late attitude error",
             "peak joint error",
             "peak angle of C41",
-        ),
-        ("rad/s", 3): ("peak rate of C41", "predicted frequency of mode 1"),
-        ("N", 3): ("force ripple", "peak base force, Robot 3"),
-        ("N*m", 3): (
-            *(
-                "peak base torque",
-                "peak joint torque",
-                "claimed base torque",
-                "claimed joint torque",
-            ),
+        ],
+        ("rad/s", 3): ["peak rate of C41", "predicted frequency of mode 1"],
+        ("N", 3): ["force ripple", "peak base force, Robot 3"],
+        ("N*m", 3): [
+            "peak base torque",
+            "peak joint torque",
+            "claimed base torque",
+            "claimed joint torque",
             "claimed torque",
-        ),
-        ("N*m", 2): ("torque bound",),
-        ("N*s", 3): ("impulse of the base forces",),
-        ("m/s", 3): ("velocity ripple",),
-        ("kg*m^2", 2): ("largest difference of inertias",),
-        ("kg/m^3", 5): ("density",),
-        ("s", 3): ("duration", "time of the claimed torque"),
-        ("s", 1): ("ripple window", "step"),
-        ("%", 3): (
-            *(
-                "share of Robots 1, 2, 4",
-                "time of V above its bound",
-                "time in which V must fall",
-            ),
+        ],
+        ("N*m", 2): ["torque bound"],
+        ("N*s", 3): ["impulse of the base forces"],
+        ("m/s", 3): ["velocity ripple"],
+        ("kg*m^2", 2): ["largest difference of inertias"],
+        ("kg/m^3", 5): ["density"],
+        ("s", 3): ["duration", "time of the claimed torque"],
+        ("s", 1): ["ripple window", "step"],
+        ("%", 3): [
+            "share of Robots 1, 2, 4",
+            "time of V above its bound",
+            "time in which V must fall",
             "late part",
-        ),
-        ("%", 2): (
+        ],
+        ("%", 2): [
             *(f"share of Robot {i}" for i in ROBOTS),
-            *(
-                "excess over the torque bound",
-                "largest frequency error",
-                "largest frequency error, inner edge",
-            ),
-            *(
-                "most",
-                "largest relative difference",
-                "stable damping",
-                "stable damping for all mode counts",
-            ),
-        ),
-        ("%", 1): ("nearly nothing", "smooth"),
-        ("1/s", 3): (
-            *("L", "sigma", "least sigma", "rho", "pole", "simulated"),
-            *("measured growth of mode 1", "predicted growth of mode 1"),
-        ),
-        ("1/s", 2): ("largest difference near the axis",),
-        ("1/s", 1): ("least distance from the axis",),
-        ("", 2): (
-            *("largest jump of force per peak", "peak position error per displacement"),
-            *("advantage", "late advantage"),
-        ),
-        ("", 1): ("small", "notable"),
+            "excess over the torque bound",
+            "largest frequency error",
+            "largest frequency error, inner edge",
+            "most",
+            "largest relative difference",
+            "stable damping",
+            "stable damping for all mode counts",
+        ],
+        ("%", 1): ["nearly nothing", "smooth"],
+        ("1/s", 3): [
+            "L",
+            "sigma",
+            "least sigma",
+            "rho",
+            "pole",
+            "simulated",
+            "measured growth of mode 1",
+            "predicted growth of mode 1",
+        ],
+        ("1/s", 2): ["largest difference near the axis"],
+        ("1/s", 1): ["least distance from the axis"],
+        ("", 2): [
+            "largest jump of force per peak",
+            "peak position error per displacement",
+            "advantage",
+            "late advantage",
+        ],
+        ("", 1): ["small", "notable"],
     }.items()
     for name in names
 }
@@ -103,8 +105,8 @@ class Numbers:
         All numbers.
     ledger : Ledger
         Record of the quoted numbers.
-    case : int, optional
-        Case of a claim [-].
+    case : int or str
+        Case of a claim, or name of the run after "case" [-].
 
     Attributes
     ----------
@@ -113,7 +115,7 @@ class Numbers:
     """
 
     def __init__(
-        self, measures: Measures, ledger: Ledger, case: int | None = None
+        self, measures: Measures, ledger: Ledger, case: int | str = ""
     ) -> None:
         self.measures, self.ledger, self.case = measures, ledger, case
         self.runs: dict[str, None] = {}
@@ -123,7 +125,8 @@ class Numbers:
         subjects, measure = self._parts(name)
         self.runs |= dict.fromkeys(RUN.findall(name.replace("#", str(self.case))))
         values = [self.measures[each][measure] for each in subjects]
-        return float(values[0] / values[1] if len(values) > 1 else values[0])
+        found = values[0] / values[1] if len(values) > 1 else values[0]
+        return found if isinstance(found, int) else float(found)
 
     def text(self, name: str, *, show_unit: bool = True) -> str:
         """Return a number as text, and record it; a number that is not finite is ``none``.
@@ -139,11 +142,8 @@ class Numbers:
         if not math.isfinite(value):
             return "none"
         subjects, measure = self._parts(name)
-        unit, digits = FORMATS.get(measure, ("", 3))
-        if len(subjects) > 1:
-            unit, digits = "", 2
-        elif isinstance(self.measures[subjects[0]][measure], int):
-            digits = len(str(self.measures[subjects[0]][measure]))
+        ratio = len(subjects) > 1
+        unit, digits = ("", 2) if ratio else FORMATS.get(measure, ("", 3))
         name = f"{' / '.join(subjects)}: {measure}"
         runs = RUN.findall(name)
         return self.ledger(

@@ -158,12 +158,7 @@ def simulator(folder: Path, run: str) -> Simulator:
 
 
 def measure_all(
-    runs: Sequence[str],
-    duration: float,
-    folder: Path,
-    key: str = "",
-    *,
-    workers: int | None = None,
+    runs: Sequence[str], duration: float, folder: Path, *, workers: int | None = None
 ) -> dict[str, dict[str, Any]]:
     """Simulate runs and return the measures of each by name.
 
@@ -175,8 +170,6 @@ def measure_all(
         Simulated time [s]; long runs last five times as long.
     folder : pathlib.Path
         Folder of the finished runs and of the computed modes.
-    key : str
-        Part of the name of the folder of finished runs, which differs between versions of the equations.
     workers : int, optional
         As for `sweep` [-].
 
@@ -195,7 +188,7 @@ def measure_all(
             span,
             vary={"run": names},
             keep=measured,
-            path=folder / f"{span:g}-s-{key}",
+            path=folder / f"{span:g}-s",
             workers=workers,
         )
         failed = swept.isel(sample=(swept["status"] != "complete").values)

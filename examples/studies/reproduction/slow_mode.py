@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from study_tools.stability import rightmost
 
 from reproduction.figures import Results
 from reproduction.measures import envelope
@@ -63,7 +64,7 @@ def predicted_poles(run: str, late: Mapping[str, Any], folder: Path) -> Vector:
         closed(without_law, file.mission, k * error, k * rate, float(k * sliding))
         for k in SCALES
     ]
-    return np.array([slowest(A) for A in matrices])
+    return np.array([rightmost(A, *SLOW_BAND)[0] for A in matrices])
 
 
 def harmonic_gain(amplitude: Vector, exponent: float) -> Vector:
@@ -121,19 +122,6 @@ def closed(
             [integrand, np.zeros((channels, channels))],
         ]
     )
-
-
-def slowest(A: Vector) -> complex:
-    """Return the least damped pole in the band of the slowest mode [1/s].
-
-    Parameters
-    ----------
-    A : array, shape (n, n)
-        State matrix [1/s].
-    """
-    poles = np.linalg.eigvals(A)
-    near = poles[(poles.imag > SLOW_BAND[0]) & (poles.imag < SLOW_BAND[1])]
-    return complex(near[near.real.argmax()])
 
 
 def limit_cycle(growth: Vector) -> float:

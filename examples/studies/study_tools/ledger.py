@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from typing import Any
 
 from trussflow.blocks.framework.units import readable
@@ -17,33 +16,18 @@ Note = Callable[..., str]
 """Function that records a number of a run, by name, value, unit and digits, and returns it as text."""
 
 
-@dataclass(frozen=True, slots=True)
-class Number:
-    """Number of a report.
+class Ledger:
+    """Record of the numbers in a report.
 
     Attributes
     ----------
-    value : float
-        Value [unit].
-    unit : str
-        Unit; empty for ratios.
-    runs : tuple of str
-        Names of the runs that it is computed from; may be empty.
-    text : str
-        Text in the report, without the unit.
+    numbers : dict
+        By name, each with its ``value`` [unit]; ``unit``, empty for ratios; ``runs``, the names of the runs that
+        it is computed from; and ``text`` in the report, without the unit.
     """
 
-    value: float
-    unit: str
-    runs: tuple[str, ...]
-    text: str
-
-
-class Ledger:
-    """Record of the numbers in a report."""
-
     def __init__(self) -> None:
-        self.numbers: dict[str, Number] = {}
+        self.numbers: dict[str, dict[str, Any]] = {}
 
     def __call__(
         self,
@@ -55,7 +39,7 @@ class Ledger:
         digits: int = 3,
         show_unit: bool = True,
     ) -> str:
-        """Record a number and return it as text.
+        """Record a number and return it as text, an integer with all its digits.
 
         Parameters
         ----------
@@ -78,38 +62,20 @@ class Ledger:
             If the name has another number already.
         """
         text = pretty(100 * value if unit == "%" else value, digits)
-        number = Number(float(value), unit, tuple(runs), text)
+        if isinstance(value, int):
+            text = str(value)
+        number = {"value": float(value), "unit": unit, "runs": list(runs), "text": text}
         if self.numbers.setdefault(name, number) != number:
             raise ModelError(f"the report has two different numbers named '{name}'")
         return f"{text} {readable(unit)}" if unit and show_unit else text
 
-    def of(self, run: str, *others: str) -> Note:
-        """Return a function that records numbers of runs, under the name of the first.
-
-        Parameters
-        ----------
-        run, *others : str
-            Names of the runs that the numbers are computed from.
-        """
+    def of(self, run: str) -> Note:
+        """Return a function that records numbers of a run, under its name."""
 
         def note(name: str, value: float, unit: str = "", **form: Any) -> str:
-            return self(f"{run}: {name}", value, unit, runs=(run, *others), **form)
+            return self(f"{run}: {name}", value, unit, runs=[run], **form)
 
         return note
-
-    def count(self, name: str, value: int, runs: Sequence[str] = ()) -> str:
-        """Record a whole number and return it as text.
-
-        Parameters
-        ----------
-        name : str
-            Unique name in the report.
-        value : int
-            Value [-].
-        runs : sequence of str
-            Names of the runs that it is computed from.
-        """
-        return self(name, value, runs=runs, digits=max(1, len(str(abs(value)))))
 
 
 def pretty(value: float, digits: int = 3) -> str:

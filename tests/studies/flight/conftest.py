@@ -1,6 +1,7 @@
 """Fixtures of the tests of the robustness study."""
 
 from functools import cache
+from types import SimpleNamespace
 
 import campaign
 import numpy as np
@@ -9,7 +10,7 @@ import systems
 import xarray as xr
 from flight import tuning
 from flight.loops import flight_simulator
-from flight.metrics import METRICS
+from flight.metrics import GOALS
 from flight.tuning import INITIAL
 
 from trussflow.models.plant.tunable_truss import TunableTruss
@@ -27,33 +28,23 @@ def plant(request, monkeypatch):
 
 @pytest.fixture
 def tuned():
-    """Return four runs of each design: one of the first diverges, and one needs two steps of thrust."""
+    """Return a result of the search, and four runs of each design: one of the first diverges."""
     errors = np.array(
         [[2.0, 3.0, 4.0, np.nan], [1.0, 2.0, 3.0, 4.0], [0.5, 1.0, 1.5, 2.0]]
     )
-    columns = {name: (("design", "seed"), np.zeros((3, 4))) for name in METRICS}
-    columns |= {
-        "position": (("design", "seed"), 1e-3 * errors),
-        "share": (("design", "seed"), errors / 10.0),
-    }
-    columns["late force"] = (
-        ("design", "seed"),
-        np.array([[0.1, 0.2, 0.1, np.nan], [0.1] * 4, [0.1] * 4]),
+    compared = {}
+    for name, position in zip(("initial", "shipped", "tuned"), errors, strict=True):
+        force = np.where(position == 3.0, 0.2, 0.1)
+        columns = dict.fromkeys(GOALS, np.zeros(4))
+        columns |= {"position": 1e-3 * position, "late force": force}
+        data = {metric: ("sample", values) for metric, values in columns.items()}
+        runs = {"sample": [2000, 2001, 2002, 2003]}
+        compared[name] = xr.Dataset(data, runs, INITIAL | {"disk": 0.25})
+    found = SimpleNamespace(
+        before=0.3,
+        cost=0.25,
+        limits={"share": np.array([0.8])},
+        runs=400,
+        message="The end.",
     )
-    found = xr.Dataset(
-        {
-            **columns,
-            **{name: ("design", np.full(3, begin)) for name, begin in INITIAL.items()},
-        },
-        {"design": ["initial", "shipped", "tuned"], "seed": [2000, 2001, 2002, 2003]},
-        {
-            "before": 0.3,
-            "cost": 0.25,
-            "most": 0.8,
-            "runs": 400,
-            "message": "The end.",
-            "duration": 100.0,
-        }
-        | {"first": 0, "last": 15},
-    )
-    return found.assign(disk=("design", [0.24, 0.26, 0.25]))
+    return found, compared
