@@ -307,7 +307,8 @@ def test_margins_of_several_channels_need_slycot():
     with (
         patch("control.margins.ab13md", None),
         pytest.raises(
-            LinearAnalysisError, match=r"of 2 channels at once needs slycot: pip install"
+            LinearAnalysisError,
+            match=r"of 2 channels at once needs slycot: pip install",
         ),
     ):
         loop_margins(spring_loop(), "plant.y")
