@@ -79,7 +79,6 @@ from trussflow.blocks.library.python_control import lqr as lqr
 from trussflow.blocks.library.python_function import PythonFunction as PythonFunction
 from trussflow.blocks.library.python_function import as_block as as_block
 from trussflow.blocks.library.rigid_body import RigidBody as RigidBody
-from trussflow.blocks.library.sources import Chirp as Chirp
 from trussflow.blocks.library.sources import Constant as Constant
 from trussflow.blocks.library.sources import Ground as Ground
 from trussflow.blocks.library.sources import Ramp as Ramp

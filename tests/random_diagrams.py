@@ -6,7 +6,6 @@ import numpy as np
 
 from trussflow.blocks import (
     PD,
-    Chirp,
     Constant,
     DeadZone,
     Diagram,
@@ -60,7 +59,6 @@ MAKERS = [
     lambda r, n: Step(r.choice([0.3, 0.35, 0.0]), initial_value=number(r, n)),
     lambda r, n: Ramp(number(r, n), start_time=r.choice([0.0, 0.2])),
     lambda r, n: Sine(number(r, n), positive(r)),
-    lambda r, n: Chirp(positive(r), positive(r), positive(r), amplitude=number(r, n)),
     lambda r, _n: Noise(positive(r), time(r), seed=r.randrange(9)),
     lambda r, n: TimeTable([0.0, 0.2, 1.0], [number(r, n) for _ in range(3)]),
     lambda r, n: Quintic(number(r, n), positive(r)),

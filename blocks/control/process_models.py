@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 
 import casadi as ca
 import numpy as np
@@ -15,7 +15,6 @@ from trussflow.blocks.control.covariances import sampled_covariance
 from trussflow.blocks.errors import BlockError, Explained, TracingError
 from trussflow.blocks.library.linear import matrices
 from trussflow.blocks.linear_analysis.lifting import held_flow
-from trussflow.blocks.simulation.solver import fixed_step
 from trussflow.blocks.support.types import Array, Vector
 from trussflow.blocks.support.validation import (
     as_shape,
@@ -296,17 +295,10 @@ class NonlinearProcess(Process):
     @cached_property
     def _parts(self) -> tuple[ArrayFunction, ...]:
         """Half a step, its Jacobian, and the Jacobian of the outputs."""
-        h = self.every / self._steps / 2
-
-        def half(t: Array, x: Array, u: Array) -> Array:
-            def rate(time: Array, state: Array) -> Array:
-                return self._rates(time, state, u)
-
-            end: Array = fixed_step("rk4", rate, (t, t + h / 2, t + h), h, x)
-            return end
-
-        step = ArrayFunction.of(half, self._shapes)
-        return step, step.jacobian(1), self._outputs.jacobian(1)
+        half = ArrayFunction.of(
+            partial(_rk4, self._rates, self.every / self._steps / 2), self._shapes
+        )
+        return half, half.jacobian(1), self._outputs.jacobian(1)
 
     def step(self, t: Array, x: Array, u: Array) -> tuple[Array, Array, Array]:
         """Return state one sample after `x` [as declared] at `t` [s], Jacobian and noise covariance."""
@@ -354,3 +346,11 @@ class NonlinearProcess(Process):
             bias=self._outputs(t, x, u) - C @ x - D @ u,
             state_names=self.state_names,
         )
+
+
+def _rk4(rates: Callable[..., Array], h: float, t: Array, x: Array, u: Array) -> Array:
+    """Return the state after one RK4 step."""
+    k1 = rates(t, x, u)
+    k2 = rates(t + h / 2, x + h / 2 * k1, u)
+    k3 = rates(t + h / 2, x + h / 2 * k2, u)
+    return x + h / 6 * (k1 + 2 * k2 + 2 * k3 + rates(t + h, x + h * k3, u))

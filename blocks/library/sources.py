@@ -222,69 +222,6 @@ class Sine(Source):
         }
 
 
-class Chirp(Source):
-    r"""A sine whose frequency is swept linearly from f_0 to f_1, and stays there.
-
-    .. math::
-
-        y = A \sin \varphi(t), \qquad
-        \dot\varphi = 2 \pi \left(f_0 + (f_1 - f_0) \min(t / T, 1)\right), \quad \varphi(0) = 0
-
-    Parameters
-    ----------
-    start_frequency, final_frequency : array_like
-        f_0, f_1 [Hz].
-    duration : float
-        T > 0 [s]. It is part of the structure: adaptive solvers stop there.
-    amplitude : array_like
-        A [unit].
-    unit : str, tuple of str or None
-        Unit of the output, or one per element; None leaves it unchecked.
-
-    Raises
-    ------
-    BlockError
-        If the duration is not above 0.
-    """
-
-    start_frequency = Parameter(
-        shape="shape", unit="Hz", meaning="f_0: frequency at time 0"
-    )
-    final_frequency = Parameter(
-        shape="shape", unit="Hz", meaning="f_1: frequency at the end"
-    )
-    amplitude = Parameter(shape="shape", meaning="A: amplitude")
-
-    def __init__(
-        self,
-        start_frequency: npt.ArrayLike,
-        final_frequency: npt.ArrayLike,
-        duration: float,
-        *,
-        amplitude: npt.ArrayLike = 1.0,
-        unit: Unit = None,
-    ) -> None:
-        self.duration = finite("Chirp", "duration", duration, above=0.0)
-        super().__init__(
-            unit,
-            start_frequency=start_frequency,
-            final_frequency=final_frequency,
-            amplitude=amplitude,
-        )
-
-    def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
-        """Return the value."""
-        swept = np.minimum(t, self.duration)
-        sweep = (p.final_frequency - p.start_frequency) / self.duration
-        turns = p.start_frequency * swept + sweep * swept**2 / 2.0
-        turns = turns + p.final_frequency * (t - swept)
-        return {"y": p.amplitude * np.sin(2.0 * np.pi * turns)}
-
-    def breakpoints(self) -> tuple[float, ...]:
-        """Return the end of the sweep."""
-        return (self.duration,)
-
-
 class TimeFunction(Source):
     r"""Any function of time: :math:`y = f(t)`; ``TimeFunction(lambda t: t)`` is a clock.
 

@@ -86,11 +86,6 @@ SWITCH_ADVICE = (
 NO_ROWS = np.empty((0, 0))
 
 
-def longest_chunk(every: int, width: int) -> int:
-    """Return the most ticks between two looks, if `width` numbers are logged `every` so many [-]."""
-    return max(MIN_CHUNK, CHUNK_NUMBERS * every // max(1, width))
-
-
 @dataclass(slots=True)
 class Run:
     """State of one run, or of a session: both are advanced by this code alone.
@@ -334,7 +329,9 @@ class Run:
         tick = self.prepared.tick
         has_python = bool(prepared.plan.python_blocks)
         every = prepared.ticks(self.log_step, "log_step") if log is not None else 0
-        longest = longest_chunk(every, log.width) if log is not None else last
+        longest = last
+        if log is not None:
+            longest = max(MIN_CHUNK, CHUNK_NUMBERS * every // max(1, log.width))
         chunk = MIN_CHUNK
         stop = self.k
         while self.k < last:

@@ -96,6 +96,7 @@ class Session(Described):
         )
         self.prepared = Prepared.of(system, solver, chosen)
         self._is_fixed = solver.is_fixed
+        self._has_grid = solver.is_fixed or self.prepared.has_clocks
         self._u_start = self.prepared.plan.u_start
         self._run: Run | None = None
         self.fault = ""
@@ -322,17 +323,16 @@ class Session(Described):
             raise SimulationError(
                 f"cannot advance to {shown(time)}: a time must be a finite number"
             ) from None
-        if self._is_fixed or self.prepared.has_clocks:
+        if self._has_grid:
             refuse_coarse_time(time, self.prepared.tick_seconds)
         return tick if abs(number - tick) <= TICK_TOLERANCE else None
 
     def _instant(self, time: float) -> Fraction:
         """Return the exact time that a float stands for."""
         tick = self._tick_at(time)
-        has_grid = self._is_fixed or self.prepared.has_clocks
-        return (
-            exact(time) if tick is None or not has_grid else tick * self.prepared.tick
-        )
+        if tick is not None and self._has_grid:
+            return tick * self.prepared.tick
+        return exact(time)
 
     @property
     def outputs(self) -> dict[str, Vector]:

@@ -272,7 +272,7 @@ def analyses():
         lambda step=0.1, tolerance=None, largest_step=None: coupled(
             step=step, tolerance=tolerance, largest_step=largest_step
         ),
-        lambda at=None, amplitude=None: linear.at(at, amplitude=amplitude),
+        lambda at=None: linear.at(at),
         lambda at=None, states=None, inputs=None: trim(
             small(), at=at, states=states, inputs=inputs
         ),

@@ -8,7 +8,6 @@ from trussflow.blocks import (
     PD,
     PID,
     BoundedAllocation,
-    Chirp,
     Constant,
     ConventionalSlidingMode,
     DeadZone,
@@ -196,7 +195,6 @@ def shaped(trajectory=1.0, frequency=0.4, **settings):
             lambda: Ramp(start_time="now"),
             "'start_time' of Ramp must be numeric, not 'now'",
         ),
-        (lambda: Chirp(1, 2, 0.0), "'duration' of Chirp is 0.0; it must be above 0"),
         (
             lambda: Table([0.0], [1.0]),
             r"Table needs at least two increasing points; got \[0.0\]",
