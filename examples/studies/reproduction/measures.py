@@ -236,10 +236,17 @@ def theorem_measures(
     bound = xi**2 / (2 * rho * L) if rho > 0 else np.inf
     slope = np.diff(lyapunov) / np.diff(time)
     middle = (lyapunov[1:] + lyapunov[:-1]) / 2
-    decay = np.exp(np.outer([-L, -rho], time - time[0]))
-    first = error[0] ** 2 / 2, lyapunov[0]
-    last = xi**2 / (2 * L**2), bound
-    bounds = (decay.T * first + (1.0 - decay.T) * last)[1:].T
+    bounds = [
+        (decay * start + (1.0 - decay) * last)[1:]
+        for decay, start, last in (
+            (np.exp(-L * (time - time[0])), error[0] ** 2 / 2, xi**2 / (2 * L**2)),
+            (
+                np.exp(-rho * (time - time[0])),
+                lyapunov[0],
+                bound if rho > 0 else np.nan,
+            ),
+        )
+    ]
     disturbing = rates**2 / (2 * L)  # largest contribution of the disturbance to dV/dt
     must_fall = rho * middle > disturbing
     with np.errstate(divide="ignore", invalid="ignore"):
