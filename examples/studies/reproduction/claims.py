@@ -124,6 +124,22 @@ CRITERIA: dict[str, Callable[[Numbers], bool | str]] = {
     "smooth force": lambda n: (
         n["case#: largest jump of force per peak"] < SMOOTH_CHANGE
     ),
+    "nothing to compare with": lambda _n: OPEN,
+    "estimation error falls with L": lambda n: (
+        n["case1-L-1-fine: settled estimation error"]
+        > n["case1-L-2-fine: settled estimation error"]
+        > n["case1-fine: settled estimation error"]
+        > n["case1-L-8-fine: settled estimation error"]
+        > n["case1-L-16-fine: settled estimation error"]
+    ),
+    "less vibration": lambda n: (
+        n["case#-no-observer / case#: modal ripple"] > NOTABLE_FACTOR
+    ),
+    "cheaper integrals": lambda n: (
+        n["plant: operations with exact integrals"]
+        > NOTABLE_FACTOR * n["plant: operations"]
+    ),
+    "arms of full rank": lambda n: n["plant: rank of the arms"] == 6,
     "uniform load": lambda n: (
         max(of_robots(n, "case#: share of Robot")) < NOTABLE_FACTOR / len(ROBOTS)
     ),

@@ -60,6 +60,7 @@ def measured(result: xr.Dataset) -> dict[str, float | Vector]:
 
     force = result["generalized_force"].values[:, :3]
     found["force ripple"] = ripple(time, force)
+    found["modal ripple"] = ripple(time, result["modal_coordinate"].values)
     found["velocity ripple"] = ripple(time, result["position_error_rate"].values)
     found["largest jump of force per peak"] = largest_component(
         np.diff(force, axis=0)
@@ -198,10 +199,14 @@ def theorem_measures(
     r"""Return the terms of Theorems 1 and 2 of the paper along a trajectory.
 
     Theorem 1: :math:`\|\hat d - d\| \le \xi / L` ultimately, for :math:`\|\dot d\| \le \xi`.
+    By Eq. 51, :math:`V_1 = \|\hat d - d\|^2 / 2` is at most
+    :math:`V_1(0) e^{-Lt} + (1 - e^{-Lt}) \xi^2 / 2 L^2`.
+
     Theorem 2: for :math:`\sigma > \bar J^2 / L` and
     :math:`V = (\|s\|^2 + \|\hat d - d\|^2) / 2`,
     :math:`\dot V \le -\rho V + \xi^2 / 2 L` with :math:`\rho = \min(\sigma, L - \bar J^2/\sigma)`,
-    so that V decreases wherever it is above :math:`\xi^2 / 2 \rho L`.
+    so that V decreases wherever it is above :math:`\xi^2 / 2 \rho L`; by Eq. 61 it is at most
+    :math:`V(0) e^{-\rho t} + (1 - e^{-\rho t}) \xi^2 / 2 \rho L`.
 
     Parameters
     ----------
@@ -224,6 +229,17 @@ def theorem_measures(
     bound = xi**2 / (2 * rho * L) if rho > 0 else np.inf
     slope = np.diff(lyapunov) / np.diff(time)
     middle = (lyapunov[1:] + lyapunov[:-1]) / 2
+    bounds = [
+        (decay * start + (1.0 - decay) * last)[1:]
+        for decay, start, last in (
+            (np.exp(-L * (time - time[0])), error[0] ** 2 / 2, xi**2 / (2 * L**2)),
+            (
+                np.exp(-rho * (time - time[0])),
+                lyapunov[0],
+                bound if rho > 0 else np.nan,
+            ),
+        )
+    ]
     disturbing = rates**2 / (2 * L)  # largest contribution of the disturbance to dV/dt
     must_fall = rho * middle > disturbing
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -235,12 +251,14 @@ def theorem_measures(
         "bound of Theorem 1": xi / L,
         "settled estimation error": settled,
         "slack of Theorem 1": xi / L / settled,
+        "largest part of the bound of Eq. 51": (error[1:] ** 2 / 2 / bounds[0]).max(),
         "norm of J_g": jacobian,
         "least sigma": jacobian**2 / L,
         "sigma": sigma,
         "slack of sigma": sigma / (jacobian**2 / L),
         "rho": rho,
         "ultimate bound of V": bound,
+        "largest part of the bound of Eq. 61": (lyapunov[1:] / bounds[1]).max(),
         "largest V": lyapunov.max(),
         "time of V above its bound": np.mean(lyapunov > bound),
         "time in which V must fall": np.mean(must_fall),

@@ -7,6 +7,7 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
+import casadi as ca
 import numpy as np
 import xarray as xr
 from study_tools.evidence import fingerprint, write_report
@@ -14,12 +15,18 @@ from study_tools.ledger import Ledger
 
 from reproduction import claims, instability, measures, slow_mode
 from reproduction.figures import draw_paper_figures, draw_theorems
+from reproduction.frames import draw_frames
 from reproduction.report_numbers import Numbers
 from reproduction.runs import RUNS, changes, measure_all, mission, simulator
 from reproduction.trusses import PRINTED_MODES, frame_modes
 from trussflow.blocks.simulation.simulator import Simulator
 from trussflow.blocks.support.progress import counted, status_line
+from trussflow.blocks.support.types import Array
+from trussflow.blocks.tracing.kernels import symbol, to_expression
+from trussflow.models.dynamics.dynamics import TrussDynamics
+from trussflow.models.plant.space_truss import SpaceTruss
 from trussflow.models.reporting.tables import markdown_table
+from trussflow.models.robots.arm_recursion import arm_terms
 from trussflow.models.robots.robot_arm import RobotArm
 from trussflow.models.transport.mission import CASES, Mission
 from trussflow.models.transport.results import check_run, logged
@@ -30,6 +37,8 @@ from trussflow.models.truss.paper_truss import (
 )
 from trussflow.models.truss.truss_modes import TrussModes
 
+RK4_LIMIT = 2.785
+"""Largest product of step and pole on the negative real axis for which RK4 is stable [-]."""
 RUN_DURATION = 80.0
 """Simulated time [s]: 60 s of motion and 20 s of hold, as in the figures of the paper."""
 
@@ -47,6 +56,7 @@ FIRST_THEOREM = {
     "ξ/L": "bound of Theorem 1",
     "largest ‖d̂ − d‖": "settled estimation error",
     "slack": "slack of Theorem 1",
+    "largest part of the bound of Eq. 51": "largest part of the bound of Eq. 51",
     "J̄": "norm of J_g",
     "J̄²/L": "least sigma",
     "σ": "sigma",
@@ -56,10 +66,25 @@ SECOND_THEOREM = {
     "ρ": "rho",
     "ultimate bound of V": "ultimate bound of V",
     "largest V": "largest V",
+    "largest part of the bound of Eq. 61": "largest part of the bound of Eq. 61",
     "time above it": "time of V above its bound",
     "time in which the proof requires V to fall": "time in which V must fall",
     "instants then at which it rises": "instants at which V rises though it must fall",
     "largest part of ‖ḋ‖²/2L that V̇ + ρV takes": "largest part of the bound on the slope",
+}
+BANDWIDTH_RUNS = (
+    *(f"case1-L-{L}-fine" for L in (1, 2)),
+    "case1-fine",
+    *(f"case1-L-{L}-fine" for L in (8, 16)),
+)
+BANDWIDTH = {
+    "L": "L",
+    "ξ": "xi",
+    "ξ/L": "bound of Theorem 1",
+    "largest ‖d̂ − d‖": "settled estimation error",
+    "J̄²/L": "least sigma",
+    "peak position error (component)": "peak position error",
+    "ripple of the force": "force ripple",
 }
 LATE_ERRORS = {
     "late position error (component)": "late position error",
@@ -165,6 +190,7 @@ def reproduce(output: Path, folder: Path, *, workers: int) -> Path:
         run: slow_mode.predicted_poles(run, found[run], folder) for run in OBSERVER_RUNS
     }
     output.mkdir(parents=True, exist_ok=True)
+    draw_frames(output)
     figures = draw_paper_figures(result, output)
     bounds = {
         run: (found[run]["bound of Theorem 1"], found[run]["ultimate bound of V"])
@@ -258,7 +284,68 @@ def shipped_data(folder: Path) -> dict[str, dict[str, float]]:
         "step": MISSIONS[1].step,
     }
     arm = {"largest difference of inertias": float(np.abs(printed - true).max())}
-    return {"truss": truss, "criterion": criterion, "arm": arm}
+    return {
+        "truss": truss,
+        "criterion": criterion,
+        "arm": arm,
+        "plant": plant_measures(),
+    }
+
+
+def plant_measures() -> dict[str, float]:
+    r"""Return numbers of the equations of motion at the initial state.
+
+    The modes accelerate by :math:`-M_{ff}^{-1} M_{fr} \ddot q_r`, so the disturbance has the part
+    :math:`-(1 - K)^{-1} K \hat d` with :math:`K = G^{-1} M_{rf} M_{ff}^{-1} M_{fr}`. The poles of the
+    observer are therefore :math:`-L / (1 - k)` for the eigenvalues k of K.
+    """
+    published, consistent = (
+        plant.dynamics for plant in (SpaceTruss.published(), SpaceTruss.consistent())
+    )
+    n, terms = published.rigid_freedoms, published.evaluate(published.rest)
+    mass = np.asarray(terms.mass_matrix)
+    coupling = np.linalg.solve(mass[n:, n:], mass[n:, :n])
+    shares = np.linalg.eigvals(np.linalg.solve(mass[:n, :n], mass[:n, n:]) @ coupling)
+    fastest = 1.0 / (1.0 - shares.real.max())
+    return {
+        "fastest pole per L": fastest,
+        "largest L for the paper's step": RK4_LIMIT / (fastest * MISSIONS[1].step),
+        "rank of the arms": min(
+            int(np.linalg.matrix_rank(np.asarray(screws), tol=1e-9))
+            for screws in arm_screws(published)
+        ),
+        "operations": operations(published),
+        "operations with exact integrals": operations(consistent),
+    }
+
+
+def arm_screws(dynamics: TrussDynamics) -> list[Array]:
+    """Return the screws of the joints of each arm at the initial state, see `ArmTerms`."""
+    still = np.zeros(6)
+    return [
+        arm_terms(
+            arm,
+            np.zeros(arm.joints),
+            np.zeros(arm.joints),
+            arm.hand_rotation,
+            still[:3],
+            still,
+            still,
+        ).screws
+        for arm in dynamics.arms
+    ]
+
+
+def operations(dynamics: TrussDynamics) -> int:
+    """Return the number of operations of mass matrix, bias and actuation matrix."""
+    q, v = symbol("q", (dynamics.coordinates,)), symbol("v", (dynamics.freedoms,))
+    terms = dynamics.evaluate(q, v)
+    outputs = [
+        to_expression(np.ravel(term))
+        for term in (terms.mass_matrix, terms.bias, terms.actuation_matrix)
+    ]
+    arguments = [to_expression(q), to_expression(v)]
+    return int(ca.Function("terms", arguments, outputs, {"cse": True}).n_instructions())
 
 
 def _frequency_error(variant: str, folder: Path) -> float:
@@ -309,6 +396,7 @@ def write(
             for what, runs, columns in (
                 ("Theorem 1", THEOREM_RUNS, FIRST_THEOREM),
                 ("Theorem 2", THEOREM_RUNS, SECOND_THEOREM),
+                ("bandwidths", BANDWIDTH_RUNS, BANDWIDTH),
                 ("late errors", OBSERVER_RUNS, LATE_ERRORS),
             )
         },

@@ -36,6 +36,7 @@ FORMATS: dict[str, tuple[str, int]] = {
             "peak angle of C41",
         ],
         ("rad/s", 3): ["peak rate of C41", "predicted frequency of mode 1"],
+        ("kg**0.5*m", 3): ["modal ripple"],
         ("N", 3): ["force ripple", "peak base force, Robot 3"],
         ("N*m", 3): [
             "peak base torque",

@@ -43,6 +43,11 @@ SWITCHING: Tables = {"sliding_mode": {"boundary_layer": "1e-12 m/s"}}
 FINE_LOG: Tables = {"simulation": {"log_every": 5}}
 FINE_STEP: Tables = {"simulation": {"step": "1e-4 s", "log_every": 50}}
 ONES = {"value": [1.0, 1.0, 1.0], "unit": "1", "source": "equal weights, W = I"}
+BANDWIDTHS = {
+    f"-L-{value}": {"controller": {"observer_bandwidth": f"{value} 1/s"}}
+    for value in (1, 2, 8, 16)
+}
+"""Bandwidths L of the observer beside the 4 1/s of Case 1."""
 EQUAL_WEIGHTS: Tables = {"allocation": {"force_weights": ONES, "torque_weights": ONES}}
 # The fastest pole of the PD loop is near 1e7 1/s, too fast for an explicit method.
 PD: Tables = {
@@ -61,6 +66,8 @@ OVERRIDES: dict[str, Tables] = {
     "-fine": FINE_STEP,
     "-smc-fine": SMC | FINE_STEP,
     "-equal-weights": EQUAL_WEIGHTS | FINE_LOG,
+    # The paper's step is too large for the fastest pole of an observer with L = 16 1/s.
+    **{f"{name}-fine": table | FINE_STEP for name, table in BANDWIDTHS.items()},
     "-consistent": CONSISTENT | FINE_LOG,
     "-pushed": {},
     LONG: {},
@@ -90,7 +97,7 @@ RUNS = tuple(
     f"case{case}{suffix}"
     for case in CASES
     for suffix in OVERRIDES
-    if case == 1 or suffix != "-equal-weights"
+    if case == 1 or not suffix.startswith(("-equal-weights", "-L-"))
 )
 
 

@@ -36,8 +36,9 @@ def shares(*values):
 
 
 def ripple(own, other, suffix):
-    return {"case1: force ripple": own, "case1: velocity ripple": own} | {
-        f"case1{suffix}: {kind} ripple": other for kind in ("force", "velocity")
+    return {f"case1: {kind} ripple": own for kind in ("force", "velocity", "modal")} | {
+        f"case1{suffix}: {kind} ripple": other
+        for kind in ("force", "velocity", "modal")
     }
 
 
@@ -63,6 +64,22 @@ def weights(impulse, torque):
     }
 
 
+def bandwidths(*values):
+    names = "case1-L-1", "case1-L-2", "case1", "case1-L-8", "case1-L-16"
+    return {
+        f"{name}-fine: settled estimation error": value
+        for name, value in zip(names, values, strict=True)
+    }
+
+
+def plant(rank=6, exact=10):
+    return {
+        "plant: rank of the arms": rank,
+        "plant: operations": 10,
+        "plant: operations with exact integrals": exact,
+    }
+
+
 def robots(subject, *values):
     return {f"{subject} {i}": value for i, value in enumerate(values, 1)}
 
@@ -81,6 +98,15 @@ CASES = [
     ("less chattering", FAIL, ripple(0.9, 1.0, "-no-observer")),
     ("smooth force", HOLD, {"case1: largest jump of force per peak": 0.01}),
     ("smooth force", FAIL, {"case1: largest jump of force per peak": 0.5}),
+    ("nothing to compare with", OPEN, {}),
+    ("estimation error falls with L", HOLD, bandwidths(5.0, 4.0, 3.0, 2.0, 1.0)),
+    ("estimation error falls with L", FAIL, bandwidths(5.0, 4.0, 3.0, 2.0, 2.5)),
+    ("less vibration", HOLD, ripple(0.4, 1.0, "-no-observer")),
+    ("less vibration", FAIL, ripple(0.9, 1.0, "-no-observer")),
+    ("cheaper integrals", HOLD, plant(exact=21)),
+    ("cheaper integrals", FAIL, plant(exact=19)),
+    ("arms of full rank", HOLD, plant()),
+    ("arms of full rank", FAIL, plant(rank=3)),
     ("uniform load", HOLD, shares(0.27, 0.27, 0.19, 0.27)),
     ("uniform load", FAIL, shares(0.1, 0.1, 0.0, 0.8)),
     ("most by Robot 4", HOLD, shares(0.2, 0.2, 0.0, 0.6)),

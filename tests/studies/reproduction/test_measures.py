@@ -86,16 +86,10 @@ def test_measures_of_a_run():
     assert {name: found[name] for name in expected} == pytest.approx(expected)
 
 
-def theorems(lyapunov, sigma=0.5):
+def theorems(lyapunov, sigma=0.5, error=0.2 + 0.0 * TIME):
     """Return the measures for a chosen V and a steady rate of the disturbance; L = 4, J = 1."""
     return theorem_measures(
-        TIME,
-        np.full(len(TIME), 0.2),
-        lyapunov,
-        STEADY,
-        L=4.0,
-        sigma=sigma,
-        jacobian=1.0,
+        TIME, error, lyapunov, STEADY, L=4.0, sigma=sigma, jacobian=1.0
     )
 
 
@@ -111,6 +105,17 @@ def test_bounds_of_the_theorems():
     }
     assert {name: found[name] for name in expected} == pytest.approx(expected)
     assert theorems(np.zeros(len(TIME)), sigma=0.2)["ultimate bound of V"] == np.inf
+
+
+def test_solutions_of_the_limiting_equations_take_all_of_their_bounds():
+    """Eqs. 51 and 61 hold with equality if those before them do."""
+    found = theorems(
+        0.25 * (1.0 - np.exp(-0.5 * TIME)),
+        error=0.25 * np.sqrt(1.0 - np.exp(-4.0 * TIME)),
+    )
+    for equation in (51, 61):
+        part = found[f"largest part of the bound of Eq. {equation}"]
+        assert part == pytest.approx(1.0, rel=1e-9)
 
 
 def test_v_that_falls_as_it_must_and_v_that_does_not():

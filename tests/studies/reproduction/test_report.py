@@ -77,7 +77,7 @@ def test_a_report_of_invented_numbers_cites_all_of_them(short, tmp_path):
     for name, number in found["numbers"].items():
         assert number["text"] in text, name
         assert set(number["runs"]) <= set(RUNS)
-    assert len(found["claims"]) == 26
+    assert len(found["claims"]) == 33
     for claim in found["claims"]:
         assert set(re.findall(r"`([^`]*)`", claim["runs"])) <= set(RUNS)
 
