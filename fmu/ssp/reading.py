@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 import weakref
+from collections.abc import Set
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
@@ -12,7 +13,7 @@ from xml.etree.ElementTree import Element
 
 from trussflow.blocks.errors import Explained
 from trussflow.blocks.framework.diagram import Diagram
-from trussflow.blocks.support.validation import as_path
+from trussflow.blocks.support.validation import as_path, one_of
 from trussflow.fmu.errors import FmuArchiveError, SspError
 from trussflow.fmu.importing.block import Fmu
 from trussflow.fmu.runtime.archive import remove, unpack
@@ -33,7 +34,9 @@ Values = dict[str, Any]
 """Values by the FMU's variable names."""
 
 
-def import_ssp(path: str | Path, *, step: float | None = None) -> Diagram:
+def import_ssp(
+    path: str | Path, *, step: float | None = None, open_inputs: str = "expose"
+) -> Diagram:
     """Return the diagram of an SSP 1.0 file, with its FMUs as blocks.
 
     Nested systems become nested diagrams, and system connectors become exposed ports. Unconnected
@@ -48,6 +51,9 @@ def import_ssp(path: str | Path, *, step: float | None = None) -> Diagram:
     step : float, optional
         Communication step size of all FMUs for co-simulation [s]; by default that of the file, or
         the suggestion of each FMU.
+    open_inputs : str
+        Treatment of the inputs of the system: ``"expose"`` makes them inputs of the diagram, ``"start"``
+        leaves them at the start values that the FMUs declare.
 
     Returns
     -------
@@ -64,13 +70,14 @@ def import_ssp(path: str | Path, *, step: float | None = None) -> Diagram:
     FmuError
         If an FMU in the file is refused.
     """
+    one_of("open_inputs", open_inputs, ("expose", "start"), SspError)
     path = as_path(FmuArchiveError, "cannot open the SSP file", path)
     folder = unpack(path)
     try:
         with Explained(
             lambda e: SspError(f"cannot read '{path.name}': {type(e).__name__}: {e}")
         ):
-            diagram = _Reader(path.name, folder, step).read()
+            diagram = _Reader(path.name, folder, step, open_inputs).read()
     except BaseException:
         remove(folder)
         raise
@@ -78,13 +85,33 @@ def import_ssp(path: str | Path, *, step: float | None = None) -> Diagram:
     return diagram
 
 
+def _disconnect_open_inputs(system: Element, driven: Set[str | None]) -> None:
+    """Remove the connections from the inputs of a system that are not in `driven`."""
+    for parent in system.findall("ssd:Connections", XML_NAMESPACES):
+        for one in list(parent):
+            if not one.get("startElement") and one.get("startConnector") not in driven:
+                parent.remove(one)
+    connections = system.findall("ssd:Connections/ssd:Connection", XML_NAMESPACES)
+    for inner in system.findall("ssd:Elements/ssd:System", XML_NAMESPACES):
+        name = inner.get("name")
+        ends = {
+            one.get("endConnector")
+            for one in connections
+            if one.get("endElement") == name
+        }
+        _disconnect_open_inputs(inner, ends)
+
+
 class _Reader:
     """Reader of one SSP file; `where` is its name in error messages."""
 
-    def __init__(self, where: str, folder: Path, step: float | None) -> None:
+    def __init__(
+        self, where: str, folder: Path, step: float | None, open_inputs: str
+    ) -> None:
         self.where = where
         self.folder = folder
         self.step = step
+        self.open_inputs = open_inputs
 
     def read(self) -> Diagram:
         root = self._xml(STRUCTURE_FILE)
@@ -93,6 +120,8 @@ class _Reader:
             raise SspError(
                 f"cannot read '{self.where}': it is not a system structure of SSP 1"
             )
+        if self.open_inputs == "start":
+            _disconnect_open_inputs(system, set())
         self.master_step = None
         for master in system.findall(
             ".//oms:FixedStepMaster[@stepSize]", XML_NAMESPACES

@@ -5,8 +5,9 @@ import zipfile
 import numpy as np
 import pytest
 
-from trussflow.blocks import StateSpace
-from trussflow.fmu import FmuError, export
+from trussflow.blocks import StateSpace, cosimulate
+from trussflow.blocks.errors import OpenInputError
+from trussflow.fmu import FmuError, SspError, export
 from trussflow.fmu.ssp import import_ssp
 from trussflow.fmu.ssp.names import XML_NAMESPACES
 
@@ -125,6 +126,26 @@ def test_parameter_mappings(given, conversion, result, fmus, tmp_path):
             0.0,
             result,
         ]
+
+
+def test_open_inputs_may_keep_their_start_values(fmus, tmp_path):
+    """In x' = x + u: the FMU declares u = 0."""
+    connectors = "".join(f'<ssd:Connector name="u[{i}]" kind="input"/>' for i in (1, 2))
+    connections = "".join(
+        f'<ssd:Connection startConnector="u[{i}]" endElement="mass" endConnector="u[{i}]"/>'
+        for i in (1, 2)
+    )
+    structure = f"<ssd:Connectors>{connectors}</ssd:Connectors>{MASS}<ssd:Connections>{connections}</ssd:Connections>"
+    file = foreign(fmus, tmp_path / "s.ssp", structure)
+    with pytest.raises(OpenInputError):
+        cosimulate(import_ssp(file), 0.25, step=0.125)
+    assert not cosimulate(import_ssp(file, open_inputs="start"), 0.25, step=0.125)[
+        "mass.y"
+    ].any()
+    with pytest.raises(
+        SspError, match="unknown open_inputs 'zero'; choose from: expose, start"
+    ):
+        import_ssp(file, open_inputs="zero")
 
 
 def test_names_of_no_known_space_are_said(fmus, tmp_path):
