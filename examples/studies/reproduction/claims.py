@@ -136,8 +136,7 @@ CRITERIA: dict[str, Callable[[Numbers], bool | str]] = {
         n["case#-no-observer / case#: modal ripple"] > NOTABLE_FACTOR
     ),
     "cheaper integrals": lambda n: (
-        n["plant: operations with exact integrals"]
-        > NOTABLE_FACTOR * n["plant: operations"]
+        n["plant: operations with exact integrals"] > n["plant: operations"]
     ),
     "arms of full rank": lambda n: n["plant: rank of the arms"] == 6,
     "uniform load": lambda n: (

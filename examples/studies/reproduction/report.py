@@ -15,18 +15,16 @@ from study_tools.ledger import Ledger
 
 from reproduction import claims, instability, measures, slow_mode
 from reproduction.figures import draw_paper_figures, draw_theorems
-from reproduction.frames import draw_frames
+from reproduction.frames import draw_frames, link_frames
 from reproduction.report_numbers import Numbers
 from reproduction.runs import RUNS, changes, measure_all, mission, simulator
 from reproduction.trusses import PRINTED_MODES, frame_modes
 from trussflow.blocks.simulation.simulator import Simulator
 from trussflow.blocks.support.progress import counted, status_line
-from trussflow.blocks.support.types import Array
 from trussflow.blocks.tracing.kernels import symbol, to_expression
 from trussflow.models.dynamics.dynamics import TrussDynamics
 from trussflow.models.plant.space_truss import SpaceTruss
 from trussflow.models.reporting.tables import markdown_table
-from trussflow.models.robots.arm_recursion import arm_terms
 from trussflow.models.robots.robot_arm import RobotArm
 from trussflow.models.transport.mission import CASES, Mission
 from trussflow.models.transport.results import check_run, logged
@@ -190,7 +188,7 @@ def reproduce(output: Path, folder: Path, *, workers: int) -> Path:
         run: slow_mode.predicted_poles(run, found[run], folder) for run in OBSERVER_RUNS
     }
     output.mkdir(parents=True, exist_ok=True)
-    draw_frames(output)
+    draw_frames(output / "figure-02.png")
     figures = draw_paper_figures(result, output)
     bounds = {
         run: (found[run]["bound of Theorem 1"], found[run]["ultimate bound of V"])
@@ -307,33 +305,15 @@ def plant_measures() -> dict[str, float]:
     coupling = np.linalg.solve(mass[n:, n:], mass[n:, :n])
     shares = np.linalg.eigvals(np.linalg.solve(mass[:n, :n], mass[:n, n:]) @ coupling)
     fastest = 1.0 / (1.0 - shares.real.max())
+    joints = link_frames(SpaceTruss.published(), 1)[1:-1]
+    screws = [[*np.cross(origin, axes[:, 2]), *axes[:, 2]] for origin, axes in joints]
     return {
         "fastest pole per L": fastest,
         "largest L for the paper's step": RK4_LIMIT / (fastest * MISSIONS[1].step),
-        "rank of the arms": min(
-            int(np.linalg.matrix_rank(np.asarray(screws), tol=1e-9))
-            for screws in arm_screws(published)
-        ),
+        "rank of the arms": int(np.linalg.matrix_rank(screws, tol=1e-9)),
         "operations": operations(published),
         "operations with exact integrals": operations(consistent),
     }
-
-
-def arm_screws(dynamics: TrussDynamics) -> list[Array]:
-    """Return the screws of the joints of each arm at the initial state, see `ArmTerms`."""
-    still = np.zeros(6)
-    return [
-        arm_terms(
-            arm,
-            np.zeros(arm.joints),
-            np.zeros(arm.joints),
-            arm.hand_rotation,
-            still[:3],
-            still,
-            still,
-        ).screws
-        for arm in dynamics.arms
-    ]
 
 
 def operations(dynamics: TrussDynamics) -> int:
