@@ -1,1 +1,1 @@
-"""Frequency responses beyond Jacobians: describing functions, measured responses, delays."""
+"""Frequency responses beyond Jacobians: exact delays, estimated responses."""
