@@ -181,7 +181,15 @@ class Evaluation:
         return Signals(f"block '{block.path}'", values)
 
     def results(self, block: Block, kind: str) -> Values:
-        """Return the results of the equation `kind` of a block, such as its derivative, for all inputs."""
+        """Return the results of an equation for all inputs.
+
+        Parameters
+        ----------
+        block : Block
+            The block.
+        kind : str
+            Name of the equation, such as ``"derivative"``.
+        """
         return self._evaluate(block, kind, self.inputs(block))
 
     def after_events(self, block: Block) -> Values:

@@ -47,7 +47,7 @@ BANDWIDTHS = {
     f"-L-{value}": {"controller": {"observer_bandwidth": f"{value} 1/s"}}
     for value in (1, 2, 8, 16)
 }
-"""Bandwidths L of the observer beside the 4 1/s of Case 1."""
+"""Observer bandwidths of Case 1 other than that of the paper, 4 1/s."""
 EQUAL_WEIGHTS: Tables = {"allocation": {"force_weights": ONES, "torque_weights": ONES}}
 # The fastest pole of the PD loop is near 1e7 1/s, too fast for an explicit method.
 PD: Tables = {

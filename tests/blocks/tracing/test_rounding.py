@@ -18,7 +18,7 @@ from trussflow.blocks import (
 
 BACKENDS = ("numpy", "interpreted", "compiled")
 STEP = 0.01
-CHANNELS = 50
+CHANNEL_COUNT = 50
 SHOWN = {
     "saturation": lambda limits: Saturation(-limits, limits),
     "rate limit": lambda limits: RateLimiter(200.0 * limits, STEP),
@@ -39,10 +39,10 @@ seeds = pytest.mark.parametrize(
 
 def products(seed):
     """Return a diagram with random multiples of a sine, and limits that they exceed."""
-    gains = np.random.default_rng(seed).uniform(0.1, 2.0, CHANNELS)
+    gains = np.random.default_rng(seed).uniform(0.1, 2.0, CHANNEL_COUNT)
     diagram = Diagram("products")
     source, product = diagram.add(
-        source=Sine(np.ones(CHANNELS), 3.0), product=Gain(gains)
+        source=Sine(np.ones(CHANNEL_COUNT), 3.0), product=Gain(gains)
     )
     source >> product
     return diagram, product, gains / 2.0
@@ -58,7 +58,7 @@ def test_difference_from_a_block_that_shows_its_input_is_zero(block, backend, se
     log = [product.y - shown.y, product.y, shown.y]
     result = simulate(diagram, 2.0, step=STEP, backend=backend, log=log, progress=False)
     error, product, shown = (result[port.path].values for port in log)
-    assert np.sum(product == shown) > 60 * CHANNELS
+    assert np.sum(product == shown) > 60 * CHANNEL_COUNT
     assert not error[product == shown].any()
 
 
