@@ -181,7 +181,7 @@ class Evaluation:
         return Signals(f"block '{block.path}'", values)
 
     def results(self, block: Block, kind: str) -> Values:
-        """Return the results of the equation `kind` of a block, such as its derivative, for all inputs."""
+        """Return the results of the equation `kind` of a `block`, such as its derivative, for all inputs."""
         return self._evaluate(block, kind, self.inputs(block))
 
     def after_events(self, block: Block) -> Values:
