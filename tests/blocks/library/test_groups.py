@@ -153,7 +153,7 @@ def test_limits_of_an_integrator_wait_for_the_group():
 
 
 class Rises(Block):
-    """A block that counts how often a signal rises through zero."""
+    """Counter of the rising zero crossings of a signal."""
 
     u, y = Input(), Output()
     count, rise = Mode(), Event("rising")

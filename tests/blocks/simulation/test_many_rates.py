@@ -1,4 +1,4 @@
-"""Diagrams with many sample times, of which all subsets tick together at some instant."""
+"""Diagrams with many sample times, each subset of which ticks together at some instant."""
 
 import numpy as np
 import pytest
