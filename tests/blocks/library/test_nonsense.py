@@ -370,7 +370,6 @@ def test_names_of_blocks_are_not_taken(name):
             r"a run needs progress=True or progress=False, not 5",
         ),
         (lambda: coupled(members=5), r"members = 5 must be a list: members=\[5\]"),
-        (lambda: coupled(order=iter("i")), r"order = .* must be a list"),
         (
             lambda: coupled(tolerance=0.1, largest_step=0.05),
             r"largest_step = 0\.05 must be at least step =",

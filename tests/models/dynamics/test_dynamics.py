@@ -117,7 +117,7 @@ def test_one_arm_per_grasp_point(modes):
 
 
 @pytest.mark.parametrize(
-    "method", ["evaluate", "kinematics", "elastic_force", "energy", "momentum"]
+    "method", ["evaluate", "kinematics", "elastic_force", "momentum"]
 )
 def test_sizes_are_checked(published, method):
     with pytest.raises(

@@ -5,6 +5,7 @@ E(q, v) along it is Im E(q + i h dq/dt, v + i h dv/dt) / h, without truncation.
 """
 
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pytest
@@ -21,6 +22,13 @@ def flow(system, q, v, force=0.0):
     terms = system.evaluate(q, v)
     right = force + system.elastic_force(q, v) - terms.bias
     return system.kinematics(q, v), np.linalg.solve(terms.mass_matrix, right)
+
+
+def energy(system, q, v):
+    """Return the kinetic and elastic energy."""
+    modal = q[system.rigid_coordinates :]
+    elastic = modal @ (system.modes.stiffness * modal)
+    return (v @ system.evaluate(q).mass_matrix @ v + elastic) / 2.0
 
 
 def rate(function, q, v, dq, dv):
@@ -69,7 +77,7 @@ def test_any_arrangement_conserves_both(
         force, power = external_power(
             system, q, v, factor * np.arange(1.0, system.actuators + 1.0)
         )
-        error = rate(system.energy, q, v, *flow(system, q, v, force)) - power
+        error = rate(partial(energy, system), q, v, *flow(system, q, v, force)) - power
         assert abs(error) < TOLERANCE * (power_scale(system, q, v) + abs(power))
 
 
@@ -99,7 +107,9 @@ def test_published_equations_lose_a_known_power(
     missing = missing_power(system.modes, v, system.joints)
     scale = power_scale(system, q, v)
     assert abs(missing) > 1e6 * TOLERANCE * scale  # or the test would show nothing
-    error = rate(system.energy, q, v, *flow(system, q, v, force)) - (power - missing)
+    error = rate(partial(energy, system), q, v, *flow(system, q, v, force)) - (
+        power - missing
+    )
     assert abs(error) < TOLERANCE * scale
 
 
@@ -112,7 +122,9 @@ def test_published_energy_defect_of_turning_hands_is_of_first_order_in_deformati
     for factor in (1e-2, 1e-3, 1e-4):
         deformed = q.copy()
         deformed[published.rigid_coordinates :] *= factor
-        energy_rate = rate(published.energy, deformed, v, *flow(published, deformed, v))
+        energy_rate = rate(
+            partial(energy, published), deformed, v, *flow(published, deformed, v)
+        )
         defects.append(
             energy_rate + missing_power(published.modes, v, published.joints)
         )
@@ -132,5 +144,5 @@ def test_rigid_truss_conserves_in_both_variants(modes, random_state):
     first, second = (system.evaluate(q, v) for system in systems)
     assert np.array_equal(first.mass_matrix, second.mass_matrix)
     assert np.array_equal(first.bias, second.bias)
-    error = rate(systems[0].energy, q, v, *flow(systems[0], q, v))
+    error = rate(partial(energy, systems[0]), q, v, *flow(systems[0], q, v))
     assert abs(error) < TOLERANCE * power_scale(systems[0], q, v)
