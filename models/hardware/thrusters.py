@@ -379,7 +379,7 @@ def _shares(matrix: Vector, parts: int) -> Vector:
     Bounded least squares with a large weight of the equations gives the active thrusters; their
     pseudo-inverse is then exact. (SciPy's `nnls` is wrong for two equal thrusters.)
     """
-    from scipy.optimize import nnls
+    from scipy.optimize import lsq_linear
 
     count, weight = matrix.shape[1], 1e5 / np.abs(matrix).max()
     weighted, columns = np.concatenate([weight * matrix, np.eye(count)]), []
@@ -387,7 +387,7 @@ def _shares(matrix: Vector, parts: int) -> Vector:
         for k in range(6):
             wanted = sign * np.eye(6)[k] * (k < parts)
             aim = np.append(weight * wanted, np.zeros(count))
-            found = nnls(weighted, aim)[0]
+            found = lsq_linear(weighted, aim, (0.0, np.inf), method="bvls", tol=1e-14).x
             active = found > 1e-6 * found.max(initial=0.0)
             thrusts = np.where(active, np.linalg.pinv(matrix * active) @ wanted, 0.0)
             if (
