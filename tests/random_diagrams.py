@@ -123,6 +123,7 @@ def build(seed):
             if loops or k < i or isinstance(source, Integrator | StateSpace | UnitDelay)
             for port in source.outputs()
         ]
+        sources += [port[r.choice([0, [-1, 0]])] for port in sources if port.shape]
         for port in block.inputs():
             for source in r.sample(sources, len(sources)):
                 try:

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import tomllib
 from collections.abc import Callable
+from itertools import pairwise
 from operator import itemgetter
 from pathlib import Path
 
 from study_tools.ledger import Ledger
 
 from reproduction.report_numbers import ROBOTS, Measures, Numbers
+from reproduction.runs import BANDWIDTH_RUNS
 from trussflow.models.transport.mission import CASES
 
 REPRODUCED, COARSE, DIFFERS, OPEN = VERDICTS = (
@@ -125,12 +127,9 @@ CRITERIA: dict[str, Callable[[Numbers], bool | str]] = {
         n["case#: largest jump of force per peak"] < SMOOTH_CHANGE
     ),
     "nothing to compare with": lambda _n: OPEN,
-    "estimation error falls with L": lambda n: (
-        n["case1-L-1-fine: settled estimation error"]
-        > n["case1-L-2-fine: settled estimation error"]
-        > n["case1-fine: settled estimation error"]
-        > n["case1-L-8-fine: settled estimation error"]
-        > n["case1-L-16-fine: settled estimation error"]
+    "estimation error falls with L": lambda n: all(
+        n[f"{wide} / {narrow}: settled estimation error"] < 1.0
+        for narrow, wide in pairwise(BANDWIDTH_RUNS)
     ),
     "less vibration": lambda n: (
         n["case#-no-observer / case#: modal ripple"] > NOTABLE_FACTOR

@@ -9,6 +9,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from trussflow.blocks.support.types import Vector
+from trussflow.models.dynamics.dynamics import TrussDynamics
 from trussflow.models.plant.space_truss import SpaceTruss
 from trussflow.models.reporting.figures import save
 
@@ -16,7 +17,7 @@ AXIS_LENGTH = 0.05  # m
 AXES = {"x": "#d62728", "y": "#2ca02c", "z": "#1f77b4"}
 
 
-def link_frames(truss: SpaceTruss, robot: int) -> list[tuple[Vector, Vector]]:
+def link_frames(dynamics: TrussDynamics, robot: int) -> list[tuple[Vector, Vector]]:
     r"""Return origin [m] and axes of the frames :math:`O_{i,0}` to :math:`O_{i,7}` and :math:`O_{ci}`.
 
     The coordinates are those of the truss frame :math:`O_t`, with all joint angles zero.
@@ -24,13 +25,13 @@ def link_frames(truss: SpaceTruss, robot: int) -> list[tuple[Vector, Vector]]:
 
     Parameters
     ----------
-    truss : SpaceTruss
-        Plant with undeformed truss.
+    dynamics : TrussDynamics
+        Equations of motion of the truss, which is not deformed.
     robot : int
         Number of the robot, from 1 [-].
     """
-    arm = truss.dynamics.arms[robot - 1]
-    place = truss.dynamics.modes.grasp_positions[robot - 1]
+    arm = dynamics.arms[robot - 1]
+    place = dynamics.modes.grasp_positions[robot - 1]
     axes = arm.hand_rotation
     frames = [(place, axes)]
     for origin, rotation in zip(arm.joint_origins, arm.joint_rotations, strict=True):
@@ -50,7 +51,7 @@ def draw_frames(file: Path) -> None:
     """
     figure = Figure(figsize=(7.0, 5.0), layout="constrained")
     plot: Any = figure.add_subplot(projection="3d", proj_type="ortho")
-    frames = link_frames(SpaceTruss.published(), 4)
+    frames = link_frames(SpaceTruss.published().dynamics, 4)
     plot.plot(*np.array([origin for origin, _ in frames]).T, color="0.6", linewidth=4.0)
     names: dict[tuple[float, ...], list[str]] = {}
     for k, (origin, axes) in enumerate(frames):

@@ -229,17 +229,6 @@ def theorem_measures(
     bound = xi**2 / (2 * rho * L) if rho > 0 else np.inf
     slope = np.diff(lyapunov) / np.diff(time)
     middle = (lyapunov[1:] + lyapunov[:-1]) / 2
-    bounds = [
-        (decay * start + (1.0 - decay) * last)[1:]
-        for decay, start, last in (
-            (np.exp(-L * (time - time[0])), error[0] ** 2 / 2, xi**2 / (2 * L**2)),
-            (
-                np.exp(-rho * (time - time[0])),
-                lyapunov[0],
-                bound if rho > 0 else np.nan,
-            ),
-        )
-    ]
     disturbing = rates**2 / (2 * L)  # largest contribution of the disturbance to dV/dt
     must_fall = rho * middle > disturbing
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -251,14 +240,18 @@ def theorem_measures(
         "bound of Theorem 1": xi / L,
         "settled estimation error": settled,
         "slack of Theorem 1": xi / L / settled,
-        "largest part of the bound of Eq. 51": (error[1:] ** 2 / 2 / bounds[0]).max(),
+        "largest part of the bound of Eq. 51": _largest_part(
+            time, error**2 / 2, L, xi**2 / (2 * L**2)
+        ),
         "norm of J_g": jacobian,
         "least sigma": jacobian**2 / L,
         "sigma": sigma,
         "slack of sigma": sigma / (jacobian**2 / L),
         "rho": rho,
         "ultimate bound of V": bound,
-        "largest part of the bound of Eq. 61": (lyapunov[1:] / bounds[1]).max(),
+        "largest part of the bound of Eq. 61": _largest_part(time, lyapunov, rho, bound)
+        if rho > 0
+        else np.nan,
         "largest V": lyapunov.max(),
         "time of V above its bound": np.mean(lyapunov > bound),
         "time in which V must fall": np.mean(must_fall),
@@ -267,3 +260,10 @@ def theorem_measures(
         ),
         "largest part of the bound on the slope": part,
     }
+
+
+def _largest_part(time: Vector, values: Vector, rate: float, last: float) -> float:
+    """Return the largest ratio of values to a bound that goes from the first one to the last."""
+    decay = np.exp(-rate * (time[1:] - time[0]))
+    bound = decay * values[0] + (1.0 - decay) * last
+    return float((values[1:] / bound).max())

@@ -17,7 +17,14 @@ from reproduction import claims, instability, measures, slow_mode
 from reproduction.figures import draw_paper_figures, draw_theorems
 from reproduction.frames import draw_frames, link_frames
 from reproduction.report_numbers import Numbers
-from reproduction.runs import RUNS, changes, measure_all, mission, simulator
+from reproduction.runs import (
+    BANDWIDTH_RUNS,
+    RUNS,
+    changes,
+    measure_all,
+    mission,
+    simulator,
+)
 from reproduction.trusses import PRINTED_MODES, frame_modes
 from trussflow.blocks.simulation.simulator import Simulator
 from trussflow.blocks.support.progress import counted, status_line
@@ -70,11 +77,6 @@ SECOND_THEOREM = {
     "instants then at which it rises": "instants at which V rises though it must fall",
     "largest part of ‖ḋ‖²/2L that V̇ + ρV takes": "largest part of the bound on the slope",
 }
-BANDWIDTH_RUNS = (
-    *(f"case1-L-{L}-fine" for L in (1, 2)),
-    "case1-fine",
-    *(f"case1-L-{L}-fine" for L in (8, 16)),
-)
 BANDWIDTH = {
     "L": "L",
     "ξ": "xi",
@@ -305,7 +307,7 @@ def plant_measures() -> dict[str, float]:
     coupling = np.linalg.solve(mass[n:, n:], mass[n:, :n])
     shares = np.linalg.eigvals(np.linalg.solve(mass[:n, :n], mass[:n, n:]) @ coupling)
     fastest = 1.0 / (1.0 - shares.real.max())
-    joints = link_frames(SpaceTruss.published(), 1)[1:-1]
+    joints = link_frames(published, 1)[1:-1]
     screws = [[*np.cross(origin, axes[:, 2]), *axes[:, 2]] for origin, axes in joints]
     return {
         "fastest pole per L": fastest,

@@ -101,6 +101,14 @@ RUNS = tuple(
 )
 
 
+BANDWIDTH_RUNS = (
+    *(f"case1-L-{value}-fine" for value in (1, 2)),
+    "case1-fine",
+    *(f"case1-L-{value}-fine" for value in (8, 16)),
+)
+"""Runs of Case 1 with increasing bandwidth of the observer."""
+
+
 def changes(run: str) -> str:
     """Return the changed values of a run as text."""
     suffix = run[5:]
