@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import pickle
 import shutil
 import signal
 import socket
@@ -180,7 +181,9 @@ class RemoteInstance(KnownFmu):
         self._waiting = True
         try:
             if request is not None:
-                self._connection.send(request)
+                # Not `send`: its view of the pickle, kept alive by the error of a broken
+                # connection, makes the garbage collector of CPython 3.12 and 3.13 fail.
+                self._connection.send_bytes(pickle.dumps(request))
             # The process of an FMU is not trusted: its answers are decoded, not unpickled.
             return decode(self._connection.recv_bytes(MAX_ANSWER_BYTES), {})
         except (ValueError, EOFError, OSError) as error:

@@ -273,6 +273,7 @@ def test_a_state_outlives_its_process(make_fmu):
     slave.setup()
     closed, lost = HeldState(slave), HeldState(slave)
     slave._process.kill()
+    slave._process.wait()  # sending to it fails from here on
     del lost
     gc.collect()
     slave.close()
