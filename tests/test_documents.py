@@ -60,7 +60,7 @@ def test_links_to_examples_lead_to_pages_of_the_site():
     pytest.importorskip("latex2mathml")
     linked = runpy.run_path(str(DOCS / "conf.py"))["linked"]
     for target, page in {
-        "../examples/peers/01_flame.py": "/gallery/peers/01_flame.rst",
+        "../examples/peers/quadrotor.py": "/gallery/peers/quadrotor.rst",
         "../examples": "/gallery/index.rst",
         "../examples/loops/pid.py": "/gallery/loops/pid.rst",
         "sweeps.md": "sweeps.md",
