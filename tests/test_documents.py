@@ -1,8 +1,10 @@
 """Rules about the documents: links lead somewhere, commands exist, the site shows each public name."""
 
+import json
 import re
 import runpy
 import subprocess
+from collections import Counter
 from importlib.util import find_spec
 
 import pytest
@@ -54,6 +56,28 @@ def test_links_lead_somewhere():
             ):
                 dead.append(f"{path.relative_to(ROOT)}: {target}")
     assert dead == []
+
+
+def test_documents_state_the_verdicts_of_the_report():
+    report = json.loads((DOCS / "reproduction/evidence.json").read_text("utf-8"))
+    verdicts = Counter(claim["verdict"].strip("*") for claim in report["claims"])
+    expected = [
+        len(report["claims"]),
+        verdicts["reproduced"],
+        verdicts["reproduced with the paper's step only"],
+        verdicts["differs"],
+        verdicts["cannot be judged"],
+    ]
+    stated = re.compile(r"\d+ (?:statements|claims)\b(?:\D+\d+){4}")
+    found = {
+        path.relative_to(ROOT).as_posix(): [
+            int(n) for n in re.findall(r"\d+", sentence)
+        ]
+        for path, text in TEXTS.items()
+        for sentence in stated.findall(text)
+    }
+    assert {"README.md", "docs/validation.md"} <= found.keys()
+    assert [path for path, counts in found.items() if counts != expected] == []
 
 
 def test_links_to_examples_lead_to_pages_of_the_site():
