@@ -80,6 +80,23 @@ def test_documents_state_the_verdicts_of_the_report():
     assert [path for path, counts in found.items() if counts != expected] == []
 
 
+def test_files_named_with_their_folder_exist():
+    """Files of other projects and of users are named without a folder."""
+    tops = ("blocks", "models", "fmu", "tests", "examples", "docs")
+    files = {
+        f"/{path.relative_to(ROOT).as_posix()}"
+        for top in tops
+        for path in (ROOT / top).rglob("*.*")
+    }
+    missing = [
+        f"{path.relative_to(ROOT)}: {name}"
+        for path, text in TEXTS.items()
+        for name in re.findall(r"`([\w-]+/[\w/-]+\.(?:py|h|c|toml|md))`", text)
+        if not any(file.endswith(f"/{name}") for file in files)
+    ]
+    assert missing == []
+
+
 def test_links_to_examples_lead_to_pages_of_the_site():
     pytest.importorskip("latex2mathml")
     linked = runpy.run_path(str(DOCS / "conf.py"))["linked"]
