@@ -12,6 +12,8 @@ from importlib import import_module
 from numpydoc.docscrape import NumpyDocString
 from sources import PUBLIC_MODULES
 
+from trussflow.blocks import Block
+
 SECTIONS = ("Parameters", "Other Parameters", "Attributes")
 UNIT = re.compile(r"\[[^\[\]]+\]")
 NUMERIC = re.compile(r"\b(float|float64|complex|Vector|Matrix)\b")
@@ -112,6 +114,18 @@ def test_numeric_parameters_have_units():
                 if is_numeric(annotation) and not UNIT.search(text):
                     missing.append(f"{module}.{name}({parameter})")
     assert missing == []
+
+
+def test_blocks_have_a_plain_first_line():
+    """It is the description of an exported FMU, where TeX stays as it is."""
+    marked = [
+        f"{module}.{name}"
+        for module in PUBLIC_MODULES
+        for name, item, docs in defined(module)
+        if inspect.isclass(item) and issubclass(item, Block)
+        if ":math:" in docs[0].splitlines()[0]
+    ]
+    assert marked == []
 
 
 def test_examples_in_docstrings_print_as_shown():

@@ -19,7 +19,7 @@ from trussflow.blocks.support.types import Array
 
 
 class DisturbanceObserver(Shaped):
-    r"""Estimate the disturbance d of :math:`\dot v = a + d` from v and a.
+    r"""Estimate the disturbance of a rate from the signal and its known rate.
 
     .. math::
 

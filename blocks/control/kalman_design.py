@@ -41,7 +41,7 @@ ByName = Mapping[str, npt.ArrayLike]
 
 @dataclass(frozen=True)
 class GaussMarkov:
-    r"""First-order Gauss-Markov disturbance: :math:`\dot d = -d / \tau + w`.
+    r"""First-order Gauss-Markov disturbance, dd/dt = -d/τ + w.
 
     Parameters
     ----------

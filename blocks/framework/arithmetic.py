@@ -96,7 +96,7 @@ class Sum(Block):
 
 
 class Operation(Block):
-    r"""Apply a function of NumPy to one or two signals: :math:`y = f(u_1, u_2)`.
+    r"""Apply a function of NumPy to one or two signals, y = f(u1, u2).
 
     Port arithmetic builds it: ``(2.0 * a.y / b.y) >> c.u``, ``M @ a.y``, ``a.y > 1.0``, ``np.sin(a.y)``.
     Comparisons and logical functions return 0 or 1. Shapes broadcast as in NumPy.

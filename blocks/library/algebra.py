@@ -19,7 +19,7 @@ from trussflow.blocks.support.validation import finite_array
 
 
 class Gain(Shaped):
-    r"""Multiply element by element: :math:`y_i = k_i u_i`.
+    r"""Multiply element by element, y = k u.
 
     Parameters
     ----------
@@ -75,7 +75,7 @@ class Gain(Shaped):
 
 
 class MatrixGain(Block):
-    r"""Multiply by a matrix: :math:`y = K u`.
+    r"""Multiply by a matrix, y = K u.
 
     Parameters
     ----------

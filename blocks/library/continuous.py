@@ -14,7 +14,7 @@ from trussflow.blocks.support.types import Array
 
 
 class Integrator(Shaped):
-    r"""Integrate a signal over time: :math:`\dot y = u`.
+    r"""Integrate a signal over time, dy/dt = u.
 
     Parameters
     ----------

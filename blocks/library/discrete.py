@@ -20,7 +20,9 @@ MAX_DELAY_SAMPLES = 100
 
 
 class UnitDelay(Shaped):
-    r"""Delay a signal by one sample: :math:`y_k = u_{k-1}`, and y_0 at the start.
+    r"""Delay a signal by one sample.
+
+    .. math:: y_k = u_{k-1}, \qquad y_0 \text{ as given}
 
     It breaks algebraic loops.
 
@@ -73,7 +75,9 @@ class UnitDelay(Shaped):
 
 
 class ZeroOrderHold(Shaped):
-    r"""Sample a signal and hold it: :math:`y(t) = u(k T_s)` until the next sample.
+    r"""Sample a signal and hold it until the next sample.
+
+    .. math:: y(t) = u(k T_s), \qquad k T_s \le t < (k + 1) T_s
 
     Parameters
     ----------

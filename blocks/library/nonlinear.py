@@ -35,7 +35,7 @@ class Limits(Shaped):
 
 
 class Saturation(Limits):
-    r"""Limit a signal, element by element: :math:`y = \min(\max(u, l), h)`.
+    r"""Limit a signal, element by element, y = min(max(u, l), h).
 
     Parameters
     ----------
@@ -58,7 +58,7 @@ class Saturation(Limits):
 
 
 class DeadZone(Limits):
-    r"""Dead zone: :math:`y = u - \min(\max(u, l), h)`.
+    r"""Dead zone, y = u - min(max(u, l), h).
 
     Parameters
     ----------

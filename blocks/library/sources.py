@@ -50,7 +50,7 @@ class Source(Block):
 
 
 class Constant(Source):
-    r"""A signal that does not change: :math:`y = c`.
+    r"""A signal that does not change.
 
     Parameters
     ----------
@@ -138,7 +138,7 @@ class Step(Source):
 
 
 class Ramp(Source):
-    r"""A signal that starts to grow at one instant: :math:`y = y_0 + a \max(t - t_0, 0)`.
+    r"""A signal that starts to grow at one instant, y = y0 + a max(t - t0, 0).
 
     Parameters
     ----------
@@ -181,7 +181,7 @@ class Ramp(Source):
 
 
 class Sine(Source):
-    r"""A sine: :math:`y = b + A \sin(2 \pi f t + \varphi)`.
+    r"""A sine, y = b + A sin(2π f t + φ).
 
     Parameters
     ----------
@@ -223,7 +223,7 @@ class Sine(Source):
 
 
 class TimeFunction(Source):
-    r"""Any function of time: :math:`y = f(t)`; ``TimeFunction(lambda t: t)`` is a clock.
+    r"""Any function of time, y = f(t); ``TimeFunction(lambda t: t)`` is a clock.
 
     Parameters
     ----------

@@ -43,7 +43,7 @@ Piece = tuple[list[float], list[Vector]]
 
 
 class TransportDelay(Block):
-    r"""Delay a signal by a fixed time: :math:`y(t) = u(t - \tau)`, with y_0 before the first input.
+    r"""Delay a signal by a fixed time, y(t) = u(t - τ), with y0 before the first input.
 
     In a run, the input is stored at each accepted step, and interpolated by cubic polynomials. So the error
     is of fourth order in the step for a smooth signal, regardless of the tolerances. Steps are at most a
