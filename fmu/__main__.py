@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from trussflow.blocks.framework.command_arguments import (
+from trussflow.command_arguments import (
     Outcome,
     add_json,
     block_of,

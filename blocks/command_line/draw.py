@@ -7,13 +7,8 @@ from dataclasses import asdict
 from pathlib import Path
 
 from trussflow.blocks.errors import DiagramError
-from trussflow.blocks.framework.command_arguments import (
-    Outcome,
-    block_of,
-    main_of,
-    parser_of,
-)
 from trussflow.blocks.framework.diagram import Diagram
+from trussflow.command_arguments import Outcome, block_of, main_of, parser_of
 
 
 def parser(prog: str) -> argparse.ArgumentParser:

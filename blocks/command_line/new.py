@@ -7,8 +7,8 @@ from importlib.resources import files
 from pathlib import Path
 
 from trussflow.blocks.errors import DiagramError
-from trussflow.blocks.framework.command_arguments import Outcome, main_of, parser_of
 from trussflow.blocks.support.files import replaced
+from trussflow.command_arguments import Outcome, main_of, parser_of
 
 MISSION_TEMPLATE = "parameters/new_mission.toml"
 """Path of the mission template in the package `models`, which is found by name, not imported."""

@@ -8,19 +8,13 @@ from typing import TYPE_CHECKING, Any
 
 from trussflow.blocks.errors import DiagramError, NameLookupError
 from trussflow.blocks.framework.block import Block
-from trussflow.blocks.framework.command_arguments import (
-    Outcome,
-    block_of,
-    main_of,
-    parser_of,
-    values_of,
-)
 from trussflow.blocks.framework.diagram import Diagram
 from trussflow.blocks.library.sources import Constant
 from trussflow.blocks.results.dataset import plot, save, to_pandas
 from trussflow.blocks.simulation.adaptive import METHODS
 from trussflow.blocks.simulation.simulator import simulate
 from trussflow.blocks.simulation.solver import FIXED_STEP
+from trussflow.command_arguments import Outcome, block_of, main_of, parser_of, values_of
 from trussflow.fmu.importing.block import Fmu
 
 if TYPE_CHECKING:

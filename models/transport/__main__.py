@@ -10,18 +10,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast
 
 from trussflow.blocks.errors import DivergenceError, SimulationInterrupted
-from trussflow.blocks.framework.command_arguments import (
-    FAILED,
-    Outcome,
-    ended,
-    json_of,
-    parser_of,
-)
 from trussflow.blocks.results.dataset import save
 from trussflow.blocks.simulation.adaptive import METHODS
 from trussflow.blocks.simulation.solver import FIXED_STEP
 from trussflow.blocks.support.files import replaced
 from trussflow.blocks.support.progress import status_line
+from trussflow.command_arguments import FAILED, Outcome, ended, json_of, parser_of
 from trussflow.models.plant.space_truss import ARMS, STRUCTURES
 from trussflow.models.reporting.output_folder import prepared_folder
 from trussflow.models.transport.figures import draw

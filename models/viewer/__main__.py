@@ -6,8 +6,8 @@ import argparse
 import sys
 from pathlib import Path
 
-from trussflow.blocks.framework.command_arguments import Outcome, ended, parser_of
 from trussflow.blocks.support.progress import status_line
+from trussflow.command_arguments import Outcome, ended, parser_of
 from trussflow.models.errors import ModelError
 from trussflow.models.plant.space_truss import STRUCTURES
 from trussflow.models.viewer.page import replay

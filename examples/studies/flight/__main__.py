@@ -8,8 +8,8 @@ import sys
 from study_tools.command import checked, study_parser
 
 from flight import comparison, report
-from trussflow.blocks.framework.command_arguments import Outcome, ended
 from trussflow.blocks.support.validation import positive_whole
+from trussflow.command_arguments import Outcome, ended
 
 
 def parser() -> argparse.ArgumentParser:

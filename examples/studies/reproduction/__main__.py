@@ -8,7 +8,7 @@ import sys
 from study_tools.command import checked, study_parser
 
 from reproduction.report import fingerprints, reproduce
-from trussflow.blocks.framework.command_arguments import Outcome, ended
+from trussflow.command_arguments import Outcome, ended
 
 
 def parser() -> argparse.ArgumentParser:

@@ -8,7 +8,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from study_tools.evidence import outdated
-from trussflow.blocks.framework.command_arguments import FAILED, Outcome, parser_of
+from trussflow.command_arguments import FAILED, Outcome, parser_of
 
 
 def study_parser(

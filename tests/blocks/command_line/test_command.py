@@ -20,10 +20,10 @@ import xarray as xr
 import trussflow
 from trussflow.__main__ import COMMANDS, main
 from trussflow.blocks import TransferFunction
-from trussflow.blocks.framework.command_arguments import ended, json_of
 from trussflow.blocks.support import progress
 from trussflow.blocks.tracing import compiler
 from trussflow.blocks.tracing.compile_cache import cache_folder
+from trussflow.command_arguments import ended, json_of
 from trussflow.fmu import Fmu, export
 
 

@@ -8,7 +8,6 @@ import difflib
 import importlib
 import importlib.util
 import json
-import math
 import os
 import sys
 from collections.abc import Callable, Iterable
@@ -108,17 +107,12 @@ def json_of(thing: Any) -> str:
     """Return a `thing` of plain values, arrays and paths as JSON; NaN and infinity are null."""
 
     def plain(value: Any) -> Any:
-        if isinstance(value, dict):
-            return {str(name): plain(part) for name, part in value.items()}
-        if isinstance(value, list | tuple):
-            return [plain(part) for part in value]
-        if isinstance(value, np.ndarray | np.generic):
-            return plain(value.tolist())
-        if isinstance(value, Path):
-            return str(value)
-        return None if isinstance(value, float) and not math.isfinite(value) else value
+        return (
+            value.tolist() if isinstance(value, np.ndarray | np.generic) else str(value)
+        )
 
-    return json.dumps(plain(thing), indent=2, allow_nan=False)
+    finite = json.loads(json.dumps(thing, default=plain), parse_constant=lambda _: None)
+    return json.dumps(finite, indent=2)
 
 
 def block_of(reference: str) -> Block:
