@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from itertools import count
 from typing import Any
@@ -36,14 +37,6 @@ class Wire:
     def ends(self) -> tuple[Port, ...]:
         """Ports of the wire."""
         return (self.target,) if self.source is None else (self.source, self.target)
-
-    def present(self) -> Wire:
-        """Return the wire between the present ports of its blocks."""
-        return replace(
-            self,
-            source=None if self.source is None else present(self.source),
-            target=present(self.target),
-        )
 
 
 class Netlist(Block):
@@ -104,7 +97,7 @@ class Netlist(Block):
                     f"cannot wire '{port.path}' in diagram '{self.name}': its block is in {home}   "
                     f"[{where}]\n  add the block here, or expose the port of the inner diagram"
                 )
-        source, target = present(source), present(target)
+        source, target = self._present(source), self._present(target)
         there = self._wires_into(target)
         if any(
             w.source is not None and same(w.source, source) and same(w.target, target)
@@ -212,9 +205,9 @@ class Netlist(Block):
                     f"cannot remove {shown(item)} from '{self.name}': there is {named}"
                 )
             if name in self.exposed:
-                self._cover(name)
+                del self.exposed[name], self.ports[name]
             else:
-                self._hand_over(self.blocks.pop(name), None)
+                self.blocks.pop(name).__dict__["parent"] = None
         self._infer_anew()
 
     def _put(self, name: str, block: Block) -> None:
@@ -223,46 +216,19 @@ class Netlist(Block):
         self.blocks[name] = block
         block.__dict__.update(name=name, parent=self)
         if before is not None:
-            self._hand_over(before, block)
+            before.__dict__["parent"] = None
             self._infer_anew()
 
-    def _hand_over(self, before: Block, after: Block | None) -> None:
-        """Move the wires and exposed ports of a block to another block; remove those that do not fit."""
-        before.__dict__["parent"] = None
+    def _present(self, port: Port) -> Port:
+        """Return the port of the same block name, name and slice; a block may have been replaced.
 
-        def moved(port: Port | None) -> Port | None:
-            if port is None or port.block is not before:
-                return port
-            there = None if after is None else after.ports.get(port.name)
-            return None if there is None else replace(there, index=port.index)
-
-        wires = []
-        for wire in self.wires:
-            source, target = moved(wire.source), moved(wire.target)
-            if target is not None and (source is None) == (wire.source is None):
-                wires.append(replace(wire, source=source, target=target))
-        self.wires[:] = wires
-        for name, inner in [*self.exposed.items()]:
-            self.exposed[name] = tuple(
-                port for port in map(moved, inner) if port is not None
-            )
-            if not self.exposed[name]:
-                self._cover(name)
-
-    def _cover(self, name: str) -> None:
-        """Remove an exposed port, with its wires and its exposed ports in the enclosing diagrams."""
-        port, around = self.ports.pop(name), self.parent
-        del self.exposed[name]
-        if around is not None:
-            around.wires[:] = [
-                w for w in around.wires if not any(overlap(port, end) for end in w.ends)
-            ]
-            for outer in [
-                n
-                for n, inner in around.exposed.items()
-                if any(same(port, p) for p in inner)
-            ]:
-                around._cover(outer)
+        Raises
+        ------
+        LookupError, NameLookupError
+            If the block, or its port, is no longer there.
+        """
+        now = self.blocks[port.block.name].port(port.name)
+        return now if port.index is None else now[port.index]
 
     def _infer_anew(self) -> None:
         """Infer shapes, units, frames and labels from the present wires; remove wires that no longer fit."""
@@ -289,25 +255,46 @@ class Netlist(Block):
                 yield from block._within()
 
     def _fit_anew(self) -> list[str]:
-        """Check all wires again; return the faults of the removed wires."""
-        for name, inner in self.exposed.items():
-            self.exposed[name] = first, *others = tuple(map(present, inner))
+        """Remove exposed ports and wires without their blocks, and check the others again.
+
+        Returns the faults of the wires that no longer fit.
+        """
+        for name, inner in [*self.exposed.items()]:
+            there = []
+            for port in inner:
+                with suppress(LookupError, NameLookupError):
+                    there.append(self._present(port))
+            if not there:
+                del self.exposed[name], self.ports[name]
+                continue
+            self.exposed[name] = first, *others = tuple(there)
             self.ports[name] = replace(first, block=self, name=name)
             for port in others:
                 unite(first, port, "exposed")
-        waiting, faults = [*self.wires], dict[Wire, str]()
-        while waiting:  # a slice may need a shape that a later wire determines
-            faults = {}
-            for wire in waiting:
-                try:
-                    now = wire.present()
-                    if now.source is not None:
-                        fit(now.source, now.target, wire.where)
-                except TrussflowError as error:
-                    faults[wire] = str(error)
-            waiting = [*faults] if len(faults) < len(waiting) else []
-        self.wires[:] = [wire.present() for wire in self.wires if wire not in faults]
-        return [*faults.values()]
+        fitted: dict[Wire, Wire] = {}
+        before = -1
+        while before < len(fitted):  # a slice may need a shape of a later wire
+            before = len(fitted)
+            faults = []
+            for wire in self.wires:
+                if wire not in fitted:
+                    try:
+                        fitted[wire] = self._fit(wire)
+                    except (LookupError, NameLookupError):
+                        continue
+                    except TrussflowError as error:
+                        faults.append(str(error))
+        self.wires[:] = [fitted[wire] for wire in self.wires if wire in fitted]
+        return faults
+
+    def _fit(self, wire: Wire) -> Wire:
+        """Return the wire between the present ports of its blocks, which must fit."""
+        source = None
+        target = self._present(wire.target)
+        if wire.source is not None:
+            source = self._present(wire.source)
+            fit(source, target, wire.where)
+        return replace(wire, source=source, target=target)
 
     def add_operation(
         self, function: np.ufunc, operands: Sequence[Any], *, where: str
@@ -393,9 +380,3 @@ class Netlist(Block):
             # a partly connected block would be reused by the next attempt
             self.remove(block)
             raise
-
-
-def present(port: Port) -> Port:
-    """Return the present port of the same block, name and slice."""
-    now = port.block.port(port.name)
-    return now if port.index is None else now[port.index]
