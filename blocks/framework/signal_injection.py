@@ -61,29 +61,35 @@ def injected(system: System, port: Port, source: Block, *, cut: bool = False) ->
     cut : bool
         Whether the output replaces the signal, instead of being added to it.
     """
-    blocks = system.blocks | {source.path: source}
-    drivers = dict(system.drivers)
+    system = _copy(system)
+    system.blocks[source.path] = source
     for target, given, taken in readers(system, port):
         key = (target.block.path, target.name)
+        if not cut or (not system.drivers[key] and given.size < target.size):
+            # If some elements of an input without a driver are cut, the others keep its default.
+            adder = _insert_adder(system, target, f"({target.path} + {source.name})")
+            key = key if cut else (adder.block.path, "w")
+        others = _without(system.drivers[key], given)
         injection = Driver(source.ports["y"], taken, given, "injected")
-        before = drivers[key]
-        if cut and (before or given.size == target.size):
-            drivers[key] = [*_without(before, given), injection]
-            continue
-        adder = Adder(target).named(f"({target.path} + {source.name})")
-        blocks[adder.path] = adder
-        # If some elements of an input without a driver are cut, the others keep its default.
-        passed = np.arange(target.size)
-        passed = passed[~np.isin(passed, given)] if cut else passed
-        drivers[adder.path, "u"], drivers[adder.path, "w"] = (
-            before,
-            [] if cut else [injection],
-        )
-        drivers[key] = [
-            Driver(adder.y, passed, passed, "injected"),
-            *([injection] if cut else []),
-        ]
-    return replace(system, blocks=blocks, drivers=drivers)
+        system.drivers[key] = [*others, injection]
+    return system
+
+
+def _copy(system: System) -> System:
+    """Return a system with dictionaries of its own."""
+    return replace(system, blocks=dict(system.blocks), drivers=dict(system.drivers))
+
+
+def _insert_adder(system: System, target: Port, name: str) -> Port:
+    """Insert an `Adder` of that `name` before the input `target`; return its output."""
+    adder = Adder(target).named(name)
+    key = (target.block.path, target.name)
+    everything = np.arange(target.size)
+    system.blocks[adder.path] = adder
+    system.drivers[adder.path, "u"] = system.drivers[key]
+    system.drivers[adder.path, "w"] = []
+    system.drivers[key] = [Driver(adder.y, everything, everything, "injected")]
+    return adder.y
 
 
 def probed(system: System, port: Port) -> tuple[System, Port]:
@@ -106,12 +112,10 @@ def probed(system: System, port: Port) -> tuple[System, Port]:
         return system, leaf
     taken = sum(path.startswith(f"(at {leaf.path}") for path in system.blocks)
     # a signal may have several probes
-    probe = Adder(leaf).named(f"(at {leaf.path}, {taken + 1})")
-    drivers = dict(system.drivers)
-    drivers[probe.path, "u"] = drivers[leaf.block.path, leaf.name]
-    drivers[probe.path, "w"] = []
-    found = replace(system, blocks=system.blocks | {probe.path: probe}, drivers=drivers)
-    return found, probe.y if leaf.index is None else probe.y[leaf.index]
+    system = _copy(system)
+    whole = leaf.block.port(leaf.name)
+    probe = _insert_adder(system, whole, f"(at {leaf.path}, {taken + 1})")
+    return system, probe if leaf.index is None else probe[leaf.index]
 
 
 def readers(system: System, port: Port) -> list[tuple[Port, Indices, Indices]]:
@@ -130,7 +134,6 @@ def readers(system: System, port: Port) -> list[tuple[Port, Indices, Indices]]:
         return [(leaf.block.port(leaf.name), wanted, numbers) for leaf in targets(port)]
     leaf = resolved(port)
     wanted = leaf.elements().ravel()
-    place = {int(element): k for k, element in enumerate(wanted)}
     found = []
     for (path, name), drivers in system.drivers.items():
         for driver in drivers:
@@ -138,12 +141,10 @@ def readers(system: System, port: Port) -> list[tuple[Port, Indices, Indices]]:
                 continue
             if driver.source.name != leaf.name:
                 continue
-            hits = np.array([int(e) in place for e in driver.taken], dtype=bool)
-            if hits.any():
-                taken = np.array([place[int(e)] for e in driver.taken[hits]])
-                found.append(
-                    (system.blocks[path].port(name), driver.given[hits], taken)
-                )
+            hits, taken = np.nonzero(driver.taken[:, None] == wanted)
+            if hits.size:
+                target = system.blocks[path].port(name)
+                found.append((target, driver.given[hits], taken))
     return found
 
 
@@ -152,12 +153,9 @@ def _without(drivers: list[Driver], elements: Indices) -> list[Driver]:
     kept = []
     for driver in drivers:
         stays = ~np.isin(driver.given, elements)
-        if driver.source is None:
-            kept.append(replace(driver, given=driver.given[stays]))
-        elif stays.any():
-            kept.append(
-                replace(driver, taken=driver.taken[stays], given=driver.given[stays])
-            )
+        taken, given = driver.taken[stays], driver.given[stays]
+        if given.size:
+            kept.append(replace(driver, taken=taken, given=given))
     return kept
 
 

@@ -28,7 +28,8 @@ class Driver:
     source : Port or None
         The output; None for zero.
     taken, given : array of int
-        Elements of the output, and the elements of the input that they drive.
+        Elements of the output, and the elements of the input that they drive; without an output both are
+        those of the input.
     where : str
         The line of the connection.
     """
@@ -222,9 +223,7 @@ def _collect(diagram: Diagram, system: System) -> None:
     for wire in diagram.wires:
         source = None if wire.source is None else resolved(wire.source)
         given = wire.target.elements().ravel()
-        taken = (
-            np.zeros(0, dtype=np.int64) if source is None else source.elements().ravel()
-        )
+        taken = given if source is None else source.elements().ravel()
         for target in targets(wire.target):
             system.drivers.setdefault((target.block.path, target.name), []).append(
                 Driver(source, taken, given, wire.where)
