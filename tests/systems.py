@@ -22,9 +22,11 @@ from trussflow.blocks import (
 )
 from trussflow.blocks.framework.declarations import Signals
 from trussflow.blocks.framework.run_state import Running
+from trussflow.blocks.framework.system import flatten
 from trussflow.blocks.simulation.executor import CompiledExecutor
 from trussflow.blocks.simulation.solver import Solver
 from trussflow.blocks.tracing.kernels import Trace, to_expression
+from trussflow.blocks.tracing.plan import Plan
 from trussflow.blocks.tracing.program import lower
 
 
@@ -265,7 +267,8 @@ def compiled_program(expressions, x, trace=None):
     """Return a program of expressions in the symbol x, and a function that calls its compiled code."""
     inputs = [ca.SX.sym("t"), to_expression(x), ca.SX(0, 1), ca.SX(0, 1)]
     program = lower("derivative", inputs, ca.vertcat(*expressions), trace or Trace())
-    executor = CompiledExecutor([program])
+    plan = Plan(flatten(Constant(0.0), external=True))
+    executor = CompiledExecutor([program], plan)
     return program, lambda values: executor.call(
         "derivative", 0.0, values, np.zeros(0), np.zeros(0)
     )

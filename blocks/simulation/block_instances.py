@@ -404,10 +404,17 @@ class BlockCall:
         )
 
     def __call__(
-        self, equations: Equations, kind: str, t: float, s: Vector, u: Vector, p: Vector
+        self,
+        equations: Equations,
+        kind: str,
+        t: float,
+        s: Vector,
+        u: Vector,
+        p: Vector,
+        *more: Signals,
     ) -> Vector:
         """Return what an equation returns, checked, in one vector; arguments as for `ask`."""
-        return self.flat(kind, self.ask(equations, kind, t, s, u, p), s)
+        return self.flat(kind, self.ask(equations, kind, t, s, u, p, *more), s)
 
     def flat(self, kind: str, values: Any, s: Vector) -> Vector:
         """Return the `values` that an equation of that `kind` returned, checked, in one vector.

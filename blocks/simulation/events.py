@@ -42,18 +42,16 @@ class EventWatch:
     Parameters
     ----------
     executor : Executor
-        Evaluates the indicators, and what events do.
-    plan : Plan
-        The plan.
+        Evaluates the indicators of its plan, and what events do.
     d, p : Vector
         Discrete values, which are changed here, and parameters [as declared].
     """
 
-    def __init__(self, executor: Executor, plan: Plan, d: Vector, p: Vector) -> None:
+    def __init__(self, executor: Executor, d: Vector, p: Vector) -> None:
         self.executor = executor
         self.d = d
         self.p = p
-        self._plan = plan
+        self._plan = plan = executor.plan
         kinds = plan.kinds
         self._timed = kinds == TIMED
         self._directed = np.abs(kinds) == RISING

@@ -83,7 +83,7 @@ class Span(NamedTuple):
 
 
 class Executor:
-    """Evaluation of a plan in a run. This base class steps in Python; ``driver.c`` does the same in C.
+    """Evaluation of a `plan` in a run. This base class steps in Python; ``driver.c`` does the same in C.
 
     Everywhere `name` is that of a quantity, `number` that of a set of clocks that tick together, `t` the time
     [s], and `x`, `d`, `p` are the continuous states, what changes at instants and the parameters [as
@@ -94,10 +94,10 @@ class Executor:
     blocks = OpenBlocks()
     """The Python blocks, as they are in this run."""
 
-    plan: Plan | None = None
-    """The plan, where events are to be found."""
-
     _watch: EventWatch | None = None
+
+    def __init__(self, plan: Plan) -> None:
+        self.plan = plan
 
     def call(self, name: str, *point: *Point) -> Vector:
         """Return the quantity of that name."""
@@ -118,10 +118,10 @@ class Executor:
 
     def watch(self, d: Vector, p: Vector) -> EventWatch | None:
         """Return what finds and handles events while d and p are these arrays, if there are any."""
-        if self.plan is None or not self.plan.has_events:
+        if not self.plan.has_events:
             return None
         if self._watch is None or self._watch.d is not d or self._watch.p is not p:
-            self._watch = EventWatch(self, self.plan, d, p)
+            self._watch = EventWatch(self, d, p)
         return self._watch
 
     def keep_loops(self, *point: *Point) -> None:
@@ -133,7 +133,7 @@ class Executor:
             If a loop cannot be solved.
         """
         _, x, d, _ = point
-        if self.plan is None or not self.plan.guesses.size or not np.isfinite(x).all():
+        if not self.plan.guesses.size or not np.isfinite(x).all():
             return
         found = self.call("guesses", *point)
         if not np.isfinite(found).all():
@@ -164,7 +164,7 @@ class Executor:
                 following = float((number + 1) * span.tick)
                 if span.due[place]:
                     updated = self.call(f"sample_{span.due[place]}", t, x, d, p)
-                    if self.plan is not None and not self.plan.sound(updated):
+                    if not self.plan.sound(updated):
                         return Progress(k, fault, updated)
                     d[:] = updated
                 if span.logged[place]:
@@ -247,14 +247,14 @@ class NumPyExecutor(Executor):
     name = "numpy"
 
     def __init__(self, plan: Plan, quantities: Sequence[Quantity]) -> None:
-        self.plan = self._plan = plan
+        super().__init__(plan)
         self._quantities = {q.name: q for q in quantities}
 
     def call(self, name: str, *point: *Point) -> Vector:
         """Return the quantity of that name."""
         quantity = self._quantities[name]
-        evaluation = self._plan.evaluate(*point, quantity.active)
-        arrays = quantity.collect(self._plan, evaluation)
+        evaluation = self.plan.evaluate(*point, quantity.active)
+        arrays = quantity.collect(self.plan, evaluation)
         return np.concatenate([np.zeros(0), *(np.ravel(a) for a in arrays)])
 
 
@@ -263,9 +263,9 @@ class InterpretedExecutor(Executor):
 
     name = "interpreted"
 
-    def __init__(self, programs: Sequence[Program], plan: Plan | None = None) -> None:
+    def __init__(self, programs: Sequence[Program], plan: Plan) -> None:
+        super().__init__(plan)
         self._programs = programs
-        self.plan = plan
         self._functions = {p.name: InPlace(p.function) for p in programs}
 
     def fresh(self) -> Self:
@@ -315,12 +315,10 @@ class CompiledExecutor(Executor):
     name = "compiled"
 
     def __init__(
-        self, programs: Sequence[Program], plan: Plan | None = None, lanes: int = 1
+        self, programs: Sequence[Program], plan: Plan, lanes: int = 1
     ) -> None:
-        self.plan = plan
+        super().__init__(plan)
         self._lanes = lanes
-        self._kinds = np.zeros(1, dtype=np.int8) if plan is None else plan.kinds
-        self._sides = 0 if plan is None else plan.sides.span.start
         functions = ("tf_work_size", "tf_advance", "tf_evaluate")
         made = compile_library(
             content(programs, lanes), partial(c_sources, programs, lanes), functions
@@ -396,8 +394,8 @@ class CompiledExecutor(Executor):
             log.shape[1],
             fault,
             bad,
-            self._kinds.ctypes.data,
-            self._sides,
+            self.plan.kinds.ctypes.data,
+            self.plan.sides.span.start,
         )
         if not self._fault.value:
             return Progress(steps)
@@ -406,7 +404,6 @@ class CompiledExecutor(Executor):
             return Progress(
                 steps, which, self._bad[: (x if which == "x" else d).size].copy()
             )
-        assert self.plan is not None
         try:
             if self._fault.value == 3:
                 t = (span.first + steps) * float(span.tick)

@@ -114,7 +114,6 @@ class PythonBlocks:
     """
 
     def __init__(self, plan: Plan, sets: list[Active]) -> None:
-        self.plan = plan
         clock = plan.system.clock
         calls = {b.path: BlockCall(plan, b) for b in plan.python_blocks}
         self.stages: list[list[tuple[list[Pair], bool]]] = []
@@ -174,9 +173,9 @@ class PythonExecutor(Executor):
     def __init__(
         self, inner: Executor, python: PythonBlocks, blocks: OpenBlocks
     ) -> None:
+        super().__init__(inner.plan)
         self.name = inner.name
         self.blocks = blocks
-        self.plan = python.plan
         self._inner = inner
         self._python = python
         self._asking: set[str] = set()  # blocks that want an event after a step
@@ -255,8 +254,7 @@ class PythonExecutor(Executor):
         """Return finite `values`; stop the run at the block that returned others."""
         if np.isfinite(values).all():
             return values
-        plan = self._python.plan
-        layout = plan.held if kind == "output" else plan.memory
+        layout = self.plan.held if kind == "output" else self.plan.memory
         entry = layout.at(
             layout.span_of(call.path).start + int(np.argmin(np.isfinite(values)))
         )
@@ -283,8 +281,7 @@ class PythonExecutor(Executor):
 
     def _put_outputs(self, pairs: list[Pair], point: Point) -> None:
         for call, quantity in pairs:  # each sees what those before put into d
-            values = self._ask(call, quantity, "output", point)
-            point[2][call.outputs] = call.flat("output", values, np.zeros(0))
+            point[2][call.outputs] = self._ask(call, quantity, "output", point)
 
     def _solve(self, pairs: list[Pair], point: Point) -> None:
         """Put outputs into d that reproduce themselves."""
@@ -327,10 +324,8 @@ class PythonExecutor(Executor):
         """Put derivatives or indicators, by `kind`, of the blocks `into` those of all [as declared]."""
         for call, quantity in self._python.continuous:
             if kind != "derivative" or call.size:
-                values = self._ask(call, quantity, kind, point)
-                into[call.states if kind == "derivative" else call.events] = call.flat(
-                    kind, values, np.zeros(0)
-                )
+                place = call.states if kind == "derivative" else call.events
+                into[place] = self._ask(call, quantity, kind, point)
 
     def accepted(self, *point: *Point) -> bool:
         """Tell Python blocks that a step is accepted; return whether one asks for an event."""
@@ -346,9 +341,8 @@ class PythonExecutor(Executor):
             fired = d[call.fired] > 0.0
             if fired.any() or call.path in self._asking:
                 happened = call.happened(fired)
-                values = self._ask(call, quantity, "on_event", point, happened)
-                into[call.places(x.size)] = call.flat(
-                    "on_event", values, call.own(x, d)
+                into[call.places(x.size)] = self._ask(
+                    call, quantity, "on_event", point, happened
                 )
         self._asking.clear()
 
@@ -360,10 +354,11 @@ class PythonExecutor(Executor):
         point: Point,
         *more: Signals,
     ) -> Any:
-        """Return what an equation of a continuous block returns, unchecked."""
+        """Return what an equation of a continuous block returns, in one vector unless it is `on_step`."""
         t, x, d, p = point
         own = self.blocks.equations[call.path]
         before = kind == "on_step" and not own.sees_jumps
         at = np.nextafter(t, -np.inf) if before else t
         u = self._inner.call(quantity.name, at, x, d, p)
-        return call.ask(own, kind, t, call.own(x, d), u, p[call.parameters], *more)
+        evaluate = call.ask if kind == "on_step" else call
+        return evaluate(own, kind, t, call.own(x, d), u, p[call.parameters], *more)
