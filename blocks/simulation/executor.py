@@ -314,9 +314,7 @@ class CompiledExecutor(Executor):
 
     name = "compiled"
 
-    def __init__(
-        self, programs: Sequence[Program], plan: Plan, lanes: int = 1
-    ) -> None:
+    def __init__(self, programs: Sequence[Program], plan: Plan, lanes: int = 1) -> None:
         super().__init__(plan)
         self._lanes = lanes
         functions = ("tf_work_size", "tf_advance", "tf_evaluate")

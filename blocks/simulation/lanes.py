@@ -88,7 +88,10 @@ class Lanes:
             for lane, (parameters, initial) in enumerate(each):
                 with contextlib.suppress(Exception):
                     opened = self._simulator.opened(
-                        duration, parameters, initial, not_finite=not_finite
+                        duration,
+                        parameters=parameters,
+                        initial=initial,
+                        not_finite=not_finite,
                     )
                     runs[lane] = stack.enter_context(opened)
             if runs:

@@ -50,6 +50,18 @@ class SimulatorSettings(SolverSettings, total=False):
     log_step: float | None
 
 
+class OpeningSettings(TypedDict, total=False):
+    """Arguments of `Simulator.opened` besides the duration."""
+
+    parameters: Mapping[str, Any] | None
+    initial: Mapping[str, Any] | None
+    start: float
+    stream_to: str | Path | None
+    checkpoint_every: float | None
+    resume: bool
+    not_finite: str
+
+
 class Simulator(Described):
     """A diagram made ready to run, any number of times, also at once.
 
@@ -111,95 +123,11 @@ class Simulator(Described):
 
     # -- running --------------------------------------------------------------------------
 
-    def run(
-        self,
-        duration: float,
-        *,
-        parameters: Mapping[str, Any] | None = None,
-        initial: Mapping[str, Any] | None = None,
-        start: float = 0.0,
-        progress: bool = True,
-        stream_to: str | Path | None = None,
-        checkpoint_every: float | None = None,
-        resume: bool = False,
-        not_finite: str = "warn",
-        time_limit: float | None = None,
-    ) -> xr.Dataset:
-        """Simulate.
-
-        Parameters
-        ----------
-        duration : float
-            Time to simulate [s].
-        parameters : mapping, optional
-            Values of parameters by ``"block.parameter"`` [units as declared].
-        initial : mapping, optional
-            Initial values of states by ``"block.state"`` [units as declared].
-        start : float
-            Time at which to begin [s]; sampled blocks and the log count their instants from here.
-        progress : bool
-            Whether runs of more than a second show a progress bar.
-        stream_to : path, optional
-            netCDF file to log to while the run goes on, so that memory stays constant.
-        checkpoint_every : float, optional
-            Simulated time [s] after which all rows and the state of the run are put on the disk, again and
-            again, beside the file that is streamed to. Adaptive solvers start afresh there, too.
-        resume : bool
-            Whether to go on from the last checkpoint of the same run, if it left one: after a kill, Ctrl-C, a
-            full disk or a time limit. The result is that of a run without a stop, bit for bit. A file of the
-            same run that is complete is returned as it is; if there is neither, the run begins anew.
-        not_finite : str
-            Reaction if a logged output becomes non-finite while the states do not: ``"warn"`` of the
-            first one when the run is complete, ``"stop"``, or ``"ignore"``. Logged rows are looked at
-            some 1000 at a time: a run goes on that long, and the rows after the fault are dropped.
-        time_limit : float, optional
-            Wall time that the run may take [s]; it is looked at between steps.
-
-        Returns
-        -------
-        xarray.Dataset
-            What was logged, with units, frames and provenance.
-
-        Raises
-        ------
-        SimulationError
-            If an argument makes no sense.
-        DivergenceError
-            If a state stops being finite, or an output with ``not_finite="stop"``; what was logged is
-            in its `result`.
-        SimulationInterrupted
-            On Ctrl-C; what was logged is in its `result`.
-        TimeLimitError
-            If it takes longer than it may; what was logged is in its `result`.
-        """
-        positive(duration=duration)
-        positive_if_given(time_limit=time_limit, checkpoint_every=checkpoint_every)
-        yes_or_no("a run", "progress", progress)
-        yes_or_no("a run", "resume", resume)
-        if (stream_to is None and checkpoint_every is not None) or (
-            resume and checkpoint_every is None
-        ):
-            raise SimulationError(
-                "a run is resumed from checkpoints, which are kept beside the file that it streams to: give "
-                'stream_to="file.nc", and checkpoint_every=..., in seconds of simulated time'
-            )
-        opened_run = self.opened(
-            duration,
-            parameters,
-            initial,
-            start,
-            stream_to,
-            checkpoint_every,
-            resume,
-            not_finite,
-        )
-        with opened_run as run:
-            return run.to_end(progress, time_limit)
-
     @contextlib.contextmanager
     def opened(
         self,
         duration: float,
+        *,
         parameters: Mapping[str, Any] | None = None,
         initial: Mapping[str, Any] | None = None,
         start: float = 0.0,
@@ -220,6 +148,16 @@ class Simulator(Described):
         Run
             The run, for `Run.to_end`.
         """
+        positive(duration=duration)
+        positive_if_given(checkpoint_every=checkpoint_every)
+        yes_or_no("a run", "resume", resume)
+        if (stream_to is None and checkpoint_every is not None) or (
+            resume and checkpoint_every is None
+        ):
+            raise SimulationError(
+                "a run is resumed from checkpoints, which are kept beside the file that it streams to: give "
+                'stream_to="file.nc", and checkpoint_every=..., in seconds of simulated time'
+            )
         prepared = self.prepared
         plan = prepared.plan
         length = exact(duration)
@@ -283,18 +221,72 @@ class Simulator(Described):
                 identity=identity,
             )
 
+    @spelled_out(OpeningSettings, opened)
+    def run(
+        self,
+        duration: float,
+        *,
+        progress: bool = True,
+        time_limit: float | None = None,
+        **settings: Unpack[OpeningSettings],
+    ) -> xr.Dataset:
+        """Simulate.
 
-class RunSettings(TypedDict, total=False):
+        Parameters
+        ----------
+        duration : float
+            Time to simulate [s].
+        parameters : mapping, optional
+            Values of parameters by ``"block.parameter"`` [units as declared].
+        initial : mapping, optional
+            Initial values of states by ``"block.state"`` [units as declared].
+        start : float
+            Time at which to begin [s]; sampled blocks and the log count their instants from here.
+        progress : bool
+            Whether runs of more than a second show a progress bar.
+        stream_to : path, optional
+            netCDF file to log to while the run goes on, so that memory stays constant.
+        checkpoint_every : float, optional
+            Simulated time [s] after which all rows and the state of the run are put on the disk, again and
+            again, beside the file that is streamed to. Adaptive solvers start afresh there, too.
+        resume : bool
+            Whether to go on from the last checkpoint of the same run, if it left one: after a kill, Ctrl-C, a
+            full disk or a time limit. The result is that of a run without a stop, bit for bit. A file of the
+            same run that is complete is returned as it is; if there is neither, the run begins anew.
+        not_finite : str
+            Reaction if a logged output becomes non-finite while the states do not: ``"warn"`` of the
+            first one when the run is complete, ``"stop"``, or ``"ignore"``. Logged rows are looked at
+            some 1000 at a time: a run goes on that long, and the rows after the fault are dropped.
+        time_limit : float, optional
+            Wall time that the run may take [s]; it is looked at between steps.
+
+        Returns
+        -------
+        xarray.Dataset
+            What was logged, with units, frames and provenance.
+
+        Raises
+        ------
+        SimulationError
+            If an argument makes no sense.
+        DivergenceError
+            If a state stops being finite, or an output with ``not_finite="stop"``; what was logged is
+            in its `result`.
+        SimulationInterrupted
+            On Ctrl-C; what was logged is in its `result`.
+        TimeLimitError
+            If it takes longer than it may; what was logged is in its `result`.
+        """
+        positive_if_given(time_limit=time_limit)
+        yes_or_no("a run", "progress", progress)
+        with self.opened(duration, **settings) as run:
+            return run.to_end(progress, time_limit)
+
+
+class RunSettings(OpeningSettings, total=False):
     """Arguments of `Simulator.run` besides the duration."""
 
-    parameters: Mapping[str, Any] | None
-    initial: Mapping[str, Any] | None
-    start: float
     progress: bool
-    stream_to: str | Path | None
-    checkpoint_every: float | None
-    resume: bool
-    not_finite: str
     time_limit: float | None
 
 
