@@ -20,9 +20,6 @@ from trussflow.blocks.support.summary import Description
 from trussflow.blocks.support.types import Vector
 from trussflow.blocks.support.validation import as_path, finite_array, one_of, shown
 
-MAX_NESTING = 100
-"""Largest number of nested diagrams; beyond it, recursion exceeds Python's limit."""
-
 B = TypeVar("B", bound=Block)
 
 
@@ -167,11 +164,6 @@ class Diagram(Netlist):
                 )
             elif block in self._surroundings():
                 fault = "a diagram cannot contain itself"
-            elif (
-                isinstance(block, Diagram)
-                and len(self._surroundings()) + block.levels > MAX_NESTING
-            ):
-                fault = f"diagrams can be nested at most {MAX_NESTING} deep"
             if fault:
                 raise DiagramError(
                     f"cannot add '{name}' to diagram '{self.name}': {fault}"
@@ -198,14 +190,6 @@ class Diagram(Netlist):
         raise DiagramError(
             f"diagram '{self.name}' cannot have a '{name}': {fault}; choose another name"
         )
-
-    @property
-    def levels(self) -> int:
-        """Depth of nested diagrams, this one included."""
-        inner = (
-            block.levels for block in self.blocks.values() if isinstance(block, Diagram)
-        )
-        return 1 + max(inner, default=0)
 
     def _surroundings(self) -> list[Diagram]:
         """Return this diagram and the diagrams that contain it."""
@@ -420,6 +404,5 @@ def leaves(item: Block) -> list[Block]:
     item : Block
         The block or diagram.
     """
-    if not isinstance(item, Diagram):
-        return [item]
-    return [leaf for block in item.blocks.values() for leaf in leaves(block)]
+    blocks = item.within() if isinstance(item, Diagram) else [item]
+    return [block for block in blocks if not isinstance(block, Diagram)]

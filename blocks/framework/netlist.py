@@ -235,11 +235,11 @@ class Netlist(Block):
         root: Netlist = self
         while root.parent is not None:
             root = root.parent
-        for block in [root, *root._within()]:
+        for block in [root, *root.within()]:
             for port in block.ports.values():
                 for name in ("shape", "unit", "frame", "labels"):
                     getattr(port, f"inferable_{name}").forget()
-        for diagram in [*reversed([*root._within()]), root]:
+        for diagram in [*reversed([*root.within()]), root]:
             if isinstance(diagram, Netlist):
                 for fault in diagram._fit_anew():
                     warn(
@@ -247,12 +247,12 @@ class Netlist(Block):
                         RuntimeWarning,
                     )
 
-    def _within(self) -> Iterator[Block]:
+    def within(self) -> Iterator[Block]:
         """Yield all blocks in this diagram and in nested ones, each diagram before its blocks."""
         for block in self.blocks.values():
             yield block
             if isinstance(block, Netlist):
-                yield from block._within()
+                yield from block.within()
 
     def _fit_anew(self) -> list[str]:
         """Remove exposed ports and wires without their blocks, and check the others again.

@@ -160,7 +160,8 @@ def flatten(item: Block, *, external: bool = False) -> System:
     system = System(item, {})
     if isinstance(item, Diagram):
         system.diagrams[""] = item
-        _settle_shapes(item)
+        for block in item.within():
+            _settle_ports(block)
         _collect(item, system)
     else:
         _settle_ports(item)
@@ -197,14 +198,6 @@ def _drive_from_outside(system: System, port: Port) -> None:
         system.drivers.setdefault((target.block.path, target.name), []).append(
             Driver(source.y, everything, everything, "outside")
         )
-
-
-def _settle_shapes(diagram: Diagram) -> None:
-    """Fix open shapes of all blocks in a diagram as scalar."""
-    for block in diagram.blocks.values():
-        if isinstance(block, Diagram):
-            _settle_shapes(block)
-        _settle_ports(block)
 
 
 def _settle_ports(block: Block) -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from math import prod
 from typing import Any
 from weakref import WeakSet
@@ -200,10 +200,9 @@ class SampledStepping(Running):
         self._inner = inner
         self._block = block
         self.stuck = inner.stuck
+        self._outputs = _laid_out(block, [p.name for p in block.outputs()])
         self._size = sum(port.size for port in block.outputs())
-        at_once = frozenset[str]().union(*block.feedthrough().values())
-        needed = [np.full(port.size, port.name in at_once) for port in block.inputs()]
-        self._needed = np.concatenate([np.zeros(0, dtype=bool), *needed])
+        self._needed = _needed(block, block.feedthrough())
         self._time: float | None = None
         self._held = np.zeros(0)
         self._first = True
@@ -226,12 +225,8 @@ class SampledStepping(Running):
         """Return the outputs at the start, for initial states; it begins again if the inputs change."""
         inputs = [np.ravel(u[port.name]) for port in self._block.inputs()]
         found = self.reach(float(t), np.concatenate([np.zeros(0), *inputs]))
-        outputs = self._block.outputs()
         return {
-            port.name: found[place].reshape(port.whole_shape or ())
-            for port, place in zip(
-                outputs, spans(port.size for port in outputs), strict=True
-            )
+            name: found[place].reshape(shape) for name, place, shape in self._outputs
         }
 
     def reach(self, t: float, u: Vector) -> Vector:
@@ -339,9 +334,7 @@ class BlockCall:
         self._inputs = _laid_out(block, [p.name for p in block.inputs()])
         self._outputs = _laid_out(block, [p.name for p in block.outputs()])
         self._parameters = _laid_out(block, block.parameters)
-        needed = frozenset().union(*plan.feedthrough[path].values())
-        marks = [np.full(p.size, p.name in needed) for p in block.inputs()]
-        self.needed = np.concatenate([np.zeros(0, dtype=bool), *marks])
+        self.needed = _needed(block, plan.feedthrough[path])
         self.direct = bool(self.needed.any())
 
     def own(self, x: Vector, d: Vector) -> Vector:
@@ -440,6 +433,15 @@ class BlockCall:
         order = kinds.get(kind, self._stored[: len(self.block.states())])
         parts = [np.ravel(arrays[name]) for name, _, _ in order]
         return np.concatenate(parts) if parts else np.zeros(0)
+
+
+def _needed(
+    block: Block, feedthrough: Mapping[str, Collection[str]]
+) -> NDArray[np.bool_]:
+    """Return for each element of the inputs of a block whether any output depends on it at once."""
+    names = frozenset[str]().union(*feedthrough.values())
+    marks = [np.full(port.size, port.name in names) for port in block.inputs()]
+    return np.concatenate([np.zeros(0, dtype=bool), *marks])
 
 
 def _laid_out(block: Block, names: Iterable[str]) -> Arrays:

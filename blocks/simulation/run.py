@@ -74,8 +74,8 @@ next, small steps follow each jump, and at most 27 of 100 steps cross one.
 JUMP_TOLERANCE = 1e-9
 """Relative change of a derivative that is round-off, not a jump [-]."""
 
-JUMP_HALVINGS = 10
-"""Halvings of a step in which a change that is no jump would become small [-]."""
+JUMP_PIECES = 16
+"""Pieces of a step, in each of which a change that is no jump is small [-]."""
 
 SWITCH_ADVICE = (
     "Declare a Mode for what switches (a sign, an absolute value, a comparison), and an Event where it "
@@ -541,34 +541,26 @@ class Run:
         )
 
     def _jump(self, t: float, x: Vector) -> str:
-        """Say which derivative jumps, if one does, in a step to time `t` [s] and states `x`, by halvings."""
-
-        def rate(point: tuple[float, Vector]) -> Vector:
-            return self.executor.call("derivative", *point, self.d, self.p)
-
+        """Say which derivative jumps, if one does, in a step to time `t` [s] and states `x`."""
         solver = self.prepared.solver
-        low = (self.time, self.x.copy())
-        before = rate(low)
         # The end of the step itself may stay on one side, where its stages average both.
-        high = t, self.x + (t - self.time) * before
-        after = rate(high)
-        change = np.abs(after - before)
+        slope = self.executor.call("derivative", self.time, self.x, self.d, self.p)
+        rates = np.array(
+            [
+                self.executor.call(
+                    "derivative", self.time + h, self.x + h * slope, self.d, self.p
+                )
+                for h in np.linspace(0.0, t - self.time, JUMP_PIECES + 1)
+            ]
+        )
+        change = np.abs(rates[-1] - rates[0])
         i = int(np.argmax(change / (solver.atol + solver.rtol * np.abs(x))))
-        for _ in range(JUMP_HALVINGS):
-            middle = (low[0] + high[0]) / 2, (low[1] + high[1]) / 2
-            between = rate(middle)
-            if abs(between[i] - before[i]) > abs(after[i] - between[i]):
-                high = middle
-                after = between
-            else:
-                low = middle
-                before = between
-        if abs(after[i] - before[i]) <= max(
-            change[i] / 2, JUMP_TOLERANCE * abs(after[i])
-        ):
+        piece = int(np.argmax(np.abs(np.diff(rates[:, i]))))
+        before, after = rates[piece : piece + 2, i]
+        if abs(after - before) <= max(change[i] / 2, JUMP_TOLERANCE * abs(after)):
             return ""
         entry = self.prepared.plan.x.at(i)
-        return f"{entry.describe(i - entry.start)} jumps between {before[i]:.3g} and {after[i]:.3g}"
+        return f"{entry.describe(i - entry.start)} jumps between {before:.3g} and {after:.3g}"
 
     def _crawling(self, t: float, jump: str) -> DivergenceError:
         """Return the error for steps that shrink at time `t` [s], because of a `jump` of a derivative."""

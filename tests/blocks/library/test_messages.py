@@ -98,14 +98,6 @@ def added():
     return diagram
 
 
-def deep():
-    inner: Block = Gain(1.0)
-    for _ in range(600):
-        outer = Diagram("outer")
-        outer.add(x=inner)
-        inner = outer
-
-
 def time_as_input():
     diagram = Diagram("d")
     diagram.add(f=Function(lambda t: np.sin(t)))
@@ -262,7 +254,6 @@ UNTYPED: Any = Diagram("d")
             BlockError,
             r"unknown unit 'Nm': a newton metre is 'N\*m'",
         ),
-        (deep, DiagramError, "diagrams can be nested at most 100 deep"),
         (
             lambda: Constant(10**400),
             ParameterError,
