@@ -105,7 +105,7 @@ def cannot_write(
 
 
 def refuse_other_kinds(path: str | Path, doing: str = "write the result to") -> None:
-    """Refuse a `path` whose name says that it is no netCDF file, or that is none, when `doing` that.
+    """Refuse a `path` that is none, or not named as a netCDF file, when `doing` that.
 
     Raises
     ------
@@ -118,18 +118,7 @@ def refuse_other_kinds(path: str | Path, doing: str = "write the result to") -> 
         raise SimulationError(
             f"cannot {doing} '{path}': to netCDF a backslash parts folders everywhere; write /"
         )
-    if suffix in {
-        ".csv",
-        ".txt",
-        ".json",
-        ".mat",
-        ".npy",
-        ".npz",
-        ".parquet",
-        ".pkl",
-        ".xlsx",
-        ".zarr",
-    }:
+    if suffix != ".nc":
         raise SimulationError(
             f"cannot {doing} '{path}': results are netCDF files, named .nc, which MATLAB reads, too; "
             "pandas writes other kinds, as in to_pandas(result).to_csv(...)"

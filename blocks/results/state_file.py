@@ -23,9 +23,6 @@ from trussflow.blocks.support.files import reading, replaced
 from trussflow.blocks.support.types import Vector
 from trussflow.blocks.support.validation import as_path, shown
 
-FORMAT_VERSION = 3
-"""Version of the format of `encode`."""
-
 
 @dataclass(frozen=True, slots=True)
 class Snapshot:
@@ -71,11 +68,7 @@ def encode(state: Any, of: Mapping[str, Any]) -> bytes:
         If there is anything else in it.
     """
     body = json.dumps(_plain(state)).encode("ascii")
-    head = {
-        "trussflow state": FORMAT_VERSION,
-        "sha256": sha256(body).hexdigest(),
-        "of": of,
-    }
+    head = {"sha256": sha256(body).hexdigest(), "of": of}
     return json.dumps(head).encode("ascii") + b"\n" + body
 
 
@@ -97,17 +90,12 @@ def decode(data: bytes, of: Mapping[str, Any]) -> Any:
     head, _, body = bytes(data).partition(b"\n")
     try:
         content = json.loads(head)
-        version = content["trussflow state"]
         digest = content["sha256"]
         there = {**content["of"]}
     except (ValueError, KeyError, TypeError, RecursionError):
         raise ValueError(
             f"it is no saved state, or a part of one ({len(data)} bytes)"
         ) from None
-    if version != FORMAT_VERSION:
-        raise ValueError(
-            f"it was written in format {shown(version)}; this version of trussflow reads {FORMAT_VERSION}"
-        )
     here = json.loads(json.dumps(of))  # as it was written
     if other := [
         name for name in {**here, **there} if there.get(name) != here.get(name)

@@ -17,7 +17,7 @@ from contextlib import ExitStack, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from trussflow.blocks.errors import Explained, SimulationError, SimulationInterrupted
+from trussflow.blocks.errors import SimulationError, SimulationInterrupted
 from trussflow.blocks.results.channels import Channel
 from trussflow.blocks.results.dataset import (
     WRITE_ERRORS,
@@ -26,8 +26,9 @@ from trussflow.blocks.results.dataset import (
     save,
 )
 from trussflow.blocks.results.log import Log
-from trussflow.blocks.results.state_file import Snapshot, read_state, write_state
-from trussflow.blocks.support.files import destination, locked, refuse_foreign, replaced
+from trussflow.blocks.results.pieces import locked_folder, pieces_of, read_piece
+from trussflow.blocks.results.state_file import read_state, write_state
+from trussflow.blocks.support.files import destination, replaced
 from trussflow.blocks.support.interrupts import uninterrupted
 
 if TYPE_CHECKING:
@@ -79,16 +80,13 @@ class StreamedLog(Log):
         self.path, self._folder = Path(path), _folder(path)
         try:
             destination(path)
-            self._folder.mkdir(0o755, exist_ok=True)
-            self._lock = locked(self._folder / "lock")
+            self._folder.mkdir(exist_ok=True)
+            self._lock = locked_folder(self._folder, "run")
             self._saved = self._folder / "checkpoint"
             with ExitStack() as unlocked:
                 unlocked.enter_context(self._lock)
                 self._begin(resumes)
                 unlocked.pop_all()
-        except BlockingIOError:
-            where = f"another run is writing to '{self._folder}'"
-            raise SimulationError(f"{where}; give this one another path") from None
         except WRITE_ERRORS as error:
             raise cannot_write(path, error) from error
         self._written = time.monotonic()
@@ -97,28 +95,17 @@ class StreamedLog(Log):
         """Go on from a checkpoint, if that is wanted and there is one; delete what was written after it."""
         pieces = 0
         if resumes is not None and self._saved.exists():
-            with Explained(
-                lambda e: SimulationError(
-                    f"cannot go on from the folder '{self._folder}': {e}"
-                )
-            ):
-                refuse_foreign(self._folder.resolve())
-            match read_state(self._saved, resumes):
-                case (int(), int(pieces), str(), Snapshot()) as found:
-                    self._first, _, self._fault, self.resumed = found
-                case _:
-                    raise SimulationError(
-                        f"cannot go on from '{self._saved}': it is no checkpoint"
-                    )
+            state = read_state(self._saved, resumes)
+            self._first, pieces, self._fault, self.resumed = state
         else:
             self._saved.unlink(missing_ok=True)
             self.finished = resumes is not None and self._is_result()
             if self.finished:
                 shutil.rmtree(self._folder, ignore_errors=True)
-        for old in _pieces(self._folder):
+        for old in pieces_of(self._folder):
             if int(old.stem) >= self._first:
                 old.unlink()
-        if len(_pieces(self._folder)) != pieces:
+        if len(pieces_of(self._folder)) != pieces:
             raise SimulationError(
                 f"cannot go on from '{self._saved}': some of the rows before it are not in that folder any "
                 "more; leave out resume=True to begin anew"
@@ -170,7 +157,7 @@ class StreamedLog(Log):
             self._write_piece()
         write_state(
             self._saved,
-            (self._first, len(_pieces(self._folder)), self._fault, state),
+            (self._first, len(pieces_of(self._folder)), self._fault, state),
             of,
         )
 
@@ -215,7 +202,7 @@ class StreamedLog(Log):
         """Write all pieces, one after the other, to one file."""
         import netCDF4
 
-        first, *_ = pieces = _pieces(self._folder)
+        first, *_ = pieces = pieces_of(self._folder)
         with netCDF4.Dataset(str(target), "w") as file:
             file.setncatts({k: _text(v) for k, v in self.attributes.items()})
             with netCDF4.Dataset(str(first)) as piece:
@@ -231,7 +218,7 @@ class StreamedLog(Log):
     def _left(self, error: BaseException) -> SimulationError:
         """Say what can still be read."""
         left = f"what was written before is in '{self._folder}', and recover('{self.path}') reads it"
-        return cannot_write(self.path, error, left if _pieces(self._folder) else "")
+        return cannot_write(self.path, error, left if pieces_of(self._folder) else "")
 
 
 def _copy_structure(piece: Any, file: Any) -> None:
@@ -302,18 +289,15 @@ def recover(path: str | Path) -> xr.Dataset:
     refuse_other_kinds(path, "recover")
     with uninterrupted():
         import xarray as xr
-    piece, parts = _folder(path), []
-    cannot = Explained(
-        lambda error: SimulationError(
-            f"cannot read '{piece}' ({error}); without it, recover reads the others"
-        )
-    )
-    with cannot, suppress(FileNotFoundError):  # the run may come to its end meanwhile
-        for piece in _pieces(_folder(path)):
-            with uninterrupted():  # xarray takes locks
-                parts.append(
-                    xr.load_dataset(piece, engine="netcdf4", decode_timedelta=False)
-                )
+    parts = []
+    for piece in pieces_of(_folder(path)):
+        try:
+            parts.append(read_piece(piece, "recover reads the others"))
+        except SimulationError:
+            if piece.exists():
+                raise
+            break  # the run has come to its end meanwhile
+    else:
         if parts:
             return xr.concat(parts, "time", data_vars="minimal")
     nothing = f"there is nothing to recover for '{path}': no rows in '{_folder(path)}'"
@@ -324,10 +308,6 @@ def recover(path: str | Path) -> xr.Dataset:
 def _folder(path: str | Path) -> Path:
     path = Path(path)
     return path.with_name(f"{path.name}.partial")
-
-
-def _pieces(folder: Path) -> list[Path]:
-    return sorted(folder.glob("[0-9]*.nc"))
 
 
 def _text(value: Any) -> Any:

@@ -16,10 +16,10 @@ from typing import IO, TYPE_CHECKING, Any
 
 import numpy as np
 
-from trussflow.blocks.errors import Explained, SimulationError
+from trussflow.blocks.errors import SimulationError
 from trussflow.blocks.results.dataset import WRITE_ERRORS, cannot_write, save
-from trussflow.blocks.support.files import locked, reading, replaced
-from trussflow.blocks.support.interrupts import uninterrupted
+from trussflow.blocks.results.pieces import locked_folder, pieces_of, read_piece
+from trussflow.blocks.support.files import reading, replaced
 from trussflow.blocks.support.validation import as_path
 from trussflow.blocks.sweeps.samples import Sample
 
@@ -87,7 +87,7 @@ class Pieces:
                 raise SimulationError(
                     f"'{folder}' is no folder of a sweep, and not empty; give another path"
                 )
-            self._lock = locked(folder / "lock")
+            self._lock = locked_folder(folder, "sweep")
             if not file.exists():
                 with replaced(file) as partial:
                     partial.write_text(json.dumps(identity, indent=1), encoding="utf-8")
@@ -98,10 +98,6 @@ class Pieces:
                 "it is damaged ({})",
             ):
                 other = dict(json.loads(file.read_text(encoding="utf-8")))
-        except BlockingIOError:
-            raise SimulationError(
-                f"another sweep is writing to '{folder}'; give this one another path"
-            ) from None
         except WRITE_ERRORS as error:
             raise cannot_write(folder, error) from error
         if differs := [key for key in identity if other.get(key) != identity[key]]:
@@ -185,7 +181,7 @@ class Pieces:
             self._lock.close()
 
     def _pieces(self) -> list[Path]:
-        return sorted(Path(self.path or "").glob("[0-9]*.nc"))
+        return pieces_of(Path(self.path or ""))
 
     def _save(self, piece: xr.Dataset) -> None:
         try:
@@ -195,18 +191,7 @@ class Pieces:
             raise SimulationError(left) from error
 
     def _read(self, piece: Path) -> xr.Dataset:
-        import xarray as xr
-
-        again = "without it, the same call runs its samples again"
-        with (
-            uninterrupted(),  # an interrupt could leave a lock of xarray taken
-            Explained(
-                lambda error: SimulationError(
-                    f"cannot read '{piece}' ({error}); {again}"
-                )
-            ),
-        ):
-            return xr.load_dataset(piece, engine="netcdf4", decode_timedelta=False)
+        return read_piece(piece, "the same call runs its samples again")
 
 
 def _piece(samples: Sequence[Sample]) -> xr.Dataset:

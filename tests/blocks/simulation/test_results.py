@@ -447,10 +447,6 @@ def test_results_in_other_forms(result, tmp_path):
             r"cannot read a result from 'run\.csv': results are netCDF files",
         ),
         (
-            lambda _: load("/dev/zero"),
-            "cannot read a result from '/dev/zero': it is a device",
-        ),
-        (
             lambda _: load("there/is/none.nc"),
             r"cannot read a result from 'there/is/none\.nc': ",
         ),

@@ -311,7 +311,7 @@ def test_damaged_pieces_are_named_and_the_others_read(
     for damaged in (b"", content[: len(content) // 2], b"x" * 1000):
         last.write_bytes(damaged)
         with pytest.raises(
-            SimulationError, match=rf"cannot read '.*{last.name}' \(.*\); without it"
+            SimulationError, match=rf"cannot read .*{last.name}': .*; without it"
         ):
             recover(path)
     last.unlink()
@@ -327,7 +327,7 @@ def test_a_run_that_ends_while_it_is_read_is_complete(simulator, tmp_path, monke
     ):
         recover(path)
     monkeypatch.setattr(
-        streamed_log, "_pieces", lambda folder: [folder / "000000000000000.nc"]
+        streamed_log, "pieces_of", lambda folder: [folder / "000000000000000.nc"]
     )
     with pytest.raises(
         SimulationError, match=r"nothing to recover .*; but '.*' is there, and complete"
