@@ -219,12 +219,12 @@ class Bench:
             raise NotApplicableError(
                 "the block says traced = False, and runs in Python"
             )
-        block_check.isolate_anew(self.block)
+        block_check.isolate(self.block)
         return ""
 
     def feedthrough(self) -> str:
         """Check that outputs depend at once on what is declared, and on nothing else."""
-        declared = block_check.isolate_anew(self.block).feedthrough
+        declared = block_check.isolate(self.block).feedthrough
         depends = "; ".join(
             f"{y} on {', '.join(sorted(u)) or 'nothing'}" for y, u in declared.items()
         )

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import pickle
-from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from types import MethodType
 from weakref import WeakKeyDictionary
 
+import casadi as ca
 import numpy as np
 
 from trussflow.blocks.errors import BlockError, SimulationError, TrussflowError
@@ -17,16 +18,11 @@ from trussflow.blocks.framework.block import Block, Values
 from trussflow.blocks.framework.declarations import Event, Mode, Signals
 from trussflow.blocks.framework.equations import EVENTS
 from trussflow.blocks.framework.external_inputs import External
+from trussflow.blocks.framework.layout import Layout
 from trussflow.blocks.support.types import Array
 from trussflow.blocks.tracing.call_checks import brief, checked, refusal, tracing_errors
-from trussflow.blocks.tracing.kernels import (
-    Trace,
-    dependencies,
-    symbol,
-    symbols_of,
-    to_expression,
-    tracing,
-)
+from trussflow.blocks.tracing.kernels import shape_of, symbol, to_expression, tracing
+from trussflow.blocks.tracing.program import Program
 from trussflow.blocks.tracing.traced_block import TracedBlock
 
 ROUND_OFF_TOLERANCE = 1e-9
@@ -68,8 +64,8 @@ class Isolated:
 UNSHARED_ATTRIBUTES = ("name", "parent", "parameters", "extra_ports")
 """Attributes that may differ between blocks with the same equations; the traced copy has none of them."""
 
-SharedResults = dict[bytes, Isolated | None]
-"""Result shared by all blocks with the same `equations_key`; None if it cannot be shared."""
+SharedResults = dict[bytes | None, Isolated]
+"""Result shared by all blocks with the same `equations_key`."""
 
 
 def kinds(block: Block) -> list[str]:
@@ -116,40 +112,19 @@ def isolate(block: Block, shared: SharedResults | None = None) -> Isolated:
     """
     shapes = [port.whole_shape for port in block.ports.values()]
     if block not in _results or _results[block][0] != shapes:
-        _results[block] = (
-            shapes,
-            isolate_anew(block) if shared is None else _shared_result(block, shared),
-        )
+        found = _isolated(block) if shared is None else _shared_result(block, shared)
+        _results[block] = shapes, found
     return _results[block][1]
-
-
-def isolate_all(blocks: Mapping[str, Block]) -> dict[str, Isolated]:
-    """Check many blocks, those with the same equations once; return the results by the keys of `blocks`.
-
-    Raises
-    ------
-    TracingError
-        If the equations of one cannot be traced, or disagree with plain NumPy.
-    """
-    many, shared = Counter(map(type, blocks.values())), SharedResults()
-    return {
-        key: isolate(block, shared if many[type(block)] > 1 else None)
-        for key, block in blocks.items()
-    }
 
 
 def _shared_result(block: Block, shared: SharedResults) -> Isolated:
     """Return the result of a block with the same equations, from `shared` if it is there."""
     key = equations_key(block)
-    if key is None:
-        return isolate_anew(block)
-    if key not in shared:
-        try:
-            shared[key] = isolate_anew(block, _anonymous_copy(block))
-        except TrussflowError:
-            # checking the block itself shows whether it or the copy is at fault
-            shared[key] = None
-    return shared[key] or isolate_anew(block)
+    if key is not None and key not in shared:
+        # If the check fails, checking the block itself shows whether it or the copy is at fault.
+        with suppress(TrussflowError):
+            shared[key] = _isolated(block, _anonymous_copy(block))
+    return shared.get(key) or _isolated(block)
 
 
 def equations_key(block: Block) -> bytes | None:
@@ -190,64 +165,45 @@ def _anonymous_copy(block: Block) -> Block:
     return copy
 
 
-def isolate_anew(block: Block, copy: Block | None = None) -> Isolated:
-    """Check a `block` without storing the result, as its shapes may still change.
-
-    If there is a `copy`, it is traced in place of the block.
-
-    Raises
-    ------
-    TracingError
-        If the equations cannot be traced, or disagree with plain NumPy.
-    """
+def _isolated(block: Block, copy: Block | None = None) -> Isolated:
+    """Return the result of checking a `block`; if there is a `copy`, that is traced in its place."""
     if not block.traced:
         return Isolated(_declared_feedthrough(block))
-    symbols, values, trace = trace_alone(block, copy)
-    t, x, u, fired, p = symbols
-    leaves = (t, *x.values(), *u.values(), *p.values(), *fired.values())
-    traced = TracedBlock(leaves, tuple(trace.calls), values)
-    own = {name: symbols_of(to_expression(value)) for name, value in u.items()}
-    used = dependencies([to_expression(v) for v in values["output"].values()], trace)
-    feedthrough = {
-        name: frozenset(i for i, s in own.items() if s & needed)
-        for name, needed in zip(values["output"], used, strict=True)
-    }
-    _compare(block, symbols, traced)
-    return Isolated(feedthrough, traced)
-
-
-Symbols = tuple[Array, Signals, Signals, Signals, Signals]
-"""Time, states with modes, inputs, triggered events, parameters."""
-
-
-def trace_alone(
-    block: Block, by: Block | None = None
-) -> tuple[Symbols, dict[str, Values], Trace]:
-    """Return symbols, the results of the equations of a `block` for them, and the recorded kernel calls.
-
-    The copy `by` of the block is evaluated in its place, if there is one.
-
-    Raises
-    ------
-    TracingError
-        If the equations cannot be traced.
-    BlockError
-        If a name is missing or unknown, or an array has the wrong shape.
-    """
+    parameters = {name: value.shape for name, value in block.parameters.items()}
     x, u, fired, p = (
         Signals(f"block '{block.path}'", {n: symbol(n, s) for n, s in shapes.items()})
-        for shapes in (
-            *shapes_of(block),
-            {n: v.shape for n, v in block.parameters.items()},
-        )
+        for shapes in (*shapes_of(block), parameters)
     )
     t, values = symbol("t", ()), dict[str, Values]()
     with tracing_errors(block), tracing() as trace:
         for kind in kinds(block):
             more = (fired,) if kind == "on_event" else ()
-            made = getattr(by or block, kind)(t, x, u, p, *more)
+            made = getattr(copy or block, kind)(t, x, u, p, *more)
             values[kind] = checked(block, kind, made)
-    return (t, x, u, fired, p), values, trace
+    arguments = (t, *x.values(), *u.values(), *p.values(), *fired.values())
+    columns = [to_expression(v) for made in values.values() for v in made.values()]
+    results = Layout(
+        (kind, name, shape_of(value))
+        for kind, made in values.items()
+        for name, value in made.items()
+    )
+    program = Program(
+        "block",
+        tuple(map(to_expression, arguments)),
+        tuple(trace.calls),
+        ca.vertcat(ca.SX(0, 1), *columns),
+        shares=False,
+    )
+    _compare(block, (t, x, u, fired), program.function, results)
+    rows = {
+        name: {*program.function.jac_sparsity(0, 1 + len(x) + number).row()}
+        for number, name in enumerate(u)
+    }
+    feedthrough = {
+        e.name: frozenset(n for n, r in rows.items() if r & {*range(e.start, e.stop)})
+        for e in results.of("output")
+    }
+    return Isolated(feedthrough, TracedBlock(program, results))
 
 
 def check_kind(block: Block) -> None:
@@ -298,16 +254,20 @@ def _declared_feedthrough(block: Block) -> dict[str, frozenset[str]]:
     return {name: frozenset(used) for name, used in declared.items()}
 
 
-def _compare(block: Block, symbols: Symbols, traced: TracedBlock) -> None:
-    """Raise `TracingError` if the traced equations of a block return other numbers than NumPy.
+def _compare(
+    block: Block,
+    symbols: tuple[Array, Signals, Signals, Signals],
+    function: ca.Function,
+    results: Layout,
+) -> None:
+    """Raise `TracingError` if the traced `function` of a block returns other `results` than NumPy.
 
-    Numbers replace the `symbols` of states, inputs and events.
+    Numbers replace the `symbols` of time, states, inputs and events.
     """
-    results = [(k, n) for k, values in traced.values.items() for n in values]
-    if not results:
+    if not results.size:
         return
-    t, x, u, fired, p = symbols
-    own = Signals(p.owner, block.parameters)
+    t, x, u, fired = symbols
+    own = Signals(u.owner, block.parameters)
 
     def plain(point: Sequence[Array], check: bool = False) -> Array:
         """Return the results in NumPy, one after the other."""
@@ -316,13 +276,15 @@ def _compare(block: Block, symbols: Symbols, traced: TracedBlock) -> None:
         for group in (x, u, fired):
             group.update(zip([*group], numbers, strict=False))
         fired.update({n: v > 0 for n, v in fired.items()})
-        found = {}
-        for kind in traced.values:
+        flat = np.zeros(results.size)
+        for kind in kinds(block):
             more = (fired,) if kind == "on_event" else ()
-            found[kind] = getattr(block, kind)(now, x, u, own, *more)
+            values = getattr(block, kind)(now, x, u, own, *more)
             if check:
-                checked(block, kind, found[kind])
-        return np.concatenate([np.ravel(found[k][n]) for k, n in results], dtype=float)
+                checked(block, kind, values)
+            for e in results.of(kind):
+                results.put(flat, kind, e.name, values[e.name])
+        return flat
 
     arguments = (t, *x.values(), *u.values(), *fired.values())
     chosen = points(tuple(value.shape for value in arguments))
@@ -330,19 +292,18 @@ def _compare(block: Block, symbols: Symbols, traced: TracedBlock) -> None:
         np.reshape(each, (len(chosen), -1)).T for each in zip(*chosen, strict=True)
     ]
     before_events = 1 + len(x) + len(u)
-    parts = traced.numbers(
+    found = function(
         *columns[:before_events],
         *(np.repeat(np.reshape(v, (-1, 1)), len(chosen), 1) for v in own.values()),
         *(np.where(v > 0, 1.0, 0.0) for v in columns[before_events:]),
-    )
-    sizes, found = np.cumsum([*map(len, parts)]), np.vstack(parts)
+    ).full()
     for number, (point, values) in enumerate(zip(chosen, found.T, strict=True)):
         special = number >= RANDOM_POINTS
         tolerance = SPECIAL_TOLERANCE if special else ROUND_OFF_TOLERANCE
         try:
             with np.errstate(all="ignore"):
                 expected = plain(point, check=number == 0)
-                wrong = differing(values, expected, sizes, tolerance)
+                wrong = _differing(values, expected, results, tolerance)
                 if special:
                     # CasADi drops products with a structural zero, NumPy's 0 * NaN is NaN; later branches
                     # may then differ. So a difference counts only if NumPy's result is stable nearby.
@@ -353,7 +314,7 @@ def _compare(block: Block, symbols: Symbols, traced: TracedBlock) -> None:
                         [np.where(v == 0.0, -v, v) for v in point],
                     )
                     for near in nearby if wrong.any() else ():
-                        wrong &= ~differing(plain(near), expected, sizes, tolerance)
+                        wrong &= ~_differing(plain(near), expected, results, tolerance)
         except (SimulationError, np.linalg.LinAlgError):
             continue  # the block rejects the values, or a random matrix is singular
         except TrussflowError:
@@ -365,11 +326,11 @@ def _compare(block: Block, symbols: Symbols, traced: TracedBlock) -> None:
             raise refusal(block, reason, error) from error
         if wrong.any():
             worst = int(np.argmax(wrong))
-            output = int(np.searchsorted(sizes, worst, side="right"))
+            e = results.at(worst)
             raise refusal(
                 block,
-                f"traced and NumPy values of '{results[output][1]}' differ: element "
-                f"{worst - [0, *sizes][output]} is {values[worst]:.6g} traced, {expected[worst]:.6g} in NumPy",
+                f"traced and NumPy values of '{e.name}' differ: element {worst - e.start} is "
+                f"{values[worst]:.6g} traced, {expected[worst]:.6g} in NumPy",
             )
 
 
@@ -401,23 +362,26 @@ def points(
     return found
 
 
-def differing(found: Array, expected: Array, sizes: Array, tolerance: float) -> Array:
-    """Return a mask of the elements that differ by more than the tolerance.
+def _differing(
+    found: Array, expected: Array, results: Layout, tolerance: float
+) -> Array:
+    """Return a mask of the elements of `results` that differ by more than the tolerance.
 
     Parameters
     ----------
     found, expected : Array
-        The outputs, one after the other [any].
-    sizes : Array
-        End of each output in them [-].
+        The results, one after the other [any].
+    results : Layout
+        The places of the results.
     tolerance : float
-        Relative to the largest element of the same output, but at least absolute [-].
+        Relative to the largest element of the same result, but at least absolute [-].
     """
     same = (found == expected) | (np.isnan(found) & np.isnan(expected))
     if same.all():
         return ~same
-    finite = np.where(np.isfinite(expected), np.abs(expected), 0.0)
-    scale = [max(1.0, part.max(initial=0.0)) for part in np.split(finite, sizes[:-1])]
-    allowed = tolerance * np.repeat(scale, np.diff(sizes, prepend=0))
+    allowed = np.where(np.isfinite(expected), np.abs(expected), 0.0)
+    for e in results:
+        part = allowed[e.start : e.stop]
+        part[:] = tolerance * part.max(initial=1.0)
     with np.errstate(invalid="ignore"):
         return ~(same | (np.abs(found - expected) <= allowed))

@@ -90,7 +90,7 @@ class Evaluation:
     iterated: list[Port] = field(default_factory=list)
 
     def __post_init__(self) -> None:
-        self._filled: dict[tuple[str, frozenset[str]], dict[str, Values]] = {}
+        self._filled: dict[tuple[str, frozenset[str]], BlockSignals] = {}
         self._outputs: dict[tuple[str, frozenset[str]], Values] = {}
         self._inputs: dict[tuple[str, str], Array] = {}
         self._running: set[tuple[str, frozenset[str]]] = set()

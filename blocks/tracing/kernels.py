@@ -326,37 +326,6 @@ def _equal(first: KernelCall, second: KernelCall) -> bool:
     return hashes[:n] == hashes[n:]
 
 
-def dependencies(expressions: Sequence[ca.SX], trace: Trace) -> list[set[int]]:
-    """Return the element hashes of all symbols on which each expression depends.
-
-    Dependence through a kernel is found for each element, by the sparsity of its Jacobian.
-
-    Parameters
-    ----------
-    expressions : sequence of casadi.SX
-        Expressions in symbols and kernel results.
-    trace : Trace
-        Kernel calls that compute these results.
-    """
-    found = [symbols_of(expression) for expression in expressions]
-    for call in reversed(trace.calls):
-        sparsity = call.kernel.function.jac_sparsity(0, 0)
-        matters = np.zeros(sparsity.shape, dtype=bool)
-        matters[tuple(np.array(sparsity.get_triplet(), dtype=int).reshape(2, -1))] = (
-            True
-        )
-        inputs, behind = ca.vec(call.inputs), dict[bytes, set[int]]()
-        for used in found:
-            wanted = np.array([r in used for r in call.gives], dtype=bool).reshape(
-                call.symbols.size2(), -1
-            )
-            read = np.flatnonzero(wanted @ matters)
-            if (key := read.tobytes()) not in behind:
-                behind[key] = symbols_of(inputs[read])
-            used |= behind[key]
-    return found
-
-
 def symbols_of(expression: ca.SX) -> set[int]:
     """Return the element hashes of the symbols in an expression."""
     return {s.element_hash() for s in ca.symvar(expression)}

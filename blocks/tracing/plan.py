@@ -26,7 +26,7 @@ from trussflow.blocks.support.progress import status_line
 from trussflow.blocks.support.types import Array, Vector
 from trussflow.blocks.support.validation import by_name, finite_array
 from trussflow.blocks.tracing.algebraic_loops import AlgebraicLoops
-from trussflow.blocks.tracing.block_check import check_kind, isolate_all
+from trussflow.blocks.tracing.block_check import SharedResults, check_kind, isolate
 from trussflow.blocks.tracing.evaluation import Evaluation, Leaves
 from trussflow.blocks.tracing.initial_states import set_from_inputs
 from trussflow.blocks.tracing.kernels import (
@@ -78,7 +78,8 @@ class Plan:
         for block in blocks.values():
             check_kind(block)
         with status_line(f"checking the blocks of '{self.name}'"):
-            self._isolated = isolate_all(blocks)
+            shared = SharedResults()
+            self._isolated = {path: isolate(b, shared) for path, b in blocks.items()}
         self.feedthrough = {
             path: one.feedthrough for path, one in self._isolated.items()
         }

@@ -6,13 +6,14 @@ speed).
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
 import casadi as ca
 
-from trussflow.blocks.tracing.kernels import KernelCall, Trace, symbols_of
+from trussflow.blocks.tracing.kernels import Kernel, KernelCall, Trace, symbols_of
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,12 +30,15 @@ class Program:
         The kernels it calls, in order.
     result : casadi.SX
         The vector it computes.
+    shares : bool
+        Whether common subexpressions are computed once; their search takes as long as the tracing.
     """
 
     name: str
     inputs: tuple[ca.SX, ...]
     calls: tuple[KernelCall, ...]
     result: ca.SX
+    shares: bool = True
 
     @property
     def size(self) -> int:
@@ -51,7 +55,7 @@ class Program:
         """
         leaves = [*self.inputs, *(ca.vec(c.symbols.T) for c in self.calls)]
         roots = [*(ca.vec(c.inputs.T) for c in self.calls), self.result]
-        return _straight(f"{self.name}_graph", leaves, roots)
+        return self._straight(f"{self.name}_graph", leaves, roots)
 
     @cached_property
     def code(self) -> str:
@@ -60,9 +64,39 @@ class Program:
         return "\0".join([self.name, self.graph.serialize(), *kernels])
 
     @cached_property
+    def parts(self) -> list[ca.Function]:
+        """Straight-line functions: of the inputs of each kernel call, then of the result.
+
+        Their inputs are those of the program and the results of the calls before.
+        """
+        leaves, parts = list(self.inputs), list[ca.Function]()
+        for k, call in enumerate(self.calls):
+            parts.append(self._straight(f"{self.name}_{k}", leaves, [call.inputs]))
+            leaves.append(ca.vec(call.symbols))
+        return [*parts, self._straight(self.name, leaves, [self.result])]
+
+    def evaluated(
+        self, arguments: Iterable[Any], kernel: Callable[[Kernel, Any], Any]
+    ) -> Any:
+        """Return the result for other arguments.
+
+        Parameters
+        ----------
+        arguments : iterable of casadi.SX or casadi.MX
+            One column for each input.
+        kernel : callable
+            Takes a kernel and its inputs, one column per instance, and returns its results.
+        """
+        *parts, last = self.parts
+        values = list(arguments)
+        for part, call in zip(parts, self.calls, strict=True):
+            values.append(ca.vec(kernel(call.kernel, part(*values))))
+        return last(*values)
+
+    @cached_property
     def function(self) -> ca.Function:
         """The program as a CasADi function of its inputs."""
-        return self._function([call.kernel.function for call in self.calls])
+        return self._function(lambda kernel: kernel.function)
 
     @cached_property
     def expanded(self) -> ca.Function:
@@ -70,27 +104,37 @@ class Program:
 
         Values and derivatives are valid if the guesses of algebraic loops in d are their solutions.
         """
-        if not self.calls:
-            return self.function
-        kernels = (call.kernel for call in self.calls)
-        return self._function(
-            [k.near() if k.near else k.function for k in kernels]
-        ).expand()
+        return self._function(lambda k: k.near() if k.near else k.function).expand()
 
-    def _function(self, kernels: Sequence[ca.Function]) -> ca.Function:
-        """Return the program as a CasADi function with these implementations of its kernels."""
+    def _function(self, of: Callable[[Kernel], ca.Function]) -> ca.Function:
+        """Return the program as a CasADi function with the function `of` each kernel."""
         if not self.calls:
-            return _straight(self.name, self.inputs, [self.result])
+            return self.parts[0]
         inputs = [ca.MX.sym(f"i{k}", s.numel()) for k, s in enumerate(self.inputs)]
-        leaves, values = list(self.inputs), list(inputs)
-        for k, call in enumerate(self.calls):
-            size, count = call.inputs.shape
-            part = _straight(f"{self.name}_{k}", leaves, [ca.vec(call.inputs)])
-            results = kernels[k].map(count)(ca.reshape(part(*values), size, count))
-            leaves.append(ca.vec(call.symbols))
-            values.append(ca.vec(results))
-        last = _straight(f"{self.name}_last", leaves, [self.result])
-        return ca.Function(self.name, inputs, [last(*values)])
+        result = self.evaluated(
+            inputs, lambda kernel, given: of(kernel).map(given.size2())(given)
+        )
+        return ca.Function(self.name, inputs, [result])
+
+    def _straight(
+        self, name: str, inputs: Sequence[ca.SX], results: Sequence[ca.SX]
+    ) -> ca.Function:
+        """Return a function without kernels, with zero for symbols that are not among the inputs.
+
+        Such symbols are placeholders of block inputs without feedthrough to the evaluated output. They occur
+        in the inputs of kernels that also have unused results.
+        """
+        if not self.shares:
+            return ca.Function(name, list(inputs), list(results))
+        known = set().union(*map(symbols_of, inputs))
+        shared = ca.cse([ca.densify(r) for r in results])
+        free = [
+            s for s in ca.symvar(ca.vertcat(*shared)) if s.element_hash() not in known
+        ]
+        if free:
+            unknown = ca.vertcat(*free)
+            shared = ca.substitute(shared, [unknown], [ca.SX.zeros(unknown.numel())])
+        return ca.Function(name, list(inputs), shared)
 
     def jacobian(self, *numbers: int) -> ca.Function:
         """Return the function of the exact Jacobian with respect to the inputs with these indices."""
@@ -121,20 +165,3 @@ def lower(name: str, inputs: Sequence[ca.SX], result: ca.SX, trace: Trace) -> Pr
             calls.append(call)
             wanted |= call.reads
     return Program(name, tuple(inputs), tuple(calls[::-1]), ca.densify(result))
-
-
-def _straight(
-    name: str, inputs: Sequence[ca.SX], results: Sequence[ca.SX]
-) -> ca.Function:
-    """Return a function without kernels, with zero for symbols that are not among the inputs.
-
-    Such symbols are placeholders of block inputs without feedthrough to the evaluated output. They occur
-    in the inputs of kernels that also have unused results.
-    """
-    known = set().union(*map(symbols_of, inputs))
-    shared = ca.cse([ca.densify(r) for r in results])
-    free = [s for s in ca.symvar(ca.vertcat(*shared)) if s.element_hash() not in known]
-    if free:
-        unknown = ca.vertcat(*free)
-        shared = ca.substitute(shared, [unknown], [ca.SX.zeros(unknown.numel())])
-    return ca.Function(name, list(inputs), shared)

@@ -2,77 +2,39 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, field
-from typing import Any
+from collections.abc import Iterable
+from dataclasses import dataclass
 
 import casadi as ca
 
-from trussflow.blocks.framework.block import Values
+from trussflow.blocks.framework.layout import BlockSignals, Layout
 from trussflow.blocks.support.types import Array
 from trussflow.blocks.tracing.kernels import (
-    KernelCall,
     call_kernel,
     from_expression,
     shape_of,
     to_expression,
 )
+from trussflow.blocks.tracing.program import Program
 
 
 @dataclass(frozen=True, eq=False)
 class TracedBlock:
     """Traced equations of one block.
 
-    Substituting expressions for symbols is much faster than tracing the equations again.
+    Substituting expressions for symbols is much faster than tracing the equations again. Blocks with the
+    same equations share one object.
 
     Attributes
     ----------
-    leaves : tuple of array
-        Symbols with which the equations were traced.
-    calls : tuple of KernelCall
-        Kernel calls of the equations.
-    values : dict
-        Results of each equation.
-    parts : list of casadi.Function
-        Functions built at first use; blocks with the same equations share them.
+    program : Program
+        Program of the results; its inputs are the arguments of the equations.
+    results : Layout
+        Results of all equations by kind, such as ``"derivative"``, and name.
     """
 
-    leaves: tuple[Array, ...]
-    calls: tuple[KernelCall, ...]
-    values: dict[str, Values]
-    parts: list[ca.Function] = field(default_factory=list)
-
-    def _prepare(self) -> None:
-        """Build the straight-line functions: for the inputs of each kernel, then for all values."""
-        leaves = [to_expression(leaf) for leaf in self.leaves]
-        for call in self.calls:
-            self.parts.append(ca.Function("part", leaves, [call.inputs]))
-            leaves.append(ca.vec(call.symbols))
-        values = [
-            to_expression(v) for values in self.values.values() for v in values.values()
-        ]
-        self.parts.append(ca.Function("part", leaves, values))
-
-    def numbers(self, *columns: Array) -> list[Array]:
-        """Return all results for numbers in place of the leaves.
-
-        Parameters
-        ----------
-        *columns : array, shape (size, n)
-            Numbers for each leaf; n sets of them [as declared].
-
-        Returns
-        -------
-        list of array, shape (size, n)
-            The numbers of each result, in the order of `values` [as declared].
-        """
-        if not self.parts:
-            self._prepare()
-        sets, actual = columns[0].shape[1], list[Any](columns)
-        for part, call in zip(self.parts, self.calls, strict=False):
-            results = call.kernel.function(part(*actual))
-            actual.append(ca.reshape(results, call.symbols.numel(), sets))
-        return [each.full() for each in self.parts[-1].call(actual)]
+    program: Program
+    results: Layout
 
     def fits(self, arguments: Iterable[Array]) -> bool:
         """Return whether these arguments can replace the symbols without loss of efficiency.
@@ -85,25 +47,16 @@ class TracedBlock:
             for a in arguments
         )
 
-    def __call__(self, arguments: Sequence[Array]) -> dict[str, Values]:
-        """Return the results of the equations for other arguments.
+    def __call__(self, arguments: Iterable[Array]) -> BlockSignals:
+        """Return the results of the equations, by kind, for other arguments.
 
         Parameters
         ----------
-        arguments : sequence of array
-            One array of the same shape for each leaf.
+        arguments : iterable of array
+            One array of the same shape for each argument.
         """
-        if not self.parts:
-            self._prepare()
-        actual = [to_expression(a) for a in arguments]
-        for part, call in zip(self.parts, self.calls, strict=False):
-            made = call_kernel(call.kernel, part(*actual))
-            actual.append(ca.vec(made.symbols))
-        flat = iter(self.parts[-1].call(actual))
-        return {
-            kind: {
-                name: from_expression(next(flat), shape_of(v))
-                for name, v in values.items()
-            }
-            for kind, values in self.values.items()
-        }
+        column = self.program.evaluated(
+            map(to_expression, arguments),
+            lambda kernel, inputs: call_kernel(kernel, inputs).symbols,
+        )
+        return self.results.unpack(column, from_expression)
