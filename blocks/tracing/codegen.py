@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
-from itertools import accumulate, groupby
+from collections.abc import Iterable, Mapping, Sequence
+from itertools import accumulate, chain, groupby, zip_longest
 
 import casadi as ca
 
@@ -162,11 +162,6 @@ def _parameters(numbers: Numbers) -> str:
     return ", ".join([*given, f"{numbers.type}* restrict result"])
 
 
-def _head(name: str, numbers: Numbers) -> str:
-    """Return the head of the C function of a program."""
-    return f"void tf_run_{name}({_parameters(numbers)})"
-
-
 def content(programs: Sequence[Program], lanes: int = 1) -> str:
     """Return a text that determines the C sources of programs; it is faster to make than the sources.
 
@@ -209,43 +204,69 @@ def _program(program: Program, kernels: dict[int, str], numbers: Numbers) -> lis
         numbers,
     )
     instructions, loops, common = found
-    size += common
-    apart = len(instructions) > MAX_PIECE_INSTRUCTIONS
-    length = MAX_PIECE_INSTRUCTIONS if apart else max(len(instructions), 1)
-    stages = _stages(instructions, len(program.calls))
-    pieces = [
-        stage[i : i + length] for stage in stages for i in range(0, len(stage), length)
-    ]
-    bodies, shared = _bodies(
-        instructions, pieces, read, written, size if apart else None, numbers
+    arguments = ", ".join((*PROGRAM_ARGUMENTS, "result", "w"))
+    functions, bodies, size = _divided(
+        instructions,
+        _stages(instructions, len(program.calls)),
+        MAX_PIECE_INSTRUCTIONS,
+        (read, written),
+        size + common,
+        numbers,
+        f"tf_{program.name}_{{}}({_parameters(numbers)}, {numbers.type}* restrict w)",
+        f"  tf_{program.name}_{{}}({arguments});",
     )
+    lines = [f"void tf_run_{program.name}({_parameters(numbers)}) {{"]
+    if functions or size:
+        lines.append(_WORK.format(size=max(size, 1), type=numbers.type))
+    for body, call in zip_longest(bodies, called):
+        lines += [*body, *([call] if call else [])]
+    return [*functions, "\n".join([*lines, *loops, "}", ""])]
 
-    functions: list[str] = []
-    size = max(size + shared, 1)
-    lines = (
-        [_WORK.format(size=size, type=numbers.type)]
-        if apart or program.calls or common
-        else []
-    )
-    for i, stage in enumerate(stages):
-        for _ in range(0, len(stage), length):
-            body = bodies.pop(0)
-            if apart:
-                name = f"tf_{program.name}_{len(functions)}"
-                head = f"{name}({_parameters(numbers)}, {numbers.type}* restrict w)"
-                functions.append(_apart(head, body))
-                body = [f"  {name}({', '.join(PROGRAM_ARGUMENTS)}, result, w);"]
-            lines += body
-        lines += called[i : i + 1]
-    return [
-        *functions,
-        "\n".join([f"{_head(program.name, numbers)} {{", *lines, *loops, "}", ""]),
+
+def _divided(
+    instructions: Sequence[Instruction],
+    stages: Sequence[Sequence[int]],
+    most: int,
+    arrays: tuple[Sequence[str], Sequence[str]],
+    size: int,
+    numbers: Numbers,
+    head: str,
+    call: str,
+) -> tuple[list[str], list[list[str]], int]:
+    """Return the C functions of pieces, the C statements of each stage, and the size of w.
+
+    Parameters
+    ----------
+    instructions : sequence of Instruction
+        All instructions.
+    stages : sequence of sequence of int
+        Instructions of each stage.
+    most : int
+        Number of instructions [-] above which the stages are divided into pieces of at most this length.
+    arrays : pair of sequence of str
+        C expressions of an element of each array that is read and written, with ``{}`` for its index.
+    size : int
+        Size of w so far [-]; values that pieces share follow.
+    numbers : Numbers
+        Type of numbers.
+    head, call : str
+        Head of the C function of a piece and statement that calls it, with ``{}`` for its number.
+    """
+    if len(instructions) <= most:
+        return [], _bodies(instructions, stages, *arrays, {}, numbers), size
+    divided = [
+        [stage[i : i + most] for i in range(0, len(stage), most)] for stage in stages
     ]
-
-
-def _apart(head: str, body: Sequence[str]) -> str:
-    """Return the C function of a piece with this head, which is not inlined."""
-    return "\n".join([f"{_STATIC}void {head} {{", *body, "}", ""])
+    pieces = list(chain(*divided))
+    places, size = _shared(instructions, pieces, size)
+    functions = [
+        "\n".join([f"{_STATIC}void {head.format(k)} {{", *body, "}", ""])
+        for k, body in enumerate(
+            _bodies(instructions, pieces, *arrays, places, numbers)
+        )
+    ]
+    calls = map(call.format, range(len(pieces)))
+    return functions, [[next(calls) for _ in stage] for stage in divided], size
 
 
 def _bodies(
@@ -253,15 +274,14 @@ def _bodies(
     pieces: Sequence[Sequence[int]],
     read: Sequence[str],
     written: Sequence[str],
-    first: int | None,
+    places: Mapping[int, int],
     numbers: Numbers,
-) -> tuple[list[list[str]], int]:
-    """Return the C statements of each piece, and the number of elements of w that pieces share.
+) -> list[list[str]]:
+    """Return the C statements of each piece.
 
-    The shared elements start at `first`. If `first` is None, all pieces are in one function and share its
-    variables. `read` and `written` are C expressions of an element, with ``{}`` for its index.
+    `places` are the indices in w of the values that pieces share. `read` and `written` are C expressions of
+    an element, with ``{}`` for its index.
     """
-    places, shared = ({}, 0) if first is None else _shared(instructions, pieces, first)
     text = [
         named(k, instruction, read, numbers)
         for k, instruction in enumerate(instructions)
@@ -295,7 +315,7 @@ def _bodies(
             if k in places:
                 body.append(f"  w[{places[k]}] = v{k};")
         bodies.append(body + _moved(moves, written, read))
-    return bodies, shared
+    return bodies
 
 
 def straight_line(
@@ -304,18 +324,17 @@ def straight_line(
     """Return the C statements of an SX `function`, with the array names `read` and `written`."""
     instructions = fused(instructions_of(function))
     given, made = ([f"{name}[{{}}]" for name in names] for names in (read, written))
-    bodies, _ = _bodies(
-        instructions, [range(len(instructions))], given, made, None, SCALAR_NUMBERS
-    )
-    return "\n".join(bodies[0])
+    stages = [range(len(instructions))]
+    (body,) = _bodies(instructions, stages, given, made, {}, SCALAR_NUMBERS)
+    return "\n".join(body)
 
 
 def _shared(
-    instructions: Sequence[Instruction], pieces: Sequence[Sequence[int]], first: int
+    instructions: Sequence[Instruction], pieces: Sequence[Sequence[int]], size: int
 ) -> tuple[dict[int, int], int]:
-    """Return the index in w of each value that a later piece needs, and the number of elements used.
+    """Return the index in w of each value that a later piece needs, and the new size of w.
 
-    An element is reused as soon as no later piece needs its value.
+    An element is reused as soon as no later piece needs its value. The first one is at the end of w so far.
     """
     last = {
         o: n
@@ -325,7 +344,6 @@ def _shared(
     }
     places: dict[int, int] = {}
     free: list[int] = []  # elements that no later piece needs
-    size = 0
     for n, piece in enumerate(pieces):
         free += [place for k, place in places.items() if last[k] == n - 1]
         for k in piece:
@@ -334,7 +352,7 @@ def _shared(
                 ca.OP_CONST,
             ):
                 if not free:
-                    free.append(first + size)
+                    free.append(size)
                     size += 1
                 places[k] = free.pop()
     return places, size
@@ -393,26 +411,21 @@ def _kernel(call: KernelCall, name: str, numbers: Numbers) -> list[str]:
     numbers = Numbers(runs * together, series=True)
     kind, own = numbers.type, SCALAR_NUMBERS.type if runs == 1 else numbers.type
     instructions = fused(instructions_of(call.kernel.function))
-    apart = len(instructions) > MAX_KERNEL_PIECE_INSTRUCTIONS
-    length = MAX_KERNEL_PIECE_INSTRUCTIONS if apart else max(len(instructions), 1)
-    pieces = [
-        range(i, min(i + length, len(instructions)))
-        for i in range(0, len(instructions), length)
-    ]
-    read, written = (
-        [f"(*(const {kind}*)(a + {count} * ({{}})))"],
-        [f"(*({kind}*)(r + {count} * ({{}})))"],
+    functions, (lines,), size = _divided(
+        instructions,
+        [range(len(instructions))],
+        MAX_KERNEL_PIECE_INSTRUCTIONS,
+        (
+            [f"(*(const {kind}*)(a + {count} * ({{}})))"],
+            [f"(*({kind}*)(r + {count} * ({{}})))"],
+        ),
+        0,
+        numbers,
+        f"{name}_{{}}(const {own}* restrict a, {own}* restrict r, {kind}* restrict w)",
+        f"    {name}_{{}}(a, r, w);",
     )
-    bodies, shared = _bodies(
-        instructions, pieces, read, written, 0 if apart else None, numbers
-    )
-    functions, lines = list[str](), bodies[0]
-    if apart:
-        lines = [_WORK.format(size=max(shared, 1), type=kind)]
-        for k, body in enumerate(bodies):
-            head = f"{name}_{k}(const {own}* restrict a, {own}* restrict r, {kind}* restrict w)"
-            functions.append(_apart(head, body))
-            lines.append(f"    {name}_{k}(a, r, w);")
+    if functions:
+        lines.insert(0, _WORK.format(size=max(size, 1), type=kind))
     whole = (
         f"static void {name}(const {own}* restrict in, {own}* restrict out) {{\n"
         f"  static const int starts[] = {{{', '.join(map(str, starts))}}};\n"
