@@ -14,7 +14,6 @@ import numpy as np
 
 from trussflow.blocks.support.types import Array
 
-MAX_FLOAT = float(np.finfo(float).max)
 MIN_ALL_INTEGERS = 2.0**52
 """Smallest magnitude from which on every floating-point number is an integer [-]."""
 
@@ -53,30 +52,6 @@ def _round(a: Array, decimals: int = 0) -> Array:
     )
 
 
-def _nan_to_num(
-    x: Array,
-    *,
-    nan: float = 0.0,
-    posinf: float | None = None,
-    neginf: float | None = None,
-) -> Array:
-    high = np.where(x > MAX_FLOAT, MAX_FLOAT if posinf is None else posinf, x)
-    low = np.where(x < -MAX_FLOAT, -MAX_FLOAT if neginf is None else neginf, high)
-    return np.where(np.isnan(x), nan, low)
-
-
-def _isclose(
-    a: Array, b: Array, rtol: float = 1e-5, atol: float = 1e-8, equal_nan: bool = False
-) -> Array:
-    near = np.abs(np.subtract(a, b)) <= atol + rtol * np.abs(b)
-    close = np.logical_or(np.equal(a, b), np.logical_and(near, np.isfinite(b)))
-    return (
-        np.logical_or(close, np.logical_and(np.isnan(a), np.isnan(b)))
-        if equal_nan
-        else close
-    )
-
-
 def _interp(
     x: Array,
     xp: Array,
@@ -104,12 +79,9 @@ NUMPY_REPLACEMENTS: dict[Callable[..., Any], Callable[..., Any]] = {
     np.signbit: lambda x: np.copysign(1.0, x) < 0.0,
     np.remainder: _mod,
     np.floor_divide: _floor_divide,
-    np.divmod: lambda a, b: (np.floor_divide(a, b), np.mod(a, b)),
     np.rint: _rint,
     np.round: _round,
     np.around: _round,
-    np.nan_to_num: _nan_to_num,
-    np.isclose: _isclose,
     np.interp: _interp,
     np.digitize: _digitize,
 }
@@ -118,5 +90,6 @@ NUMPY_REPLACEMENTS: dict[Callable[..., Any], Callable[..., Any]] = {
 REFUSED_FUNCTIONS = (
     *(np.fmax, np.fmin, np.nanmax, np.nanmin, np.nansum, np.nanprod, np.nancumsum),
     *(np.isposinf, np.isneginf, np.modf, np.heaviside, np.logaddexp, np.logaddexp2),
+    *(np.nan_to_num, np.isclose, np.divmod),
 )
 """NumPy functions for which CasADi returns other numbers, mostly for NaN and infinite numbers."""

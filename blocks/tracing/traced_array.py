@@ -177,14 +177,7 @@ _WRAPPED_METHODS = (
 )
 for _name in _WRAPPED_METHODS:
     setattr(TracedArray, _name, _kept(_name))
-for _name in (
-    "__mod__",
-    "__rmod__",
-    "__floordiv__",
-    "__rfloordiv__",
-    "__divmod__",
-    "__rdivmod__",
-):
+for _name in ("__mod__", "__rmod__", "__floordiv__", "__rfloordiv__"):
     setattr(TracedArray, _name, getattr(np.lib.mixins.NDArrayOperatorsMixin, _name))
 for _name, _what in REFUSAL_MESSAGES.items():
     setattr(TracedArray, _name, _refuse(_what))
