@@ -282,8 +282,7 @@ def inner_places(plan: Plan) -> Indices:
 def _rates_and_outputs(ports: Sequence[Port]) -> Quantity:
     """Return the quantity made of dx/dt and then the values of ports."""
 
-    def collect(plan: Plan, evaluation: Evaluation) -> list[Array]:
-        rates = derivative().collect(plan, evaluation)
-        return rates + outputs(ports).collect(plan, evaluation)
+    def collect(evaluation: Evaluation) -> list[Array]:
+        return derivative().collect(evaluation) + outputs(ports).collect(evaluation)
 
     return Quantity(RATES_AND_OUTPUTS, frozenset(), collect)

@@ -254,7 +254,7 @@ class NumPyExecutor(Executor):
         """Return the quantity of that name."""
         quantity = self._quantities[name]
         evaluation = self.plan.evaluate(*point, quantity.active)
-        arrays = quantity.collect(self.plan, evaluation)
+        arrays = quantity.collect(evaluation)
         return np.concatenate([np.zeros(0), *(np.ravel(a) for a in arrays)])
 
 

@@ -11,7 +11,8 @@ from trussflow.blocks.framework.port import Port
 from trussflow.blocks.framework.system import resolved
 from trussflow.blocks.support.types import Array, Vector
 from trussflow.blocks.support.validation import finite_array
-from trussflow.blocks.tracing.kernels import tracing
+from trussflow.blocks.tracing.evaluation import Evaluation
+from trussflow.blocks.tracing.kernels import from_expression, tracing
 from trussflow.blocks.tracing.newton import residual_left
 from trussflow.blocks.tracing.program import Program
 from trussflow.blocks.tracing.quantities import outputs
@@ -90,7 +91,8 @@ class AlgebraicLoops:
         """Return the torn outputs that need an iteration; the plan must have guesses for all torn outputs."""
         plan = self._plan
         with tracing():
-            evaluation = plan.symbolic(self._everything)
+            leaves = plan.leaves(plan.symbols(), from_expression)
+            evaluation = Evaluation(plan, leaves, self._everything)
             evaluation.compute(self._stages())
         return evaluation.iterated
 

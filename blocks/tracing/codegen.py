@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from itertools import accumulate, chain, groupby, zip_longest
+from itertools import accumulate, chain, groupby
 
 import casadi as ca
 
@@ -218,8 +218,8 @@ def _program(program: Program, kernels: dict[int, str], numbers: Numbers) -> lis
     lines = [f"void tf_run_{program.name}({_parameters(numbers)}) {{"]
     if functions or size:
         lines.append(_WORK.format(size=max(size, 1), type=numbers.type))
-    for body, call in zip_longest(bodies, called):
-        lines += [*body, *([call] if call else [])]
+    for i, body in enumerate(bodies):
+        lines += [*body, *called[i : i + 1]]
     return [*functions, "\n".join([*lines, *loops, "}", ""])]
 
 

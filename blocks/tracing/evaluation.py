@@ -7,9 +7,10 @@ through a block is legal if only another output of that block has direct feedthr
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from math import prod
+from typing import TYPE_CHECKING
 
 import casadi as ca
 import numpy as np
@@ -19,10 +20,11 @@ from trussflow.blocks.framework.block import Block, Values
 from trussflow.blocks.framework.declarations import Signals
 from trussflow.blocks.framework.layout import BlockSignals, spans
 from trussflow.blocks.framework.port import Port
-from trussflow.blocks.framework.system import Driver, System
+from trussflow.blocks.framework.system import Driver
 from trussflow.blocks.support.types import Array
 from trussflow.blocks.tracing.call_checks import checked, running_errors, tracing_errors
 from trussflow.blocks.tracing.kernels import (
+    active_trace,
     from_expression,
     is_traced,
     symbol,
@@ -30,8 +32,10 @@ from trussflow.blocks.tracing.kernels import (
     written_out,
 )
 from trussflow.blocks.tracing.newton import MAX_ITERATED_UNKNOWNS, solve
-from trussflow.blocks.tracing.sorted_order import Active, Feedthrough, Stage, holds
-from trussflow.blocks.tracing.traced_block import TracedBlock
+from trussflow.blocks.tracing.sorted_order import Active, Stage, holds
+
+if TYPE_CHECKING:
+    from trussflow.blocks.tracing.plan import Plan
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,27 +69,21 @@ class Evaluation:
 
     Attributes
     ----------
-    system : System
-        The flat diagram.
-    feedthrough : dict
-        Inputs with direct feedthrough to each output.
+    plan : Plan
+        The flat diagram with its traced blocks.
     leaves : Leaves
         Time, states, held outputs and parameters.
     active : set of Clock
         The clocks that tick at this instant: their blocks compute, the others hold.
-    traced_blocks : mapping
-        Equations already traced, by block path, for an evaluation with symbols.
     solved : dict
         Known signals of algebraic loops; more are added as the loops are solved.
     iterated : list of Port
         Torn signals of the loops that need an iteration, in an evaluation with symbols.
     """
 
-    system: System
-    feedthrough: Feedthrough
+    plan: Plan
     leaves: Leaves
     active: Active
-    traced_blocks: Mapping[str, TracedBlock] = field(default_factory=dict)
     solved: dict[Port, Array] = field(default_factory=dict)
     iterated: list[Port] = field(default_factory=list)
 
@@ -99,7 +97,7 @@ class Evaluation:
         """Return the value of an output of a leaf block (the whole port)."""
         if port in self.solved:
             return self.solved[port]
-        if holds(self.system, port.block, self.active):
+        if holds(self.plan.system, port.block, self.active):
             return self.leaves.held[port.block.path][port.name]
         return self._computed(port)
 
@@ -114,7 +112,7 @@ class Evaluation:
     def _solve(self, stage: Stage) -> None:
         """Solve for the torn signals of an algebraic loop."""
         # A separate evaluation, so that no expression in the unknowns is cached in this one.
-        apart = Evaluation(self.system, self.feedthrough, self.leaves, self.active)
+        apart = Evaluation(self.plan, self.leaves, self.active)
         apart._outputs, apart._inputs = self._outputs.copy(), self._inputs.copy()
         shapes = [port.whole_shape or () for port in stage.torn]
         unknown = [
@@ -151,7 +149,7 @@ class Evaluation:
     def _computed(self, port: Port) -> Array:
         """Return the value of an output that its block computes from its inputs."""
         block, path = port.block, port.block.path
-        needed = self.feedthrough[path][port.name]
+        needed = self.plan.feedthrough[path][port.name]
         if (path, needed) not in self._outputs:
             self._outputs[path, needed] = self._call(block, needed)
         return self._outputs[path, needed][port.name]
@@ -161,7 +159,7 @@ class Evaluation:
         key = (block.path, name)
         if key not in self._inputs:
             port = block.port(name)
-            drivers = self.system.drivers[key]
+            drivers = self.plan.system.drivers[key]
             whole = len(drivers) == 1 and _is_whole(drivers[0], port)
             if whole and drivers[0].source is not None:
                 self._inputs[key] = self.output(drivers[0].source)
@@ -220,7 +218,8 @@ class Evaluation:
         leaves, path = self.leaves, block.path
         x, p, fired = leaves.states[path], leaves.parameters[path], leaves.fired[path]
         traced = is_traced(leaves.t)
-        reusable = self.traced_blocks.get(path)
+        # Inside algebraic loops no kernel calls are recorded, so equations are traced again.
+        reusable = self.plan.traced_blocks.get(path) if active_trace() else None
         if reusable is not None and reusable.fits(u.values()):
             known = frozenset(n for n in u if self._inputs.get((path, n)) is u[n])
             if (path, known) not in self._filled:
@@ -249,13 +248,13 @@ class Evaluation:
         Such inputs are passed nevertheless: the evaluations for several outputs of a block then have
         equal expressions, and share kernels.
         """
-        for driver in self.system.drivers[port.block.path, port.name]:
+        for driver in self.plan.system.drivers[port.block.path, port.name]:
             if driver.source is None:
                 continue
             source = driver.source.block
-            needed = self.feedthrough[source.path][driver.source.name]
+            needed = self.plan.feedthrough[source.path][driver.source.name]
             if (source.path, needed) in self._outputs or holds(
-                self.system, source, self.active
+                self.plan.system, source, self.active
             ):
                 continue
             # An output under evaluation cannot be passed: a block connected to itself would recurse

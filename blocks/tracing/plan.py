@@ -23,18 +23,13 @@ from trussflow.blocks.framework.layout import Layout
 from trussflow.blocks.framework.port import Port
 from trussflow.blocks.framework.system import System, flatten
 from trussflow.blocks.support.progress import status_line
-from trussflow.blocks.support.types import Array, Vector
+from trussflow.blocks.support.types import Vector
 from trussflow.blocks.support.validation import by_name, finite_array
 from trussflow.blocks.tracing.algebraic_loops import AlgebraicLoops
 from trussflow.blocks.tracing.block_check import SharedResults, check_kind, isolate
 from trussflow.blocks.tracing.evaluation import Evaluation, Leaves
 from trussflow.blocks.tracing.initial_states import set_from_inputs
-from trussflow.blocks.tracing.kernels import (
-    from_expression,
-    is_traced,
-    to_expression,
-    tracing,
-)
+from trussflow.blocks.tracing.kernels import from_expression, to_expression, tracing
 from trussflow.blocks.tracing.program import Program, lower
 from trussflow.blocks.tracing.quantities import Quantity
 from trussflow.blocks.tracing.sorted_order import Active, Stage, order
@@ -79,10 +74,9 @@ class Plan:
             check_kind(block)
         with status_line(f"checking the blocks of '{self.name}'"):
             shared = SharedResults()
-            self._isolated = {path: isolate(b, shared) for path, b in blocks.items()}
-        self.feedthrough = {
-            path: one.feedthrough for path, one in self._isolated.items()
-        }
+            isolated = {path: isolate(b, shared) for path, b in blocks.items()}
+        self.feedthrough = {path: one.feedthrough for path, one in isolated.items()}
+        self.traced_blocks = {path: one.traced for path, one in isolated.items()}
         states = [
             (path, name, block.state_shape(name), block.continuous)
             for path, block in blocks.items()
@@ -336,38 +330,21 @@ class Plan:
 
     # -- evaluation -----------------------------------------------------------------------
 
-    def evaluation(
-        self, t: Array, x: Array, d: Array, p: Array, make: Any, active: Active
-    ) -> Evaluation:
-        """Return the evaluation of all signals while the `active` clocks tick.
-
-        `make` converts a slice to an array. Signals are expressions if `t`, `x`, `d` and `p` are symbols,
-        and numbers otherwise.
-        """
+    def leaves(self, point: Sequence[Any], make: Any) -> Leaves:
+        """Return the arrays in a `point` (t, x, d, p); `make` converts a slice to an array of a shape."""
+        t, x, d, p = point
         states, held = self.memory.unpack(d, make), self.held.unpack(d, make)
         self.x.unpack(x, make, states)
         self.modes.unpack(d, make, states)
         self.u.unpack(d, make, held)
-        parameters, guesses = self.p.unpack(p, make), self.guesses.unpack(d, make)
-        fired, sides = self.fired.unpack(d, make), self.sides.unpack(d, make)
-        if not is_traced(t):
-            for signals in fired.values():
-                signals.update({name: value > 0 for name, value in signals.items()})
-        leaves = Leaves(t, states, held, parameters, fired, sides, guesses)
-        traced_blocks = {
-            k: i.traced for k, i in self._isolated.items() if i.traced is not None
-        }
-        if is_traced(t):
-            return Evaluation(
-                self.system, self.feedthrough, leaves, active, traced_blocks
-            )
-        solved = self.loops.values(float(t), x, d, p, active)
-        return Evaluation(self.system, self.feedthrough, leaves, active, solved=solved)
-
-    def symbolic(self, active: Active, symbols: Sequence[ca.SX] = ()) -> Evaluation:
-        """Return the symbolic evaluation while `active` clocks tick, with given or new `symbols`."""
-        t, x, d, p = symbols or self.symbols()
-        return self.evaluation(from_expression(t, ()), x, d, p, from_expression, active)
+        others = (self.fired, self.sides, self.guesses)
+        return Leaves(
+            make(t, ()),
+            states,
+            held,
+            self.p.unpack(p, make),
+            *(layout.unpack(d, make) for layout in others),
+        )
 
     def symbols(self) -> list[ca.SX]:
         """Return new symbols for t, x, d and p."""
@@ -381,29 +358,27 @@ class Plan:
 
         The signals are those at time `t` [s] with `x`, `d` and `p` [as declared].
         """
-        evaluation = self.evaluation(np.asarray(t), x, d, p, np.reshape, active)
+        leaves = self.leaves((t, x, d, p), np.reshape)
+        for signals in leaves.fired.values():
+            signals.update({name: value > 0 for name, value in signals.items()})
+        solved = self.loops.values(t, x, d, p, active)
+        evaluation = Evaluation(self, leaves, active, solved)
         evaluation.compute(self.order(active))
         return evaluation
 
     def trace(self, quantities: Sequence[Quantity]) -> list[Program]:
         """Trace one program of (t, x, d, p) for each quantity."""
-        leaves, programs, evaluated = self.symbols(), [], dict[Active, Evaluation]()
+        symbols, programs, evaluated = self.symbols(), [], dict[Active, Evaluation]()
         with status_line(f"tracing '{self.name}'"), tracing() as trace:
-            new = self.symbolic(frozenset(), leaves)
+            leaves = self.leaves(symbols, from_expression)
             for quantity in quantities:
                 if (active := quantity.active) not in evaluated:
-                    now = Evaluation(
-                        new.system,
-                        new.feedthrough,
-                        new.leaves,
-                        active,
-                        new.traced_blocks,
-                    )
+                    now = Evaluation(self, leaves, active)
                     now.compute(self.order(active))
                     evaluated[active] = now
-                arrays = quantity.collect(self, evaluated[active])
+                arrays = quantity.collect(evaluated[active])
                 column = (
                     ca.vertcat(*map(to_expression, arrays)) if arrays else ca.SX(0, 1)
                 )
-                programs.append(lower(quantity.name, leaves, column, trace))
+                programs.append(lower(quantity.name, symbols, column, trace))
         return programs

@@ -35,7 +35,7 @@ class Quantity:
 
     name: str
     active: Active
-    collect: Callable[[Plan, Evaluation], list[Array]]
+    collect: Callable[[Evaluation], list[Array]]
 
 
 def derivative() -> Quantity:
@@ -51,7 +51,8 @@ def indicators() -> Quantity:
 def _results(kind: str, layout: Callable[[Plan], Layout]) -> Quantity:
     """Return the quantity of the results of an equation, in the order of a layout of the plan."""
 
-    def collect(plan: Plan, evaluation: Evaluation) -> list[Array]:
+    def collect(evaluation: Evaluation) -> list[Array]:
+        plan = evaluation.plan
         values: dict[str, Values] = {}
         for path in dict.fromkeys(e.path for e in layout(plan)):
             block = plan.system.blocks[path]
@@ -70,7 +71,7 @@ def outputs(
 ) -> Quantity:
     """Return the quantity `name`: the concatenated values of `ports` while `active` clocks tick."""
 
-    def collect(_plan: Plan, evaluation: Evaluation) -> list[Array]:
+    def collect(evaluation: Evaluation) -> list[Array]:
         return [evaluation.value(port) for port in ports]
 
     return Quantity(name, active, collect)
@@ -79,8 +80,9 @@ def outputs(
 def sample(number: int, active: Active) -> Quantity:
     """Return the quantity d after an instant at which the set `number` of `active` clocks ticks."""
 
-    def collect(plan: Plan, evaluation: Evaluation) -> list[Array]:
-        leaves, blocks = evaluation.leaves, plan.system.blocks
+    def collect(evaluation: Evaluation) -> list[Array]:
+        plan, leaves = evaluation.plan, evaluation.leaves
+        blocks = plan.system.blocks
         after: dict[str, Values] = {**leaves.states}
         for path in dict.fromkeys(e.path for e in plan.memory):
             if blocks[path].traced and plan.system.clock(blocks[path]) in active:
@@ -91,7 +93,7 @@ def sample(number: int, active: Active) -> Quantity:
             *(evaluation.output(blocks[e.path].port(e.name)) for e in plan.held),
             *(leaves.sides[e.path][e.name] for e in plan.sides),
             *(np.zeros(e.shape) for e in plan.fired),
-            *guesses().collect(plan, evaluation),
+            *guesses().collect(evaluation),
             *(leaves.held[e.path][e.name] for e in plan.u),
         ]
 
@@ -101,7 +103,8 @@ def sample(number: int, active: Active) -> Quantity:
 def guesses() -> Quantity:
     """Return the quantity of the loop solutions, which are the initial guesses of the next ones."""
 
-    def collect(plan: Plan, evaluation: Evaluation) -> list[Array]:
+    def collect(evaluation: Evaluation) -> list[Array]:
+        plan = evaluation.plan
         return [
             evaluation.solved.get(
                 plan.system.blocks[e.path].port(e.name),
@@ -116,7 +119,8 @@ def guesses() -> Quantity:
 def after_events() -> Quantity:
     """Return the quantity (x, modes) after the events triggered in d; Python blocks keep their values."""
 
-    def collect(plan: Plan, evaluation: Evaluation) -> list[Array]:
+    def collect(evaluation: Evaluation) -> list[Array]:
+        plan = evaluation.plan
         blocks = {e.path: plan.system.blocks[e.path] for e in plan.sides}
         after = evaluation.leaves.states | {
             path: evaluation.after_events(block)
@@ -133,7 +137,7 @@ def after_events() -> Quantity:
 def block_inputs(name: str, block: Block, active: Active) -> Quantity:
     """Return the quantity `name`: all inputs of a Python `block` while `active` clocks tick."""
 
-    def collect(_plan: Plan, evaluation: Evaluation) -> list[Array]:
+    def collect(evaluation: Evaluation) -> list[Array]:
         return list(evaluation.inputs(block).values())
 
     return Quantity(name, active, collect)

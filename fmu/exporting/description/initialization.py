@@ -37,7 +37,8 @@ def initialization() -> Quantity:
     states follow from parameters and inputs, as in `Plan.initial`.
     """
 
-    def collect(plan: Plan, evaluation: Evaluation) -> list[Array]:
+    def collect(evaluation: Evaluation) -> list[Array]:
+        plan = evaluation.plan
         values = {
             (path, name): _start(plan, path, name, evaluation.leaves)
             for layout in plan.stored
@@ -123,9 +124,7 @@ def _set_by_blocks(
             held[path] = Signals(s.owner, {n: _zeros(v) for n, v in s.items()})
     active = frozenset(clock for clock in system.clocks if clock.offset == 0)
     first = replace(leaves, states=states, held=held)
-    now = Evaluation(
-        system, evaluation.feedthrough, first, active, evaluation.traced_blocks
-    )
+    now = Evaluation(plan, first, active)
     now.compute(plan.order(active))
     after: States = {}
     for block in setting_blocks(plan):
