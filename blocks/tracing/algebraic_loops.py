@@ -19,6 +19,7 @@ from trussflow.blocks.tracing.quantities import outputs
 from trussflow.blocks.tracing.sorted_order import (
     Active,
     Stage,
+    by_port,
     graph_of,
     order,
     torn_ports,
@@ -118,20 +119,11 @@ class AlgebraicLoops:
             )
         program = self._programs[active]
         flat = np.asarray(program.function(t, x, d, p).full()).ravel()
-        parts = dict(
-            zip(
-                torn,
-                np.split(flat, np.cumsum([port.size for port in torn])[:-1]),
-                strict=True,
-            )
-        )
+        found = by_port(torn, flat, np.reshape)
         for stage in loops:
-            if not all(np.isfinite(parts[port]).all() for port in stage.torn):
+            if not all(np.isfinite(found[port]).all() for port in stage.torn):
                 raise self._unsolved(stage, program, t)
-        return {
-            port: np.reshape(part, port.whole_shape or ())
-            for port, part in parts.items()
-        }
+        return found
 
     def put(self, t: float, x: Vector, d: Vector, p: Vector, active: Active) -> Vector:
         """Return d with the loop solutions as guesses, as derivatives need it, while `active` clocks tick.

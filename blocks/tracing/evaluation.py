@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from math import prod
 from typing import TYPE_CHECKING
 
 import casadi as ca
@@ -18,7 +17,7 @@ import numpy as np
 from trussflow.blocks.errors import AlgebraicLoopError
 from trussflow.blocks.framework.block import Block, Values
 from trussflow.blocks.framework.declarations import Signals
-from trussflow.blocks.framework.layout import BlockSignals, spans
+from trussflow.blocks.framework.layout import BlockSignals
 from trussflow.blocks.framework.port import Port
 from trussflow.blocks.framework.system import Driver
 from trussflow.blocks.support.types import Array
@@ -32,7 +31,13 @@ from trussflow.blocks.tracing.kernels import (
     written_out,
 )
 from trussflow.blocks.tracing.newton import MAX_ITERATED_UNKNOWNS, solve
-from trussflow.blocks.tracing.sorted_order import Active, Stage, holds
+from trussflow.blocks.tracing.sorted_order import (
+    Active,
+    Stage,
+    by_port,
+    holds,
+    laid_out,
+)
 
 if TYPE_CHECKING:
     from trussflow.blocks.tracing.plan import Plan
@@ -114,37 +119,27 @@ class Evaluation:
         # A separate evaluation, so that no expression in the unknowns is cached in this one.
         apart = Evaluation(self.plan, self.leaves, self.active)
         apart._outputs, apart._inputs = self._outputs.copy(), self._inputs.copy()
-        shapes = [port.whole_shape or () for port in stage.torn]
-        unknown = [
-            symbol(port.path, shape)
-            for port, shape in zip(stage.torn, shapes, strict=True)
-        ]
-        apart.solved = self.solved | dict(zip(stage.torn, unknown, strict=True))
+        places = laid_out(stage.torn)
+        z = ca.SX.sym("z", places.size)
+        apart.solved = self.solved | by_port(stage.torn, z, from_expression)
         with written_out():
             for port in stage.ports:
                 apart.output(port)
             results = [apart._computed(port) for port in stage.torn]
-        z, computed = (
-            ca.vertcat(*map(to_expression, arrays)) for arrays in (unknown, results)
-        )
-        known = self.leaves.guesses
         guesses = [
-            known[port.block.path].get(port.name, np.zeros(shape))
-            for port, shape in zip(stage.torn, shapes, strict=True)
+            self.leaves.guesses[e.path].get(e.name, np.zeros(e.shape)) for e in places
         ]
-        found, iterated = solve(
-            computed - z, z, ca.vertcat(*map(to_expression, guesses))
+        computed, start = (
+            ca.vertcat(*map(to_expression, arrays)) for arrays in (results, guesses)
         )
+        found, iterated = solve(computed - z, z, start)
         if iterated and z.numel() > MAX_ITERATED_UNKNOWNS:
             raise AlgebraicLoopError(
                 f"an algebraic loop of {z.numel()} unknowns exceeds the limit of {MAX_ITERATED_UNKNOWNS} for "
                 f"iterations\n{stage.cycle}\nbreak it with states or a UnitDelay, or connect fewer elements"
             )
         self.iterated += stage.torn if iterated else ()
-        for port, shape, place in zip(
-            stage.torn, shapes, spans(map(prod, shapes)), strict=True
-        ):
-            self.solved[port] = from_expression(found[place], shape)
+        self.solved |= by_port(stage.torn, found, from_expression)
 
     def _computed(self, port: Port) -> Array:
         """Return the value of an output that its block computes from its inputs."""
@@ -158,13 +153,8 @@ class Evaluation:
         """Return the value of the input `name` of a leaf `block`."""
         key = (block.path, name)
         if key not in self._inputs:
-            port = block.port(name)
             drivers = self.plan.system.drivers[key]
-            whole = len(drivers) == 1 and _is_whole(drivers[0], port)
-            if whole and drivers[0].source is not None:
-                self._inputs[key] = self.output(drivers[0].source)
-            else:
-                self._inputs[key] = self._assemble(port, drivers)
+            self._inputs[key] = self._assembled(block.port(name), drivers)
         return self._inputs[key]
 
     def value(self, port: Port) -> Array:
@@ -253,18 +243,13 @@ class Evaluation:
                 continue
             source = driver.source.block
             needed = self.plan.feedthrough[source.path][driver.source.name]
-            if (source.path, needed) in self._outputs or holds(
-                self.plan.system, source, self.active
-            ):
+            key = (source.path, needed)
+            if key in self._outputs or holds(self.plan.system, source, self.active):
                 continue
             # An output under evaluation cannot be passed: a block connected to itself would recurse
             # without end. Only one level is followed, as chains of blocks whose outputs depend on states
             # only may be longer than Python's stack.
-            if (
-                needed
-                or len(self._running) > 1
-                or (source.path, needed) in self._running
-            ):
+            if needed or len(self._running) > 1 or key in self._running:
                 return False
         return True
 
@@ -273,29 +258,24 @@ class Evaluation:
         shape = port.whole_shape or ()
         return symbol("unknown", shape) if is_traced(self.leaves.t) else np.zeros(shape)
 
-    def _assemble(self, port: Port, drivers: list[Driver]) -> Array:
-        """Assemble an input from slices of outputs, zeros, or its default."""
-        shape = port.whole_shape or ()
+    def _assembled(self, port: Port, drivers: list[Driver]) -> Array:
+        """Return an input: a whole output, or slices of outputs and zeros, or its default."""
+        shape, everything = port.whole_shape or (), np.arange(port.size)
         default = port.declaration.default
         if not drivers and default is not None:
             return np.full(shape, default, dtype=float)
-        if port.size == 0:
-            return np.zeros(shape)
         elements: list[Array] = [np.zeros(())] * port.size
         for driver in drivers:
             if driver.source is None:
                 continue
-            flat = np.reshape(self.output(driver.source), (-1,))
+            output = self.output(driver.source)
+            if driver.source.whole_shape == port.whole_shape and np.array_equal(
+                [driver.taken, driver.given], [everything, everything]
+            ):
+                return output
+            flat = np.reshape(output, (-1,))
             for taken, given in zip(driver.taken, driver.given, strict=True):
                 elements[given] = flat[int(taken)]
+        if port.size == 0:
+            return np.zeros(shape)
         return np.reshape(np.stack(elements), shape) if shape else elements[0]
-
-
-def _is_whole(driver: Driver, port: Port) -> bool:
-    """Return whether a driver connects a whole output to a whole input."""
-    return (
-        driver.source is not None
-        and driver.source.whole_shape == port.whole_shape
-        and np.array_equal(driver.taken, np.arange(port.size))
-        and np.array_equal(driver.given, np.arange(port.size))
-    )

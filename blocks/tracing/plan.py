@@ -32,7 +32,7 @@ from trussflow.blocks.tracing.initial_states import set_from_inputs
 from trussflow.blocks.tracing.kernels import from_expression, to_expression, tracing
 from trussflow.blocks.tracing.program import Program, lower
 from trussflow.blocks.tracing.quantities import Quantity
-from trussflow.blocks.tracing.sorted_order import Active, Stage, order
+from trussflow.blocks.tracing.sorted_order import Active, Stage, laid_out, order
 
 
 class Plan:
@@ -83,8 +83,8 @@ class Plan:
             for name in block.states()
         ]
         held = [
-            (path, port.name, port.whole_shape or ())
-            for path, block in blocks.items()
+            port
+            for block in blocks.values()
             if block.sample_time is not None
             or not (block.traced or isinstance(block, External))
             for port in block.outputs()
@@ -104,7 +104,7 @@ class Plan:
             ((path, name, shape) for path, name, shape, c in states if not c),
             self.modes.span.stop,
         )
-        self.held = Layout(held, self.memory.span.stop)
+        self.held = laid_out(held, self.memory.span.stop)
         # ``events.h`` depends on the order of the following parts.
         self.sides = Layout(events, self.held.span.stop)
         self.fired = Layout(events, self.sides.span.stop)
@@ -135,10 +135,7 @@ class Plan:
     def _lay_out_rest(self, iterated: Iterable[Port]) -> None:
         """Lay out the end of d: guesses of the iterated outputs, and external inputs."""
         ports = sorted(iterated, key=lambda port: port.path)
-        guesses = [
-            (port.block.path, port.name, port.whole_shape or ()) for port in ports
-        ]
-        self.guesses = Layout(guesses, self.fired.span.stop)
+        self.guesses = laid_out(ports, self.fired.span.stop)
         external = self.system.external.values()
         self.u = Layout(
             ((b.path, "y", b.extent) for b in external), self.guesses.span.stop

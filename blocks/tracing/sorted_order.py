@@ -10,7 +10,15 @@ the next one.
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Collection, Container, Hashable, Iterable, Iterator, Mapping
+from collections.abc import (
+    Callable,
+    Collection,
+    Container,
+    Hashable,
+    Iterable,
+    Iterator,
+    Mapping,
+)
 from graphlib import CycleError, TopologicalSorter
 from itertools import pairwise
 from typing import NamedTuple, TypeVar
@@ -20,8 +28,10 @@ import casadi as ca
 from trussflow.blocks.errors import AlgebraicLoopError
 from trussflow.blocks.framework.block import Block
 from trussflow.blocks.framework.clock import Clock
+from trussflow.blocks.framework.layout import Layout
 from trussflow.blocks.framework.port import Port
 from trussflow.blocks.framework.system import System
+from trussflow.blocks.support.types import Array
 
 T = TypeVar("T", bound=Hashable)
 
@@ -52,6 +62,20 @@ class Stage(NamedTuple):
     ports: tuple[Port, ...]
     torn: tuple[Port, ...] = ()
     cycle: str = ""
+
+
+def laid_out(ports: Iterable[Port], start: int = 0) -> Layout:
+    """Return the layout of whole `ports` in a vector from index `start` [-] on."""
+    arrays = ((port.block.path, port.name, port.whole_shape or ()) for port in ports)
+    return Layout(arrays, start)
+
+
+def by_port(
+    ports: Collection[Port], flat: Array, make: Callable[..., Array]
+) -> dict[Port, Array]:
+    """Return the values of whole `ports` in a vector; `make` converts a slice to an array of a shape."""
+    arrays = laid_out(ports).unpack(flat, make)
+    return {port: arrays[port.block.path][port.name] for port in ports}
 
 
 def in_order(graph: Mapping[T, Iterable[T]]) -> tuple[list[T], list[T]]:
