@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, partial
 from typing import Any
 
 import casadi as ca
@@ -68,39 +68,70 @@ class CFunction:
 def _kernel(
     function: CFunction, sizes: tuple[int, ...], arguments: int, results: int
 ) -> Kernel:
-    numbers = ", ".join(map(str, sizes))
-    header = c_file(f"{function.name}.h")
-    return Kernel(
+    given = ", ".join(map(str, sizes))
+    return c_kernel(
         _Value(function, sizes, arguments, results),
-        f"{function.name} {numbers}\n{header}",
-        (((results,), 0, results),),
-        tuple(range(results)),
-        # Not inlined: the function is large, and several programs may call it.
-        f"{header}\nstatic __attribute__((noinline))\n"
-        f"void {KERNEL_NAME}(const double* restrict in, double* restrict out) {{\n"
-        f"  tf_{function.name}({numbers}, in, out);\n}}\n",
+        c_file(f"{function.name}.h"),
+        f"tf_{function.name}({given}, in, out);",
     )
 
 
-class _Value(ca.Callback):
-    """Callback of CasADi for the results."""
+def c_kernel(
+    function: NumPyFunction,
+    declarations: str,
+    call: str,
+    near: Callable[[], ca.Function] | None = None,
+) -> Kernel:
+    """Return the kernel of a `function` that the C statement `call` computes after these `declarations`.
+
+    The statement writes the array ``out`` and reads ``in``. `near` is as in `Kernel`.
+    """
+    # Not inlined: the function is large, and several programs may call it.
+    source = (
+        f"{declarations}\nstatic __attribute__((noinline))\n"
+        f"void {KERNEL_NAME}(const double* restrict in, double* restrict out) {{\n  {call}\n}}\n"
+    )
+    n = function.size1_out(0)
+    return Kernel(function, source, (((n,), 0, n),), tuple(range(n)), source, near)
+
+
+class NumPyFunction(ca.Callback):
+    """Function of CasADi that maps a vector of `arguments` to one of `results` by a method `value` in NumPy."""
+
+    def __init__(self, name: str, arguments: int, results: int) -> None:
+        super().__init__()
+        self._shape = (arguments, results)
+        self.construct(name, {})
+
+    def value(self, argument: Vector) -> Vector:
+        """Return the results."""
+        raise NotImplementedError
+
+    def get_sparsity_in(self, _: int) -> ca.Sparsity:
+        """Return the sparsity of the arguments."""
+        return ca.Sparsity.dense(self._shape[0])
+
+    def get_sparsity_out(self, _: int) -> ca.Sparsity:
+        """Return the sparsity of the results."""
+        return ca.Sparsity.dense(self._shape[1])
+
+    def eval(self, values: Sequence[ca.DM]) -> list[Any]:
+        """Return the results in a list."""
+        return [self.value(values[0].full().ravel())]
+
+
+class _Value(NumPyFunction):
+    """Results of a C function, with derivatives."""
 
     def __init__(
         self, function: CFunction, sizes: tuple[int, ...], arguments: int, results: int
     ) -> None:
-        super().__init__()
-        self._of, self._sizes, self._shape = function, sizes, (arguments, results)
-        self._slopes: dict[int, _Slope] = {}
-        self.construct(function.name, {})
+        super().__init__(function.name, arguments, results)
+        self._computed = partial(function.value, *sizes)
+        self._slope = cache(partial(_Slope, function, sizes, arguments, results))
 
-    def get_sparsity_in(self, _: int) -> ca.Sparsity:
-        return ca.Sparsity.dense(self._shape[0])
-
-    def get_sparsity_out(self, _: int) -> ca.Sparsity:
-        return ca.Sparsity.dense(self._shape[1])
-
-    def eval(self, values: Sequence[ca.DM]) -> list[Any]:
-        return [self._of.value(*self._sizes, values[0].full().ravel())]
+    def value(self, argument: Vector) -> Vector:
+        return self._computed(argument)
 
     def uses_output(self) -> bool:
         return True
@@ -109,9 +140,7 @@ class _Value(ca.Callback):
         return True
 
     def get_forward(self, count: int, *_: Any) -> ca.Function:
-        if count not in self._slopes:
-            self._slopes[count] = _Slope(self._of, self._sizes, *self._shape, count)
-        return self._slopes[count]
+        return self._slope(count)
 
 
 class _Slope(ca.Callback):

@@ -23,14 +23,14 @@ accumulation and attractive fixed points*, for the derivative by the last step.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from functools import cache, partial
-from typing import Any
 
 import casadi as ca
 import numpy as np
 
 from trussflow.blocks.support.types import Vector
+from trussflow.blocks.tracing.c_function import NumPyFunction, c_kernel
 from trussflow.blocks.tracing.codegen import straight_line
 from trussflow.blocks.tracing.instructions import instructions_of
 from trussflow.blocks.tracing.kernels import (
@@ -192,17 +192,14 @@ def _kernel(equations: ca.Function) -> Kernel:
     """Return the kernel that solves the equations ``(z, s) -> (residual, slope)`` for z."""
     n = equations.size1_in(0)
     body = straight_line(equations, ("z", "s"), ("residual", "slope"))
-    source = f"""{c_file("newton.h")}
+    declarations = f"""{c_file("newton.h")}
 static __attribute__((noinline))
 void {KERNEL_NAME}_equations(const double* z, const double* s, double* residual, double* slope) {{
 {body}
-}}
-static __attribute__((noinline)) void {KERNEL_NAME}(const double* restrict in, double* restrict out) {{
-  tf_newton({n}, {KERNEL_NAME}_equations, in, out);
-}}
-"""
-    layout, near = (((n,), 0, n),), cache(partial(_near, equations))
-    return Kernel(_Iteration(equations), source, layout, tuple(range(n)), source, near)
+}}"""
+    call = f"tf_newton({n}, {KERNEL_NAME}_equations, in, out);"
+    near = cache(partial(_near, equations))
+    return c_kernel(_Iteration(equations), declarations, call, near)
 
 
 def _near(equations: ca.Function) -> ca.Function:
@@ -216,7 +213,7 @@ def _near(equations: ca.Function) -> ca.Function:
     return ca.Function("near", [given], [given[:n] - step])
 
 
-class _Iteration(ca.Callback):
+class _Iteration(NumPyFunction):
     """Newton's method for CasADi's interpreter; the same algorithm as in ``newton.h``.
 
     Parameters
@@ -232,26 +229,14 @@ class _Iteration(ca.Callback):
     """
 
     def __init__(self, equations: ca.Function) -> None:
-        super().__init__()
         self._equations, self.left = equations, 0.0
-        self._shape = (
-            equations.size1_in(0) + equations.size1_in(1),
-            equations.size1_in(0),
-        )
-        self.construct("algebraic_loop", {})
+        self._unknowns, others = equations.size1_in(0), equations.size1_in(1)
+        super().__init__("algebraic_loop", self._unknowns + others, self._unknowns)
 
-    def get_sparsity_in(self, _: int) -> ca.Sparsity:
-        return ca.Sparsity.dense(self._shape[0])
-
-    def get_sparsity_out(self, _: int) -> ca.Sparsity:
-        return ca.Sparsity.dense(self._shape[1])
-
-    def eval(self, values: Sequence[ca.DM]) -> list[Any]:
-        given = values[0].full().ravel()
-        with np.errstate(all="ignore"):
-            return [self._solution(*np.split(given, [self._shape[1]]))]
-
-    def _solution(self, z: Vector, s: Vector) -> Vector:
+    @np.errstate(all="ignore")
+    def value(self, argument: Vector) -> Vector:
+        """Return the solution, or NaN."""
+        z, s = np.split(argument, [self._unknowns])
         step, residual, terms = self._step(z, s)
         solved, ended, last = False, False, np.zeros(z.size)
         for _ in range(MAX_STEPS):
