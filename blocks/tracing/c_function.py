@@ -96,7 +96,15 @@ def c_kernel(
 
 
 class NumPyFunction(ca.Callback):
-    """Function of CasADi that maps a vector of `arguments` to one of `results` by a method `value` in NumPy."""
+    """Function of CasADi that a method `value` computes in NumPy.
+
+    Parameters
+    ----------
+    name : str
+        Name of the function.
+    arguments, results : int
+        Sizes of the vectors that it takes and returns [-].
+    """
 
     def __init__(self, name: str, arguments: int, results: int) -> None:
         super().__init__()

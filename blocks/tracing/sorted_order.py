@@ -73,7 +73,7 @@ def laid_out(ports: Iterable[Port], start: int = 0) -> Layout:
 def by_port(
     ports: Collection[Port], flat: Array, make: Callable[..., Array]
 ) -> dict[Port, Array]:
-    """Return the values of whole `ports` in a vector; `make` converts a slice to an array of a shape."""
+    """Return the values of whole `ports` in the vector `flat`; `make` converts a slice to a shape."""
     arrays = laid_out(ports).unpack(flat, make)
     return {port: arrays[port.block.path][port.name] for port in ports}
 
