@@ -8,7 +8,6 @@ import re
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from itertools import product
-from math import prod
 from typing import Any
 
 import numpy as np
@@ -69,8 +68,9 @@ class Named:
         """Return the names of the elements."""
         elements = self.port.elements()
         if self.apart:
-            return element_labels(self.label, elements.shape, np.arange(elements.size))
-        return element_labels(self.label, self.port.whole_shape or (), elements.ravel())
+            return element_labels(self.label, elements.shape)
+        every = element_labels(self.label, self.port.whole_shape or ())
+        return [every[e] for e in elements.ravel()]
 
 
 def named(system: System, reference: Reference) -> Named:
@@ -202,8 +202,8 @@ def _index_part(text: str) -> int | slice:
     return slice(*ends)
 
 
-def element_labels(label: str, shape: tuple[int, ...], elements: Indices) -> list[str]:
-    """Return the names of some elements of an array: ``name[2]``, or ``name`` of a scalar.
+def element_labels(label: str, shape: tuple[int, ...]) -> list[str]:
+    """Return the names of the elements of an array: ``name[2]``, or ``name`` of a scalar.
 
     Parameters
     ----------
@@ -211,38 +211,11 @@ def element_labels(label: str, shape: tuple[int, ...], elements: Indices) -> lis
         Name of the array.
     shape : tuple of int
         Its shape [-].
-    elements : array of int
-        Row-major numbers of the elements [-].
     """
     if not shape:
-        return [label] * len(elements)
-    every = [",".join(map(str, index)) for index in product(*map(range, shape))]
-    return [f"{label}[{every[e]}]" for e in elements]
-
-
-def state_places(plan: Plan, layouts: list[Layout], reference: str) -> Indices:
-    """Return where the elements of a state such as ``"truss.q[0:3]"`` are in (x, d).
-
-    Parameters
-    ----------
-    plan : Plan
-        The plan.
-    layouts : list of Layout
-        Layouts that may contain the state.
-    reference : str
-        Value from the user.
-
-    Raises
-    ------
-    NameLookupError
-        If there is no such state, or the index does not fit; the message lists the states.
-    """
-    text, index = split_index(reference)
-    called_so = ([e for e in layout if e.name == text] for layout in layouts)
-    alone = [found[0] for found in called_so if len(found) == 1]
-    entry = alone[0] if alone else layouts[0].find(text, "state", *layouts[1:])
-    elements = selected(entry.shape, index, reference, "state")
-    return np.asarray(plan.place(entry.path, entry.name).start + elements)
+        return [label]
+    indices = product(*map(range, shape))
+    return [f"{label}[{','.join(map(str, index))}]" for index in indices]
 
 
 def label_places(labels: Sequence[str], reference: str) -> Indices:
@@ -254,6 +227,11 @@ def label_places(labels: Sequence[str], reference: str) -> Indices:
         The labels, as linear models have them.
     reference : str
         Reference from the user; the path may be omitted if the name is unique.
+
+    Returns
+    -------
+    array of int
+        Indices, in the shape of the array or of its slice.
 
     Raises
     ------
@@ -291,36 +269,19 @@ def label_places(labels: Sequence[str], reference: str) -> Indices:
     )
 
 
-def selected(shape: tuple[int, ...], index: Any, reference: str, kind: str) -> Indices:
-    """Return the row-major numbers of the elements of an array that an index selects.
-
-    Parameters
-    ----------
-    shape : tuple of int
-        Shape of the array [-].
-    index : Any
-        As `split_index` returns it.
-    reference, kind : str
-        Reference from the user, and its kind, for the message.
-
-    Raises
-    ------
-    NameLookupError
-        If the index does not fit.
-    """
-    whole = np.arange(prod(shape)).reshape(shape)
-    try:
-        return np.ravel(whole if index is None else whole[index])
-    except IndexError as error:
-        raise NameLookupError(
-            f"'{reference}' does not fit the {kind}'s shape {shape}: {error}"
-        ) from None
-
-
 def layout_labels(layout: Layout) -> list[str]:
     """Return the names of all elements of a layout."""
-    found = []
-    for e in layout:
-        path = label_of(f"{e.path}.{e.name}")
-        found += element_labels(path, e.shape, np.arange(e.stop - e.start))
+    return [
+        label
+        for e in layout
+        for label in element_labels(label_of(f"{e.path}.{e.name}"), e.shape)
+    ]
+
+
+def plan_labels(plan: Plan) -> list[str]:
+    """Return the names of all elements of (x, d) of a plan; those of external inputs have no path."""
+    layouts = plan.layouts[:-2]
+    found = [label for layout in layouts for label in layout_labels(layout)]
+    for name, e in zip(plan.system.external, plan.u, strict=True):
+        found += element_labels(name, e.shape)
     return found

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
+from numpy.typing import NDArray
 
 from trussflow.blocks.errors import LinearAnalysisError, TrimError
 from trussflow.blocks.framework.block import Block
@@ -24,26 +25,14 @@ from trussflow.blocks.linear_analysis.opened_model import OpenedModel
 from trussflow.blocks.linear_analysis.operating_point import OperatingPoint, as_named
 from trussflow.blocks.linear_analysis.python_derivatives import hiding
 from trussflow.blocks.linear_analysis.references import (
-    Named,
     all_labels,
     all_named,
-    element_labels,
-    layout_labels,
-    selected,
-    split_index,
-    state_places,
+    label_places,
+    plan_labels,
 )
 from trussflow.blocks.support.interrupts import interruptible
 from trussflow.blocks.support.types import Vector
-from trussflow.blocks.support.validation import (
-    by_name,
-    finite_array,
-    number_array,
-    positive,
-)
-
-if TYPE_CHECKING:
-    import pandas as pd
+from trussflow.blocks.support.validation import by_name, finite_array, positive
 
 MOST_LISTED = 8
 """Equations or variables that a message names."""
@@ -130,6 +119,8 @@ def trim(
         comes nearest, with its `report`.
     LinearAnalysisError
         If bounds make no sense, or an equation is not finite on the way.
+    ParameterError
+        If a value or bound is no number, or has the wrong shape.
     NameLookupError
         If there is no such state, input or output; the message lists those there are.
     """
@@ -165,29 +156,22 @@ class _Problem:
         plan = self._plan = self._model.plan
         self._point, (x, d, self._p) = self._model.complete(at, {})
         self._z = np.concatenate([x, d])
-        size = x.size + d.size
+        size = self._z.size
         self._free = np.zeros(size, dtype=bool)
         self._free[inner_places(plan)] = True
-        self._bounds = np.full(size, -np.inf), np.full(size, np.inf)
+        self._lower, self._upper = np.full(size, -np.inf), np.full(size, np.inf)
+        self._labels = plan_labels(plan)
+        stored = self._labels[: x.size + plan.memory.span.stop]
         for reference, value in states.items():
-            self._set(
-                state_places(plan, [*plan.stored], reference),
-                f"state '{reference}'",
-                value,
-            )
+            where = label_places(stored, reference)
+            self._set(where, f"state '{reference}'", value)
+        first = x.size + plan.u_start
         for reference, value in inputs.items():
-            self._set(self._input(reference), f"input '{reference}'", value)
-        self._labels = [
-            *(label for layout in plan.layouts[:-2] for label in layout_labels(layout)),
-            *(
-                label
-                for name, e in zip(plan.system.external, plan.u, strict=True)
-                for label in element_labels(name, e.shape, np.arange(e.stop - e.start))
-            ),
-        ]
+            where = first + label_places(self._labels[first:], reference)
+            self._set(where, f"input '{reference}'", value)
         self._wanted_rates = np.zeros(x.size)
         for reference, value in rates.items():
-            where = state_places(plan, [plan.x], reference)
+            where = label_places(self._labels[: x.size], reference)
             self._wanted_rates[where] = (
                 np.nan
                 if value is None
@@ -201,9 +185,9 @@ class _Problem:
             self._model.instants.instants if self._model.instants is not None else []
         )
         self._sets = sorted({number for _, number in instants if number})
-        stays = self._labels[plan.x.size :][plan.sampled]
+        stays = self._labels[x.size :][plan.sampled]
         self._names = [
-            *(f"d({label})/dt" for label in self._labels[: plan.x.size]),
+            *(f"d({label})/dt" for label in self._labels[: x.size]),
             *all_labels(self._outputs),
             *(
                 f"change of {label} at an instant"
@@ -212,35 +196,24 @@ class _Problem:
             ),
         ]
 
-    # -- what the user said -------------------------------------------------------------------
-
-    def _input(self, reference: str) -> Indices:
-        name, index = split_index(reference)
-        source = self._plan.system.source(name)
-        elements = selected(source.extent, index, reference, "input")
-        return np.asarray(self._plan.place(source.path, "y").start + elements)
-
     def _set(self, where: Indices, what: str, value: Any) -> None:
         """Fix variables at a value, or free them."""
         free = value if isinstance(value, Free) else None
         given = value if free is None else free.start
         if given is not None:
-            values = _filled(what, given, where)
-            if not np.isfinite(values).all():
-                raise LinearAnalysisError(f"{what} is not finite")
-            self._z[where] = values
+            self._z[where] = finite_array(what, given, where.shape)
         self._free[where] = free is not None
         if free is None:
             return
         lower, upper = (
-            _filled(what, free.lower, where),
-            _filled(what, free.upper, where),
+            finite_array(f"bound of {what}", bound, where.shape, infinite=True)
+            for bound in (free.lower, free.upper)
         )
         if not np.all(lower < upper):
             raise LinearAnalysisError(
                 f"{what}: the lower bound must be below the upper one"
             )
-        self._bounds[0][where], self._bounds[1][where] = lower, upper
+        self._lower[where], self._upper[where] = lower, upper
         self._z[where] = np.clip(self._z[where], lower, upper)
 
     # -- the equations ------------------------------------------------------------------------
@@ -304,14 +277,13 @@ class _Problem:
             return jacobian
 
         best = self._z
-        complaint = ""
         with self._model.at(self._point.time, self._p) as local:
             if free.any():
                 found = least_squares(
                     residual_of,
                     best[free],
                     jac=jacobian_of,
-                    bounds=(self._bounds[0][free], self._bounds[1][free]),
+                    bounds=(self._lower[free], self._upper[free]),
                     method="trf",
                     ftol=1e-15,
                     xtol=1e-15,
@@ -320,19 +292,11 @@ class _Problem:
                 )
                 best = full(found.x)
             residual = self._residual(local, best)
-            violation = float(np.abs(residual).max(initial=0.0))
-            if not violation <= tolerance:
-                complaint = self._complaint(local, best, residual, tolerance)
-            rates = local.values(
-                RATES_AND_OUTPUTS,
-                best[: self._plan.x.size],
-                best[self._plan.x.size :].copy(),
-            )
-        point = self._as_point(best, residual, rates, tolerance)
-        if complaint:
-            error = TrimError(complaint)
-            error.best = point
-            raise error
+            point = self._as_point(local, best, residual)
+            if not point.residual <= tolerance:
+                error = TrimError(self._complaint(local, best, residual, tolerance))
+                error.best = point
+                raise error
         return point
 
     def _check_finite(self, values: Vector, what: str) -> None:
@@ -344,40 +308,23 @@ class _Problem:
             )
 
     def _as_point(
-        self, z: Vector, residual: Vector, rates: Vector, tolerance: float
+        self, local: LocalJacobians, z: Vector, residual: Vector
     ) -> OperatingPoint:
-        plan = self._plan
-        size = self._plan.x.size
-        found: dict[str, Any] = as_named(plan, z[:size], z[size:])
-        violation = float(np.abs(residual).max(initial=0.0))
-        outputs = {
-            one.label: one
-            for one in all_named(plan.system, plan.system.root.outputs(), [])
-        }
-        outputs |= {one.label: one for one in self._outputs}
-        point, _ = self._model.complete(
-            replace(self._point, residual=violation, **found),
-            {label: one.leaf for label, one in outputs.items()},
-        )
-        report = self._report(point, z, residual, rates, outputs)
-        object.__setattr__(point, "report", report)
-        return point
-
-    def _report(
-        self,
-        point: OperatingPoint,
-        z: Vector,
-        residual: Vector,
-        rates: Vector,
-        outputs: Mapping[str, Named],
-    ) -> pd.DataFrame:
-        """Return the table of the variables and of the outputs."""
+        """Return a point with its report: a table of the variables and of the outputs."""
         import pandas as pd  # takes a while to import
 
         plan = self._plan
         size = plan.x.size
+        everything = all_named(plan.system, plan.system.root.outputs(), [])
+        outputs = {one.label: one for one in [*everything, *self._outputs]}
+        found: dict[str, Any] = as_named(plan, z[:size], z[size:])
+        violation = float(np.abs(residual).max(initial=0.0))
+        point, _ = self._model.complete(
+            replace(self._point, residual=violation, **found),
+            {label: one.leaf for label, one in outputs.items()},
+        )
         rate, own = np.full((2, z.size), np.nan)
-        rate[:size] = rates[:size]
+        rate[:size] = local.values(RATES_AND_OUTPUTS, z[:size], z[size:].copy())[:size]
         own[:size] = np.where(np.isnan(self._wanted_rates), np.nan, residual[:size])
         wanted = all_labels(self._outputs)
         if self._sets:  # of several sets of clocks, the worst
@@ -398,21 +345,18 @@ class _Problem:
                 declared = block.declared(State).get(e.name) or block.port(e.name)
                 kinds[place] = kind
                 units[place] = per_element(declared.unit, place.stop - place.start)
-        roles = pd.Series(np.where(self._free, "free", "fixed"), self._labels)
-        for side, at_bound in zip(("lower", "upper"), self._at_bounds(z), strict=True):
-            roles += np.where(self._free & at_bound, f", at its {side} bound", "")
-        lower, upper = self._bounds
         variables = pd.DataFrame(
             {
                 "kind": kinds,
                 "value": z,
                 "unit": units,
-                "role": roles,
-                "lower": lower,
-                "upper": upper,
+                "role": self._roles(z),
+                "lower": self._lower,
+                "upper": self._upper,
                 "rate": rate,
                 "residual": own,
-            }
+            },
+            self._labels,
         )
         off = dict(zip(wanted, residual[size:], strict=False))
         shown = all_labels(outputs.values())
@@ -430,62 +374,46 @@ class _Problem:
             shown,
         )
         table = pd.concat([variables[kinds != ""], results]).fillna({"unit": ""})
-        return table.rename(lambda label: label.replace("/", "."))
+        report = table.rename(lambda label: label.replace("/", "."))
+        object.__setattr__(point, "report", report)
+        return point
 
-    def _at_bounds(self, z: Vector) -> tuple[Vector, Vector]:
-        """Return which variables are at their lower and at their upper bound."""
-        lower, upper = (
-            np.isclose(z, bound, rtol=AT_BOUND, atol=AT_BOUND) for bound in self._bounds
-        )
-        return lower, upper
+    def _roles(self, z: Vector) -> NDArray[np.object_]:
+        """Return for each variable whether it is fixed, free, or free and at a bound."""
+        roles = np.where(self._free, "free", "fixed").astype(object)
+        for side, bound in (("lower", self._lower), ("upper", self._upper)):
+            at_bound = np.isclose(z, bound, rtol=AT_BOUND, atol=AT_BOUND)
+            roles[self._free & at_bound] += f", at its {side} bound"
+        return roles
 
     def _complaint(
         self, local: LocalJacobians, z: Vector, residual: Vector, tolerance: float
     ) -> str:
-        worst = [
-            int(i)
-            for i in np.argsort(-np.abs(residual))
-            if abs(residual[i]) > tolerance
-        ]
-        lines = [
-            f"{self._names[i]} is off by {residual[i]:.3g}" for i in worst[:MOST_LISTED]
-        ]
-        if len(worst) > MOST_LISTED:
-            lines.append(f"and {len(worst) - MOST_LISTED} more")
+        worst = np.argsort(-np.abs(residual))
+        worst = worst[np.abs(residual[worst]) > tolerance]
         acting = np.abs(self._jacobian(local, z)[worst]).max(axis=0, initial=0.0) > 0
-        lower, upper = self._at_bounds(z)
-        reasons = [
-            f"{label} is fixed at {z[i]:.4g}"
-            if not self._free[i]
-            else f"{label} is at its bound {z[i]:.4g}"
-            for i, label in enumerate(self._labels)
-            if acting[i] and (not self._free[i] or lower[i] or upper[i])
-        ]
-        text = "found no operating point that meets all conditions:\n  " + "\n  ".join(
-            lines
-        )
-        if reasons:
-            more = len(reasons) - MOST_LISTED
-            text += "\nwhat acts on them but may not change:\n  "
-            text += "\n  ".join(reasons[:MOST_LISTED]) + (
-                f"\n  and {more} more" if more > 0 else ""
+        fixed = [
+            f"{label} = {z[i]:.4g} ({role})"
+            for i, (label, role) in enumerate(
+                zip(self._labels, self._roles(z), strict=True)
             )
-            return text + "\nfree one of these, or give up a condition"
+            if acting[i] and role != "free"
+        ]
+        text = "found no operating point that meets all conditions:" + _listed(
+            [f"{self._names[i]} is off by {residual[i]:.3g}" for i in worst]
+        )
+        if fixed:
+            return (
+                f"{text}\nwhat acts on them but may not change:{_listed(fixed)}\n"
+                "free one of these, or give up a condition"
+            )
         return text + (
             "\nnothing that acts on them is fixed or at a bound: give up a condition, or try another start"
         )
 
 
-def _filled(what: str, value: Any, where: Indices) -> Vector:
-    """Return a value for each element; infinite bounds are allowed."""
-    array = number_array(what, value)
-    if array.size == where.size:
-        array = array.reshape(where.shape)
-    if np.isnan(array).any():
-        raise LinearAnalysisError(f"{what} is not a number")
-    try:
-        return np.broadcast_to(array, where.shape)
-    except ValueError:
-        raise LinearAnalysisError(
-            f"{what} has {where.size} elements, but {array.size} values were given"
-        ) from None
+def _listed(lines: list[str]) -> str:
+    """Return the first lines, indented, and the number of the others."""
+    more = len(lines) - MOST_LISTED
+    shown = lines[:MOST_LISTED] + [f"and {more} more"] * (more > 0)
+    return "".join(f"\n  {line}" for line in shown)

@@ -23,7 +23,7 @@ import numpy.typing as npt
 
 from trussflow.blocks.framework.system import Indices
 from trussflow.blocks.linear_analysis.lifting import held_flow
-from trussflow.blocks.linear_analysis.references import state_places
+from trussflow.blocks.linear_analysis.references import label_places, plan_labels
 from trussflow.blocks.simulation.session import Session
 from trussflow.blocks.support.types import Vector
 
@@ -84,11 +84,10 @@ class SampledLoop:
 
         prepared, now = session.prepared, session.save()
         plan, t = prepared.plan, float(now.now)
-        own = np.concatenate(
-            [state_places(plan, [plan.memory], name) for name in states]
-        )
-        seen = np.concatenate([state_places(plan, [plan.x], name) for name in measured])
-        acting = state_places(plan, [plan.held], command)
+        labels = plan_labels(plan)
+        own = np.concatenate([label_places(labels, name).ravel() for name in states])
+        seen = np.concatenate([label_places(labels, name).ravel() for name in measured])
+        acting = label_places(labels, command).ravel()
         size = now.x.size
         with contextlib.closing(prepared.open(now.p)) as executor:
 
