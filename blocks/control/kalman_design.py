@@ -17,8 +17,11 @@ from trussflow.blocks.errors import LinearAnalysisError, NameLookupError, Parame
 from trussflow.blocks.framework.block import Block
 from trussflow.blocks.framework.system import flatten
 from trussflow.blocks.framework.units import Unit
-from trussflow.blocks.linear_analysis.jacobians import RATES_AND_OUTPUTS
 from trussflow.blocks.linear_analysis.linearize import Linearizer
+from trussflow.blocks.linear_analysis.opened_model import (
+    RATES_AND_OUTPUTS,
+    LocalJacobians,
+)
 from trussflow.blocks.linear_analysis.operating_point import OperatingPoint
 from trussflow.blocks.linear_analysis.references import (
     References,
@@ -254,7 +257,7 @@ def _of_block(
     columns = np.eye(d.size)[:, opened.input_columns - x.size]
     v = columns.T @ d
     if linear:
-        with opened.at(point.time, p) as local:
+        with LocalJacobians(opened, point.time, p) as local:
             rest = local.values(RATES_AND_OUTPUTS, x, d)[rows]
         found = linearizer.at(at)
         matrix = np.block([[found.A, found.B], [found.C, found.D]])

@@ -9,9 +9,12 @@ import numpy as np
 from trussflow.blocks.errors import LinearAnalysisError
 from trussflow.blocks.framework.block import Block
 from trussflow.blocks.framework.system import flatten
-from trussflow.blocks.linear_analysis.jacobians import LocalJacobians, inner_places
 from trussflow.blocks.linear_analysis.lifting import Jump, lifted
-from trussflow.blocks.linear_analysis.opened_model import OpenedModel
+from trussflow.blocks.linear_analysis.opened_model import (
+    LocalJacobians,
+    OpenedModel,
+    inner_places,
+)
 from trussflow.blocks.linear_analysis.operating_point import OperatingPoint
 from trussflow.blocks.linear_analysis.references import (
     References,
@@ -142,34 +145,9 @@ class Linearizer:
         at : OperatingPoint, optional
             Operating point; by default the initial states.
         """
-        model, point, (x, d, p) = self.opened(at)
-        with model.at(point.time, p) as local:
-            return self._model(model, local, point, (x, d))
-
-    def opened(
-        self, at: OperatingPoint | None = None
-    ) -> tuple[OpenedModel, OperatingPoint, tuple[Vector, Vector, Vector]]:
-        """Return the diagram as it is opened, the point in full, and its x, d and p.
-
-        Parameters
-        ----------
-        at : OperatingPoint, optional
-            Operating point; by default the initial states.
-        """
-        outputs = {one.label: one.leaf for one in self._outputs}
-        return self._opened, *self._opened.complete(at, outputs)
-
-    def _model(
-        self,
-        model: OpenedModel,
-        local: LocalJacobians,
-        point: OperatingPoint,
-        vectors: tuple[Vector, Vector],
-    ) -> LinearModel:
         from trussflow.blocks.linear_analysis.linear_model import LinearModel
 
-        x, d = vectors
-        rates, rows = model.linear(local, x, d)
+        model, point, (x, d, p) = self.opened(at)
         columns, plan = model.input_columns, model.plan
         states = layout_labels(plan.x)
         inner = np.arange(x.size)
@@ -178,23 +156,25 @@ class Linearizer:
             states += layout_labels(plan.memory) + layout_labels(plan.held)
             inner = inner_places(plan)
         labels = [*states, *self._input_labels]
-        flow = np.vstack([rates, np.zeros((inner.size - x.size, rates.shape[1]))])
-        self._check_finite(np.vstack([flow, rows])[:, [*inner, *columns]], labels)
-        A = flow[:, inner]
-        B = flow[:, columns]
-        C = rows[:, inner]
-        D = rows[:, columns]
-        if model.instants is not None:
+        with LocalJacobians(model, point.time, p) as local:
+            rates, rows = local.linear(x, d)
+            flow = np.vstack([rates, np.zeros((inner.size - x.size, rates.shape[1]))])
+            self._check_finite(np.vstack([flow, rows])[:, [*inner, *columns]], labels)
+            A = flow[:, inner]
+            B = flow[:, columns]
+            C = rows[:, inner]
+            D = rows[:, columns]
+            if model.instants is not None:
 
-            def jump(number: int) -> Jump:
-                by_inner, by_u = local.discrete_update(number, x, d)
-                found = by_inner, by_u[:, columns - x.size - plan.u_start]
-                self._check_finite(np.hstack(found), labels)
-                return found
+                def jump(number: int) -> Jump:
+                    by_inner, by_u = local.discrete_update(number, x, d)
+                    found = by_inner, by_u[:, columns - x.size - plan.u_start]
+                    self._check_finite(np.hstack(found), labels)
+                    return found
 
-            A, B, C, D = lifted(model.instants, (A, B), jump, (C, D))
-            A, B, C, states = _without_dead_states(A, B, C, states)
-            dt = float(model.instants.period)
+                A, B, C, D = lifted(model.instants, (A, B), jump, (C, D))
+                A, B, C, states = _without_dead_states(A, B, C, states)
+                dt = float(model.instants.period)
         return LinearModel(
             A,
             B,
@@ -208,6 +188,19 @@ class Linearizer:
             operating_point=point,
             derivatives=local.derivatives,
         )
+
+    def opened(
+        self, at: OperatingPoint | None = None
+    ) -> tuple[OpenedModel, OperatingPoint, tuple[Vector, Vector, Vector]]:
+        """Return the diagram as it is opened, the point in full, and its x, d and p.
+
+        Parameters
+        ----------
+        at : OperatingPoint, optional
+            Operating point; by default the initial states.
+        """
+        outputs = {one.label: one.leaf for one in self._outputs}
+        return self._opened, *self._opened.complete(at, outputs)
 
     def _check_finite(self, matrix: Vector, labels: list[str]) -> None:
         """Refuse derivatives that do not exist, such as that of a root at zero."""

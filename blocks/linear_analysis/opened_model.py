@@ -1,4 +1,4 @@
-"""A diagram opened for linear analysis: inputs put in, wires cut, signals tapped."""
+"""A diagram opened for linear analysis (inputs put in, wires cut, signals tapped), and its exact Jacobians."""
 
 from __future__ import annotations
 
@@ -14,24 +14,31 @@ from trussflow.blocks.framework.layout import spans
 from trussflow.blocks.framework.port import Port
 from trussflow.blocks.framework.signal_injection import injected, probed, readers
 from trussflow.blocks.framework.system import Indices, System
-from trussflow.blocks.linear_analysis.jacobians import (
-    RATES_AND_OUTPUTS,
-    LocalJacobians,
-    Tangents,
-    prepared,
-)
-from trussflow.blocks.linear_analysis.lifting import Pattern, pattern
+from trussflow.blocks.linear_analysis.lifting import Jump, Pattern, pattern
 from trussflow.blocks.linear_analysis.operating_point import (
     OperatingPoint,
     as_wired,
     completed,
     given_point,
 )
-from trussflow.blocks.linear_analysis.python_derivatives import refuse_hidden
+from trussflow.blocks.linear_analysis.python_derivatives import (
+    differences,
+    offered,
+    refuse_hidden,
+)
 from trussflow.blocks.linear_analysis.references import Named
+from trussflow.blocks.simulation.block_instances import BlockCall
 from trussflow.blocks.simulation.prepared import Prepared
-from trussflow.blocks.support.types import Vector
+from trussflow.blocks.simulation.solver import Solver
+from trussflow.blocks.support.types import Array, Vector
+from trussflow.blocks.tracing.call_checks import running_errors
+from trussflow.blocks.tracing.evaluation import Evaluation
 from trussflow.blocks.tracing.plan import Plan
+from trussflow.blocks.tracing.quantities import Quantity, derivative
+from trussflow.blocks.tracing.quantities import outputs as values_of
+
+RATES_AND_OUTPUTS = derivative().name
+"""Name of the quantity made of dx/dt and then the values of ports."""
 
 
 class OpenedModel:
@@ -48,10 +55,8 @@ class OpenedModel:
 
     Attributes
     ----------
-    plan : Plan
-        The plan of the opened diagram.
-    taps : list of Port
-        The ports of the outputs, after opening.
+    plan, assembly : Plan, Prepared
+        The plan of the opened diagram, with its clocks and Python blocks.
     programs : dict of str to Program
         The traced quantities, keyed by name.
     instants : Pattern or None
@@ -86,14 +91,25 @@ class OpenedModel:
             if one.key not in sources:
                 system, sources[one.key] = _put_in(system, one, cut=one.key in cut)
         self.plan = Plan(system)
-        self.taps = taps
         self._cut = [one.leaf for one in cuts]
         self._cut_columns = self._columns([(one, sources[one.key]) for one in cuts])
         self.input_columns = self._columns([(one, sources[one.key]) for one in inputs])
-        self._assembly = prepared(self.plan, taps)
-        self.programs = {p.name: p for p in self._assembly.programs}
-        self._tangents = cache(lambda name: Tangents(self.programs[name]))
-        self.instants: Pattern | None = pattern(self._assembly)
+
+        def collect(evaluation: Evaluation) -> list[Array]:
+            return derivative().collect(evaluation) + values_of(taps).collect(
+                evaluation
+            )
+
+        self.assembly = Prepared(
+            self.plan,
+            [Quantity(RATES_AND_OUTPUTS, frozenset(), collect)],
+            Solver(solver="RK45", backend="interpreted"),
+        )
+        self.programs = {p.name: p for p in self.assembly.programs}
+        # One forward sweep for each direction is set up sooner, and smaller, than a Jacobian written out.
+        self.forward = cache(lambda name: self.programs[name].expanded.forward(1))
+        self.written_out = cache(lambda name: self.programs[name].jacobian(1, 2))
+        self.instants: Pattern | None = pattern(self.assembly)
         self.output_rows = self.plan.x.size + _rows(taps)
 
     @cached_property
@@ -104,7 +120,7 @@ class OpenedModel:
         """
         if self._cut or self.plan.guesses.size:
             return as_wired(self._wired)
-        return self._assembly
+        return self.assembly
 
     def complete(
         self, at: OperatingPoint | None, outputs: Mapping[str, Port]
@@ -137,32 +153,237 @@ class OpenedModel:
             parts.append(place.start + elements)
         return np.concatenate(parts)
 
-    def at(self, t: float, p: Vector) -> LocalJacobians:
-        """Return values and derivatives at time `t` [s] with parameters `p` [as declared]."""
-        return LocalJacobians(self._assembly, self._tangents, t, p)
 
-    def linear(
-        self, local: LocalJacobians, x: Vector, d: Vector
-    ) -> tuple[Vector, Vector]:
+class LocalJacobians:
+    """Values and derivatives of what a plan computes at one time, in a run of its own.
+
+    Use it in a ``with`` statement: Python blocks are open inside.
+
+    Parameters
+    ----------
+    model : OpenedModel
+        The opened diagram.
+    t : float
+        Time [s].
+    p : Vector
+        Parameters [units as declared].
+
+    Attributes
+    ----------
+    derivatives : dict of str to str
+        Method of differentiation of each Python block, keyed by path.
+    """
+
+    def __init__(self, model: OpenedModel, t: float, p: Vector) -> None:
+        self.model, self.plan, self.t, self.p = model, model.plan, t, p
+        self.continuous = model.assembly.python.continuous
+        self.derivatives: dict[str, str] = {}
+        self._errors: dict[str, float] = {}
+        self.executor = model.assembly.open(p)
+
+    def __enter__(self) -> LocalJacobians:
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        self.executor.close()
+
+    def values(self, name: str, x: Vector, d: Vector) -> Vector:
+        """Return the quantity of that `name` at `x`, `d` [as declared]; d is refreshed."""
+        return self.executor.call(name, self.t, x, d, self.p)
+
+    def matrix(self, name: str, x: Vector, d: Vector) -> Vector:
+        """Return the derivatives of a quantity by (x, d), of shape (size, size of x and d).
+
+        Parameters
+        ----------
+        name : str
+            Quantity to differentiate.
+        x, d : Vector
+            The point [units as declared].
+        """
+        t, p, model = self.t, self.p, self.model
+        active = next(q.active for q in model.assembly.quantities if q.name == name)
+        d = self.plan.loops.put(t, x, d, p, active)
+        number = x.size + d.size
+        if not number:
+            return np.zeros((model.programs[name].size, 0))
+        by_x, by_d = np.vsplit(np.eye(number), [x.size])
+        seeds = np.zeros((1, number)), by_x, by_d, np.zeros((p.size, number))
+        value = model.programs[name].expanded(t, x, d, p)
+        found = model.forward(name).map(number)(t, x, d, p, value, *seeds).full()
+        bad = ~np.isfinite(found)
+        if bad.any():
+            # A sweep multiplies an infinite slope by zero, along every direction that is not its
+            # own. Written out, a Jacobian is slow to set up, but leaves such products away.
+            found[bad] = model.written_out(name)(t, x, d, p).full()[bad]
+        return np.asarray(found)
+
+    def linear(self, x: Vector, d: Vector) -> tuple[Vector, Vector]:
         """Return the derivatives of dx/dt and of the outputs by (x, d).
 
         Parameters
         ----------
-        local : LocalJacobians
-            Result of `at`.
         x, d : Vector
             The point [units as declared].
         """
         # Before the traced rows: it brings the outputs of continuous Python blocks in d up to date.
-        by_all = local.python_outputs(x, d)
-        matrix = local.matrix(RATES_AND_OUTPUTS, x, d)
-        for call, quantity in local.assembly.python.continuous:
+        by_all = self.python_outputs(x, d)
+        matrix = self.matrix(RATES_AND_OUTPUTS, x, d)
+        for call, quantity in self.continuous:
             if call.size:
-                matrix[call.states] = local.python(call, "derivative", quantity, x, d)[
-                    1
-                ]
-        matrix = local.substituted(matrix, by_all)
-        return matrix[: x.size], matrix[self.output_rows]
+                _, matrix[call.states] = self.python(call, "derivative", quantity, x, d)
+        matrix = self.substituted(matrix, by_all)
+        return matrix[: x.size], matrix[self.model.output_rows]
+
+    def python(
+        self, call: BlockCall, kind: str, quantity: Quantity, x: Vector, d: Vector
+    ) -> tuple[Vector, Vector]:
+        """Return what an equation of a Python block returns, and its derivatives by (x, d).
+
+        Parameters
+        ----------
+        call : BlockCall
+            The block.
+        kind : str
+            The equation.
+        quantity : Quantity
+            The block's inputs.
+        x, d : Vector
+            The point [units as declared].
+        """
+        equations = self.executor.blocks.equations[call.path]
+        u = self.values(quantity.name, x, d)
+        p, modes = self.p[call.parameters], d[call.modes]
+        needed = call.needed if kind == "output" else np.ones_like(call.needed)
+        inputs = np.flatnonzero(needed)
+        # As in a simulation: what the output of a sampled block does not depend on, it does not see.
+        others = u if call.block.continuous else np.full(u.size, np.nan)
+
+        def split(z: Vector, others: Vector) -> tuple[Vector, Vector]:
+            every = others.copy()
+            every[inputs] = z[call.size :]
+            return np.concatenate([z[: call.size], modes]), every
+
+        def values(z: Vector) -> Vector:
+            return call(equations, kind, self.t, *split(z, others), p)
+
+        by_inputs = self.matrix(quantity.name, x, d)[inputs]
+        first = 0 if call.block.continuous else x.size
+        states = np.arange(first + call.states.start, first + call.states.stop)
+        z = np.concatenate([np.concatenate([x, d])[states], u[inputs]])
+        at_z = values(z)
+        own = offered(call.block, equations)
+        if own is None or not z.size:
+            slopes, error = differences(call.block, values, z)
+            error = self._errors[call.path] = max(
+                error, self._errors.get(call.path, 0.0)
+            )
+            self.derivatives[call.path] = f"differences, relative error {error:.1e}"
+        else:
+            slopes = np.zeros((at_z.size, z.size))
+            here = np.float64(self.t), *call.signals(*split(z, others), p)
+            for k, direction in enumerate(np.eye(z.size)):
+                dx, du, _ = call.signals(*split(direction, 0.0 * others), p)
+                with running_errors(call.block, "directional_derivative", self.t):
+                    found = own(kind, *here, dx, du)
+                    slopes[:, k] = call.flat(kind, found, z)
+            self.derivatives[call.path] = "its own"
+        by_states = np.zeros((states.size, x.size + d.size))
+        by_states[np.arange(states.size), states] = 1.0
+        return at_z, slopes @ np.vstack([by_states, by_inputs])
+
+    @property
+    def python_places(self) -> Indices:
+        """Indices of the outputs of continuous Python blocks in (x, d)."""
+        calls = [call for call, _ in self.continuous]
+        parts = [self.plan.x.size + np.r_[call.outputs] for call in calls]
+        return np.concatenate([np.zeros(0, dtype=np.int64), *parts])
+
+    def python_outputs(self, x: Vector, d: Vector) -> Vector:
+        """Return the derivatives of the outputs of continuous Python blocks by all else in (x, d).
+
+        Their columns for the outputs themselves are zero. The outputs in d become what the blocks return.
+
+        Parameters
+        ----------
+        x, d : Vector
+            The point [units as declared].
+        """
+        where = self.python_places
+        rows = [np.zeros((0, x.size + d.size))]
+        for call, quantity in self.continuous:
+            rows.append(self.python(call, "output", quantity, x, d)[1])
+        direct = np.vstack(rows)
+        # The outputs w = D_z z + D_w w; D_w is nilpotent but for loops that are solved.
+        by_all = np.asarray(
+            np.linalg.solve(np.eye(where.size) - direct[:, where], direct), dtype=float
+        )
+        by_all[:, where] = 0.0
+        return by_all
+
+    def substituted(self, matrix: Vector, by_all: Vector) -> Vector:
+        """Return derivatives by (x, d) through the outputs of continuous Python blocks.
+
+        Parameters
+        ----------
+        matrix : Vector
+            Derivatives, those by the outputs of these blocks apart [any].
+        by_all : Vector
+            Result of `python_outputs` [any].
+        """
+        where = self.python_places
+        found = matrix + matrix[:, where] @ by_all
+        found[:, where] = 0.0
+        return np.asarray(found)
+
+    def discrete_update(self, number: int, x: Vector, d: Vector) -> Jump:
+        """Return the derivatives of (x, memory, held) after an instant, by before and by u.
+
+        The chain rule, in the order of a run: at each stage `after` are the derivatives of (x, d) as
+        it is then by (x, d) as it was before the instant, and a block that computes replaces its own rows.
+
+        Parameters
+        ----------
+        number : int
+            Number of the set of clocks.
+        x, d : Vector
+            States and discrete data, before the instant [units as declared].
+        """
+        plan = self.plan
+        d = d.copy()
+        where = self.python_places
+        after = np.eye(x.size + d.size)
+        sequence = self.model.assembly.python.ordered[number]
+        for call, quantity in sequence:
+            # Outputs come one block after the other: each sees what those before it put into d.
+            if call.block.outputs():
+                after[where] = self.python_outputs(x, d) @ after
+                values, slopes = self.python(call, "output", quantity, x, d)
+                after[x.size + call.outputs.start : x.size + call.outputs.stop] = (
+                    slopes @ after
+                )
+                d[call.outputs] = values
+        after[where] = self.python_outputs(x, d) @ after
+        # Updates are simultaneous: all see the outputs just made and the states before.
+        staged = [
+            (call.states, self.python(call, "update", quantity, x, d)[1] @ after)
+            for call, quantity in sequence
+            if call.size
+        ]
+        after[x.size :] = self.matrix(f"sample_{number}", x, d) @ after
+        for states, rows in staged:
+            after[x.size + states.start : x.size + states.stop] = rows
+        inner = inner_places(plan)
+        return after[np.ix_(inner, inner)], after[inner, x.size + plan.u_start :]
+
+
+def inner_places(plan: Plan) -> Indices:
+    """Return where (x, memory, held) of a `plan` are in (x, d): modes and events stay as they are."""
+    size = plan.x.size
+    sampled = plan.sampled
+    return np.array(
+        np.r_[:size, size + sampled.start : size + sampled.stop], dtype=np.int64
+    )
 
 
 def _put_in(system: System, one: Named, *, cut: bool) -> tuple[System, str]:

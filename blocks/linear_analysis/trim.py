@@ -16,12 +16,12 @@ from trussflow.blocks.framework.declarations import State
 from trussflow.blocks.framework.port import Port
 from trussflow.blocks.framework.system import Indices, flatten
 from trussflow.blocks.framework.units import per_element
-from trussflow.blocks.linear_analysis.jacobians import (
+from trussflow.blocks.linear_analysis.opened_model import (
     RATES_AND_OUTPUTS,
     LocalJacobians,
+    OpenedModel,
     inner_places,
 )
-from trussflow.blocks.linear_analysis.opened_model import OpenedModel
 from trussflow.blocks.linear_analysis.operating_point import OperatingPoint, as_named
 from trussflow.blocks.linear_analysis.python_derivatives import hiding
 from trussflow.blocks.linear_analysis.references import (
@@ -236,7 +236,7 @@ class _Problem:
         plan = self._plan
         size = self._plan.x.size
         x, d = z[:size], z[size:]
-        rates, outputs = self._model.linear(local, x, d.copy())
+        rates, outputs = local.linear(x, d.copy())
         rates = np.where(np.isnan(self._wanted_rates)[:, None], 0.0, rates)
         parts = [rates, outputs]
         for number in self._sets:
@@ -277,7 +277,7 @@ class _Problem:
             return jacobian
 
         best = self._z
-        with self._model.at(self._point.time, self._p) as local:
+        with LocalJacobians(self._model, self._point.time, self._p) as local:
             if free.any():
                 found = least_squares(
                     residual_of,

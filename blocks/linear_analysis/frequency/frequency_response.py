@@ -19,6 +19,7 @@ from trussflow.blocks.errors import LinearAnalysisError
 from trussflow.blocks.framework.block import Block
 from trussflow.blocks.library.transport_delay import TransportDelay
 from trussflow.blocks.linear_analysis.linearize import Linearizer
+from trussflow.blocks.linear_analysis.opened_model import LocalJacobians
 from trussflow.blocks.linear_analysis.operating_point import OperatingPoint
 from trussflow.blocks.linear_analysis.references import References
 from trussflow.blocks.support.interrupts import interruptible
@@ -73,10 +74,10 @@ def frequency_response(
         return linearizer.at(at).frequency_response(omega, squeeze=False)
     size = x.size
     factors = np.outer(1j * omega, np.ones(size))
-    with model.at(point.time, p) as local:
-        rates, rows = model.linear(local, x, d)
+    with LocalJacobians(model, point.time, p) as local:
+        rates, rows = local.linear(x, d)
         by_all = local.python_outputs(x, d)
-        for call, quantity in local.assembly.python.continuous:
+        for call, quantity in local.continuous:
             delay = call.block
             if not isinstance(delay, TransportDelay):
                 continue

@@ -21,6 +21,7 @@ from trussflow.blocks import (
     loop_transfer,
     trim,
 )
+from trussflow.blocks.linear_analysis.opened_model import LocalJacobians
 from trussflow.blocks.linear_analysis.trim import _Problem
 
 
@@ -147,7 +148,7 @@ def test_the_equations_of_trim_have_exact_derivatives(kind):
         loop(kind, sampled=True, python=True), {}, {"r": Free()}, {"y": [0.3]}, {}, None
     )
     z = problem._z + 0.01 * np.random.default_rng(1).normal(size=problem._z.size)
-    with problem._model.at(0.0, problem._p) as local:
+    with LocalJacobians(problem._model, 0.0, problem._p) as local:
         ends = [
             [problem._residual(local, z + h * sign) for sign in (1, -1)]
             for h in 1e-5 * np.eye(z.size)
