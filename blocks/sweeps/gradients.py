@@ -27,7 +27,7 @@ from trussflow.blocks.errors import (
 )
 from trussflow.blocks.framework.clock import exact
 from trussflow.blocks.framework.diagram import Diagram
-from trussflow.blocks.framework.layout import spans
+from trussflow.blocks.framework.layout import Layout, spans
 from trussflow.blocks.simulation.prepared import Prepared
 from trussflow.blocks.simulation.simulator import Simulator, SimulatorSettings
 from trussflow.blocks.simulation.solver import fixed_step
@@ -74,8 +74,8 @@ class DifferentiatedRun:
 
     Attributes
     ----------
-    shapes : dict
-        Shape of each varied value by name.
+    values : Layout
+        Order of the varied values in q.
     results : dict
         Shape of the result of each function by name.
 
@@ -100,75 +100,52 @@ class DifferentiatedRun:
         prepared = simulator.prepared
         _refuse(prepared)
         self._plan = plan = prepared.plan
-        entries = {
-            name: plan.p.find(name, "parameter or state", plan.x, plan.memory)
-            for name in names
-        }
+        varied = plan.x, plan.memory
+        entries = [plan.p.find(name, "parameter or state", *varied) for name in names]
         if not entries:
             raise SimulationError(
                 "nothing varies: name parameters or initial states, such as 'block.name'"
             )
-        self.shapes = {name: e.shape for name, e in entries.items()}
-        self._parameters = {
-            n: e for n, e in entries.items() if (e.path, e.name) in plan.p.entries
-        }
-        self._places = dict(
-            zip(self.shapes, spans(map(prod, self.shapes.values())), strict=True)
-        )
+        self.values = Layout((e.path, e.name, e.shape) for e in entries)
+        self._parameters = [
+            (e, plan.p.entries[key])
+            for key, e in self.values.entries.items()
+            if key in plan.p.entries
+        ]
         every = prepared.ticks(simulator.log_step or exact(duration), "log_step")
         end = prepared.ticks(exact(duration), "the duration")
         instants = np.unique([*range(0, end, every), end])
         self.results: dict[str, tuple[int, ...]] = {}
-        made = self._made_of(
+        self._made = self._made_of(
             prepared,
             np.asarray(instants * prepared.tick_seconds, dtype=float),
             functions,
         )
-
-        self._instants, self._made = instants, made
+        self._instants = instants
+        many, size = self.values.size, plan.x.size + plan.d_size
         if plan.has_events:
-            self._executor = TangentExecutor(
-                prepared, sum(map(prod, self.shapes.values()))
-            )
+            self._executor = TangentExecutor(prepared, many)
             return
-        q, at, z, slopes = (
-            ca.MX.sym(n, *size)
-            for n, size in zip(("q", "at", "z", "slopes"), self._sizes(), strict=True)
-        )
+        q, at, z = (ca.MX.sym("symbol", n) for n in (many, many, size))
+        slopes = ca.MX.sym("slopes", size, many)
         ticks = int(instants[-1]) + 1
-        run = self._tick(prepared).mapaccum("run", ticks)
+        run = self._tick(prepared, size).mapaccum("run", ticks)
         times, due = _calendar(prepared, ticks)
         _, rows = run(z + slopes @ (q - at), ca.repmat(q, 1, ticks), times, due)
-        found = made(rows[:, instants.tolist()])
+        found = self._made(rows[:, instants.tolist()])
         self._function = ca.Function(
             "differentiated", [q, at, z, slopes], [found, ca.jacobian(found, q)]
         )
 
-    def _sizes(self) -> list[tuple[int, int]]:
-        many, size = (
-            sum(map(prod, self.shapes.values())),
-            self._plan.x.size + self._plan.d_size,
-        )
-        return [(many, 1), (many, 1), (size, 1), (size, many)]
-
-    def _tick(self, prepared: Prepared) -> ca.Function:
+    def _tick(self, prepared: Prepared, size: int) -> ca.Function:
         """Return the function of one tick: sampled blocks, logged outputs, and a step of the solver."""
-        plan, programs = (
-            self._plan,
-            {program.name: program.expanded for program in prepared.programs},
-        )
-        z, q, times, due = (
-            ca.MX.sym(name, size)
-            for name, size in (
-                ("z", self._sizes()[2][0]),
-                ("q", self._sizes()[0][0]),
-                ("t", 3),
-                ("due", 1),
-            )
-        )
+        plan = self._plan
+        programs = {program.name: program.expanded for program in prepared.programs}
+        sizes = {"z": size, "q": self.values.size, "t": 3, "due": 1}
+        z, q, times, due = (ca.MX.sym(name, n) for name, n in sizes.items())
         p = ca.MX(plan.parameters({}))
-        for name, entry in self._parameters.items():
-            p[entry.start : entry.stop] = q[self._places[name]]
+        for e, own in self._parameters:
+            p[own.start : own.stop] = q[e.start : e.stop]
         x, d = ca.vertsplit(z, [0, plan.x.size, plan.x.size + plan.d_size])
         for number in range(1, len(prepared.schedule.sets)):
             d = ca.if_else(
@@ -213,7 +190,7 @@ class DifferentiatedRun:
 
     def __call__(
         self, values: Mapping[str, Any]
-    ) -> tuple[dict[str, Array], dict[str, dict[str, Array]]]:
+    ) -> tuple[dict[str, Array], dict[str, Array]]:
         """Return the results of the functions, and their derivatives by the varied values.
 
         Parameters
@@ -225,9 +202,9 @@ class DifferentiatedRun:
         -------
         found : dict
             Results by the name of the function [what it returns].
-        derivatives : dict of dict
-            Derivatives by the names of the function and of the varied value. The shape is that of the
-            result followed by that of the value.
+        derivatives : dict
+            Jacobians by the name of the function: a row for each element of the result, a column for each
+            element of the varied values, in the order of `values`.
 
         Raises
         ------
@@ -238,11 +215,11 @@ class DifferentiatedRun:
         ParameterError
             If a value is not allowed.
         """
-        arrays = {
-            n: finite_array(f"'{n}'", values[n], shape)
-            for n, shape in self.shapes.items()
-        }
-        q = np.concatenate([np.ravel(value) for value in arrays.values()])
+        q = np.zeros(self.values.size)
+        for e in self.values:
+            name = f"{e.path}.{e.name}"
+            array = finite_array(f"'{name}'", values[name], e.shape)
+            self.values.put(q, e.path, e.name, array)
         z = self._start(q)
         slopes = self._slopes(q, z)
         if self._plan.has_events:
@@ -250,37 +227,25 @@ class DifferentiatedRun:
         else:
             found, derivative = (m.full() for m in self._function(q, q, z, slopes))
         if not np.isfinite(found).all():
-            shown = ", ".join(f"{name} = {value}" for name, value in arrays.items())
+            named = self.values.named(q)
+            shown = ", ".join(f"{name} = {value}" for name, value in named.items())
             raise DivergenceError(f"a result of the run is not finite with {shown}")
-        rows = dict(
-            zip(self.results, spans(map(prod, self.results.values())), strict=True)
-        )
-        return (
-            {
-                name: found[rows[name], 0].reshape(shape)
-                for name, shape in self.results.items()
-            },
-            {
-                name: {
-                    one: derivative[rows[name], self._places[one]].reshape(
-                        (*shape, *own)
-                    )
-                    for one, own in self.shapes.items()
-                }
-                for name, shape in self.results.items()
-            },
-        )
+        places = spans(map(prod, self.results.values()))
+        results, derivatives = dict[str, Array](), dict[str, Array]()
+        for (name, shape), rows in zip(self.results.items(), places, strict=True):
+            results[name] = found[rows, 0].reshape(shape)
+            derivatives[name] = derivative[rows]
+        return results, derivatives
 
     def _through_events(
         self, q: Vector, z: Vector, slopes: Array
     ) -> tuple[Array, Array]:
         """Return the results of the functions for a run with events, and their derivative by q."""
-        p, states = self._plan.parameters(self._named(q, of_p=True)), self._plan.x.size
+        states = self._plan.x.size
+        p, _ = self._p_and_initial(q)
         moved = np.zeros((len(p), len(q)))
-        for name, entry in self._parameters.items():
-            moved[entry.start : entry.stop, self._places[name]] = np.eye(
-                entry.stop - entry.start
-            )
+        for e, own in self._parameters:
+            moved[own.start : own.stop, e.start : e.stop] = np.eye(own.stop - own.start)
         parts = (z[:states], z[states:], p), (slopes[:states], slopes[states:], moved)
         rows, along = self._executor.run(self._instants, *parts)
         found = self._made(rows.T)
@@ -288,24 +253,21 @@ class DifferentiatedRun:
         derivative = self._made.forward(len(q))(rows.T, found, seeds)
         return found.full(), derivative.full()
 
-    def _named(self, q: Vector, *, of_p: bool) -> dict[str, Array]:
-        """Return the varied parameters, or the varied initial states, by name."""
-        names = [name for name in self.shapes if (name in self._parameters) == of_p]
-        return {
-            name: q[self._places[name]].reshape(self.shapes[name]) for name in names
-        }
+    def _p_and_initial(self, q: Vector) -> tuple[Vector, dict[str, Array]]:
+        """Return p, and the varied initial states by name."""
+        initial = self.values.named(q)
+        names = [f"{e.path}.{e.name}" for e, _ in self._parameters]
+        p = self._plan.parameters({name: initial.pop(name) for name in names})
+        return p, initial
 
     def _start(self, q: Vector) -> Vector:
         """Return the initial x and d."""
-        p = self._plan.parameters(self._named(q, of_p=True))
-        return np.concatenate(self._plan.initial(p, self._named(q, of_p=False)))
+        return np.concatenate(self._plan.initial(*self._p_and_initial(q)))
 
     def _slopes(self, q: Vector, z: Vector) -> Vector:
         """Return the derivative of the initial x and d by q: exact, as they are affine functions of q."""
         columns = []
-        for k, name in enumerate(
-            n for n, shape in self.shapes.items() for _ in range(prod(shape))
-        ):
+        for k in range(len(q)):
             step = np.zeros(len(q))
             step[k] = (
                 np.spacing(abs(q[k]) + 1.0) * 2.0**40
@@ -314,9 +276,10 @@ class DifferentiatedRun:
             if np.max(
                 np.abs(twice - 2.0 * once), initial=0.0
             ) > AFFINITY_TOLERANCE * np.max(np.abs(twice), initial=0.0):
+                e = self.values.at(k)
                 raise SimulationError(
-                    f"initial states are no affine function of '{name}', so they cannot be differentiated; "
-                    "vary the initial states instead"
+                    f"initial states are no affine function of {e.describe(k - e.start)}, so they cannot be "
+                    "differentiated; vary the initial states instead"
                 )
             columns.append(once / step[k])
         return np.column_stack(columns)
@@ -380,7 +343,11 @@ def gradient(
         Simulator(diagram, **settings), duration, {"it": function}, values
     )
     value, derivatives = differentiated(values)
-    return value["it"], derivatives["it"]
+    found, slopes = value["it"], derivatives["it"]
+    return found, {
+        f"{e.path}.{e.name}": slopes[:, e.start : e.stop].reshape(found.shape + e.shape)
+        for e in differentiated.values
+    }
 
 
 def _refuse(prepared: Prepared) -> None:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Callable, Mapping, Sequence
-from math import prod
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -85,10 +84,10 @@ def differentiated(
     jacobian = ca.densify(ca.jacobian(column, values))
     slope_of = ca.Function("slope", [values], [jacobian])
     run = DifferentiatedRun(simulator, duration, functions, [*made, *samples[0]])
-    for name, shape in shapes.items():
-        if shape != run.shapes[name]:
+    for e, (name, shape) in zip(run.values, shapes.items(), strict=False):
+        if shape != e.shape:
             raise SimulationError(
-                f"'{name}' becomes {shape}, and has the shape {run.shapes[name]}"
+                f"'{name}' becomes {shape}, and has the shape {e.shape}"
             )
 
     def trial(values: Mapping[str, Array]) -> Trial:
@@ -96,14 +95,11 @@ def differentiated(
         each = [run({**made, **sample}) for sample in samples]
         slope = slope_of(np.concatenate([*map(np.ravel, values.values())])).full()
         found, slopes = dict[str, Array](), dict[str, Array]()
-        for name, shape in run.results.items():
-            rows = [
-                np.hstack([by[name][one].reshape(prod(shape), -1) for one in made])
-                @ slope
-                for _, by in each
-            ]
+        for name in functions:
             found[name] = np.stack([one[name] for one, _ in each])
-            slopes[name] = np.stack(rows)
+            slopes[name] = np.stack(
+                [by[name][:, : len(slope)] @ slope for _, by in each]
+            )
         return Trial(found, slopes)
 
     return trial
