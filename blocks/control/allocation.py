@@ -17,7 +17,6 @@ from trussflow.blocks.support.types import Array
 from trussflow.blocks.support.validation import finite_array, is_whole, shown
 from trussflow.blocks.tracing.bounded_least_squares import bounded_least_squares
 from trussflow.blocks.tracing.linear_algebra import (
-    block_diagonal,
     solve_positive_definite,
     weighted_gramian,
 )
@@ -59,9 +58,10 @@ class Allocation(Block):
         self,
         demands: int,
         weights: npt.ArrayLike,
-        demand_unit: Unit,
-        command_unit: Unit,
-        **parameters: Any,
+        *,
+        demand_unit: Unit = None,
+        command_unit: Unit = None,
+        **parameters: npt.ArrayLike,
     ) -> None:
         owner = type(self).__name__
         shape = finite_array(f"parameter 'weights' of {owner}", weights).shape
@@ -117,7 +117,9 @@ class WeightedAllocation(Allocation):
         demand_unit: Unit = None,
         command_unit: Unit = None,
     ) -> None:
-        super().__init__(demands, weights, demand_unit, command_unit)
+        super().__init__(
+            demands, weights, demand_unit=demand_unit, command_unit=command_unit
+        )
         if demands > self.actuators:
             raise BlockError(
                 f"WeightedAllocation cannot meet {demands} demands with {self.actuators} actuators: "
@@ -135,14 +137,13 @@ class BoundedAllocation(Allocation):
     r"""Share a demand between actuators with limits: least weighted error, then least effort.
 
     .. math::
-        \min_{l \le Q \le h} \; (P Q - u)^T G^{-1} (P Q - u) + \sum_j s_j^2 (S Q - f)_j^2
-        + \sum_k w_k^2 (Q_k - Q_{0k})^2
+        \min_{l \le Q \le h} \; (P Q - u)^T G^{-1} (P Q - u) + \sum_k w_k^2 (Q_k - Q_{0k})^2
 
-    The weights set priorities: what is to give way last gets the largest. If the effort weighs next
-    to nothing, a demand that can be met is met, and of one that cannot the error is least, as
+    If the effort weighs next to nothing, a demand that can be met is met, and of one that cannot the error is least, as
     :math:`G^{-1}` counts it. With G the mass matrix and u the mass matrix times the acceleration
     wanted, that is the energy of the motion that is missing. Where squared weights differ by more
-    than :math:`10^{10}`, digits are lost when a demand cannot be met.
+    than :math:`10^{10}`, digits are lost when a demand cannot be met. A wish that gives way before the
+    demand is one more row of u and P, with a larger diagonal element of G.
 
     Limits are inputs: those of an actuator that died are both zero, those of one that is stuck what it
     is stuck at. The command never leaves them, and no combination of them is too much. It is NaN if a
@@ -156,10 +157,8 @@ class BoundedAllocation(Allocation):
         Number of components of the demand u.
     weights : array_like, shape (n,)
         w, all above 0 [any]; n is the number of actuators.
-    soft_weights : array_like, shape (k,)
-        s, all above 0 [any]; k is the number of soft demands f. By default there are none.
-    demand_unit, soft_unit, command_unit : str, tuple of str or None
-        Units of u, f and Q, or one per element; None leaves them unchecked.
+    demand_unit, command_unit : str, tuple of str or None
+        Units of u and Q, or one per element; None leaves them unchecked.
 
     Raises
     ------
@@ -177,15 +176,6 @@ class BoundedAllocation(Allocation):
     """
 
     spread = Input(("demands", "demands"), meaning="G: errors count by its inverse")
-    soft_demand = Input(
-        "softs",
-        unit=Attribute("soft_unit"),
-        default=0.0,
-        meaning="what gives way before the demand",
-    )
-    soft_effectiveness = Input(
-        ("softs", "actuators"), default=0.0, meaning="S: likewise for soft demands"
-    )
     preferred = Input(
         "actuators",
         unit=Attribute("command_unit"),
@@ -200,58 +190,20 @@ class BoundedAllocation(Allocation):
     saturated = Output(
         "actuators", unit="1", meaning="1 where a command is at a limit, 0 elsewhere"
     )
-    soft_weights = Parameter(
-        shape="softs", above=0.0, meaning="cost of each error in a soft demand"
-    )
-
-    def __init__(
-        self,
-        demands: int,
-        weights: npt.ArrayLike,
-        *,
-        soft_weights: npt.ArrayLike = (),
-        demand_unit: Unit = None,
-        soft_unit: Unit = None,
-        command_unit: Unit = None,
-        **parameters: npt.ArrayLike,
-    ) -> None:
-        owner = type(self).__name__
-        shape = finite_array(f"parameter 'soft_weights' of {owner}", soft_weights).shape
-        if len(shape) != 1:
-            raise BlockError(
-                f"{owner} needs one weight per soft demand; got soft_weights of shape {shape}"
-            )
-        (self.softs,), self.soft_unit = shape, soft_unit
-        super().__init__(
-            demands,
-            weights,
-            demand_unit,
-            command_unit,
-            soft_weights=soft_weights,
-            **parameters,
-        )
 
     def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
         """Return the commands, what they miss, and which of them are at limits."""
-        return self._allocated(u, p, u.lower, u.upper)
-
-    def _allocated(self, u: Signals, p: Signals, lower: Array, upper: Array) -> Values:
-        matrix, spread, target = u.effectiveness, u.spread, u.demand
-        if self.softs:
-            matrix = np.vstack([matrix, u.soft_effectiveness])
-            spread = block_diagonal(spread, np.diag(p.soft_weights**-2.0))
-            target = np.concatenate([target, u.soft_demand])
+        lower, upper = self._limits(x, u, p)
         command, missed = bounded_least_squares(
-            matrix, spread, target, p.weights, u.preferred, lower, upper
+            u.effectiveness, u.spread, u.demand, p.weights, u.preferred, lower, upper
         )
-        saturated = np.where(
-            np.logical_or(command <= lower, command >= upper), 1.0, 0.0
-        )
-        return {
-            "command": command,
-            "missed": missed[: self.demands],
-            "saturated": saturated,
-        }
+        at_limit = np.logical_or(command <= lower, command >= upper)
+        saturated = np.where(at_limit, 1.0, 0.0)
+        return {"command": command, "missed": missed, "saturated": saturated}
+
+    def _limits(self, x: Signals, u: Signals, p: Signals) -> tuple[Array, Array]:
+        """Return the limits of the commands at this instant."""
+        return u.lower, u.upper
 
 
 class RateBoundedAllocation(BoundedAllocation):
@@ -300,13 +252,12 @@ class RateBoundedAllocation(BoundedAllocation):
         super().__init__(demands, weights, rates=rates, **others)
         self.sampled(sample_time)
 
-    def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
-        """Return the commands, what they miss, and which of them are at limits."""
+    def _limits(self, x: Signals, u: Signals, p: Signals) -> tuple[Array, Array]:
         reach = p.rates * self.sample_time
         lower, upper = (
             limited(x.previous + r, u.lower, u.upper) for r in (-reach, reach)
         )
-        return self._allocated(u, p, lower, upper)
+        return lower, upper
 
     def update(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
         """Remember the commands."""

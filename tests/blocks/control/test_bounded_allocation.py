@@ -127,42 +127,38 @@ def test_another_solver_agrees(evaluate):
         other = lsq_linear(
             *least_squares(weights, u), limits, method="bvls", tol=1e-15, max_iter=1000
         ).x
-        Q = evaluate(
-            BoundedAllocation(m, weights), soft_demand=(), soft_effectiveness=(), **u
-        )["command"]
+        Q = evaluate(BoundedAllocation(m, weights), **u)["command"]
         scale = max(1.0, np.max(np.abs(other)))
         assert_allclose(Q, other, rtol=0, atol=COMMAND_TOLERANCE * scale)
 
 
 def actuators(evaluate, **others):
-    """Return the commands of three equal actuators for one demand, with a soft demand on their difference."""
+    """Return the commands of three equal actuators for one demand, and for a small difference of two."""
     u = {
-        "demand": [1.5],
-        "effectiveness": np.ones((1, 3)),
-        "spread": np.eye(1),
-        "soft_demand": [0.0],
-        "soft_effectiveness": [[1.0, -1.0, 0.0]],
+        "demand": [1.5, 0.0],
+        "effectiveness": [[1.0, 1.0, 1.0], [1.0, -1.0, 0.0]],
+        "spread": np.diag([1.0, 1e4]),
         "preferred": np.zeros(3),
         "lower": -np.ones(3),
         "upper": np.ones(3),
         **others,
     }
-    return evaluate(BoundedAllocation(1, np.full(3, 1e-6), soft_weights=[1e-2]), **u)
+    return evaluate(BoundedAllocation(2, np.full(3, 1e-6)), **u)
 
 
-def test_demand_is_met_and_the_soft_demand_gives_way_first(evaluate):
+def test_a_demand_of_small_weight_gives_way_first(evaluate):
     result = actuators(evaluate)
     assert_allclose(result["command"], 0.5, rtol=0, atol=1e-9)
     assert_allclose(result["missed"], 0.0, rtol=0, atol=1e-9)
-    # One failed, one stuck: the demand is still met, the soft one is not.
+    # One failed, one stuck: the first demand is still met, the second is not.
     result = actuators(evaluate, lower=[-1.0, 0.0, 0.7], upper=[1.0, 0.0, 0.7])
     assert_allclose(result["command"], [0.8, 0.0, 0.7], rtol=0, atol=1e-3)
     assert_array_equal(result["command"][1:], [0.0, 0.7])
     assert_array_equal(result["saturated"], [0.0, 1.0, 1.0])
     # More than there is: everything at its limit, the rest is reported.
-    result = actuators(evaluate, demand=[4.0])
+    result = actuators(evaluate, demand=[4.0, 0.0])
     assert_array_equal(result["command"], 1.0)
-    assert_allclose(result["missed"], 1.0, rtol=0, atol=1e-15)
+    assert_allclose(result["missed"], [1.0, 0.0], rtol=0, atol=1e-15)
 
 
 @pytest.mark.parametrize("backend", ["numpy", "compiled"])

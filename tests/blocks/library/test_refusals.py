@@ -115,10 +115,6 @@ def shaped(trajectory=1.0, frequency=0.4, **settings):
         (lambda: BoundedAllocation(1.5, [1]), "cannot meet 1.5 demands"),
         (lambda: BoundedAllocation(1, 1.0), r"got weights of shape \(\)"),
         (lambda: BoundedAllocation(1, []), r"got weights of shape \(0,\)"),
-        (
-            lambda: BoundedAllocation(1, [1], soft_weights=1.0),
-            r"got soft_weights of shape \(\)",
-        ),
         (lambda: WeightedAllocation(3, [1, 1]), "meet 3 demands with 2 actuators"),
         (
             lambda: StateSpace(np.ones((2, 3)), B, C),
@@ -281,10 +277,6 @@ def test_arguments_of_blocks(build, message):
             r"'gain' of Gain has shape \(3,\), but .* \(2,\)",
         ),
         (lambda: BoundedAllocation(1, [1, 0]), r"'weights' .* is 0.0 \(element 1\)"),
-        (
-            lambda: BoundedAllocation(1, [1], soft_weights=[-1]),
-            "'soft_weights' .* is -1.0",
-        ),
         (lambda: RateBoundedAllocation(1, [1], [-1], 0.1), "'rates' .* at least 0"),
         (lambda: RateBoundedAllocation(1, [1], [1, 2], 0.1), r"'rates' .* shape"),
         *(

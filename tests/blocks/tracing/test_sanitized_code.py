@@ -55,7 +55,7 @@ for start in (0.1, 1e-310, 1e300, -1.0):  # the last two end in infinities and N
     except DivergenceError:
         print("diverged")
 allocation = Diagram("allocation")
-bounded = RateBoundedAllocation(3, np.full(6, 0.1), np.full(6, 5.0), 0.1, soft_weights=[0.1])
+bounded = RateBoundedAllocation(3, np.full(6, 0.1), np.full(6, 5.0), 0.1)
 wave, one, metric, low, high = allocation.add(
     wave=Sine([4.0, -3.0, 1.0], 1.0),
     one=Constant(np.vander([1.0, 2.0, -1.0], 6)),

@@ -23,17 +23,13 @@ INPUTS: dict[str, Array] = {
     "lower": -np.ones(6),
     "upper": np.ones(6),
     "preferred": np.zeros(6),
-    "soft_demand": np.zeros(2),
-    "soft_effectiveness": RANDOM.standard_normal((2, 6)),
 }
 AMPLITUDE = 4.0 * RANDOM.standard_normal(3)
 
 
 def rate_bounded():
     """Return an allocation that is sampled every 0.1 s."""
-    return RateBoundedAllocation(
-        3, np.full(6, 0.01), np.full(6, 10.0), 0.1, soft_weights=[0.1, 0.2]
-    )
+    return RateBoundedAllocation(3, np.full(6, 0.01), np.full(6, 10.0), 0.1)
 
 
 def commands(block):
