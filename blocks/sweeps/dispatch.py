@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import deque
-from concurrent.futures import FIRST_COMPLETED, CancelledError, Executor, Future, wait
+from concurrent.futures import FIRST_COMPLETED, Executor, Future, wait
 from typing import Any
 
 import numpy as np
@@ -13,12 +13,7 @@ from trussflow.blocks.errors import SimulationError
 from trussflow.blocks.support.progress import ProgressBar
 from trussflow.blocks.sweeps.chunk_store import PIECE_SECONDS, Pieces
 from trussflow.blocks.sweeps.executors import WorkerLostError
-from trussflow.blocks.sweeps.samples import (
-    HUNG_EXIT_CODE,
-    NotTakenOverError,
-    Sample,
-    run_samples,
-)
+from trussflow.blocks.sweeps.samples import HUNG_EXIT_CODE, Sample, run_samples
 
 TASK_SECONDS = 0.2
 """Wall time of one task, if samples are short [s]."""
@@ -81,7 +76,7 @@ class Dispatch:
         Raises
         ------
         SimulationError
-            If the executor is broken, or a run did not use its values.
+            If the executor is broken.
         """
         finished, failed = self._pieces.finished, self._pieces.failed
         with ProgressBar(
@@ -134,9 +129,7 @@ class Dispatch:
         numbers, again = self._running.pop(future)
         try:
             samples, seconds = future.result()
-        except NotTakenOverError:
-            raise
-        except (Exception, CancelledError) as error:
+        except Exception as error:
             if (
                 not isinstance(error, WorkerLostError)
                 and type(error).__name__ != "KilledWorker"

@@ -44,10 +44,6 @@ MAX_CACHED_SIMULATORS = 8
 """Largest number of cached simulators, if a function builds the model."""
 
 
-class NotTakenOverError(SimulationError):
-    """A run did not use the values that it was given."""
-
-
 @dataclass(slots=True)
 class Sample:
     """Result of one sample.
@@ -146,20 +142,14 @@ class Runs:
         """Yield the results of `samples`, which are indices and values [as declared]."""
         with self._building:  # threads share the executor
             lanes = self.lanes
-        for first in range(0, len(samples), lanes.count if lanes else 1):
-            group = (
-                samples[first : first + lanes.count]
-                if lanes
-                else samples[first : first + 1]
-            )
+            count = lanes.count if lanes else 1
+        for first in range(0, len(samples), count):
+            group = samples[first : first + count]
             results: dict[int, xr.Dataset | None] = {}
-            if lanes and 2 * len(group) >= lanes.count:
+            if lanes and 2 * len(group) >= count:
                 # fewer samples are faster one by one
-                plan, recipe, each = (
-                    self.simulator({}).prepared.plan,
-                    self.recipe,
-                    dict[int, Any](),
-                )
+                plan, recipe = self.simulator({}).prepared.plan, self.recipe
+                each = dict[int, Any]()
                 for number, values in group:
                     with contextlib.suppress(Exception):
                         # the run of this sample alone reports the error
@@ -250,13 +240,7 @@ class Runs:
     def sample(
         self, number: int, values: dict[str, Any], result: xr.Dataset | None = None
     ) -> Sample:
-        """Return sample `number` [-], run with `values`, or from its `result` [as declared].
-
-        Raises
-        ------
-        NotTakenOverError
-            If the run did not use the values.
-        """
+        """Return sample `number` [-], run with `values`, or from its `result` [as declared]."""
         try:
             self.simulator(values)  # built before the time limit of the sample starts
             with _watched(self.recipe.time_limit):
@@ -267,8 +251,6 @@ class Runs:
                     if self.recipe.keep is not None
                     else {}
                 )
-        except NotTakenOverError:
-            raise
         except (Exception, SystemExit) as error:  # noqa: BLE001 - a failed sample is a result
             found = Sample(number, dict(values))
             logged: Any = getattr(error, "result", None)
@@ -305,7 +287,7 @@ class Runs:
             ]
             found[name] = np.reshape(listed, place.whole)[place.element]
             if not (found[name] == values[name]).all():
-                raise NotTakenOverError(
+                raise SimulationError(
                     f"'{name}' was to be {values[name]}, but the run had {found[name]}"
                 )
         return {name: found[name] for name in values}

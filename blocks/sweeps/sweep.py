@@ -132,15 +132,14 @@ def sweep(
     Returns
     -------
     xarray.Dataset
-        Kept values along ``sample``. Varied values, read back from the runs, are coordinates. ``status`` is
-        that of the run, or ``"lost"``. A sample that did not complete has a ``message``, and its values are
-        NaN.
+        Kept values along ``sample``. Varied values, read back from the runs, are coordinates; a run that did
+        not use its values failed. ``status`` is that of the run, or ``"lost"``. A sample that did not
+        complete has a ``message``, and its values are NaN.
 
     Raises
     ------
     SimulationError
-        If an argument is not allowed, a run did not use its values, or the folder contains another sweep
-        or cannot be written.
+        If an argument is not allowed, or the folder contains another sweep or cannot be written.
     NameLookupError
         If there is no such parameter, state or argument.
     SimulationInterrupted

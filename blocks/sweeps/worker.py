@@ -27,11 +27,7 @@ def main() -> None:
         try:
             answer = True, function(*arguments)
         except Exception as error:  # noqa: BLE001 - the parent process gets it
-            ours = isinstance(error, samples.NotTakenOverError)
-            answer = (
-                False,
-                error if ours else SimulationError(f"{type(error).__name__}: {error}"),
-            )
+            answer = False, SimulationError(f"{type(error).__name__}: {error}")
         pickle.dump(answer, answers)
         answers.flush()
 

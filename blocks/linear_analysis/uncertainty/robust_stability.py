@@ -17,8 +17,7 @@ from __future__ import annotations
 
 import heapq
 import warnings
-from collections.abc import Callable
-from itertools import combinations
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -26,16 +25,17 @@ import scipy
 
 from trussflow.blocks.errors import LinearAnalysisError
 from trussflow.blocks.linear_analysis.margins import SUM_ROUND_OFF
-from trussflow.blocks.linear_analysis.uncertainty.uncertain_model import UncertainModel
+from trussflow.blocks.linear_analysis.uncertainty.uncertain_model import (
+    Polynomial,
+    UncertainModel,
+    quadratic,
+)
 from trussflow.blocks.support.progress import status_line
 from trussflow.blocks.support.types import Array, Vector
 from trussflow.blocks.support.validation import finite_array, positive
 
 MAX_LOG_SPEEDUP = 300.0
 """Largest logarithm of the speed-up of a sampled model; beyond, only zero is stable [-]."""
-
-Polynomial = dict[tuple[int, ...], Array]
-"""Coefficients by powers of the parameters."""
 
 
 class RobustStability(NamedTuple):
@@ -96,9 +96,11 @@ def robust_stability(
         return RobustStability(True, None, 0.0, 0)
     _, (scale, _) = scipy.linalg.matrix_balance(nominal.A, permute=False, separate=True)
 
-    def at(delta: Vector) -> Vector:
+    def within(centre: Vector, half: Vector, delta: Vector) -> Vector:
         """Return A in balanced coordinates, sped up by the decay: as that is to be stable."""
-        matrix = model.fractions.at(delta)[:n, :n] * scale / scale[:, None]
+        matrix = (
+            model.fractions.at(centre + half * delta)[:n, :n] * scale / scale[:, None]
+        )
         if not sampled:
             return matrix + decay * np.eye(n)
         return np.asarray(matrix * np.exp(min(decay * nominal.dt, MAX_LOG_SPEEDUP)))
@@ -110,7 +112,8 @@ def robust_stability(
         while left and looked < boxes:
             minus, _, centre, half = heapq.heappop(left)
             looked += 1
-            box = _polynomial(at, centre, half)
+            # A is quadratic, so this is exact in the whole box
+            box = quadratic(partial(within, centre, half), count)
             poles = np.linalg.eigvals(box[(0,) * count])
             if np.max(np.abs(poles) - 1.0 if sampled else poles.real) >= 0.0:
                 share = -minus - sum(minus for minus, *_ in left)
@@ -126,25 +129,6 @@ def robust_stability(
                     left, (minus / 2.0, 2 * looked + (side > 0), middle, half)
                 )
     return RobustStability(not left, None, -sum(minus for minus, *_ in left), looked)
-
-
-def _polynomial(
-    at: Callable[[Vector], Vector], centre: Vector, half: Vector
-) -> Polynomial:
-    """Return a quadratic function in a box as one of numbers from -1 to 1: differences of it are exact."""
-    count = len(half)
-    one = np.eye(count, dtype=int)
-    steps = np.diag(half)
-    middle = at(centre)
-    up, down = ([at(centre + sign * step) for step in steps] for sign in (1.0, -1.0))
-    found = {(0,) * count: middle}
-    for i, (a, b) in enumerate(zip(up, down, strict=True)):
-        found[tuple(one[i])] = (a - b) / 2.0
-        found[tuple(2 * one[i])] = (a + b) / 2.0 - middle
-    for i, j in combinations(range(count), 2):
-        corner = at(centre + steps[i] + steps[j])
-        found[tuple(one[i] + one[j])] = corner - up[i] - up[j] + middle
-    return found
 
 
 def _beyond(box: Polynomial, sampled: bool) -> Vector:

@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from itertools import combinations, product
+from itertools import combinations, combinations_with_replacement, product
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -35,6 +35,10 @@ COMPARED_MEMBERS = 8
 """Number of random members to which the fractional model is compared [-]."""
 
 Ranges = Mapping[str, tuple[Array, Array]]
+"""Least and greatest value by name."""
+
+Polynomial = dict[tuple[int, ...], Array]
+"""Coefficients by powers of the parameters."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,6 +68,33 @@ class Fractions:
         return self.nominal + (self.left * each) @ np.linalg.solve(mixed, self.right)
 
 
+def quadratic(function: Callable[[Vector], Vector], count: int) -> Polynomial:
+    """Return the quadratic function through 0, both ends of each number, and the corners of each two.
+
+    Parameters
+    ----------
+    function : callable
+        Takes numbers from -1 to 1 and returns an array.
+    count : int
+        How many numbers [-].
+    """
+    axes = np.eye(count)
+    one = np.eye(count, dtype=int)
+    middle = function(np.zeros(count))
+    found = {(0,) * count: middle}
+    for i in range(count):
+        up, down = function(axes[i]), function(-axes[i])
+        found[tuple(one[i])] = (up - down) / 2.0
+        found[tuple(2 * one[i])] = (up + down) / 2.0 - middle
+    for i, j in combinations(range(count), 2):
+        corners = [
+            a * b * function(a * axes[i] + b * axes[j])
+            for a, b in product((1, -1), repeat=2)
+        ]
+        found[tuple(one[i] + one[j])] = np.sum(corners, axis=0) / 4.0
+    return found
+
+
 def fractions_of(
     family: Callable[[Vector], Vector], count: int, balance: tuple[Vector, Vector]
 ) -> Fractions:
@@ -79,24 +110,16 @@ def fractions_of(
         Scales of rows and columns before ranks are determined [any].
     """
     rows, columns = balance
-    axes = np.eye(count)
 
     def scaled(delta: Vector) -> Vector:
         return family(delta) / rows[:, None] / columns
 
-    middle = scaled(np.zeros(count))
-    first: list[Vector] = []
-    second: dict[tuple[int, int], Vector] = {}
-    for i in range(count):
-        up, down = scaled(axes[i]), scaled(-axes[i])
-        first.append((up - down) / 2.0)
-        second[i, i] = (up + down) / 2.0 - middle
-    for i, j in combinations(range(count), 2):
-        corners = [
-            a * b * scaled(a * axes[i] + b * axes[j])
-            for a, b in product((1, -1), repeat=2)
-        ]
-        second[i, j] = np.sum(corners, axis=0) / 4.0
+    found = quadratic(scaled, count)
+    one = np.eye(count, dtype=int)
+    middle = found[(0,) * count]
+    first = [found[tuple(power)] for power in one]
+    pairs = combinations_with_replacement(range(count), 2)
+    second = {(i, j): found[tuple(one[i] + one[j])] for i, j in pairs}
     size = max((float(np.linalg.norm(one)) for one in first), default=0.0)
     # Horner's form: δ_i (M_i + sum over j >= i of M_ij δ_j). The inner products share their rows by j, and
     # what δ_i multiplies shares its columns by i.
@@ -154,7 +177,7 @@ class UncertainModel:
         [[A, B], [C, D]] as a linear fractional function of those numbers.
     """
 
-    ranges: dict[str, tuple[Array, Array]]
+    ranges: Ranges
     nominal: LinearModel
     family: Callable[[Vector], LinearModel]
     fractions: Fractions
@@ -316,9 +339,7 @@ def uncertain(
     return UncertainModel(ranges, nominal, family, fractions)
 
 
-def _values(
-    ranges: Mapping[str, tuple[Array, Array]], delta: Vector
-) -> dict[str, Array]:
+def _values(ranges: Ranges, delta: Vector) -> dict[str, Array]:
     """Return the parameters at numbers from -1 to 1."""
     return {
         name: (low + high) / 2.0 + (high - low) / 2.0 * d
