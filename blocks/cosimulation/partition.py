@@ -282,43 +282,25 @@ def inputs_behind(
     port : Port
         A whole port of the part.
     """
-    found: dict[str, list[str]] = {}
     routes: dict[Port, list[str]] = {port: []}
     waiting = [port]
-    while waiting:
-        at = waiting.pop(0)
-        if isinstance(at.block, External):
-            found[at.block.name] = routes[at]
+    for at in waiting:  # grows
+        block = at.block
+        if isinstance(block, External):
             continue
-        for source, through, where in _sources(system, feedthrough, at):
-            if source not in routes:
-                origin = (
-                    source.block.name
-                    if isinstance(source.block, External)
-                    else source.path
-                )
-                hop = f"{origin} --wire--> {through}"
-                if not at.is_input:
-                    hop += f" ==feedthrough==> {at.path}"
-                routes[source] = [f"{hop}   [{where}]", *routes[at]]
-                waiting.append(source)
-    return found
-
-
-def _sources(
-    system: System, feedthrough: Feedthrough, port: Port
-) -> list[tuple[Port, str, str]]:
-    """Return the outputs on which a port depends directly, each with the input and the line of the wire."""
-    path = port.block.path
-    block = port.block
-    if port.is_input:
-        names: list[str] = [port.name]
-    else:
-        needed = feedthrough[path][port.name]
-        names = [p.name for p in block.inputs() if p.name in needed]
-    return [
-        (driver.source.block.port(driver.source.name), f"{path}.{name}", driver.where)
-        for name in names
-        for driver in system.drivers[path, name]
-        if driver.source is not None
-    ]
+        needed = {at.name} if at.is_input else feedthrough[block.path][at.name]
+        for into in block.inputs():
+            drivers = system.drivers[block.path, into.name]
+            for driver in drivers if into.name in needed else ():
+                if driver.source is None:
+                    continue
+                source = driver.source.block.port(driver.source.name)
+                if source not in routes:
+                    external = isinstance(source.block, External)
+                    origin = source.block.name if external else source.path
+                    hop = f"{origin} --wire--> {into.path}"
+                    if not at.is_input:
+                        hop += f" ==feedthrough==> {at.path}"
+                    routes[source] = [f"{hop}   [{driver.where}]", *routes[at]]
+                    waiting.append(source)
+    return {p.block.name: r for p, r in routes.items() if isinstance(p.block, External)}

@@ -274,7 +274,7 @@ def _channels(
     ends = real_sensitivities(loop, sizes.min(initial=1.0))
     disks, _ = channel_disks(loop, grid)
     channels = {
-        label: channel_margins(gains[:, k], grid, label, ends[:, k], float(disks[k]))
+        label: channel_margins(gains[:, k], grid, ends[:, k], float(disks[k]))
         for k, label in enumerate(loop.input_labels)
     }
     return channels, grid, S

@@ -57,8 +57,6 @@ class Margins:
 
     Attributes
     ----------
-    channel : str
-        Name of the channel.
     crossover : float
         Highest frequency of gain one [rad/s]; nan if there is none.
     gain_down, gain_up : float
@@ -72,7 +70,6 @@ class Margins:
         Disk margin [1].
     """
 
-    channel: str
     crossover: float = np.nan
     gain_down: float = 0.0
     gain_up: float = np.inf
@@ -251,9 +248,7 @@ def real_sensitivities(model: control.StateSpace, slowest: float) -> Vector:
     )
 
 
-def channel_margins(
-    gain: Complex, omega: Vector, channel: str, ends: Vector, disk: float
-) -> Margins:
+def channel_margins(gain: Complex, omega: Vector, ends: Vector, disk: float) -> Margins:
     """Return the margins of one channel of a stable loop.
 
     Parameters
@@ -262,8 +257,6 @@ def channel_margins(
         Loop gain for negative feedback; infinite values are left out [-].
     omega : array, shape (k,)
         Frequencies, close enough for interpolation [rad/s].
-    channel : str
-        Its name.
     ends : array
         Sensitivity at the ends of the border of stability, where a pole leaves it along the real axis [-].
     disk : float
@@ -275,7 +268,7 @@ def channel_margins(
     gain = gain[finite]
     omega = omega[finite]
     if np.abs(gain).max(initial=0.0) < ZERO_GAIN:  # nothing comes back
-        return Margins(channel=channel)
+        return Margins()
     data = control.FrequencyResponseData(gain, omega, smooth=True)
     gm, pm, _, _, crossings, _ = control.stability_margins(data, returnall=True)
     gm, pm, crossings = (np.asarray(v, dtype=float) for v in (gm, pm, crossings))
@@ -284,7 +277,6 @@ def channel_margins(
     # A delay only takes phase away: a negative margin is reached after the rest of a turn.
     lags = np.radians(np.mod(pm, 360.0)) / crossings
     return Margins(
-        channel=channel,
         crossover=float(crossings.max()) if crossings.size else np.nan,
         gain_down=float(gm[gm < 1].max(initial=0.0)),
         gain_up=float(gm[gm > 1].min(initial=np.inf)),
