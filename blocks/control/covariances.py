@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 from trussflow.blocks.errors import LinearAnalysisError, ParameterError
 from trussflow.blocks.support.types import Vector
-from trussflow.blocks.support.validation import finite_array, yes_or_no
+from trussflow.blocks.support.validation import finite_array
 
 ROUND_OFF = 1e-10
 """Relative tolerance below which asymmetry, eigenvalues and couplings of states count as zero [-]."""
@@ -138,10 +138,8 @@ def steady_covariance(
     return np.asarray((P + P.T) / 2)
 
 
-def refuse_unobserved(
-    A: Vector, C: Vector, names: Sequence[str], *, allow_decaying: bool
-) -> None:
-    """Raise `LinearAnalysisError` for states that are not observable.
+def refuse_undetectable(A: Vector, C: Vector, names: Sequence[str]) -> None:
+    """Raise `LinearAnalysisError` for states that neither decay nor are observable.
 
     Parameters
     ----------
@@ -149,26 +147,16 @@ def refuse_unobserved(
         The sampled system [any].
     names : sequence of str
         Names of its states.
-    allow_decaying : bool
-        Whether unobservable states are allowed if they are stable.
 
     Raises
     ------
     LinearAnalysisError
-        If a state is unobservable; the message names it.
+        If there is such a state; the message names it.
     """
-    yes_or_no("a Kalman filter", "allow_unobserved", allow_decaying)
-    if unseen := hidden(
-        A, C, names, slowest=1.0 - ROUND_OFF if allow_decaying else 0.0
-    ):
+    if unseen := hidden(A, C, names, slowest=1.0 - ROUND_OFF):
         raise LinearAnalysisError(
-            f"cannot estimate {unseen}: what is measured never shows them, or not apart from each other; "
-            "measure more, or leave them out of the model"
-            + (
-                ""
-                if allow_decaying
-                else " (allow_unobserved=True leaves those that decay to the model)"
-            )
+            f"cannot estimate {unseen}, which do not decay: what is measured never shows them, or not apart "
+            "from each other; measure more, or leave them out of the model"
         )
 
 

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from trussflow.blocks.control.covariances import covariance, refuse_unobserved
+from trussflow.blocks.control.covariances import covariance, refuse_undetectable
 from trussflow.blocks.control.kalman_filter import ExtendedKalmanFilter, KalmanFilter
 from trussflow.blocks.control.process_models import ArrayFunction, NonlinearProcess
 from trussflow.blocks.errors import LinearAnalysisError, NameLookupError, ParameterError
@@ -78,8 +78,8 @@ class Plant:
         State derivatives and measurements.
     states, inputs, outputs : list of str
         Names; all outputs are measured.
-    commands : list of int
-        Indices of the inputs that are commands [-].
+    commands : int
+        Number of commands, which are the first inputs [-].
     at : tuple
         Time, states and inputs of the operating point; the estimate starts there [as declared].
     units : mapping of str to Unit
@@ -90,7 +90,7 @@ class Plant:
     states: Sequence[str]
     inputs: Sequence[str]
     outputs: Sequence[str]
-    commands: list[int]
+    commands: int
     at: tuple[float, Vector, Vector]
     units: Mapping[str, Unit]
 
@@ -109,7 +109,6 @@ def kalman_filter(
     kind: str = "steady",
     initial_covariance: ByName | npt.ArrayLike | None = None,
     at: OperatingPoint | None = None,
-    allow_unobserved: bool = False,
     steps: int = 1,
 ) -> KalmanFilter | ExtendedKalmanFilter:
     r"""Return a Kalman filter for a plant: a sampled block that estimates the states of the plant.
@@ -150,8 +149,6 @@ def kalman_filter(
         Covariance of the initial estimation error, by name or of all states; unused if steady [unit²].
     at : OperatingPoint, optional
         Operating point of the linearization and start of the estimate.
-    allow_unobserved : bool
-        Whether unobservable states are allowed if they are stable; the model alone then estimates them.
     steps : int
         Integration steps per sample of the extended filter [-].
 
@@ -163,7 +160,7 @@ def kalman_filter(
     Raises
     ------
     LinearAnalysisError
-        If a state is unobservable, white noise reaches a measurement directly, or the plant cannot be
+        If a state is unobservable and does not decay, white noise reaches a measurement directly, or the plant cannot be
         linearized.
     NameLookupError
         If a name matches no state or signal; the message lists the valid names.
@@ -175,7 +172,8 @@ def kalman_filter(
     Notes
     -----
     The covariance of the noise in a sample is that of Van Loan (1978), the filter that of Anderson and
-    Moore (1979). The observability of an extended filter depends on the state and is not checked.
+    Moore (1979). States that decay and that no measurement shows are estimated by the model alone. The
+    observability of an extended filter depends on the state and is not checked.
     """
     one_of("kind of Kalman filter", kind, ("steady", "varying", "extended"))
     slow = by_name("disturbances", disturbances)
@@ -197,15 +195,13 @@ def kalman_filter(
     }
     linear = process.linearized(opened.at[0], z, u) if kind != "extended" else None
     if kind == "steady" and linear:
-        return KalmanFilter(linear, allow_unobserved=allow_unobserved, **settings)
+        return KalmanFilter(linear, **settings)
     if initial_covariance is None:
         raise ParameterError(
             f"a filter of kind '{kind}' needs initial_covariance: how good is its first estimate?"
         )
     if linear:
-        refuse_unobserved(
-            linear.A, linear.C, linear.state_names, allow_decaying=allow_unobserved
-        )
+        refuse_undetectable(linear.A, linear.C, linear.state_names)
     rows, matrix = _assembled(
         "initial_covariance", initial_covariance, process.state_names, z.size
     )
@@ -278,13 +274,7 @@ def _of_block(
         each = [unit for one in ones for unit in one.port.element_units()]
         units[what] = None if None in each else tuple(map(str, each))
     labels = layout_labels(opened.plan.x), all_labels(put_in), all_labels(seen)
-    return Plant(
-        model,
-        *labels,
-        list(range(len(all_labels(commands)))),
-        (point.time, x, v),
-        units,
-    )
+    return Plant(model, *labels, len(all_labels(commands)), (point.time, x, v), units)
 
 
 def _with_disturbances(
@@ -309,9 +299,9 @@ def _with_disturbances(
         name: 1 / markov[name].time_constant if name in markov else 0.0 for name in slow
     }
     _, decay = _assembled("disturbances", forgets, labels, 0)
-    by_u = np.eye(k - n)[:, plant.commands]
+    by_u = np.eye(k - n, plant.commands)
     (time, x0, v0), quiet, size = plant.at, np.zeros(len(density)), n + len(decay)
-    z, u0 = np.append(x0, np.zeros(len(decay))), v0[plant.commands]
+    z, u0 = np.append(x0, np.zeros(len(decay))), v0[: plant.commands]
 
     def whole(t: Array, z: Array, u: Array, w: Array) -> Array:
         added = by_d @ z[n:] + by_w @ w

@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 from trussflow.blocks.control.covariances import (
     covariance,
-    refuse_unobserved,
+    refuse_undetectable,
     steady_covariance,
 )
 from trussflow.blocks.control.process_models import LinearProcess, Process
@@ -218,8 +218,6 @@ class KalmanFilter(Filter):
     ----------
     process : LinearProcess
         The model.
-    allow_unobserved : bool
-        Whether unobservable states are allowed if they are stable.
     **settings
         As for `Filter`: command_delay, measurement_delay, initial_estimate, initial_command,
         measurement_unit, command_unit.
@@ -234,16 +232,14 @@ class KalmanFilter(Filter):
     Raises
     ------
     LinearAnalysisError
-        If a state is unobservable, or does not decay although no noise drives it.
+        If a state does not decay, and is unobservable or not driven by noise.
 
     References
     ----------
     Anderson, Moore (1979), *Optimal Filtering*, sections 3.1 and 4.4.
     """
 
-    def __init__(
-        self, process: LinearProcess, *, allow_unobserved: bool = False, **settings: Any
-    ) -> None:
+    def __init__(self, process: LinearProcess, **settings: Any) -> None:
         _check_process("KalmanFilter", process, LinearProcess)
         A, C, Q, R, names = (
             process.A,
@@ -252,7 +248,7 @@ class KalmanFilter(Filter):
             process.noise,
             process.state_names,
         )
-        refuse_unobserved(A, C, names, allow_decaying=allow_unobserved)
+        refuse_undetectable(A, C, names)
         P = steady_covariance(A, C, Q, R, names)
         self.innovation_covariance = C @ P @ C.T + R
         self.gain = np.linalg.solve(self.innovation_covariance, C @ P).T

@@ -146,11 +146,9 @@ def test_what_drives_a_command_in_the_diagram_is_cut_off():
     )
     loop.masses.cart >> loop.law >> loop.masses.force
     loop.calm >> loop.masses.wind
-    block = kalman_filter(
-        loop,
-        **SETTINGS | {"measured": "masses.cart", "inputs": "masses.force"},
-        allow_unobserved=True,  # the state of the law, visible through the cut wire only
-    )
+    # The state of the law is visible through the cut wire only, and decays.
+    wires = {"measured": "masses.cart", "inputs": "masses.force"}
+    block = kalman_filter(loop, **SETTINGS | wires)
     masses = [
         k for k, name in enumerate(block.state_names) if name.startswith("masses")
     ]

@@ -71,12 +71,7 @@ def held():
         (
             {"plant": TWO, "process_noise": 1.0},
             LinearAnalysisError,
-            r"cannot estimate 'StateSpace/x\[2\]', 'StateSpace/x\[3\]': what",
-        ),
-        (
-            {"plant": DECAYING, "process_noise": 1.0},
-            LinearAnalysisError,
-            r"cannot estimate 'StateSpace/x\[2\]': .*allow_unobs",
+            r"cannot estimate 'StateSpace/x\[2\]', 'StateSpace/x\[3\]', which do not decay",
         ),
         (
             {"disturbances": {"u": 1.0, "x[1]": 1.0}},
@@ -173,16 +168,6 @@ def held():
             "'DiscreteStateSpace': it has sampled blocks",
         ),
         ({"plant": held()}, LinearAnalysisError, "'held': it has sampled blocks"),
-        (
-            {"allow_unobserved": np.ones(2)},
-            BlockError,
-            "needs allow_unobserved=True or allow_unob",
-        ),
-        (
-            {"plant": TWO, "process_noise": 1.0, "allow_unobserved": True},
-            LinearAnalysisError,
-            r"cannot estimate 'StateSpace/x\[2\]', 'StateSpace/x\[3\]'",
-        ),
     ],
 )
 def test_design_refuses(settings, error, text):
@@ -190,8 +175,8 @@ def test_design_refuses(settings, error, text):
         oscillator(**settings)
 
 
-def test_unobserved_states_that_decay_may_be_allowed():
-    block = oscillator(plant=DECAYING, process_noise=1.0, allow_unobserved=True)
+def test_unobserved_states_that_decay_are_left_to_the_model():
+    block = oscillator(plant=DECAYING, process_noise=1.0)
     assert block.gain[2] == pytest.approx(0.0, abs=1e-12)
 
 
@@ -257,8 +242,6 @@ def test_hidden_states_are_named(seed, seen, unseen, rough):
         hidden(A, np.vstack([C, np.eye(n)[order.argsort()[seen:]]]), names, slowest=0.0)
         == ""
     )
-    with pytest.raises(LinearAnalysisError, match="cannot estimate"):
-        KalmanFilter(LinearProcess(A, np.zeros((n, 1)), C, **STEP, state_names=names))
 
 
 ODD = [
