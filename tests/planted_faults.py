@@ -61,7 +61,7 @@ FAULTS = (
           "smooth = p.reference_rate_weight * u.reference", "smooth = u.reference"),
     Fault("blocks/library/transport_delay.py", "tests/blocks/test_planted_gaps.py",
           "a run after restore() changes the snapshot",
-          "_copied(saved)", "saved"),
+          "deepcopy(saved)", "saved"),
     Fault("blocks/library/noise.py", "tests/models/hardware/test_measurement.py",
           "variance of a correlated drift",
           "-expm1(-2.0 * decay)", "-expm1(-decay)"),

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TypedDict, Unpack
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -16,21 +16,6 @@ from trussflow.blocks.library.piecewise import NO_LIMIT, limited
 from trussflow.blocks.library.signals import Shaped, ShapeLike
 from trussflow.blocks.support.types import Array
 from trussflow.blocks.support.validation import finite_array
-
-
-class PIDSettings(TypedDict, total=False):
-    """Settings of a PID controller besides its gains."""
-
-    lower: npt.ArrayLike
-    upper: npt.ArrayLike
-    filter_time: npt.ArrayLike | None
-    back_calculation: npt.ArrayLike | None
-    reference_weight: npt.ArrayLike
-    reference_rate_weight: npt.ArrayLike
-    start: npt.ArrayLike | None
-    unit: Unit
-    output_unit: Unit
-    shape: ShapeLike
 
 
 class PIDLaw(Shaped):
@@ -259,7 +244,7 @@ class DiscretePID(PIDLaw):
         *,
         sample_time: float,
         offset: float = 0.0,
-        **settings: Unpack[PIDSettings],
+        **settings: Any,
     ) -> None:
         super().__init__(kp, ki, kd, **settings)
         self.sampled(sample_time, offset)

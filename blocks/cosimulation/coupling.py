@@ -16,7 +16,7 @@ again.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from contextlib import ExitStack
 from fractions import Fraction
 from typing import Any
@@ -89,7 +89,7 @@ class Coupled:
 
     def _check(self) -> None:
         """Check that all members can be restored if the scheme or a loop needs it."""
-        stuck = ", ".join(self.unrestorable())
+        stuck = ", ".join(self.unable("restores"))
         if self.network.loop and stuck:
             raise AlgebraicLoopError(
                 f"{loop_text(self.network)}cannot iterate over it, because these members cannot return to "
@@ -101,19 +101,12 @@ class Coupled:
                 f'{stuck}; use coupling="gauss-seidel" or "jacobi"'
             )
 
-    def unrestorable(self) -> list[str]:
-        """Return the names of the members that cannot be restored."""
-        return self._names([one.restores for one in self._stepping])
-
-    def unvarying(self) -> list[str]:
-        """Return the names of the members with a fixed step."""
-        return self._names([one.varies for one in self._stepping])
-
-    def _names(self, able: Sequence[bool]) -> list[str]:
+    def unable(self, ability: str) -> list[str]:
+        """Return the names of the members without an `ability`: ``"restores"`` or ``"varies"``."""
         return [
-            f"'{m.name}'"
-            for m, fine in zip(self.network.members, able, strict=True)
-            if not fine
+            f"'{member.name}'"
+            for member, one in zip(self.network.members, self._stepping, strict=True)
+            if not getattr(one, ability)
         ]
 
     @property

@@ -190,11 +190,11 @@ class StepControl(FixedSteps):
 
     def _refuse_unable(self) -> None:
         """Check that all members can be restored and have variable steps."""
-        for names, what in (
-            (self.coupled.unrestorable(), "cannot return to an earlier state"),
-            (self.coupled.unvarying(), "have a fixed step"),
+        for ability, what in (
+            ("restores", "cannot return to an earlier state"),
+            ("varies", "have a fixed step"),
         ):
-            if names:
+            if names := self.coupled.unable(ability):
                 raise SimulationError(
                     f"cannot control steps by a tolerance: these members {what}: {', '.join(names)}; "
                     "use a fixed step"

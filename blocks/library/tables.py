@@ -12,7 +12,7 @@ from trussflow.blocks.errors import BlockError
 from trussflow.blocks.framework.block import Block, Values
 from trussflow.blocks.framework.declarations import Attribute, Signals
 from trussflow.blocks.framework.port import INFERRED, Input, Output
-from trussflow.blocks.framework.units import Unit, check_declared
+from trussflow.blocks.framework.units import Unit
 from trussflow.blocks.library.piecewise import limited, piece, row_for_each
 from trussflow.blocks.support.types import Array, Vector
 from trussflow.blocks.support.validation import finite_array, shown, yes_or_no
@@ -119,19 +119,6 @@ def listed(given: object) -> list[Any]:
     return []
 
 
-def unit_of_each(owner: str, units: Any, count: int) -> Sequence[str | None]:
-    """Return the unit of each of the `count` inputs of an `owner` with these `units`; None: unchecked."""
-    if units is None:
-        return [None] * count
-    if not isinstance(units, Sequence) or isinstance(units, str) or len(units) != count:
-        raise BlockError(
-            f"{owner} has {count} inputs; give a list of as many units, not {shown(units)}"
-        )
-    for unit in units:
-        check_declared(owner, unit)
-    return list(units)
-
-
 class GridTable(Block):
     r"""Look up a number or an array in a table of several variables, by multilinear interpolation.
 
@@ -186,7 +173,12 @@ class GridTable(Block):
             Interpolation("GridTable", each, np.eye(len(each)), extrapolate)
             for each in points
         ]
-        each_unit = unit_of_each("GridTable", units, len(points))
+        count = len(points)
+        each_unit = [None] * count if units is None else listed(units)
+        if len(each_unit) != count:
+            raise BlockError(
+                f"GridTable has {count} inputs; give a list of as many units, not {shown(units)}"
+            )
         self.shape, self.output_unit = self.values.shape[len(points) :], output_unit
         self.extra_ports = {
             f"u{i}": Input(unit=unit, meaning=f"variable {i}")

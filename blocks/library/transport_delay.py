@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from bisect import bisect_right
+from copy import deepcopy
 from math import comb, factorial, prod
 from typing import Any, ClassVar
 
@@ -228,12 +229,8 @@ class History(Running):
 
     def save(self) -> Any:
         """Return the history."""
-        return _copied(self._pieces)
+        return deepcopy(self._pieces)
 
     def restore(self, saved: Any) -> None:
         """Restore the history."""
-        self._pieces = _copied(saved)
-
-
-def _copied(pieces: list[Piece]) -> list[Piece]:
-    return [([*times], [v.copy() for v in values]) for times, values in pieces]
+        self._pieces = deepcopy(saved)

@@ -37,6 +37,7 @@ from trussflow.blocks.linear_analysis.references import (
 from trussflow.blocks.support.call_site import warn
 from trussflow.blocks.support.types import Vector
 from trussflow.blocks.support.validation import frequencies
+from trussflow.blocks.tracing.sorted_order import components
 
 if TYPE_CHECKING:
     from trussflow.blocks.linear_analysis.linear_model import LinearModel
@@ -285,20 +286,14 @@ def _looping(system: System) -> list[tuple[Port, str, str]]:
 
     A loop passes through a wire if the blocks at both ends lead to each other.
     """
-    from scipy.sparse import coo_array
-    from scipy.sparse.csgraph import connected_components
-
-    numbers = {path: i for i, path in enumerate(system.blocks)}
-    wires, ends = [], []
-    for (path, name), drivers in system.drivers.items():
-        for driver in drivers:
-            if driver.source is not None:
-                wires.append((driver.source, path, name))
-                ends.append((numbers[driver.source.block.path], numbers[path]))
-    rows, columns = zip(*ends, strict=True) if ends else ((), ())
-    size = len(numbers)
-    graph = coo_array((np.ones(len(ends)), (rows, columns)), shape=(size, size))
-    group = connected_components(graph, connection="strong")[1]
-    return [
-        wire for wire, (a, b) in zip(wires, ends, strict=True) if group[a] == group[b]
+    wires = [
+        (driver.source, path, name)
+        for (path, name), drivers in system.drivers.items()
+        for driver in drivers
+        if driver.source is not None
     ]
+    graph: dict[str, list[str]] = {path: [] for path in system.blocks}
+    for source, path, _ in wires:
+        graph[path].append(source.block.path)
+    group = {path: k for k, paths in enumerate(components(graph)) for path in paths}
+    return [wire for wire in wires if group[wire[0].block.path] == group[wire[1]]]

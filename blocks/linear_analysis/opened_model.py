@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from functools import cache, cached_property
 from typing import Any
 
@@ -86,14 +86,15 @@ class OpenedModel:
                 probed(system, one.port) if one.key in cut else (system, one.leaf)
             )
             taps.append(tap)
-        sources: dict[Any, str] = {}
+        sources = dict[Any, tuple[str, Indices]]()
         for one in [*inputs, *cuts]:
             if one.key not in sources:
-                system, sources[one.key] = _put_in(system, one, cut=one.key in cut)
+                system, path, elements = _put_in(system, one, cut=one.key in cut)
+                sources[one.key] = path, elements
         self.plan = Plan(system)
         self._cut = [one.leaf for one in cuts]
-        self._cut_columns = self._columns([(one, sources[one.key]) for one in cuts])
-        self.input_columns = self._columns([(one, sources[one.key]) for one in inputs])
+        self._cut_columns = self._columns(sources[one.key] for one in cuts)
+        self.input_columns = self._columns(sources[one.key] for one in inputs)
 
         def collect(evaluation: Evaluation) -> list[Array]:
             return derivative().collect(evaluation) + values_of(taps).collect(
@@ -141,17 +142,12 @@ class OpenedModel:
         d[self._cut_columns - x.size] = np.hstack([np.zeros(0), *map(np.ravel, values)])
         return point, (x, d, p)
 
-    def _columns(self, found: list[tuple[Named, str]]) -> Indices:
-        """Return where the elements of inputs are in (x, d)."""
-        parts = [np.zeros(0, dtype=np.int64)]
-        for one, path in found:
-            place = self.plan.place(path, "y")
-            elements = one.port.elements().ravel()
-            if _outside(self.plan.system, one) is None:
-                # a source of its own, for these elements
-                elements = np.arange(elements.size)
-            parts.append(place.start + elements)
-        return np.concatenate(parts)
+    def _columns(self, sources: Iterable[tuple[str, Indices]]) -> Indices:
+        """Return where elements of the outputs of sources are in (x, d)."""
+        parts = [
+            self.plan.place(path, "y").start + elements for path, elements in sources
+        ]
+        return np.concatenate([np.zeros(0, dtype=np.int64), *parts])
 
 
 class LocalJacobians:
@@ -386,22 +382,22 @@ def inner_places(plan: Plan) -> Indices:
     )
 
 
-def _put_in(system: System, one: Named, *, cut: bool) -> tuple[System, str]:
-    """Return a system with a source at a signal, and the path of the source."""
-    if (external := _outside(system, one)) is not None:
-        return system, external.path
+def _put_in(system: System, one: Named, *, cut: bool) -> tuple[System, str, Indices]:
+    """Return a system with a source at a signal, the path of the source, and the elements of its output.
+
+    An input of the outermost block has its source already.
+    """
+    elements = one.port.elements().ravel()
+    external = system.external.get(one.port.name)
+    if external and one.port.block is system.root and one.port.is_input:
+        return system, external.path, elements
     if not readers(system, one.port):
         raise LinearAnalysisError(
             f"nothing reads '{one.port.full_path}', so nothing can be put in or cut there"
         )
     source = External(one.port, f"into {one.port.full_path}", start=0.0)
-    return injected(system, one.port, source, cut=cut), source.path
-
-
-def _outside(system: System, one: Named) -> External | None:
-    """Return what drives an input of the outermost block, which needs no other source."""
-    at_root = one.port.block is system.root and one.port.is_input
-    return system.external.get(one.port.name) if at_root else None
+    opened = injected(system, one.port, source, cut=cut)
+    return opened, source.path, np.arange(elements.size)
 
 
 def _refuse_overlaps(cuts: Sequence[Named], others: Sequence[Named]) -> None:
