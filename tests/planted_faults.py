@@ -180,7 +180,7 @@ FAULTS = (
           "number += min(cuts(a, b), cuts(b, a))", "number += max(cuts(a, b), cuts(b, a))"),
     Fault("blocks/sweeps/tangents.py", "tests/blocks/sweeps/test_tangents.py",
           "shifts of successive event times do not add up",
-          "self._time = self._time + lengths[0]", "self._time = lengths[0]"),
+          "self._time = time + lengths[0]", "self._time = self._length + lengths[0]"),
     Fault("blocks/sweeps/variations.py", "tests/blocks/sweeps/test_variations.py",
           "the covariance of a joint distribution is transposed",
           "stats.norm.ppf(own) @ spread.T", "stats.norm.ppf(own) @ spread"),

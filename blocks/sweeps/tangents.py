@@ -41,8 +41,10 @@ class TangentExecutor(InterpretedExecutor):
 
     def __init__(self, prepared: Prepared, count: int) -> None:
         super().__init__(prepared.programs, prepared.plan)
-        self._prepared, self._q, self._rows = prepared, count, list[Array]()
-        self._time, self._begin = np.zeros((1, count)), (0.0, np.zeros(0))
+        self._prepared, self._rows = prepared, list[Array]()
+        # Slopes have one direction more than q: the length of the step, on which only a step depends.
+        self._length = np.eye(1, count + 1, count)
+        self._time, self._begin = np.zeros((1, count + 1)), (0.0, np.zeros(0))
         functions = {program.name: program.expanded for program in prepared.programs}
         rate, h = functions.pop("derivative"), ca.MX.sym("h")
         t, x, d, p = (
@@ -56,7 +58,6 @@ class TangentExecutor(InterpretedExecutor):
             x,
         )
         functions["step"] = ca.Function("step", [h, t, x, d, p], [after])
-        # One direction more than q: the length of the step.
         self._along = {
             name: _along(function, count + 1) for name, function in functions.items()
         }
@@ -85,9 +86,8 @@ class TangentExecutor(InterpretedExecutor):
         DivergenceError
             If a state stops being finite.
         """
-        (x, d, p), (self._x, self._d, self._p) = (
-            [part.copy() for part in parts] for parts in (start, slopes)
-        )
+        x, d, p = (part.copy() for part in start)
+        self._x, self._d, self._p = (np.pad(s, ((0, 0), (0, 1))) for s in slopes)
         self._rows, prepared, end = [], self._prepared, int(logged[-1])
         due, flags = prepared.schedule.due(0, end + 1), np.zeros(end, dtype=np.uint8)
         flags[logged[:-1]] = 1
@@ -102,7 +102,7 @@ class TangentExecutor(InterpretedExecutor):
         if due[-1]:
             d[:] = self.call(f"sample_{due[-1]}", t, x, d, p)
         rows[-1] = self.call("outputs", t, x, d, p)
-        return rows, np.array(self._rows)
+        return rows, np.array(self._rows)[..., :-1]
 
     def call(self, name: str, t: float, x: Vector, d: Vector, p: Vector) -> Vector:
         """Return the quantity of that name, and update the derivatives with it."""
@@ -153,42 +153,40 @@ class TangentExecutor(InterpretedExecutor):
     def _to_instant(self, t: float, d: Vector, p: Vector) -> None:
         """Move the derivatives to a fixed time `t` [s]; a later event time makes the step shorter."""
         state = self._stepped(t, d, p)
-        self._x = state[:, :-1] - state[:, -1:] * self._time
+        self._x = state - state[:, -1:] * (self._time + self._length)
         self._time = np.zeros_like(self._time)
 
     def _slope(self, name: str, t: float, x: Vector, d: Vector, p: Vector) -> Array:
         """Return the total derivative of a quantity by q, through state and time."""
-        seeds = _still(self._time, self._x, self._d, self._p)
-        return self._derivative(name, (t, x, d, p), seeds)[:, :-1]
+        values = t, x, d, p
+        return self._derivative(name, values, self._time, self._x, self._d, self._p)
 
     def _derivative(
-        self, name: str, values: tuple[Vector | float, ...], seeds: list[Array]
+        self, name: str, values: tuple[Vector | float, ...], *seeds: Array
     ) -> Array:
         flat = self._along[name](*values, *(seed.ravel(order="F") for seed in seeds))
-        return flat.reshape((-1, self._q + 1), order="F")
+        return flat.reshape((-1, self._length.size), order="F")
 
     def _stepped(self, t: float, d: Vector, p: Vector) -> Array:
         """Return the derivatives of the state after a step to `t` [s] by q, the last by the step's length."""
         begin, x = self._begin
-        length = np.append(np.zeros((1, self._q)), [[1.0]], axis=1)
-        seeds = [length, *_still(self._time, self._x, self._d, self._p)]
-        return self._derivative("step", (t - begin, begin, x, d, p), seeds)
+        seeds = self._length, self._time, self._x, self._d, self._p
+        return self._derivative("step", (t - begin, begin, x, d, p), *seeds)
 
     def _to_event(self, t: float, x: Vector, d: Vector, p: Vector) -> None:
         """Move the derivatives to an event at time `t` [s], whose time depends on q if a step leads to it."""
         if t == self._begin[0]:
             return
         state, plan = self._stepped(t, d, p), self._prepared.plan
-        time = np.append(self._time, [[1.0]], axis=1)
-        g = self._derivative(
-            "indicators", (t, x, d, p), [time, state, *_still(self._d, self._p)]
-        )
+        time = self._time + self._length
+        seeds = time, state, self._d, self._p
+        g = self._derivative("indicators", (t, x, d, p), *seeds)
         g[plan.kinds == TIMED] -= (
             time  # the residual of a time event is its indicator minus the time
         )
         fired = np.flatnonzero(d[plan.fired.span])
         with np.errstate(divide="ignore", invalid="ignore"):
-            lengths = -g[fired, :-1] / g[fired, -1:]
+            lengths = -g[fired] / g[fired, -1:]
         apart = np.abs(lengths - lengths[0]) > SIMULTANEITY_TOLERANCE * np.abs(
             lengths
         ).max(axis=0)
@@ -208,13 +206,8 @@ class TangentExecutor(InterpretedExecutor):
                 f"cannot differentiate the run of '{plan.name}': at t = {t:g} s {' and '.join(names)} "
                 f"{why}, so the run does not depend smoothly on the varied values"
             )
-        self._x = state[:, :-1] + state[:, -1:] * lengths[0]
-        self._time = self._time + lengths[0]
-
-
-def _still(*slopes: Array) -> list[Array]:
-    """Return `slopes` with a zero column for the length of the step, on which they do not depend."""
-    return [np.pad(slope, ((0, 0), (0, 1))) for slope in slopes]
+        self._x = state + state[:, -1:] * lengths[0]
+        self._time = time + lengths[0]
 
 
 def _along(function: ca.Function, count: int) -> InPlace:
