@@ -93,12 +93,9 @@ def main(words: Sequence[str] | None = None, prog: str = PROGRAM_NAME) -> int:
 
 
 def _performed(options: argparse.Namespace) -> Outcome:
-    given = {
-        name: value
-        for name, value in vars(options).items()
-        if name not in ("perform", "json")
-    }
-    outcome: Outcome = options.perform(**given)
+    given = dict(vars(options))
+    given.pop("json", None)
+    outcome: Outcome = given.pop("perform")(**given)
     return outcome
 
 

@@ -183,15 +183,12 @@ class Fmu(Block):
             }
         super().__init__()
         if self.kind == "cs":
-            self.sampled(self._suggested_step() if step is None else step)
-
-    def _suggested_step(self) -> float:
-        description = self.description
-        if description.step is None:
-            raise FmuError(
-                f"FMU '{description.name}' suggests no step size; give step, the communication step size [s]"
-            )
-        return description.step
+            step = description.step if step is None else step
+            if step is None:
+                raise FmuError(
+                    f"FMU '{description.name}' suggests no step size; give step, the communication step size [s]"
+                )
+            self.sampled(step)
 
     def _described(self) -> Description:
         own = super()._described()

@@ -190,13 +190,15 @@ class CoSimulationRun(FmuRun, SelfStepping):
         FmuError
             If the FMU cannot save its state.
         """
-        self._saved_once = True
-        return self._kept(saved_state(self._fmu)) | {"u": self._u.copy()}
+        return self._kept(saved_state(self._fmu))
 
     def mark(self) -> dict[str, Any]:
         """Return the state of the FMU, valid for this run only."""
+        return self._kept(HeldState(self._fmu))
+
+    def _kept(self, state: Any) -> dict[str, Any]:
         self._saved_once = True
-        return self._kept(HeldState(self._fmu)) | {"u": self._u.copy()}
+        return super()._kept(state) | {"u": self._u.copy()}
 
     def restore(self, saved: dict[str, Any]) -> None:
         """Restore the result of `save` or `mark`."""

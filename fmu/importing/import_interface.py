@@ -143,30 +143,25 @@ class ImportInterface:
         )
         self._table = UnitTable(description, units)
         states = description.states if with_states else ()
-        self.states = VariableVector(states, self._states(states, taken))
+        self.states = self._vector(states, taken, "_state")
         self.declarations = self._declarations()
 
     @staticmethod
-    def _vector(variables: Sequence[FmuVariable], taken: set[str]) -> VariableVector:
-        """Group variables into arrays and give each group a unique name."""
-        groups = gather(variables)
-        names = legal_names([group.name for group in groups], taken)
-        taken.update(names.values())
-        return VariableVector(variables, {names[group.name]: group for group in groups})
+    def _vector(
+        variables: Sequence[FmuVariable], taken: set[str], suffix: str = ""
+    ) -> VariableVector:
+        """Group variables into arrays and give each group a unique name.
 
-    @staticmethod
-    def _states(
-        states: Sequence[FmuVariable], taken: set[str]
-    ) -> dict[str, VariableGroup]:
-        """Name the states; the name of a state that is also an output gets the suffix `_state`."""
-        found = {}
-        for group in gather(states):
+        If a name is taken, as that of a state which is also an output, it gets the suffix first.
+        """
+        groups = {}
+        for group in gather(variables):
             plain = legal_names([group.name], ())[group.name]
-            name = plain if plain not in taken else f"{plain}_state"
+            name = f"{plain}{suffix}" if plain in taken else plain
             name = legal_names([name], taken)[name]
             taken.add(name)
-            found[name] = group
-        return found
+            groups[name] = group
+        return VariableVector(variables, groups)
 
     def _is_known(self, variable: FmuVariable) -> bool:
         """Return whether a parameter has a given or declared value; a resized array has none declared."""

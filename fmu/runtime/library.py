@@ -380,17 +380,6 @@ class Library:
         """Free the instance and unload the binary."""
         self.free()
         if not self.dead:
-            unload(self._library)
+            from fmpy import freeLibrary
 
-
-def unload(library: ctypes.CDLL) -> None:
-    """Unload a library.
-
-    Parameters
-    ----------
-    library : ctypes.CDLL
-        The library; it must not be used afterwards.
-    """
-    from fmpy import freeLibrary
-
-    freeLibrary(library._handle)
+            freeLibrary(self._library._handle)

@@ -10,7 +10,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from trussflow.fmu.errors import FmuBinaryError
-from trussflow.fmu.runtime.library import Library, Step, Update, unload
+from trussflow.fmu.runtime.library import Library, Step, Update
 from trussflow.fmu.runtime.messages import STATUS_DISCARD, STATUS_WARNING, callbacks2
 
 KIND_LAST_SUCCESSFUL_TIME, KIND_TERMINATED = 2, 3
@@ -94,5 +94,7 @@ class Library2(Library):
         super().close()
         proxy = getattr(self._callbacks, "proxy", None)
         if proxy is not None and not self.dead:
+            from fmpy import freeLibrary
+
             del self._callbacks.proxy
-            unload(proxy)
+            freeLibrary(proxy._handle)

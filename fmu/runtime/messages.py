@@ -26,7 +26,8 @@ MAX_SHOWN_MESSAGES = 12
 
 
 PYTHON_LOGGER = logging.getLogger("trussflow_fmu")
-"""Python logger of the Python FMUs of trussflow; their wrapper drops messages unless logging is on."""
+"""Python logger of the Python FMUs of trussflow, by default the standard error stream; their wrapper
+drops messages unless logging is on."""
 
 
 class Messages(logging.Handler):

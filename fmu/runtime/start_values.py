@@ -36,12 +36,9 @@ def settable(variable: FmuVariable) -> bool:
     variable : FmuVariable
         The variable.
     """
-    if variable.causality in ("parameter", "structuralParameter", "input"):
-        return True
-    return variable.variability != "constant" and variable.initial in (
-        "exact",
-        "approx",
-    )
+    given = variable.causality in ("parameter", "structuralParameter", "input")
+    stated = variable.initial in ("exact", "approx")
+    return given or (stated and variable.variability != "constant")
 
 
 def resolve(

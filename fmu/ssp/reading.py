@@ -6,6 +6,7 @@ import json
 import os
 import weakref
 from collections.abc import Set
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
@@ -102,16 +103,14 @@ def _disconnect_open_inputs(system: Element, driven: Set[str | None]) -> None:
         _disconnect_open_inputs(inner, ends)
 
 
+@dataclass
 class _Reader:
     """Reader of one SSP file; `where` is its name in error messages."""
 
-    def __init__(
-        self, where: str, folder: Path, step: float | None, open_inputs: str
-    ) -> None:
-        self.where = where
-        self.folder = folder
-        self.step = step
-        self.open_inputs = open_inputs
+    where: str
+    folder: Path
+    step: float | None
+    open_inputs: str
 
     def read(self) -> Diagram:
         root = self._xml(STRUCTURE_FILE)

@@ -53,7 +53,7 @@ def variables(
     tunable : Pattern
         Whether each element of `p` has an effect after initialization.
     """
-    reference = 1
+    reference = 2  # that of the time is 1
 
     def numbered(group: Iterable[Variable]) -> VariableGroup:
         """Return the variables with the next value references."""
@@ -67,13 +67,18 @@ def variables(
     taken = {*item.ports, *getattr(item, "blocks", ())}
     name = "time" if "time" not in taken else "independent_time"
     time = Variable(
-        name, (), ("s",), "simulation time", causality="independent", initial=""
+        name,
+        (),
+        ("s",),
+        "simulation time",
+        causality="independent",
+        initial="",
+        reference=1,
     )
     modes = (
         replace(v, variability="discrete", initial="calculated", start=None)
         for v in _states(item, plan, plan.modes, d)
     )
-    (time,) = numbered([time])
     inputs = numbered(_input(port, starts) for port in item.inputs())
     parameters = numbered(_parameters(item, plan, p, tunable))
     states = numbered(_states(item, plan, plan.x, x))

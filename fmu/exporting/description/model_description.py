@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from math import pi
 from uuid import UUID
 from xml.etree import ElementTree
@@ -55,7 +55,7 @@ def model_description(
     interface: ExportInterface,
     version: str,
     uses: Mapping[str, Mapping[str, str]],
-    sources: Sequence[str] = (),
+    source: str = "",
 ) -> str:
     """Return the text of ``modelDescription.xml``.
 
@@ -67,8 +67,8 @@ def model_description(
         ``"2.0"`` (one variable per scalar) or ``"3.0"`` (one variable per array).
     uses : mapping of str to mapping
         Capability flags, by the names of the FMI version, of ``"ModelExchange"`` and ``"CoSimulation"``.
-    sources : sequence of str
-        Source files to compile, for FMI 2.0.
+    source : str
+        Source file to compile, for FMI 2.0; empty if there is none.
     """
     scalar = version == "2.0"
     shown = interface.variables.scalarized() if scalar else interface.variables
@@ -88,10 +88,8 @@ def model_description(
     for use, capabilities in uses.items():
         flags = {"modelIdentifier": interface.identifier, **capabilities}
         element = SubElement(root, use, flags)
-        if sources:
-            files = SubElement(element, "SourceFiles")
-            for name in sources:
-                SubElement(files, "File", name=name)
+        if source:
+            SubElement(SubElement(element, "SourceFiles"), "File", name=source)
     _add_units(root, shown)
     categories = SubElement(root, "LogCategories")
     SubElement(
@@ -217,21 +215,20 @@ def _rows(group: VariableGroup, pattern: Pattern) -> Iterator[tuple[Variable, Pa
             yield v, pattern[begin : begin + v.size]
 
 
-def build_description(interface: ExportInterface, sources: Sequence[str]) -> str:
+def build_description(interface: ExportInterface, source: str) -> str:
     """Return the text of ``sources/buildDescription.xml`` of FMI 3.0.
 
     Parameters
     ----------
     interface : ExportInterface
         The exported interface.
-    sources : sequence of str
-        Source files to compile.
+    source : str
+        Source file to compile.
     """
     root = Element("fmiBuildDescription", fmiVersion="3.0")
     build = SubElement(root, "BuildConfiguration", modelIdentifier=interface.identifier)
     files = SubElement(build, "SourceFileSet")
-    for name in sources:
-        SubElement(files, "SourceFile", name=name)
+    SubElement(files, "SourceFile", name=source)
     return text(root)
 
 

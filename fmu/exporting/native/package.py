@@ -11,7 +11,7 @@ from trussflow.fmu.exporting.description.model_description import (
     token,
 )
 from trussflow.fmu.exporting.native.binaries import chosen, compile_binary
-from trussflow.fmu.exporting.native.source import COMPILED_FILES, source
+from trussflow.fmu.exporting.native.source import COMPILED_FILE, source
 
 CAPABILITY_FLAGS = {
     "2.0": {
@@ -64,7 +64,7 @@ def native_files(
         interface,
         version,
         {"ModelExchange": exchange, "CoSimulation": simulation},
-        COMPILED_FILES if version == "2.0" else (),
+        COMPILED_FILE if version == "2.0" else "",
     )
     code = source(interface, version, token(interface, version))
     texts = {
@@ -74,7 +74,7 @@ def native_files(
     }
     if version == "3.0":
         texts["sources/buildDescription.xml"] = build_description(
-            interface, COMPILED_FILES
+            interface, COMPILED_FILE
         )
     files = {path: text.encode() for path, text in texts.items()}
     for target in targets:

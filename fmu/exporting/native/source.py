@@ -30,8 +30,8 @@ FUNCTION_FILES = {
 }
 """Files with the functions of each version of FMI."""
 
-COMPILED_FILES = ("all.c",)
-"""Files to compile; they include the other files."""
+COMPILED_FILE = "all.c"
+"""File to compile; it includes the other files."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -11,7 +11,6 @@ from __future__ import annotations
 
 import contextlib
 import ctypes
-import logging
 import math
 import sys
 import traceback
@@ -22,18 +21,14 @@ from pythonfmu.enums import Fmi2Status
 from pythonfmu.fmi2slave import Fmi2Slave
 
 from trussflow.blocks.results.state_file import decode, encode
+from trussflow.fmu.exporting.description.model_description import LOG_CATEGORY
 from trussflow.fmu.exporting.python.instance import Instance
 from trussflow.fmu.exporting.python.payload import (
     PICKLE_FILE,
     REQUIREMENTS_FILE,
     Payload,
 )
-
-LOG_CATEGORY = "logStatus"
-"""Category of all log messages, as in the model description."""
-
-ERROR_LOGGER = logging.getLogger("trussflow_fmu")
-"""Python logger that also receives the errors; its default output is the standard error stream."""
+from trussflow.fmu.runtime.messages import PYTHON_LOGGER
 
 
 def slave(namespace: dict[str, Any]) -> type:
@@ -73,7 +68,7 @@ class Slave(Fmi2Slave):  # type: ignore[misc]
         except Exception as error:
             needs = (resources / REQUIREMENTS_FILE).read_text(encoding="utf-8").split()
             text = f"{error}; this FMU needs {', '.join(needs)}"
-            ERROR_LOGGER.error("%s: %s", self.instance_name, text)
+            PYTHON_LOGGER.error("%s: %s", self.instance_name, text)
             raise ImportError(text) from error
         type(self).payload = payload
         for note in payload.notes:
@@ -85,7 +80,7 @@ class Slave(Fmi2Slave):  # type: ignore[misc]
         self.log(text.replace("%", "%%"), status, LOG_CATEGORY)
         if status == Fmi2Status.error:
             # the wrapper drops all messages unless logging is on
-            ERROR_LOGGER.error("%s", text)
+            PYTHON_LOGGER.error("%s", text)
 
     def _calling(self, what: str, method: str, *arguments: Any) -> Any:
         """Call a method of the model; if it fails, log the error and return None."""
