@@ -1,7 +1,13 @@
 """Errors of FMU import and export; each message names the object, the fault and the remedy."""
 
+import logging
+
 from trussflow.blocks.errors import RunEndedError, TrussflowError
 from trussflow.blocks.framework.run_state import StepDiscardedError
+
+PYTHON_LOGGER = logging.getLogger("trussflow_fmu")
+"""Python logger of the Python FMUs of trussflow, by default the standard error stream; their wrapper
+drops messages unless logging is on."""
 
 
 class ExportError(TrussflowError, ValueError):

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 
 def locked_folder(folder: Path, writer: str) -> IO[str]:
-    """Lock a folder for a `writer`, a run or a sweep, until the returned file is closed.
+    """Lock a `folder` for a `writer`, a run or a sweep, until the returned file is closed.
 
     Raises
     ------
@@ -45,7 +45,7 @@ def read_piece(piece: Path, without: str) -> xr.Dataset:
     piece : pathlib.Path
         The file.
     without : str
-        What can be done if the file is deleted, for messages.
+        Consequence of deleting the file, for the message.
 
     Raises
     ------

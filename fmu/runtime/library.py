@@ -12,10 +12,9 @@ from typing import Any, ClassVar, NamedTuple, NoReturn
 from trussflow.blocks.errors import TrussflowError
 from trussflow.blocks.support.temporary_folders import not_loaded
 from trussflow.blocks.support.types import Vector
-from trussflow.fmu.errors import FmuBinaryError, FmuCallError, FmuError
+from trussflow.fmu.errors import PYTHON_LOGGER, FmuBinaryError, FmuCallError, FmuError
 from trussflow.fmu.runtime.description import FmuDescription, Kind
 from trussflow.fmu.runtime.messages import (
-    PYTHON_LOGGER,
     STATUS_ERROR,
     STATUS_FATAL,
     STATUS_WARNING,

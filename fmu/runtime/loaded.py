@@ -9,14 +9,13 @@ from pathlib import Path
 from typing import Any, ClassVar, Self
 
 from trussflow.blocks.support.types import Vector
-from trussflow.fmu.errors import FmuError
+from trussflow.fmu.errors import PYTHON_LOGGER, FmuError
 from trussflow.fmu.runtime.archive import remove, unpack
 from trussflow.fmu.runtime.description import Kind
 from trussflow.fmu.runtime.file import FmuFile
 from trussflow.fmu.runtime.library import Library, Update
 from trussflow.fmu.runtime.library2 import Library2
 from trussflow.fmu.runtime.library3 import Library3
-from trussflow.fmu.runtime.messages import PYTHON_LOGGER
 from trussflow.fmu.runtime.start_values import apply
 from trussflow.fmu.runtime.variable_buffers import VariableBuffers
 

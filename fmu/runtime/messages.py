@@ -25,11 +25,6 @@ MAX_SHOWN_MESSAGES = 12
 """Maximum number of messages in an error message."""
 
 
-PYTHON_LOGGER = logging.getLogger("trussflow_fmu")
-"""Python logger of the Python FMUs of trussflow, by default the standard error stream; their wrapper
-drops messages unless logging is on."""
-
-
 class Messages(logging.Handler):
     """The latest log messages of one instance of an FMU; also a handler of `PYTHON_LOGGER`.
 

@@ -76,7 +76,7 @@ def quadratic(function: Callable[[Vector], Vector], count: int) -> Polynomial:
     function : callable
         Takes numbers from -1 to 1 and returns an array.
     count : int
-        How many numbers [-].
+        Number of arguments [-].
     """
     axes = np.eye(count)
     one = np.eye(count, dtype=int)

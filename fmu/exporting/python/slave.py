@@ -21,6 +21,7 @@ from pythonfmu.enums import Fmi2Status
 from pythonfmu.fmi2slave import Fmi2Slave
 
 from trussflow.blocks.results.state_file import decode, encode
+from trussflow.fmu.errors import PYTHON_LOGGER
 from trussflow.fmu.exporting.description.model_description import LOG_CATEGORY
 from trussflow.fmu.exporting.python.instance import Instance
 from trussflow.fmu.exporting.python.payload import (
@@ -28,7 +29,6 @@ from trussflow.fmu.exporting.python.payload import (
     REQUIREMENTS_FILE,
     Payload,
 )
-from trussflow.fmu.runtime.messages import PYTHON_LOGGER
 
 
 def slave(namespace: dict[str, Any]) -> type:
