@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from trussflow.blocks.errors import DivergenceError, SimulationError
 from trussflow.blocks.simulation.block_instances import OpenBlocks
 from trussflow.blocks.simulation.events import EventWatch, endless, not_a_number
-from trussflow.blocks.simulation.solver import fixed_step
+from trussflow.blocks.simulation.solver import FIXED_STEP
 from trussflow.blocks.support.types import Vector
 from trussflow.blocks.tracing.codegen import c_sources, content
 from trussflow.blocks.tracing.compiler import compile_library
@@ -237,7 +237,7 @@ class Executor:
         def rate(time: float, state: Vector) -> Vector:
             return self.call("derivative", time, state, d, p)
 
-        after: Vector = fixed_step(method, rate, (t, t + h / 2, end), h, x)
+        after: Vector = FIXED_STEP[method](rate, (t, t + h / 2, end), h, x)
         return after
 
 
@@ -378,7 +378,7 @@ class CompiledExecutor(Executor):
         work, fault, bad = self._own
         steps = self._advance(
             work,
-            span.method == "rk4",
+            [*FIXED_STEP].index(span.method),
             span.tick.numerator,
             span.tick.denominator,
             span.first,

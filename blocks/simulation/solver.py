@@ -15,8 +15,29 @@ from trussflow.blocks.support.validation import one_of, positive, positive_if_gi
 
 F = TypeVar("F", bound=Callable[..., Any])
 
-FIXED_STEP = ("rk4", "euler")
-"""Solvers with fixed steps."""
+
+def _rk4(rate: Callable[[Any, Any], Any], times: Sequence[Any], h: Any, x: Any) -> Any:
+    """Return the state after a step of the classical Runge-Kutta method."""
+    k1 = rate(times[0], x)
+    k2 = rate(times[1], x + h / 2 * k1)
+    k3 = rate(times[1], x + h / 2 * k2)
+    k4 = rate(times[2], x + h * k3)
+    return x + h / 6 * k1 + h / 3 * k2 + h / 3 * k3 + h / 6 * k4
+
+
+def _euler(
+    rate: Callable[[Any, Any], Any], times: Sequence[Any], h: Any, x: Any
+) -> Any:
+    """Return the state after a step of Euler's method."""
+    return x + h * rate(times[0], x)
+
+
+FIXED_STEP = {"rk4": _rk4, "euler": _euler}
+"""Formulas of the solvers with fixed steps, of numbers or of expressions, in the order of their numbers in C.
+
+Arguments are the rate of the state, a function of time and state; the times at the beginning, in the middle and
+at the end of the step [s]; its length [s]; and the state before [as declared].
+"""
 
 MIN_RTOL = 100 * sys.float_info.epsilon
 """Smallest relative tolerance of SciPy's solvers [-]."""
@@ -157,20 +178,3 @@ def refuse_unknown(settings: Mapping[str, Any], known: Iterable[str]) -> None:
             raise SimulationError(
                 f"unknown setting '{name}'{meant} there are: {', '.join(names)}"
             )
-
-
-def fixed_step(
-    method: str, rate: Callable[[Any, Any], Any], times: Sequence[Any], h: Any, x: Any
-) -> Any:
-    """Return the state after a step of a fixed-step `method`, of numbers or of expressions.
-
-    The `rate` is a function of time and state, `times` are the beginning, middle and end of a step [s] of
-    length `h` [s], and `x` is the state before [as declared].
-    """
-    k1 = rate(times[0], x)
-    if method == "euler":
-        return x + h * k1
-    k2 = rate(times[1], x + h / 2 * k1)
-    k3 = rate(times[1], x + h / 2 * k2)
-    k4 = rate(times[2], x + h * k3)
-    return x + h / 6 * k1 + h / 3 * k2 + h / 3 * k3 + h / 6 * k4

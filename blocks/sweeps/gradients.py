@@ -30,7 +30,7 @@ from trussflow.blocks.framework.diagram import Diagram
 from trussflow.blocks.framework.layout import Layout, spans
 from trussflow.blocks.simulation.prepared import Prepared
 from trussflow.blocks.simulation.simulator import Simulator, SimulatorSettings
-from trussflow.blocks.simulation.solver import fixed_step
+from trussflow.blocks.simulation.solver import FIXED_STEP
 from trussflow.blocks.support.types import Array, Vector
 from trussflow.blocks.support.validation import by_name, finite_array, positive
 from trussflow.blocks.sweeps.tangents import TangentExecutor
@@ -156,7 +156,7 @@ class DifferentiatedRun:
             return programs["derivative"](time, state, d, p)
 
         step, instants = float(prepared.step or 0.0), ca.vertsplit(times)
-        after = fixed_step(prepared.solver.solver, rate, instants, step, x)
+        after = FIXED_STEP[prepared.solver.solver](rate, instants, step, x)
         rows = programs["outputs"](times[0], x, d, p)
         return ca.Function("tick", [z, q, times, due], [ca.vertcat(after, d), rows])
 

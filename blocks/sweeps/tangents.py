@@ -21,7 +21,7 @@ from trussflow.blocks.errors import DivergenceError, SimulationError
 from trussflow.blocks.framework.declarations import TIMED
 from trussflow.blocks.simulation.executor import InPlace, InterpretedExecutor, Span
 from trussflow.blocks.simulation.prepared import Prepared
-from trussflow.blocks.simulation.solver import fixed_step
+from trussflow.blocks.simulation.solver import FIXED_STEP
 from trussflow.blocks.support.types import Array, Vector
 
 SIMULTANEITY_TOLERANCE = 1e-9
@@ -50,12 +50,8 @@ class TangentExecutor(InterpretedExecutor):
         t, x, d, p = (
             ca.MX.sym(name, rate.size1_in(k)) for k, name in enumerate("txdp")
         )
-        after = fixed_step(
-            prepared.solver.solver,
-            lambda time, y: rate(time, y, d, p),
-            (t, t + h / 2, t + h),
-            h,
-            x,
+        after = FIXED_STEP[prepared.solver.solver](
+            lambda time, y: rate(time, y, d, p), (t, t + h / 2, t + h), h, x
         )
         functions["step"] = ca.Function("step", [h, t, x, d, p], [after])
         self._along = {

@@ -155,7 +155,7 @@ inline
 #endif
 static void tf_take(const tf_model* m, tf_steps* s, int method, double t, double end, double h,
                     const tf_number* x, const tf_number* d, const tf_number* p) {
-  if (method)
+  if (method == TF_RK4)
     tf_rk4(m->derivative, s, t, end, h, x, d, p);
   else
     tf_euler(m->derivative, s, t, h, x, d, p);

@@ -1,5 +1,5 @@
-/* The fixed steps in C, for simulations (driver.c) and native FMUs. Their twin in Python is
-   `Executor.between` in blocks/simulation/executor.py: what changes here changes there. TF_X, the number of
+/* The fixed steps in C, for simulations (driver.c) and native FMUs. Their twins in Python are the formulas of
+   `FIXED_STEP` in blocks/simulation/solver.py: what changes here changes there. TF_X, the number of
    continuous states, is defined before. */
 
 #include <math.h>
@@ -12,6 +12,8 @@ typedef TF_NUMBER tf_number;
 
 /* Every program of a plan is a function (t, x, d, p, result). */
 typedef void (*tf_program)(const double*, const tf_number*, const tf_number*, const tf_number*, tf_number*);
+
+enum { TF_RK4, TF_EULER }; /* the solvers, in the order of FIXED_STEP */
 
 typedef struct {
   tf_number stage[TF_X + 1], sum[TF_X + 1], rate[TF_X + 1], next[TF_X + 1];

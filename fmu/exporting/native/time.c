@@ -154,7 +154,7 @@ static tf_status tf_advance(tf_instance* c, double target) {
     double h = c->s.partial || !whole ? (whole ? next : target) - t : h_grid;
     double end = whole ? next : target, at = t;
     int early = c->may_return_early && target - t > same;
-    int fault = tf_between(&m, &c->stepper, 1, &at, end, h, 1, early, c->s.x, c->s.d, c->s.p);
+    int fault = tf_between(&m, &c->stepper, TF_RK4, &at, end, h, 1, early, c->s.x, c->s.d, c->s.p);
     tf_touch(c);
     if (at > t) {
       whole = whole && at == end;

@@ -7,9 +7,30 @@ import pytest
 
 from trussflow.blocks import Diagram, Integrator, Session, StateSpace, Step, simulate
 from trussflow.blocks.errors import SimulationWarning
+from trussflow.blocks.simulation.solver import FIXED_STEP
 
 
-@pytest.mark.parametrize("solver", ["rk4", "euler"])
+@pytest.mark.parametrize("solver", FIXED_STEP)
+def test_a_step_is_the_one_of_its_formula(solver, backend):
+    """Also in C, where solvers have numbers: one step after the other, of an oscillator."""
+    A, h = np.array([[0.0, 1.0], [-4.0, -0.5]]), 0.3
+    diagram = Diagram("oscillator")
+    diagram.add(plant=StateSpace(A, np.zeros((2, 0)), np.eye(2)))
+    found = simulate(
+        diagram,
+        3 * h,
+        initial={"plant.x": [1.0, 2.0]},
+        step=h,
+        solver=solver,
+        backend=backend,
+    )
+    x = np.array([1.0, 2.0])
+    for values in found["plant.y"].values:
+        np.testing.assert_allclose(values, x, rtol=1e-12)
+        x = FIXED_STEP[solver](lambda _, x: A @ x, (0.0, h / 2, h), h, x)
+
+
+@pytest.mark.parametrize("solver", FIXED_STEP)
 def test_a_signal_that_jumps_where_a_step_ends_belongs_to_the_step_after(
     solver, backend
 ):
@@ -28,7 +49,7 @@ def test_a_signal_that_jumps_where_a_step_ends_belongs_to_the_step_after(
             assert [*session.outputs.values()] == pytest.approx(expected, abs=1e-14)
 
 
-@pytest.mark.parametrize("solver", ["rk4", "euler"])
+@pytest.mark.parametrize("solver", FIXED_STEP)
 def test_steps_beyond_stability_are_told_from_a_plant_that_is_unstable(solver):
     """A lag of 1 ms in steps of 10 ms, which ends at 1e20 and more; and e^(10 t) at 5 s, as large."""
 

@@ -29,6 +29,7 @@ from trussflow.blocks import (
     sweep,
 )
 from trussflow.blocks.simulation.lanes import Lanes, goes_in_lanes
+from trussflow.blocks.simulation.solver import FIXED_STEP
 from trussflow.blocks.sweeps import samples
 from trussflow.blocks.tracing import compiler
 from trussflow.blocks.tracing.kernels import repeated
@@ -150,7 +151,7 @@ def assert_same(found, alone):
         assert found.attrs[name] == alone.attrs[name]
 
 
-@pytest.mark.parametrize("solver", ["rk4", "euler"])
+@pytest.mark.parametrize("solver", FIXED_STEP)
 @pytest.mark.parametrize(
     "diagram", [functions(), rates(3), rates(8), allocated()], ids=lambda d: d.name
 )

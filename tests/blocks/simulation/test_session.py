@@ -20,6 +20,7 @@ from trussflow.blocks import (
 )
 from trussflow.blocks.errors import NameLookupError, ParameterError
 from trussflow.blocks.framework.run_state import SelfStepping
+from trussflow.blocks.simulation.solver import FIXED_STEP
 
 # clocks that do and do not meet the points
 STEP, POINT, SAMPLE = (0.01, Fraction(1, 20), 0.04)
@@ -92,7 +93,7 @@ def pieces(session, first, last):
     return found
 
 
-@pytest.mark.parametrize("solver", ["rk4", "euler"])
+@pytest.mark.parametrize("solver", FIXED_STEP)
 def test_session_equals_a_whole_run_whose_inputs_blocks_make(backend, solver):
     """Bit for bit, at each point, what is due at that point included, of Python blocks too."""
     names = ["angle", "load", "torque", "count"]

@@ -29,6 +29,7 @@ from trussflow.blocks.errors import (
     SimulationError,
     TracingError,
 )
+from trussflow.blocks.simulation.solver import FIXED_STEP
 from trussflow.models.plant.tunable_truss import TunableTruss
 
 
@@ -141,7 +142,7 @@ CASES = {
         },
         {"step": 0.01, "log_step": 0.02, "solver": solver},
     )
-    for solver in ("rk4", "euler")
+    for solver in FIXED_STEP
     for periods in ((0.02,), (0.02, 0.04, 0.06))
 } | {
     "truss": (

@@ -25,6 +25,7 @@ from trussflow.blocks import (
     tune,
 )
 from trussflow.blocks.errors import SimulationError
+from trussflow.blocks.simulation.solver import FIXED_STEP
 
 
 class Charge(Block):
@@ -199,7 +200,7 @@ CASES = [
 ]
 
 
-@pytest.mark.parametrize("solver", ["rk4", "euler"])
+@pytest.mark.parametrize("solver", FIXED_STEP)
 @pytest.mark.parametrize(
     ("build", "signal", "at"), CASES, ids=lambda value: getattr(value, "__name__", "")
 )

@@ -22,6 +22,7 @@ from trussflow.blocks import (
     trim,
 )
 from trussflow.blocks.errors import OpenInputError
+from trussflow.blocks.simulation.solver import FIXED_STEP
 from trussflow.fmu import Fmu, export
 
 ROUND_OFF = 1e-12
@@ -40,7 +41,7 @@ def driven(plant, duration, step, **options):
 
 
 @versions
-@pytest.mark.parametrize("solver", ["rk4", "euler"])
+@pytest.mark.parametrize("solver", FIXED_STEP)
 def test_model_exchange_equals_the_block(exported, systems, version, solver):
     """Runs by one solver are equal to round-off, with changed parameters too."""
     settings = {"solver": solver, "parameters": {"plant.stiffness": [7.0, 8.0, 9.0]}}
