@@ -117,7 +117,8 @@ class IntegralSlidingMode(SlidingMode):
     gamma, mu : array_like
         γ, μ > 0 [1/s, 1/s^2 for β = 1]; that makes p² + γp + μ Hurwitz.
     beta : float
-        β, above 0 and at most 1 [1]; at 1 the law is linear but for the term with η.
+        β, above 0 and at most 1 [1]; at 1 the law is linear but for the term with η. Below 1 the slope at
+        zero error is infinite, and a linearization there takes that of β = 1.
     eta : array_like
         η ≥ 0 [unit/s^2], reaching gain.
     sigma : array_like

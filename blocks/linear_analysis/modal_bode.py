@@ -96,7 +96,7 @@ def modal_bode(
         if modes:
             number = int(np.argmax(effects[:, k]))
             mode = OscillatingMode(modes[number][0], {})
-            text += f": mode {number + 1}, {mode.frequency:.3g} Hz, ζ = {mode.damping_ratio:z.2%}"
+            text += f": drives mode {number + 1}, {mode.frequency:.3g} Hz, ζ = {mode.damping_ratio:z.2%}"
         if label in margins:
             text += f"; margins {20.0 * np.log10(margins[label].gain_up):.1f} dB, {margins[label].phase:.0f}°"
         upper.semilogx(
