@@ -37,7 +37,6 @@ from trussflow.blocks.cosimulation.cosimulator import cosimulate as cosimulate
 from trussflow.blocks.drawing import svg as _svg  # noqa: F401
 from trussflow.blocks.framework.arithmetic import Operation as Operation
 from trussflow.blocks.framework.block import Block as Block
-from trussflow.blocks.framework.declarations import REQUIRED as REQUIRED
 from trussflow.blocks.framework.declarations import Attribute as Attribute
 from trussflow.blocks.framework.declarations import Event as Event
 from trussflow.blocks.framework.declarations import Mode as Mode
@@ -48,6 +47,7 @@ from trussflow.blocks.framework.diagram import Diagram as Diagram
 from trussflow.blocks.framework.energy import EnergyAccount as EnergyAccount
 from trussflow.blocks.framework.equations import Equations as Equations
 from trussflow.blocks.framework.port import INFERRED as INFERRED
+from trussflow.blocks.framework.port import REQUIRED as REQUIRED
 from trussflow.blocks.framework.port import Input as Input
 from trussflow.blocks.framework.port import Output as Output
 from trussflow.blocks.framework.port import Port as Port

@@ -33,7 +33,6 @@ import numpy as np
 
 from trussflow.blocks.errors import BlockError, NameLookupError, ParameterError
 from trussflow.blocks.framework.declarations import (
-    REQUIRED,
     Attribute,
     Event,
     Mode,
@@ -46,6 +45,7 @@ from trussflow.blocks.framework.equations import Equations
 from trussflow.blocks.framework.equations import Values as Values
 from trussflow.blocks.framework.port import (
     INFERRED,
+    REQUIRED,
     Inferable,
     Input,
     Output,

@@ -2,32 +2,18 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, Final, overload
+from typing import TYPE_CHECKING, Any, overload
 
 import numpy as np
 import numpy.typing as npt
 
 from trussflow.blocks.errors import BlockError, NameLookupError, ParameterError
-from trussflow.blocks.framework.port import Axes, Shape
+from trussflow.blocks.framework.port import REQUIRED, Axes, Shape
 from trussflow.blocks.support.types import Array, Vector
 from trussflow.blocks.support.validation import finite_array, first_element
 
 if TYPE_CHECKING:
     from trussflow.blocks.framework.block import Block
-
-
-class _Required:
-    """The type of `REQUIRED`."""
-
-    def __repr__(self) -> str:
-        return "REQUIRED"
-
-    def __reduce__(self) -> str:
-        return "REQUIRED"  # copies and unpickled objects are the same instance
-
-
-REQUIRED: Final = _Required()
-"""Marks a parameter that has no default."""
 
 
 class Attribute(str):

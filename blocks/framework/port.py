@@ -12,6 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
+from enum import Enum
 from math import prod
 from typing import TYPE_CHECKING, Any, Final, overload
 
@@ -28,24 +29,27 @@ if TYPE_CHECKING:
     from trussflow.blocks.framework.diagram import Diagram
 
 
-class _Inferred:
-    """The type of `INFERRED`."""
+class _Marker(Enum):
+    """Values with a meaning of their own."""
+
+    INFERRED = "inferred"
+    REQUIRED = "required"
 
     def __repr__(self) -> str:
-        return "INFERRED"
-
-    def __reduce__(self) -> str:
-        return "INFERRED"  # copies and unpickled objects are the same instance
+        return self.name
 
 
-INFERRED: Final = _Inferred()
+INFERRED: Final = _Marker.INFERRED
 """Shape, unit or frame of a port that is inferred from the connected port.
 
 All ports of a block that infer the same property share it. If the input ``u`` of a saturation
 has shape 6 and unit N, its output ``y`` has them too.
 """
 
-Shape = int | str | tuple[int | str, ...] | _Inferred
+REQUIRED: Final = _Marker.REQUIRED
+"""Marks a parameter that has no default."""
+
+Shape = int | str | tuple[int | str, ...] | _Marker
 """A size, a tuple of sizes, or names of block attributes with sizes."""
 
 Axes = dict[str, tuple[str | int, ...]]
@@ -62,10 +66,10 @@ class _Declaration:
         self,
         shape: Shape = (),
         *,
-        unit: Unit | _Inferred = None,
-        frame: str | _Inferred | None = None,
+        unit: Unit | _Marker = None,
+        frame: str | _Marker | None = None,
         meaning: str = "",
-        labels: tuple[str | int, ...] | Axes | str | _Inferred = INFERRED,
+        labels: tuple[str | int, ...] | Axes | str | _Marker = INFERRED,
     ) -> None:
         self.shape, self.unit, self.frame = shape, unit, frame
         self.meaning, self.labels = meaning, labels

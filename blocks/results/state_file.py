@@ -110,14 +110,7 @@ def decode(data: bytes, of: Mapping[str, Any]) -> Any:
         raise ValueError(f"it is damaged or cut off ({len(data)} bytes)")
     try:
         return _rebuilt(json.loads(body))
-    except (
-        ValueError,
-        LookupError,
-        TypeError,
-        AttributeError,
-        ArithmeticError,
-        RecursionError,
-    ) as error:
+    except Exception as error:  # noqa: BLE001 - of bytes that were made up
         raise ValueError(f"it is damaged: {error}") from None
 
 

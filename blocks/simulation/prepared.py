@@ -61,7 +61,8 @@ def _numbers(value: Any) -> Any:
     )
 
 
-def _hash(text: str) -> str:
+def digest(text: str) -> str:
+    """Return a hash of a `text` as 16 hexadecimal digits."""
     return hashlib.sha256(text.encode()).hexdigest()[:16]
 
 
@@ -250,13 +251,13 @@ class Prepared:
             own, slots = state if isinstance(state, tuple) else (state, {})
             made = (own or {}) | slots | {"parameters": None}  # each run has its own
             codes += [type(block).__name__, block.fingerprint, repr(_numbers(made))]
-        return _hash("\0".join(codes))
+        return digest("\0".join(codes))
 
     @functools.cached_property
     def logged(self) -> str:
         """A hash of the traced equations of what is logged, which no state depends on."""
         (code,) = (p.code for p in self.programs if p.name == "outputs")
-        return _hash(code)
+        return digest(code)
 
     @functools.cached_property
     def layout(self) -> str:
@@ -269,7 +270,7 @@ class Prepared:
             (path, plan.system.clock(block))
             for path, block in plan.system.blocks.items()
         ]
-        return _hash(repr((arrays, clocks, self.tick)))
+        return digest(repr((arrays, clocks, self.tick)))
 
     @functools.cached_property
     def _jacobian(self) -> ca.Function:

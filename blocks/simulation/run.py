@@ -91,7 +91,7 @@ class Run:
     """State of one run, or of a session: both are advanced by this code alone.
 
     A run stands before the instant of its present time: what is sampled then computes when it
-    is advanced from there, or finished. A `bar`, if there is one, shows how far it came.
+    is advanced from there, or finished.
 
     Attributes
     ----------
@@ -125,6 +125,8 @@ class Run:
         Last good time [s].
     sampled : int or None
         The tick at which what is sampled has computed already, before time went on [-].
+    bar : RunBar or None
+        Shows how far it came.
     failed : tuple or None
         Time [s] and states at which an adaptive solver last found derivatives that are not finite.
     """
@@ -146,6 +148,7 @@ class Run:
     seconds: float = 0.0
     time: float = 0.0
     sampled: int | None = None
+    bar: RunBar | None = None
     failed: tuple[float, Vector] | None = None
 
     def __post_init__(self) -> None:
@@ -212,7 +215,7 @@ class Run:
         self._instant(self.due(), self.time)
         self.sampled = self.k
 
-    def advance(self, until: Fraction, bar: RunBar | None = None) -> None:
+    def advance(self, until: Fraction) -> None:
         """Run on, from the instant of the present time to just before that of `until` [s].
 
         Raises
@@ -221,13 +224,13 @@ class Run:
             If the solver gives up, or a state or sampled value stops being finite.
         """
         if not self.prepared.solver.is_fixed:
-            self._adaptive(until, bar)
+            self._adaptive(until)
             return
         tick = self.prepared.tick
         last = int((until - self.origin) // tick)
         if self.beyond:
             self._part(min(until, self.origin + (self.k + 1) * tick))
-        self.step_to(last, bar)
+        self.step_to(last)
         if self.now < until:
             self._instant(self.due(), self.time)
             self._part(until)
@@ -258,10 +261,10 @@ class Run:
                 self._resume(log.resumed)
             name = self.prepared.plan.name
             length = float(self.end - self.now)
-            with interruptible(), RunBar(name, length, progress, limit) as bar:
+            with interruptible(), RunBar(name, length, progress, limit) as self.bar:
                 if self.checkpoint_every is not None:
-                    self._advance_with_checkpoints(log, self.checkpoint_every, bar)
-                self.advance(self.end, bar)
+                    self._advance_with_checkpoints(log, self.checkpoint_every)
+                self.advance(self.end)
                 self._instant(self.due(), self.time)
                 self._log_now(self.time)
             wall_time = self.seconds + time.perf_counter() - started
@@ -281,16 +284,16 @@ class Run:
             )
         self.restore(checkpoint)
 
-    def _advance_with_checkpoints(self, log: Log, every: Fraction, bar: RunBar) -> None:
+    def _advance_with_checkpoints(self, log: Log, every: Fraction) -> None:
         """Advance to the end, and keep the state on the disk at each multiple of a time `every` [s]."""
         if log.resumed is None:
             self.sample()  # all blocks have begun: what cannot be saved is reported at once
         while self.now < self.end:
             log.checkpoint(self.save(), self.identity)
             following = (self.now - self.origin) // every + 1
-            self.advance(min(self.end, self.origin + following * every), bar)
+            self.advance(min(self.end, self.origin + following * every))
 
-    def step_to(self, last: int, bar: RunBar | None = None) -> None:
+    def step_to(self, last: int) -> None:
         """Advance by fixed steps, from tick to tick, to the instant of the `last` one [-].
 
         Raises
@@ -361,8 +364,8 @@ class Run:
                 seconds = max(time.perf_counter() - started, 1e-9)
                 growth = min(MAX_CHUNK_GROWTH, CHUNK_SECONDS / seconds)
                 chunk = min(max(MIN_CHUNK, int(chunk * growth)), longest)
-            if bar is not None:
-                bar.update((end - k) * tick.numerator / tick.denominator)
+            if self.bar is not None:
+                self.bar.update((end - k) * tick.numerator / tick.denominator)
 
     def _part(self, end: Fraction) -> None:
         """Take a step that is shorter than a tick."""
@@ -452,7 +455,7 @@ class Run:
 
     # -- adaptive -------------------------------------------------------------------------
 
-    def _adaptive(self, until: Fraction, bar: RunBar | None) -> None:
+    def _adaptive(self, until: Fraction) -> None:
         """Advance with an adaptive solver, which starts afresh at each instant."""
         every = self.log_step
         length = float(until - self.origin)
@@ -467,17 +470,15 @@ class Run:
                 stop = -((self.origin - end) // every)
                 times = (float(self.origin + i * every) for i in range(first, stop))
             try:
-                for t, x in self._integrate(
-                    (float(start), float(end)), times, length, bar
-                ):
-                    self._reach(t, x, bar)
+                for t, x in self._integrate((float(start), float(end)), times, length):
+                    self._reach(t, x)
                     if t < float(end):
                         self._log_now(t)
             except AdaptiveError as error:
                 raise self._gave_up(error) from error
             self.go_to(end)
 
-    def _reach(self, t: float, x: Vector, bar: RunBar | None) -> None:
+    def _reach(self, t: float, x: Vector) -> None:
         """Go to time `t` [s], where the states are `x`.
 
         Raises
@@ -486,16 +487,12 @@ class Run:
             If the run took longer than it may.
         """
         self.x[:] = x
-        if bar is not None:
-            bar.update(t - self.time)
+        if self.bar is not None:
+            self.bar.update(t - self.time)
         self.time = t
 
     def _integrate(
-        self,
-        span: tuple[float, float],
-        times: Iterator[float],
-        length: float,
-        bar: RunBar | None,
+        self, span: tuple[float, float], times: Iterator[float], length: float
     ) -> Iterator[tuple[float, Vector]]:
         """Yield the `times` in a `span`, and its end, with the states; the run has a `length` [s]."""
         prepared = self.prepared
@@ -526,7 +523,7 @@ class Run:
                     raise self._crawling(t, jump)
                 if short == MAX_SHORT_STEPS + TESTED_STEPS:
                     short = jumps = 0
-            self._reach(t, x, bar)
+            self._reach(t, x)
 
         return integrate(
             prepared.solver.solver,

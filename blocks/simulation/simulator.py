@@ -8,7 +8,6 @@ signals of that instant, all at once; then the results are logged; then time goe
 from __future__ import annotations
 
 import contextlib
-import hashlib
 import json
 from collections.abc import Callable, Iterator, Mapping
 from functools import partial
@@ -22,7 +21,7 @@ from trussflow.blocks.framework.system import System
 from trussflow.blocks.results.channels import Chosen
 from trussflow.blocks.results.dataset import provenance
 from trussflow.blocks.results.streamed_log import opened
-from trussflow.blocks.simulation.prepared import Prepared
+from trussflow.blocks.simulation.prepared import Prepared, digest
 from trussflow.blocks.simulation.run import Run
 from trussflow.blocks.simulation.solver import (
     Solver,
@@ -195,14 +194,14 @@ class Simulator(Described):
                 **{f"parameter '{name}'": value for name, value in values.items()},
                 **{f"initial '{name}'": value for name, value in states.items()},
             }
-            everything = json.dumps(identity | {"duration": float(duration)}).encode()
+            everything = json.dumps(identity | {"duration": float(duration)})
             attributes: dict[str, Any] = {
                 **provenance(),
                 **prepared.identity,
                 "duration": float(duration),
                 "parameters": json.dumps(values),
                 "initial_states": json.dumps(states),
-                "run_hash": hashlib.sha256(everything).hexdigest()[:16],
+                "run_hash": digest(everything),
             }
             resumes = identity if resume else None
             yield Run(
