@@ -53,11 +53,10 @@ def fit(
         If direction, shape, unit or frame do not fit. The message names both ports.
     """
     if source.is_input or not target.is_input:
-        if source.is_input and not target.is_input:
-            fault = "the wire runs backwards; an output drives an input"
-        else:
-            kind = "inputs" if source.is_input else "outputs"
-            fault = f"both are {kind}; an output drives an input"
+        kinds = [
+            "an input" if port.is_input else "an output" for port in (source, target)
+        ]
+        fault = f"{kinds[0]} cannot drive {kinds[1]}; an output drives an input"
         raise WiringError(_message(source, target, [fault], where))
     try:
         faults = _faults(source, target)

@@ -215,12 +215,8 @@ class Diagram(Netlist):
         for name, given in ports.items():
             inner = given if isinstance(given, tuple) else (given,)
             there = self.exposed.get(name, ())
-            if (
-                there
-                and len(there) == len(inner)
-                and all(
-                    is_port(p) and same(p, q) for p, q in zip(inner, there, strict=True)
-                )
+            if len(inner) == len(there) > 0 and all(
+                is_port(p) and same(p, q) for p, q in zip(inner, there, strict=True)
             ):
                 continue
             self._check_name(name)
@@ -317,9 +313,8 @@ class Diagram(Netlist):
             return "it is in the group twice"
         if not port.is_input:
             return ""
-        for wire in self.wires:
-            if wire.target.block is port.block and wire.target.name == port.name:
-                return f"it is driven inside   [{wire.where}]"
+        for wire in self._wires_into(port):
+            return f"it is driven inside   [{wire.where}]"
         for name, inner in self.exposed.items():
             if port in inner:
                 return f"it is already exposed as '{name}'"

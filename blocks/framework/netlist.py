@@ -97,17 +97,18 @@ class Netlist(Block):
                     f"cannot wire '{port.path}' in diagram '{self.name}': its block is in {home}   "
                     f"[{where}]\n  add the block here, or expose the port of the inner diagram"
                 )
-        source, target = self._present(source), self._present(target)
+        self._add_wire(self._present(source), self._present(target), where)
+
+    def _add_wire(self, source: Port | None, target: Port, where: str) -> None:
+        """Check and add a wire, unless there is an equal one; `source` is None for a grounded input."""
         there = self._wires_into(target)
-        if any(
-            w.source is not None and same(w.source, source) and same(w.target, target)
-            for w in there
-        ):
+        if any(same(w.source, source) and same(w.target, target) for w in there):
             return
         if target.is_input:
             self._check_free(target, where)
-        outputs = (p for b in self.blocks.values() for p in b.outputs())
-        fit(source, target, where, outputs)
+        if source is not None:
+            outputs = (p for b in self.blocks.values() for p in b.outputs())
+            fit(source, target, where, outputs)
         self.wires.append(Wire(source, target, where))
 
     def ground(self, *ports: Port) -> None:
@@ -125,12 +126,7 @@ class Netlist(Block):
                     f"cannot ground {port_text(port)}: it is not an input of a block in diagram '{self.name}'   "
                     f"[{where}]"
                 )
-            if not any(
-                w.source is None and same(w.target, port)
-                for w in self._wires_into(port)
-            ):
-                self._check_free(port, where)
-                self.wires.append(Wire(None, port, where))
+            self._add_wire(None, port, where)
 
     def _check_free(self, target: Port, where: str) -> None:
         """Check that no element gets a second driver."""
@@ -149,7 +145,7 @@ class Netlist(Block):
                     f"it is already driven by {by}   [{other.where}]"
                 )
         for name, inner in self.exposed.items():
-            if any(p.block is target.block and p.name == target.name for p in inner):
+            if any(overlap(port, target) for port in inner):
                 raise WiringError(
                     f"cannot drive input {target.describe()}: it is exposed as '{name}' and driven "
                     f"from outside   [{where}]"
@@ -235,11 +231,12 @@ class Netlist(Block):
         root: Netlist = self
         while root.parent is not None:
             root = root.parent
-        for block in [root, *root.within()]:
+        blocks = [root, *root.within()]
+        for block in blocks:
             for port in block.ports.values():
                 for name in ("shape", "unit", "frame", "labels"):
                     getattr(port, f"inferable_{name}").forget()
-        for diagram in [*reversed([*root.within()]), root]:
+        for diagram in reversed(blocks):
             if isinstance(diagram, Netlist):
                 for fault in diagram._fit_anew():
                     warn(

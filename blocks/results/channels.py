@@ -139,18 +139,14 @@ def chosen_channels(system: System, chosen: Chosen | None) -> list[Channel]:
     SimulationError
         If a port is named twice, there is text in place of a list, or a name cannot be used.
     """
-    if isinstance(chosen, str | Port):
-        raise SimulationError(
-            f"the ports to log, {chosen!r}, must be a list: [{chosen!r}]"
-        )
     if chosen is None:
         return channels(
             {p.path: p for b in system.blocks.values() for p in b.outputs()}
         )
     given: object = chosen
-    if not isinstance(given, Sequence | Set | Mapping):
+    if isinstance(given, str) or not isinstance(given, Sequence | Set | Mapping):
         raise SimulationError(
-            f"the ports to log must be a list or a dict, not {shown(chosen)}"
+            f"the ports to log must be a list, such as ['block.y'], or a dict, not {shown(chosen)}"
         )
     references = [*(chosen.values() if isinstance(chosen, Mapping) else chosen)]
     for reference in references:

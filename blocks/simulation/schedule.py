@@ -15,9 +15,6 @@ from trussflow.blocks.framework.clock import Clock, ticks
 MAX_CLOCK_SETS = 1000
 """Sets of clocks that tick together; each needs code of its own."""
 
-MAX_PERIOD_TICKS = 10**18
-"""Largest number of ticks between two instants of a clock, which are counted in 64 bits [-]."""
-
 MAX_SCANNED_TICKS = 1_000_000
 """Ticks looked through for sets of clocks that tick together; 8 MB of integers."""
 
@@ -54,10 +51,6 @@ class Schedule:
             )
             for c in clocks
         ]
-        if any(max(clock) > MAX_PERIOD_TICKS for clock in self._clocks):
-            raise SimulationError(
-                f"a sample time of more than {MAX_PERIOD_TICKS:.0e} ticks of {float(tick):g} s is too long"
-            )
         codes = sorted({0} | (self._scanned() or self._possible()))
         if len(codes) > MAX_CLOCK_SETS:
             raise SimulationError(

@@ -215,15 +215,15 @@ REFUSED_WIRES = [
     (lambda d: d.traj.mixed[2] >> d.truss.torque, r"'N' does not fit 'N\*m'"),
     (
         lambda d: d.connect(d.truss.f, d.truss.q),
-        "the wire runs backwards; an output drives an input",
+        "an input cannot drive an output; an output drives an input",
     ),
     (
         lambda d: d.connect(d.truss.f, d.truss.torque),
-        "both are inputs; an output drives an input",
+        "an input cannot drive an input; an output drives an input",
     ),
     (
         lambda d: d.connect(d.truss.q, d.truss.v),
-        "both are outputs; an output drives an input",
+        "an output cannot drive an output; an output drives an input",
     ),
     (lambda d: d.traj.pos[:2][0], r"'traj\.pos' is already a slice"),
     (lambda d: list(d.truss.f[:1]), r"'truss\.f' is already a slice"),

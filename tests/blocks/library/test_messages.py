@@ -268,7 +268,7 @@ UNTYPED: Any = Diagram("d")
         (
             lambda: run(Gain(1.0), log=3),
             SimulationError,
-            "must be a list or a dict, not 3",
+            r"must be a list, .* or a dict, not 3",
         ),
         # What stays Python's, as blocks/README.md says, and NumPy's own.
         (
