@@ -200,7 +200,7 @@ class SampledStepping(Running):
         self._inner = inner
         self._block = block
         self.stuck = inner.stuck
-        self._outputs = _laid_out(block, [p.name for p in block.outputs()])
+        self._outputs = _laid_out({p.name: p.whole_shape for p in block.outputs()})
         self._size = sum(port.size for port in block.outputs())
         self._needed = _needed(block, block.feedthrough())
         self._time: float | None = None
@@ -328,12 +328,21 @@ class BlockCall:
         self.fired = plan.fired.span_of(path)
         first = plan.fired.span.start
         self.events = slice(self.fired.start - first, self.fired.stop - first)
-        self._events = _laid_out(block, block.declared(Event))
-        self._stored = _laid_out(block, [*block.states(), *block.declared(Mode)])
         self.size = self.states.stop - self.states.start
-        self._inputs = _laid_out(block, [p.name for p in block.inputs()])
-        self._outputs = _laid_out(block, [p.name for p in block.outputs()])
-        self._parameters = _laid_out(block, block.parameters)
+        states = [*block.states()]
+        stored = [*states, *block.declared(Mode)]
+        self._stored = _laid_out({n: block.state_shape(n) for n in stored})
+        self._inputs = _laid_out({p.name: p.whole_shape for p in block.inputs()})
+        self._parameters = _laid_out({n: v.shape for n, v in block.parameters.items()})
+        self._events = _laid_out(
+            {n: block.state_shape(n) for n in block.declared(Event)}
+        )
+        self._results = {
+            "output": _laid_out({p.name: p.whole_shape for p in block.outputs()}),
+            "indicators": self._events,
+            "on_event": self._stored,
+        }
+        self._states = self._stored[: len(states)]
         self.needed = _needed(block, plan.feedthrough[path])
         self.direct = bool(self.needed.any())
 
@@ -425,12 +434,7 @@ class BlockCall:
             arrays = {
                 name: arrays.get(name, s[place]) for name, place, _ in self._stored
             }
-        kinds = {
-            "output": self._outputs,
-            "indicators": self._events,
-            "on_event": self._stored,
-        }
-        order = kinds.get(kind, self._stored[: len(self.block.states())])
+        order = self._results.get(kind, self._states)
         parts = [np.ravel(arrays[name]) for name, _, _ in order]
         return np.concatenate(parts) if parts else np.zeros(0)
 
@@ -444,15 +448,8 @@ def _needed(
     return np.concatenate([np.zeros(0, dtype=bool), *marks])
 
 
-def _laid_out(block: Block, names: Iterable[str]) -> Arrays:
-    """Return where ports, parameters, states, modes or events of a block stand one after the other."""
-    shapes = {}
-    for name in names:
-        if name in block.ports:
-            shapes[name] = block.ports[name].whole_shape or ()
-        elif name in block.parameters:
-            shapes[name] = block.parameters[name].shape
-        else:
-            shapes[name] = block.state_shape(name)
-    places = spans(map(prod, shapes.values()))
-    return list(zip(shapes, places, shapes.values(), strict=True))
+def _laid_out(shapes: Mapping[str, tuple[int, ...] | None]) -> Arrays:
+    """Return where arrays of these `shapes` [-], by name, stand one after the other."""
+    known = {name: shape or () for name, shape in shapes.items()}
+    places = spans(map(prod, known.values()))
+    return list(zip(known, places, known.values(), strict=True))

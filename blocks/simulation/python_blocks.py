@@ -121,16 +121,16 @@ class PythonBlocks:
             name = f"inputs_{number}" if number else "continuous"
             ticking = active or {None}
             blocks = [b for b in plan.python_blocks if clock(b) in ticking]
-            stages = []
-            place = 0
-            for stage, is_loop in sorted_stages(plan, blocks, active):
-                pairs = []
-                for block in stage:
-                    inputs = block_inputs(f"{name}_{place}", block, active)
-                    pairs.append((calls[block.path], inputs))
-                    place += 1
-                stages.append((pairs, is_loop))
-            self.stages.append(stages)
+            inputs = {
+                block.path: block_inputs(f"{name}_{place}", block, active)
+                for place, block in enumerate(blocks)
+            }
+            self.stages.append(
+                [
+                    ([(calls[b.path], inputs[b.path]) for b in stage], is_loop)
+                    for stage, is_loop in sorted_stages(plan, blocks, active)
+                ]
+            )
         self.ordered = [
             [pair for pairs, _ in stages for pair in pairs] for stages in self.stages
         ]
