@@ -25,7 +25,6 @@ import difflib
 import functools
 import inspect
 from collections.abc import Callable, Mapping
-from math import prod
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, ClassVar, Self, TypeVar, final
 
@@ -56,7 +55,7 @@ from trussflow.blocks.framework.signal_operators import Wired
 from trussflow.blocks.framework.units import check_declared
 from trussflow.blocks.support.summary import Described, Description
 from trussflow.blocks.support.types import Vector
-from trussflow.blocks.support.validation import as_shape, by_name, shown
+from trussflow.blocks.support.validation import as_shape, by_name, finite_array, shown
 
 if TYPE_CHECKING:
     from trussflow.blocks.framework.diagram import Diagram
@@ -306,13 +305,8 @@ class Block(Wired, Equations, Described):
         try:
             port: Port = self.ports[name]
         except KeyError:
-            inputs = (
-                ", ".join(p.name for p in self.ports.values() if p.is_input) or "none"
-            )
-            outputs = (
-                ", ".join(p.name for p in self.ports.values() if not p.is_input)
-                or "none"
-            )
+            inputs = ", ".join(p.name for p in self.inputs()) or "none"
+            outputs = ", ".join(p.name for p in self.outputs()) or "none"
             hint = f", it is a state: log it as '{self.path}.{name}'; to connect it, add an output"
             hint = hint if name in self.declared(State) else ""
             raise NameLookupError(
@@ -546,16 +540,9 @@ class Block(Wired, Equations, Described):
     def initial(self, name: str, p: Signals) -> Vector:
         """Return the initial value of the state or mode `name`, with the parameters `p`."""
         value = self._declared[name].initial
-        shape = self.state_shape(name)
-        given = np.asarray(
-            getattr(p, value) if isinstance(value, str) else value, dtype=float
-        )
-        if given.ndim and given.shape != shape and prod(given.shape) != 1:
-            raise ParameterError(
-                f"initial value of state '{name}' of '{self.path}' has shape {given.shape}; "
-                f"it must have shape {shape}"
-            )
-        return np.broadcast_to(given, shape).astype(float)
+        value = getattr(p, value) if isinstance(value, str) else value
+        what = f"initial value of state '{name}' of '{self.path}'"
+        return finite_array(what, value, self.state_shape(name), infinite=True).copy()
 
     def feedthrough(self) -> dict[str, tuple[str, ...]]:
         """Return the inputs with direct feedthrough to each output of a Python block.

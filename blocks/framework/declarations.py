@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from trussflow.blocks.errors import BlockError, NameLookupError, ParameterError
-from trussflow.blocks.framework.port import REQUIRED, Axes, Shape
+from trussflow.blocks.framework.port import REQUIRED, Axes, Declaration, Shape
 from trussflow.blocks.support.types import Array, Vector
 from trussflow.blocks.support.validation import finite_array, first_element
 
@@ -31,7 +31,7 @@ VIOLATED = {
 """Comparison of a value with a bound that is true if the value is not allowed."""
 
 
-class Parameter:
+class Parameter(Declaration):
     """Declare a tunable number or array of a block (as a class attribute).
 
     A parameter is an input of the compiled code, so a change does not recompile it. Data that
@@ -80,10 +80,6 @@ class Parameter:
         self.bounds = {
             word: bound for word, bound in bounds.items() if bound is not None
         }
-        self.name = ""
-
-    def __set_name__(self, owner: type, name: str) -> None:
-        self.name = name
 
     @overload
     def __get__(self, block: None, owner: type) -> Parameter: ...
@@ -117,7 +113,7 @@ class Parameter:
         return array
 
 
-class State:
+class State(Declaration):
     """Declare a state of a block (as a class attribute).
 
     States are continuous in a block with `derivative`, and discrete in a sampled block with `update`.
@@ -160,10 +156,7 @@ class State:
             unit,
             meaning,
         )
-        self.labels, self.name = labels, ""
-
-    def __set_name__(self, owner: type, name: str) -> None:
-        self.name = name
+        self.labels = labels
 
 
 class Mode(State):

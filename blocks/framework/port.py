@@ -59,7 +59,16 @@ VECTOR_AXIS = "coordinate"
 """Axis of a labelled vector that declares no name for it, or several."""
 
 
-class _Declaration:
+class Declaration:
+    """Base of declarations, which know their `name` in the class."""
+
+    name = ""
+
+    def __set_name__(self, owner: type, name: str) -> None:
+        self.name = name
+
+
+class _PortDeclaration(Declaration):
     """Base of the declarations of inputs and outputs."""
 
     def __init__(
@@ -74,21 +83,17 @@ class _Declaration:
         self.shape, self.unit, self.frame = shape, unit, frame
         self.meaning, self.labels = meaning, labels
         self.default: float | None = None
-        self.name = ""
-
-    def __set_name__(self, owner: type, name: str) -> None:
-        self.name = name
 
     @overload
-    def __get__(self, block: None, owner: type) -> _Declaration: ...
+    def __get__(self, block: None, owner: type) -> _PortDeclaration: ...
     @overload
     def __get__(self, block: Block, owner: type) -> Port: ...
-    def __get__(self, block: Block | None, owner: type) -> _Declaration | Port:
+    def __get__(self, block: Block | None, owner: type) -> _PortDeclaration | Port:
         """Return the block's own port of this name."""
         return self if block is None else block.port(self.name)
 
 
-class Input(_Declaration):
+class Input(_PortDeclaration):
     """Declare an input port (as a class attribute of a block).
 
     Parameters
@@ -118,7 +123,7 @@ class Input(_Declaration):
         self.default = default
 
 
-class Output(_Declaration):
+class Output(_PortDeclaration):
     """Declare an output port; the arguments are those of `Input` without `default`."""
 
 
@@ -213,7 +218,7 @@ class Port(Wired):
 
     block: Block
     name: str
-    declaration: _Declaration
+    declaration: _PortDeclaration
     inferable_shape: Inferable
     inferable_unit: Inferable
     inferable_frame: Inferable
