@@ -7,7 +7,7 @@ from collections.abc import Iterable
 import numpy as np
 
 from trussflow.blocks.errors import WiringError
-from trussflow.blocks.framework.port import INFERRED, Inferable, Port
+from trussflow.blocks.framework.port import INFERRED, Port
 from trussflow.blocks.framework.units import Unit, mismatch
 
 
@@ -111,29 +111,17 @@ def _infer(source: Port, target: Port, where: str) -> None:
         ):
             getattr(source, name).unify(getattr(target, name), where)
         return
-    _infer_from_slice(source.inferable_shape, target, source.shape, where)
-    _infer_from_slice(target.inferable_shape, source, target.shape, where)
-    if (
-        source.index is not None
-        and target.index is None
-        and target.inferable_unit.is_open
-    ):
+    for known, other in ((source, target), (target, source)):
+        shape = other.inferable_shape
+        if other.index is None and shape.is_open and known.shape is not None:
+            shape.fix(known.shape, where)
+    if target.index is not None:
+        return
+    if source.index is not None and target.inferable_unit.is_open:
         units = source.element_units()
         target.inferable_unit.fix(units[0] if len(set(units)) == 1 else units, where)
-    if (
-        target.index is None
-        and target.inferable_labels.is_open
-        and (axes := source.axes())
-    ):
+    if target.inferable_labels.is_open and (axes := source.axes()):
         target.inferable_labels.fix(axes, where)
-
-
-def _infer_from_slice(
-    known: Inferable, other: Port, shape: tuple[int, ...] | None, where: str
-) -> None:
-    """Fix the open shape of a whole port from the slice at the other end of the wire."""
-    if other.index is None and other.inferable_shape.is_open and not known.is_open:
-        other.inferable_shape.fix(shape, where)
 
 
 def _faults(source: Port, target: Port) -> list[str]:

@@ -250,14 +250,11 @@ def _open(port: Port, drivers: list[Driver], system: System) -> str:
         driven[driver.given] = True
     if driven.all():
         return ""
-    inner = (port.block.path, port.name)
-    for diagram in [*system.diagrams.values()][
-        :0:-1
-    ]:  # from inside out; inputs of the outermost one cannot be connected
-        names = (
-            (p, t.block.path, t.name) for p in diagram.inputs() for t in targets(p)
-        )
-        port = next((p for p, *leaf in names if (*leaf,) == inner), port)
+    leaf = port
+    inner = [*system.diagrams.values()][1:]
+    for diagram in reversed(inner):  # inputs of the outermost one cannot be connected
+        for outer in diagram.inputs():
+            port = outer if leaf in targets(outer) else port
     if not driven.any():
         meaning = port.declaration.meaning
         return port.describe() + (meaning and f": {meaning}")

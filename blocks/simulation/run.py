@@ -170,6 +170,11 @@ class Run:
         """Time reached [s]."""
         return self.origin + self.k * self.prepared.tick + self.beyond
 
+    def _seconds(self, k: Any) -> Any:
+        """Return the time [s] of tick `k` [-], or of several."""
+        tick = self.prepared.tick
+        return (self.first + k) * tick.numerator / tick.denominator
+
     def begin_at(self, origin: Fraction) -> None:
         """Set the time from which instants are counted [s]."""
         self.origin, self.first = origin, int(origin // self.prepared.tick)
@@ -346,10 +351,7 @@ class Run:
             progress = self.executor.advance(span, self.x, self.d, self.p, rows)
             taken = np.flatnonzero(flags[: progress.steps])
             if log is not None and taken.size:
-                log.keep(
-                    (self.first + k + taken) * tick.numerator / tick.denominator,
-                    taken.size,
-                )
+                log.keep(self._seconds(k + taken), taken.size)
             if progress.fault:
                 self._failed(
                     progress,
@@ -359,7 +361,7 @@ class Run:
                 stop = self.k
                 continue
             self.k = end
-            self.time = (self.first + end) * tick.numerator / tick.denominator
+            self.time = self._seconds(end)
             if started:
                 seconds = max(time.perf_counter() - started, 1e-9)
                 growth = min(MAX_CHUNK_GROWTH, CHUNK_SECONDS / seconds)
@@ -382,16 +384,13 @@ class Run:
 
     def _failed(self, progress: Progress, k: int, is_logged: bool) -> None:
         """Raise the error of the step from tick `k` [-], at which a row was reserved if it `is_logged`."""
-        tick = self.prepared.tick
-        self.time = float((self.first + k) * tick)
+        self.time = self._seconds(k)
         if progress.fault == "x" and is_logged and self.log is not None:
             self.log.keep(self.time)  # the row before the step is good
         if progress.bad is None:
             assert progress.error is not None
             raise progress.error
-        after = (
-            float((self.first + k + 1) * tick) if progress.fault == "x" else self.time
-        )
+        after = self._seconds(k + 1) if progress.fault == "x" else self.time
         raise self._divergence(progress.fault, progress.bad, after)
 
     def _divergence(self, fault: str, bad: Vector, after: float) -> DivergenceError:

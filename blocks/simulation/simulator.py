@@ -321,12 +321,8 @@ def simulate(
     refuse_unknown(
         settings, [*SimulatorSettings.__annotations__, *RunSettings.__annotations__]
     )
-    of_run: Any = {
-        name: value
-        for name, value in settings.items()
-        if name in RunSettings.__annotations__
+    others: dict[str, Any] = {**settings}
+    of_run = {
+        name: others.pop(name) for name in RunSettings.__annotations__ if name in others
     }
-    of_simulator: Any = {
-        name: value for name, value in settings.items() if name not in of_run
-    }
-    return Simulator(diagram, **of_simulator).run(duration, **of_run)
+    return Simulator(diagram, **others).run(duration, **of_run)
