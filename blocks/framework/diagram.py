@@ -59,7 +59,7 @@ class Diagram(Netlist):
     """
 
     def __init__(self, name: str = "diagram", *, loops: str = "refuse") -> None:
-        self.analysis_points: dict[str, tuple[str, str, Any]] = {}
+        self.analysis_points: dict[str, Port] = {}
         one_of("policy for algebraic loops", loops, ("refuse", "solve"), DiagramError)
         self.loop_policy, self.loop_starts = loops, dict[tuple[str, str], Vector]()
         self.blocks, self.wires, self.exposed = {}, [], {}
@@ -81,13 +81,13 @@ class Diagram(Netlist):
             If there is none; the message lists ports, analysis points and blocks.
         """
         if name in self.analysis_points:
-            path, own, index = self.analysis_points[name]
-            if path not in self.blocks:
+            port = self.analysis_points[name]
+            block = port.block.name
+            if block not in self.blocks:
                 raise NameLookupError(
-                    f"analysis point '{name}' of '{self.name}' is at '{path}.{own}', but there is no '{path}'"
+                    f"analysis point '{name}' of '{self.name}' is at '{port.path}', but there is no '{block}'"
                 )
-            port = self.blocks[path].port(own)
-            return port if index is None else port[index]
+            return self._present(port)
         try:
             return super().port(name)
         except NameLookupError as error:
@@ -177,8 +177,8 @@ class Diagram(Netlist):
         taken: dict[str, Collection[str]] = {
             "a block": self.blocks,
             "a port": self.ports,
+            "an analysis point": self.analysis_points,
         }
-        taken["an analysis point"] = self.analysis_points
         if what := next((what for what, names in taken.items() if name in names), ""):
             fault = f"it already has {what} of that name"
         elif name in self.__dict__ or hasattr(type(self), name):
@@ -270,7 +270,7 @@ class Diagram(Netlist):
                 )
             if name not in self.analysis_points:
                 self._check_name(name)
-            self.analysis_points[name] = (port.block.name, port.name, port.index)
+            self.analysis_points[name] = port
 
     def guess(self, port: Port, value: npt.ArrayLike) -> None:
         """Set the initial guess of a signal in an algebraic loop; the default is zero.
