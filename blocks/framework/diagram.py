@@ -11,7 +11,7 @@ import numpy.typing as npt
 
 from trussflow.blocks.errors import BlockError, DiagramError, NameLookupError
 from trussflow.blocks.framework.block import Block
-from trussflow.blocks.framework.connection_check import same, unite
+from trussflow.blocks.framework.connection_check import overlap, same, unite
 from trussflow.blocks.framework.netlist import Netlist
 from trussflow.blocks.framework.port import Port, is_port, port_text
 from trussflow.blocks.support.call_site import call_site
@@ -313,8 +313,9 @@ class Diagram(Netlist):
             return "it is in the group twice"
         if not port.is_input:
             return ""
-        for wire in self._wires_into(port):
-            return f"it is driven inside   [{wire.where}]"
+        for wire in self.wires:
+            if overlap(wire.target, port):
+                return f"it is driven inside   [{wire.where}]"
         for name, inner in self.exposed.items():
             if port in inner:
                 return f"it is already exposed as '{name}'"

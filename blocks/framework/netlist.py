@@ -56,14 +56,6 @@ class Netlist(Block):
     wires: list[Wire]
     exposed: dict[str, tuple[Port, ...]]
 
-    def _wires_into(self, target: Port) -> list[Wire]:
-        """Return the wires to a port, or to parts of it."""
-        return [
-            wire
-            for wire in self.wires
-            if wire.target.block is target.block and wire.target.name == target.name
-        ]
-
     @pictured
     def connect(self, source: Port, target: Port, *, where: str | None = None) -> None:
         """Connect an output to an input, as ``source >> target`` does; a repeated call has no effect.
@@ -101,8 +93,7 @@ class Netlist(Block):
 
     def _add_wire(self, source: Port | None, target: Port, where: str) -> None:
         """Check and add a wire, unless there is an equal one; `source` is None for a grounded input."""
-        there = self._wires_into(target)
-        if any(same(w.source, source) and same(w.target, target) for w in there):
+        if any(same(w.source, source) and same(w.target, target) for w in self.wires):
             return
         if target.is_input:
             self._check_free(target, where)
@@ -137,7 +128,7 @@ class Netlist(Block):
             raise WiringError(
                 f"cannot drive input {target.describe()}: the index selects an element twice   [{where}]"
             )
-        for other in self._wires_into(target):
+        for other in self.wires:
             if overlap(other.target, target):
                 by = "ground" if other.source is None else f"'{other.source.path}'"
                 raise WiringError(

@@ -146,8 +146,7 @@ class PythonBlocks:
 
     def quantities(self) -> list[Quantity]:
         """Return the quantities that hold the blocks' inputs."""
-        pairs = [*chain(*self.ordered[1:]), *self.continuous]
-        return [quantity for _, quantity in pairs]
+        return [quantity for _, quantity in chain(*self.ordered)]
 
     def needed(self, due: NDArray[np.uint16]) -> list[int]:
         """Return the ticks, of those with these `due` sets, at which a sampled Python block computes."""
