@@ -25,7 +25,7 @@ from trussflow.blocks.framework.run_state import Running
 from trussflow.blocks.framework.system import flatten
 from trussflow.blocks.simulation.executor import CompiledExecutor
 from trussflow.blocks.simulation.solver import Solver
-from trussflow.blocks.tracing.kernels import Trace, to_expression
+from trussflow.blocks.tracing.kernels import to_expression
 from trussflow.blocks.tracing.plan import Plan
 from trussflow.blocks.tracing.program import lower
 
@@ -266,7 +266,7 @@ def differences(diagram, duration, function, at, change, **settings):
 def compiled_program(expressions, x, trace=None):
     """Return a program of expressions in the symbol x, and a function that calls its compiled code."""
     inputs = [ca.SX.sym("t"), to_expression(x), ca.SX(0, 1), ca.SX(0, 1)]
-    program = lower("derivative", inputs, ca.vertcat(*expressions), trace or Trace())
+    program = lower("derivative", inputs, ca.vertcat(*expressions), trace or ())
     plan = Plan(flatten(Constant(0.0), external=True))
     executor = CompiledExecutor([program], plan)
     return program, lambda values: executor.call(

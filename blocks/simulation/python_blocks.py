@@ -27,7 +27,7 @@ from trussflow.blocks.simulation.executor import Executor, Point, Progress, Span
 from trussflow.blocks.support.types import Vector
 from trussflow.blocks.tracing.call_checks import running_errors
 from trussflow.blocks.tracing.plan import Plan
-from trussflow.blocks.tracing.quantities import Quantity, block_inputs
+from trussflow.blocks.tracing.quantities import Quantity, outputs
 from trussflow.blocks.tracing.sorted_order import (
     Active,
     components,
@@ -122,7 +122,7 @@ class PythonBlocks:
             ticking = active or {None}
             blocks = [b for b in plan.python_blocks if clock(b) in ticking]
             inputs = {
-                block.path: block_inputs(f"{name}_{place}", block, active)
+                block.path: outputs(block.inputs(), f"{name}_{place}", active)
                 for place, block in enumerate(blocks)
             }
             self.stages.append(

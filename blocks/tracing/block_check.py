@@ -190,7 +190,7 @@ def _isolated(block: Block, copy: Block | None = None) -> Isolated:
     program = Program(
         "block",
         tuple(map(to_expression, arguments)),
-        tuple(trace.calls),
+        tuple(trace),
         ca.vertcat(ca.SX(0, 1), *columns),
         shares=False,
     )

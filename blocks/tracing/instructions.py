@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
 from math import isfinite, isnan
+from typing import NamedTuple
 
 import casadi as ca
 
@@ -15,8 +15,7 @@ TIME_NAME = "t"
 """Name of the time argument in C, which all lanes share."""
 
 
-@dataclass(frozen=True, slots=True)
-class Instruction:
+class Instruction(NamedTuple):
     """One instruction of an SX function, in static single assignment form.
 
     Attributes
@@ -85,8 +84,8 @@ def fused(instructions: list[Instruction]) -> list[Instruction]:
                     *instructions[operand].operands,
                     instruction.operands[1 - place],
                 )
-                instruction = replace(
-                    instruction, operation=operation, operands=operands
+                instruction = instruction._replace(
+                    operation=operation, operands=operands
                 )
                 break
         result.append(instruction)
@@ -109,17 +108,11 @@ def needed(instructions: list[Instruction]) -> list[Instruction]:
     if len(new) == len(instructions):
         return instructions
     return [
-        _with_operands(instructions[k], tuple(new[o] for o in instructions[k].operands))
+        instructions[k]._replace(
+            operands=tuple(new[o] for o in instructions[k].operands)
+        )
         for k in new
     ]
-
-
-def _with_operands(one: Instruction, operands: tuple[int, ...]) -> Instruction:
-    return (
-        one
-        if operands == one.operands
-        else Instruction(one.operation, operands, one.place, one.constant)
-    )
 
 
 def number(value: float) -> str:

@@ -11,7 +11,7 @@ from __future__ import annotations
 import contextlib
 import contextvars
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cached_property, lru_cache, partial
 from math import prod
 from typing import Any
@@ -123,11 +123,6 @@ class KernelCall:
         """Element hashes of the symbols in the inputs."""
         return symbols_of(self.inputs)
 
-    @cached_property
-    def gives(self) -> list[int]:
-        """Element hashes of the results, column by column."""
-        return [s.element_hash() for s in ca.vertsplit(ca.vec(self.symbols))]
-
     def results(self, instance: int) -> tuple[Array, ...]:
         """Return all results of one instance, assembled from symbols and constants."""
         column: list[Any] = self.symbols[:, instance].elements()
@@ -143,12 +138,8 @@ class KernelCall:
         )
 
 
-@dataclass(slots=True)
-class Trace:
-    """The kernel `calls` recorded while equations are traced, in order."""
-
-    calls: list[KernelCall] = field(default_factory=list)
-
+Trace = list[KernelCall]
+"""The kernel calls recorded while equations are traced, in order."""
 
 _active: contextvars.ContextVar[Trace | None] = contextvars.ContextVar(
     "trace", default=None
@@ -160,10 +151,13 @@ def active_trace() -> Trace | None:
     return _active.get()
 
 
-@contextlib.contextmanager
-def tracing() -> Iterator[Trace]:
+def tracing() -> contextlib.AbstractContextManager[Trace]:
     """Record the kernel calls of the equations traced inside the ``with`` block."""
-    trace = Trace()
+    return _recorded([])
+
+
+@contextlib.contextmanager
+def _recorded(trace: Any) -> Iterator[Any]:
     token = _active.set(trace)
     try:
         yield trace
@@ -171,14 +165,9 @@ def tracing() -> Iterator[Trace]:
         _active.reset(token)
 
 
-@contextlib.contextmanager
-def written_out() -> Iterator[None]:
+def written_out() -> contextlib.AbstractContextManager[None]:
     """Inline kernels instead of recording kernel calls inside the ``with`` block."""
-    token = _active.set(None)
-    try:
-        yield
-    finally:
-        _active.reset(token)
+    return _recorded(None)
 
 
 def repeated(
@@ -303,13 +292,13 @@ def call_kernel(kernel: Kernel, inputs: ca.SX) -> KernelCall:
             "a function without an expression, such as a bounded allocation, can be called only while "
             "a diagram is traced, and not inside an algebraic loop: break the loop with a UnitDelay"
         )
-    size, count, number = kernel.function.size1_out(0), inputs.size2(), len(trace.calls)
+    size, count, number = kernel.function.size1_out(0), inputs.size2(), len(trace)
     symbols = ca.horzcat(*(ca.SX.sym(f"k{number}_{i}", size) for i in range(count)))
     new = KernelCall(kernel, inputs, symbols)
-    for call in trace.calls:
+    for call in trace:
         if call.kernel.code == kernel.code and _equal(call, new):
             return call
-    trace.calls.append(new)
+    trace.append(new)
     return new
 
 

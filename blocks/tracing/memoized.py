@@ -34,21 +34,13 @@ def memoized(method: Callable[..., Result]) -> Callable[..., Result]:
     @wraps(method)
     def call(block: Block, *signals: Signals) -> Result:
         trace = active_trace()
-        given = [
-            ((k, name), value)
-            for k, each in enumerate(signals)
-            for name, value in each.items()
-        ]
-        traced = any(is_traced(value) for _, value in given)
-        asked: list[object] = [
-            id(trace),
-            *((place, _told(value)) for place, value in given),
-        ]
+        given = [value for each in signals for value in each.values()]
+        asked: list[object] = [id(trace), *map(_told, given)]
         found = latest.get(block)
         if found is None or found[0] != asked:
             # References keep the compared objects alive, so that their ids are not reused.
             found = latest[block] = asked, (trace, given), method(block, *signals)
-        return found[2] if traced else deepcopy(found[2])
+        return found[2] if any(map(is_traced, given)) else deepcopy(found[2])
 
     return call
 

@@ -7,7 +7,7 @@ event indicators, triggered events, loop solutions, and external inputs, in this
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any
 
 import casadi as ca
@@ -77,11 +77,6 @@ class Plan:
             isolated = {path: isolate(b, shared) for path, b in blocks.items()}
         self.feedthrough = {path: one.feedthrough for path, one in isolated.items()}
         self.traced_blocks = {path: one.traced for path, one in isolated.items()}
-        states = [
-            (path, name, block.state_shape(name), block.continuous)
-            for path, block in blocks.items()
-            for name in block.states()
-        ]
         held = [
             port
             for block in blocks.values()
@@ -89,20 +84,22 @@ class Plan:
             or not (block.traced or isinstance(block, External))
             for port in block.outputs()
         ]
-        self.x = Layout((path, name, shape) for path, name, shape, c in states if c)
-        modes, events = (
-            [
+
+        def arrays(
+            names: Callable[[Block], Iterable[str]],
+        ) -> list[tuple[str, str, tuple[int, ...]]]:
+            return [
                 (path, name, block.state_shape(name))
                 for path, block in blocks.items()
-                for name in block.declared(kind)
+                for name in names(block)
             ]
-            for kind in (Mode, Event)
-        )
+
+        events = arrays(lambda block: block.declared(Event))
+        self.x = Layout(arrays(lambda b: b.states() if b.continuous else ()))
         # Each part of d starts at the end of the part before.
-        self.modes = Layout(modes)
+        self.modes = Layout(arrays(lambda block: block.declared(Mode)))
         self.memory = Layout(
-            ((path, name, shape) for path, name, shape, c in states if not c),
-            self.modes.span.stop,
+            arrays(lambda b: () if b.continuous else b.states()), self.modes.span.stop
         )
         self.held = laid_out(held, self.memory.span.stop)
         # ``events.h`` depends on the order of the following parts.

@@ -13,7 +13,7 @@ from typing import Any
 
 import casadi as ca
 
-from trussflow.blocks.tracing.kernels import Kernel, KernelCall, Trace, symbols_of
+from trussflow.blocks.tracing.kernels import Kernel, KernelCall, symbols_of
 
 
 @dataclass(frozen=True, eq=False)
@@ -143,7 +143,9 @@ class Program:
         return ca.Function("jacobian", self.inputs, [derivatives])
 
 
-def lower(name: str, inputs: Sequence[ca.SX], result: ca.SX, trace: Trace) -> Program:
+def lower(
+    name: str, inputs: Sequence[ca.SX], result: ca.SX, trace: Sequence[KernelCall]
+) -> Program:
     """Build the program of a traced expression.
 
     Parameters
@@ -154,14 +156,14 @@ def lower(name: str, inputs: Sequence[ca.SX], result: ca.SX, trace: Trace) -> Pr
         Columns of symbols.
     result : casadi.SX
         Column in `inputs` and in the results of the kernels in `trace`.
-    trace : Trace
+    trace : sequence of KernelCall
         The kernel calls recorded while the expression was traced.
     """
     calls: list[KernelCall] = []
     # Backwards, so that calls whose results are not used are left out.
     wanted = symbols_of(result)
-    for call in reversed(trace.calls):
-        if not wanted.isdisjoint(call.gives):
+    for call in reversed(trace):
+        if wanted & symbols_of(call.symbols):
             calls.append(call)
             wanted |= call.reads
     return Program(name, tuple(inputs), tuple(calls[::-1]), ca.densify(result))

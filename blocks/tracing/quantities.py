@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from trussflow.blocks.framework.block import Block, Values
+from trussflow.blocks.framework.block import Values
 from trussflow.blocks.framework.layout import Layout
 from trussflow.blocks.framework.port import Port
 from trussflow.blocks.support.types import Array
@@ -132,12 +132,3 @@ def after_events() -> Quantity:
         ]
 
     return Quantity("on_event", frozenset(), collect)
-
-
-def block_inputs(name: str, block: Block, active: Active) -> Quantity:
-    """Return the quantity `name`: all inputs of a Python `block` while `active` clocks tick."""
-
-    def collect(evaluation: Evaluation) -> list[Array]:
-        return list(evaluation.inputs(block).values())
-
-    return Quantity(name, active, collect)

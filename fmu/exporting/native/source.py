@@ -14,7 +14,6 @@ from numpy.typing import NDArray
 from trussflow.blocks.framework.clock import exact, ticks
 from trussflow.blocks.framework.declarations import TIMED
 from trussflow.blocks.tracing.codegen import c_functions, event_sizes, vector_functions
-from trussflow.blocks.tracing.kernels import Trace
 from trussflow.blocks.tracing.operations import c_file
 from trussflow.blocks.tracing.program import Program, lower
 from trussflow.fmu.errors import ExportError
@@ -131,17 +130,14 @@ def refuse_python_blocks(interface: ExportInterface, how: str) -> None:
 def _part(program: Program, name: str, rows: NDArray[np.int64]) -> Program:
     """Return the program that computes some rows of the result of a program."""
     result = ca.vertcat(ca.SX(0, 1), *(program.result[int(i)] for i in rows))
-    return lower(name, program.inputs, result, Trace(list(program.calls)))
+    return lower(name, program.inputs, result, program.calls)
 
 
 def _one_after_the_other(first: Program, second: Program) -> Program:
     """Return the program with the concatenated results of two programs of the same trace."""
     calls = list(dict.fromkeys([*first.calls, *second.calls]))
     return lower(
-        "everything",
-        first.inputs,
-        ca.vertcat(first.result, second.result),
-        Trace(calls),
+        "everything", first.inputs, ca.vertcat(first.result, second.result), calls
     )
 
 

@@ -63,7 +63,7 @@ def compiled(count):
     instances = [(pairs[2 * i], pairs[2 * i + 1]) for i in range(count)]
     with tracing() as trace:
         results = [to_expression(r) for (r,) in repeated(everything, instances)]
-    assert len(trace.calls) == (count > 1)
+    assert len(trace) == (count > 1)
     _, call = compiled_program(results, pairs, trace)
     found = [
         call(np.resize(OPERANDS[i:], 2 * count)) for i in range(0, len(OPERANDS), count)

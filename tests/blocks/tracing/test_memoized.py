@@ -71,7 +71,7 @@ def test_expressions_are_shared_within_a_trace_and_each_trace_has_its_kernel_cal
             )
         assert both[0] is both[1]
         traces.append(trace)
-    assert [len(trace.calls) for trace in traces] == [1, 1]
+    assert [len(trace) for trace in traces] == [1, 1]
     assert len(block.asked) == 2
     with tracing():
         block.output(0.0, *given(symbol("u", (2,)), symbol("q", (2,))))

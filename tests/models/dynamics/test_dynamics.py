@@ -53,7 +53,7 @@ def test_equal_arms_share_one_kernel(modes, random_state):
     system = TrussDynamics(modes=modes, arms=(a, b, a, b), elastic_integrals=True)
     assert system.groups == ((0, 2), (1, 3))
     trace = assert_traced_equals_computed(system, *random_state(system))
-    assert [call.inputs.size2() for call in trace.calls] == [2, 2]
+    assert [call.inputs.size2() for call in trace] == [2, 2]
     assert np.array_equal(
         system.rest,
         np.concatenate(
