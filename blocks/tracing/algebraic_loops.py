@@ -45,21 +45,18 @@ class AlgebraicLoops:
         self._everything: Active = frozenset(plan.system.clocks)
         self._programs: dict[Active, Program] = {}
         self.torn = frozenset[Port]()
-        self.starts = {
-            resolved(diagram.blocks[name].port(output)): value
-            for diagram in plan.system.diagrams.values()
-            for (name, output), value in diagram.loop_starts.items()
-            if name in diagram.blocks
-        }
-        if any(
-            diagram.loop_policy == "solve" for diagram in plan.system.diagrams.values()
-        ):
+        self.starts: dict[Port, Array] = {}
+        diagrams = plan.system.diagrams.values()
+        for diagram in diagrams:
+            for (name, output), value in diagram.loop_starts.items():
+                if name in diagram.blocks:
+                    port = resolved(diagram.blocks[name].port(output))
+                    self.starts[port] = finite_array(
+                        f"the guess of '{port.path}'", value, port.whole_shape or ()
+                    )
+        if any(diagram.loop_policy == "solve" for diagram in diagrams):
             self.torn = torn_ports(
                 graph_of(plan.system, plan.feedthrough, self._everything), self.starts
-            )
-        for port, value in self.starts.items():
-            self.starts[port] = finite_array(
-                f"the guess of '{port.path}'", value, port.whole_shape or ()
             )
 
     def __bool__(self) -> bool:
@@ -71,9 +68,9 @@ class AlgebraicLoops:
         Raises
         ------
         DiagramError
-            If there is a guess for a port outside such loops, and any loop is solved.
+            If there is a guess for a port outside such loops.
         """
-        stages = self._stages() if self.starts and self.torn else []
+        stages = self._stages() if self.starts else []
         inside = {port for stage in stages if stage.torn for port in stage.ports}
         for port in self.starts.keys() - inside:
             raise DiagramError(

@@ -144,7 +144,7 @@ static double tf_lowest(int n, double rate, double curve, const double* gain, co
 TF_INLINE void tf_bounded_least_squares(int m, int n, const double* restrict in, double* restrict out) {
   const double *b = in, *c = b + m * n, *f = c + m * m, *w = f + m, *preferred = w + n,
                *low = preferred + n, *high = low + n;
-  double *q = out, *error = q + n, *y = error + m, *rounds = y + m;
+  double *q = out, *error = q + n, *y = error + m;
   double a[m * n], jacobian[m * m], u[m * m], l[m * m], inverse[m], g[m], step[m];
   double z[n], drift[n], per[n], scaled[n], slope[n], gain[n], of_y[n], moved[n];
   int all[m], chosen[n], free[n], was[n], bad = 0, ended = 0, round = 0;
@@ -216,7 +216,6 @@ TF_INLINE void tf_bounded_least_squares(int m, int n, const double* restrict in,
   for (int k = 0; k < n; ++k) scaled[k] = w[k] * q[k];
   memcpy(error, f, m * sizeof *f);
   tf_subtract(m, n, error, a, scaled);
-  *rounds = round;
   for (int k = 0; bad && k < n + 2 * m; ++k) out[k] = NAN;
 }
 #endif

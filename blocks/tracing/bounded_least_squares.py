@@ -75,7 +75,7 @@ def bounded_least_squares(
         ),
     ]
     flat = np.concatenate([np.reshape(each, (-1,)) for each in padded])
-    found = _SOLVE((m + rows, n + columns), flat, n + columns + 2 * (m + rows) + 1)
+    found = _SOLVE((m + rows, n + columns), flat, n + columns + 2 * (m + rows))
     return found[:n], found[n + columns : n + columns + m]
 
 
@@ -89,15 +89,17 @@ def _parts(m: int, n: int, values: Vector) -> list[Vector]:
 
 @np.errstate(all="ignore")
 def _value(m: int, n: int, values: Vector) -> Vector:
-    """Return q, f - B q, y and the number of steps; the same algorithm as in bounded_least_squares.h."""
+    """Return q, f - B q and y; the same algorithm as in bounded_least_squares.h."""
     b, c, f, w, preferred, lower, upper = _parts(m, n, values)
     a = b / w
     y, drift, was = np.zeros(m), np.zeros(n), np.zeros(0, dtype=bool)
     z, free = preferred, lower < upper
     q = np.where(free, z, lower)
-    ended, rounds = False, 0
+    ended = False
     good = bool((w > 0).all() and (lower <= upper).all() and (np.diag(c) > 0).all())
-    while good and not ended and rounds < MAX_STEPS:
+    for rounds in range(MAX_STEPS):
+        if ended or not good:
+            break
         gradient = f - c @ y - a @ (w * (q - drift))
         known, was = np.array_equal(free, was), free
         try:
@@ -128,10 +130,9 @@ def _value(m: int, n: int, values: Vector) -> Vector:
         q, free = np.clip(z, lower, upper), (z > lower) & (z < upper)
         # Round-off of q(y), which the next residual compensates: y may be much larger than W (q - p).
         drift = np.where(free, z - of_y, 0.0)
-        rounds += 1
     error = f - a @ (w * q)
     result = np.concatenate([q, error, y])
-    return np.append(result if good else np.full_like(result, np.nan), rounds)
+    return result if good else np.full_like(result, np.nan)
 
 
 def _lowest(
@@ -177,7 +178,7 @@ def _slope(
     right = df - np.einsum("ijd,j->id", dc, y) - known - b @ moved
     dy = np.linalg.solve(c + a[:, free] @ a[:, free].T, right)
     dq = moved + np.where(free[:, None], a.T @ dy / w[:, None], 0.0)
-    return np.vstack([dq, df - known - b @ dq, dy, np.zeros((1, directions.shape[1]))])
+    return np.vstack([dq, df - known - b @ dq, dy])
 
 
 _SOLVE = CFunction("bounded_least_squares", _value, _slope)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping
+from functools import lru_cache
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -78,14 +79,13 @@ def set_from_inputs(
         and (path in opened or not blocks[path].hides)
     }
 
-    known: dict[bytes, Evaluation] = {}
+    @lru_cache(maxsize=1)  # one evaluation serves all blocks until a state changes
+    def evaluated(_: bytes) -> Evaluation:
+        return plan.evaluate(t, x, d, p, active)
 
     def ask(path: str, kind: str) -> Any:
-        now = x.tobytes() + d.tobytes()
-        if now not in known:  # one evaluation serves all blocks until a state changes
-            known.clear()
-            known[now] = plan.evaluate(t, x, d, p, active)
-        evaluation, own = known[now], plan.p.signals(path, p)
+        evaluation = evaluated(x.tobytes() + d.tobytes())
+        own = plan.p.signals(path, p)
         first = (
             [np.float64(t), evaluation.leaves.states[path]] if kind == "output" else []
         )

@@ -213,9 +213,6 @@ def order(
         If outputs form an algebraic loop that is not solved; the message shows the cycle.
     """
     graph = graph_of(system, feedthrough, active)
-    ports, cycle = in_order(graph)
-    if not cycle:
-        return [Stage((port,)) for port in ports]
     stages = []
     for component in components(graph):
         inside = _among(graph, component)
