@@ -142,12 +142,26 @@ class Evaluation:
         self.solved |= by_port(stage.torn, found, from_expression)
 
     def _computed(self, port: Port) -> Array:
-        """Return the value of an output that its block computes from its inputs."""
-        block, path = port.block, port.block.path
-        needed = self.plan.feedthrough[path][port.name]
-        if (path, needed) not in self._outputs:
-            self._outputs[path, needed] = self._call(block, needed)
-        return self._outputs[path, needed][port.name]
+        """Return the value of an output that its block computes.
+
+        The block gets the inputs that the output needs, others that need no computation, and placeholders.
+        """
+        block = port.block
+        needed = self.plan.feedthrough[block.path][port.name]
+        key = (block.path, needed)
+        if key not in self._outputs:
+            self._running.add(key)
+            u = Signals(f"block '{block.path}'", {})
+            for p in block.inputs():
+                if p.name in needed or self._is_free(p):
+                    u[p.name] = self.input(block, p.name)
+                elif is_traced(self.leaves.t):
+                    u[p.name] = symbol("unknown", p.whole_shape or ())
+                else:
+                    u[p.name] = np.zeros(p.whole_shape or ())
+            self._outputs[key] = self._evaluate(block, "output", u)
+            self._running.discard(key)
+        return self._outputs[key][port.name]
 
     def input(self, block: Block, name: str) -> Array:
         """Return the value of the input `name` of a leaf `block`."""
@@ -179,30 +193,6 @@ class Evaluation:
             Name of the equation, such as ``"derivative"``.
         """
         return self._evaluate(block, kind, self.inputs(block))
-
-    def after_events(self, block: Block) -> Values:
-        """Return a block's states and modes after events; without a triggered event they do not change."""
-        before, fired = self.leaves.states[block.path], self.leaves.fired[block.path]
-        happened = sum(np.sum(np.reshape(f, (-1,))) for f in fired.values()) > 0
-        after = self.results(block, "on_event")
-        return before | {
-            name: np.where(happened, value, before[name])
-            for name, value in after.items()
-        }
-
-    def _call(self, block: Block, needed: frozenset[str]) -> Values:
-        """Evaluate a block's outputs with the inputs `needed`, and with others that need no computation."""
-        path = block.path
-        values = {}
-        self._running.add((path, needed))
-        for port in block.inputs():
-            known = port.name in needed or self._is_free(port)
-            values[port.name] = (
-                self.input(block, port.name) if known else self._unknown(port)
-            )
-        results = self._evaluate(block, "output", Signals(f"block '{path}'", values))
-        self._running.discard((path, needed))
-        return results
 
     def _evaluate(self, block: Block, kind: str, u: Signals) -> Values:
         leaves, path = self.leaves, block.path
@@ -253,11 +243,6 @@ class Evaluation:
             if needed or len(self._running) > 1 or key in self._running:
                 return False
         return True
-
-    def _unknown(self, port: Port) -> Array:
-        """Return a placeholder for an input without feedthrough to the evaluated output."""
-        shape = port.whole_shape or ()
-        return symbol("unknown", shape) if is_traced(self.leaves.t) else np.zeros(shape)
 
     def _assembled(self, port: Port, drivers: list[Driver]) -> Array:
         """Return an input: a whole output, or slices of outputs and zeros, or its default."""

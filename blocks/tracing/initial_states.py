@@ -58,12 +58,12 @@ def set_from_inputs(
         If initial states depend on each other, and their fixed-point iteration does not converge.
     """
     blocks = plan.system.blocks
-    found = {path: opened.get(path, block) for path, block in blocks.items()}
+    equations = {path: opened.get(path, block) for path, block in blocks.items()}
     stored = {path: block.declared(State) for path, block in blocks.items()}
     stating = [
         path
-        for path, equations in found.items()
-        if equations.states_own("initial_state")
+        for path, own in equations.items()
+        if own.states_own("initial_state")
         # A block with internal state sets it in initial_state(), even if the user gave all states.
         and (
             blocks[path].hides
@@ -90,7 +90,7 @@ def set_from_inputs(
             [np.float64(t), evaluation.leaves.states[path]] if kind == "output" else []
         )
         with running_errors(blocks[path], kind, t):
-            return getattr(found[path], kind)(
+            return getattr(equations[path], kind)(
                 *first, evaluation.inputs(blocks[path]), own
             )
 
@@ -107,9 +107,8 @@ def set_from_inputs(
                     f"initial_state() of block '{path}' returned {shown(wrong[0])}; its states are: "
                     f"{', '.join(stored[path]) or 'none'}"
                 )
-            for name, value in values.items():
-                plan.set_state(path, name, value, x, d)
-            plan.override(x, d, overrides)
+            found = {f"{path}.{name}": value for name, value in values.items()}
+            plan.override(x, d, {**found, **overrides})
             outputs = (
                 checked(blocks[path], "output", ask(path, "output"))
                 if path in showing

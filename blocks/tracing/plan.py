@@ -51,6 +51,12 @@ class Plan:
         Parts of d: modes, discrete states, held outputs, signs of event indicators, triggered events, last
         solutions of the loops that need an iteration, external inputs. ``events.h`` depends on the order
         from `sides` to `guesses`.
+    stored : tuple of Layout
+        Layouts of data with initial values: x, modes and memory.
+    sampled : slice
+        Slice of d that sampled blocks compute: memory and held outputs.
+    u_start, d_size : int
+        Index in d of the first external input, and size of d [-].
     kinds : array of int8
         Directions of all events, in the order of `sides`.
     has_events : bool
@@ -121,11 +127,12 @@ class Plan:
             b for b in blocks.values() if not b.traced and not isinstance(b, External)
         ]
         self._orders: dict[Active, list[Stage]] = {}
-        self._lay_out_rest([])
+        self.stored = self.x, self.modes, self.memory
+        self.sampled = slice(self.memory.span.start, self.held.span.stop)
         self.loops = AlgebraicLoops(self)
+        # The trace that finds the iterated outputs needs guesses for all torn ones.
+        self._lay_out_rest(self.loops.torn)
         if self.loops:
-            # The trace that finds the iterated outputs needs guesses for all torn ones.
-            self._lay_out_rest(self.loops.torn)
             self._lay_out_rest(self.loops.iterated())
         self.order(frozenset())
 
@@ -134,9 +141,8 @@ class Plan:
         ports = sorted(iterated, key=lambda port: port.path)
         self.guesses = laid_out(ports, self.fired.span.stop)
         external = self.system.external.values()
-        self.u = Layout(
-            ((b.path, "y", b.extent) for b in external), self.guesses.span.stop
-        )
+        self.u_start = self.guesses.span.stop
+        self.u = Layout(((b.path, "y", b.extent) for b in external), self.u_start)
         self.d_size = self.u.span.stop
 
     @property
@@ -145,30 +151,12 @@ class Plan:
         parts = self.modes, self.memory, self.held, self.sides, self.fired
         return self.x, *parts, self.guesses, self.u, self.p
 
-    @property
-    def stored(self) -> tuple[Layout, ...]:
-        """Layouts of data with initial values: x, modes and memory."""
-        return self.x, self.modes, self.memory
-
-    @property
-    def sampled(self) -> slice:
-        """Slice of d that sampled blocks compute: memory and held outputs."""
-        return slice(self.memory.span.start, self.held.span.stop)
-
-    @property
-    def u_start(self) -> int:
-        """Index in d of the first external input."""
-        return self.u.span.start
-
     def place(self, path: str, name: str) -> slice:
         """Return the slice of (x, d) with the array `name` of the block at `path`."""
         for layout in (*self.stored, self.held, self.u):
-            if (path, name) in layout.entries:
-                entry, start = (
-                    layout.entries[path, name],
-                    0 if layout is self.x else self.x.size,
-                )
-                return slice(start + entry.start, start + entry.stop)
+            if entry := layout.entries.get((path, name)):
+                before = 0 if layout is self.x else self.x.size
+                return slice(before + entry.start, before + entry.stop)
         raise NameLookupError(
             f"'{path}.{name}' is neither a state nor a held output nor an external input"
         )
@@ -293,34 +281,29 @@ class Plan:
         for path, array in arrays.items():
             self.u.put(d, path, "y", array)
 
-    def override(self, x: Vector, d: Vector, overrides: Mapping[str, Any]) -> None:
-        """Write the user's `overrides`, by ``"block.name"``, into `x` and `d` [as declared]."""
-        for reference, value in overrides.items():
-            what = "state or loop signal" if self.loops else "state"
+    def override(self, x: Vector, d: Vector, values: Mapping[str, Any]) -> None:
+        """Write the `values` of states, by ``"block.name"``, into `x` and `d` [as declared].
+
+        Raises
+        ------
+        NameLookupError
+            If there is no such state.
+        ParameterError
+            If a value has the wrong shape or is not finite; modes may be infinite.
+        """
+        what = "state or loop signal" if self.loops else "state"
+        for reference, value in values.items():
             e = self.x.find(reference, what, self.modes, self.memory, self.guesses)
-            self.set_state(e.path, e.name, value, x, d)
+            is_mode = (e.path, e.name) in self.modes.entries
+            flat = x if (e.path, e.name) in self.x.entries else d
+            flat[e.start : e.stop] = finite_array(
+                f"initial value of '{reference}'", value, e.shape, infinite=is_mode
+            ).ravel()
 
     def sound(self, d: Vector) -> bool:
         """Return whether `d` [as declared] is finite; modes, such as times of events, may be infinite."""
         modes = self.modes.span
         return bool(np.isfinite(d[modes.stop :]).all() and not np.isnan(d[modes]).any())
-
-    def set_state(self, path: str, name: str, value: Any, x: Vector, d: Vector) -> None:
-        """Write the `value` of the state `name` of the block at `path` into `x` or `d` [as declared].
-
-        Raises
-        ------
-        ParameterError
-            If the value has the wrong shape or is not finite; modes may be infinite.
-        """
-        places = *self.stored, self.guesses
-        layout = next(layout for layout in places if (path, name) in layout.entries)
-        what, shape = (
-            f"initial value of '{path}.{name}'",
-            layout.entries[path, name].shape,
-        )
-        array = finite_array(what, value, shape, infinite=layout is self.modes)
-        layout.put(x if layout is self.x else d, path, name, array)
 
     # -- evaluation -----------------------------------------------------------------------
 

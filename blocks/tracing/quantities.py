@@ -121,12 +121,17 @@ def after_events() -> Quantity:
 
     def collect(evaluation: Evaluation) -> list[Array]:
         plan = evaluation.plan
-        blocks = {e.path: plan.system.blocks[e.path] for e in plan.sides}
-        after = evaluation.leaves.states | {
-            path: evaluation.after_events(block)
-            for path, block in blocks.items()
-            if block.traced
-        }
+        after: dict[str, Values] = {**evaluation.leaves.states}
+        for path in dict.fromkeys(e.path for e in plan.sides):
+            block, before = plan.system.blocks[path], after[path]
+            if block.traced:
+                fired = evaluation.leaves.fired[path].values()
+                happened = sum(np.sum(np.reshape(f, (-1,))) for f in fired) > 0
+                results = evaluation.results(block, "on_event")
+                after[path] = before | {
+                    name: np.where(happened, value, before[name])
+                    for name, value in results.items()
+                }
         return [
             after[e.path][e.name] for layout in (plan.x, plan.modes) for e in layout
         ]
