@@ -67,11 +67,6 @@ def _interp(
     return np.where(np.isnan(x), x, found)
 
 
-def _digitize(x: Array, bins: Array, right: bool = False) -> Array:
-    below = sum(np.where(x <= b if right else x < b, 1.0, 0.0) for b in bins)
-    return len(bins) - below if bins[0] <= bins[-1] else below
-
-
 NUMPY_REPLACEMENTS: dict[Callable[..., Any], Callable[..., Any]] = {
     np.isnan: _isnan,
     np.isfinite: lambda x: np.abs(x) < np.inf,
@@ -83,13 +78,12 @@ NUMPY_REPLACEMENTS: dict[Callable[..., Any], Callable[..., Any]] = {
     np.round: _round,
     np.around: _round,
     np.interp: _interp,
-    np.digitize: _digitize,
 }
 """Traced implementation of each NumPy function, used instead of that of CasADi."""
 
 REFUSED_FUNCTIONS = (
     *(np.fmax, np.fmin, np.nanmax, np.nanmin, np.nansum, np.nanprod, np.nancumsum),
     *(np.isposinf, np.isneginf, np.modf, np.heaviside, np.logaddexp, np.logaddexp2),
-    *(np.nan_to_num, np.isclose, np.divmod),
+    *(np.nan_to_num, np.isclose, np.divmod, np.digitize),
 )
 """NumPy functions for which CasADi returns other numbers, mostly for NaN and infinite numbers."""
