@@ -23,7 +23,6 @@ from numpy.typing import NDArray
 from trussflow.blocks.errors import NameLookupError, SimulationError, TrussflowError
 from trussflow.blocks.framework.diagram import Diagram
 from trussflow.blocks.framework.system import System
-from trussflow.blocks.results.log import STATUS_BY_ERROR
 from trussflow.blocks.simulation.lanes import Lanes
 from trussflow.blocks.simulation.simulator import Simulator
 from trussflow.blocks.support.types import Vector
@@ -254,16 +253,10 @@ class Runs:
         except (Exception, SystemExit) as error:  # noqa: BLE001 - a failed sample is a result
             found = Sample(number, dict(values))
             logged: Any = getattr(error, "result", None)
+            found.status = "failed"
             if logged is not None:
                 found.varied = self._read_back(logged, values)
-            found.status = next(
-                (
-                    word
-                    for kind, word in STATUS_BY_ERROR.items()
-                    if isinstance(error, kind)
-                ),
-                "failed",
-            )
+                found.status = logged.attrs["status"]
             kind = (
                 "" if isinstance(error, TrussflowError) else f"{type(error).__name__}: "
             )

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import copy
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from itertools import pairwise, product
 from traceback import walk_tb
@@ -39,6 +39,17 @@ DERIVATIVE_TOLERANCE = 1e-4
 
 RANDOM_POINTS = 12
 """Number of random points at which a block is checked [-]."""
+
+CHECKS = (
+    "declarations",
+    "numbers",
+    "purity",
+    "tracing",
+    "feedthrough",
+    "derivatives",
+    "units",
+)
+"""Checks in their order; each is a method of `Bench`."""
 
 Values = dict[tuple[str, str], Array]
 """Values of the equations, keyed by kind and name of a port or state."""
@@ -411,18 +422,9 @@ def check_block(
     item = copy.deepcopy(block) if block.parent is None else block
     findings = dict[str, str]()
     bench = Bench(item, by_name("values around which to check", around))
-    checks: dict[str, Callable[[], str]] = {
-        "declarations": bench.declarations,
-        "numbers": bench.numbers,
-        "purity": bench.purity,
-        "tracing": bench.tracing,
-        "feedthrough": bench.feedthrough,
-        "derivatives": bench.derivatives,
-        "units": bench.units,
-    }
-    for name, check in checks.items():
+    for name in CHECKS:
         try:
-            told = check()
+            told = getattr(bench, name)()
             findings[name] = f"passed: {told}" if told else "passed"
         except NotApplicableError as reason:
             findings[name] = f"not applicable: {reason}"

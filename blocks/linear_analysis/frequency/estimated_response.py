@@ -6,7 +6,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 from math import ceil, lcm
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
@@ -161,16 +161,12 @@ def estimated_response(
             f"{omega.max():g} rad/s; take a shorter {'step' if sample_time is None else 'sample_time'}"
         )
     system = flatten(item, external=True)
-    put_in, wanted = (
-        all_named(system, inputs, item.inputs()),
-        all_named(system, outputs, item.outputs()),
-    )
+    put_in = all_named(system, inputs, item.inputs())
+    wanted = all_named(system, outputs, item.outputs())
     cannot = f"cannot estimate a response of '{item.name}'"
-    labels = (
-        distinct_labels(cannot, "inputs", put_in),
-        distinct_labels(cannot, "outputs", wanted),
-    )
-    size = len(labels[0])
+    input_labels = distinct_labels(cannot, "inputs", put_in)
+    output_labels = distinct_labels(cannot, "outputs", wanted)
+    size = len(input_labels)
     sizes = np.broadcast_to(_amplitudes(amplitude, size), (size,))
     period = _period(
         [exact(read), exact(step), *(clock.period for clock in system.clocks)],
@@ -209,7 +205,7 @@ def estimated_response(
         U, Y = zip(*(runs.spectra(phase) for phase in phases), strict=True)
         estimates.append(_ratio(np.stack(Y, axis=-1), np.stack(U, axis=-1)))
     return ResponseEstimate(
-        np.array(estimates), moved, inputs=labels[0], outputs=labels[1]
+        np.array(estimates), moved, inputs=input_labels, outputs=output_labels
     )
 
 
@@ -276,7 +272,20 @@ class _Runs:
         ):
             parameters[f"{source.path}.phase"] = phase[:, part]
         while self.periods <= MOST_PERIODS:
-            before, last = self._last_two(parameters)
+            result = self.simulator.run(
+                float(self.periods * self.period),
+                parameters=parameters,
+                initial=self.point.states,
+                progress=False,
+            )
+            rows = result["time"].size
+            values = np.column_stack(
+                [one.values.reshape(rows, -1) for one in result.data_vars.values()]
+            )
+            halves = values[rows - 1 - 2 * self.samples : rows - 1].reshape(
+                2, self.samples, -1
+            )
+            before, last = np.fft.rfft(halves, axis=1)[:, self.lines].swapaxes(1, 2)
             off = np.abs(last - before).max(axis=1)
             size = np.abs(last).max(axis=1)
             if np.all((off <= self.tolerance * size)[first:]):
@@ -287,21 +296,3 @@ class _Runs:
             f"last differ by {(off / size)[first:].max():.2g}; is the diagram stable, or lightly damped? "
             "Start at rest with at=trim(...), take more cycles, or a larger tolerance, infinite under noise"
         )
-
-    def _last_two(self, parameters: dict[str, Any]) -> tuple[Spectra, Spectra]:
-        """Return the coefficients in the last two periods."""
-        result = self.simulator.run(
-            float(self.periods * self.period),
-            parameters=parameters,
-            initial=self.point.states,
-            progress=False,
-        )
-        rows = result["time"].size
-        values = np.column_stack(
-            [signal.values.reshape(rows, -1) for signal in result.data_vars.values()]
-        )
-        halves = values[rows - 1 - 2 * self.samples : rows - 1].reshape(
-            2, self.samples, -1
-        )
-        before, last = np.fft.rfft(halves, axis=1)[:, self.lines].swapaxes(1, 2)
-        return before, last
