@@ -113,3 +113,9 @@ def way(height: float, layer: int) -> Box:
 
 Channels = list[list[Rail]]
 """Rails before each layer, and after the last one."""
+
+
+def rails_by_pin(channels: Channels) -> dict[Pin, Rail]:
+    """Return the rail in `channels` to which each pin belongs."""
+    rails = [rail for channel in channels for rail in channel]
+    return {pin: rail for rail in rails for pin in rail.left + rail.right}

@@ -10,7 +10,7 @@ from itertools import combinations
 from statistics import median
 from typing import Any
 
-from trussflow.blocks.drawing.graph import Box, Channels, Pin, Rail, Span
+from trussflow.blocks.drawing.graph import Box, Channels, Pin, Rail, Span, rails_by_pin
 
 MAX_SWEEPS = 12
 """Number of sweeps, after which the best order is taken."""
@@ -49,12 +49,7 @@ class Ordering:
     def __init__(self, layers: list[list[Box]], channels: Channels) -> None:
         self.layers = layers
         self.channels = channels
-        self.rails = {
-            pin: rail
-            for channel in channels
-            for rail in channel
-            for pin in rail.left + rail.right
-        }
+        self.rails = rails_by_pin(channels)
 
     def sort(self) -> None:
         """Sweep in both directions, and select the best order."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from trussflow.blocks.drawing.graph import Channels, Net, Point, Rail, way
+from trussflow.blocks.drawing.graph import Channels, Net, Point, Rail, rails_by_pin, way
 from trussflow.blocks.drawing.ordering import cuts
 
 OVERLAP_COST = 1000
@@ -65,12 +65,7 @@ def _split(rail: Rail, channel: list[Rail]) -> None:
 
 def route(nets: list[Net], channels: Channels) -> int:
     """Route the wires of `nets` through `channels`, from each target back; return the number of bends."""
-    rails = {
-        pin: rail
-        for channel in channels
-        for rail in channel
-        for pin in rail.left + rail.right
-    }
+    rails = rails_by_pin(channels)
     for net in nets:
         net.paths = []
         for target in net.targets:

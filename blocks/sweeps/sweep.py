@@ -8,7 +8,7 @@ import hashlib
 import inspect
 import json
 import os
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from concurrent.futures import Executor, ThreadPoolExecutor
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Unpack
@@ -208,7 +208,12 @@ def sweep(
         together = (
             None if pieces.finished.all() else runs.lanes
         )  # compiled once here, then in the cache of other processes
-        with _pool(executor, side) as pool:
+        opened: contextlib.AbstractContextManager[Executor] = (
+            contextlib.nullcontext(executor)
+            if isinstance(executor, Executor)
+            else EXECUTORS[executor](side)
+        )
+        with opened as pool:
             dispatch = Dispatch(
                 pool, pickled, columns, pieces, together.count if together else 1
             )
@@ -296,16 +301,3 @@ def _side_by_side(executor: str | Executor, workers: int | None) -> int:
         return workers or int(getattr(executor, "_max_workers", UNKNOWN_WORKERS))
     one_of("executor", executor, tuple(EXECUTORS))
     return 1 if executor == "serial" else workers or os.cpu_count() or 1
-
-
-@contextlib.contextmanager
-def _pool(executor: str | Executor, workers: int) -> Iterator[Executor]:
-    """Yield the executor; one that is made here is shut down at the end."""
-    if isinstance(executor, Executor):
-        yield executor
-        return
-    pool = EXECUTORS[executor](workers)
-    try:
-        yield pool
-    finally:
-        pool.shutdown(cancel_futures=True)

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trussflow.blocks.errors import SimulationError
+from trussflow.blocks.framework.layout import spans
 from trussflow.blocks.support.types import Vector
 from trussflow.blocks.support.validation import (
     by_name,
@@ -170,16 +171,16 @@ def _draws(random: Vary, count: int, seed: int, method: str) -> dict[Any, NDArra
     """Return `count` samples of each distribution."""
     from scipy import stats
 
-    sizes = {names: int(getattr(d, "dim", 0)) for names, d in random.items()}
-    numbers = _uniform(
-        count, sum(max(1, size) for size in sizes.values()), seed, method
-    )
-    found, first = {}, 0
-    for names, distribution in random.items():
-        own = numbers[:, first : first + max(1, sizes[names])]
-        first += max(1, sizes[names])
+    if not random:
+        return {}
+    sizes = [int(getattr(d, "dim", 0)) for d in random.values()]
+    places = spans(max(1, size) for size in sizes)
+    numbers, found = _uniform(count, places[-1].stop, seed, method), {}
+    each = zip(random.items(), sizes, places, strict=True)
+    for (names, distribution), size, place in each:
+        own = numbers[:, place]
         inverse = getattr(distribution, "icdf", getattr(distribution, "ppf", None))
-        if not sizes[names] and inverse is not None:
+        if not size and inverse is not None:
             found[names] = np.asarray(inverse(own[:, 0]))
         elif hasattr(distribution, "cov_object"):
             sizes_of, axes = np.linalg.eigh(
@@ -188,7 +189,7 @@ def _draws(random: Vary, count: int, seed: int, method: str) -> dict[Any, NDArra
             spread = axes * np.sqrt(np.maximum(sizes_of, 0.0))
             found[names] = distribution.mean + stats.norm.ppf(own) @ spread.T
         elif method == "random":
-            generator = np.random.default_rng([seed, first])
+            generator = np.random.default_rng([seed, place.stop])
             found[names] = np.asarray(
                 distribution.rvs(size=count, random_state=generator)
             ).reshape(count, -1)
@@ -203,8 +204,6 @@ def _uniform(count: int, size: int, seed: int, method: str) -> Vector:
     """Return `count` points of `size` numbers between 0 and 1, both excluded."""
     from scipy.stats import qmc
 
-    if not size:
-        return np.zeros((count, 0))
     if method == "random":
         numbers = np.random.default_rng(seed).random((count, size))
     else:
