@@ -165,7 +165,7 @@ def sensitivity(
     return model
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, slots=True)
 class LoopMargins:
     """Margins of a loop in one or several channels.
 
@@ -246,10 +246,7 @@ def margins_of(loop: LinearModel, omega: Vector | None = None) -> LoopMargins:
         If the closed loop is unstable.
     """
     channels, grid, S = _channels(loop, omega)
-    disk, gain, phase, frequency = disk_margin(loop, grid, S)
-    return LoopMargins(
-        channels=channels, disk=disk, gain=gain, phase=phase, frequency=frequency
-    )
+    return LoopMargins(channels, *disk_margin(loop, grid, S))
 
 
 def channels_of(loop: LinearModel) -> dict[str, Margins]:

@@ -177,10 +177,11 @@ class _Problem:
                 if value is None
                 else finite_array(f"rate of '{reference}'", value, where.shape)
             )
-        self._wanted = [
+        wanted = [
             finite_array(f"output '{r}'", v, one.port.elements().shape).ravel()
             for (r, v), one in zip(outputs.items(), self._outputs, strict=True)
         ]
+        self._wanted = np.concatenate([np.zeros(0), *wanted])
         instants = (
             self._model.instants.instants if self._model.instants is not None else []
         )
@@ -226,7 +227,7 @@ class _Problem:
         wanted = self._wanted_rates
         parts = [np.where(np.isnan(wanted), 0.0, model[:size] - wanted)]
         outputs = model[self._model.output_rows]
-        parts.append(outputs - np.concatenate([np.zeros(0), *self._wanted]))
+        parts.append(outputs - self._wanted)
         for number in self._sets:
             after = local.executor.instant(number, local.t, x, d.copy(), self._p)
             parts.append((after - d)[self._plan.sampled])

@@ -395,29 +395,21 @@ def _ranges(simulator: Simulator, vary: Mapping[str, Any], free: bool) -> Ranges
         raise SimulationError(
             "nothing varies: name parameters or initial states, such as 'block.name'"
         )
-    if free:
-        return {name: _range(name, value) for name, value in given.items()}
-    own = own_values(plan)
-    for name in given:
+    own = {} if free else own_values(plan)
+    for name in () if free else given:
         plan.p.find(name, "parameter or state", plan.x, plan.memory)
-    return {name: _range(name, value, own[name]) for name, value in given.items()}
+    return {name: _range(name, value, own.get(name)) for name, value in given.items()}
 
 
 def _range(
     name: str, value: Any, own: Array | None = None
 ) -> tuple[Array, Array, Array]:
     """Return smallest, initial and largest value; the initial one is by default the diagram's `own`."""
-    form = (
-        "(least, begin, greatest)"
-        if own is None
-        else "(least, greatest) or (least, begin, greatest)"
-    )
-    if not isinstance(value, tuple | list) or len(value) not in {
-        3,
-        3 - (own is not None),
-    }:
+    number = len(value) if isinstance(value, tuple | list) else 0
+    if number != 3 and (number != 2 or own is None):
         raise SimulationError(
-            f"'{name}' is to be tuned within {shown(value)}; give {form}"
+            f"'{name}' is to be tuned within {shown(value)}; give (least, begin, greatest), or, for a value "
+            "of the diagram, (least, greatest)"
         )
     low, *begin, high = (finite_array(f"the range of '{name}'", one) for one in value)
     shape = begin[0].shape if own is None else own.shape

@@ -124,6 +124,8 @@ def estimated_response(
     LinearAnalysisError
         If there is nothing to excite or read, an argument makes no sense, or the outputs do not become
         periodic.
+    ParameterError
+        If the amplitude has another shape than the inputs.
 
     References
     ----------
@@ -167,7 +169,8 @@ def estimated_response(
     input_labels = distinct_labels(cannot, "inputs", put_in)
     output_labels = distinct_labels(cannot, "outputs", wanted)
     size = len(input_labels)
-    sizes = np.broadcast_to(_amplitudes(amplitude, size), (size,))
+    sizes = finite_array("amplitude", amplitude, (size,))
+    positive(LinearAnalysisError, amplitude=float(sizes.min()))
     period = _period(
         [exact(read), exact(step), *(clock.period for clock in system.clocks)],
         cycles * 2 * np.pi / float(omega.min()),
@@ -207,18 +210,6 @@ def estimated_response(
     return ResponseEstimate(
         np.array(estimates), moved, inputs=input_labels, outputs=output_labels
     )
-
-
-def _amplitudes(amplitude: npt.ArrayLike, size: int) -> Vector:
-    """Return the amplitudes of the elements, or one of them all."""
-    found = np.ravel(finite_array("amplitude", amplitude))
-    if found.size not in (1, size):
-        raise LinearAnalysisError(
-            f"give one amplitude, or one for each of {size} inputs, not {found.size}"
-        )
-    for each in found.tolist():
-        positive(LinearAnalysisError, amplitude=each)
-    return found
 
 
 def _period(times: list[Fraction], least: float) -> Fraction:

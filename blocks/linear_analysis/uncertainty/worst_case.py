@@ -68,23 +68,24 @@ class _Gain:
 
     def __init__(self, model: UncertainModel, omega: float) -> None:
         self.sizes = model.fractions.sizes
-        self.whole = model.response(omega)
-        self.inner = sum(self.sizes)
         self.places = spans(self.sizes)
+        k = sum(self.sizes)
+        N = model.response(omega)
+        self.N11, self.N12, self.N21, self.N22 = (
+            N[:k, :k],
+            N[:k, k:],
+            N[k:, :k],
+            N[k:, k:],
+        )
 
     def within(self, centre: Vector, half: Vector) -> Vector:
         """Return what Δ', from -1 to 1, and the inputs do, where δ is `centre` + `half` Δ'."""
-        k = self.inner
         at = np.repeat(centre, self.sizes)
         reach = np.repeat(half, self.sizes)
         closed = np.linalg.solve(
-            np.eye(k) - self.whole[:k, :k] * at,
-            np.hstack([self.whole[:k, :k] * reach, self.whole[:k, k:]]),
+            np.eye(len(at)) - self.N11 * at, np.hstack([self.N11 * reach, self.N12])
         )
-        below = (
-            np.hstack([self.whole[k:, :k] * reach, self.whole[k:, k:]])
-            + (self.whole[k:, :k] * at) @ closed
-        )
+        below = np.hstack([self.N21 * reach, self.N22]) + (self.N21 * at) @ closed
         return np.vstack([closed, below])
 
     def at(self, delta: Vector) -> float:
@@ -93,7 +94,7 @@ class _Gain:
             found = self.within(delta, np.zeros(len(delta)))
         except np.linalg.LinAlgError:
             return np.inf
-        return float(np.linalg.norm(found[self.inner :, self.inner :], 2))
+        return float(np.linalg.norm(found[len(self.N11) :, len(self.N11) :], 2))
 
     def climbed(self, delta: Vector) -> Vector:
         """Return a member near `delta` of a gain that is not less."""

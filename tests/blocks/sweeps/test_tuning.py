@@ -134,7 +134,7 @@ def test_derivatives_go_through_what_values_become():
     [
         (
             {"vary": {"law.gain": 3.0}},
-            r"'law\.gain' is to be tuned within 3\.0; give \(least, greatest\)",
+            r"'law\.gain' is to be tuned within 3\.0; give \(least, begin, greatest\), or",
         ),
         ({"vary": {"law.gain": (3.0, 1.0)}}, "the first one less"),
         ({"vary": {"law.gain": ([1.0, 2.0], 3.0)}}, "arrays of the shape"),
