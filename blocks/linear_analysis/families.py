@@ -117,15 +117,14 @@ def linearize_over(
         )
         points = [point] if session is None else points_during(session, point, instants)
         models += [linearizer.at(one) for one in points]
-    coordinates: dict[str, Any] = {
-        n: v for n, v in axes.items() if all(np.ndim(one) == 0 for one in v)
-    }
-    shape = [len(v) for v in axes.values()]
     if times is not None:
-        coordinates["time"] = ("time", instants, {"units": "s"})
-        shape.append(len(instants))
+        axes["time"] = instants
+    coordinates = {n: v for n, v in axes.items() if all(np.ndim(one) == 0 for one in v)}
     family = np.empty(len(models), dtype=object)
     for k, model in enumerate(models):  # NumPy would take models for arrays
         family[k] = model
-    dims = [*axes, *(["time"] if times is not None else [])]
-    return xr.DataArray(family.reshape(shape), coordinates, dims)
+    shape = [len(v) for v in axes.values()]
+    array = xr.DataArray(family.reshape(shape), coordinates, [*axes])
+    if times is not None:
+        array["time"].attrs["units"] = "s"
+    return array

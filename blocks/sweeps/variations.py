@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 from collections import Counter
 from collections.abc import Mapping, Sequence
+from math import prod
 from typing import Any
 
 import numpy as np
@@ -90,15 +91,12 @@ def drawn(
                 f"{samples} samples are too many; {MOST_SAMPLES} are the most"
             )
     count = samples or 1
-    combinations = int(
-        np.prod([len(next(iter(own.values()))) for own in lists.values()], dtype=int)
-    )
+    lengths = [len(next(iter(own.values()))) for own in lists.values()]
+    combinations = prod(lengths)
+    grid = np.arange(combinations * count)
     found: dict[str, NDArray[Any]] = {}
-    repeat = combinations * count
-    for own in lists.values():
-        length = len(next(iter(own.values())))
-        repeat //= length
-        chosen = np.arange(combinations * count) // repeat % length
+    places = np.unravel_index(grid, (*lengths, count))
+    for own, chosen in zip(lists.values(), places, strict=False):
         found |= {name: values[chosen] for name, values in own.items()}
     for names, values in _draws(random, count, seed, method).items():
         if count > 1 and (values == values[:1]).all():
