@@ -153,7 +153,7 @@ FAULTS = (
     Fault("blocks/linear_analysis/frequency/estimated_response.py",
           "tests/blocks/linear_analysis/frequency/test_estimated_response.py",
           "estimated transfer matrix is transposed",
-          "found.transpose(2, 1, 0)", "found.transpose(1, 2, 0)"),
+          "solve(U, Y).transpose(2, 1, 0)", "solve(U, Y).transpose(1, 2, 0)"),
     Fault("blocks/linear_analysis/uncertainty/robust_stability.py",
           "tests/blocks/linear_analysis/uncertainty/test_robust_stability.py",
           "a proof of stability ignores negative parameters",

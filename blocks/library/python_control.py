@@ -61,15 +61,10 @@ def from_control(
             B, C, D = B[:, 0], C[0], D[0, 0]
     elif isinstance(system, control.TransferFunction) and scalar:
         A, B, C, D = realization("from_control", system.num[0][0], system.den[0][0])
-    elif isinstance(system, control.TransferFunction):
-        raise BlockError(
-            f"cannot make a block of a transfer function with {system.ninputs} inputs and "
-            f"{system.noutputs} outputs; convert it with control.ss(system) first"
-        )
     else:
         raise BlockError(
-            f"cannot make a block of {system!r}: it must be a control.StateSpace or a "
-            "control.TransferFunction"
+            f"cannot make a block of {shown(system)}: it must be a control.StateSpace, or a "
+            "control.TransferFunction with one input and one output; control.ss(system) converts others"
         )
     settings: dict[str, Any] = {
         "initial_value": initial_value,

@@ -88,12 +88,13 @@ class OperatingPoint(Described):
             "held": self.held,
             "input": self.inputs,
             "output": self.outputs,
+            "parameter": self.parameters,
         }
         facts = {
             f"{kind} {name}": np.array2string(
                 np.asarray(value), precision=6, threshold=20
             )
-            for kind, values in (kinds | {"parameter": self.parameters}).items()
+            for kind, values in kinds.items()
             for name, value in values.items()
         }
         return Description(f"operating point at {self.time:g} s", facts)
@@ -120,10 +121,7 @@ class OperatingPoint(Described):
         return cls(time=float(now.now), parameters=changed, **found)
 
     def vectors(
-        self,
-        plan: Plan,
-        p: Vector | None = None,
-        opened: Mapping[str, Equations] | None = None,
+        self, plan: Plan, opened: Mapping[str, Equations] | None = None
     ) -> tuple[Vector, Vector, Vector]:
         """Return x, d and p of a plan; what this point does not name is as at the start.
 
@@ -131,8 +129,6 @@ class OperatingPoint(Described):
         ----------
         plan : Plan
             The plan.
-        p : Vector, optional
-            Its parameters, if they were made already [units as declared].
         opened : mapping, optional
             Equation objects of the Python blocks, keyed by path.
 
@@ -143,7 +139,7 @@ class OperatingPoint(Described):
         ParameterError
             If a value is not finite or has the wrong shape.
         """
-        p = plan.parameters(self.parameters) if p is None else p
+        p = plan.parameters(self.parameters)
         x, d = plan.initial(p, self.states, self.inputs, self.time, opened)
         self.hold(plan, d)
         return x, d, p
@@ -217,7 +213,7 @@ def completed(
         plan.guesses.find(reference, "loop signal")
     p = plan.parameters(at.parameters)
     with contextlib.closing(assembly.open(p)) as executor:
-        x, d, p = at.vectors(plan, p, executor.blocks.equations)
+        x, d, _ = at.vectors(plan, executor.blocks.equations)
         if len(at.held) < len(plan.held.entries):
             d = _settled(assembly, executor, at.time, x, d, p)
             at.hold(plan, d)

@@ -159,10 +159,7 @@ def sweep(
         and kept.outputs is not None
     ):
         settings["log"] = kept.outputs
-    columns = {
-        name: values.copy()
-        for name, values in drawn(vary, samples, seed, method).items()
-    }
+    columns = drawn(vary, samples, seed, method)
     recipe = Recipe(
         model, float(duration), dict(settings), not_finite, kept.function, time_limit
     )

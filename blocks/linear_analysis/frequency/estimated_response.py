@@ -205,8 +205,10 @@ def estimated_response(
     estimates = []
     for _ in range(realizations):
         phases = _phases(rng, size, lines.size)
-        U, Y = zip(*(runs.spectra(phase) for phase in phases), strict=True)
-        estimates.append(_ratio(np.stack(Y, axis=-1), np.stack(U, axis=-1)))
+        each = zip(*(runs.spectra(phase) for phase in phases), strict=True)
+        # Of shape (frequencies, runs, signals): the runs are the equations for the rows of G.
+        U, Y = (np.stack(spectra).transpose(2, 0, 1) for spectra in each)
+        estimates.append(np.linalg.solve(U, Y).transpose(2, 1, 0))
     return ResponseEstimate(
         np.array(estimates), moved, inputs=input_labels, outputs=output_labels
     )
@@ -233,12 +235,6 @@ def _phases(rng: np.random.Generator, size: int, lines: int) -> Iterator[Vector]
         # Of each run by itself as well: else noise that is the same in all falls to the first input alone.
         own = rng.uniform(0.0, 2 * np.pi, (lines, 1))
         yield phase + own + 2 * np.pi * run * count / size
-
-
-def _ratio(Y: Spectra, U: Spectra) -> Spectra:
-    """Return Y U^-1 at each frequency, of arrays of shape (signals, frequencies, runs)."""
-    found = np.linalg.solve(U.transpose(1, 2, 0), Y.transpose(1, 2, 0))
-    return np.asarray(found.transpose(2, 1, 0), dtype=np.complex128)
 
 
 @dataclass(slots=True)

@@ -134,7 +134,7 @@ def shaped(trajectory=1.0, frequency=0.4, **settings):
         (lambda: from_control(3.0), "cannot make a block of 3.0: it must be a control"),
         (
             lambda: from_control(TWO_BY_TWO),
-            r"2 outputs; convert it with control.ss\(system\) first",
+            r"with one input and one output; control.ss\(system\) converts others",
         ),
         (
             lambda: from_control(control.ss(0.5, 1.0, 1.0, 0.0, True)),
