@@ -80,12 +80,9 @@ def enabled(group: Diagram, *, states: str = "held", outputs: str = "held") -> D
     >>> float(simulate(plant, 1.0, step=0.1)["timer.count.y"][-1].round(9))
     0.8
     """
-    one_of(
-        "way to treat the states of a group", states, ("held", "reset"), DiagramError
-    )
-    one_of(
-        "way to treat the outputs of a group", outputs, ("held", "reset"), DiagramError
-    )
+    for what, way in (("states", states), ("outputs", outputs)):
+        kind = f"way to treat the {what} of a group"
+        one_of(kind, way, ("held", "reset"), DiagramError)
     resets = states == "reset"
     members = _members(group)
     for block in members:
@@ -96,8 +93,8 @@ def enabled(group: Diagram, *, states: str = "held", outputs: str = "held") -> D
             )
     for block in members:
         if block.declared(State):
-            kind = EnabledStates if block.sample_time is None else EnabledUpdates
-            kind(block, resets=resets).install()
+            make = EnabledStates if block.sample_time is None else EnabledUpdates
+            make(block, resets=resets).install()
     for exposed, (inner, *_) in [*group.exposed.items()]:
         if not inner.is_input:
             held = group.add(f"{exposed}_of_group", GroupOutput(outputs))
@@ -219,6 +216,8 @@ class Enabled(Equations):
         Class of the block.
     states, events : dict
         States with modes, and events, of the class, by name.
+    sides : dict of str to str
+        Mode with the side of each indicator while the group does not run, by name of the event.
     """
 
     def __init__(self, block: Block, *, resets: bool) -> None:
@@ -226,6 +225,9 @@ class Enabled(Equations):
         self.kind = type(block)
         self.states: dict[str, Any] = block.declared(State)
         self.events: dict[str, Any] = block.declared(Event)
+        self.sides = {
+            n: f"{n}_side_at_stop" for n, e in self.events.items() if e.kind != "time"
+        }
         self.resets = resets
 
     def declarations(self) -> dict[str, Any]:
@@ -264,14 +266,6 @@ class Enabled(Equations):
 
 class EnabledStates(Enabled):
     """Equations of a continuous block, or of a block with events, in an enabled group."""
-
-    def __init__(self, block: Block, *, resets: bool) -> None:
-        super().__init__(block, resets=resets)
-        self.sides = {
-            n: f"{n}_side_at_stop"
-            for n, event in self.events.items()
-            if event.kind != "time"
-        }
 
     def declarations(self) -> dict[str, Any]:
         """Return the declarations of `Gate`, and modes."""

@@ -125,14 +125,15 @@ def modal_table(
     oscillating modes of TransferFunction
       mode 1      0.3183 Hz, damping  1.000%, driven by u 100%
     """
-    model = item
-    if not isinstance(item, Block) and (inputs is not None or at is not None):
-        raise LinearAnalysisError(
-            "a linear model has its inputs and operating point; leave out inputs and at"
-        )
     if isinstance(item, Block):
         ports = item.inputs() if inputs is None else inputs
         model = linearize(item, ports, ports, at=at)
+    elif inputs is None and at is None:
+        model = item
+    else:
+        raise LinearAnalysisError(
+            "a linear model has its inputs and operating point; leave out inputs and at"
+        )
     modes = []
     for pole, left, _ in oscillating_modes(model):
         effects = np.abs(left @ model.B) ** 2
