@@ -58,7 +58,7 @@ FAULTS = (
           "fcntl.LOCK_EX |", "fcntl.LOCK_SH |"),
     Fault("blocks/control/pid.py", "tests/blocks/control/test_pid.py",
           "the filter of the derivative starts with the wrong reference weight",
-          "smooth = p.reference_rate_weight * u.reference", "smooth = u.reference"),
+          '"smooth": signal', '"smooth": u.reference - u.measurement'),
     Fault("blocks/library/transport_delay.py", "tests/blocks/test_planted_gaps.py",
           "a run after restore() changes the snapshot",
           "deepcopy(saved)", "saved"),

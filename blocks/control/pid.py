@@ -111,14 +111,16 @@ class PIDLaw(Shaped):
             return 1.0 / p.filter_time
         return (1.0 - np.exp(-self.sample_time / p.filter_time)) / self.sample_time
 
+    def _errors(self, u: Signals, p: Signals) -> tuple[Array, Array]:
+        """Return the proportional part of the output, and the signal that the filter follows."""
+        weighted = p.reference_weight * u.reference - u.measurement
+        return p.kp * weighted, p.reference_rate_weight * u.reference - u.measurement
+
     def _parts(self, x: Signals, u: Signals, p: Signals) -> tuple[Array, Array]:
         """Return the output before it is limited, and the rate of the filtered signal."""
-        rate = self._gain(p) * (
-            p.reference_rate_weight * u.reference - u.measurement - x.smooth
-        )
-        return p.kp * (
-            p.reference_weight * u.reference - u.measurement
-        ) + x.integral + p.kd * rate, rate
+        proportional, signal = self._errors(u, p)
+        rate = self._gain(p) * (signal - x.smooth)
+        return proportional + x.integral + p.kd * rate, rate
 
     def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
         """Return the limited output."""
@@ -136,10 +138,9 @@ class PIDLaw(Shaped):
 
     def initial_state(self, u: Signals, p: Signals) -> Values:
         """Start with a derivative part of zero and, if asked for, at the first output wanted."""
-        smooth = p.reference_rate_weight * u.reference - u.measurement
-        proportional = p.kp * (p.reference_weight * u.reference - u.measurement)
+        proportional, signal = self._errors(u, p)
         start = p.first_output - proportional if self.bumpless else 0.0 * proportional
-        return {"smooth": smooth, "integral": start}
+        return {"smooth": signal, "integral": start}
 
 
 class PID(PIDLaw):

@@ -25,9 +25,6 @@ from trussflow.blocks.tracing.sorted_order import Feedthrough
 REST_NAME = "the rest"
 """Name of the member with all blocks that are in no other member."""
 
-Key = tuple[str, str]
-"""Path of a leaf block, and name of its port."""
-
 
 def partition(
     system: System,
@@ -250,19 +247,17 @@ def _outlets(
     system: System, inside: dict[str, Block], logged: Sequence[Port]
 ) -> list[Port]:
     """Return the ports of a part that other members read, or that are logged."""
-    found: dict[Key, Port] = {}
-    for (path, _), drivers in system.drivers.items():
-        for driver in drivers:
-            source = driver.source
-            if (
-                source is not None
-                and source.block.path in inside
-                and path not in inside
-            ):
-                found[source.block.path, source.name] = source.block.port(source.name)
-    for port in logged:
-        if port.block.path in inside:
-            found.setdefault((port.block.path, port.name), port.block.port(port.name))
+    read = [
+        driver.source
+        for (path, _), drivers in system.drivers.items()
+        for driver in drivers
+        if driver.source is not None and path not in inside
+    ]
+    found = {
+        (port.block.path, port.name): port.block.port(port.name)
+        for port in (*read, *logged)
+        if port.block.path in inside
+    }
     return list(found.values())
 
 
