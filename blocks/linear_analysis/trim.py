@@ -330,11 +330,8 @@ class _Problem:
         wanted = all_labels(self._outputs)
         if self._sets:  # of several sets of clocks, the worst
             changes = residual[size + len(wanted) :].reshape(len(self._sets), -1)
-            worst = np.abs(changes).argmax(0)[None]
-            start = size + plan.sampled.start
-            own[start : start + changes.shape[1]] = np.take_along_axis(
-                changes, worst, 0
-            )[0]
+            worst = np.abs(changes).argmax(0)
+            own[inner_places(plan)[size:]] = changes[worst, np.arange(worst.size)]
         kinds = np.full(z.size, "", dtype=object)
         units = kinds.copy()
         for kind, layout in zip(KINDS, (*plan.stored, plan.held, plan.u), strict=True):

@@ -69,14 +69,14 @@ class Fractions:
 
 
 def quadratic(function: Callable[[Vector], Vector], count: int) -> Polynomial:
-    """Return the quadratic function through 0, both ends of each number, and the corners of each two.
+    """Return the quadratic function through 0, both ends of each variable, and the corners of each two.
 
     Parameters
     ----------
     function : callable
-        Takes numbers from -1 to 1 and returns an array.
+        Takes variables from -1 to 1 and returns an array.
     count : int
-        Number of arguments [-].
+        Number of variables [-].
     """
     axes = np.eye(count)
     one = np.eye(count, dtype=int)
