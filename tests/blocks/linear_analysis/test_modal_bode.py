@@ -49,9 +49,7 @@ def test_each_curve_is_the_loop_of_one_mode_with_the_other_closed():
         np.testing.assert_allclose(line.get_xdata(), OMEGA / (2.0 * np.pi), rtol=1e-12)
         turns = np.exp(1j * np.radians(lower.lines[k].get_ydata()))
         np.testing.assert_allclose(turns, gain / abs(gain), rtol=0.0, atol=1e-9)
-        text = (
-            f"plant/u[{k}]: drives mode {k + 1}, {FREQUENCIES[k]:.3g} Hz, ζ = 1.00%; margins"
-        )
+        text = f"plant/u[{k}]: drives mode {k + 1}, {FREQUENCIES[k]:.3g} Hz, ζ = 1.00%; margins"
         numbers = (
             f"{20.0 * np.log10(margins[k].gain_up):.1f} dB, {margins[k].phase:.0f}°"
         )
@@ -61,7 +59,12 @@ def test_each_curve_is_the_loop_of_one_mode_with_the_other_closed():
 def test_a_slice_is_named_after_its_element():
     """The second mode belongs to the second element, also where this is the only one."""
     figure = modal_bode(loop([[-0.8, 0.0], [0.0, -0.5]]), "plant.u[1:2]", omega=OMEGA)
-    assert figure.axes[0].lines[0].get_label().startswith("plant/u[1]: drives mode 2, 3 Hz")
+    assert (
+        figure.axes[0]
+        .lines[0]
+        .get_label()
+        .startswith("plant/u[1]: drives mode 2, 3 Hz")
+    )
 
 
 def test_modes_of_a_sampled_plant_have_the_frequencies_of_the_continuous_one():

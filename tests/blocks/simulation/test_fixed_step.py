@@ -1,5 +1,7 @@
 """The fixed step means the same in C and in Python, wherever on the axis of time it lies."""
 
+import warnings
+
 import numpy as np
 import pytest
 
