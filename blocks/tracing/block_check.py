@@ -18,7 +18,7 @@ from trussflow.blocks.framework.block import Block, Values
 from trussflow.blocks.framework.declarations import Event, Mode, Signals
 from trussflow.blocks.framework.equations import EVENTS
 from trussflow.blocks.framework.external_inputs import External
-from trussflow.blocks.framework.layout import Layout
+from trussflow.blocks.framework.layout import Entry, Layout
 from trussflow.blocks.support.types import Array
 from trussflow.blocks.tracing.call_checks import brief, checked, refusal, tracing_errors
 from trussflow.blocks.tracing.kernels import shape_of, symbol, to_expression, tracing
@@ -199,10 +199,18 @@ def _isolated(block: Block, copy: Block | None = None) -> Isolated:
         name: {*program.function.jac_sparsity(0, 1 + len(x) + number).row()}
         for number, name in enumerate(u)
     }
-    feedthrough = {
-        e.name: frozenset(n for n, r in rows.items() if r & {*range(e.start, e.stop)})
-        for e in results.of("output")
-    }
+
+    def read_by(e: Entry) -> frozenset[str]:
+        return frozenset(n for n, r in rows.items() if r & {*range(e.start, e.stop)})
+
+    for e in results.of("indicators"):
+        if block.declared(Event)[e.name].kind == "time" and (inputs := read_by(e)):
+            raise BlockError(
+                f"the time of event '{e.name}' of block '{block.path}' depends on input "
+                f"{', '.join(sorted(inputs))}, and may change between events: let on_event() keep it in a "
+                "Mode, or declare an event of another kind, whose indicator is that time minus t"
+            )
+    feedthrough = {e.name: read_by(e) for e in results.of("output")}
     return Isolated(feedthrough, TracedBlock(program, results))
 
 

@@ -123,8 +123,9 @@ def after_events() -> Quantity:
         plan = evaluation.plan
         after: dict[str, Values] = {**evaluation.leaves.states}
         for path in dict.fromkeys(e.path for e in plan.sides):
-            block, before = plan.system.blocks[path], after[path]
+            block = plan.system.blocks[path]
             if block.traced:
+                before = evaluation.leaves.states[path]
                 fired = evaluation.leaves.fired[path].values()
                 happened = sum(np.sum(np.reshape(f, (-1,))) for f in fired) > 0
                 results = evaluation.results(block, "on_event")

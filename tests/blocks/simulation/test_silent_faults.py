@@ -15,6 +15,7 @@ from trussflow.blocks import (
     Event,
     Function,
     Gain,
+    Input,
     Integrator,
     Mode,
     Ramp,
@@ -79,6 +80,28 @@ def test_modes_that_become_infinite_are_logged():
         diagram, 1.0, **SETTINGS, log=["alarm.following"], not_finite="stop"
     )
     assert_array_equal(result["alarm.following"], [0.25] * 3 + [np.inf] * 8)
+
+
+class Timer(Block):
+    """Counts rings at times that its input determines."""
+
+    u, count = Input(), Mode()
+    ring = Event("time")
+
+    def indicators(self, t, x, u, p):
+        return {"ring": u.u + x.count}
+
+    def on_event(self, t, x, u, p, fired):
+        return {"count": x.count + 1.0}
+
+
+def test_an_event_whose_time_changes_between_events_is_refused():
+    """It came late, or not at all: solvers look at the time of an event only after events."""
+    diagram = Diagram("timer")
+    source, timer = diagram.add(source=Step(0.3), timer=Timer())
+    source >> timer
+    with pytest.raises(BlockError, match=r"time of event 'ring' .* depends on input u"):
+        simulate(diagram, 1.0, **SETTINGS)
 
 
 @pytest.mark.parametrize("backend", ["interpreted", "compiled"])
