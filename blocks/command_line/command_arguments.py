@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 import contextlib
-import difflib
 import importlib
 import importlib.util
 import json
@@ -18,7 +17,7 @@ import numpy as np
 
 from trussflow.blocks.errors import DiagramError, TrussflowError
 from trussflow.blocks.framework.block import Block
-from trussflow.blocks.support.validation import shown
+from trussflow.blocks.support.validation import meant, shown
 
 FAILED, MISUSED, STOPPED = 1, 2, 130
 """Exit codes: the command failed, its arguments or models are wrong, or Ctrl-C stopped it. 0 is success."""
@@ -133,9 +132,9 @@ def block_of(reference: str) -> Block:
     for part in filter(None, name.split(".")):
         if not hasattr(thing, part):
             there = [n for n in getattr(thing, "__dict__", {}) if n[0] != "_"]
-            near = difflib.get_close_matches(part, there, 1)
-            meant = f"; did you mean '{near[0]}'?" if near else ""
-            raise DiagramError(f"'{reference}': there is no '{part}'{meant}")
+            raise DiagramError(
+                f"'{reference}': there is no '{part}'{meant(part, there)}"
+            )
         thing = getattr(thing, part)
     if callable(thing) and not isinstance(thing, Block):
         try:

@@ -21,7 +21,6 @@ The same functions run with numbers for debugging and are traced for speed.
 
 from __future__ import annotations
 
-import difflib
 import functools
 import inspect
 from collections.abc import Callable, Mapping
@@ -55,7 +54,13 @@ from trussflow.blocks.framework.signal_operators import Wired
 from trussflow.blocks.framework.units import check_declared
 from trussflow.blocks.support.summary import Described, Description
 from trussflow.blocks.support.types import Vector
-from trussflow.blocks.support.validation import as_shape, by_name, finite_array, shown
+from trussflow.blocks.support.validation import (
+    as_shape,
+    by_name,
+    finite_array,
+    meant,
+    shown,
+)
 
 if TYPE_CHECKING:
     from trussflow.blocks.framework.diagram import Diagram
@@ -78,16 +83,16 @@ def _explained(init: Callable[..., None]) -> Callable[..., None]:
             try:
                 signature.bind(self, *values, **named)
             except TypeError as fault:
-                names, reason = [*signature.parameters][1:], str(fault)
-                takes_others = any(
-                    p.kind is p.VAR_KEYWORD for p in signature.parameters.values()
+                names = [*signature.parameters][1:]
+                kinds = {p.kind for p in signature.parameters.values()}
+                hints = (
+                    f"; there is no '{name}'{meant(name.lower(), names)}"
+                    for name in named
+                    if name not in names and inspect.Parameter.VAR_KEYWORD not in kinds
                 )
-                if unknown := [n for n in named if n not in names and not takes_others]:
-                    near = difflib.get_close_matches(unknown[0].lower(), names, n=1)
-                    reason = f"it has no argument '{unknown[0]}'"
-                    reason += f" (did you mean '{near[0]}'?)" if near else ""
                 raise TypeError(
-                    f"cannot build a {type(self).__name__}: {reason}; its arguments are: {', '.join(names)}"
+                    f"cannot build a {type(self).__name__}: {fault}; its arguments are: {', '.join(names)}"
+                    + "".join(hints)
                 ) from None
             raise
 

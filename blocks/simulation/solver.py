@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 import inspect
 import sys
 from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -11,7 +10,12 @@ from typing import Any, Self, TypedDict, TypeVar
 
 from trussflow.blocks.errors import SimulationError
 from trussflow.blocks.simulation.adaptive import METHODS
-from trussflow.blocks.support.validation import one_of, positive, positive_if_given
+from trussflow.blocks.support.validation import (
+    meant,
+    one_of,
+    positive,
+    positive_if_given,
+)
 
 F = TypeVar("F", bound=Callable[..., Any])
 
@@ -173,8 +177,6 @@ def refuse_unknown(settings: Mapping[str, Any], known: Iterable[str]) -> None:
     names = list(dict.fromkeys(known))
     for name in settings:
         if name not in names:
-            close = difflib.get_close_matches(name, names, n=1)
-            meant = f"; did you mean '{close[0]}'?" if close else ";"
             raise SimulationError(
-                f"unknown setting '{name}'{meant} there are: {', '.join(names)}"
+                f"unknown setting '{name}'; there are: {', '.join(names)}{meant(name, names)}"
             )

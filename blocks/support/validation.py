@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import difflib
 import math
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from types import UnionType
 from typing import Any
@@ -33,6 +34,12 @@ def shown(value: object) -> str:
     except ValueError:  # Python does not convert integers of more than 4300 digits
         text = f"a huge {type(value).__name__}"
     return text if len(text) <= 200 else f"{text[:200]}..."
+
+
+def meant(name: str, names: Iterable[str]) -> str:
+    """Return the end of a message about a misspelt `name`: the nearest of the `names`, or nothing."""
+    near = difflib.get_close_matches(name, [*names], n=1)
+    return f"; did you mean '{near[0]}'?" if near else ""
 
 
 def number_array(what: str, value: Any) -> Vector:

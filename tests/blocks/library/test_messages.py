@@ -146,7 +146,7 @@ UNTYPED: Any = Diagram("d")
         (
             lambda: PID(Kp=1),
             TypeError,
-            r"a PID: it has no argument 'Kp' \(did you mean 'kp'",
+            "a PID: .*; there is no 'Kp'; did you mean 'kp'",
         ),
         (
             lambda: Saturation(0.0),

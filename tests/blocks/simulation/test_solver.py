@@ -45,7 +45,7 @@ USERS = {
 )
 def test_misspelt_settings_are_named(user, given, meant):
     message = (
-        rf"unknown setting '{given}'; did you mean '{meant}'\? there are: .*{meant}"
+        rf"unknown setting '{given}'; there are: .*{meant}.*; did you mean '{meant}'"
     )
     with pytest.raises(SimulationError, match=message):
         USERS[user](**{given: 0.1})
