@@ -173,8 +173,7 @@ class Network:
 
     def describe(self, place: int) -> str:
         """Return the name of one element of `signals`, for messages."""
-        entry = self._outputs.at(place)
-        return entry.describe(place - entry.start)
+        return self._outputs.describe(place)
 
     # -- order --------------------------------------------------------------------------------
 

@@ -309,8 +309,6 @@ class Diagram(Netlist):
             return f"give whole ports of blocks in diagram '{self.name}'"
         if len(group) > 1 and not port.is_input:
             return "only inputs can be grouped"
-        if group.count(port) > 1:
-            return "it is in the group twice"
         if not port.is_input:
             return ""
         for wire in self.wires:

@@ -36,12 +36,6 @@ class Entry:
         """End of the slice."""
         return self.start + prod(self.shape)
 
-    def describe(self, element: int) -> str:
-        """Return the name of one element, for messages."""
-        return f"'{self.path}.{self.name}'" + (
-            f" (element {element})" if self.shape else ""
-        )
-
 
 class BlockSignals(dict[str, Signals]):
     """Signals by block path; those of a block without any are empty."""
@@ -95,9 +89,11 @@ class Layout:
         own = self.of(path)
         return slice(own[0].start, own[-1].stop) if own else slice(0, 0)
 
-    def at(self, place: int) -> Entry:
-        """Return the array that contains the element of the vector with index `place`."""
-        return next(e for e in self if e.start <= place < e.stop)
+    def describe(self, place: int) -> str:
+        """Return the name of the element of the vector with index `place`, for messages."""
+        entry = next(e for e in self if e.start <= place < e.stop)
+        element = f" (element {place - entry.start})" if entry.shape else ""
+        return f"'{entry.path}.{entry.name}'{element}"
 
     def unpack(
         self,
@@ -169,8 +165,5 @@ class Layout:
 
     def fault(self, flat: Vector) -> str:
         """Return the name of the first element that is not finite, or an empty text."""
-        for e in self:
-            part = flat[e.start : e.stop]
-            if not np.isfinite(part).all():
-                return e.describe(int(np.argmin(np.isfinite(part))))
-        return ""
+        bad = ~np.isfinite(flat[self.span])
+        return self.describe(self.span.start + int(np.argmax(bad))) if bad.any() else ""

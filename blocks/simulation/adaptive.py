@@ -29,12 +29,7 @@ Function = Callable[[float, Vector], Any]
 
 
 class AdaptiveError(ArithmeticError):
-    """The solver gave up; carries the last good time and state."""
-
-    def __init__(self, reason: str, t: float, x: Vector) -> None:
-        super().__init__(reason)
-        self.t = t
-        self.x = x
+    """The solver gave up; the arguments are the reason, and the last good time and state."""
 
 
 def integrate(

@@ -268,9 +268,8 @@ def not_a_number(
     if plan.loops:
         plan.evaluate(t, x, d, p)  # raises what tells of an algebraic loop
     place = plan.sides.span.start + int(np.argmax(np.isnan(g)))
-    entry = plan.sides.at(place)
     raise SimulationError(
-        f"indicator {entry.describe(place - entry.start)} is not a number at t = {t:g} s; look for a "
+        f"indicator {plan.sides.describe(place)} is not a number at t = {t:g} s; look for a "
         "division by zero in indicators() of that block or in what it reads"
     )
 

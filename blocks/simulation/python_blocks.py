@@ -254,11 +254,9 @@ class PythonExecutor(Executor):
         if np.isfinite(values).all():
             return values
         layout = self.plan.held if kind == "output" else self.plan.memory
-        entry = layout.at(
-            layout.span_of(call.path).start + int(np.argmin(np.isfinite(values)))
-        )
+        place = layout.span_of(call.path).start + int(np.argmin(np.isfinite(values)))
         raise DivergenceError(
-            f"'{entry.path}.{entry.name}' stopped being finite at t = {t:g} s: {kind}() of that Python "
+            f"{layout.describe(place)} stopped being finite at t = {t:g} s: {kind}() of that Python "
             "block returned it; the log up to there is kept"
         )
 

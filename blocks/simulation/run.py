@@ -474,7 +474,7 @@ class Run:
                     if t < float(end):
                         self._log_now(t)
             except AdaptiveError as error:
-                raise self._gave_up(error) from error
+                raise self._gave_up(*error.args) from error
             self.go_to(end)
 
     def _reach(self, t: float, x: Vector) -> None:
@@ -555,8 +555,8 @@ class Run:
         before, after = rates[piece : piece + 2, i]
         if abs(after - before) <= max(change[i] / 2, JUMP_TOLERANCE * abs(after)):
             return ""
-        entry = self.prepared.plan.x.at(i)
-        return f"{entry.describe(i - entry.start)} jumps between {before:.3g} and {after:.3g}"
+        name = self.prepared.plan.x.describe(i)
+        return f"{name} jumps between {before:.3g} and {after:.3g}"
 
     def _crawling(self, t: float, jump: str) -> DivergenceError:
         """Return the error for steps that shrink at time `t` [s], because of a `jump` of a derivative."""
@@ -565,21 +565,23 @@ class Run:
             f"t = {t:g} s, because the derivative of {jump}. The log up to there is kept. {SWITCH_ADVICE}"
         )
 
-    def _gave_up(self, error: AdaptiveError) -> DivergenceError:
-        """Name the state that changes fastest, relative to its size, where the solver gave up."""
+    def _gave_up(self, reason: str, t: float, x: Vector) -> DivergenceError:
+        """Name the state that changes fastest, relative to its size, where the solver gave up.
+
+        The `reason` is the solver's, at time `t` [s] with the states `x` [as declared].
+        """
         plan = self.prepared.plan
         if plan.loops and self.failed is not None:
             # raises what tells of an algebraic loop
             plan.evaluate(*self.failed, self.d, self.p)
-        rate = self.executor.call("derivative", error.t, error.x, self.d, self.p)
+        rate = self.executor.call("derivative", t, x, self.d, self.p)
         if not np.isfinite(rate).all():
             fault = f"the derivative of {plan.x.fault(rate)} is not finite"
         else:
-            worst = int(np.argmax(np.abs(rate) / (1e-12 + np.abs(error.x))))
-            entry = plan.x.at(worst)
-            fault = f"the fastest state is {entry.describe(worst - entry.start)}"
+            worst = int(np.argmax(np.abs(rate) / (1e-12 + np.abs(x))))
+            fault = f"the fastest state is {plan.x.describe(worst)}"
         return DivergenceError(
-            f"solver {self.prepared.solver.solver} gave up after t = {error.t:g} s: {error}; {fault}. "
+            f"solver {self.prepared.solver.solver} gave up after t = {t:g} s: {reason}; {fault}. "
             f"The log up to there is kept. Try larger tolerances. {SWITCH_ADVICE}"
         )
 
@@ -600,7 +602,7 @@ class Run:
         ]
         while now < until:
             following = [
-                first if now < first else first + ((now - first) // period + 1) * period
+                first + max(0, (now - first) // period + 1) * period
                 for first, period in clocks
             ]
             now = min([until, *following, *pending[:1]])

@@ -188,11 +188,7 @@ class TangentExecutor(InterpretedExecutor):
         ).max(axis=0)
         if apart.any() or not np.isfinite(lengths).all():
             places = plan.sides.span.start + fired
-            names = [
-                e.describe(k - e.start)
-                for k in places.tolist()
-                for e in [plan.sides.at(k)]
-            ]
+            names = [plan.sides.describe(k) for k in places.tolist()]
             why = (
                 "happen at the same time"
                 if apart.any()

@@ -141,7 +141,6 @@ def test_exposing_what_cannot_be_exposed():
         "it is already exposed as 'u'": gain.u,
         "give whole ports of blocks in diagram 'd'": wide.u[0],
         "only inputs can be grouped": (one.y, gain.y),
-        "it is in the group twice": (other.u, other.u),
         "cannot expose 3 as 'x': give whole ports": 3,
         "cannot expose an empty tuple as 'x'": (),
     }.items():
