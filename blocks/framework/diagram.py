@@ -191,10 +191,6 @@ class Diagram(Netlist):
             f"diagram '{self.name}' cannot have a '{name}': {fault}; choose another name"
         )
 
-    def _surroundings(self) -> list[Diagram]:
-        """Return this diagram and the diagrams that contain it."""
-        return [self] if self.parent is None else [self, *self.parent._surroundings()]
-
     def expose(self, **ports: Port | tuple[Port, ...]) -> None:
         """Expose ports of inner blocks as ports of this diagram; a repeated call has no effect.
 
@@ -263,7 +259,7 @@ class Diagram(Netlist):
         ['command']
         """
         for name, port in ports.items():
-            if not is_port(port) or port.block.parent is not self:
+            if not self._owns(port):
                 raise DiagramError(
                     f"cannot name {port_text(port)} '{name}': give a port of a block in diagram '{self.name}'; for "
                     "a block of a nested diagram, add the analysis point there"
@@ -291,12 +287,7 @@ class Diagram(Netlist):
         ParameterError
             If the value is not finite.
         """
-        if (
-            not is_port(port)
-            or port.is_input
-            or port.block.parent is not self
-            or port.index is not None
-        ):
+        if not self._owns(port) or port.is_input or port.index is not None:
             raise DiagramError(
                 f"cannot guess {port_text(port)}: give a whole output of a block in '{self.name}'"
             )
@@ -305,7 +296,7 @@ class Diagram(Netlist):
 
     def _exposure_fault(self, port: Port, group: tuple[Port, ...]) -> str:
         """Return the reason why a port cannot be exposed with the others of its group, or an empty text."""
-        if not is_port(port) or port.block.parent is not self or port.index is not None:
+        if not self._owns(port) or port.index is not None:
             return f"give whole ports of blocks in diagram '{self.name}'"
         if len(group) > 1 and not port.is_input:
             return "only inputs can be grouped"

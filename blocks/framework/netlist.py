@@ -112,7 +112,7 @@ class Netlist(Block):
         """
         where = call_site()
         for port in ports:
-            if not is_port(port) or not port.is_input or port.block.parent is not self:
+            if not self._owns(port) or not port.is_input:
                 raise WiringError(
                     f"cannot ground {port_text(port)}: it is not an input of a block in diagram '{self.name}'   "
                     f"[{where}]"
@@ -156,7 +156,7 @@ class Netlist(Block):
             If it is not a port of a block in this diagram.
         """
         for port in ports:
-            if not is_port(port) or port.block.parent is not self:
+            if not self._owns(port):
                 raise WiringError(
                     f"cannot disconnect {port_text(port)}: it is no port of a block in diagram '{self.name}'   "
                     f"[{call_site()}]"
@@ -219,9 +219,7 @@ class Netlist(Block):
 
     def _infer_anew(self) -> None:
         """Infer shapes, units, frames and labels from the present wires; remove wires that no longer fit."""
-        root: Netlist = self
-        while root.parent is not None:
-            root = root.parent
+        root = self._surroundings()[-1]
         blocks = [root, *root.within()]
         for block in blocks:
             for port in block.ports.values():
@@ -234,6 +232,14 @@ class Netlist(Block):
                         f"a wire no longer fits its ports, and is removed: {fault}",
                         RuntimeWarning,
                     )
+
+    def _surroundings(self) -> list[Netlist]:
+        """Return this diagram and the diagrams that contain it."""
+        return [self] if self.parent is None else [self, *self.parent._surroundings()]
+
+    def _owns(self, port: object) -> bool:
+        """Return whether an argument from the user is a port of a block in this diagram."""
+        return isinstance(port, Port) and port.block.parent is self
 
     def within(self) -> Iterator[Block]:
         """Yield all blocks in this diagram and in nested ones, each diagram before its blocks."""

@@ -120,18 +120,18 @@ class OpenBlocks:
         """Paths of the blocks that cannot go back to an earlier time."""
         return [path for path, running in self.kept().items() if not running.restores]
 
-    def tuned(self) -> None:
-        """Tell the blocks that parameters were changed."""
-        self._tell("tuned")
+    def call_each(
+        self, method: str, values: Mapping[str, Any] | None = None
+    ) -> dict[str, Any]:
+        """Call a method of `Running` of each block that keeps something; return the results by path.
 
-    def _tell(self, what: str, each: Mapping[str, Any] | None = None) -> dict[str, Any]:
-        """Call a method of all that keeps something, with a value for each if so; return what it returns."""
+        The argument is the block's own of the `values`, by path, if there are any.
+        """
         found = {}
         for path, running in self.kept().items():
-            with running_errors(self._blocks[path], what, None):
-                found[path] = getattr(running, what)(
-                    *([] if each is None else [each[path]])
-                )
+            with running_errors(self._blocks[path], method, None):
+                own = [] if values is None else [values[path]]
+                found[path] = getattr(running, method)(*own)
         return found
 
     def save(self) -> dict[str, Any]:
@@ -147,11 +147,7 @@ class OpenBlocks:
                 f"cannot save: block '{stuck[0]}' ({type(self._blocks[stuck[0]]).__name__}) keeps what "
                 f"it cannot hand over; {self.kept()[stuck[0]].stuck}"
             )
-        return self._tell("save")
-
-    def restore(self, saved: Mapping[str, Any]) -> None:
-        """Give the blocks back what `save` returned."""
-        self._tell("restore", saved)
+        return self.call_each("save")
 
     def close(self) -> None:
         """Let the blocks release everything.

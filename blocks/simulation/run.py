@@ -209,8 +209,8 @@ class Run:
         self.x[:] = snapshot.x
         self.d[:] = snapshot.d
         self.p[:] = snapshot.p
-        self.executor.blocks.restore(snapshot.hidden)
-        self.executor.blocks.tuned()
+        self.executor.blocks.call_each("restore", snapshot.hidden)
+        self.executor.blocks.call_each("tuned")
         self.begin_at(snapshot.origin)
         self.go_to(snapshot.now)
         self.sampled = self.k if snapshot.sampled else None

@@ -271,7 +271,7 @@ class Session(Described):
         run = self._running()
         plan = self.prepared.plan
         run.p[:] = plan.parameters(parameters, run.p)
-        run.executor.blocks.tuned()
+        run.executor.blocks.call_each("tuned")
 
     def advance(self, until: float) -> None:
         """Run on to a time, with the inputs held.
