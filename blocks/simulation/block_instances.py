@@ -123,7 +123,7 @@ class OpenBlocks:
     def call_each(
         self, method: str, values: Mapping[str, Any] | None = None
     ) -> dict[str, Any]:
-        """Call a method of `Running` of each block that keeps something; return the results by path.
+        """Call a `method` of `Running` of each block that keeps something; return the results by path.
 
         The argument is the block's own of the `values`, by path, if there are any.
         """
