@@ -29,7 +29,7 @@ from trussflow.blocks.support.summary import Described, Description
 from trussflow.blocks.support.types import Array
 from trussflow.blocks.support.validation import by_name, finite_array, shown
 from trussflow.blocks.tracing import block_check
-from trussflow.blocks.tracing.call_checks import checked, running_errors
+from trussflow.blocks.tracing.call_checks import called, checked, running_errors
 
 DIFFERENCE_STEP = 1e-6
 """Step of differences of numbers of the order of one [-]."""
@@ -145,12 +145,11 @@ class Bench:
         found: Values = {}
         given = self.arguments(point)
         for kind in kinds:
-            arguments = given if kind == "on_event" else given[:4]
             with (
                 np.errstate(all="ignore"),
                 running_errors(self.block, kind, float(given[0])),
             ):
-                returned = getattr(own, kind)(*arguments)
+                returned = called(own, kind, given)
                 for name, value in checked(self.block, kind, returned).items():
                     found[kind, name] = np.array(value, dtype=float)
         return found

@@ -20,7 +20,13 @@ from trussflow.blocks.framework.equations import EVENTS
 from trussflow.blocks.framework.external_inputs import External
 from trussflow.blocks.framework.layout import Entry, Layout
 from trussflow.blocks.support.types import Array
-from trussflow.blocks.tracing.call_checks import brief, checked, refusal, tracing_errors
+from trussflow.blocks.tracing.call_checks import (
+    brief,
+    called,
+    checked,
+    refusal,
+    tracing_errors,
+)
 from trussflow.blocks.tracing.kernels import shape_of, symbol, to_expression, tracing
 from trussflow.blocks.tracing.program import Program
 from trussflow.blocks.tracing.traced_block import TracedBlock
@@ -177,8 +183,7 @@ def _isolated(block: Block, copy: Block | None = None) -> Isolated:
     t, values = symbol("t", ()), dict[str, Values]()
     with tracing_errors(block), tracing() as trace:
         for kind in kinds(block):
-            more = (fired,) if kind == "on_event" else ()
-            made = getattr(copy or block, kind)(t, x, u, p, *more)
+            made = called(copy or block, kind, (t, x, u, p, fired))
             values[kind] = checked(block, kind, made)
     arguments = (t, *x.values(), *u.values(), *p.values(), *fired.values())
     columns = [to_expression(v) for made in values.values() for v in made.values()]
@@ -286,8 +291,7 @@ def _compare(
         fired.update({n: v > 0 for n, v in fired.items()})
         flat = np.zeros(results.size)
         for kind in kinds(block):
-            more = (fired,) if kind == "on_event" else ()
-            values = getattr(block, kind)(now, x, u, own, *more)
+            values = called(block, kind, (now, x, u, own, fired))
             if check:
                 checked(block, kind, values)
             for e in results.of(kind):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import inspect
 import linecache
+from collections.abc import Sequence
 from traceback import walk_tb
 from typing import Any
 
@@ -12,10 +13,19 @@ import numpy as np
 from trussflow.blocks.errors import BlockError, Explained, SimulationError, TracingError
 from trussflow.blocks.framework.block import Block, Values
 from trussflow.blocks.framework.declarations import Event, State
+from trussflow.blocks.framework.equations import Equations
 from trussflow.blocks.tracing.kernels import is_traced, shape_of
 from trussflow.blocks.tracing.traced_array import REFUSAL_MESSAGES, NeedsNumberError
 
 _NOT_THE_USERS = ("trussflow.blocks.", "numpy", "casadi")
+
+
+def called(equations: Equations, kind: str, arguments: Sequence[Any]) -> Any:
+    """Return the results of an equation for t, x, u, p and the triggered events.
+
+    Only ``on_event`` takes the events.
+    """
+    return getattr(equations, kind)(*arguments[: 5 if kind == "on_event" else 4])
 
 
 def checked(block: Block, kind: str, values: Values) -> Values:

@@ -21,7 +21,12 @@ from trussflow.blocks.framework.layout import BlockSignals
 from trussflow.blocks.framework.port import Port
 from trussflow.blocks.framework.system import Driver
 from trussflow.blocks.support.types import Array
-from trussflow.blocks.tracing.call_checks import checked, running_errors, tracing_errors
+from trussflow.blocks.tracing.call_checks import (
+    called,
+    checked,
+    running_errors,
+    tracing_errors,
+)
 from trussflow.blocks.tracing.kernels import (
     active_trace,
     from_expression,
@@ -218,9 +223,7 @@ class Evaluation:
             if traced
             else running_errors(block, kind, float(leaves.t))
         ):
-            values = getattr(block, kind)(
-                leaves.t, x, u, p, *([fired] if kind == "on_event" else [])
-            )
+            values = called(block, kind, (leaves.t, x, u, p, fired))
         return checked(block, kind, values)
 
     def _is_free(self, port: Port) -> bool:

@@ -96,26 +96,21 @@ def set_from_inputs(
 
     def sweep(showing: Collection[str] = ()) -> Vector:
         for path in order:
-            values = ask(path, "initial_state") if path in stating else {}
-            wrong = (
-                [n for n in values if n not in stored[path]]
-                if isinstance(values, dict)
-                else [values]
-            )
-            if wrong:
-                raise NameLookupError(
-                    f"initial_state() of block '{path}' returned {shown(wrong[0])}; its states are: "
-                    f"{', '.join(stored[path]) or 'none'}"
-                )
-            found = {f"{path}.{name}": value for name, value in values.items()}
-            plan.override(x, d, {**found, **overrides})
-            outputs = (
-                checked(blocks[path], "output", ask(path, "output"))
-                if path in showing
-                else {}
-            )
-            for name, value in outputs.items():
-                plan.held.put(d, path, name, value)
+            if path in stating:
+                values = ask(path, "initial_state")
+                names = values if isinstance(values, dict) else [values]
+                wrong = [name for name in names if name not in stored[path]]
+                if wrong:
+                    raise NameLookupError(
+                        f"initial_state() of block '{path}' returned {shown(wrong[0])}; its states are: "
+                        f"{', '.join(stored[path]) or 'none'}"
+                    )
+                found = {f"{path}.{name}": value for name, value in values.items()}
+                plan.override(x, d, {**found, **overrides})
+            if path in showing:
+                outputs = checked(blocks[path], "output", ask(path, "output"))
+                for name, value in outputs.items():
+                    plan.held.put(d, path, name, value)
         return np.concatenate([x, d])
 
     def settle_circle() -> None:
