@@ -23,12 +23,24 @@ Nocedal, Wright (2006), *Numerical Optimization*, 2nd ed., ch. 16, for the condi
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from functools import cache, partial
+from typing import Any
+
+import casadi as ca
 import numpy as np
 
 from trussflow.blocks.support.types import Array, Vector
-from trussflow.blocks.tracing.c_function import CFunction
-from trussflow.blocks.tracing.kernels import shape_of
+from trussflow.blocks.tracing.c_function import NumPyFunction, c_kernel
+from trussflow.blocks.tracing.kernels import (
+    Kernel,
+    call_kernel,
+    is_traced,
+    shape_of,
+    to_expression,
+)
 from trussflow.blocks.tracing.linear_algebra import block_diagonal
+from trussflow.blocks.tracing.operations import c_file
 
 MAX_STEPS = 100
 """Largest number of Newton steps [-], as in bounded_least_squares.h; the last iterate is then returned."""
@@ -75,8 +87,20 @@ def bounded_least_squares(
         ),
     ]
     flat = np.concatenate([np.reshape(each, (-1,)) for each in padded])
-    found = _SOLVE((m + rows, n + columns), flat, n + columns + 2 * (m + rows))
+    if is_traced(flat):
+        call = call_kernel(_kernel(m + rows, n + columns), to_expression(flat))
+        (found,) = call.results(0)
+    else:
+        found = _value(m + rows, n + columns, np.asarray(flat, dtype=float))
     return found[:n], found[n + columns : n + columns + m]
+
+
+@cache  # keeps the callbacks alive, as CasADi does not
+def _kernel(m: int, n: int) -> Kernel:
+    header = c_file("bounded_least_squares.h")
+    return c_kernel(
+        _Solution(m, n), header, f"tf_bounded_least_squares({m}, {n}, in, out);"
+    )
 
 
 def _parts(m: int, n: int, values: Vector) -> list[Vector]:
@@ -181,4 +205,45 @@ def _slope(
     return np.vstack([dq, df - known - b @ dq, dy])
 
 
-_SOLVE = CFunction("bounded_least_squares", _value, _slope)
+class _Solution(NumPyFunction):
+    """Callback of CasADi for q, f - B q and y, with derivatives."""
+
+    def __init__(self, m: int, n: int) -> None:
+        super().__init__("bounded_least_squares", m * n + m * m + m + 4 * n, n + 2 * m)
+        self._sizes, self._slopes = (m, n), cache(partial(_Slopes, m, n))
+
+    def value(self, argument: Vector) -> Vector:
+        return _value(*self._sizes, argument)
+
+    def uses_output(self) -> bool:
+        return True
+
+    def has_forward(self, _: int) -> bool:
+        return True
+
+    def get_forward(self, count: int, *_: Any) -> ca.Function:
+        return self._slopes(count)
+
+
+class _Slopes(ca.Callback):
+    """Callback of CasADi for the derivatives along a number of directions."""
+
+    def __init__(self, m: int, n: int, count: int) -> None:
+        super().__init__()
+        self._sizes, arguments, results = (m, n), m * n + m * m + m + 4 * n, n + 2 * m
+        self._shapes = (arguments, 1), (results, 1), (arguments, count)
+        # CasADi caches derivatives by name, so the name must contain the number of directions.
+        self.construct(f"bounded_least_squares_slope_{count}", {})
+
+    def get_n_in(self) -> int:
+        return 3
+
+    def get_sparsity_in(self, number: int) -> ca.Sparsity:
+        return ca.Sparsity.dense(*self._shapes[number])
+
+    def get_sparsity_out(self, _: int) -> ca.Sparsity:
+        return ca.Sparsity.dense(self._shapes[1][0], self._shapes[2][1])
+
+    def eval(self, values: Sequence[ca.DM]) -> list[Any]:
+        argument, results, directions = (v.full() for v in values)
+        return [_slope(*self._sizes, argument.ravel(), results.ravel(), directions)]
