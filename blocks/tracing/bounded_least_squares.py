@@ -35,6 +35,7 @@ from trussflow.blocks.tracing.c_function import NumPyFunction, c_kernel
 from trussflow.blocks.tracing.kernels import (
     Kernel,
     call_kernel,
+    from_expression,
     is_traced,
     shape_of,
     to_expression,
@@ -89,7 +90,7 @@ def bounded_least_squares(
     flat = np.concatenate([np.reshape(each, (-1,)) for each in padded])
     if is_traced(flat):
         call = call_kernel(_kernel(m + rows, n + columns), to_expression(flat))
-        (found,) = call.results(0)
+        found = from_expression(call.symbols, (call.symbols.numel(),))
     else:
         found = _value(m + rows, n + columns, np.asarray(flat, dtype=float))
     return found[:n], found[n + columns : n + columns + m]

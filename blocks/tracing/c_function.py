@@ -30,8 +30,7 @@ def c_kernel(
         f"{declarations}\nstatic __attribute__((noinline))\n"
         f"void {KERNEL_NAME}(const double* restrict in, double* restrict out) {{\n  {call}\n}}\n"
     )
-    n = function.size1_out(0)
-    return Kernel(function, source, (((n,), 0, n),), tuple(range(n)), source, near)
+    return Kernel(function, source, source=source, near=near)
 
 
 class NumPyFunction(ca.Callback):

@@ -21,9 +21,9 @@ _NOT_THE_USERS = ("trussflow.blocks.", "numpy", "casadi")
 
 
 def called(equations: Equations, kind: str, arguments: Sequence[Any]) -> Any:
-    """Return the results of an equation for t, x, u, p and the triggered events.
+    """Return the results of the equation `kind` for the `arguments` t, x, u, p and triggered events.
 
-    Only ``on_event`` takes the events.
+    Only ``on_event`` takes the events. The `equations` are a block or its object for one run.
     """
     return getattr(equations, kind)(*arguments[: 5 if kind == "on_event" else 4])
 

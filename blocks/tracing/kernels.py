@@ -82,7 +82,7 @@ class Kernel:
     code : str
         Text that identifies the computation.
     layout : tuple
-        Shape of each result, with its start and stop among all elements.
+        For `repeated`: shape of each result, with its start and stop among all elements.
     template : tuple
         For each element of the results, its constant value [any], or the index of its distinct result.
     source : str
@@ -94,8 +94,8 @@ class Kernel:
 
     function: ca.Function
     code: str
-    layout: tuple[tuple[tuple[int, ...], int, int], ...]
-    template: tuple[float | int, ...]
+    layout: tuple[tuple[tuple[int, ...], int, int], ...] = ()
+    template: tuple[float | int, ...] = ()
     source: str = ""
     near: Callable[[], ca.Function] | None = None
 

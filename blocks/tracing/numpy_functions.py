@@ -52,18 +52,12 @@ def _round(a: Array, decimals: int = 0) -> Array:
     )
 
 
-def _interp(
-    x: Array,
-    xp: Array,
-    fp: Array,
-    left: float | None = None,
-    right: float | None = None,
-) -> Array:
-    found = np.where(x > xp[-1], fp[-1] if right is None else right, fp[-1])
+def _interp(x: Array, xp: Array, fp: Array) -> Array:
+    found = fp[-1]
     for i in reversed(range(len(xp) - 1)):
         slope = (fp[i + 1] - fp[i]) / (xp[i + 1] - xp[i])
         found = np.where(x < xp[i + 1], fp[i] + (x - xp[i]) * slope, found)
-    found = np.where(x < xp[0], fp[0] if left is None else left, found)
+    found = np.where(x < xp[0], fp[0], found)
     return np.where(np.isnan(x), x, found)
 
 

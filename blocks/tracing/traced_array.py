@@ -33,6 +33,8 @@ UNSUPPORTED_ARGUMENTS = frozenset(
         "mean",
         "correction",
         "period",
+        "left",
+        "right",
     )
 )
 """Arguments of NumPy functions that CasADi ignores or interprets differently."""

@@ -102,7 +102,7 @@ REFUSED_BY_NUMPY = (
 SPECIAL_CALLS = {
     "where": lambda a, b, c: np.where(np.greater(a, 0), b, c),
     "clip": lambda a: np.clip(a, -1, 2),
-    "interp": lambda a: np.interp(a, [-1, 0, 2], [3, 1, 4.0], left=7.0, right=8.0),
+    "interp": lambda a: np.interp(a, [-1, 0, 2], [3, 1, 4.0]),
     "round to tenths": lambda a: np.round(a, 1),
     "max initial": lambda a: np.max(a, initial=0.5),
     "%": lambda a, b: a % b,
