@@ -21,7 +21,6 @@ from trussflow.blocks.tracing.sorted_order import (
     Stage,
     by_port,
     graph_of,
-    order,
     torn_ports,
 )
 
@@ -70,7 +69,9 @@ class AlgebraicLoops:
         DiagramError
             If there is a guess for a port outside such loops.
         """
-        stages = self._stages() if self.starts else []
+        if not self.starts:
+            return
+        stages = self._plan.order(self._everything, refuse=False)
         inside = {port for stage in stages if stage.torn for port in stage.ports}
         for port in self.starts.keys() - inside:
             raise DiagramError(
@@ -78,20 +79,13 @@ class AlgebraicLoops:
                 'its diagram.guess(), or enable the solution of loops by Diagram(..., loops="solve")'
             )
 
-    def _stages(self) -> list[Stage]:
-        """Return the sorted order of all outputs at an instant at which all clocks tick."""
-        plan = self._plan
-        return order(
-            plan.system, plan.feedthrough, self._everything, self.torn, refuse=False
-        )
-
     def iterated(self) -> list[Port]:
         """Return the torn outputs that need an iteration; the plan must have guesses for all torn outputs."""
         plan = self._plan
         with tracing():
             leaves = plan.leaves(plan.symbols(), from_expression)
             evaluation = Evaluation(plan, leaves, self._everything)
-            evaluation.compute(self._stages())
+            evaluation.compute(plan.order(self._everything, refuse=False))
         return evaluation.iterated
 
     def values(

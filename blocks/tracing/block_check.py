@@ -199,7 +199,7 @@ def _isolated(block: Block, copy: Block | None = None) -> Isolated:
         ca.vertcat(ca.SX(0, 1), *columns),
         shares=False,
     )
-    _compare(block, (t, x, u, fired), program.function, results)
+    _compare(block, (x, u, fired), program.function, results)
     rows = {
         name: {*program.function.jac_sparsity(0, 1 + len(x) + number).row()}
         for number, name in enumerate(u)
@@ -269,24 +269,24 @@ def _declared_feedthrough(block: Block) -> dict[str, frozenset[str]]:
 
 def _compare(
     block: Block,
-    symbols: tuple[Array, Signals, Signals, Signals],
+    symbols: tuple[Signals, Signals, Signals],
     function: ca.Function,
     results: Layout,
 ) -> None:
     """Raise `TracingError` if the traced `function` of a block returns other `results` than NumPy.
 
-    Numbers replace the `symbols` of time, states, inputs and events.
+    Numbers replace the `symbols` of states, inputs and events.
     """
     if not results.size:
         return
-    t, x, u, fired = symbols
+    x, u, fired = symbols
     own = Signals(u.owner, block.parameters)
 
     def plain(point: Sequence[Array], check: bool = False) -> Array:
         """Return the results in NumPy, one after the other."""
         now, *arrays = point
         numbers = iter(arrays)
-        for group in (x, u, fired):
+        for group in symbols:
             group.update(zip([*group], numbers, strict=False))
         fired.update({n: v > 0 for n, v in fired.items()})
         flat = np.zeros(results.size)
@@ -298,8 +298,8 @@ def _compare(
                 results.put(flat, kind, e.name, values[e.name])
         return flat
 
-    arguments = (t, *x.values(), *u.values(), *fired.values())
-    chosen = points(tuple(value.shape for value in arguments))
+    shapes = (value.shape for group in symbols for value in group.values())
+    chosen = points(((), *shapes))
     columns = [
         np.reshape(each, (len(chosen), -1)).T for each in zip(*chosen, strict=True)
     ]

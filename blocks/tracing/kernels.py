@@ -20,6 +20,7 @@ import casadi as ca
 import numpy as np
 
 from trussflow.blocks.errors import TracingError
+from trussflow.blocks.framework.layout import spans
 from trussflow.blocks.support.types import Array
 from trussflow.blocks.tracing.traced_array import owned
 
@@ -82,7 +83,7 @@ class Kernel:
     code : str
         Text that identifies the computation.
     layout : tuple
-        For `repeated`: shape of each result, with its start and stop among all elements.
+        For `repeated`: shape of each result, with its slice of all elements.
     template : tuple
         For each element of the results, its constant value [any], or the index of its distinct result.
     source : str
@@ -94,7 +95,7 @@ class Kernel:
 
     function: ca.Function
     code: str
-    layout: tuple[tuple[tuple[int, ...], int, int], ...] = ()
+    layout: tuple[tuple[tuple[int, ...], slice], ...] = ()
     template: tuple[float | int, ...] = ()
     source: str = ""
     near: Callable[[], ca.Function] | None = None
@@ -133,8 +134,7 @@ class KernelCall:
             )
         )
         return tuple(
-            from_expression(flat[start:stop], shape)
-            for shape, start, stop in self.kernel.layout
+            from_expression(flat[place], shape) for shape, place in self.kernel.layout
         )
 
 
@@ -246,12 +246,9 @@ def _kernel(
     arguments = [symbol(f"a{i}", shape) for i, shape in enumerate(shapes)]
     with written_out():  # a kernel cannot call another kernel
         results = function(*constants, *arguments)
-    layout, expressions, start = [], [], 0
-    for result in results:
-        expressions.append(to_expression(result))
-        stop = start + expressions[-1].numel()
-        layout.append((shape_of(result), start, stop))
-        start = stop
+    expressions = [to_expression(result) for result in results]
+    places = spans(expression.numel() for expression in expressions)
+    layout = tuple(zip(map(shape_of, results), places, strict=True))
     column = ca.vertcat(*(to_expression(a) for a in arguments))
     flat = ca.cse(ca.SX(ca.vertcat(*expressions)))
     if not symbols_of(flat) <= symbols_of(column):
@@ -273,7 +270,7 @@ def _kernel(
             kept.append(i)
         template.append(place)
     kernel = ca.Function("kernel", [column], [flat[kept]])
-    return Kernel(kernel, kernel.serialize(), tuple(layout), tuple(template))
+    return Kernel(kernel, kernel.serialize(), layout, tuple(template))
 
 
 def call_kernel(kernel: Kernel, inputs: ca.SX) -> KernelCall:

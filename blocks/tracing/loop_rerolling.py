@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
@@ -28,10 +29,11 @@ EMPTY_INSTRUCTION = Instruction(ca.OP_CONST, ())
 MAX_REPEATED_USES = 4
 """Largest number of uses of a value that loops compute again; other values are computed before the loops."""
 
-Operand = tuple[int, int]
-"""Source of an operand: argument and index, `CONSTANT_OPERAND`, or `SHARED_VALUE` and an instruction."""
+Leaf = tuple[int, int, float]
+"""Source of an operand: argument and index, `CONSTANT`, or `SHARED_VALUE` and an instruction; constant value."""
 
-CONSTANT_OPERAND: Operand = (-1, 0)
+CONSTANT = -1
+"""First number of an operand that is a constant."""
 
 SHARED_VALUE = -2
 """First number of an operand that is the value of an instruction outside the loops."""
@@ -48,16 +50,13 @@ class Element:
     form : tuple
         Operations with their operands: indices of earlier operations, or -1 - s for leaf s. The last
         operation gives the value; without operations, leaf 0 does.
-    leaves : tuple of Operand
+    leaves : tuple of Leaf
         Source of each use of a leaf.
-    constants : tuple of float
-        Value of each leaf that is a constant, zero for others [any].
     """
 
     output: int
     form: tuple[tuple[int, tuple[int, ...]], ...]
-    leaves: tuple[Operand, ...]
-    constants: tuple[float, ...]
+    leaves: tuple[Leaf, ...]
 
 
 def rerolled(
@@ -99,7 +98,7 @@ def rerolled(
         if run == 1:
             continue
         each = [elements[start + period * i] for i in range(run)]
-        for source, k in each[0].leaves:
+        for source, k, _ in each[0].leaves:
             if source == SHARED_VALUE:
                 places.setdefault(k, len(places))
         done |= {element.output for element in each}
@@ -121,14 +120,10 @@ def rerolled(
 
 def _elements(instructions: Sequence[Instruction], target: int) -> dict[int, Element]:
     """Return the expressions of the elements of a result, for elements with few operations."""
-    uses = [0] * len(instructions)
-    for one in instructions:
-        for operand in one.operands:
-            uses[operand] += 1
-    given = (ca.OP_INPUT, ca.OP_CONST)
+    uses = Counter(operand for one in instructions for operand in one.operands)
     leaves = [
-        one.operation in given or n > MAX_REPEATED_USES
-        for one, n in zip(instructions, uses, strict=True)
+        one.operation in (ca.OP_INPUT, ca.OP_CONST) or uses[k] > MAX_REPEATED_USES
+        for k, one in enumerate(instructions)
     ]
     found: dict[int, Element] = {}
     for k, one in enumerate(instructions):
@@ -145,7 +140,7 @@ def _elements(instructions: Sequence[Instruction], target: int) -> dict[int, Ele
 def _expanded(
     output: int,
     instructions: Sequence[Instruction],
-    uses: Sequence[int],
+    uses: Mapping[int, int],
     is_leaf: Sequence[bool],
 ) -> Element | None:
     """Return the element that the `output` writes, None if it has too many operations."""
@@ -155,17 +150,16 @@ def _expanded(
         one = instructions[k]
         if not is_leaf[k]:
             return known[k]
-        constants.append(one.constant)
+        source, index = SHARED_VALUE, k
         if one.operation == ca.OP_INPUT:
-            leaves.append((one.place[0], one.place[1]))
-        else:
-            leaves.append(
-                CONSTANT_OPERAND if one.operation == ca.OP_CONST else (SHARED_VALUE, k)
-            )
+            source, index = one.place
+        elif one.operation == ca.OP_CONST:
+            source, index = CONSTANT, 0
+        leaves.append((source, index, one.constant))
         return -len(leaves)
 
     form, known = list[tuple[int, tuple[int, ...]]](), dict[int, int]()
-    leaves, constants = list[Operand](), list[float]()
+    leaves = list[Leaf]()
     root = instructions[output].operands[0]
     # A stack, as sums of hundreds of terms exceed the recursion limit.
     waiting = [] if is_leaf[root] else [root]
@@ -192,7 +186,7 @@ def _expanded(
             return None
     if not form:
         called(root)
-    return Element(output, tuple(form), tuple(leaves), tuple(constants))
+    return Element(output, tuple(form), tuple(leaves))
 
 
 def _run(
@@ -202,15 +196,16 @@ def _run(
     first, second = elements[start], elements.get(start + period)
     if second is None or second.form != first.form:
         return 1
-    leaves = np.array(first.leaves)
-    steps = np.array(second.leaves) - leaves
+    leaves = np.array(first.leaves)[:, :2]
+    steps = np.array(second.leaves)[:, :2] - leaves
     if steps[:, 0].any() or steps[leaves[:, 0] == SHARED_VALUE].any():
         return 1
     length = 1
     while (other := elements.get(start + period * length)) is not None:
         if other.output in done or other.form != first.form:
             break
-        if not np.array_equal(other.leaves, leaves + length * steps):
+        places = np.array(other.leaves)[:, :2]
+        if not np.array_equal(places, leaves + length * steps):
             break
         length += 1
     return length
@@ -225,11 +220,11 @@ def _loop(
 ) -> list[str]:
     """Return the C code of a loop over elements with the same operations; `known` names shared values."""
     tables, names = list[str](), list[str]()
-    for s, (source, index) in enumerate(each[0].leaves):
+    for s, (source, index, _) in enumerate(each[0].leaves):
         if source == SHARED_VALUE:
             names.append(known[index])
-        elif (source, index) == CONSTANT_OPERAND:
-            constants = [number(element.constants[s]) for element in each]
+        elif source == CONSTANT:
+            constants = [number(element.leaves[s][2]) for element in each]
             if len({*constants}) > 1:
                 tables.append(
                     f"    static const double c{s}[] = {{{', '.join(constants)}}};"

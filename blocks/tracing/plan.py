@@ -126,7 +126,7 @@ class Plan:
         self.python_blocks = [
             b for b in blocks.values() if not b.traced and not isinstance(b, External)
         ]
-        self._orders: dict[Active, list[Stage]] = {}
+        self._orders: dict[tuple[Active, bool], list[Stage]] = {}
         self.stored = self.x, self.modes, self.memory
         self.sampled = slice(self.memory.span.start, self.held.span.stop)
         self.loops = AlgebraicLoops(self)
@@ -161,19 +161,22 @@ class Plan:
             f"'{path}.{name}' is neither a state nor a held output nor an external input"
         )
 
-    def order(self, active: Active) -> list[Stage]:
+    def order(self, active: Active, *, refuse: bool = True) -> list[Stage]:
         """Return the sorted order of the outputs while `active` clocks tick.
+
+        If `refuse` is false, all loops count as solved.
 
         Raises
         ------
         AlgebraicLoopError
             If there is an algebraic loop that is not solved.
         """
-        if active not in self._orders:
-            self._orders[active] = order(
-                self.system, self.feedthrough, active, self.loops.torn
+        key = active, refuse
+        if key not in self._orders:
+            self._orders[key] = order(
+                self.system, self.feedthrough, active, self.loops.torn, refuse=refuse
             )
-        return self._orders[active]
+        return self._orders[key]
 
     # -- values ---------------------------------------------------------------------------
 
@@ -197,9 +200,10 @@ class Plan:
             If a value is not allowed, or the values of a block are not consistent.
         """
         blocks, changed = self.system.blocks, dict[str, Block]()
-        flat = np.zeros(self.p.size) if present is None else present.copy()
-        for e in self.p if present is None else ():
-            self.p.put(flat, e.path, e.name, blocks[e.path].parameters[e.name])
+        if present is None:
+            defaults = (v for b in blocks.values() for v in b.parameters.values())
+            present = np.concatenate([np.zeros(0), *map(np.ravel, defaults)])
+        flat = present.copy()
         for reference, value in by_name("parameters", overrides).items():
             e = self.p.find(reference, "parameter", hint=self.structural(reference))
             changed[e.path] = blocks[e.path]
