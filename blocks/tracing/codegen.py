@@ -6,6 +6,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from itertools import accumulate, chain, groupby
 
 import casadi as ca
+import numpy as np
 
 from trussflow.blocks.tracing.instructions import (
     TIME_NAME,
@@ -382,15 +383,10 @@ def _moved(
     Thousands of single statements would take the compiler minutes, and the run as long as the computation.
     """
     lines = []
-
-    def run(numbered: tuple[int, tuple[int, ...]]) -> tuple[int, ...]:
-        # Equal within a run of consecutive copies, as index and place grow together.
-        number, (target, to, argument, source) = numbered
-        return target, argument, to - number, source - number
-
-    for _, group in groupby(enumerate(sorted(moves)), run):
-        each = [move for _, move in group]
-        target, to, argument, source = each[0]
+    ordered = np.array(sorted(moves), dtype=int).reshape(-1, 4)
+    begin = np.flatnonzero(np.any(np.diff(ordered, axis=0) != [0, 1, 0, 1], axis=1)) + 1
+    for each in np.split(ordered, begin) if moves else ():
+        target, to, argument, source = each[0].tolist()
         lines.append(
             f"  for (int i = 0; i < {len(each)}; ++i) "
             f"{targets[target].format(f'{to} + i')} = {arguments[argument].format(f'{source} + i')};"

@@ -91,26 +91,27 @@ class Plan:
             for port in block.outputs()
         ]
 
-        def arrays(
-            names: Callable[[Block], Iterable[str]],
-        ) -> list[tuple[str, str, tuple[int, ...]]]:
-            return [
+        def layout(names: Callable[[Block], Iterable[str]], start: int = 0) -> Layout:
+            arrays = (
                 (path, name, block.state_shape(name))
                 for path, block in blocks.items()
                 for name in names(block)
-            ]
+            )
+            return Layout(arrays, start)
 
-        events = arrays(lambda block: block.declared(Event))
-        self.x = Layout(arrays(lambda b: b.states() if b.continuous else ()))
+        def events(block: Block) -> Iterable[str]:
+            return block.declared(Event)
+
+        self.x = layout(lambda b: b.states() if b.continuous else ())
         # Each part of d starts at the end of the part before.
-        self.modes = Layout(arrays(lambda block: block.declared(Mode)))
-        self.memory = Layout(
-            arrays(lambda b: () if b.continuous else b.states()), self.modes.span.stop
+        self.modes = layout(lambda b: b.declared(Mode))
+        self.memory = layout(
+            lambda b: () if b.continuous else b.states(), self.modes.span.stop
         )
         self.held = laid_out(held, self.memory.span.stop)
         # ``events.h`` depends on the order of the following parts.
-        self.sides = Layout(events, self.held.span.stop)
-        self.fired = Layout(events, self.sides.span.stop)
+        self.sides = layout(events, self.held.span.stop)
+        self.fired = layout(events, self.sides.span.stop)
         kinds = [
             KINDS[blocks[e.path].declared(Event)[e.name].kind]
             for e in self.sides
@@ -217,12 +218,10 @@ class Plan:
     def structural(self, reference: str) -> str:
         """Return a hint if the parameter that a user asked for is a structural attribute of a block."""
         path, _, name = reference.rpartition(".")
-        there = vars(self.system.blocks[path]) if path in self.system.blocks else {}
-        return (
-            f" ('{name}' is a structural attribute of '{path}': build another block)"
-            if name in there
-            else ""
-        )
+        block = self.system.blocks.get(path)
+        if block is None or name not in vars(block):
+            return ""
+        return f" ('{name}' is a structural attribute of '{path}': build another block)"
 
     def initial(
         self,
