@@ -206,27 +206,19 @@ def _eliminate(border: int, block: Array, beside: Array) -> tuple[Array, Array, 
     and :math:`C^T A^{-1} B`, which is subtracted from the border (Schur complement).
     """
     n, width = shape_of(beside)
-    matrix, right = _matrix(block, (n, n)), _matrix(beside, (n, width))
-    unscaled = ca.SX(n, 0)  # L D; elements above the diagonal are not used
-    lower, inverse, forward, scaled = (
-        list[ca.SX](),
+    both = ca.horzcat(_matrix(block, (n, n)), _matrix(beside, (n, width)))
+    rows, inverse, lower = (
+        ca.SX(0, n + width),
         ca.SX(1, 0),
-        ca.SX(0, width),
-        ca.SX(0, width),
-    )
+        list[ca.SX](),
+    )  # L^-1 [A, B]
     for i in range(n):
-        row = unscaled[i, :] * inverse
-        column = matrix[:, i] - unscaled @ row.T
-        solved = right[i, :] - row @ forward
-        unscaled, inverse = (
-            ca.horzcat(unscaled, column),
-            ca.horzcat(inverse, 1.0 / column[i]),
-        )
-        forward, scaled = (
-            ca.vertcat(forward, solved),
-            ca.vertcat(scaled, solved * inverse[i]),
-        )
-        lower.append(row.T)
+        factors = rows[:, i].T * inverse
+        rows = ca.vertcat(rows, both[i, :] - factors @ rows)
+        inverse = ca.horzcat(inverse, 1.0 / rows[i, i])
+        lower.append(factors.T)
+    forward = rows[:, n:]
+    scaled = ca.vertcat(*(forward[i, :] * inverse[i] for i in range(n)))
     update = forward[:, :border].T @ scaled
     update[:, :border] = _mirrored(update[:, :border].T)
     strict = ca.vertcat(*lower)
