@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from copy import copy
 from functools import partial
 from typing import Any
 
@@ -54,10 +53,3 @@ class LinearModel(control.StateSpace):  # type: ignore[misc] # python-control sh
             "name": self.name,
         }
         return partial(LinearModel, *matrices, **about), ()
-
-    def returned(self) -> LinearModel:
-        """Return this model with outputs of opposite sign: what goes around a broken loop."""
-        model = copy(self)
-        model.C, model.D = -self.C, -self.D
-        model.set_outputs([f"{n}_returned" for n in self.output_labels])
-        return model

@@ -102,7 +102,10 @@ def loop_transfer(
             )
         )
     linearizer = Linearizer(diagram, [port], [port], cut=[port, *listed(openings)])
-    model = linearizer.at(at).returned()
+    model = linearizer.at(at)
+    # Around a broken loop comes what was sent, times -L.
+    model.C, model.D = -model.C, -model.D
+    model.set_outputs([f"{name}_returned" for name in model.output_labels])
     if not _passes(model):
         warn(
             f"the loop gain at '{one.port.full_path}' is identically zero: at this operating point no signal "
