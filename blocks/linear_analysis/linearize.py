@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from itertools import compress
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -221,7 +222,7 @@ def _without_dead_states(
         alive = np.any(A != 0, axis=0) | np.any(C != 0, axis=0)
         if alive.all():
             return A, B, C, labels
-        labels = [label for label, keep in zip(labels, alive, strict=True) if keep]
+        labels = list(compress(labels, alive))
         A = A[np.ix_(alive, alive)]
         B = B[alive]
         C = C[:, alive]

@@ -59,6 +59,8 @@ class OpenedModel:
         The plan of the opened diagram, with its clocks and Python blocks.
     programs : dict of str to Program
         The traced quantities, keyed by name.
+    forward, written_out : callable
+        Derivatives of the quantity of a name: along given directions, and by all of (x, d).
     instants : Pattern or None
         Schedule of the sampled blocks; None without any.
     input_columns : array of int
@@ -284,8 +286,7 @@ class LocalJacobians:
                     found = own(kind, *here, dx, du)
                     slopes[:, k] = call.flat(kind, found, z)
             self.derivatives[call.path] = "its own"
-        by_states = np.zeros((states.size, x.size + d.size))
-        by_states[np.arange(states.size), states] = 1.0
+        by_states = np.eye(x.size + d.size)[states]
         return at_z, slopes @ np.vstack([by_states, by_inputs])
 
     @property

@@ -25,7 +25,10 @@ from trussflow.blocks.support.validation import (
 MOST_SAMPLES = 100_000_000
 """Largest number of samples; a larger one is an error [-]."""
 
-SAMPLING_METHODS = "random", "latin", "sobol", "halton"
+ENGINES = {"latin": "LatinHypercube", "sobol": "Sobol", "halton": "Halton"}
+"""Classes of `scipy.stats.qmc` by sampling method."""
+
+SAMPLING_METHODS = "random", *ENGINES
 """Sampling methods of uniform numbers, which distributions transform."""
 
 WHAT = "what varies"
@@ -205,10 +208,6 @@ def _uniform(count: int, size: int, seed: int, method: str) -> Vector:
     if method == "random":
         numbers = np.random.default_rng(seed).random((count, size))
     else:
-        engines = {
-            "latin": qmc.LatinHypercube,
-            "sobol": qmc.Sobol,
-            "halton": qmc.Halton,
-        }
-        numbers = engines[method](size, rng=np.random.default_rng(seed)).random(count)
+        engine = getattr(qmc, ENGINES[method])
+        numbers = engine(size, rng=np.random.default_rng(seed)).random(count)
     return np.clip(numbers, 2.0**-54, 1 - 2.0**-53)
