@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import chain
 from typing import Any
 
 import numpy as np
@@ -356,5 +357,5 @@ def _assembled(
         covariance(f"{what} of '{name}'", named[name], where.size)
         for name, where in found.items()
     ]
-    columns = np.concatenate([np.zeros(0, dtype=np.int64), *found.values()])
+    columns = np.fromiter(chain.from_iterable(found.values()), np.int64)
     return unit[:, columns], block_diag(np.zeros((0, 0)), *parts)

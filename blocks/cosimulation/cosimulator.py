@@ -6,6 +6,7 @@ import contextlib
 import json
 import time
 from collections.abc import Collection, Mapping, Sequence
+from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Required, TypedDict, Unpack
 
@@ -204,9 +205,8 @@ class CoSimulator(Described):
                 f'{loop_text(self.network)}solve it in every step with coupling="iterate", make one '
                 "member of the blocks in it, or break it with a state or a UnitDelay"
             )
-        self._logged = np.concatenate(
-            [np.zeros(0, dtype=np.int64), *(self.network.places(p) for p in logged)]
-        )
+        places = map(self.network.places, logged)
+        self._logged = np.fromiter(chain.from_iterable(places), np.int64)
 
     def _described(self) -> Description:
         facts = {

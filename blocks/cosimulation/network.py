@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from itertools import groupby, pairwise
+from itertools import chain, groupby, pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -37,11 +37,6 @@ class Inlet:
     port: Port
     drivers: tuple[Driver, ...]
     default: float = 0.0
-
-    @property
-    def size(self) -> int:
-        """Number of elements."""
-        return self.port.size
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -125,9 +120,9 @@ class Network:
         unknown = np.full(self._outputs.size, np.nan)
         self.start = np.concatenate([unknown, [0.0, *defaults]])
         parts = [self._places(inlet, i) for i, inlet in enumerate(inlets)]
-        self.gather = np.concatenate([np.zeros(0, dtype=np.int64), *parts])
+        self.gather = np.fromiter(chain.from_iterable(parts), np.int64)
         self.ins = spans(
-            sum(inlet.size for inlet in member.inlets) for member in members
+            sum(inlet.port.size for inlet in member.inlets) for member in members
         )
         unit_of = np.full(self.start.size, -1)
         held = np.zeros(self.start.size, dtype=bool)
@@ -156,7 +151,7 @@ class Network:
     def _places(self, inlet: Inlet, number: int) -> NDArray[np.int64]:
         """Return the indices of the elements of the input with that `number` in `signals`."""
         zero = self._outputs.size
-        found = np.full(inlet.size, zero if inlet.drivers else zero + 1 + number)
+        found = np.full(inlet.port.size, zero if inlet.drivers else zero + 1 + number)
         for driver in inlet.drivers:
             if driver.source is not None:
                 output = driver.source.block.path, driver.source.name

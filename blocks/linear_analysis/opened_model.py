@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from functools import cache, cached_property
+from itertools import chain
 from typing import Any
 
 import numpy as np
@@ -149,7 +150,7 @@ class OpenedModel:
         parts = [
             self.plan.place(path, "y").start + elements for path, elements in sources
         ]
-        return np.concatenate([np.zeros(0, dtype=np.int64), *parts])
+        return np.fromiter(chain.from_iterable(parts), np.int64)
 
 
 class LocalJacobians:
@@ -294,7 +295,7 @@ class LocalJacobians:
         """Indices of the outputs of continuous Python blocks in (x, d)."""
         calls = [call for call, _ in self.continuous]
         parts = [self.plan.x.size + np.r_[call.outputs] for call in calls]
-        return np.concatenate([np.zeros(0, dtype=np.int64), *parts])
+        return np.fromiter(chain.from_iterable(parts), np.int64)
 
     def python_outputs(self, x: Vector, d: Vector) -> Vector:
         """Return the derivatives of the outputs of continuous Python blocks by all else in (x, d).
@@ -416,4 +417,4 @@ def _rows(ports: Sequence[Port]) -> Indices:
     """Return which elements of the whole ports, one after the other, slices of them are."""
     places = zip(ports, spans(port.size for port in ports), strict=True)
     parts = [whole.start + port.elements().ravel() for port, whole in places]
-    return np.concatenate([np.zeros(0, dtype=np.int64), *parts])
+    return np.fromiter(chain.from_iterable(parts), np.int64)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import contextlib
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any, Unpack
 
 import numpy as np
@@ -210,7 +210,7 @@ def completed(
     with contextlib.closing(assembly.open(p)) as executor:
         x, d, _ = at.vectors(plan, executor.blocks.equations)
         if len(at.held) < len(plan.held.entries):
-            d = _settled(assembly, executor, at.time, x, d, p)
+            _settle_held(assembly, executor, at.time, x, d, p)
             at.hold(plan, d)
         if isinstance(executor, PythonExecutor):
             executor.refresh(at.time, x, d, p)
@@ -222,22 +222,16 @@ def completed(
             np.ravel(evaluation.value(port))[port.elements()], dtype=float
         )
 
-    point = OperatingPoint(
-        time=at.time,
-        parameters=at.parameters,
-        residual=at.residual,
-        outputs={name: value(port) for name, port in outputs.items()},
-        **as_named(plan, x, d),
-    )
-    return point, [value(port) for port in ports]
+    found: dict[str, Any] = as_named(plan, x, d)
+    found["outputs"] = {name: value(port) for name, port in outputs.items()}
+    return replace(at, **found), [value(port) for port in ports]
 
 
-def _settled(
+def _settle_held(
     assembly: Prepared, executor: Executor, t: float, x: Vector, d: Vector, p: Vector
-) -> Vector:
-    """Return d with held outputs computed, discrete states as they were."""
+) -> None:
+    """Compute the held outputs in d; discrete states stay as they are."""
     memory = d[assembly.plan.memory.span].copy()
-    d = d.copy()
 
     def sweep() -> Vector:
         for number, active in enumerate(assembly.schedule.sets):
@@ -252,7 +246,6 @@ def _settled(
     )
     # one may hold what the next one reads
     settle(sweep, len(assembly.plan.held.entries), fault)
-    return d
 
 
 def as_named(plan: Plan, x: Vector, d: Vector) -> dict[str, dict[str, Array]]:
