@@ -124,9 +124,8 @@ def warn_of_coarse_steps(run: Run) -> None:
     worst = int(sizes.argmax())
     rate = run.executor.call("derivative", run.time, run.x, run.d, run.p)[worst]
     if abs(rate) * float(step) > MAX_RELATIVE_CHANGE * size:
-        entry = run.prepared.plan.x.at(worst)
         warn(
-            f"{entry.describe(worst - entry.start)} ends at {run.x[worst]:.3g}, and would change by more "
+            f"{run.prepared.plan.x.describe(worst)} ends at {run.x[worst]:.3g}, and would change by more "
             f"than itself within one step of {float(step):g} s: steps are too long for these equations, and "
             "the result is no solution of them. Take a smaller step, or an adaptive or stiff solver"
         )

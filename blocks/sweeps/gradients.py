@@ -276,9 +276,8 @@ class DifferentiatedRun:
             if np.max(
                 np.abs(twice - 2.0 * once), initial=0.0
             ) > AFFINITY_TOLERANCE * np.max(np.abs(twice), initial=0.0):
-                e = self.values.at(k)
                 raise SimulationError(
-                    f"initial states are no affine function of {e.describe(k - e.start)}, so they cannot be "
+                    f"initial states are no affine function of {self.values.describe(k)}, so they cannot be "
                     "differentiated; vary the initial states instead"
                 )
             columns.append(once / step[k])

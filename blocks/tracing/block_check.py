@@ -338,10 +338,9 @@ def _compare(
             raise refusal(block, reason, error) from error
         if wrong.any():
             worst = int(np.argmax(wrong))
-            e = results.at(worst)
             raise refusal(
                 block,
-                f"traced and NumPy values of '{e.name}' differ: element {worst - e.start} is "
+                f"traced and NumPy values of {results.describe(worst)} differ: it is "
                 f"{values[worst]:.6g} traced, {expected[worst]:.6g} in NumPy",
             )
 

@@ -30,9 +30,9 @@ MAX_REPEATED_USES = 4
 """Largest number of uses of a value that loops compute again; other values are computed before the loops."""
 
 Leaf = tuple[int, int, float]
-"""Source of an operand: argument and index, `CONSTANT`, or `SHARED_VALUE` and an instruction; constant value."""
+"""Source of an operand: argument and index, `CONSTANT_VALUE`, or `SHARED_VALUE` and an instruction; constant value."""
 
-CONSTANT = -1
+CONSTANT_VALUE = -1
 """First number of an operand that is a constant."""
 
 SHARED_VALUE = -2
@@ -154,7 +154,7 @@ def _expanded(
         if one.operation == ca.OP_INPUT:
             source, index = one.place
         elif one.operation == ca.OP_CONST:
-            source, index = CONSTANT, 0
+            source, index = CONSTANT_VALUE, 0
         leaves.append((source, index, one.constant))
         return -len(leaves)
 
@@ -223,7 +223,7 @@ def _loop(
     for s, (source, index, _) in enumerate(each[0].leaves):
         if source == SHARED_VALUE:
             names.append(known[index])
-        elif source == CONSTANT:
+        elif source == CONSTANT_VALUE:
             constants = [number(element.leaves[s][2]) for element in each]
             if len({*constants}) > 1:
                 tables.append(

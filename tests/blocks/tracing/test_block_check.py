@@ -131,7 +131,7 @@ def test_ordinary_equations_are_accepted(equation):
 
 def test_values_that_differ_are_told():
     with pytest.raises(
-        TracingError, match=r"values of 'y' differ: element 0 is 1 traced, 2 in NumPy"
+        TracingError, match=r"values of .y. differ: it is 1 traced, 2 in NumPy"
     ):
         isolate(
             block_of(lambda u: np.ones(3) * (2.0 if isinstance(u, np.ndarray) else 1.0))
