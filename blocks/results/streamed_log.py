@@ -17,7 +17,7 @@ from contextlib import ExitStack, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from trussflow.blocks.errors import SimulationError, SimulationInterrupted
+from trussflow.blocks.errors import Explained, SimulationError, SimulationInterrupted
 from trussflow.blocks.results.channels import Channel
 from trussflow.blocks.results.dataset import (
     WRITE_ERRORS,
@@ -27,8 +27,8 @@ from trussflow.blocks.results.dataset import (
 )
 from trussflow.blocks.results.log import Log
 from trussflow.blocks.results.pieces import locked_folder, pieces_of, read_piece
-from trussflow.blocks.results.state_file import read_state, write_state
-from trussflow.blocks.support.files import destination, replaced
+from trussflow.blocks.results.state_file import Snapshot, read_state, write_state
+from trussflow.blocks.support.files import destination, refuse_foreign, replaced
 from trussflow.blocks.support.interrupts import uninterrupted
 
 if TYPE_CHECKING:
@@ -80,7 +80,7 @@ class StreamedLog(Log):
         self.path, self._folder = Path(path), _folder(path)
         try:
             destination(path)
-            self._folder.mkdir(exist_ok=True)
+            self._folder.mkdir(0o755, exist_ok=True)
             self._lock = locked_folder(self._folder, "run")
             self._saved = self._folder / "checkpoint"
             with ExitStack() as unlocked:
@@ -95,8 +95,19 @@ class StreamedLog(Log):
         """Go on from a checkpoint, if that is wanted and there is one; delete what was written after it."""
         pieces = 0
         if resumes is not None and self._saved.exists():
-            state = read_state(self._saved, resumes)
-            self._first, pieces, self._fault, self.resumed = state
+            with Explained(
+                lambda e: SimulationError(
+                    f"cannot go on from the folder '{self._folder}': {e}"
+                )
+            ):
+                refuse_foreign(self._folder.resolve())
+            match read_state(self._saved, resumes):
+                case (int(), int(pieces), str(), Snapshot()) as found:
+                    self._first, _, self._fault, self.resumed = found
+                case _:
+                    raise SimulationError(
+                        f"cannot go on from '{self._saved}': it is no checkpoint"
+                    )
         else:
             self._saved.unlink(missing_ok=True)
             self.finished = resumes is not None and self._is_result()

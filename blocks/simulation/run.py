@@ -215,6 +215,31 @@ class Run:
         self.go_to(snapshot.now)
         self.sampled = self.k if snapshot.sampled else None
 
+    def check(self, found: Snapshot) -> None:
+        """Raise `SimulationError` if a field of a snapshot `found` in a file cannot be of this run."""
+        plan = self.prepared.plan
+        kept = self.executor.blocks.kept()
+        # from there on floats do not tell ticks apart
+        latest = 2**53 * self.prepared.tick
+        fits = {}
+        for name in "xdp":
+            own, value = getattr(self, name), getattr(found, name)
+            alike = isinstance(value, np.ndarray) and value.dtype == own.dtype
+            alike = alike and value.shape == own.shape
+            fits[name] = alike and not np.isnan(value).any()
+        times = found.origin, found.now
+        are_times = all(isinstance(time, Fraction) for time in times)
+        fits["origin, now"] = are_times and -latest < found.origin <= found.now < latest
+        fits["hidden"] = isinstance(found.hidden, dict)
+        fits["hidden"] = fits["hidden"] and found.hidden.keys() == kept.keys()
+        fits["sampled"] = isinstance(found.sampled, bool)
+        if wrong := [name for name, fit in fits.items() if not fit]:
+            raise SimulationError(
+                f"cannot restore '{plan.name}': {', '.join(wrong)} of the snapshot cannot be of this "
+                "diagram: the file was changed"
+            )
+        plan.parameters(plan.p.named(found.p))
+
     def sample(self) -> None:
         """Let what is sampled at the present time compute now; `advance` does not do it again."""
         self._instant(self.due(), self.time)
@@ -281,6 +306,7 @@ class Run:
 
     def _resume(self, checkpoint: Snapshot) -> None:
         """Go to a checkpoint of the same run."""
+        self.check(checkpoint)
         if checkpoint.now > self.end:
             raise SimulationError(
                 f"cannot resume '{self.prepared.plan.name}' to end at t = {written(self.end)} s: its "

@@ -411,6 +411,7 @@ class Session(Described):
             must be of the same diagram, solver, backend and version, too.
         """
         run = self._running()
+        is_file = isinstance(snapshot, str | Path)
         if isinstance(snapshot, str | Path):
             snapshot = read_state(snapshot, self.prepared.identity)
         if (
@@ -421,6 +422,8 @@ class Session(Described):
                 f"cannot restore '{self.prepared.plan.name}': the snapshot is of a diagram with other "
                 "blocks, states, inputs or parameters, or it is none; give what save() returned"
             )
+        if is_file:
+            run.check(snapshot)
         try:
             run.restore(snapshot)
         except BaseException as error:  # some blocks have gone back, others have not

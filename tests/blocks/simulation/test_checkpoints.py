@@ -1,8 +1,11 @@
 """A saved state goes on bit for bit: in another session, another process, and after a kill at any instant."""
 
+import json
 import os
 import subprocess
 import sys
+from dataclasses import replace
+from fractions import Fraction
 from functools import cache
 from itertools import count
 from pathlib import Path
@@ -29,11 +32,13 @@ from trussflow.blocks import (
 from trussflow.blocks.errors import (
     BlockError,
     DivergenceError,
+    ParameterError,
     SimulationError,
     TimeLimitError,
 )
 from trussflow.blocks.framework.run_state import Running
 from trussflow.blocks.results import log, streamed_log
+from trussflow.blocks.results.state_file import write_state
 
 SOLVERS = "rk4", "RK45", "LSODA"
 STEP, LENGTH, EVERY = 0.01, 2.0, 0.25
@@ -209,6 +214,30 @@ def test_files_of_something_else_are_refused_by_name(tmp_path):
             running.restore(file)
         assert "\n" not in str(refused.value)
         assert watched(running, running.time) == before
+    good = running.save()
+    for name, value in (
+        *(("now", value) for value in (1.0, Fraction(-1, 3), Fraction(10**400))),
+        *(("origin", value) for value in (None, Fraction(10**30), Fraction(-(10**30)))),
+        *((name, value) for name in "xdp" for value in (0.5, np.zeros(99))),
+        *(
+            (name, getattr(good, name) * scale)
+            for name in "xp"
+            for scale in (1j, np.nan)
+        ),
+        ("hidden", {}),
+        ("sampled", 1),
+    ):
+        write_state(file, replace(good, **{name: value}), running.prepared.identity)
+        with pytest.raises(
+            SimulationError, match=rf"cannot restore .*\b{name}\b.* of the snapshot"
+        ):
+            running.restore(file)
+        assert watched(running, running.time) == before
+    write_state(file, replace(good, p=-good.p), running.prepared.identity)
+    with pytest.raises(
+        ParameterError, match=r"parameter 'standard_deviation' of .* must be at least 0"
+    ):
+        running.restore(file)
     with pytest.raises(
         SimulationError, match=r"cannot go on from '.*none': .*No such file"
     ):
@@ -422,6 +451,20 @@ def test_other_runs_are_not_resumed(stop, tmp_path):
     ):
         checkpointed(running, path, 0.01)
     folder = tmp_path / "run.nc.partial"
+    folder.chmod(0o777)
+    with pytest.raises(
+        SimulationError, match=r"from the folder '.*partial': it is another user's"
+    ):
+        checkpointed(running, path)
+    folder.chmod(0o755)
+    state = folder / "checkpoint"
+    content = state.read_bytes()
+    write_state(state, (0, 1), json.loads(content.partition(b"\n")[0])["of"])
+    with pytest.raises(
+        SimulationError, match=r"cannot go on from '.*checkpoint': it is no checkpoint"
+    ):
+        checkpointed(running, path)
+    state.write_bytes(content)
     min(folder.glob("0*.nc")).unlink()
     with pytest.raises(
         SimulationError,
