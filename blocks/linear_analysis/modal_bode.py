@@ -66,12 +66,16 @@ def modal_bode(
     Raises
     ------
     LinearAnalysisError
-        If no loop passes through the port, or the given loop has another number of channels.
+        If the port is an output, no loop passes through it, or the given loop has another number of channels.
     """
     import matplotlib.pyplot as plt  # takes a while to import
 
-    loop = loop_transfer(diagram, port) if loop is None else loop
     opened = named(flatten(diagram, external=True), port).port
+    if not opened.is_input:
+        raise LinearAnalysisError(
+            f"'{opened.full_path}' is an output; name the input with the modal forces"
+        )
+    loop = loop_transfer(diagram, port) if loop is None else loop
     plant = linearize(opened.block, [opened], [opened])
     if loop.ninputs != plant.ninputs:
         raise LinearAnalysisError(

@@ -115,6 +115,9 @@ class Prepared:
             [t for c in clocks for t in (c.period, c.offset)] or [Fraction(1)]
         )
         self.tick_seconds = float(self.tick)
+        for path, block in plan.system.blocks.items():
+            if clock := plan.system.clock(block):
+                ticks(clock.period, self.tick, f"the sample time of block '{path}'")
         self.schedule = Schedule(clocks, self.tick)
         self.has_clocks = bool(clocks)
         for active in self.schedule.sets:

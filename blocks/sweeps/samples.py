@@ -173,6 +173,11 @@ class Runs:
             self.recipe.model,
         )
         if not isinstance(model, Diagram | System | Simulator):
+            if not callable(model):
+                raise SimulationError(
+                    f"cannot sweep a {type(model).__name__}: give a diagram, a Simulator, or a function that "
+                    "returns a diagram"
+                )
             try:
                 inspect.signature(model).bind(**dict.fromkeys(arguments))
             except TypeError as error:

@@ -179,6 +179,11 @@ def _draws(random: Vary, count: int, seed: int, method: str) -> dict[Any, NDArra
     numbers, found = _uniform(count, places[-1].stop, seed, method), {}
     each = zip(random.items(), sizes, places, strict=True)
     for (names, distribution), size, place in each:
+        if isinstance(distribution, stats.rv_continuous | stats.rv_discrete):
+            raise SimulationError(
+                f"the distribution of {_quoted(names)} has no parameters; give them, as in "
+                f"stats.{distribution.name}(...)"
+            )
         own = numbers[:, place]
         inverse = getattr(distribution, "icdf", getattr(distribution, "ppf", None))
         if not size and inverse is not None:

@@ -272,7 +272,7 @@ class TrussModes:
         ModelError
             If the truss has fewer modes.
         """
-        if not 0 <= modes <= self.modes:
+        if modes not in range(self.modes + 1):
             raise ModelError(
                 f"cannot keep {modes} modes of {self.modes}; choose 0 to {self.modes}"
             )

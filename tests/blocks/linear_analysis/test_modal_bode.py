@@ -88,6 +88,8 @@ def test_a_given_loop_is_used_and_no_multi_loop_margin_is_searched():
         match=r"has 2 channels, but 'plant.u\[1:2\]' has 1 elements",
     ):
         modal_bode(diagram, "plant.u[1:2]", loop=given)
+    with pytest.raises(LinearAnalysisError, match=r"'plant\.y' is an output; name"):
+        modal_bode(diagram, "plant.y")
     decibels = figure.axes[0].lines[0].get_ydata()
     np.testing.assert_allclose(
         decibels, 20.0 * np.log10(abs(given(1j * OMEGA)[0, 0])), rtol=1e-9, atol=1e-9

@@ -103,7 +103,7 @@ def test_times_and_tolerances_are_positive_numbers(name, value):
         (
             counter(0.15),
             {},
-            r"the sample time of 0\.15 s is not a whole number of steps of 0\.1 s",
+            r"the sample time of block '\w+' of 0\.15 s is not a whole number of steps of 0\.1 s",
         ),
     ],
 )

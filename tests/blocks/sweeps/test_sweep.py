@@ -231,6 +231,10 @@ WRONG_SETTINGS = {
     "'back.gain' cannot vary over": {"vary": {"back.gain": [[1.0], [2.0, 3.0]]}},
     "needs samples=": {"vary": {"back.gain": stats.norm()}},
     "takes no samples": {"samples": 3},
+    r"of 'back.gain' has no parameters; give them, as in stats\.norm\(": {
+        "vary": {"back.gain": stats.norm},
+        "samples": 3,
+    },
     "the distribution of 'back.gain' gives": {
         "vary": {"back.gain": stats.norm(1.0, 1e-300)},
         "samples": 3,
@@ -249,6 +253,11 @@ WRONG_SETTINGS = {
     },
     "executor": {"executor": "cluster"},
 }
+
+
+def test_what_is_no_model_is_refused():
+    with pytest.raises(SimulationError, match="cannot sweep a dict: give a diagram"):
+        sweep({}, 1.0, vary={"x": [1.0]})
 
 
 @pytest.mark.parametrize("message", WRONG_SETTINGS)

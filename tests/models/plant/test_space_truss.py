@@ -82,6 +82,7 @@ def test_units_follow_the_coordinates():
     [
         ({"arm": "kuka"}, r"no arm 'kuka'; choose from: literal, jaco"),
         ({"modes": 7}, r"cannot keep 7 modes of 6"),
+        ({"modes": 2.5}, r"cannot keep 2\.5 modes of 6"),
     ],
 )
 def test_errors(choice, message):
