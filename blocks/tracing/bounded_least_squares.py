@@ -211,7 +211,8 @@ class _Solution(NumPyFunction):
 
     def __init__(self, m: int, n: int) -> None:
         super().__init__("bounded_least_squares", m * n + m * m + m + 4 * n, n + 2 * m)
-        self._sizes, self._slopes = (m, n), cache(partial(_Slopes, m, n))
+        self._sizes = m, n
+        self._slopes = cache(partial(_Slopes, m, n, *self._shape))
 
     def value(self, argument: Vector) -> Vector:
         return _value(*self._sizes, argument)
@@ -229,9 +230,11 @@ class _Solution(NumPyFunction):
 class _Slopes(ca.Callback):
     """Callback of CasADi for the derivatives along a number of directions."""
 
-    def __init__(self, m: int, n: int, count: int) -> None:
+    def __init__(
+        self, m: int, n: int, arguments: int, results: int, count: int
+    ) -> None:
         super().__init__()
-        self._sizes, arguments, results = (m, n), m * n + m * m + m + 4 * n, n + 2 * m
+        self._sizes = m, n
         self._shapes = (arguments, 1), (results, 1), (arguments, count)
         # CasADi caches derivatives by name, so the name must contain the number of directions.
         self.construct(f"bounded_least_squares_slope_{count}", {})

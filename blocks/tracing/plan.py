@@ -112,12 +112,14 @@ class Plan:
         # ``events.h`` depends on the order of the following parts.
         self.sides = layout(events, self.held.span.stop)
         self.fired = layout(events, self.sides.span.stop)
-        kinds = [
-            KINDS[blocks[e.path].declared(Event)[e.name].kind]
-            for e in self.sides
-            for _ in range(e.start, e.stop)
-        ]
-        self.kinds = np.array(kinds, dtype=np.int8)
+        self.kinds = np.array(
+            [
+                KINDS[blocks[e.path].declared(Event)[e.name].kind]
+                for e in self.sides
+                for _ in range(e.start, e.stop)
+            ],
+            dtype=np.int8,
+        )
         self.has_events = any(block.has_events for block in blocks.values())
         self.p = Layout(
             (path, name, value.shape)
