@@ -98,8 +98,9 @@ def set_from_inputs(
         for path in order:
             if path in stating:
                 values = ask(path, "initial_state")
-                names = values if isinstance(values, dict) else [values]
-                wrong = [name for name in names if name not in stored[path]]
+                wrong = [values]
+                if isinstance(values, dict):
+                    wrong = [name for name in values if name not in stored[path]]
                 if wrong:
                     raise NameLookupError(
                         f"initial_state() of block '{path}' returned {shown(wrong[0])}; its states are: "
