@@ -100,7 +100,7 @@ FAULTS = (
           "outside(z, -20.0, 20.0)", "outside(z, -700.0, 700.0)"),
     Fault("blocks/tracing/plan.py", "tests/blocks/test_planted_gaps.py",
           "a refused parameter stays changed",
-          "else present.copy()", "else present"),
+          "flat = present.copy()", "flat = present"),
     Fault("blocks/simulation/run.py", "tests/blocks/test_planted_gaps.py",
           "rows are logged at the wrong steps of later windows",
           "logged[-base % every :: every]", "logged[base % every :: every]"),
