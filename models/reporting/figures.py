@@ -1,9 +1,9 @@
-"""Figures of curves in panels and of coloured cells, in one style for colour-blind readers."""
+"""Figures of curves in panels, in one style for colour-blind readers."""
 
 from __future__ import annotations
 
 import io
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -15,16 +15,12 @@ from trussflow.blocks.support.files import replaced
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
-    from matplotlib.image import AxesImage
 
     from trussflow.blocks.support.types import Vector
 
 # Okabe and Ito (2008): distinguishable for colour-blind readers
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
 STYLES = ("-", "--", "-.", ":", (0, (5, 1)), (0, (1, 1)), "-")
-
-DIVERGING = "PuOr_r"
-"""Colour map of quantities whose sign matters; safe for colour-blind readers."""
 
 WIDTH, ROW_HEIGHT = 8.0, 2.5  # inch
 DOTS_PER_INCH = 110
@@ -164,49 +160,6 @@ def _draw(panel: Panel, plot: Axes) -> None:
                 "columnspacing": 1.0,
             }
         plot.legend(fontsize="small", frameon=False, **place)
-
-
-def draw_cells(
-    plot: Axes,
-    values: Vector,
-    text: Callable[[float], str],
-    strong: Callable[[float], bool],
-    columns: Sequence[str],
-    rows: Sequence[str],
-    **look: Any,
-) -> AxesImage:
-    """Draw numbers as coloured cells with their text, and return the image.
-
-    Parameters
-    ----------
-    plot : Axes
-        Axes of the cells.
-    values : Vector, shape (rows, columns)
-        The first row is drawn lowest [any].
-    text : callable
-        Function that returns the text of a value.
-    strong : callable
-        Function that returns whether a value has a dark colour, which needs white text.
-    columns, rows : sequence of str
-        Labels of the axes.
-    **look
-        As for ``Axes.imshow``.
-    """
-    image = plot.imshow(values, cmap=DIVERGING, aspect="auto", origin="lower", **look)
-    for (row, column), value in np.ndenumerate(values):
-        plot.text(
-            column,
-            row,
-            text(value),
-            ha="center",
-            va="center",
-            fontsize="x-small",
-            color="white" if strong(value) else "black",
-            weight="bold" if value > 0 else "normal",
-        )
-    plot.set_xticks(range(len(columns)), columns)
-    plot.set_yticks(range(len(rows)), rows)
-    return image
 
 
 def save(figure: Figure, file: Path, *, small: bool = False) -> None:

@@ -14,9 +14,9 @@ import xarray as xr
 from study_tools.evidence import fingerprint, projection
 
 from flight.failures import failure_metrics, failure_parameters
-from flight.loops import PAPER_LAWS, flight_simulator, paper_simulator
+from flight.loops import PAPER_LAWS, flight_simulator, law_simulator
 from flight.metrics import run_metrics, tracking
-from flight.samples import NOMINAL_SEED, noise_parameters, sample_parameters
+from flight.samples import NOMINAL_SEED, run_parameters
 from trussflow.blocks.simulation.simulator import Simulator
 from trussflow.blocks.sweeps.sweep import sweep
 from trussflow.models.plant.tunable_truss import TunableTruss
@@ -145,12 +145,8 @@ def all_campaigns(count: int) -> list[Campaign]:
     """Return all campaigns of the report, with `count` Monte Carlo samples of each case."""
     plant = TunableTruss.accurate()
     robots, joints = plant.robots, plant.joints
-
-    def sample(seed: int) -> dict[str, Any]:
-        return sample_parameters(plant, seed) | noise_parameters(seed)
-
     seeds = range(FIRST_SEED, FIRST_SEED + count)
-    samples = [sample(seed) for seed in seeds]
+    samples = [run_parameters(plant, seed) for seed in seeds]
     found = [
         Campaign(
             section=SAMPLES,
@@ -197,7 +193,9 @@ def all_campaigns(count: int) -> list[Campaign]:
                 section=OFF_NOMINAL,
                 name=name,
                 options={"brakes": False, **arms},
-                rows=[health | sample(seed) for seed in NOMINAL_AND_SAMPLES],
+                rows=[
+                    health | run_parameters(plant, seed) for seed in NOMINAL_AND_SAMPLES
+                ],
                 labels=NOMINAL_AND_SAMPLES,
             )
         )
@@ -217,7 +215,7 @@ def all_campaigns(count: int) -> list[Campaign]:
                 section=PROPELLANT,
                 name=f"case {case}, {word} management",
                 options={"case": case},
-                rows=[sample(NOMINAL_SEED) | start | values],
+                rows=[run_parameters(plant, NOMINAL_SEED) | start | values],
                 labels=[NOMINAL_SEED],
                 keep=consumption,
                 duration=LONG_DURATION,
@@ -226,7 +224,8 @@ def all_campaigns(count: int) -> list[Campaign]:
     paper = Campaign(
         section=EXACT,
         name="exact loops",
-        loop=paper_simulator,
+        loop=law_simulator,
+        options={"of_paper": True},
         rows=[{"law": law} for law in PAPER_LAWS],
         labels=list(PAPER_LAWS),
         keep=exact_metrics,

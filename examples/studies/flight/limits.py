@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
+from study_tools.data_files import data_beside
 
 from flight.loops import LAWS, simulator_of
 from flight.metrics import successful, tracking
@@ -51,14 +52,8 @@ class Imperfection(NamedTuple):
 
 
 IMPERFECTIONS = {
-    "hold": Imperfection("sample time of commands", "s", 0.0, 0.2),
-    "delay": Imperfection("further delay", "s", 0.0, 0.1),
-    "noise": Imperfection("noise of pose, joints, rates", "m, rad, 1/s", 1e-7, 1e-2),
-    "quantum": Imperfection("thrust quantum", "N", 1e-3, 4.0),
-    "thrust": Imperfection("thrust limit", "N", 10.0, 1.0),
-    "torque": Imperfection("limit of all torques", "N*m", 10.0, 1e-3),
-    "mass": Imperfection("truss mass above nominal", "%", 1.0, 100.0),
-    "payload": Imperfection("unknown payload at the tip", "kg", 1.0, 300.0),
+    name: Imperfection(**values)
+    for name, values in data_beside(__file__, "limits.toml").items()
 }
 """Imperfections by name: those of `TRUSSES`, and arguments of `Law.hardware`."""
 

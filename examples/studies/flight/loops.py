@@ -135,18 +135,28 @@ def simulator_of(
 
 
 def law_simulator(
-    law: str, *, reference_hardware: bool = False, backend: str = "auto"
+    law: str,
+    *,
+    of_paper: bool = False,
+    reference_hardware: bool = False,
+    backend: str = "auto",
 ) -> Simulator:
-    """Return the loop of Case 1 of one of `LAWS`, with exact or with the reference hardware."""
-    chosen = LAWS[law]
+    """Return the loop of Case 1 of a control law.
+
+    Parameters
+    ----------
+    law : str
+        Name in `LAWS`.
+    of_paper : bool
+        Whether the law is that of `PAPER_LAWS`.
+    reference_hardware : bool
+        Whether to use the reference hardware instead of exact hardware.
+    backend : str
+        As for `Simulator`.
+    """
+    chosen = (PAPER_LAWS if of_paper else LAWS)[law]
     hardware = reference_hardware_of(1) if reference_hardware else chosen.hardware()
     return simulator_of(chosen, chosen.truss(), hardware, backend=backend)
-
-
-def paper_simulator(law: str, *, backend: str = "auto") -> Simulator:
-    """Return the loop of Case 1 of one of `PAPER_LAWS`, with exact hardware."""
-    chosen = PAPER_LAWS[law]
-    return simulator_of(chosen, chosen.truss(), chosen.hardware(), backend=backend)
 
 
 def flight_simulator(

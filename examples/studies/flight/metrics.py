@@ -8,8 +8,10 @@ from typing import Any, SupportsFloat
 import numpy as np
 import numpy.typing as npt
 import xarray as xr
+from study_tools.data_files import data_beside
 from study_tools.ledger import Ledger, Note
 
+from trussflow.blocks.framework.units import readable
 from trussflow.models.reporting.metrics import (
     largest_component,
     largest_norm,
@@ -18,56 +20,24 @@ from trussflow.models.reporting.metrics import (
 )
 from trussflow.models.reporting.tables import markdown_table
 
-METRICS = {
-    "isolated after": ("s", ""),
-    "position": ("m", "norm"),
-    "attitude": ("rad", "component"),
-    "joints": ("rad", "component"),
-    "force": ("N", "component"),
-    "base torque": ("N*m", "component"),
-    "joint torque": ("N*m", "component"),
-    "late position": ("m", "norm"),
-    "late attitude": ("rad", "component"),
-    "late joints": ("rad", "component"),
-    "late grasp 4": ("m", "norm"),
-    "late force": ("N", "component"),
-    "propellant": ("kg", ""),
-    "evidence": ("1", ""),
-    "alarms": ("1", ""),
-    "false alarms": ("1", ""),
-    "grasp 4": ("m", "norm"),
-    "late vibration of grasp 4": ("m", "norm"),
-    **{f"propellant of base {i}": ("kg", "") for i in (1, 2, 3, 4)},
-    **{f"final momentum {axis}": ("N*m*s", "") for axis in "xyz"},
-}
-"""Units of all metrics, and whether they are the largest norm or the largest component of a vector."""
+METRICS = data_beside(__file__, "metrics.toml")
+"""Metrics by name: ``unit``; ``kind``, largest norm or component of a vector; ``goal``, upper bound [unit]."""
 
-GOALS = {
-    "position": 3e-3,
-    "attitude": 3e-3,
-    "late position": 70e-6,
-    "late joints": 20e-3,
-    "late grasp 4": 35e-6,
-    "late force": 0.2,
-    "alarms": 1.0,
+GOALS: dict[str, float] = {
+    name: metric["goal"] for name, metric in METRICS.items() if "goal" in metric
 }
-"""Upper bounds of the metrics [unit of the metric]; torques must also be below their limits."""
 
 MAX_POSITION, MAX_JOINTS, MAX_LATE_POSITION = 0.05, 0.2, 5e-3
 """A run fails if its position [m] or joint error [rad] exceeds these, or its late position error does [m]."""
 
-DISPLAY_UNITS = {
-    "": ("", 1.0),
-    "m": ("mm", 1e3),
-    "rad": ("mrad", 1e3),
-    "N": ("N", 1.0),
-    "N*m": ("N·m", 1.0),
-    "N*m*s": ("N·m·s", 1.0),
-    "s": ("s", 1.0),
-    "kg": ("g", 1e3),
-    "1": ("1", 1.0),
-}
-"""Units in the tables, with their factors."""
+SCALED_UNITS = {"m": ("mm", 1e3), "rad": ("mrad", 1e3), "kg": ("g", 1e3)}
+"""Smaller units in the tables, with their factors."""
+
+
+def display_unit(name: str) -> tuple[str, float]:
+    """Return unit and factor in tables of a metric, or of a statistic of it after a comma; or no unit."""
+    unit = METRICS.get(name.partition(", ")[0], {"unit": ""})["unit"]
+    return SCALED_UNITS.get(unit, (readable(unit), 1.0))
 
 
 def tracking(
@@ -83,7 +53,7 @@ def tracking(
     found = tracking_metrics(run["time"].values, parts)
     return {
         name: found[
-            f"{'' if name.startswith('late') else 'peak '}{name} ({METRICS[name][1]})"
+            f"{'' if name.startswith('late') else 'peak '}{name} ({METRICS[name]['kind']})"
         ]
         for name in (*parts, *(f"late {part}" for part in parts))
     }
@@ -130,10 +100,10 @@ def heading(name: str) -> str:
     Other names are their own heads.
     """
     metric, _, statistic = name.partition(", ")
-    unit, kind = METRICS.get(metric, ("", ""))
+    kind, (display, _) = METRICS.get(metric, {}).get("kind"), display_unit(metric)
     head = f"{metric} ({kind})" if kind else metric
-    if unit:
-        head += f" [{DISPLAY_UNITS[unit][0]}]"
+    if display:
+        head += f" [{display}]"
     return f"{head}: {statistic}" if statistic else head
 
 
@@ -141,7 +111,7 @@ def displayed(note: Note, name: str, value: SupportsFloat) -> str:
     """Record a value [as in `METRICS`], and return it in the unit of its `heading`."""
     if isinstance(value, int):
         return note(name, value)
-    display, factor = DISPLAY_UNITS[METRICS.get(name.partition(", ")[0], ("", ""))[0]]
+    display, factor = display_unit(name)
     return note(name, factor * float(value), display, show_unit=False)
 
 

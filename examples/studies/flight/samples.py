@@ -102,6 +102,11 @@ def noise_parameters(seed: int) -> dict[str, int]:
     }
 
 
+def run_parameters(plant: TunableTruss, seed: int) -> dict[str, Any]:
+    """Return `sample_parameters` and `noise_parameters` of a seed."""
+    return sample_parameters(plant, seed) | noise_parameters(seed)
+
+
 def tip(truss: TrussModes) -> Vector:
     """Return the point of a truss that is farthest from the origin of its frame [m]."""
     return np.asarray(

@@ -22,9 +22,9 @@ from flight.limits import IMPERFECTIONS
 from flight.loops import LAWS, PAPER_LAWS, reference_hardware_of
 from flight.margins import BUCKLING_RATE, VARIATIONS, max_gain_ratio
 from flight.metrics import (
-    DISPLAY_UNITS,
     GOALS,
     METRICS,
+    display_unit,
     displayed,
     heading,
     successful,
@@ -91,7 +91,7 @@ def samples_section(found: Results, ledger: Ledger, folder: Path) -> str:
         )
         header += [f"{case.title()}: median", "worst", "goal: below", "missed by"]
     for name in metrics_of(data):
-        display, factor = DISPLAY_UNITS[METRICS[name][0]]
+        display, factor = display_unit(name)
         cells, curves = [heading(name)], []
         for case, data in found.items():
             values, note = data[name].values, ledger.of(case)

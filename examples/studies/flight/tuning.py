@@ -17,7 +17,7 @@ from flight.loops import flight_simulator
 from flight.margins import loop_session, loops_along, min_disk
 from flight.metrics import GOALS, median_and_worst, run_metrics, table
 from flight.sampled_loop import spectral_radius
-from flight.samples import noise_parameters, sample_parameters
+from flight.samples import run_parameters
 from trussflow.blocks.support.types import Vector
 from trussflow.blocks.sweeps.tuning import Tuned, tune
 from trussflow.models.mean_axes.design import MeanAxesDesign
@@ -108,9 +108,6 @@ def tuned_designs(
     plant = TunableTruss.accurate()
     free = FreeModes.of(plant.dynamics, MeanAxesDesign.shipped().estimated_modes)
 
-    def parameters(seed: int) -> dict[str, Any]:
-        return sample_parameters(plant, seed) | noise_parameters(seed)
-
     def becoming(**values: Any) -> dict[str, Vector]:
         design = design_of(values)
         return {
@@ -133,7 +130,7 @@ def tuned_designs(
         becoming=becoming,
         limits={"share": (lambda run: relative_metrics(run_metrics(run)), 1.0)},
         requirements={"disk": (lambda values: -disk(values), -MIN_DISK)},
-        samples=[parameters(seed) for seed in seeds],
+        samples=[run_parameters(plant, seed) for seed in seeds],
         derivatives=False,
         iterations=trials,
         path=folder and folder / "tuning",
@@ -149,7 +146,7 @@ def tuned_designs(
         campaign = Campaign(
             section="Tuning",
             name=f"{name} design",
-            rows=[becoming(**values) | parameters(seed) for seed in others],
+            rows=[becoming(**values) | run_parameters(plant, seed) for seed in others],
             labels=others,
             duration=duration,
         )

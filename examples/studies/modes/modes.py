@@ -16,18 +16,18 @@ from typing import Any
 import pandas as pd
 from spillover import rightmost_poles, truss_with
 from study_tools.stability import draw_growth, stable_damping
-from truss_loop import GROUPS, ROBOTS, TrussLoop
+from truss_loop import GROUPS, TrussLoop
 
 from trussflow.blocks import modal_bode, modal_table
 from trussflow.blocks.linear_analysis.loop_transfer import LoopMargins
 from trussflow.blocks.linear_analysis.margins import Margins
-from trussflow.models import RobotArm, SpaceTruss, TrussDynamics, TrussModes
+from trussflow.models import RobotArm, SpaceTruss, TrussModes
 from trussflow.models.dynamics.locked_joints import locked_frequencies, locked_inertia
 from trussflow.models.reporting.figures import blank
 from trussflow.models.reporting.tables import text_table
 from trussflow.models.truss.natural_frequencies import natural_frequencies
 from trussflow.models.truss.paper_truss import CLAMPED_FACE, paper_structure
-from trussflow.models.truss.reduction import nearest, reduced_modes
+from trussflow.models.truss.reduction import nearest
 
 MODAL_DAMPING = 0.1
 """Damping ratio with which the truss of six modes is stable under Eq. 64 [-]."""
@@ -103,12 +103,7 @@ class Study:
         exact = natural_frequencies(structure, 6, bodies, **held)
         rows = [["finite elements [Hz]", *(f"{f:.4f}" for f in exact)]]
         for number, shapes in product((6, 14, 40), (False, True)):
-            modes = reduced_modes(
-                structure, number, list(grasps), clamped=face, attachments=shapes
-            )
-            dynamics = TrussDynamics(
-                modes=modes, arms=(arm,) * ROBOTS, elastic_integrals=True
-            )
+            dynamics = truss_with(number, attachments=shapes).dynamics
             errors = locked_frequencies(dynamics, clamped=clamped)[:6] / exact - 1
             name = f"{number} modes" + " and attachment shapes" * shapes
             rows.append([name, *(f"{round(100 * e, 3) + 0.0:.3f} %" for e in errors)])

@@ -27,11 +27,11 @@ NO_OBSERVER = 1e-9
 Poles = NDArray[np.complex128]
 
 
-def truss_with(modes: int) -> SpaceTruss:
-    """Return the paper's truss with more modes, from finite elements."""
+def truss_with(modes: int, *, attachments: bool = False) -> SpaceTruss:
+    """Return the paper's truss with more `modes`, from finite elements, and with `attachments` shapes if wanted."""
     grasps = list(TrussModes.reconstructed().grasp_positions)
     shapes = reduced_modes(
-        paper_structure(), modes, grasps, clamped=CLAMPED_FACE, attachments=False
+        paper_structure(), modes, grasps, clamped=CLAMPED_FACE, attachments=attachments
     )
     return SpaceTruss(
         TrussDynamics(

@@ -8,6 +8,7 @@ from functools import cached_property
 import control
 import numpy as np
 from numpy.typing import NDArray
+from study_tools.stability import harmonic_gain
 
 from trussflow.blocks import Diagram, OperatingPoint, loop_transfer
 from trussflow.blocks.linear_analysis.loop_transfer import LoopMargins, margins_of
@@ -74,21 +75,21 @@ class TrussLoop:
             return OperatingPoint()
         law = self.mission
         power = law.exponent
-        gamma = law.rate_gain * _power_gain(power, ERROR * OMEGA)
-        mu = law.error_gain * _power_gain(power / (2 - power), ERROR)
+        gamma = law.rate_gain * harmonic_gain(ERROR * OMEGA, power)
+        mu = law.error_gain * harmonic_gain(ERROR, power / (2 - power))
         sliding = ERROR * abs(1j * OMEGA + gamma + mu / (1j * OMEGA))
         reaching = control.describing_function(
             lambda s: s / (abs(s) + law.boundary_layer), sliding
         )
         gains = {
-            "gamma": gamma,
-            "mu": mu,
-            "beta": 1.0,
-            "eta": 0.0,
-            "sigma": law.reaching_gain + law.switching_gain * reaching.real.item(),
+            "controller.gamma": gamma,
+            "controller.mu": mu,
+            "controller.beta": 1.0,
+            "controller.eta": 0.0,
+            "controller.sigma": law.reaching_gain
+            + law.switching_gain * reaching.real.item(),
         }
-        named = {f"controller.{name}": gain for name, gain in gains.items()}
-        return OperatingPoint(parameters=named)
+        return OperatingPoint(parameters=gains)
 
     @cached_property
     def demand_loop(self) -> control.StateSpace:
@@ -120,11 +121,3 @@ class TrussLoop:
         names = [CHANNELS[k] for k in channels]
         opened = control.ss(A, loop.B[:, channels], loop.C[channels], 0, inputs=names)
         return margins_of(opened, self.omega)
-
-
-def _power_gain(exponent: float, amplitude: float) -> float:
-    """Return the describing function of ``sign(x) |x|^exponent`` at an `amplitude` [unit of x]."""
-    found = control.describing_function(
-        lambda x: np.sign(x) * abs(x) ** exponent, amplitude
-    )
-    return float(found.real.item())

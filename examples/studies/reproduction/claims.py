@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import tomllib
 from collections.abc import Callable
 from itertools import pairwise
 from operator import itemgetter
-from pathlib import Path
 
+from study_tools.data_files import data_beside
 from study_tools.ledger import Ledger
 
 from reproduction.report_numbers import ROBOTS, Measures, Numbers
@@ -205,10 +204,7 @@ def table_of_claims(measures: Measures, ledger: Ledger) -> list[dict[str, str]]:
         Record of the quoted numbers.
     """
     rows = []
-    kinds = tomllib.loads(
-        Path(__file__).with_name("claims.toml").read_text(encoding="utf-8")
-    )["kinds"]
-    for kind in kinds:
+    for kind in data_beside(__file__, "claims.toml")["kinds"]:
         for claim in kind["claims"]:
             n = Numbers(measures, ledger, claim["case"])
             row = {

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 import xarray as xr
@@ -26,31 +26,21 @@ Panels = Callable[[Results, str], list[Panel]]
 """Function that returns panels of a run and of those with the suffixes that it compares."""
 
 
-@dataclass(frozen=True, slots=True)
-class PaperFigure:
-    """One figure of the paper.
+class FigureKind(NamedTuple):
+    """Contents of figures of the paper.
 
     Attributes
     ----------
-    number : int
-        Number in the paper.
-    caption : str
-        Caption in the paper.
-    case : int
-        Case 1 or 2 [-].
-    suffixes : tuple of str
-        Suffixes of the runs in the figure.
     panels : callable
         Function that returns the panels.
+    suffixes : tuple of str
+        Suffixes of the runs in the figure.
     note : str
         Explanation of the panels if the caption does not suffice.
     """
 
-    number: int
-    caption: str
-    case: int
-    suffixes: tuple[str, ...]
     panels: Panels
+    suffixes: tuple[str, ...] = ("",)
     note: str = ""
 
 
@@ -194,108 +184,62 @@ def _compared_velocities(results: Results, run: str) -> list[Panel]:
     ]
 
 
-PROPOSED = ("",)
-OBSERVERS = ("", "-no-observer")
-COMPARED = tuple(CONTROLLERS)
-ELASTIC = _vectors(4, grasp_displacement="elastic displacement [m]")
-DISPLACEMENT = "displacement [m]"
-ERROR = _vectors(position_error="displacement error [m]")
-OBSERVER_NOTE = "Force part of u in truss axes; below, the largest component at the start and at the end of the motion."
 TORQUE_NOTE = "Base torques in base axes and joint torques; dashed, the bound that the paper gives."
-COMPARED_NOTE = (
+COMPARED = tuple(CONTROLLERS)
+
+POSITION = FigureKind(_vectors(position="displacement [m]"))
+MOTION = FigureKind(_vectors(position="displacement [m]", attitude="attitude [rad]"))
+ERROR = FigureKind(_vectors(position_error="displacement error [m]"))
+TURN_ERROR = FigureKind(_vectors(attitude_error="attitude error [rad]"))
+FORCE = FigureKind(
+    _control_force,
+    ("", "-no-observer"),
+    "Force part of u in truss axes; below, the largest component at the start and at the end of the motion.",
+)
+FORCES = FigureKind(
+    _forces_per_robot,
+    note="Forces on the bases, in base axes; their z axis points along -z of the truss.",
+)
+TORQUES_OF_4 = FigureKind(_torques(4), note=TORQUE_NOTE)
+TORQUES = FigureKind(_torques(1, 2, 3, 4), note=TORQUE_NOTE)
+ELASTIC = FigureKind(_vectors(4, grasp_displacement="elastic displacement [m]"))
+JOINT = FigureKind(_first_joint)
+ERRORS = FigureKind(_compared_errors, COMPARED)
+VELOCITIES = FigureKind(
+    _compared_velocities,
+    COMPARED,
     "Last row: proposed law and SMC in the middle of the motion. SMC switches within the steps of "
     "the solver, which leaves its velocity at their ends with an offset that is not in its "
-    "position."
+    "position.",
 )
 
+FIRST_FIGURE = 3
+"""Number in the paper of the first of the `PAPER_FIGURES` [-]."""
+
 PAPER_FIGURES = (
-    PaperFigure(
-        3, "Displacement of the truss", 1, PROPOSED, _vectors(position=DISPLACEMENT)
-    ),
-    PaperFigure(4, "Tracking errors of the displacement", 1, PROPOSED, ERROR),
-    PaperFigure(
-        5, "Control force of the system", 1, OBSERVERS, _control_force, OBSERVER_NOTE
-    ),
-    PaperFigure(
-        6,
-        "Control forces of the robots",
-        1,
-        PROPOSED,
-        _forces_per_robot,
-        "Forces on the bases, in base axes; their z axis points along -z of the truss.",
-    ),
-    PaperFigure(7, "Control torques of Robot 4", 1, PROPOSED, _torques(4), TORQUE_NOTE),
-    PaperFigure(8, "Flexible displacement at C₄,₀ of Robot 4", 1, PROPOSED, ELASTIC),
-    PaperFigure(
-        9, "Joint angle and angular velocity of C₄,₁", 1, PROPOSED, _first_joint
-    ),
-    PaperFigure(
-        10,
-        "Motion of the truss",
-        2,
-        PROPOSED,
-        _vectors(position=DISPLACEMENT, attitude="attitude [rad]"),
-    ),
-    PaperFigure(
-        11, "Tracking errors of the displacement in Case 2", 2, PROPOSED, ERROR
-    ),
-    PaperFigure(
-        12,
-        "Tracking errors of the attitude",
-        2,
-        PROPOSED,
-        _vectors(attitude_error="attitude error [rad]"),
-    ),
-    PaperFigure(
-        13,
-        "Control force of the system in Case 2",
-        2,
-        OBSERVERS,
-        _control_force,
-        OBSERVER_NOTE,
-    ),
-    PaperFigure(
-        14,
-        "Control torques of the robots",
-        2,
-        PROPOSED,
-        _torques(1, 2, 3, 4),
-        TORQUE_NOTE,
-    ),
-    PaperFigure(
-        15, "Flexible displacement at C₄,₀ of Robot 4 in Case 2", 2, PROPOSED, ELASTIC
-    ),
-    PaperFigure(
-        16,
-        "Tracking errors under different controllers in Case 1",
-        1,
-        COMPARED,
-        _compared_errors,
-    ),
-    PaperFigure(
-        17,
-        "Velocity of the truss under different controllers in Case 1",
-        1,
-        COMPARED,
-        _compared_velocities,
-        COMPARED_NOTE,
-    ),
-    PaperFigure(
-        18,
-        "Tracking errors under different controllers in Case 2",
-        2,
-        COMPARED,
-        _compared_errors,
-    ),
-    PaperFigure(
-        19,
+    ("Displacement of the truss", 1, POSITION),
+    ("Tracking errors of the displacement", 1, ERROR),
+    ("Control force of the system", 1, FORCE),
+    ("Control forces of the robots", 1, FORCES),
+    ("Control torques of Robot 4", 1, TORQUES_OF_4),
+    ("Flexible displacement at C₄,₀ of Robot 4", 1, ELASTIC),
+    ("Joint angle and angular velocity of C₄,₁", 1, JOINT),
+    ("Motion of the truss", 2, MOTION),
+    ("Tracking errors of the displacement in Case 2", 2, ERROR),
+    ("Tracking errors of the attitude", 2, TURN_ERROR),
+    ("Control force of the system in Case 2", 2, FORCE),
+    ("Control torques of the robots", 2, TORQUES),
+    ("Flexible displacement at C₄,₀ of Robot 4 in Case 2", 2, ELASTIC),
+    ("Tracking errors under different controllers in Case 1", 1, ERRORS),
+    ("Velocity of the truss under different controllers in Case 1", 1, VELOCITIES),
+    ("Tracking errors under different controllers in Case 2", 2, ERRORS),
+    (
         "Velocity and angular velocity of the truss under different controllers in Case 2",
         2,
-        COMPARED,
-        _compared_velocities,
-        COMPARED_NOTE,
+        VELOCITIES,
     ),
 )
+"""Caption in the paper, case and contents of each figure."""
 
 
 def draw_paper_figures(results: Results, folder: Path) -> str:
@@ -309,17 +253,14 @@ def draw_paper_figures(results: Results, folder: Path) -> str:
         Folder of the report.
     """
     parts = []
-    for figure in counted("drawing figures", PAPER_FIGURES):
-        run, file = f"case{figure.case}", f"figure-{figure.number:02d}.png"
-        save(drawing(figure.panels(results, run)), folder / file, small=True)
-        names = ", ".join(f"`{run}{suffix}`" for suffix in figure.suffixes)
-        words = (
-            f"**Figure {figure.number}.** {figure.caption}.",
-            figure.note,
-            f"Runs: {names}.",
-        )
+    numbered = list(enumerate(PAPER_FIGURES, FIRST_FIGURE))
+    for number, (caption, case, kind) in counted("drawing figures", numbered):
+        run, file = f"case{case}", f"figure-{number:02d}.png"
+        save(drawing(kind.panels(results, run)), folder / file, small=True)
+        names = ", ".join(f"`{run}{suffix}`" for suffix in kind.suffixes)
+        words = f"**Figure {number}.** {caption}.", kind.note, f"Runs: {names}."
         text = " ".join(filter(None, words))
-        parts.append(f"![Figure {figure.number}]({file})\n\n{text}")
+        parts.append(f"![Figure {number}]({file})\n\n{text}")
     return "\n\n".join(parts)
 
 

@@ -16,7 +16,7 @@ from study_tools.ledger import Ledger
 from reproduction import claims, instability, measures, slow_mode
 from reproduction.figures import draw_paper_figures, draw_theorems
 from reproduction.frames import draw_frames, link_frames
-from reproduction.report_numbers import Numbers
+from reproduction.report_numbers import TABLES, Numbers
 from reproduction.runs import (
     BANDWIDTH_RUNS,
     RUNS,
@@ -54,88 +54,6 @@ OBSERVER_RUNS = tuple(
 )
 COMPUTED_MODES = ("-inner-edge", "-12-modes", "-20-modes")
 """Suffixes of runs with computed modes, which have no fingerprint: computing them takes a minute."""
-
-FIRST_THEOREM = {
-    "L": "L",
-    "ξ": "xi",
-    "ξ/L": "bound of Theorem 1",
-    "largest ‖d̂ − d‖": "settled estimation error",
-    "slack": "slack of Theorem 1",
-    "largest part of the bound of Eq. 51": "largest part of the bound of Eq. 51",
-    "J̄": "norm of J_g",
-    "J̄²/L": "least sigma",
-    "σ": "sigma",
-    "slack of σ": "slack of sigma",
-}
-SECOND_THEOREM = {
-    "ρ": "rho",
-    "ultimate bound of V": "ultimate bound of V",
-    "largest V": "largest V",
-    "largest part of the bound of Eq. 61": "largest part of the bound of Eq. 61",
-    "time above it": "time of V above its bound",
-    "time in which the proof requires V to fall": "time in which V must fall",
-    "instants then at which it rises": "instants at which V rises though it must fall",
-    "largest part of ‖ḋ‖²/2L that V̇ + ρV takes": "largest part of the bound on the slope",
-}
-BANDWIDTH = {
-    "L": "L",
-    "ξ": "xi",
-    "ξ/L": "bound of Theorem 1",
-    "largest ‖d̂ − d‖": "settled estimation error",
-    "J̄²/L": "least sigma",
-    "peak position error (component)": "peak position error",
-    "ripple of the force": "force ripple",
-}
-LATE_ERRORS = {
-    "late position error (component)": "late position error",
-    "growth of mode 1, simulated": "measured growth of mode 1",
-    "from the describing functions": "predicted growth of mode 1",
-    "frequency of that pole": "predicted frequency of mode 1",
-}
-STABILITY = {
-    "fastest growth, six modes, undamped": "pole",
-    "simulated": "simulated",
-    "six modes: stable from a damping of": "stable damping",
-    "all mode counts: stable from": "stable damping for all mode counts",
-}
-SENSITIVITY = {
-    "peak position error (component) [m]": "peak position error",
-    "late position error (component) [m]": "late position error",
-    "peak attitude error (component) [rad]": "peak attitude error",
-    "peak base torque (component) [N·m]": "peak base torque",
-    "peak joint torque (component) [N·m]": "peak joint torque",
-    "share of Robot 3": "share of Robot 3",
-    "share of Robot 4": "share of Robot 4",
-    "elastic displacement at Robot 4 (component) [m]": "peak elastic displacement at grasp 4",
-}
-VARIANTS = {
-    "": "as reported above",
-    "-centroid-at-joint": "base: centroid in joint C_{i,7}",
-    "-half-mounting": "base: half the mounting height further out",
-    "-mounting": "base: the mounting height of the Kinova arm further out",
-    "-other-side": "truss on the other side of the grasp plane, z < 0",
-    "-inner-edge": "grasp line on the inner longeron of the bend",
-    "-jaco": "true arm (jaco): its posture, inertias and mounting height",
-    "-jaco-at-joint": "true arm, mounting height left out as in the literal arm",
-    "-rigid": "rigid truss, no modes",
-    "-2-modes": "two modes",
-    "-12-modes": "twelve modes",
-    "-20-modes": "twenty modes",
-    "-consistent": "consistent plant: exact integrals, actuators work on the modes, damped",
-}
-"""Meaning of each changed assumption, keyed by the suffix of the run."""
-
-
-MAIN_CLAIMS: dict[int, tuple[str, ...]] = {
-    1: (
-        "small errors",
-        "small elastic displacement",
-        "nearly nothing by Robot 3",
-        "most by Robot 4",
-    ),
-    2: ("small errors", "small elastic displacement"),
-}
-"""Claims of each case that are checked in all its runs."""
 
 
 def fingerprints(folder: Path) -> dict[str, list[float]]:
@@ -366,6 +284,7 @@ def write(
         for case in CASES
         for kind in ("without", "with")
     }
+    columns = TABLES["columns"]
     parts = {
         "table of claims": markdown_table(
             tuple(rows[0]), [tuple(row.values()) for row in rows]
@@ -373,30 +292,31 @@ def write(
         "figures": figures,
         **{
             f"table of {what}": n.table(
-                "run", {run: f"`{run}`" for run in runs}, columns
+                "run", {run: f"`{run}`" for run in runs}, columns[what]
             )
-            for what, runs, columns in (
-                ("Theorem 1", THEOREM_RUNS, FIRST_THEOREM),
-                ("Theorem 2", THEOREM_RUNS, SECOND_THEOREM),
-                ("bandwidths", BANDWIDTH_RUNS, BANDWIDTH),
-                ("late errors", OBSERVER_RUNS, LATE_ERRORS),
+            for what, runs in (
+                ("Theorem 1", THEOREM_RUNS),
+                ("Theorem 2", THEOREM_RUNS),
+                ("bandwidths", BANDWIDTH_RUNS),
+                ("late errors", OBSERVER_RUNS),
             )
         },
         "verdict on the theorems": verdict_on_theorems(n),
-        "table of stability": n.table("gains and observer", loops, STABILITY),
+        "table of stability": n.table(
+            "gains and observer", loops, columns["stability"]
+        ),
         "table of runs": markdown_table(
             ("run", "changed values"), [(f"`{run}`", changes(run)) for run in RUNS]
         ),
     }
     for case in CASES:
-        variants = {
-            f"case{case}{suffix}": meaning for suffix, meaning in VARIANTS.items()
-        }
         labels = {
-            run: f"{meaning}{_changed_verdicts(n, run)}"
-            for run, meaning in variants.items()
+            (run := f"case{case}{suffix}"): f"{meaning}{_changed_verdicts(n, run)}"
+            for suffix, meaning in TABLES["variants"].items()
         }
-        parts[f"table of Case {case}"] = n.table(f"Case {case}", labels, SENSITIVITY)
+        parts[f"table of Case {case}"] = n.table(
+            f"Case {case}", labels, columns["sensitivity"]
+        )
     text = n.filled(
         Path(__file__).with_name("report_template.txt").read_text(encoding="utf-8")
     )
@@ -419,7 +339,7 @@ def outcomes(n: Numbers, run: str) -> dict[str, bool]:
     own = Numbers(n.measures, n.ledger, run.removeprefix("case"))
     found = {
         subject: claims.verdict(subject, own) == claims.REPRODUCED
-        for subject in MAIN_CLAIMS[case]
+        for subject in TABLES["main_claims"][run[:5]]
     }
     within = n[f"{run}: largest torque"] <= measures.TORQUE_BOUNDS[case]
     return found | {"bound on the torques": within}

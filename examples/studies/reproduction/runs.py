@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from study_tools.data_files import data_beside
 
 from reproduction.measures import measured
 from reproduction.trusses import frame_modes, mirrored, truss_modes
@@ -23,74 +24,18 @@ from trussflow.models.truss.paper_truss import with_printed_frequencies
 Tables = dict[str, dict[str, Any]]
 """Tables of a mission file."""
 
-MOUNTING_HEIGHT = 0.15675
-"""Distance from the last joint of the arm to its mounting plane: joint 1 of the Kinova description [m]."""
-
 PUSH_SPEED = 0.05
 """Initial speed of the truss along z in a pushed run [m/s]."""
 
 LONG = "-long"
 """Suffix of the runs that last five times as long."""
 
-NO_OBSERVER: Tables = {"controller": {"observer": "off"}}
-SMC: Tables = {"controller": {"law": "smc"}}
-SMC_WITH_OBSERVER: Tables = {"controller": {"law": "smc", "observer": "on"}}
-CONSISTENT: Tables = {"structure": {"model": "consistent"}}
-# Eq. 54 has no boundary layer; the block needs a positive one.
-SWITCHING: Tables = {"sliding_mode": {"boundary_layer": "1e-12 m/s"}}
-# A switching law switches at every step of 1 ms. Its ripple is visible only if an odd number of steps lies
-# between logged instants.
-FINE_LOG: Tables = {"simulation": {"log_every": 5}}
-FINE_STEP: Tables = {"simulation": {"step": "1e-4 s", "log_every": 50}}
-ONES = {"value": [1.0, 1.0, 1.0], "unit": "1", "source": "equal weights, W = I"}
-BANDWIDTHS = {
-    f"-L-{value}": {"controller": {"observer_bandwidth": f"{value} 1/s"}}
-    for value in (1, 2, 8, 16)
-}
-"""Observer bandwidths of Case 1 other than that of the paper, 4 1/s."""
-EQUAL_WEIGHTS: Tables = {"allocation": {"force_weights": ONES, "torque_weights": ONES}}
-# The fastest pole of the PD loop is near 1e7 1/s, too fast for an explicit method.
-PD: Tables = {
-    "controller": {"law": "pd"},
-    "simulation": {"solver": "LSODA", "log_every": 5},
-}
+_DATA = data_beside(__file__, "runs.toml")
 
-OVERRIDES: dict[str, Tables] = {
-    "": FINE_LOG,
-    "-no-observer": NO_OBSERVER | FINE_LOG,
-    "-smc": SMC | FINE_LOG,
-    "-pd": PD,
-    "-switching": SWITCHING | FINE_LOG,
-    "-switching-no-observer": SWITCHING | NO_OBSERVER | FINE_LOG,
-    "-smc-observer": SMC_WITH_OBSERVER | FINE_LOG,
-    "-fine": FINE_STEP,
-    "-smc-fine": SMC | FINE_STEP,
-    "-equal-weights": EQUAL_WEIGHTS | FINE_LOG,
-    # The paper's step is too large for the fastest pole of an observer with L = 16 1/s.
-    **{f"{name}-fine": table | FINE_STEP for name, table in BANDWIDTHS.items()},
-    "-consistent": CONSISTENT | FINE_LOG,
-    "-pushed": {},
-    LONG: {},
-    "-centroid-at-joint": {},
-    "-half-mounting": {},
-    "-mounting": {},
-    "-other-side": {},
-    "-inner-edge": {},
-    "-jaco": {"robots": {"arm": "jaco"}},
-    "-jaco-at-joint": {"robots": {"arm": "jaco"}},
-    "-rigid": {"structure": {"modes": 0}},
-    "-2-modes": {"structure": {"modes": 2}},
-    "-12-modes": {},
-    "-20-modes": {},
-}
+OVERRIDES: dict[str, Tables] = _DATA["overrides"]
 """Changed values of each run, keyed by the suffix of its name."""
 
-BASE_OFFSETS = {
-    "-centroid-at-joint": -0.125,
-    "-half-mounting": MOUNTING_HEIGHT / 2,
-    "-mounting": MOUNTING_HEIGHT,
-    "-jaco-at-joint": -MOUNTING_HEIGHT,
-}
+BASE_OFFSETS: dict[str, float] = _DATA["base_offsets"]
 """Displacement of the base along z of the last link [m], which a mission file cannot state."""
 
 RUNS = tuple(
@@ -100,11 +45,12 @@ RUNS = tuple(
     if case == 1 or not suffix.startswith(("-equal-weights", "-L-"))
 )
 
-
 BANDWIDTH_RUNS = (
-    *(f"case1-L-{value}-fine" for value in (1, 2)),
+    "case1-L-1-fine",
+    "case1-L-2-fine",
     "case1-fine",
-    *(f"case1-L-{value}-fine" for value in (8, 16)),
+    "case1-L-8-fine",
+    "case1-L-16-fine",
 )
 """Runs of Case 1 with increasing bandwidth of the observer."""
 

@@ -10,13 +10,12 @@ Gelb, Vander Velde (1968), *Multiple-Input Describing Functions and Nonlinear Sy
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from study_tools.stability import rightmost
+from study_tools.stability import harmonic_gain, rightmost
 
 from reproduction.figures import Results
 from reproduction.measures import envelope
@@ -65,22 +64,6 @@ def predicted_poles(run: str, late: Mapping[str, Any], folder: Path) -> Vector:
         for k in SCALES
     ]
     return np.array([rightmost(A, *SLOW_BAND)[0] for A in matrices])
-
-
-def harmonic_gain(amplitude: Vector, exponent: float) -> Vector:
-    r"""Return the describing function of :math:`|x|^b\,\mathrm{sgn}(x)` [unit^(b-1)].
-
-    .. math:: N(a) = \frac{2}{\sqrt\pi}\frac{\Gamma(b/2 + 1)}{\Gamma(b/2 + 3/2)}\,a^{b-1}
-
-    Parameters
-    ----------
-    amplitude : array
-        a > 0 [unit of x].
-    exponent : float
-        b > 0 [-].
-    """
-    shape = math.gamma(exponent / 2 + 1) / math.gamma(exponent / 2 + 1.5)
-    return np.asarray(2 / math.sqrt(math.pi) * shape * amplitude ** (exponent - 1))
 
 
 def closed(

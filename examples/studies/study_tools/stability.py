@@ -1,17 +1,20 @@
-"""Stability over two parameters: rightmost poles, limits of the damping ratio, and maps of growth rates."""
+"""Stability of loops: rightmost poles, describing functions, least damping, maps of growth rates."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from trussflow.blocks.support.types import Vector
-from trussflow.models.reporting.figures import draw_cells
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+
+DIVERGING = "PuOr_r"
+"""Colour map of quantities whose sign matters; safe for colour-blind readers."""
 
 
 def rightmost(
@@ -46,6 +49,22 @@ def stable_damping(growth: Vector, dampings: Sequence[float]) -> float:
     return dampings[first] if first < len(dampings) else np.inf
 
 
+def harmonic_gain(amplitude: Vector, exponent: float) -> Vector:
+    r"""Return the describing function of :math:`|x|^b\,\mathrm{sgn}(x)` [unit^(b-1)].
+
+    .. math:: N(a) = \frac{2}{\sqrt\pi}\frac{\Gamma(b/2 + 1)}{\Gamma(b/2 + 3/2)}\,a^{b-1}
+
+    Parameters
+    ----------
+    amplitude : array
+        a > 0 [unit of x].
+    exponent : float
+        b > 0 [-].
+    """
+    shape = math.gamma(exponent / 2 + 1) / math.gamma(exponent / 2 + 1.5)
+    return np.asarray(2 / math.sqrt(math.pi) * shape * amplitude ** (exponent - 1))
+
+
 def draw_growth(
     plot: Axes,
     growth: Vector,
@@ -67,14 +86,18 @@ def draw_growth(
         Title and axis labels, as for ``Axes.set``.
     """
     limit = 1.5 * np.abs(growth).max()  # so that black numbers are readable
-    draw_cells(
-        plot,
-        growth,
-        "{:+.2f}".format,
-        lambda _: False,
-        columns,
-        rows,
-        vmin=-limit,
-        vmax=limit,
-    )
+    look: dict[str, Any] = {"aspect": "auto", "origin": "lower"}
+    plot.imshow(growth, cmap=DIVERGING, vmin=-limit, vmax=limit, **look)
+    for (row, column), rate in np.ndenumerate(growth):
+        plot.text(
+            column,
+            row,
+            f"{rate:+.2f}",
+            ha="center",
+            va="center",
+            fontsize="x-small",
+            weight="bold" if rate > 0 else "normal",
+        )
+    plot.set_xticks(range(len(columns)), columns)
+    plot.set_yticks(range(len(rows)), rows)
     plot.set(**texts)

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 from reproduction.instability import DAMPINGS, fitted_rate
-from reproduction.slow_mode import SLOW_BAND, harmonic_gain, limit_cycle
-from study_tools.stability import rightmost, stable_damping
+from reproduction.slow_mode import SLOW_BAND, limit_cycle
+from study_tools.stability import harmonic_gain, rightmost, stable_damping
 
 TIME = np.linspace(0.0, 10.0, 2001)
 ROUND_OFF = 1e-12  # of an eigenvector of length one, for an eigenvalue of 20
