@@ -2,7 +2,7 @@ r"""Equations of motion of a flexible truss carried by space robots."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import partial
 
 import numpy as np
@@ -130,6 +130,10 @@ class TrussDynamics:
         return np.concatenate(
             [np.zeros(3), self.attitude.rest, *angles, np.zeros(self.modes.modes)]
         )
+
+    def without_modes(self) -> TrussDynamics:
+        """Return the equations of the same system with a rigid truss."""
+        return replace(self, modes=self.modes.truncated(0))
 
     def evaluate(
         self, q: Array, v: Array | None = None, truss: ModalData | None = None

@@ -27,9 +27,7 @@ def task_velocity(kind: AttitudeCoordinates, position: Array, speeds: Array) -> 
         :math:`x_2`, with truss velocities in truss axes [m/s, rad/s].
     """
     attitude = position[3 : kind.end]
-    linear = kind.rotation(attitude) @ speeds[:3]
-    angular = kind.rate_matrix_inverse(attitude) @ speeds[3:6]
-    return np.concatenate([linear, angular, speeds[6:]])
+    return _mapped(kind.rotation(attitude), kind.rate_matrix_inverse(attitude), speeds)
 
 
 def to_body(kind: AttitudeCoordinates, position: Array, task: Array) -> Array:
@@ -45,9 +43,7 @@ def to_body(kind: AttitudeCoordinates, position: Array, task: Array) -> Array:
         Task rate, or task acceleration without the drift [m/s, rad/s; m/s², rad/s²].
     """
     attitude = position[3 : kind.end]
-    linear = kind.rotation(attitude).T @ task[:3]
-    angular = kind.rate_matrix(attitude) @ task[3:6]
-    return np.concatenate([linear, angular, task[6:]])
+    return _mapped(kind.rotation(attitude).T, kind.rate_matrix(attitude), task)
 
 
 def task_drift(kind: AttitudeCoordinates, position: Array, speeds: Array) -> Array:
@@ -86,9 +82,14 @@ def task_force_to_body(
         Force in inertial axes [N], moments conjugate to the attitude [N·m], joint torques [N·m].
     """
     attitude = position[3 : kind.end]
-    linear = kind.rotation(attitude).T @ force[:3]
-    angular = kind.rate_matrix_inverse(attitude).T @ force[3:6]
-    return np.concatenate([linear, angular, force[6:]])
+    return _mapped(
+        kind.rotation(attitude).T, kind.rate_matrix_inverse(attitude).T, force
+    )
+
+
+def _mapped(linear: Array, angular: Array, vector: Array) -> Array:
+    """Return a vector with its linear and angular part multiplied by one matrix each."""
+    return np.concatenate([linear @ vector[:3], angular @ vector[3:6], vector[6:]])
 
 
 def moved(kind: AttitudeCoordinates, position: Array, way: Array) -> Array:

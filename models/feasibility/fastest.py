@@ -14,7 +14,6 @@ coordinates, so that the actuations of each point are unknowns.
 
 from __future__ import annotations
 
-from dataclasses import replace
 from functools import partial
 from typing import Any
 
@@ -189,10 +188,7 @@ def _squared_speeds(
     """Return the optimal squared path velocities at the grid points, zero at both ends [1/s²]."""
     from scipy.sparse import block_diag, csr_array, hstack
 
-    rigid, kind = (
-        replace(truss.dynamics, modes=truss.dynamics.modes.rigid()),
-        truss.dynamics.attitude,
-    )
+    rigid, kind = truss.dynamics.without_modes(), truss.dynamics.attitude
     bounds, count = frozen_array("actuator limits", limits, (rigid.actuators,)), len(q)
     forces, limited = rigid.rigid_freedoms, np.isfinite(most[1])
     blocks, mixes = [], []

@@ -15,7 +15,7 @@ The analysis is rigid and instantaneous: without modes, reserves for feedback, a
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import partial
 from typing import Any, NamedTuple
 
@@ -215,7 +215,7 @@ def demands_of(
     ModelError
         See `survey`.
     """
-    rigid, kind = replace(dynamics, modes=dynamics.modes.rigid()), dynamics.attitude
+    rigid, kind = dynamics.without_modes(), dynamics.attitude
     p = Signals("path", path.parameters)
     if path.shape != (rigid.freedoms,):
         raise ModelError(

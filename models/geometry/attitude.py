@@ -14,7 +14,6 @@ Guidance 12(3); Wen, Kreutz-Delgado (1991), *The attitude control problem*, IEEE
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
 from dataclasses import dataclass
 from typing import ClassVar
 
@@ -37,11 +36,11 @@ NORM_FEEDBACK_GAIN = 1.0
 """Rate at which the length of an integrated quaternion returns to one [1/s]."""
 
 
-class AttitudeCoordinates(ABC):
-    """Description of an attitude by an array of numbers, a.
+@dataclass(frozen=True, slots=True)
+class AttitudeCoordinates:
+    r"""Attitude as 3-1-2 Euler angles φ, θ, ψ, as in the paper; singular where cos φ = 0.
 
-    By default the numbers are coordinates that add, such as angles; derived classes override the methods
-    that differ.
+    Derived classes describe an attitude by other numbers, a, and override what differs.
 
     Attributes
     ----------
@@ -59,19 +58,18 @@ class AttitudeCoordinates(ABC):
         Change of the numbers per angle of a small rotation [unit/rad].
     """
 
-    name: ClassVar[str]
-    rest: ClassVar[tuple[float, ...]]
-    labels: ClassVar[tuple[str, ...]]
-    units: ClassVar[tuple[str, ...]]
-    task_labels: ClassVar[tuple[str, ...]]
-    per_radian: ClassVar[float]
+    name: ClassVar[str] = "euler"
+    rest: ClassVar[tuple[float, ...]] = (0.0, 0.0, 0.0)
+    labels: ClassVar[tuple[str, ...]] = ("phi", "theta", "psi")
+    units: ClassVar[tuple[str, ...]] = ("rad",) * 3
+    task_labels: ClassVar[tuple[str, ...]] = labels
+    per_radian: ClassVar[float] = 1.0
 
     @property
     def end(self) -> int:
         """Index behind the attitude in coordinates that begin with a position [-]."""
         return 3 + len(self.rest)
 
-    @abstractmethod
     def rotation(self, a: Array) -> Array:
         """Return the rotation from the truss frame to the inertial frame.
 
@@ -80,8 +78,8 @@ class AttitudeCoordinates(ABC):
         a : array
             Attitude [unit].
         """
+        return euler_rotation(a)
 
-    @abstractmethod
     def rates(self, a: Array, turning: Array) -> Array:
         """Return da/dt.
 
@@ -92,18 +90,20 @@ class AttitudeCoordinates(ABC):
         turning : array, shape (3,)
             Angular velocity in the truss frame [rad/s].
         """
+        return euler_rate_matrix_inverse(a) @ turning
 
-    @abstractmethod
     def rate_matrix(self, a: Array) -> Array:
         """Return the matrix from rates of the task coordinates to angular velocity in the truss frame.
+
+        For Euler angles it is A of Li, Wei, Chen (2026), below Eq. 44.
 
         Parameters
         ----------
         a : array
             Attitude [unit].
         """
+        return euler_rate_matrix(a)
 
-    @abstractmethod
     def rate_matrix_inverse(self, a: Array) -> Array:
         """Return the inverse of `rate_matrix`.
 
@@ -112,10 +112,12 @@ class AttitudeCoordinates(ABC):
         a : array
             Attitude [unit].
         """
+        return euler_rate_matrix_inverse(a)
 
-    @abstractmethod
     def bias_acceleration(self, a: Array, turning: Array) -> Array:
-        """Return the second derivative of the task coordinates at constant angular velocity [rad/s²].
+        r"""Return the second derivative of the task coordinates at constant angular velocity [rad/s²].
+
+        For Euler angles it is :math:`-A^{-1} \dot A\, \dot\Theta`.
 
         Parameters
         ----------
@@ -124,6 +126,9 @@ class AttitudeCoordinates(ABC):
         turning : array, shape (3,)
             Angular velocity in the truss frame [rad/s].
         """
+        inverse = euler_rate_matrix_inverse(a)
+        rates = inverse @ turning
+        return -(inverse @ (euler_rate_matrix_derivative(a, rates) @ rates))
 
     def normalized(self, a: Array) -> Array:
         """Return a valid attitude from an integrated one.
@@ -196,39 +201,6 @@ class AttitudeCoordinates(ABC):
             If the numbers are not a valid attitude.
         """
         return a
-
-
-@dataclass(frozen=True, slots=True)
-class EulerAngles(AttitudeCoordinates):
-    """3-1-2 Euler angles φ, θ, ψ of the paper; singular where cos φ = 0."""
-
-    name = "euler"
-    rest = (0.0, 0.0, 0.0)
-    labels = task_labels = ("phi", "theta", "psi")
-    units = ("rad",) * 3
-    per_radian = 1.0
-
-    def rotation(self, a: Array) -> Array:
-        """Return the rotation to the inertial frame."""
-        return euler_rotation(a)
-
-    def rates(self, a: Array, turning: Array) -> Array:
-        """Return da/dt."""
-        return euler_rate_matrix_inverse(a) @ turning
-
-    def rate_matrix(self, a: Array) -> Array:
-        """Return A of Li, Wei, Chen (2026), below Eq. 44."""
-        return euler_rate_matrix(a)
-
-    def rate_matrix_inverse(self, a: Array) -> Array:
-        """Return the inverse of A."""
-        return euler_rate_matrix_inverse(a)
-
-    def bias_acceleration(self, a: Array, turning: Array) -> Array:
-        r"""Return :math:`-A^{-1} \\dot A\\, \\dot\\Theta`."""
-        inverse = euler_rate_matrix_inverse(a)
-        rates = inverse @ turning
-        return -(inverse @ (euler_rate_matrix_derivative(a, rates) @ rates))
 
 
 @dataclass(frozen=True, slots=True)
@@ -360,7 +332,7 @@ def with_scalar(scalar: Array | float, vector: Array) -> Array:
     return np.concatenate([np.stack([scalar]), vector])
 
 
-EULER, QUATERNION = EulerAngles(), Quaternion()
+EULER, QUATERNION = AttitudeCoordinates(), Quaternion()
 ATTITUDES: dict[str, AttitudeCoordinates] = {
     kind.name: kind for kind in (EULER, QUATERNION)
 }

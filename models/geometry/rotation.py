@@ -100,6 +100,17 @@ def matrix_of(rows: Sequence[Sequence[Array]]) -> Array:
     return np.array(rows) if plain else np.stack([np.stack(row) for row in rows])
 
 
+def cosine_and_sine(angle: Array) -> tuple[Array, Array]:
+    """Return cosine and sine of an angle.
+
+    Parameters
+    ----------
+    angle : float
+        [rad].
+    """
+    return np.cos(angle), np.sin(angle)
+
+
 def rotation_about_x(angle: Array) -> Array:
     """Return the rotation about the x axis.
 
@@ -112,7 +123,7 @@ def rotation_about_x(angle: Array) -> Array:
     -------
     array, shape (3, 3)
     """
-    c, s = np.cos(angle), np.sin(angle)
+    c, s = cosine_and_sine(angle)
     return matrix_of([[1.0, 0.0, 0.0], [0.0, c, -s], [0.0, s, c]])
 
 
@@ -128,7 +139,7 @@ def rotation_about_y(angle: Array) -> Array:
     -------
     array, shape (3, 3)
     """
-    c, s = np.cos(angle), np.sin(angle)
+    c, s = cosine_and_sine(angle)
     return matrix_of([[c, 0.0, s], [0.0, 1.0, 0.0], [-s, 0.0, c]])
 
 
@@ -144,7 +155,7 @@ def rotation_about_z(angle: Array) -> Array:
     -------
     array, shape (3, 3)
     """
-    c, s = np.cos(angle), np.sin(angle)
+    c, s = cosine_and_sine(angle)
     return matrix_of([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
 
 
@@ -189,13 +200,8 @@ def euler_rate_matrix(angles: Array) -> Array:
     ----------
     Li, Wei, Chen (2026), the matrix :math:`A_t` below Eq. 44.
     """
-    phi, theta = angles[0], angles[1]
-    c_phi, s_phi, c_theta, s_theta = (
-        np.cos(phi),
-        np.sin(phi),
-        np.cos(theta),
-        np.sin(theta),
-    )
+    c_phi, s_phi = cosine_and_sine(angles[0])
+    c_theta, s_theta = cosine_and_sine(angles[1])
     return matrix_of(
         [
             [c_theta, 0.0, -c_phi * s_theta],
@@ -222,13 +228,8 @@ def euler_rate_matrix_inverse(angles: Array) -> Array:
     ----------
     Inverse of :math:`A_t`, Li, Wei, Chen (2026), below Eq. 44.
     """
-    phi, theta = angles[0], angles[1]
-    c_phi, t_phi, c_theta, s_theta = (
-        np.cos(phi),
-        np.tan(phi),
-        np.cos(theta),
-        np.sin(theta),
-    )
+    c_phi, t_phi = np.cos(angles[0]), np.tan(angles[0])
+    c_theta, s_theta = cosine_and_sine(angles[1])
     return matrix_of(
         [
             [c_theta, 0.0, s_theta],
@@ -254,13 +255,8 @@ def euler_rate_matrix_derivative(angles: Array, rates: Array) -> Array:
         :math:`\dot A` [1/s] of :math:`\dot\omega_t = A \ddot\Theta_t + \dot A \dot\Theta_t`, the
         angular part of :math:`\dot J_g` (Li, Wei, Chen 2026, Eq. 53).
     """
-    phi, theta = angles[0], angles[1]
-    c_phi, s_phi, c_theta, s_theta = (
-        np.cos(phi),
-        np.sin(phi),
-        np.cos(theta),
-        np.sin(theta),
-    )
+    c_phi, s_phi = cosine_and_sine(angles[0])
+    c_theta, s_theta = cosine_and_sine(angles[1])
     d_phi, d_theta = rates[0], rates[1]
     by_phi, by_theta = s_phi * d_phi, c_phi * d_theta
     return matrix_of(

@@ -26,46 +26,8 @@ _MAY_BE_ZERO = (
     "probe",
 )
 
-_UNITS = {
-    "mean_axes": {
-        "sample_time": "s",
-        "bandwidth": "rad/s",
-        "damping": "1",
-        "damped_modes": "1",
-        "neutral_modes": "1",
-        "modal_damping": "1",
-        "effort": "kg*m^2/s^4",
-        "neutrality": "1",
-        "thrust_reluctance": "1",
-        "joint_reluctance": "1",
-        "slow_share": "1",
-        "resting_thrust": "N",
-        "resting_error": "m",
-        "propellant_spread": "kg",
-        "unloading_time": "s",
-    },
-    "estimator": {
-        "estimated_modes": "1",
-        "acceleration_noise": "m/s^2/Hz^0.5",
-        "modal_noise": "kg^0.5*m/s^2/Hz^0.5",
-        "disturbance_noise": "m/s^3/Hz^0.5",
-        "position_noise": "m",
-        "rate_noise": "m/s",
-    },
-    "monitor": {
-        "unknown_thrust": "N",
-        "unknown_torque": "N*m",
-        "unknown_share": "1",
-        "structural_damping": "1",
-        "calm": "1",
-        "drift": "1",
-        "threshold": "1",
-        "doubt": "1",
-        "settling": "s",
-        "probe": "1",
-    },
-}
-"""Units of the values in the tables of a parameter file."""
+_TABLES = ("mean_axes", "estimator", "monitor")
+"""Tables of a parameter file with design values."""
 
 
 def _shape(one: Field[Any]) -> tuple[int, ...]:
@@ -203,7 +165,7 @@ class MeanAxesDesign:
         Parameters
         ----------
         file : ParameterTable or LayeredFile
-            File with the tables of ``parameters/mean_axes.toml``.
+            File with the tables of ``parameters/mean_axes.toml``, which states the required units.
 
         Raises
         ------
@@ -212,9 +174,11 @@ class MeanAxesDesign:
         """
         values: dict[str, Any] = {}
         kinds = {one.name: one for one in fields(cls)}
-        for table, units in _UNITS.items():
-            for name, unit in units.items():
-                value = file.table(table).array(name, unit, _shape(kinds[name]))
+        shipped = ParameterTable.shipped("mean_axes.toml")
+        for table in _TABLES:
+            for name, entry in shipped.mapping(table).items():
+                shape = _shape(kinds[name])
+                value = file.table(table).array(name, entry["unit"], shape)
                 values[name] = value if value.shape else float(value)
                 if kinds[name].type == "int":
                     values[name] = int(value)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import fields, replace
+from dataclasses import fields
 
 import numpy as np
 import scipy
@@ -60,8 +60,7 @@ class MeanAxesBlock(TrussBlock):
             for one in fields(design)
             if isinstance(getattr(type(self), one.name, None), Parameter)
         }
-        rigid = replace(dynamics, modes=dynamics.modes.rigid())
-        super().__init__(rigid, **designed | parameters)
+        super().__init__(dynamics.without_modes(), **designed | parameters)
         self.sampled(design.sample_time)
 
     def set_dynamics(self, dynamics: TrussDynamics) -> None:

@@ -311,10 +311,6 @@ class SpaceTruss(TrussBlock):
         """Rigid coordinates at the start [m, unit of the attitude, unit of the joints]."""
         return self.parameters["initial_coordinates"][: self.rigid_q]
 
-    def opened(self) -> Self:
-        """Return the same plant without `modal_actuation`, to connect ``modal_demand >> modal_force``."""
-        return self.changed(modal_actuation=False)
-
     def changed(self, **arguments: Any) -> Self:
         """Return the same plant with other arguments of the constructor.
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import shlex
 import sys
+import tempfile
 import time
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast
@@ -16,8 +17,8 @@ from trussflow.blocks.simulation.solver import FIXED_STEP
 from trussflow.blocks.support.files import replaced
 from trussflow.blocks.support.progress import status_line
 from trussflow.command_arguments import FAILED, Outcome, ended, json_of, parser_of
+from trussflow.models.errors import ModelError
 from trussflow.models.plant.space_truss import ARMS, STRUCTURES
-from trussflow.models.reporting.output_folder import prepared_folder
 from trussflow.models.transport.figures import draw
 from trussflow.models.transport.index import write_index
 from trussflow.models.transport.mission import CASES
@@ -74,42 +75,51 @@ def parser(prog: str = PROG) -> argparse.ArgumentParser:
         default="1",
         help="mission of the paper; default: 1",
     )
-    found.add_argument(
-        "--plant",
-        dest="structure.model",
-        choices=STRUCTURES,
-        help="model of the paper, exact equations, or also accurate at the grasp points",
-    )
-    found.add_argument(
-        "--arm",
-        dest="robots.arm",
-        choices=ARMS,
-        help="arm: Table 2 as printed, or the Kinova JACO2",
-    )
-    found.add_argument(
-        "--controller",
-        dest="controller.law",
-        choices=(*CONTROLLERS, MEAN_AXES),
-        help="integral sliding mode (the paper's), conventional sliding mode, PD, or mean axes",
-    )
-    found.add_argument(
-        "--observer",
-        dest="controller.observer",
-        choices=("on", "off"),
-        help="estimate the disturbance; by default only with ismc",
-    )
-    found.add_argument(
-        "--allocation",
-        dest="controller.allocation",
-        choices=ALLOCATIONS,
-        help="Eq. 64, or feedback without work on the modes; the default depends on the plant",
-    )
-    found.add_argument(
-        "--hardware",
-        dest="hardware.kind",
-        choices=HARDWARE_KINDS,
-        help="hardware between controller and truss",
-    )
+    for flag, key, choices, about in (
+        (
+            "--plant",
+            "structure.model",
+            STRUCTURES,
+            "model of the paper, exact equations, or also accurate at the grasp points",
+        ),
+        (
+            "--arm",
+            "robots.arm",
+            tuple(ARMS),
+            "arm: Table 2 as printed, or the Kinova JACO2",
+        ),
+        (
+            "--controller",
+            "controller.law",
+            (*CONTROLLERS, MEAN_AXES),
+            "integral sliding mode (the paper's), conventional sliding mode, PD, or mean axes",
+        ),
+        (
+            "--observer",
+            "controller.observer",
+            ("on", "off"),
+            "estimate the disturbance; by default only with ismc",
+        ),
+        (
+            "--allocation",
+            "controller.allocation",
+            ALLOCATIONS,
+            "Eq. 64, or feedback without work on the modes; the default depends on the plant",
+        ),
+        (
+            "--hardware",
+            "hardware.kind",
+            HARDWARE_KINDS,
+            "hardware between controller and truss",
+        ),
+        (
+            "--solver",
+            "simulation.solver",
+            (*FIXED_STEP, *METHODS),
+            f"default: rk4; for PD {STIFF_SOLVER}",
+        ),
+    ):
+        found.add_argument(flag, dest=key, choices=choices, help=about)
     found.add_argument(
         "--infeasible",
         dest="path.infeasible",
@@ -130,12 +140,6 @@ def parser(prog: str = PROG) -> argparse.ArgumentParser:
         metavar="SECONDS",
         type=seconds,
         help="step of fixed-step solvers [s]",
-    )
-    found.add_argument(
-        "--solver",
-        dest="simulation.solver",
-        choices=(*FIXED_STEP, *METHODS),
-        help=f"default: rk4; for PD {STIFF_SOLVER}",
     )
     found.add_argument(
         "--explain",
@@ -176,7 +180,15 @@ def simulate_mission(options: argparse.Namespace, command: str) -> Outcome:
     if options.explain:
         return Outcome([each._asdict() for each in mission.told], mission.explained())
     name = f"case{options.case}" if options.mission is None else options.mission.stem
-    folder = prepared_folder(options.output or Path("results") / name)
+    folder = options.output or Path("results") / name
+    try:  # before the run
+        folder.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryFile(dir=folder):
+            pass
+    except OSError as error:
+        raise ModelError(
+            f"cannot write to the output folder '{folder}': {error}"
+        ) from error
     diagram = mission.diagram()
     simulator = mission.simulator(diagram)
     failure, started = "", time.perf_counter()

@@ -104,7 +104,7 @@ def transport_diagram(
         model=NominalModel(believed),
     )
     if truss.modal_actuation:
-        truss = diagram.add("truss", truss.opened())
+        truss = diagram.add("truss", truss.changed(modal_actuation=False))
         truss.modal_demand >> truss.modal_force
     else:
         diagram.add(truss=truss)

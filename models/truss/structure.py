@@ -20,7 +20,7 @@ import numpy.typing as npt
 import scipy
 
 from trussflow.blocks.errors import BlockError
-from trussflow.blocks.framework.units import parse
+from trussflow.blocks.framework.units import factor
 from trussflow.blocks.support.files import reading
 from trussflow.blocks.support.types import Vector
 from trussflow.blocks.support.validation import MOST_ELEMENTS
@@ -164,7 +164,7 @@ class Structure:
             [turn for turn in turns for _ in range(2)], format="csr"
         )
         found: dict[str, Any] = {}
-        for name, what, factor in (
+        for name, what, unit in (
             ("mass", mass, kilogram),
             ("stiffness", stiffness, kilogram / second**2),
         ):
@@ -179,7 +179,7 @@ class Structure:
             scale = np.tile([1.0, 1.0, 1.0, length, length, length][:freedoms], count)
             place = np.arange(6 * count).reshape(-1, 6)[:, :freedoms].ravel()
             row, column = matrix.coords
-            entries = factor * matrix.data * scale[row] * scale[column]
+            entries = unit * matrix.data * scale[row] * scale[column]
             whole = scipy.sparse.coo_array(
                 (entries, (place[row], place[column])), shape=(6 * count,) * 2
             )
@@ -405,21 +405,14 @@ def _rigid_points(moved: Vector, position: Vector) -> list[tuple[float, Vector]]
 
 def _factors(units: Sequence[str]) -> list[float]:
     """Return the units in metres, kilograms and seconds."""
-    from pint import DimensionalityError  # slow to import
-
-    if isinstance(units, str) or len(units) != 3:
-        raise ModelError(
-            f"structure: units are {units!r}; they must be three, of length, mass and time, "
-            'such as ("mm", "t", "s")'
-        )
     try:
         return [
-            float((1.0 * parse(u)).to(si).magnitude)
-            for u, si in zip(units, ("m", "kg", "s"), strict=True)
+            factor(unit, si) for unit, si in zip(units, ("m", "kg", "s"), strict=True)
         ]
-    except (BlockError, DimensionalityError) as error:
+    except (BlockError, ValueError) as error:
         raise ModelError(
-            f"structure: units are {tuple(units)}; they must be of length, mass and time: {error}"
+            f"structure: units are {units!r}; they must be three, of length, mass and time, "
+            f'such as ("mm", "t", "s"): {error}'
         ) from error
 
 

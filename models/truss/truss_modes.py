@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -276,18 +276,25 @@ class TrussModes:
             raise ModelError(
                 f"cannot keep {modes} modes of {self.modes}; choose 0 to {self.modes}"
             )
-        return replace(
-            self,
-            shapes=self.shapes[:, :, :modes],
+        return self.reshaped(
+            lambda shapes: shapes[..., :modes],
             frequencies=self.frequencies[:modes],
             damping_ratios=self.damping_ratios[:modes],
-            grasp_translations=self.grasp_translations[:, :, :modes],
-            grasp_rotations=self.grasp_rotations[:, :, :modes],
         )
 
-    def rigid(self) -> TrussModes:
-        """Return the same truss without any modes."""
-        return self.truncated(0)
+    def reshaped(self, change: Callable[[Vector], Vector], **others: Any) -> TrussModes:
+        """Return the same truss with changed shapes at the point masses and grasp points.
+
+        Parameters
+        ----------
+        change : callable
+            Function of shapes, modes along the last axis, that returns the changed ones.
+        **others
+            Other attributes that change [units of the attributes].
+        """
+        names = ("shapes", "grasp_translations", "grasp_rotations")
+        changed: dict[str, Any] = {name: change(getattr(self, name)) for name in names}
+        return replace(self, **changed, **others)
 
     def damped(self, ratio: float) -> TrussModes:
         """Return the same truss with one damping ratio in every mode.

@@ -37,13 +37,10 @@ def scaled(
         If a factor is not positive.
     """
     check_number("scaled truss", mass=mass, frequency=frequency)
-    return replace(
-        modes,
+    return modes.reshaped(
+        lambda shapes: shapes / np.sqrt(mass),
         masses=mass * modes.masses,
         frequencies=frequency * modes.frequencies,
-        shapes=modes.shapes / np.sqrt(mass),
-        grasp_translations=modes.grasp_translations / np.sqrt(mass),
-        grasp_rotations=modes.grasp_rotations / np.sqrt(mass),
     )
 
 
@@ -81,13 +78,10 @@ def loaded(modes: TrussModes, point: Array, mass: float) -> TrussModes:
     squares, mix = scipy.linalg.eigh(
         np.diag(modes.stiffness), np.eye(modes.modes) + mass * shape.T @ shape
     )
-    return replace(
-        modes,
+    return modes.reshaped(
+        lambda shapes: shapes @ mix,
         masses=masses,
         frequencies=np.sqrt(squares) / (2.0 * np.pi),
-        shapes=modes.shapes @ mix,
-        grasp_translations=modes.grasp_translations @ mix,
-        grasp_rotations=modes.grasp_rotations @ mix,
     )
 
 

@@ -11,7 +11,7 @@ from trussflow.models import MeanAxesDesign, MeanAxesEstimator, SpaceTruss
 def pushed(sample_time):
     """Return where a rigid truss is that is pushed at random for 0.4 s, and what is predicted of it."""
     flexible = SpaceTruss.consistent().dynamics
-    truss = SpaceTruss(replace(flexible, modes=flexible.modes.rigid()))
+    truss = SpaceTruss(flexible.without_modes())
     estimator = MeanAxesEstimator(
         flexible, replace(MeanAxesDesign.shipped(), sample_time=sample_time)
     )

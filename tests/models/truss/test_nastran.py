@@ -133,7 +133,7 @@ def test_the_matrices_of_the_example_are_those_of_its_deck(tmp_path):
         ({"mass": "MAA"}, "no matrix in .*boom.op4': 'maa'; choose from: mgg, kgg"),
         (
             {"units": ("N", "t", "s")},
-            "units are .*; they must be of length, mass and time",
+            "units are .*; they must be three, of length, mass and time",
         ),
         (
             {"deck": "short.bdf"},

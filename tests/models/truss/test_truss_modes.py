@@ -60,7 +60,7 @@ def test_truncation_keeps_the_first_modes(modes):
     assert three.modes == 3
     assert np.array_equal(three.second_moments, modes.second_moments[:4, :4])
     assert np.array_equal(three.grasp_rotations, modes.grasp_rotations[:, :, :3])
-    rigid = modes.rigid()
+    rigid = modes.truncated(0)
     assert rigid.modes == 0
     assert np.array_equal(rigid.inertia, modes.inertia)
     assert rigid.momentum_coefficients.shape == (3, 0)
@@ -200,4 +200,4 @@ def test_deflection_is_the_greatest_of_displacement_and_rotation(modes):
     moved = np.linalg.norm(modes.shapes[:, :, 2], axis=1).max() / size
     turned = np.linalg.norm(modes.grasp_rotations[:, :, 2], axis=1).max()
     assert modes.deflection(modal) == pytest.approx(max(moved, turned), rel=1e-12)
-    assert modes.rigid().deflection(np.zeros((4, 0))) == 0.0
+    assert modes.truncated(0).deflection(np.zeros((4, 0))) == 0.0
