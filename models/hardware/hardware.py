@@ -17,14 +17,12 @@ from trussflow.blocks.library.discrete import sampled_delay
 from trussflow.blocks.support.types import Array, Vector
 from trussflow.models.dynamics.task_space import normalized, task_velocity
 from trussflow.models.errors import ModelError
-from trussflow.models.hardware.accelerations import PointAccelerations
 from trussflow.models.hardware.measurement import Measurement, derived_seed
 from trussflow.models.hardware.motors import JointDrives, ReactionWheels
 from trussflow.models.hardware.thrusters import ThrusterSet
 from trussflow.models.layered_file import LayeredFile
 from trussflow.models.parameter_files import ParameterTable
 from trussflow.models.plant.space_truss import SpaceTruss
-from trussflow.models.plant.tunable_truss import TunableTruss
 from trussflow.models.robots.joint import Joint
 from trussflow.models.validation import check_choice, check_number
 
@@ -70,8 +68,6 @@ class Hardware:
         Measurements of position [m], attitude [rad], velocity [m/s] and rate [rad/s] of the truss frame.
     encoder, tachometer : Measurement
         Measurements of joint angles [rad] and rates [rad/s].
-    accelerometer : Measurement, optional
-        Measurement of the accelerations of grasp points and bases [m/s^2].
     gyroscopic : str
         Gyroscopic torque ω × A h of the wheels on their base: ``"off"``; ``"on"``; or ``"cancelled"`` by
         feedforward of the wheel torques once a sample. Unless off, the actuators have the input `rates`.
@@ -90,7 +86,6 @@ class Hardware:
     gyro: Measurement
     encoder: Measurement
     tachometer: Measurement
-    accelerometer: Measurement | None = None
     gyroscopic: str = "off"
 
     def __post_init__(self) -> None:
@@ -348,19 +343,8 @@ class Hardware:
         -------
         Diagram
             Inputs: `coordinates` and `speeds` of the truss. Outputs, as measured: `task_position`,
-            `task_velocity` and `rigid_speeds`, and with accelerometers `grasp_acceleration` and
-            `base_acceleration`. The modes are not measured.
-
-        Raises
-        ------
-        ModelError
-            If there are accelerometers, and the truss is a `TunableTruss`.
+            `task_velocity` and `rigid_speeds`. The modes are not measured.
         """
-        if self.accelerometer is not None and isinstance(truss, TunableTruss):
-            raise ModelError(
-                "accelerometers of a TunableTruss would measure its nominal truss, not that of the run; use "
-                "a SpaceTruss, or hardware without accelerometers"
-            )
         places, rigid, attitude = truss.rigid_q, truss.rigid, truss.dynamics.attitude
         where, rates = truss.position_units, truss.task_rate_units
 
@@ -403,17 +387,6 @@ class Hardware:
             )
             source[part] >> diagram.add(name, sensor).u
             sensor.y >> target[part]
-        if self.accelerometer is not None:
-            time = self.accelerometer.sample_time
-            points = diagram.add(points=PointAccelerations(truss.dynamics, time))
-            true.y >> points.coordinates
-            moving.y >> points.speeds
-            for k, port in enumerate(points.outputs(), len(SENSOR_UNITS)):
-                sensor = self.accelerometer.sensor(
-                    port.shape, seed=derived_seed(seed, k)
-                )
-                port >> diagram.add(f"{port.name}_sensor", sensor).u
-                diagram.expose(**{f"{port.name}_acceleration": sensor.y})
         diagram.expose(coordinates=true.u, speeds=moving.u)
         diagram.expose(**{port.name: port for port in shown.outputs()})
         return diagram

@@ -1,7 +1,5 @@
 """Hardware and loop of robots of any kinds: units of the joints, robots without joints, no robots."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
@@ -12,17 +10,14 @@ from trussflow.models import (
     JointDrives,
     MeanAxesDesign,
     MeanAxesLaw,
-    Measurement,
     ModelError,
     SpaceTruss,
 )
 
 
 def wired(truss):
-    """Return a truss with actuators and sensors; accelerometers too."""
-    hardware = replace(
-        Hardware.flight(), accelerometer=Measurement(sample_time=0.02, noise=0.0)
-    )
+    """Return a truss with actuators and sensors."""
+    hardware = Hardware.flight()
     diagram = Diagram("wired")
     plant, actuators, sensors, nothing = diagram.add(
         truss=truss,
