@@ -49,14 +49,14 @@ def stable_damping(growth: Vector, dampings: Sequence[float]) -> float:
     return dampings[first] if first < len(dampings) else np.inf
 
 
-def harmonic_gain(amplitude: Vector, exponent: float) -> Vector:
+def harmonic_gain(amplitude: Vector | float, exponent: float) -> Vector:
     r"""Return the describing function of :math:`|x|^b\,\mathrm{sgn}(x)` [unit^(b-1)].
 
     .. math:: N(a) = \frac{2}{\sqrt\pi}\frac{\Gamma(b/2 + 1)}{\Gamma(b/2 + 3/2)}\,a^{b-1}
 
     Parameters
     ----------
-    amplitude : array
+    amplitude : float or array
         a > 0 [unit of x].
     exponent : float
         b > 0 [-].
