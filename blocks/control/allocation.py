@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from trussflow.blocks.control.bounded_least_squares import bounded_least_squares
 from trussflow.blocks.errors import BlockError
 from trussflow.blocks.framework.block import Block, Values
 from trussflow.blocks.framework.declarations import Attribute, Parameter, Signals, State
@@ -15,7 +16,6 @@ from trussflow.blocks.framework.units import Unit
 from trussflow.blocks.library.piecewise import limited
 from trussflow.blocks.support.types import Array
 from trussflow.blocks.support.validation import finite_array, is_whole, shown
-from trussflow.blocks.tracing.bounded_least_squares import bounded_least_squares
 from trussflow.blocks.tracing.linear_algebra import (
     solve_positive_definite,
     weighted_gramian,

@@ -9,8 +9,6 @@ from importlib.resources import files
 
 import casadi as ca
 
-OWN_NAME = "trussflow"
-
 ALL_LANES = {
     ca.OP_ASSIGN: "{0}",
     ca.OP_ADD: "{0} + {1}",
@@ -163,7 +161,6 @@ VECTOR_FORMULAS = FORMULAS | MASKED_CHOICES
 
 
 @cache
-def c_file(name: str) -> str:
-    """Return the text of a file of this folder, with the original package name also inside an FMU."""
-    text = files("trussflow.blocks.tracing").joinpath(name).read_text(encoding="utf-8")
-    return text.replace(f"{__name__.partition('.')[0]}.", f"{OWN_NAME}.")
+def c_file(name: str, package: str = "trussflow.blocks.tracing") -> str:
+    """Return the text of the file with that `name` in the folder of a `package`."""
+    return files(package).joinpath(name).read_text(encoding="utf-8")

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 
+from trussflow.blocks.control.bounded_least_squares import bounded_least_squares
 from trussflow.blocks.framework.block import Values
 from trussflow.blocks.framework.declarations import Parameter, Signals
 from trussflow.blocks.framework.port import Input, Output
 from trussflow.blocks.library.piecewise import limited
 from trussflow.blocks.support.types import Array, Vector
-from trussflow.blocks.tracing.bounded_least_squares import bounded_least_squares
 from trussflow.blocks.tracing.linear_algebra import block_diagonal
 from trussflow.models.dynamics.dynamics import TrussDynamics
 from trussflow.models.mean_axes.design import MeanAxesDesign

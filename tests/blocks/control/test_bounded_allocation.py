@@ -21,8 +21,8 @@ from trussflow.blocks import (
     linearize,
     simulate,
 )
+from trussflow.blocks.control.bounded_least_squares import bounded_least_squares
 from trussflow.blocks.errors import DivergenceError
-from trussflow.blocks.tracing.bounded_least_squares import bounded_least_squares
 
 PROBLEM_COUNT = 100 * campaign.SIZE
 GRADIENT_TOLERANCE = 1e-9  # of the size of the terms that cancel in the gradient

@@ -24,6 +24,7 @@ from trussflow.blocks import (
     ZeroOrderHold,
     simulate,
 )
+from trussflow.blocks.control.bounded_least_squares import bounded_least_squares
 from trussflow.blocks.errors import (
     AlgebraicLoopError,
     DiagramError,
@@ -31,7 +32,6 @@ from trussflow.blocks.errors import (
     NameLookupError,
     ParameterError,
 )
-from trussflow.blocks.tracing.bounded_least_squares import bounded_least_squares
 from trussflow.blocks.tracing.plan import Plan
 
 BACKENDS = ("numpy", "interpreted", "compiled")

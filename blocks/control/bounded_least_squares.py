@@ -98,7 +98,7 @@ def bounded_least_squares(
 
 @cache  # keeps the callbacks alive, as CasADi does not
 def _kernel(m: int, n: int) -> Kernel:
-    header = c_file("bounded_least_squares.h")
+    header = c_file("bounded_least_squares.h", __package__)
     return c_kernel(
         _Solution(m, n), header, f"tf_bounded_least_squares({m}, {n}, in, out);"
     )
