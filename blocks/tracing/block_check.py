@@ -338,7 +338,7 @@ def _compare(
             worst = int(np.argmax(wrong))
             raise refusal(
                 block,
-                f"traced and NumPy values of {results.describe(worst)} differ: it is "
+                f"traced and NumPy values of {results.describe(worst)} differ: "
                 f"{values[worst]:.6g} traced, {expected[worst]:.6g} in NumPy",
             )
 

@@ -248,7 +248,7 @@ FAULTS = (
     (Misspelt, "numbers", r"position"),
     (Branches, "tracing", r"cannot be traced: .*np\.where"),
     (UsesMath, "tracing", r"cannot be traced: "),
-    (RoundsByAdding, "tracing", r"traced and NumPy values of 'y' differ"),
+    (RoundsByAdding, "tracing", r"traced and NumPy values of 'output.y'"),
     (NoSampleTime, "declarations", r"discrete states need a sample time"),
     (NoEvent, "declarations", r"event methods would never be called"),
     (
