@@ -11,15 +11,9 @@ from trussflow.blocks.control.disturbance_observer import (
 from trussflow.blocks.control.input_shaping import ShapedTrajectory as ShapedTrajectory
 from trussflow.blocks.control.kalman_design import GaussMarkov as GaussMarkov
 from trussflow.blocks.control.kalman_design import kalman_filter as kalman_filter
-from trussflow.blocks.control.kalman_filter import (
-    ExtendedKalmanFilter as ExtendedKalmanFilter,
-)
-from trussflow.blocks.control.kalman_filter import KalmanFilter as KalmanFilter
 from trussflow.blocks.control.pd import PD as PD
 from trussflow.blocks.control.pid import PID as PID
 from trussflow.blocks.control.pid import DiscretePID as DiscretePID
-from trussflow.blocks.control.process_models import LinearProcess as LinearProcess
-from trussflow.blocks.control.process_models import NonlinearProcess as NonlinearProcess
 from trussflow.blocks.control.sliding_mode import (
     ConventionalSlidingMode as ConventionalSlidingMode,
 )
@@ -122,15 +116,6 @@ from trussflow.blocks.linear_analysis.operating_point import (
 )
 from trussflow.blocks.linear_analysis.trim import Free as Free
 from trussflow.blocks.linear_analysis.trim import trim as trim
-from trussflow.blocks.linear_analysis.uncertainty.robust_stability import (
-    robust_stability as robust_stability,
-)
-from trussflow.blocks.linear_analysis.uncertainty.uncertain_model import (
-    uncertain as uncertain,
-)
-from trussflow.blocks.linear_analysis.uncertainty.worst_case import (
-    worst_gain as worst_gain,
-)
 from trussflow.blocks.results.dataset import load as load
 from trussflow.blocks.results.dataset import plot as plot
 from trussflow.blocks.results.dataset import save as save
@@ -144,8 +129,6 @@ from trussflow.blocks.sweeps.gradients import gradient as gradient
 from trussflow.blocks.sweeps.sweep import rerun as rerun
 from trussflow.blocks.sweeps.sweep import sweep as sweep
 from trussflow.blocks.sweeps.tuning import tune as tune
-from trussflow.blocks.testing.check_block import check_block as check_block
-from trussflow.blocks.testing.energy_audit import energy_audit as energy_audit
 from trussflow.blocks.tracing.kernels import repeated as repeated
 from trussflow.blocks.tracing.linear_algebra import (
     solve_positive_definite as solve_positive_definite,

@@ -201,7 +201,10 @@ SUBJECTS = {
 
 FACADES = (
     "blocks",
+    "blocks.control",
     "blocks.errors",
+    "blocks.linear_analysis.uncertainty",
+    "blocks.testing",
     "fmu",
     "models",
     "models.feasibility",

@@ -407,7 +407,8 @@ def check_block(
 
     Examples
     --------
-    >>> from trussflow.blocks import TransferFunction, check_block
+    >>> from trussflow.blocks import TransferFunction
+    >>> from trussflow.blocks.testing import check_block
     >>> report = check_block(TransferFunction([1.0], [0.5, 1.0]))
     >>> report.raise_for_failures()
     >>> report.findings["feedthrough"]

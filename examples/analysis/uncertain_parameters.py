@@ -10,14 +10,8 @@ inertia to 10 %, the damping to a factor of four. ``uncertain`` makes a linear f
 import matplotlib.pyplot as plt
 import numpy as np
 
-from trussflow.blocks import (
-    Block,
-    Diagram,
-    Gain,
-    Input,
-    Output,
-    Parameter,
-    State,
+from trussflow.blocks import Block, Diagram, Gain, Input, Output, Parameter, State
+from trussflow.blocks.linear_analysis.uncertainty import (
     robust_stability,
     uncertain,
     worst_gain,

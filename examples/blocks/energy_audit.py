@@ -15,8 +15,8 @@ from trussflow.blocks import (
     Output,
     Parameter,
     State,
-    energy_audit,
 )
+from trussflow.blocks.testing import energy_audit
 
 
 class Motor(Block):

@@ -8,16 +8,8 @@ An oscillator with its equations in plain NumPy, compared with the exact solutio
 import matplotlib.pyplot as plt
 import numpy as np
 
-from trussflow.blocks import (
-    Block,
-    Diagram,
-    Input,
-    Output,
-    Parameter,
-    State,
-    check_block,
-    simulate,
-)
+from trussflow.blocks import Block, Diagram, Input, Output, Parameter, State, simulate
+from trussflow.blocks.testing import check_block
 
 
 class Oscillator(Block):

@@ -8,7 +8,8 @@ dissipated add up to the initial energy. PathSim: ``example_elastic_pendulum.py`
 
 import numpy as np
 
-from trussflow.blocks import Block, Diagram, EnergyAccount, Output, State, energy_audit
+from trussflow.blocks import Block, Diagram, EnergyAccount, Output, State
+from trussflow.blocks.testing import energy_audit
 
 g, l0, k, m, c_r, c_phi = 9.81, 1.0, 50.0, 1.0, 0.3, 0.1
 

@@ -17,12 +17,12 @@ from trussflow.blocks import (
     Session,
     Sine,
     Step,
-    check_block,
     linearize,
     simulate,
 )
 from trussflow.blocks.control.bounded_least_squares import bounded_least_squares
 from trussflow.blocks.errors import DivergenceError
+from trussflow.blocks.testing import check_block
 
 PROBLEM_COUNT = 100 * campaign.SIZE
 GRADIENT_TOLERANCE = 1e-9  # of the size of the terms that cancel in the gradient

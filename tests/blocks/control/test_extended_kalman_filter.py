@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from systems import jacobian
 
-from trussflow.blocks import ExtendedKalmanFilter, NonlinearProcess
+from trussflow.blocks.control import ExtendedKalmanFilter, NonlinearProcess
 from trussflow.blocks.errors import BlockError, ParameterError, TracingError
 
 EVERY = 0.05  # s

@@ -8,13 +8,8 @@ import numpy as np
 import pytest
 from scipy.stats import binom, chi2
 
-from trussflow.blocks import (
-    ExtendedKalmanFilter,
-    GaussMarkov,
-    NonlinearProcess,
-    StateSpace,
-    kalman_filter,
-)
+from trussflow.blocks import GaussMarkov, StateSpace, kalman_filter
+from trussflow.blocks.control import ExtendedKalmanFilter, NonlinearProcess
 
 RUNS = 40 * campaign.SIZE
 LAGS = 30

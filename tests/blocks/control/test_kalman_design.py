@@ -12,10 +12,8 @@ from trussflow.blocks import (
     Block,
     Constant,
     Diagram,
-    ExtendedKalmanFilter,
     GaussMarkov,
     Input,
-    KalmanFilter,
     OperatingPoint,
     Output,
     State,
@@ -24,6 +22,7 @@ from trussflow.blocks import (
     kalman_filter,
     linearize,
 )
+from trussflow.blocks.control import ExtendedKalmanFilter, KalmanFilter
 from trussflow.blocks.control.covariances import sampled_covariance
 
 ROUND_OFF = 1e-12

@@ -12,16 +12,14 @@ from hypothesis import strategies as st
 
 from trussflow.blocks import (
     Diagram,
-    ExtendedKalmanFilter,
     GaussMarkov,
-    KalmanFilter,
-    LinearProcess,
     Signals,
     StateSpace,
     ZeroOrderHold,
     from_control,
     kalman_filter,
 )
+from trussflow.blocks.control import ExtendedKalmanFilter, KalmanFilter, LinearProcess
 from trussflow.blocks.control.covariances import hidden
 from trussflow.blocks.errors import (
     BlockError,

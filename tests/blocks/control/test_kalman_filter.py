@@ -6,7 +6,7 @@ import pytest
 from scipy.integrate import quad_vec
 from scipy.linalg import expm, solve_discrete_are
 
-from trussflow.blocks import ExtendedKalmanFilter, KalmanFilter, LinearProcess
+from trussflow.blocks.control import ExtendedKalmanFilter, KalmanFilter, LinearProcess
 from trussflow.blocks.control.covariances import sampled_covariance
 
 TOLERANCE = 1e-10

@@ -24,16 +24,13 @@ from trussflow.blocks import (
     DiscreteTransferFunction,
     DisturbanceObserver,
     Drift,
-    ExtendedKalmanFilter,
     Function,
     Gain,
     GridTable,
     Ground,
     IntegralSlidingMode,
     Integrator,
-    KalmanFilter,
     LimitedIntegrator,
-    LinearProcess,
     MatrixGain,
     Noise,
     Pulse,
@@ -66,12 +63,14 @@ from trussflow.blocks import (
     Waypoints,
     WeightedAllocation,
     ZeroOrderHold,
-    check_block,
+    control,
     enabled,
     simulate,
 )
+from trussflow.blocks.control import ExtendedKalmanFilter, KalmanFilter, LinearProcess
 from trussflow.blocks.errors import DiagramError
 from trussflow.blocks.framework.system import flatten
+from trussflow.blocks.testing import check_block
 
 A = 0.3 * np.array([[-1.0, 2.0, 0.0], [-2.0, -1.0, 0.5], [0.0, 0.1, -0.5]])
 P = np.array([[1.0, 0.5, 0.0, 0.2], [0.0, 1.0, 0.3, -0.4]])
@@ -197,7 +196,7 @@ BLOCKS = {
 def test_every_exported_block_is_in_a_diagram():
     exported = {
         name
-        for name, item in vars(library).items()
+        for name, item in [*vars(library).items(), *vars(control).items()]
         if isinstance(item, type) and issubclass(item, Block)
     }
     present = {type(block).__name__ for block in BLOCKS.values()}

@@ -20,10 +20,10 @@ from trussflow.blocks import (
     Parameter,
     PythonFunction,
     State,
-    check_block,
 )
 from trussflow.blocks.errors import BlockError
 from trussflow.blocks.framework.run_state import Running
+from trussflow.blocks.testing import check_block
 
 ANY = "any random point, such as"
 

@@ -18,9 +18,9 @@ from trussflow.blocks import (
     State,
     Sum,
     ZeroOrderHold,
-    energy_audit,
 )
 from trussflow.blocks.errors import BlockError, SimulationError
+from trussflow.blocks.testing import energy_audit
 
 
 class Mass(Block):

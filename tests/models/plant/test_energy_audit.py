@@ -5,8 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from trussflow.blocks import Diagram, Input, Output, energy_audit
+from trussflow.blocks import Diagram, Input, Output
 from trussflow.blocks.library.algebra import Function
+from trussflow.blocks.testing import energy_audit
 from trussflow.models import SpaceTruss
 
 STEP = 2e-3

@@ -5,17 +5,9 @@ from itertools import product
 import numpy as np
 import pytest
 
-from trussflow.blocks import (
-    Block,
-    Gain,
-    Input,
-    Output,
-    Parameter,
-    State,
-    robust_stability,
-    uncertain,
-)
+from trussflow.blocks import Block, Gain, Input, Output, Parameter, State
 from trussflow.blocks.errors import LinearAnalysisError, ParameterError
+from trussflow.blocks.linear_analysis.uncertainty import robust_stability, uncertain
 
 
 class Chain(Block):

@@ -7,19 +7,13 @@ import numpy as np
 import pytest
 from systems import Oscillator
 
-from trussflow.blocks import (
-    Diagram,
-    Gain,
-    StateSpace,
-    ZeroOrderHold,
-    uncertain,
-    worst_gain,
-)
+from trussflow.blocks import Diagram, Gain, StateSpace, ZeroOrderHold
 from trussflow.blocks.errors import (
     LinearAnalysisError,
     ParameterError,
     SimulationWarning,
 )
+from trussflow.blocks.linear_analysis.uncertainty import uncertain, worst_gain
 from trussflow.blocks.linear_analysis.uncertainty.gain_series import GainSeries, corners
 from trussflow.models import TrussModes, TunableTruss
 from trussflow.models.truss.variations import loaded, scaled
