@@ -1,4 +1,4 @@
-"""Errors of FMU import and export; each message names the object, the fault and the remedy."""
+"""Errors of FMU import and export, and their logger; each message names the object, the fault and the remedy."""
 
 import logging
 

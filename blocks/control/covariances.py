@@ -117,7 +117,7 @@ def steady_covariance(
     """
     from scipy.linalg import solve_discrete_are
 
-    if still := hidden(A.T, Q, names, slowest=1.0 - ROUND_OFF):
+    if still := hidden(A.T, Q, names):
         raise LinearAnalysisError(
             f"no process noise drives {still}, which do not decay: a steady filter would stop looking at "
             "what is measured; give them noise, a disturbance a density above 0, or take kind='varying'"
@@ -153,14 +153,16 @@ def refuse_undetectable(A: Vector, C: Vector, names: Sequence[str]) -> None:
     LinearAnalysisError
         If there is such a state; the message names it.
     """
-    if unseen := hidden(A, C, names, slowest=1.0 - ROUND_OFF):
+    if unseen := hidden(A, C, names):
         raise LinearAnalysisError(
             f"cannot estimate {unseen}, which do not decay: what is measured never shows them, or not apart "
             "from each other; measure more, or leave them out of the model"
         )
 
 
-def hidden(A: Vector, C: Vector, names: Sequence[str], slowest: float) -> str:
+def hidden(
+    A: Vector, C: Vector, names: Sequence[str], slowest: float = 1.0 - ROUND_OFF
+) -> str:
     """Return the names of the states in the unobservable modes of (A, C) that decay no faster than given.
 
     The unobservable subspace is the largest A-invariant subspace of the null space of C. It is found by

@@ -70,8 +70,8 @@ class Isolated:
 UNSHARED_ATTRIBUTES = ("name", "parent", "parameters", "extra_ports")
 """Attributes that may differ between blocks with the same equations; the traced copy has none of them."""
 
-SharedResults = dict[bytes | None, Isolated]
-"""Result shared by all blocks with the same `equations_key`."""
+SharedResults = dict[bytes | None, Isolated | None]
+"""Result shared by all blocks with the same `equations_key`; None if it cannot be shared."""
 
 
 def kinds(block: Block) -> list[str]:
@@ -128,6 +128,7 @@ def _shared_result(block: Block, shared: SharedResults) -> Isolated:
     key = equations_key(block)
     if key is not None and key not in shared:
         # If the check fails, checking the block itself shows whether it or the copy is at fault.
+        shared[key] = None
         with suppress(TrussflowError):
             shared[key] = _isolated(block, _anonymous_copy(block))
     return shared.get(key) or _isolated(block)

@@ -204,7 +204,7 @@ class Evaluation:
         x, p, fired = leaves.states[path], leaves.parameters[path], leaves.fired[path]
         traced = is_traced(leaves.t)
         # Inside algebraic loops no kernel calls are recorded, so equations are traced again.
-        recorded = active_trace() is not None
+        recorded = traced and active_trace() is not None
         reusable = self.plan.traced_blocks.get(path) if recorded else None
         if reusable is not None and reusable.fits(u.values()):
             known = frozenset(n for n in u if self._inputs.get((path, n)) is u[n])

@@ -124,6 +124,11 @@ class KernelCall:
         """Element hashes of the symbols in the inputs."""
         return symbols_of(self.inputs)
 
+    @cached_property
+    def gives(self) -> set[int]:
+        """Element hashes of the symbols of the results."""
+        return symbols_of(self.symbols)
+
     def results(self, instance: int) -> tuple[Array, ...]:
         """Return all results of one instance, assembled from symbols and constants."""
         column: list[Any] = self.symbols[:, instance].elements()

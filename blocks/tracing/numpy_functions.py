@@ -52,7 +52,8 @@ def _round(a: Array, decimals: int = 0) -> Array:
     )
 
 
-def _interp(x: Array, xp: Array, fp: Array) -> Array:
+def _interp(x: Array, xp: Array, fp: Array, *_: None, **_named: None) -> Array:
+    # left and right are None here: other values are refused before.
     found = fp[-1]
     for i in reversed(range(len(xp) - 1)):
         slope = (fp[i + 1] - fp[i]) / (xp[i + 1] - xp[i])

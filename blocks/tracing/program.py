@@ -104,6 +104,8 @@ class Program:
 
         Values and derivatives are valid if the guesses of algebraic loops in d are their solutions.
         """
+        if not self.calls:
+            return self.function
         return self._function(lambda k: k.near() if k.near else k.function).expand()
 
     def _function(self, of: Callable[[Kernel], ca.Function]) -> ca.Function:
@@ -163,7 +165,7 @@ def lower(
     # Backwards, so that calls whose results are not used are left out.
     wanted = symbols_of(result)
     for call in reversed(trace):
-        if wanted & symbols_of(call.symbols):
+        if wanted & call.gives:
             calls.append(call)
             wanted |= call.reads
     return Program(name, tuple(inputs), tuple(calls[::-1]), ca.densify(result))

@@ -213,6 +213,11 @@ def order(
         If outputs form an algebraic loop that is not solved; the message shows the cycle.
     """
     graph = graph_of(system, feedthrough, active)
+    # Outputs by generations: the inputs of a block are then mostly known when its outputs are computed,
+    # so that these have equal expressions and share kernels.
+    ports, cycle = in_order(graph)
+    if not cycle:
+        return [Stage((port,)) for port in ports]
     stages = []
     for component in components(graph):
         inside = _among(graph, component)

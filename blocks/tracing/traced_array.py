@@ -65,6 +65,9 @@ REFUSAL_MESSAGES = {
     "__round__": "round() does not trace; write np.round",
     "__array__": "np.array, np.asarray, np.full, functions of SciPy and indices need numbers; write np.stack "
     "or np.concatenate to put signals together, np.where to choose",
+    **dict.fromkeys(
+        ("__divmod__", "__rdivmod__"), "divmod() does not trace; write u // v and u % v"
+    ),
     "__setitem__": "an array of signals cannot be written into; write np.stack, np.concatenate or np.where",
     **dict.fromkeys(
         (

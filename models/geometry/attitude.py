@@ -40,7 +40,8 @@ NORM_FEEDBACK_GAIN = 1.0
 class AttitudeCoordinates:
     r"""Attitude as 3-1-2 Euler angles φ, θ, ψ, as in the paper; singular where cos φ = 0.
 
-    Derived classes describe an attitude by other numbers, a, and override what differs.
+    Derived classes describe an attitude by other numbers, a. They must override all attributes, and all methods
+    down to `bias_acceleration`, which are those of Euler angles here.
 
     Attributes
     ----------

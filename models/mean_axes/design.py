@@ -165,7 +165,7 @@ class MeanAxesDesign:
         Parameters
         ----------
         file : ParameterTable or LayeredFile
-            File with the tables of ``parameters/mean_axes.toml``, which states the required units.
+            File with the tables of ``parameters/mean_axes.toml``, whose shipped file states the required units.
 
         Raises
         ------

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
@@ -62,10 +63,11 @@ def plant_of(file: LayeredFile) -> tuple[SpaceTruss, NDArray[np.int_] | None]:
         dynamics = replace(truss.dynamics, arms=_arms(file, truss.robots))
         truss = SpaceTruss(dynamics, modal_actuation=truss.modal_actuation)
     else:
-        grasps = [
-            set(nodes) if len(nodes) > 1 else nodes[0]
-            for nodes in structure.rows("grasps")
-        ]
+        held = structure.rows("grasps")
+        uses = Counter(node for nodes in held for node in {*nodes})
+        if shared := [node for node, robots in uses.items() if robots > 1]:
+            raise structure.error("grasps", f"gives node {shared[0]} to two robots")
+        grasps = [set(nodes) if len(nodes) > 1 else nodes[0] for nodes in held]
         with blamed("structure", "stiffness" if model == MATRICES else "file"):
             body = _structure(model, structure, folder)
         with blamed("structure", "grasps"):

@@ -405,11 +405,12 @@ def _rigid_points(moved: Vector, position: Vector) -> list[tuple[float, Vector]]
 
 def _factors(units: Sequence[str]) -> list[float]:
     """Return the units in metres, kilograms and seconds."""
+    wanted = "m", "kg", "s"
     try:
-        return [
-            factor(unit, si) for unit, si in zip(units, ("m", "kg", "s"), strict=True)
-        ]
-    except (BlockError, ValueError) as error:
+        if isinstance(units, str) or len(units) != len(wanted):
+            raise BlockError("there are not three texts")
+        return [factor(unit, si) for unit, si in zip(units, wanted, strict=True)]
+    except BlockError as error:
         raise ModelError(
             f"structure: units are {units!r}; they must be three, of length, mass and time, "
             f'such as ("mm", "t", "s"): {error}'

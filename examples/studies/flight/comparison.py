@@ -30,7 +30,7 @@ from flight.samples import (
     MIN_DAMPING,
     UNCERTAINTIES,
     deviations,
-    noise_parameters,
+    run_parameters,
     sample_parameters,
 )
 from flight.sections import cumulative
@@ -113,8 +113,7 @@ def all_campaigns(count: int) -> list[Campaign]:
                 loop=law_simulator,
                 options={"law": law, "reference_hardware": hardware},
                 rows=[
-                    sample_parameters(plant, seed)
-                    | (noise_parameters(seed) if hardware else {})
+                    (run_parameters if hardware else sample_parameters)(plant, seed)
                     for seed in seeds
                 ],
                 labels=seeds,

@@ -403,6 +403,19 @@ def test_single_calls_are_right_at_every_point_or_refused():
     assert refused == without | {"max initial"}
 
 
+@pytest.mark.parametrize("divide", [lambda u: divmod(u, 2.0), lambda u: divmod(2.0, u)])
+def test_divmod_names_the_remedy(divide):
+    with pytest.raises(
+        NeedsNumberError, match=r"divmod\(\) does not trace; write u // v"
+    ):
+        divide(symbol("u", (2,)))
+
+
+def test_limits_of_interp_that_are_none_are_those_of_numpy():
+    u = symbol("u", (2,))
+    assert np.interp(u, [0.0, 1.0], [0.0, 2.0], None, right=None).shape == (2,)
+
+
 @pytest.mark.parametrize("function", REFUSED_FUNCTIONS, ids=lambda f: f.__name__)
 def test_functions_that_casadi_computes_otherwise_are_refused(function):
     count = 2 if function in (np.isclose, np.digitize) else getattr(function, "nin", 1)

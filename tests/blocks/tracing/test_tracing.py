@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
+from trussflow.blocks import Constant, Gain, Integrator, simulate
 from trussflow.blocks.errors import TracingError
 from trussflow.blocks.framework.block import Block
 from trussflow.blocks.framework.declarations import Parameter, State
@@ -20,7 +21,7 @@ from trussflow.blocks.tracing.kernels import (
 )
 from trussflow.blocks.tracing.plan import Plan
 from trussflow.blocks.tracing.program import lower
-from trussflow.blocks.tracing.quantities import outputs
+from trussflow.blocks.tracing.quantities import derivative, outputs
 
 ROUND_OFF = 1e-13  # relative, of fused multiply-add and of another order of sums
 
@@ -206,3 +207,60 @@ def test_what_differs_between_instances_must_be_an_argument():
         TracingError, match=r"block 'b' .*repeated\(\) .* must be an argument"
     ):
         isolate(Diagram("d").add(b=Captured()))
+
+
+class TwoOutputs(Block):
+    """One output depends on one input, the other on both; one kernel computes both."""
+
+    u, v = Input(3), Input(3)
+    y, z = Output(3), Output(3)
+
+    def output(self, t, x, u, p):
+        def both(a, b):
+            return np.sin(a), np.sin(b) * a
+
+        parts = zip(*repeated(both, list(zip(u.u, u.v, strict=True))), strict=True)
+        return dict(zip("yz", map(np.stack, parts), strict=True))
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_a_kernel_is_called_once_in_whatever_order_blocks_are_added(seed):
+    diagram = Diagram("any order")
+    blocks = {
+        "both": TwoOutputs(),
+        "state": Integrator(np.ones(3)),
+        "last": Integrator(np.zeros(3)),
+        "first": Gain(2.0 * np.ones(3)),
+        "second": Gain(3.0 * np.ones(3)),
+    }
+    for name in np.random.default_rng(seed).permutation(list(blocks)):
+        diagram.add(str(name), blocks[name])
+    both = blocks["both"]
+    blocks["state"] >> blocks["first"] >> both.u
+    blocks["state"].y >> blocks["second"].u
+    blocks["second"] >> both.v
+    both.y >> blocks["last"].u
+    both.z >> blocks["state"].u
+    (program,) = Plan(diagram).trace([derivative()])
+    assert len(program.calls) == 1
+
+
+def test_a_plan_is_evaluated_with_numbers_while_another_is_traced():
+    inner = Diagram("inner")
+    state, gain = inner.add(state=Integrator(2.0), gain=Gain(-1.0))
+    state >> gain >> state
+    plan = Plan(inner)
+
+    class Inner(Block):
+        u, y = Input(), Output()
+
+        def output(self, t, x, u, p):
+            given = plan.parameters(None)
+            point = plan.initial(given, None)
+            evaluation = plan.evaluate(0.0, *point, given, frozenset())
+            return {"y": u.u * float(evaluation.output(gain.y))}
+
+    outer = Diagram("outer")
+    source, block = outer.add(source=Constant(3.0), block=Inner())
+    source >> block
+    assert simulate(outer, 0.1, step=0.1)["block.y"][-1] == -6.0

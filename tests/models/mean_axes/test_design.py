@@ -8,6 +8,7 @@ from numpy.testing import assert_allclose
 from scipy.linalg import expm
 
 from trussflow.models import FreeModes, MeanAxesDesign, ModelError, SpaceTruss
+from trussflow.models.parameter_files import ParameterTable
 
 DESIGN = MeanAxesDesign.shipped()
 
@@ -34,6 +35,34 @@ DESIGN = MeanAxesDesign.shipped()
 def test_designs_that_make_no_sense(changes, message):
     with pytest.raises(ModelError, match=message):
         replace(DESIGN, **changes)
+
+
+def test_units_of_the_shipped_design_are_those_of_the_code():
+    """Own files are compared with these units."""
+    file = ParameterTable.shipped("mean_axes.toml")
+    units = {
+        name: entry["unit"]
+        for table in ("mean_axes", "estimator", "monitor")
+        for name, entry in file.mapping(table).items()
+    }
+    dimensional = {
+        "sample_time": "s",
+        "bandwidth": "rad/s",
+        "effort": "kg*m^2/s^4",
+        "resting_thrust": "N",
+        "resting_error": "m",
+        "propellant_spread": "kg",
+        "unloading_time": "s",
+        "acceleration_noise": "m/s^2/Hz^0.5",
+        "modal_noise": "kg^0.5*m/s^2/Hz^0.5",
+        "disturbance_noise": "m/s^3/Hz^0.5",
+        "position_noise": "m",
+        "rate_noise": "m/s",
+        "unknown_thrust": "N",
+        "unknown_torque": "N*m",
+        "settling": "s",
+    }
+    assert {n: u for n, u in units.items() if u != "1"} == dimensional
 
 
 def test_gain_depends_on_the_ratio_of_noises_alone():

@@ -193,6 +193,8 @@ LOOSE_STIFFNESS = K.toarray() * np.outer(np.arange(24) < 18, np.arange(24) < 18)
 
 ERROR_CASES = [
     ({"units": "SI"}, "units are 'SI'; they must be three, of length, mass and time"),
+    ({"units": "mts"}, "units are 'mts'; .*: there are not three texts"),
+    ({"units": ("mm", "t")}, r"units are \('mm', 't'\); .*: there are not three texts"),
     (
         {"units": ("kg", "m", "s")},
         "they must be three, of length, mass and time, .*unit 'kg'",

@@ -5,7 +5,7 @@ import pytest
 import xarray as xr
 from flight.loops import flight_simulator
 from flight.metrics import GOALS, run_metrics
-from flight.samples import noise_parameters, sample_parameters
+from flight.samples import run_parameters
 from flight.tuning import INITIAL, RANGES, design_of, section, tuned_designs, values_of
 from numpy.testing import assert_array_equal
 from study_tools.ledger import Ledger
@@ -37,7 +37,7 @@ def test_designs_are_compared_on_other_seeds(plant, tmp_path):
     """The shipped design has the metrics of the shipped loop; a second call takes the finished runs."""
     found, compared = tuned_designs(tmp_path, **SHORT)
     truss, seed = TunableTruss.accurate(), SHORT["others"][1]
-    parameters = sample_parameters(truss, seed) | noise_parameters(seed)
+    parameters = run_parameters(truss, seed)
     run = flight_simulator().run(0.2, parameters=parameters, progress=False)
     shipped, expected = compared["shipped"].sel(sample=seed), run_metrics(run)
     for name in GOALS:
