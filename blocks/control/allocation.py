@@ -79,12 +79,11 @@ class Allocation(Block):
 
 
 class WeightedAllocation(Allocation):
-    r"""Share a demand between more actuators than it has components, at least weighted effort.
+    r"""Share a demand between redundant actuators with the least weighted effort.
 
     .. math:: Q = W^{-1} P^T (P W^{-1} P^T)^{-1} u
 
-    is the Q with the least :math:`Q^T W Q` of all with :math:`P Q = u`. P must have full
-    row rank at all times.
+    minimizes :math:`Q^T W Q` subject to :math:`P Q = u`. P must have full row rank at all times.
 
     Parameters
     ----------
@@ -128,28 +127,29 @@ class WeightedAllocation(Allocation):
 
     def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
         """Return the commands."""
+        # The multipliers solve (P W^-1 P^T) λ = u, and Q = W^-1 P^T λ. W is diagonal,
+        # so that its inverse is a division, and `λ @ P` is P^T λ.
         gramian = weighted_gramian(u.effectiveness, 1.0 / p.weights)
         multipliers = solve_positive_definite(gramian, u.demand)
         return {"command": (multipliers @ u.effectiveness) / p.weights}
 
 
 class BoundedAllocation(Allocation):
-    r"""Share a demand between actuators with limits: least weighted error, then least effort.
+    r"""Share a demand between actuators with limits, with least weighted error and effort.
 
     .. math::
         \min_{l \le Q \le h} \; (P Q - u)^T G^{-1} (P Q - u) + \sum_k w_k^2 (Q_k - Q_{0k})^2
 
-    If the effort weighs next to nothing, a demand that can be met is met, and of one that cannot the error is least, as
-    :math:`G^{-1}` counts it. With G the mass matrix and u the mass matrix times the acceleration
-    wanted, that is the energy of the motion that is missing. Where squared weights differ by more
-    than :math:`10^{10}`, digits are lost when a demand cannot be met. A wish that gives way before the
-    demand is one more row of u and P, with a larger diagonal element of G.
+    With very small weights w, a feasible demand is met, and an infeasible demand is met with the least error
+    in the norm of :math:`G^{-1}`. If G is the mass matrix and u the mass matrix times the commanded
+    acceleration, this error is the kinetic energy of the missing motion. If squared weights differ by more
+    than :math:`10^{10}`, digits are lost when a demand cannot be met. A secondary objective is one more row
+    of u and P, with a larger diagonal element of G.
 
-    Limits are inputs: those of an actuator that died are both zero, those of one that is stuck what it
-    is stuck at. The command never leaves them, and no combination of them is too much. It is NaN if a
-    lower limit exceeds its upper one, the diagonal of G is not above 0, or an input is NaN. Derivatives are
-    those with the actuators that are at a limit staying there. An estimator that reads the command,
-    and not the demand, does not wind up.
+    Limits are inputs. Both limits of a failed actuator are zero, both limits of a jammed actuator are its
+    output. The command never exceeds the limits, and exists for any number of active limits. It is NaN if a
+    lower limit exceeds its upper limit, a diagonal element of G is not above 0, or an input is NaN. Derivatives
+    hold the active limits active. An estimator that reads the command instead of the demand does not wind up.
 
     Parameters
     ----------
@@ -172,7 +172,7 @@ class BoundedAllocation(Allocation):
     Härkegård (2002), *Efficient active set algorithms for solving constrained least squares problems
     in aircraft control allocation*, 41st IEEE Conference on Decision and Control, for the cost.
     Bodson (2002), *Evaluation of optimization methods for control allocation*, Journal of Guidance,
-    Control, and Dynamics 25 (4), 703-711. How it is solved: `bounded_least_squares`.
+    Control, and Dynamics 25 (4), 703-711. The algorithm is that of `bounded_least_squares`.
     """
 
     spread = Input(("demands", "demands"), meaning="G: errors count by its inverse")
@@ -192,11 +192,12 @@ class BoundedAllocation(Allocation):
     )
 
     def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
-        """Return the commands, what they miss, and which of them are at limits."""
+        """Return the commands, the missed part of the demand, and the active limits."""
         lower, upper = self._limits(x, u, p)
         command, missed = bounded_least_squares(
             u.effectiveness, u.spread, u.demand, p.weights, u.preferred, lower, upper
         )
+        # The solver clips its result, so that a command at a limit equals it exactly.
         at_limit = np.logical_or(command <= lower, command >= upper)
         saturated = np.where(at_limit, 1.0, 0.0)
         return {"command": command, "missed": missed, "saturated": saturated}
@@ -207,11 +208,11 @@ class BoundedAllocation(Allocation):
 
 
 class RateBoundedAllocation(BoundedAllocation):
-    r"""A `BoundedAllocation` whose commands move no faster than allowed from one sample to the next.
+    r"""`BoundedAllocation` with rate limits of the commands between samples.
 
     .. math:: \mathrm{clip}(Q_{k-1} - r T_s, l, h) \le Q_k \le \mathrm{clip}(Q_{k-1} + r T_s, l, h)
 
-    Limits come before rates: a command follows a limit that jumps at once.
+    Limits take precedence over rates: a command follows a limit that jumps immediately.
 
     Parameters
     ----------
@@ -253,6 +254,8 @@ class RateBoundedAllocation(BoundedAllocation):
         self.sampled(sample_time)
 
     def _limits(self, x: Signals, u: Signals, p: Signals) -> tuple[Array, Array]:
+        # If the previous command lies beyond a limit that has jumped, both ends are
+        # clipped to this limit.
         reach = p.rates * self.sample_time
         lower, upper = (
             limited(x.previous + r, u.lower, u.upper) for r in (-reach, reach)
@@ -260,5 +263,5 @@ class RateBoundedAllocation(BoundedAllocation):
         return lower, upper
 
     def update(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
-        """Remember the commands."""
+        """Store the commands."""
         return {"previous": self.output(t, x, u, p)["command"]}

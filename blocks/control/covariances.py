@@ -50,6 +50,7 @@ def covariance(
     # In units of each diagonal element, so that metres do not hide nanometres.
     scale = np.sqrt(np.where(np.diag(matrix) > 0, np.diag(matrix), 1.0))
     smallest = np.linalg.eigvalsh(matrix / np.outer(scale, scale)).min(initial=1.0)
+    # Round-off can make zero eigenvalues of a semidefinite matrix slightly negative.
     if smallest < (ROUND_OFF if definite else -ROUND_OFF):
         raise ParameterError(
             f"{what} is not positive {'' if definite else 'semi'}definite: it must be"
@@ -78,14 +79,19 @@ def sampled_covariance(A: Vector, density: Vector, time: float) -> Vector:
     """
     from scipy.linalg import expm
 
+    # The block exponential contains exp(-A T), which overflows for a stable A with fast
+    # modes. The first interval is so short that the norm of A times its length is <= 1.
     doublings = max(0, ceil(log2(max(float(np.linalg.norm(A, 1)) * time, 1.0))))
     n = len(A)
     flow = expm(
         np.block([[-A, density], [np.zeros((n, n)), A.T]]) * (time / 2**doublings)
     )
+    # The blocks of the second column are exp(A T)^-1 Q_k and exp(A T)^T.
     turned = flow[n:, n:].T
     added = turned @ flow[:n, n:]
     for _ in range(doublings):
+        # Q(2T) = exp(A T) Q(T) exp(A T)^T + Q(T): noise of the first half passes
+        # through the second half.
         added, turned = turned @ added @ turned.T + added, turned @ turned
     return np.asarray((added + added.T) / 2)
 
@@ -117,23 +123,28 @@ def steady_covariance(
     """
     from scipy.linalg import solve_discrete_are
 
+    # Duality: the modes of A that Q does not drive are unobservable in (A^T, Q).
+    # Without noise in a mode on the unit circle there is no stabilizing solution.
     if still := hidden(A.T, Q, names):
         raise LinearAnalysisError(
-            f"no process noise drives {still}, which do not decay: a steady filter would stop looking at "
-            "what is measured; give them noise, a disturbance a density above 0, or take kind='varying'"
+            f"no process noise drives {still}, which do not decay: a steady filter would ignore their "
+            "measurements; give them noise, a disturbance a density above 0, or take kind='varying'"
         )
     # Scale measurements by their noise and states by one unit, so that both terms of P have similar size.
     seen = np.linalg.solve(np.linalg.cholesky(R), C)
     noise, shown = float(np.linalg.norm(Q)), float(np.linalg.norm(seen))
+    # In x = unit * x', Q becomes Q / unit^2 and C^T R^-1 C becomes unit^2 C^T R^-1 C.
+    # They are equal for unit^4 = |Q| / |C|^2. Without noise any unit does, here 1.
     unit = (noise / max(shown**2, 1e-99)) ** 0.25 or 1.0
     try:
+        # SciPy solves the equation of the regulator; the filter is its dual: A^T, C^T.
         P = unit**2 * solve_discrete_are(
             A.T, unit * seen.T, Q / unit**2, np.eye(len(R))
         )
     except (np.linalg.LinAlgError, ValueError) as error:
         raise LinearAnalysisError(
-            f"no solution of the Riccati equation of the Kalman filter can be found: {error}; noises, or "
-            "units of states, may be of too different size"
+            f"cannot solve the Riccati equation of the Kalman filter: {error}; the noises, or the units of "
+            "the states, may differ too much in size"
         ) from None
     return np.asarray((P + P.T) / 2)
 
@@ -155,8 +166,8 @@ def refuse_undetectable(A: Vector, C: Vector, names: Sequence[str]) -> None:
     """
     if unseen := hidden(A, C, names):
         raise LinearAnalysisError(
-            f"cannot estimate {unseen}, which do not decay: what is measured never shows them, or not apart "
-            "from each other; measure more, or leave them out of the model"
+            f"cannot estimate {unseen}, which do not decay: the measurements do not depend on them, or cannot "
+            "distinguish them; measure more signals, or leave them out of the model"
         )
 
 
@@ -184,12 +195,17 @@ def hidden(
     _, (units, _) = matrix_balance(
         couplings + 1e-6 * couplings.max(), permute=False, separate=True
     )
+    # For short samples A is almost the identity. The difference has the same invariant
+    # subspaces, and its couplings are not small beside ones on the diagonal.
     rates, C = (A - np.eye(len(A))) * units / units[:, None], C * units
+    # Each measurement counts relative to its own size; rows of zeros stay zero.
     largest = np.linalg.norm(C, axis=1, keepdims=True)
     basis = _null_space(C / np.where(largest > 0, largest, 1.0), 1.0)
     size = -1
     while size != basis.shape[1]:
         size = basis.shape[1]
+        # The part of the rates that leaves the subspace; only directions in which it is
+        # zero stay. The dimension never grows, so that the loop ends.
         outside = rates @ basis - basis @ (basis.T @ rates @ basis)
         basis = basis @ _null_space(outside, float(np.linalg.norm(rates)))
     if not size:
@@ -197,6 +213,8 @@ def hidden(
     within = np.eye(size) + basis.T @ rates @ basis
     # The stubs know no sorting by one complex number.
     _, modes, number = schur(within, "complex", sort=lambda z: abs(z) >= slowest)  # type: ignore[call-overload]
+    # The first Schur vectors span the modes that do not decay. The norm of a row is the
+    # participation of a state; below 1 % it is not worth a name in the message.
     share = np.linalg.norm(basis @ modes[:, :number], axis=1)
     return ", ".join(
         f"'{name}'" for name, s in zip(names, share, strict=True) if s > 0.01
@@ -206,4 +224,6 @@ def hidden(
 def _null_space(matrix: Vector, largest: float) -> Vector:
     """Return an orthonormal basis of the null space of a matrix whose largest singular value is `largest`."""
     _, values, rows = np.linalg.svd(matrix)
+    # The number of nonzero singular values is the rank. `rows` is square, also for a
+    # flat matrix, so that the rows after the rank span the null space.
     return np.asarray(rows[np.sum(values > ROUND_OFF * largest) :].T)

@@ -1,4 +1,4 @@
-r"""Input shaping: a trajectory in shares, one after the other, so that a vibration cancels itself."""
+r"""Input shaping: a sum of delayed shares of a trajectory, which excites no vibration of one mode."""
 
 from __future__ import annotations
 
@@ -22,14 +22,14 @@ class ShapedTrajectory(Trajectory):
               K = e^{-\zeta\pi/\sqrt{1 - \zeta^2}}, \quad
               \omega_d = 2\pi f \sqrt{1 - \zeta^2}
 
-    with n = 1 for ZV (zero vibration), and n = 2 for ZVD, for which the derivative by the frequency is zero,
-    too. It ends n half periods later, where r ends. In several coordinates it may leave the path of r, by
-    what r bends within that time.
+    with n = 1 for ZV (zero vibration), and n = 2 for ZVD, whose residual vibration also has a zero derivative
+    with respect to the frequency. It ends n half periods later than r, at the same position. In several
+    coordinates it cuts the corners of a curved path.
 
     Parameters
     ----------
     trajectory : Trajectory
-        r, without inputs; it is made for this and in no diagram.
+        r, a block without inputs that is in no diagram.
     frequency : float
         f, without damping [Hz].
     damping : float
@@ -40,7 +40,7 @@ class ShapedTrajectory(Trajectory):
     Raises
     ------
     BlockError
-        If the trajectory is none that depends on time alone, or a value is out of its range.
+        If the trajectory does not depend on time alone, or a value is out of its range.
 
     References
     ----------
@@ -62,13 +62,16 @@ class ShapedTrajectory(Trajectory):
             or trajectory.sample_time is not None
         ):
             raise BlockError(
-                "ShapedTrajectory: it shapes trajectories that depend on time alone"
+                "ShapedTrajectory needs a trajectory that depends on time alone: a `Trajectory` "
+                "block without inputs and sample time"
             )
         f = finite("ShapedTrajectory", "frequency", frequency, above=0.0)
         ratio = finite("ShapedTrajectory", "damping", damping, minimum=0.0, below=1.0)
         one_of("kind of ShapedTrajectory", kind, SHAPERS, BlockError)
         self._trajectory = trajectory
         root = np.sqrt(1.0 - ratio**2)
+        # Two impulses, half a damped period apart, in the ratio of their decay, cancel
+        # each other (ZV). The pair convolved with itself gives ZVD.
         shares = np.ones(1)
         for _ in range(1 + SHAPERS.index(kind)):
             shares = np.convolve(shares, [1.0, np.exp(-np.pi * ratio / root)])
@@ -78,6 +81,7 @@ class ShapedTrajectory(Trajectory):
 
     def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
         """Return position, velocity and acceleration."""
+        # The trajectory has neither states nor inputs, so these are placeholders.
         inner = Signals("trajectory", self._trajectory.parameters)
         each = [
             self._trajectory.output(t - delay, inner, inner, inner)
@@ -91,7 +95,7 @@ class ShapedTrajectory(Trajectory):
         }
 
     def breakpoints(self) -> tuple[float, ...]:
-        """Return those of the trajectory, once for each share."""
+        """Return the breakpoints of the trajectory, delayed by each delay."""
         times = self._trajectory.breakpoints()
         return tuple(
             sorted({float(time + delay) for time in times for delay in self._delays})

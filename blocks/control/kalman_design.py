@@ -199,7 +199,7 @@ def kalman_filter(
         return KalmanFilter(linear, **settings)
     if initial_covariance is None:
         raise ParameterError(
-            f"a filter of kind '{kind}' needs initial_covariance: how good is its first estimate?"
+            f"a filter of kind '{kind}' needs initial_covariance, the covariance of its first estimate"
         )
     if linear:
         refuse_undetectable(linear.A, linear.C, linear.state_names)
@@ -234,6 +234,7 @@ def _of_block(
             if one.port.is_input and not known.issuperset(one.labels()):
                 put_in.append(one)
                 known.update(one.labels())
+    # Inputs of the plant itself have no wire inside the diagram that must be cut.
     driven = [one.port for one in commands if one.port.block is not plant]
     linearizer = Linearizer(
         plant, [one.port for one in put_in], [one.port for one in seen], cut=driven
@@ -250,11 +251,14 @@ def _of_block(
         raise LinearAnalysisError(
             f"cannot make this Kalman filter of '{plant.name}': it has {what}"
         )
+    # `d` holds all external values. `columns` places the commands and noise inputs in
+    # it, so that `columns.T @ d` is their value at the operating point.
     rows = [*range(x.size), *opened.output_rows.tolist()]
     columns = np.eye(d.size)[:, opened.input_columns - x.size]
     v = columns.T @ d
     if linear:
         with LocalJacobians(opened, point.time, p) as local:
+            # Rates and outputs at the operating point, where rates need not be zero.
             rest = local.values(RATES_AND_OUTPUTS, x, d)[rows]
         found = linearizer.at(at)
         matrix = np.block([[found.A, found.B], [found.C, found.D]])
@@ -290,6 +294,7 @@ def _with_disturbances(
     # Columns that add white noise w and disturbances d to derivatives, inputs and outputs.
     by_w, density = _assembled("process_noise", process_noise, labels[:k], n)
     by_w = np.eye(len(labels), k) @ by_w
+    # The variance of dd/dt = -d/τ + w is S τ / 2 for a density S of w.
     markov = {name: one for name, one in slow.items() if isinstance(one, GaussMarkov)}
     stationary = {
         name: 2 * one.standard_deviation**2 / one.time_constant
@@ -311,6 +316,7 @@ def _with_disturbances(
             [found[:n] + added[:n], -(decay @ z[n:]), found[n:] + added[k:]]
         )
 
+    # Argument 3 is w; rows from `size` on are the derivatives of the measurements.
     slopes = ArrayFunction.of(whole, ((), (size,), u0.shape, quiet.shape)).jacobian(3)
     fast = slopes(time, z, u0, quiet)[size:].any(axis=1)
     if fast.any():
@@ -332,6 +338,7 @@ def _with_disturbances(
         density=spread,
         state_names=[
             *plant.states,
+            # Each column of `by_d` has a single 1, at the signal that it disturbs.
             *(f"disturbance/{labels[i]}" for i in by_d.argmax(axis=0)),
         ],
         **sampling,

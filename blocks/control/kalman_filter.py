@@ -123,9 +123,7 @@ class Filter(Block):
         owner = type(self).__name__
         delay, what = finite(owner, name, given), f"{name} of {owner}"
         if delay < 0:
-            raise BlockError(
-                f"{what} is {delay:g} s: nothing is known before it happens"
-            )
+            raise BlockError(f"{what} is {delay:g} s: it must be at least 0")
         return ticks(
             exact(delay),
             exact(self.process.every),
@@ -164,17 +162,22 @@ class Filter(Block):
 
     def _all(self, t: Array, x: Signals, u: Signals) -> tuple[Values, Values]:
         """Return the outputs and the updated states."""
+        # Oldest first. The measurement is of time `then`, when the command sent `late`
+        # samples ago acted: given[0]. The others act in the samples from `then` on.
         given = [*x.sent, u.command if self.commands else np.zeros(0)]
         then = t - self.behind * self.process.every
         shown, H = self.process.measure(then, x.predicted, given[0])
         innovation, (gain, spread, outputs) = u.measurement - shown, self.weighted(x, H)
         state = x.predicted + gain @ innovation
+        # Three predictions from the updated state: by one sample, for the next update;
+        # over the measurement delay, to the present; from there over the command delay.
         predicted, wider = self._later(then, state, spread, given[:1])
         state, spread = self._later(then, state, spread, given[: self.behind])
         ahead, _ = self._later(t, state, None, given[self.behind : self.late])
         outputs |= {"estimate": state, "prediction": ahead, "innovation": innovation}
         states = {
             "predicted": predicted,
+            # Without delays the buffer has no rows, and nothing can be stacked.
             "sent": np.stack(given[1:]) if self.late else x.sent,
         }
         if spread is not None:
@@ -251,6 +254,7 @@ class KalmanFilter(Filter):
         refuse_undetectable(A, C, names)
         P = steady_covariance(A, C, Q, R, names)
         self.innovation_covariance = C @ P @ C.T + R
+        # (S^-1 C P)^T = P C^T S^-1, as P and S are symmetric.
         self.gain = np.linalg.solve(self.innovation_covariance, C @ P).T
         self._measured = _joseph(P, self.gain, C, R)
         super().__init__(process, **settings)
@@ -258,6 +262,7 @@ class KalmanFilter(Filter):
     @property
     def covariance(self) -> Vector:
         """Covariance of the error of the estimate [any]."""
+        # A linear process has the same Jacobian and noise at all states and commands.
         nothing = [np.zeros(self.commands)] * self.behind
         return np.asarray(
             self._later(0.0, np.zeros(self.order), self._measured, nothing)[1]
@@ -333,6 +338,7 @@ class ExtendedKalmanFilter(Filter):
         """Return the gain and the covariance after the measurement."""
         P, R = x.predicted_covariance, self.process.noise
         S = H @ P @ H.T + R
+        # S is at least R, which is positive definite: a Cholesky factor exists.
         gain = solve_positive_definite(S, H @ P).T
         return gain, _joseph(P, gain, H, R), {"innovation_covariance": S}
 
@@ -353,4 +359,5 @@ def _joseph(P: Array, K: Array, H: Array, R: Vector) -> Array:
     """Return the covariance after a measurement in Joseph form, which stays positive semidefinite."""
     rest = np.eye(K.shape[0]) - K @ H
     after = rest @ P @ rest.T + K @ R @ K.T
+    # Asymmetry from round-off would grow from sample to sample.
     return (after + after.T) / 2

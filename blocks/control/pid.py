@@ -19,7 +19,7 @@ from trussflow.blocks.support.validation import finite_array
 
 
 class PIDLaw(Shaped):
-    """Base of the PID controllers: `PID` has the law.
+    """Base of the PID controllers; `PID` documents the law.
 
     Parameters
     ----------
@@ -53,7 +53,7 @@ class PIDLaw(Shaped):
     back_calculation = Parameter(shape=None, unit="1/s", minimum=0.0, meaning="k_b")
     reference_weight = Parameter(shape=None, meaning="b")
     reference_rate_weight = Parameter(shape=None, meaning="c")
-    first_output = Parameter(shape=None, meaning="output at the start, if so")
+    first_output = Parameter(shape=None, meaning="first output, if start is given")
 
     def __init__(
         self,
@@ -79,13 +79,15 @@ class PIDLaw(Shaped):
         )
         if len({gain.shape for gain in (p, i, d) if gain.ndim}) > 1:
             raise ParameterError(
-                f"the gains of PID have shapes {p.shape}, {i.shape} and {d.shape}; one fits all"
+                f"the gains of PID have shapes {p.shape}, {i.shape} and {d.shape}: vectors must have one shape"
             )
         self.unit, self.output_unit, self.bumpless = (
             unit,
             output_unit,
             start is not None,
         )
+        # The defaults T_f = 0.1 k_d / k_p and k_b = k_i / k_p have no value without a
+        # proportional part; 1 is used for k_p there. Without k_d, T_f has no effect.
         divisor = np.where(p == 0.0, 1.0, np.abs(p))
         super().__init__(
             shape,
@@ -109,6 +111,7 @@ class PIDLaw(Shaped):
         """Return how fast the filter follows [1/s]."""
         if self.sample_time is None:
             return 1.0 / p.filter_time
+        # With this gain, Euler's step of `update` is the exact filter for held signals.
         return (1.0 - np.exp(-self.sample_time / p.filter_time)) / self.sample_time
 
     def _errors(self, u: Signals, p: Signals) -> tuple[Array, Array]:
@@ -129,6 +132,7 @@ class PIDLaw(Shaped):
     def _rates(self, x: Signals, u: Signals, p: Signals) -> Values:
         """Return the rates of the states."""
         wanted, rate = self._parts(x, u, p)
+        # The integrated error has no weight b, so that it is zero at rest for every b.
         excess = wanted - limited(wanted, p.lower, p.upper)
         return {
             "integral": p.ki * (u.reference - u.measurement)
@@ -137,8 +141,10 @@ class PIDLaw(Shaped):
         }
 
     def initial_state(self, u: Signals, p: Signals) -> Values:
-        """Start with a derivative part of zero and, if asked for, at the first output wanted."""
+        """Return states with a derivative part of zero and, if `start` is given, that first output."""
         proportional, signal = self._errors(u, p)
+        # The filter starts at its input, so that only the proportional part and the
+        # integral reach the first output. Times 0.0: zeros in the shape of the signals.
         start = p.first_output - proportional if self.bumpless else 0.0 * proportional
         return {"smooth": signal, "integral": start}
 
@@ -154,8 +160,8 @@ class PID(PIDLaw):
 
         \dot I = k_i (r - z) - k_b (v - y), \qquad \dot f = (c r - z - f) / T_f
 
-    Back-calculation lets the integral go where it does not exceed the limits, and is smooth. Gains and limits
-    are one number, or one per element.
+    Back-calculation drives the integral to a value at which the output is within its limits. Gains and limits are one
+    number, or one per element.
 
     Parameters
     ----------
@@ -174,7 +180,7 @@ class PID(PIDLaw):
     reference_weight, reference_rate_weight : array_like
         b and c [-]. By default jumps of the reference do not reach the derivative part.
     start : array_like, optional
-        First output [output unit]: the integral starts where that comes out; by default it starts at zero.
+        First output [output unit], which sets the initial integral; by default the integral starts at zero.
     unit, output_unit : str, tuple of str or None
         Units of the signal that is controlled, and of the output; None leaves them unchecked.
     shape : int, tuple of int or None

@@ -77,6 +77,7 @@ class ArrayFunction:
     def jacobian(self, number: int) -> ArrayFunction:
         """Return the function of the exact Jacobian with respect to the argument with this index."""
         symbols = self.function.sx_in()
+        # CasADi's `vec` is column-major; of the transposed matrix it is row-major.
         matrix = ca.jacobian(self.function(*symbols), symbols[number])
         return ArrayFunction(
             ca.Function("jacobian", symbols, [ca.densify(ca.vec(matrix.T))]),
@@ -192,6 +193,7 @@ class LinearProcess(Process):
         state_names: Sequence[str] | None = None,
     ) -> None:
         self.A, B, C, D = matrices("LinearProcess", A, B, C, D)
+        # B, C and D are vectors for scalar inputs and outputs; make them matrices.
         n, self.C = len(self.A), np.atleast_2d(C)
         m, self.B = len(self.C), B.reshape(n, -1)
         self.D = D.reshape(m, -1)
@@ -307,6 +309,8 @@ class NonlinearProcess(Process):
         for _ in range(self._steps):
             middle, first = half(t, x, u), by_x(t, x, u)
             end, second = half(t + h / 2, middle, u), by_x(t + h / 2, middle, u)
+            # Simpson's rule: noise at the start passes through both halves of the step,
+            # noise in the middle through the second half, noise at the end through none.
             both = second @ first
             added = (
                 both @ Q(t, x, u) @ both.T
@@ -332,6 +336,8 @@ class NonlinearProcess(Process):
         """
         A, B = (self._rates.jacobian(i)(t, x, u) for i in (1, 2))
         C, D = (self._outputs.jacobian(i)(t, x, u) for i in (1, 2))
+        # Rates are A x + B u + drift near the point, which need not be at rest. The
+        # drift is one more column of B, with an input that is held at 1.
         drift = self._rates(t, x, u) - A @ x - B @ u
         flow, driven = held_flow(A, np.column_stack([B, drift]), self.every)
         return LinearProcess(

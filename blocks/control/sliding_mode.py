@@ -1,8 +1,8 @@
 """Sliding-mode tracking control, as commanded accelerations.
 
-Both controllers state their law in the coordinates of the task, as an acceleration. What
-turns it into forces (inertia, velocity terms, allocation) is other blocks' business, so
-they serve any plant of matching size.
+Both controllers compute an acceleration in task coordinates. Other blocks convert it to
+forces (inertia, velocity terms, allocation), so the controllers suit any plant of the
+same size.
 """
 
 from __future__ import annotations
@@ -253,6 +253,7 @@ class ConventionalSlidingMode(SlidingMode):
         e, de = errors(u)
         s = de + p.slope * e
         layer = p.boundary_layer
+        # Both branches of the `where` below are computed: without a layer, divide by 1.
         inside = limited(s / np.where(layer > 0.0, layer, 1.0), -1.0, 1.0)
         feedback = -p.slope * de - p.eta * np.where(layer > 0.0, inside, np.sign(s))
         return _commanded(u, feedback, s, e, de)

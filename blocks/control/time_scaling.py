@@ -102,8 +102,12 @@ class RetimedQuintic(Quintic):
     def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
         """Return position, velocity and acceleration, arrival time and overshoot."""
         s, ds, dds = _planned(t, x)
+        # The plan ends at s_0 + v_0 T'/2 + D. Round-off beyond the goal is no
+        # overshoot: it would cause a return of its own.
         beyond = x.passed + x.speed * x.lasts / 2.0 + x.way - 1.0
         beyond = np.where(np.abs(beyond) > DISTANCE_TOLERANCE, beyond, 0.0)
+        # A return over the distance b from rest peaks at PEAK_ACCELERATION b / T_b^2,
+        # which is the allowed share of PEAK_ACCELERATION / T^2.
         back = p.duration * np.sqrt(
             np.maximum(np.abs(beyond), DISTANCE_TOLERANCE) / x.allowed
         )
@@ -118,6 +122,7 @@ class RetimedQuintic(Quintic):
     def update(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
         """Make a new plan if the share has fallen, or if the plan has stopped away from the goal."""
         s, ds, _ = _planned(t, x)
+        # A share of NaN stays NaN, and comparisons with it are false: it makes no plan.
         share = np.where(u.share < MIN_SHARE, MIN_SHARE, u.share)
         worse, ended = share < x.allowed, t >= x.began + x.lasts
         allowed = np.where(worse, share, x.allowed)
@@ -126,7 +131,10 @@ class RetimedQuintic(Quintic):
             1.0 - s,
             np.abs(ds),
         )
+        # The shortest stop, with D = 0, uses all of the acceleration.
         stop = PEAK_BRAKING * speed / a
+        # T' solves PEAK_BRAKING v_0 / T' + PEAK_ACCELERATION D / T'^2 = a with D = left
+        # - v_0 T' / 2, which is a T'^2 + gain T' - PEAK_ACCELERATION left = 0.
         gain = (PEAK_ACCELERATION / 2.0 - PEAK_BRAKING) * speed
         # The square root has no derivative at a distance of zero.
         go = (
@@ -139,9 +147,11 @@ class RetimedQuintic(Quintic):
             )
             - gain
         ) / (2.0 * a)
+        # The shortest stop ends before the goal, or the path is at rest.
         reaches = (left - ds * stop / 2.0) * ds >= 0.0
         lasts = np.where(reaches, go, stop)
         plan = {
+            # A share that falls before the start time does not start the motion early.
             "began": np.maximum(t, x.began),
             "lasts": lasts,
             "passed": s,

@@ -140,14 +140,14 @@ class Quintic(Trajectory):
         }
 
     def moved(self, start: Array, way: Array) -> Array:
-        """Return where one is on a way from the start: their sum, where positions are numbers like others.
+        """Return the position after a displacement: the sum, unless a subclass has other coordinates.
 
         Parameters
         ----------
         start : array
-            [unit].
+            Initial position [unit].
         way : array
-            [unit].
+            Displacement from the initial position [unit].
         """
         return start + way
 
@@ -216,9 +216,12 @@ class Trapezoid(Trajectory):
         self._start_time = finite("Trapezoid", "start_time", start_time)
         self._rate = self.ramp_time = self.duration = 0.0
         if way:
+            # An element that does not move sets no limit, as its limits / eps are huge.
             share = np.maximum(np.abs(self._direction), np.finfo(float).eps)
             top = float(np.min(velocity / share))
             self._rate = float(np.min(acceleration / share))
+            # Without cruise, half of the way is ramp: rate ramp^2 / 2 = way / 2. With
+            # and without, the area under the velocity is rate ramp (duration - ramp).
             self.ramp_time = min(top / self._rate, float(np.sqrt(way / self._rate)))
             self.duration = self.ramp_time + way / (self._rate * self.ramp_time)
         super().__init__(shape, unit, start=start)
@@ -251,11 +254,11 @@ class Trapezoid(Trajectory):
 class Waypoints(Trajectory):
     r"""Pass given positions at given times, along polynomials of fifth degree.
 
-    Either the motion stops at each waypoint, with zero velocity and acceleration there; or
-    it flows through them along the quintic spline, which of all curves through the
-    waypoints, from rest to rest, has the least integral of squared jerk. The spline may
-    swing past a waypoint between two others; the stopping motion never does. Before the
-    first and after the last time the position is held.
+    With `stop`, the motion rests at each waypoint, with zero velocity and acceleration.
+    Otherwise it follows the quintic spline, which has the least integral of squared jerk
+    of all curves through the waypoints from rest to rest. The spline may overshoot
+    between waypoints; the stopping motion does not. Before the first and after the last
+    time the position is held.
 
     Parameters
     ----------
@@ -296,6 +299,8 @@ class Waypoints(Trajectory):
             time, self._times[:-1], [self._times[:-1], *self._coefficients]
         )
         local = time - start
+        # The clipped time would hold the rates of the ends. They are zero up to
+        # round-off only, and a position that is held must have rates of exactly zero.
         moving = np.where(
             t < self._times[0], 0.0, np.where(t > self._times[-1], 0.0, 1.0)
         )
@@ -315,6 +320,7 @@ class Waypoints(Trajectory):
 def _stopping(times: Vector, points: Vector) -> list[Vector]:
     """Return coefficients, by power, of the quintics that rest at each waypoint."""
     step = np.diff(points, axis=0)
+    # One span per row, with axes of length 1 for the elements of a position.
     span = np.diff(times).reshape(-1, *(1,) * (points.ndim - 1))
     zero = np.zeros_like(step)
     cubic, quartic, quintic = (
@@ -330,6 +336,8 @@ def _flowing(times: Vector, points: Vector) -> list[Vector]:
     from scipy.interpolate import make_interp_spline
 
     zero = np.zeros(points.shape[1:])
+    # First and second derivative are zero at both ends. With the values at the k
+    # waypoints these are the k + 4 conditions of a quintic spline.
     rest = [(1, zero), (2, zero)]
     both: Any = (rest, rest)  # SciPy's type stubs do not know this form
     spline = make_interp_spline(times, points, k=5, bc_type=both)

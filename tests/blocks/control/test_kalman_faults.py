@@ -151,7 +151,7 @@ def held():
         (
             {"measurement_delay": -0.1},
             BlockError,
-            "measurement_delay of KalmanFilter is -0.1 s: nothing is known",
+            "measurement_delay of KalmanFilter is -0.1 s: it must be at least 0",
         ),
         ({"kind": "square"}, SimulationError, "choose from: steady, varying, extended"),
         ({"kind": "varying"}, ParameterError, "needs initial_covariance"),

@@ -243,10 +243,10 @@ def shaped(trajectory=1.0, frequency=0.4, **settings):
             lambda: shaped(Quintic(1.0, 1.0), kind="EI"),
             "kind .* 'EI'; choose from: ZV, ZVD",
         ),
-        (shaped, "it shapes trajectories that depend on time alone"),
+        (shaped, "a trajectory that depends on time alone"),
         (
             lambda: shaped(RetimedQuintic(1.0, 2.0, 0.1)),
-            "it shapes trajectories that depend on time alone",
+            "a trajectory that depends on time alone",
         ),
         (
             lambda: StateMachine({"a": {"go": "b"}}, 0.1),
@@ -329,7 +329,7 @@ def test_arguments_of_blocks(build, message):
         ),
         (
             lambda: PID([1, 2], [1, 2, 3]),
-            r"gains of PID have shapes \(2,\), \(3,\) and \(\); one fits",
+            r"gains of PID have shapes \(2,\), \(3,\) and \(\): vectors must",
         ),
         (lambda: PD(-1.0, 1.0), "'proportional_gain' of PD is -1"),
         (lambda: PD(1.0, -1.0), "'derivative_gain' of PD is -1"),
