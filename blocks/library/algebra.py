@@ -64,6 +64,7 @@ class Gain(Shaped):
                 f"Gain multiplies element by element and cannot take a gain of shape "
                 f"{factors.shape}; for y = K u use MatrixGain(K)"
             )
+        # Without declared units a factor has none, so that y keeps the unit of u.
         unchecked = input_unit is None and output_unit is None
         self.input_unit = INFERRED if unchecked else input_unit
         self.output_unit = INFERRED if unchecked else output_unit
@@ -155,6 +156,8 @@ class Function(WrappedFunction):
         unit: Unit = None,
     ) -> None:
         if inputs is None:
+            # `lambda t: ...` is most likely meant as a function of time. Functions of
+            # NumPy have no code object.
             first = getattr(getattr(function, "__code__", None), "co_varnames", ())[:1]
             hint = (
                 "argument 't' is not the time: TimeFunction is for functions of it"

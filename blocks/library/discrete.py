@@ -144,6 +144,8 @@ def sampled_delay(
     """
     period = finite("sampled_delay", "sample_time", sample_time, above=0.0)
     late = finite("sampled_delay", "delay", delay)
+    # Unit delays with the largest common divisor of both times as sample time: for 0.1
+    # s and a delay of 0.15 s, three delays of 0.05 s.
     tick = common_tick([exact(period), exact(late)])
     samples = int(exact(late) / tick)
     if not 0 <= samples <= MAX_DELAY_SAMPLES:

@@ -97,6 +97,8 @@ def enabled(group: Diagram, *, states: str = "held", outputs: str = "held") -> D
             make(block, resets=resets).install()
     for exposed, (inner, *_) in [*group.exposed.items()]:
         if not inner.is_input:
+            # The exposed port keeps its name and gets another inner end, so that
+            # connections to the group stay valid.
             held = group.add(f"{exposed}_of_group", GroupOutput(outputs))
             inner >> held.u
             group.exposed[exposed] = (held.y,)
@@ -236,6 +238,8 @@ class Enabled(Equations):
 
     def install(self) -> None:
         """Give the block these equations and declarations."""
+        # As attributes of the instance, the new equations precede those of the class.
+        # Other instances of the class are unchanged.
         names = ["initial", *filter(self.states_own, GROUP_EQUATIONS)]
         if "derivative" in names and not self.block.continuous:
             names.remove("derivative")  # of a block that has events only
@@ -244,6 +248,7 @@ class Enabled(Equations):
         values.update({name: getattr(self, name) for name in names})
         values["_declared"] = {**self.block._declared, **declared}
         signal = declared["group_enable"]
+        # Shape, unit and frame of the new input: a number without unit and frame.
         own = (Inferable(value, fixed=True) for value in ((), None, None))
         self.block.ports["group_enable"] = Port(
             self.block, "group_enable", signal, *own
@@ -293,6 +298,9 @@ class EnabledStates(Enabled):
     def indicators(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
         """Return the indicators, which are constant while the group does not run."""
         now = self.kind.indicators(self.block, t, x, u, p)
+        # A constant indicator triggers nothing. The stored value, not zero, keeps the
+        # side, so that a crossing in the meantime counts at the next enabling. A time
+        # event at infinity is never due.
         still = {
             n: x[self.sides[n]] if n in self.sides else np.inf for n in self.events
         }
@@ -308,6 +316,8 @@ class EnabledStates(Enabled):
         """Return the states after events of the block, and after the group starts or stops."""
         values: Values = {n: x[n] for n in self.states}
         if self.events:
+            # The block may assume that one of its events fired, but an edge of the
+            # enable signal calls `on_event`, too.
             happened = sum(np.sum(np.reshape(fired[n], (-1,))) for n in self.events) > 0
             after = self.kind.on_event(self.block, t, x, u, p, fired)
             now = self.kind.indicators(self.block, t, x, u, p)
@@ -317,6 +327,7 @@ class EnabledStates(Enabled):
                 for n, side in self.sides.items()
             }
         if self.resets:
+            # Applied last: the reset overrides events of the block at the same instant.
             first = self.first(u, p)
             values |= {
                 n: np.where(fired.group_starts, value, values[n])
@@ -336,6 +347,8 @@ class EnabledUpdates(Enabled):
         """Return the states with which the block computes: the initial ones at an enabling that resets."""
         if not self.resets:
             return x
+        # Sampled blocks read the signal at their instants, so that the edge is found by
+        # comparison with the previous instant, not by an event.
         anew = np.logical_and(
             u.group_enable > ENABLE_THRESHOLD, x.group_ran < ENABLE_THRESHOLD
         )

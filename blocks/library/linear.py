@@ -85,6 +85,7 @@ def matrices(
         finite_array(f"{name} of {owner}", value) for name, value in given
     ]
     for matrix in found:
+        # Compiled code contains the matrices: a later change would have no effect.
         matrix.setflags(write=False)
     n = len(a) if a.ndim else 0
     if a.shape != (n, n) or not n:
@@ -130,6 +131,8 @@ def realization(
         coefficients = np.atleast_1d(finite_array(f"the {name} of {owner}", value))
         if coefficients.ndim != 1:
             raise BlockError(f"{owner}: the {name} must be a list of coefficients")
+        # Leading zeros would count for the order and make the denominator's first
+        # coefficient, by which all are divided, zero.
         polynomials.append(np.trim_zeros(coefficients, "f"))
     num, den = polynomials
     n = den.size - 1
@@ -144,6 +147,8 @@ def realization(
         )
     num = np.concatenate([np.zeros(n + 1 - num.size), num]) / den[0]
     den = den / den[0]
+    # The first state has the highest derivative, the others are its integrals. D is the
+    # quotient of the leading coefficients, C the remainder of the polynomial division.
     A = np.eye(n, k=-1)
     A[0] = -den[1:]
     B = np.eye(n)[0]

@@ -45,8 +45,10 @@ def uniform(first: Array, second: Array) -> tuple[Array, Array, Array]:
     L'Ecuyer (1999), *Good parameters and implementations for combined multiple recursive
     random number generators*, Operations Research 47(1), figure 1.
     """
+    # Products are below 2^21 * 2^32 = 2^53, so that no digit is lost.
     p = _modulo(_A12 * first[1] - _A13 * first[0], _M1)
     q = _modulo(_A21 * second[2] - _A23 * second[0], _M2)
+    # From 1 to m1, so that the result is neither 0, which has no logarithm, nor 1.
     difference = np.where(p > q, p - q, p - q + _M1)
     first = np.stack([first[1], first[2], p])
     return difference / (_M1 + 1.0), first, np.stack([second[1], second[2], q])
@@ -115,12 +117,14 @@ class Noise(Block):
 
     def _start(self, seed: Vector) -> tuple[Vector, Vector]:
         """Return the states of the generator for a seed."""
+        # The seed sequence mixes its input: seeds 1 and 2 give unrelated states.
         words = (
             np.random.SeedSequence(int(seed))
             .generate_state(6 * self.size)
             .astype(float)
         )
         first, second = words.reshape(2, 3, self.size)
+        # Words of 32 bits may exceed the moduli, which are slightly below 2^32.
         return first % _M1, second % _M2
 
     def initial(self, name: str, p: Signals) -> Vector:
@@ -203,6 +207,8 @@ class Drift(Noise):
                 "Drift", "correlation_time", correlation_time, above=0.0
             )
         self.memory = exp(-decay)
+        # K sqrt(τ (1 - φ^2) / 2) with decay = T_s / τ; `expm1` keeps the digits of 1 -
+        # φ^2 for slow processes. Its limit for τ = ∞ is K sqrt(T_s).
         growth = sqrt(step * -expm1(-2.0 * decay) / (2.0 * decay) if decay else step)
         super().__init__(
             np.full(as_shape("Drift", shape), walk * growth), step, seed=seed, unit=unit
@@ -212,6 +218,8 @@ class Drift(Noise):
         """Return the initial state of the generator, or the bias at time 0."""
         if name != "bias":
             return super().initial(name, p)
+        # Another generator than that of the steps, so that the initial bias is
+        # independent of them.
         drawn: Vector = np.random.default_rng(int(p.seed)).standard_normal(self.shape)
         return self.initial_deviation * drawn
 

@@ -108,8 +108,8 @@ class RateLimiter(Remembering):
 
     .. math:: y_k = y_{k-1} + \min(\max(u_k - y_{k-1}, -f T_s), r T_s)
 
-    It is sampled because that is exact: a continuous rate limit is a switching law, which
-    no solver follows without chattering. The first output is the first input.
+    The block is sampled, because a continuous rate limit is a switching law that makes
+    solvers chatter. The first output is the first input.
 
     Parameters
     ----------
@@ -162,12 +162,12 @@ class RateLimiter(Remembering):
 
 
 class Backlash(Remembering):
-    r"""Play: the output moves only when the input has taken up the gap, in samples.
+    r"""Backlash: the output moves only after the input has crossed the gap; sampled.
 
     .. math:: y_k = \min(\max(y_{k-1}, u_k - w/2), u_k + w/2)
 
-    That is exact at the samples, as long as the input does not turn between two. The first output is the
-    first input.
+    The samples are exact if the input does not reverse between two of them. The first output is the first
+    input.
 
     Parameters
     ----------
@@ -211,8 +211,8 @@ class Quantizer(Remembering):
     .. math:: y_k = q\,\mathrm{round}(u_k / q) \quad\text{if } |u_k - y_{k-1}| > (\tfrac12 + h)\, q,
               \qquad y_k = y_{k-1} \text{ otherwise}
 
-    and 0 where that is below the smallest value that there is. Without hysteresis the error is at
-    most q/2 wherever u exceeds the smallest value.
+    and 0 if this is below the smallest nonzero output. Without hysteresis the error is at most q/2
+    wherever u exceeds the smallest nonzero output.
 
     Parameters
     ----------
@@ -236,8 +236,8 @@ class Quantizer(Remembering):
 
     Notes
     -----
-    To carry the error on, so that the sum of the output follows that of the input (sigma-delta
-    modulation), add what a `UnitDelay` remembers of input minus output to the input.
+    For sigma-delta modulation, where the sum of the output follows that of the input, add the quantization
+    error of the previous sample to the input: input minus output through a `UnitDelay`.
     """
 
     u = Input(INFERRED, unit=INFERRED, frame=INFERRED, meaning="signal to round")
@@ -271,5 +271,6 @@ class Quantizer(Remembering):
         # A comparison with NaN is false: NaN comes out as NaN.
         stays = np.abs(u.u - x.previous) <= (0.5 + p.hysteresis) * p.quantum
         y = np.where(stays, x.previous, p.quantum * np.rint(u.u / p.quantum))
-        # A multiple that is the smallest value but for round-off is one.
+        # With the tolerance, a multiple equal to the smallest output up to round-off
+        # does not become 0.
         return {"y": np.where(np.abs(y) < p.smallest - 1e-9 * p.quantum, 0.0, y)}

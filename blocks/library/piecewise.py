@@ -11,6 +11,7 @@ from trussflow.blocks.errors import BlockError
 from trussflow.blocks.support.types import Array, Vector
 from trussflow.blocks.support.validation import finite_array, shown
 
+# Finite, as parameters must be, and as 0 * inf in a derivative would be NaN.
 NO_LIMIT = 1e300
 """Magnitude of limits without effect [any]."""
 
@@ -58,6 +59,7 @@ def limited(x: Array, lower: Array, upper: Array) -> Array:
     lower, upper : array
         The limits [unit of x].
     """
+    # Comparisons with NaN are false, so that the last branch returns it.
     return np.where(x < lower, lower, np.where(x > upper, upper, x))
 
 
@@ -73,6 +75,8 @@ def piece(x: Array, starts: Vector, tables: Sequence[Vector]) -> list[Array]:
     tables : sequence of Vector, shape (k, ...)
         One row for each piece [any].
     """
+    # Of all pieces that start at or before x, the last replaces the others. Traced code
+    # has no data-dependent index, so that the cost is linear in the number of pieces.
     rows: list[Array] = [table[0] for table in tables]
     for k in range(1, len(starts)):
         inside = x >= starts[k]

@@ -49,8 +49,8 @@ def from_control(
     Raises
     ------
     BlockError
-        If the system is nothing of the kind, is a transfer function with several inputs or
-        outputs, or is discrete without saying its sample time.
+        If the system has another type, is a transfer function with several inputs or outputs, or is discrete
+        with an unknown sample time.
     """
     import control
 
@@ -58,6 +58,7 @@ def from_control(
     if isinstance(system, control.StateSpace):
         A, B, C, D = system.A, system.B, system.C, system.D
         if scalar:
+            # A vector B or C makes the port a scalar, see `matrices`.
             B, C, D = B[:, 0], C[0], D[0, 0]
     elif isinstance(system, control.TransferFunction) and scalar:
         A, B, C, D = realization("from_control", system.num[0][0], system.den[0][0])
@@ -73,6 +74,7 @@ def from_control(
     }
     if system.isctime():
         return StateSpace(A, B, C, D, **settings)
+    # python-control marks a discrete system of unknown sample time by True.
     if system.dt is True:
         raise BlockError(
             "cannot make a block of a discrete system whose sample time is not given; build it "
@@ -92,7 +94,7 @@ def lqr(system: control.StateSpace, Q: npt.ArrayLike, R: npt.ArrayLike) -> Block
     Parameters
     ----------
     system : control.StateSpace
-        The system that is regulated; all of its state is fed back.
+        The system to regulate, by feedback of its whole state.
     Q : array_like, shape (n, n)
         Weight of the states [any].
     R : array_like, shape (m, m)
@@ -101,7 +103,7 @@ def lqr(system: control.StateSpace, Q: npt.ArrayLike, R: npt.ArrayLike) -> Block
     Returns
     -------
     Block
-        Block with the input ``u2``, its only one, the state, and the output ``y``.
+        Block with the single input ``u2``, the state, and the output ``y``.
 
     Raises
     ------

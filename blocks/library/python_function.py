@@ -60,6 +60,7 @@ class PythonFunction(WrappedFunction):
     ) -> None:
         super().__init__(function, inputs, outputs)
         if sample_time is not None or offset:
+            # NaN makes `sampled` raise its error, as an offset needs a sample time.
             self.sampled(math.nan if sample_time is None else sample_time, offset)
 
 
@@ -127,6 +128,7 @@ def as_block(
         getattr(function, "__name__", ""),
     )
     name = name if name.isidentifier() else "function"
+    # Arguments with a default value keep it, unless a port is declared for them.
     inputs = {a.name: Input(INFERRED) for a in arguments if a.default is a.empty}
     inputs |= {
         name: port for name, port in ports.items() if not isinstance(port, Output)
@@ -150,6 +152,8 @@ def as_block(
             )
         else:
             shapes = [port.shape for port in given if port.shape is not None]
+            # With all input shapes known, one call gives the shape of the output.
+            # Otherwise, all open shapes are inferred as equal.
             known = given and not ports and len(shapes) == len(given)
             block = Function(
                 function,

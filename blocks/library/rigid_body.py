@@ -115,6 +115,7 @@ class RigidBody(Block):
     def derivative(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
         """Return the rates of the motion."""
         momentum = p.inertia @ x.w
+        # The product of the quaternions q and (0, ω): scalar part, then vector part.
         spin = np.concatenate(
             [np.stack([-x.q[1:] @ x.w]), x.q[0] * x.w + np.cross(x.q[1:], x.w)]
         )
@@ -152,4 +153,5 @@ def _matrix(q: Array) -> Array:
             ]
         ),
     ]
+    # The length of q may differ from one within a run; the division keeps R orthogonal.
     return np.stack(rows) / (q @ q)

@@ -41,7 +41,7 @@ class Shaped(Block):
     def __init__(self, shape: ShapeLike = None, **parameters: object) -> None:
         super().__init__(**parameters)
         wanted = None if shape is None else as_shape(type(self).__name__, shape)
-        said_by = "the shape asked for"
+        said_by = "the argument 'shape'"
         for name, value in self.parameters.items():
             if not value.ndim:
                 continue
@@ -59,6 +59,7 @@ class Shaped(Block):
         if not {"lower", "upper"} <= p.keys():
             return
         if p.lower.shape and p.upper.shape and p.lower.shape != p.upper.shape:
+            # They cannot be compared here; the check of the shapes reports the error.
             return  # refused by shape
         if np.any(p.lower > p.upper):
             raise ParameterError(
@@ -87,6 +88,7 @@ def per_time(unit: Unit, power: int = 1) -> Unit:
         return None
     time = "s" if power == 1 else f"s**{power}"
     rates = tuple(
+        # An element without unit is dimensionless, and its rate is in 1/s.
         f"{each or '1'}/{time}"
         for each in (unit if isinstance(unit, tuple) else (unit,))
     )
@@ -164,6 +166,8 @@ class WrappedFunction(Block):
         self.extra_ports = {**inputs, **outputs}
         super().__init__()
         try:
+            # The number of arguments is checked here, with the line of the user's
+            # function, before a run calls it.
             inspect.signature(function).bind(*inputs)
         except TypeError as error:
             raise BlockError(

@@ -43,7 +43,8 @@ class Source(Block):
             finite_array(f"parameter '{n}' of {owner}", v).shape
             for n, v in parameters.items()
         ]
-        # The first of the largest; a parameter that does not fit is then refused by name.
+        # The first of the shapes with most axes. The base class reports a parameter with
+        # another shape by its name.
         self.shape = max(shapes, key=len, default=())
         self.unit, self.frame = unit, frame
         super().__init__(**parameters)
@@ -75,7 +76,7 @@ class Constant(Source):
 
 
 class Ground(Shaped):
-    """A signal that is zero, of whatever shape and unit its wires ask for.
+    """A signal that is zero, with the shape and unit of its wires.
 
     Parameters
     ----------
@@ -90,6 +91,7 @@ class Ground(Shaped):
 
     def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
         """Return zeros."""
+        # The shape may be still open if the block is used alone.
         return {"y": np.zeros(self.y.whole_shape or ())}
 
 
@@ -223,7 +225,7 @@ class Sine(Source):
 
 
 class TimeFunction(Source):
-    r"""Any function of time, y = f(t); ``TimeFunction(lambda t: t)`` is a clock.
+    r"""Function of time, y = f(t); ``TimeFunction(lambda t: t)`` is a clock.
 
     Parameters
     ----------
@@ -237,7 +239,7 @@ class TimeFunction(Source):
     Raises
     ------
     BlockError
-        If it is no function of time, or a break point not finite.
+        If the function does not take the time, or a breakpoint is not finite.
 
     Examples
     --------
@@ -270,6 +272,7 @@ class TimeFunction(Source):
                 "what the function of TimeFunction returns", function(np.zeros(()))
             ).shape
         self.unit, self.frame = unit, None
+        # `Source` takes the shape from the parameters, of which there are none here.
         Block.__init__(self)
 
     def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
@@ -277,5 +280,5 @@ class TimeFunction(Source):
         return {"y": self._function(t)}
 
     def breakpoints(self) -> tuple[float, ...]:
-        """Return the times that were given."""
+        """Return the breakpoints of the constructor."""
         return self._breaks

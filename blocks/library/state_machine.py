@@ -15,16 +15,16 @@ from trussflow.blocks.support.validation import by_name, shown
 
 
 class StateMachine(Block):
-    """Go from mode to mode as conditions hold, at samples.
+    """Sampled state machine: transitions between modes, triggered by conditions.
 
-    At each sample at most one transition is taken: the first of those from the present mode, in the order in
-    which they are listed, whose condition is above 0.5. The outputs show the mode after it.
+    At each sample, the block takes at most one transition: the first listed transition from the active mode
+    whose condition is above 0.5. The outputs show the mode after the transition.
 
     Parameters
     ----------
     transitions : mapping of str to mapping of str to str
-        For each mode, the first being that of the start: where which condition leads. Each condition is an
-        input of that name.
+        Transitions of each mode: target mode by condition. The first mode is the initial mode. Each condition
+        is an input of that name.
     sample_time : float
         Time between samples [s].
     offset : float
@@ -79,6 +79,8 @@ class StateMachine(Block):
             raise BlockError(
                 f"StateMachine has {what}; its modes are: {', '.join(self.modes) or 'none'}"
             )
+        # Reversed: `_next` overwrites, so that the condition listed first is applied
+        # last and wins.
         self._leads = [
             (source, condition, self.modes.index(target))
             for source, leads in enumerate(given.values())
@@ -91,7 +93,7 @@ class StateMachine(Block):
         self.sampled(sample_time, offset)
 
     def _next(self, x: Signals, u: Signals) -> Array:
-        """Return the number of the next mode; the transition listed first is looked at last, and wins."""
+        """Return the number of the next mode."""
         mode = x.present
         for source, condition, target in self._leads:
             holds = np.logical_and(x.present == source, u[condition] > 0.5)
@@ -107,5 +109,5 @@ class StateMachine(Block):
         }
 
     def update(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
-        """Go there."""
+        """Return the mode after the transition."""
         return {"present": self._next(x, u)}

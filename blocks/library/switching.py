@@ -31,7 +31,7 @@ from trussflow.blocks.support.validation import finite_array, shown, yes_or_no
 
 
 class Relay(Shaped):
-    r"""Relay with hysteresis: it switches on above one level, and off below a lower one.
+    r"""Relay with hysteresis: on above an upper level, off below a lower level.
 
     .. math:: y = y_1 \text{ once } u \ge h, \qquad y = y_0 \text{ once } u \le l
 
@@ -231,6 +231,8 @@ class Pulse(Source):
     def _at(self, t: Array) -> Values:
         """Return the modes from a time on; a time equal to that of an edge up to round-off is after it."""
         turns = (t - self.delay) / self.period
+        # Number of periods that have begun, less one; -1 before t_0, which makes t_0
+        # the next edge.
         begun = np.maximum(np.floor(turns + 1e-9), -1.0)
         high = np.logical_and(begun >= 0.0, turns - begun < self.width - 1e-9)
         next_edge = self.delay + self.period * (begun + np.where(high, self.width, 1.0))
@@ -238,6 +240,8 @@ class Pulse(Source):
 
     def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
         """Return the value; before the first event it is computed from the time."""
+        # The first event is due at the start (next_edge in the past) and sets both
+        # modes, but outputs are computed before.
         is_high: Array = np.where(
             x.next_edge > -NO_LIMIT, x.is_high, self._at(t)["is_high"]
         )
@@ -320,7 +324,9 @@ class LimitedIntegrator(Integrator):
 
     def initial_state(self, u: Signals, p: Signals) -> Values:
         """Return the initial integral and mode, within the limits."""
+        # The input adds nothing but its shape.
         begin = limited(p.initial_value + 0.0 * u.u, p.lower, p.upper)
+        # At a limit, the integral rests only if the input drives it outwards.
         outwards = np.where(
             begin >= p.upper, u.u > 0.0, np.logical_and(begin <= p.lower, u.u < 0.0)
         )
@@ -338,7 +344,10 @@ class LimitedIntegrator(Integrator):
     def on_event(
         self, t: Array, x: Signals, u: Signals, p: Signals, fired: Signals
     ) -> Values:
-        """Stop at a limit, or leave it."""
+        """Return the mode after reaching or leaving a limit, and the integral at the limit."""
+        # The located time may be slightly late, so that the integral is set to the
+        # limit exactly. If the input has turned at the same instant, the integral moves
+        # inwards by itself and does not rest.
         high = np.logical_and(fired.high, u.u > 0.0)
         low = np.logical_and(fired.low, u.u < 0.0)
         integral = np.where(high, p.upper, np.where(low, p.lower, x.integral))

@@ -53,6 +53,7 @@ class Interpolation:
         )
         yes_or_no(owner, "extrapolate", extrapolate)
         self.extrapolate = extrapolate
+        # One span per row, with axes of length 1 for the elements of a value.
         span = np.diff(p).reshape(-1, *(1,) * (v.ndim - 1))
         self.slopes: Vector = np.diff(v, axis=0) / span
 
@@ -170,6 +171,7 @@ class GridTable(Block):
                 f"GridTable has axes of {sizes} points, but values of shape {self.values.shape}"
             )
         self._hats = [
+            # Interpolated rows of the identity are the hat functions of the points.
             Interpolation("GridTable", each, np.eye(len(each)), extrapolate)
             for each in points
         ]
@@ -190,6 +192,7 @@ class GridTable(Block):
         """Return the interpolated value."""
         found: Array = self.values
         for i, hats in enumerate(self._hats, 1):
+            # Contract the first axis that is left: weights @ (points, other elements).
             rows = np.reshape(found, (len(hats.points), -1))
             found = np.reshape(hats(u[f"u{i}"]) @ rows, self.values.shape[i:])
         return {"y": found}

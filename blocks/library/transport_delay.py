@@ -97,10 +97,13 @@ class TransportDelay(Block):
         self.shape = finite_array(where, initial_value).shape
         self.size = prod(self.shape)
         # In units of the delay, so that the matrices are of moderate size; lowest power first.
+        # The Padé approximant (n - 1, n) of exp(-s): a numerator of lower order has no
+        # feedthrough, so that it breaks algebraic loops.
         n, whole = self.pade, factorial(2 * self.pade - 1)
         each = [factorial(2 * n - 1 - k) / whole for k in range(n + 1)]
         b = [(-1) ** k * comb(n - 1, k) * each[k] for k in range(n)]
         a = [comb(n, k) * each[k] for k in range(n + 1)]
+        # `realization` takes the highest power first.
         self.A, self.B, self.C, _ = realization("TransportDelay", b[::-1], a[::-1])
         super().__init__(initial_value=initial_value)
 
@@ -160,6 +163,8 @@ class History(Running):
             values.append(u.copy())
         times, values = self._pieces[0]
         # rows of this step are logged later
+        # Two points before are kept for the cubic. Removal from the front moves the
+        # whole list, so that it is done for 100 points at once.
         out = bisect_right(times, t - 2.0 * self._block.delay) - 2
         if out > 100:
             del times[:out], values[:out]
@@ -181,8 +186,11 @@ class History(Running):
         times, values = self._pieces[0]
         then = min(max(float(t) - self._block.delay, times[0]), times[-1])
         k = min(bisect_right(times, then), len(times) - 1)
+        # Two points on each side; at the ends of a piece fewer, with a lower order.
         near = slice(max(0, k - 2), k + 2)
         points = np.array(times[near])
+        # Lagrange weights: products of (then - p_j) / (p_i - p_j) over all j except i.
+        # The identity avoids a division by zero for j = i.
         gaps = points[:, None] - points + np.eye(len(points))
         ratios = (then - points[None, :]) / gaps
         np.fill_diagonal(ratios, 1.0)
@@ -197,6 +205,7 @@ class History(Running):
     def indicators(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
         """Return the time of the next jump of the output, or of the next required stored input."""
         if not self._pieces:
+            # An event in the past is due at once: it starts the history.
             return {"again": np.float64(-NO_LIMIT)}
         if self._jumps(float(t), u.u):
             return {"again": t}
@@ -215,9 +224,12 @@ class History(Running):
         """Store the input, and set the approximant to the steady state of the output."""
         now = float(t)
         if not self._pieces:
+            # The first piece holds the initial value, until the delay has passed.
             self._pieces.append(([now], [np.array(p.initial_value)]))
             self._pieces.append(([now], [u.u.copy()]))
         self._note(now, u.u)
+        # The event is at the rounded sum of a time and the delay. Without the
+        # tolerance, the same jump could be due again at once.
         while self._next_jump() <= now + ROUND_OFF_PLACES * math.ulp(now):
             del self._pieces[0]
         return {"z": self._block.steady(self.output(t, x, u, p)["y"])}
