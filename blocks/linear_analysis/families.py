@@ -53,7 +53,7 @@ def linearize_over(
     inputs, outputs, cut
         As for `linearize`.
     parameters : mapping, optional
-        Values to try of parameters, by ``"block.parameter"`` [units as declared].
+        Values of the parameters on the grid, keyed by ``"block.parameter"`` [units as declared].
     times : sequence of float, optional
         Increasing times at which to linearize along a run from `at`, one run for each point of the grid
         [s]; by default at the start alone.
@@ -71,7 +71,7 @@ def linearize_over(
     Raises
     ------
     LinearAnalysisError
-        If there are no values to try, or times do not increase from the start.
+        If a parameter has no values, or times do not increase from the start.
 
     Examples
     --------
@@ -101,6 +101,7 @@ def linearize_over(
     )
     if (
         not instants
+        # The first difference may be zero: the start itself is an instant like others.
         or not np.all(np.diff([begin.time, *instants])[1:] > 0)
         or instants[0] < begin.time
     ):
@@ -119,9 +120,11 @@ def linearize_over(
         models += [linearizer.at(one) for one in points]
     if times is not None:
         axes["time"] = instants
+    # Coordinates of xarray hold numbers, so that an axis over arrays has none.
     coordinates = {n: v for n, v in axes.items() if all(np.ndim(one) == 0 for one in v)}
     family = np.empty(len(models), dtype=object)
-    for k, model in enumerate(models):  # NumPy would take models for arrays
+    # One by one, as NumPy would convert the models to arrays of numbers.
+    for k, model in enumerate(models):
         family[k] = model
     shape = [len(v) for v in axes.values()]
     array = xr.DataArray(family.reshape(shape), coordinates, [*axes])

@@ -1,8 +1,8 @@
 """Lifting: a diagram with sampled blocks as one discrete linear model at the common period.
 
-Between instants the continuous states follow a linear differential equation with everything
-sampled held; at an instant the sampled blocks jump. Over the common period of all clocks that
-makes one linear map.
+Between instants, the continuous states follow a linear differential equation, and sampled
+signals are held. At an instant, the sampled blocks update their states. The composition over
+the common period of all clocks is one linear map.
 """
 
 from __future__ import annotations
@@ -60,6 +60,7 @@ def pattern(assembly: Prepared) -> Pattern | None:
     tick = assembly.tick
     if not clocks:
         return None
+    # Periods as whole ticks, so that the common period is exact.
     length = lcm(*(ticks(c.period, tick, "the sample time") for c in clocks))
     if length > MOST_INSTANTS:
         raise LinearAnalysisError(
@@ -67,9 +68,11 @@ def pattern(assembly: Prepared) -> Pattern | None:
             f"only after {float(length * tick):g} s, {length} ticks; take sample times that are "
             "multiples of each other"
         )
-    # offsets are below periods: no clock starts any later
+    # Offsets are below periods, so that every clock has started within one common period.
     due = assembly.schedule.due(0, length)
     found = [(int(k) * tick, int(due[k])) for k in np.flatnonzero(due)]
+    # The outputs are those after the instant at the start of the period. If no clock
+    # ticks there, set 0 stands for an instant that changes nothing.
     if due[0] == 0:
         found.insert(0, (Fraction(0), 0))
     return Pattern(length * tick, found)
@@ -88,6 +91,8 @@ def held_flow(A: Vector, B: Vector, time: float) -> tuple[Vector, Vector]:
     from scipy.linalg import expm
 
     size = len(A)
+    # exp([[A, B], [0, 0]] t) = [[exp(A t), integral of exp(A s) B], [0, 1]]: this needs
+    # no inverse of A, which is singular for integrators.
     block = np.zeros((size + B.shape[1],) * 2)
     block[:size, :size], block[:size, size:] = A, B
     flow = expm(block * time)[:size]
@@ -102,7 +107,7 @@ def lifted(
 ) -> tuple[Vector, Vector, Vector, Vector]:
     r"""Return A, B, C, D of the map over one period.
 
-    With z = (x, s), s what is sampled, and an input w held over the period,
+    With z = (x, s), the sampled data s, and an input w held over the period,
 
     .. math::
         z^+ = J_k z + K_k w, \qquad
@@ -122,6 +127,7 @@ def lifted(
         Derivatives of the outputs by z and w [as declared].
     """
     F, E = rates
+    # One matrix exponential per length of gap. Fractions are equal exactly.
     flows: dict[Fraction, tuple[Vector, Vector]] = {}
     A = np.eye(len(F))
     B = np.zeros(E.shape)
@@ -130,6 +136,7 @@ def lifted(
         if number:
             J, K = jump(number)
             A, B = J @ A, J @ B + K
+        # The map from the start of the period to just after the first instant.
         if first is None:
             first = A, B
         if gap not in flows:

@@ -12,19 +12,19 @@ from trussflow.blocks.linear_analysis.operating_point import OperatingPoint
 
 
 class LinearModel(control.StateSpace):  # type: ignore[misc] # python-control ships no types
-    """A linearized diagram: a ``control.StateSpace`` that knows where it comes from.
+    """A linearized diagram: a ``control.StateSpace`` with its operating point.
 
-    What python-control makes of it (products, feedback, conversions) is a plain StateSpace.
+    Operations of python-control (products, feedback, conversions) return a plain StateSpace.
 
     Parameters
     ----------
     *matrices : array
-        A, B, C, D, and the sample time where it is discrete.
+        A, B, C, D, and the sample time of a discrete model.
     operating_point : OperatingPoint
         Operating point of the linearization.
     derivatives : dict
-        For each Python block, by path, how its derivatives were found; everything else is
-        exact. Empty if all is.
+        Method of differentiation of each Python block, keyed by path; all other derivatives
+        are exact.
     **names
         As for ``control.StateSpace``: inputs, outputs, states, name.
     """
@@ -36,13 +36,14 @@ class LinearModel(control.StateSpace):  # type: ignore[misc] # python-control sh
         derivatives: Mapping[str, str],
         **names: Any,
     ) -> None:
-        # A state without influence is still a state that has a name.
+        # By default python-control removes states without influence; the names of the
+        # states would no longer match.
         super().__init__(*matrices, remove_useless_states=False, **names)
         self.operating_point = operating_point
         self.derivatives = dict(derivatives)
 
     def __reduce__(self) -> tuple[Callable[[], LinearModel], tuple[()]]:
-        """Pickle and copy as what it was made of: python-control keeps functions that no pickle takes."""
+        """Pickle and copy by the constructor arguments: python-control keeps functions that cannot be pickled."""
         matrices = self.A, self.B, self.C, self.D, self.dt
         about: dict[str, Any] = {
             "operating_point": self.operating_point,

@@ -44,8 +44,8 @@ def linearize(
     .. math:: \dot x = A x + B u,\quad y = C x + D u
 
     with exact Jacobians from the graph. A diagram with sampled blocks becomes a discrete model
-    at the common period of their clocks, its input held over the period, its output taken
-    right after the first instant; the inter-sample motion is in it exactly.
+    at the common period of their clocks. Its input is held over the period, its output is taken
+    right after the first instant, and the motion between samples is exact.
 
     Parameters
     ----------
@@ -60,21 +60,21 @@ def linearize(
     at : OperatingPoint, optional
         Operating point; by default the initial states with inputs at their start values.
     cut : Port, str or sequence of these
-        Wires to cut. A cut signal among `inputs` is driven from there alone; any other is
-        frozen at its value. An input of a block that is cut, among `outputs`, is what arrives.
+        Wires to cut. A cut signal among `inputs` is driven by this input only; any other is
+        frozen at its value. A cut input of a block among `outputs` is the signal of the cut wire.
 
     Returns
     -------
     LinearModel
         A ``control.StateSpace``. Elements are named ``block/port[i]``, or ``port[i]`` if the
-        diagram exposes the port. Its `derivatives` says how those of Python blocks were found:
-        by themselves, if they have a method ``directional_derivative`` (see
-        `trussflow.blocks.linear_analysis.python_derivatives`), else by differences.
+        diagram exposes the port. Its `derivatives` lists how Python blocks were differentiated:
+        by their method ``directional_derivative`` (see
+        `trussflow.blocks.linear_analysis.python_derivatives`), or else by differences.
 
     Raises
     ------
     LinearAnalysisError
-        If there is nothing to put in or read out, or a derivative does not exist.
+        If there is no input or no output, or a derivative does not exist.
     NameLookupError
         If there is no such block, port or state; the message lists those there are.
 
@@ -92,7 +92,7 @@ def linearize(
 
 
 class Linearizer:
-    """A diagram made ready to be linearized, at any number of operating points.
+    """A diagram prepared for linearization at any number of operating points.
 
     Other points and parameters need no new tracing. Arguments and errors are
     those of `linearize`.
@@ -159,6 +159,7 @@ class Linearizer:
         labels = [*states, *self._input_labels]
         with LocalJacobians(model, point.time, p) as local:
             rates, rows = local.linear(x, d)
+            # Discrete states and held outputs are constant between instants.
             flow = np.vstack([rates, np.zeros((inner.size - x.size, rates.shape[1]))])
             self._check_finite(np.vstack([flow, rows])[:, [*inner, *columns]], labels)
             A = flow[:, inner]
@@ -169,6 +170,7 @@ class Linearizer:
 
                 def jump(number: int) -> Jump:
                     by_inner, by_u = local.discrete_update(number, x, d)
+                    # `columns` counts in (x, d), `by_u` from the first input on.
                     found = by_inner, by_u[:, columns - x.size - plan.u_start]
                     self._check_finite(np.hstack(found), labels)
                     return found
@@ -204,21 +206,23 @@ class Linearizer:
         return self._opened, *self._opened.complete(at, outputs)
 
     def _check_finite(self, matrix: Vector, labels: list[str]) -> None:
-        """Refuse derivatives that do not exist, such as that of a root at zero."""
+        """Raise `LinearAnalysisError` for derivatives that do not exist, such as that of a root at zero."""
         names = [labels[j] for j in np.flatnonzero(~np.isfinite(matrix).all(axis=0))]
         if names:
             raise LinearAnalysisError(
                 f"'{self.item.name}' has no finite derivative by {', '.join(names[:8])} at this "
-                "point; linearize at another point, or put a block with the gain that is meant in its "
-                "place, such as a Gain of control.describing_function(f, amplitude)"
+                "point; linearize at another point, or replace the block by one with the intended "
+                "gain, such as a Gain of control.describing_function(f, amplitude)"
             )
 
 
 def _without_dead_states(
     A: Vector, B: Vector, C: Vector, labels: list[str]
 ) -> tuple[Vector, Vector, Vector, list[str]]:
-    """Drop states that nothing depends on, such as held outputs that are computed anew."""
+    """Remove states without effect, such as held outputs that are recomputed before they are read."""
     while True:
+        # Column j contains all that depends on state j. Without this state, others may
+        # lose their last reader, so that the search repeats.
         alive = np.any(A != 0, axis=0) | np.any(C != 0, axis=0)
         if alive.all():
             return A, B, C, labels

@@ -1,4 +1,4 @@
-"""The loop broken at a wire, or looked at there while closed: loop gains, sensitivities, margins."""
+"""Loop gains, sensitivities and margins at a wire of a closed loop."""
 
 from __future__ import annotations
 
@@ -52,9 +52,9 @@ def loop_transfer(
 ) -> LinearModel:
     """Return the loop transfer function with the loop broken at a wire.
 
-    Whatever is sent into the broken end comes back, through the rest of the diagram, as -L
-    times what was sent: L is the loop gain for negative feedback, as ``control.margin``,
-    ``control.nyquist_plot`` and ``control.disk_margins`` want it.
+    A signal w that is injected at the broken end returns through the rest of the diagram as
+    -L w. L is the loop gain for negative feedback, as ``control.margin``,
+    ``control.nyquist_plot`` and ``control.disk_margins`` expect it.
 
     Parameters
     ----------
@@ -71,7 +71,7 @@ def loop_transfer(
     Returns
     -------
     LinearModel
-        Square: inputs are the broken elements, outputs what comes back, sign reversed.
+        Square model from the broken elements to the returned signals with reversed sign.
 
     Raises
     ------
@@ -101,9 +101,10 @@ def loop_transfer(
                 else "there is no loop"
             )
         )
+    # As input and output at the same cut: sent into the one end, read at the other.
     linearizer = Linearizer(diagram, [port], [port], cut=[port, *listed(openings)])
     model = linearizer.at(at)
-    # Around a broken loop comes what was sent, times -L.
+    # An injected signal returns as -L times itself.
     model.C, model.D = -model.C, -model.D
     model.set_outputs([f"{name}_returned" for name in model.output_labels])
     if not _passes(model):
@@ -117,8 +118,11 @@ def loop_transfer(
 
 def _passes(model: LinearModel) -> bool:
     """Return whether any input has an influence on any output, by the pattern of non-zeros."""
+    # States that an input reaches through non-zero elements of A. Products of matrices
+    # would show round-off instead of zeros.
     reached = np.any(model.B, axis=1)
     before = -1
+    # The left operand is the previous number: repeat until no state is added.
     while before != (before := int(reached.sum())):
         reached |= np.any(model.A[:, reached], axis=1)
     return bool(np.any(model.D) or np.any(model.C[:, reached]))
@@ -132,7 +136,7 @@ def sensitivity(
     openings: References = (),
     at: OperatingPoint | None = None,
 ) -> LinearModel:
-    r"""Return the sensitivity function of a loop at a wire: what is left of a disturbance put in there.
+    r"""Return the sensitivity function of a loop at a wire, from an added disturbance to the signal.
 
     .. math:: S = (I + L)^{-1}, \qquad T = I - S
 
@@ -143,7 +147,7 @@ def sensitivity(
     port : Port or str
         Wire of the loop, as for `loop_transfer`.
     complementary : bool
-        Whether to return T in the place of S.
+        Whether to return T instead of S.
     openings : Port, str or sequence of these
         Wires to cut: the loops through them are open.
     at : OperatingPoint, optional
@@ -163,6 +167,8 @@ def sensitivity(
     """
     model = loop_transfer(diagram, port, openings=openings, at=at)
     model.A, model.B, C, D = sensitivity_matrices(model)
+    # T = I - S has the output matrix -C and the feedthrough I - (I + D_L)^-1 = (I +
+    # D_L)^-1 D_L; `model.D` is still that of L here.
     model.C, model.D = (-C, D @ model.D) if complementary else (C, D)
     model.set_outputs(model.input_labels)
     return model
@@ -199,7 +205,7 @@ def loop_margins(
     at: OperatingPoint | None = None,
     omega: npt.ArrayLike | None = None,
 ) -> LoopMargins:
-    """Return the margins of a loop: gain, phase, delay and disk, channel by channel and of all at once.
+    """Return gain, phase, delay and disk margins of each channel of a loop, and the disk margin of all.
 
     Parameters
     ----------
@@ -264,10 +270,13 @@ def _channels(
     poles = stable_poles(loop, loop.input_labels[0])
     sampled = loop.isdtime(strict=True)
     both = np.concatenate([loop.poles(), poles])
+    # Integrators have no frequency, and dead beat (a pole at z = 0) has no logarithm.
     both = both[np.abs(both) > 0.0]
+    # Continuous-time equivalents s = log(z) / T of sampled poles.
     rates = np.log(both) / loop.dt if sampled else both
     sizes = np.abs(rates)[np.abs(rates) > 0.0]
     low, high = 1e-3 * sizes.min(initial=1.0), 1e3 * sizes.max(initial=1.0)
+    # The response of a sampled loop repeats above half the sampling frequency.
     high = np.pi / loop.dt if sampled else high
     grid = frequencies_about(rates, low, high) if omega is None else omega
     S = sensitivities(loop, grid)
@@ -295,5 +304,7 @@ def _looping(system: System) -> list[tuple[Port, str, str]]:
     graph: dict[str, list[str]] = {path: [] for path in system.blocks}
     for source, path, _ in wires:
         graph[path].append(source.block.path)
+    # Blocks that lead to each other are in one strongly connected component. Reversing
+    # all edges, as `graph` does, does not change the components.
     group = {path: k for k, paths in enumerate(components(graph)) for path in paths}
     return [wire for wire in wires if group[wire[0].block.path] == group[wire[1]]]

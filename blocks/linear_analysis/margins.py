@@ -53,7 +53,7 @@ zero; the error of the real part is its square."""
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Margins:
-    """Margins of one channel, all others closed; by default those of a loop that is not there.
+    """Margins of one channel, all others closed; the defaults are those of an open loop.
 
     Attributes
     ----------
@@ -81,7 +81,7 @@ class Margins:
 def frequencies_about(
     poles: Complex, low: float = 1e-2, high: float = 1e4, points: int = 600
 ) -> Vector:
-    """Return frequencies that show a loop: even in logarithm, and close about each resonance.
+    """Return a frequency grid: uniform in logarithm, and dense around each resonance.
 
     Parameters
     ----------
@@ -93,14 +93,17 @@ def frequencies_about(
         Evenly in logarithm [-].
     """
     sizes = np.abs(poles)
+    # Damping ratios below 0.3, one pole of each pair. The even grid shows other poles.
     sharp = (poles.imag > low) & (np.abs(poles.real) < 0.3 * sizes) & (sizes < high)
     # Dense in the middle: a resonance is as narrow as its pole is near the axis.
     spread = np.sinh(np.linspace(-4.0, 4.0, 17)) / np.sinh(4.0)
     near = [
+        # 30 half-widths |s| to each side, with a damping ratio of at least 1e-4.
         w + spread * np.minimum(0.3 * w, 30 * max(abs(s), 1e-4 * w))
         for s, w in zip(poles.real[sharp], poles.imag[sharp], strict=True)
     ]
     found = np.unique(np.concatenate([np.geomspace(low, high, points), *near]))
+    # Neighbours equal up to round-off would make interpolation divide by almost zero.
     keep = np.concatenate([[True], np.diff(found) > 1e-9 * found[1:]])
     return found[keep & (found >= low) & (found <= high)]
 
@@ -162,6 +165,7 @@ def sensitivity_matrices(
     model : control.StateSpace
         L, square.
     """
+    # The error e = r - C x - D e is (I + D)^-1 (r - C x); it drives x' = A x + B e.
     left = np.linalg.inv(np.eye(model.ninputs) + model.D)
     return model.A - model.B @ left @ model.C, model.B @ left, -left @ model.C, left
 
@@ -184,7 +188,7 @@ def stable_poles(model: control.StateSpace, loop: str) -> Complex:
     Warns
     -----
     SimulationWarning
-        If the diagram has unstable poles that the loop does not excite or does not see at its wire.
+        If the diagram has unstable poles that are not controllable or not observable at the wire.
 
     Notes
     -----
@@ -194,15 +198,20 @@ def stable_poles(model: control.StateSpace, loop: str) -> Complex:
     from scipy.linalg import eig, matrix_balance
 
     A, B, C, _ = sensitivity_matrices(model)
+    # Balancing reduces |A|, and with it the bound on round-off. States are divided by
+    # `scale`, so that B and C must follow.
     balanced: Any = matrix_balance(A, permute=False, separate=True)
     A, (scale, _) = balanced
     found: Any = eig(A, left=True, right=True)
     poles, lefts, rights = found
     sampled = model.isdtime(strict=True)
+    # The bound of the Notes is multiplied by |l^H r|, which is zero for multiple poles.
     growth = np.abs(poles) - 1.0 if sampled else poles.real
     overlap = np.abs(np.sum(lefts.conj() * rights, axis=0))
     unstable = growth * overlap > SUM_ROUND_OFF * len(A) * np.linalg.norm(A)
     B, C = B / scale[:, None], C * scale
+    # A mode that the inputs do not drive, or the outputs do not show, cancels in L: no
+    # gain can stabilize or destabilize it.
     excited = np.linalg.norm(
         lefts.conj().T @ B, axis=1
     ) > HIDDEN_SHARE * np.linalg.norm(B)
@@ -228,7 +237,7 @@ def stable_poles(model: control.StateSpace, loop: str) -> Complex:
 def real_sensitivities(model: control.StateSpace, slowest: float) -> Vector:
     """Return the sensitivity of each channel at the ends of the border of stability, of shape (2, m) [-].
 
-    It is real there. It follows from the closed loop, as integrals may make loop gains as large as one likes.
+    It is real there. It is computed from the closed loop, because integrators make the loop gain unbounded.
 
     Parameters
     ----------
@@ -272,9 +281,12 @@ def channel_margins(gain: Complex, omega: Vector, ends: Vector, disk: float) -> 
     data = control.FrequencyResponseData(gain, omega, smooth=True)
     gm, pm, _, _, crossings, _ = control.stability_margins(data, returnall=True)
     gm, pm, crossings = (np.asarray(v, dtype=float) for v in (gm, pm, crossings))
+    # At frequency 0, at infinity or at half the sampling rate, L = 1 / S - 1 is real
+    # and 1 + k L = 0 at k = S / (S - 1), which is a positive factor for S < 0 and S >
+    # 1. The crossings of the grid do not contain these ends.
     S = ends[(ends < -ZERO_GAIN) | (ends > 1.0 + ZERO_GAIN)]
     gm = np.concatenate([gm, S / (S - 1.0)])
-    # A delay only takes phase away: a negative margin is reached after the rest of a turn.
+    # A delay only reduces the phase: a margin of -30° is reached after 330°.
     lags = np.radians(np.mod(pm, 360.0)) / crossings
     return Margins(
         crossover=float(crossings.max()) if crossings.size else np.nan,
@@ -302,6 +314,8 @@ def _least(
     """
     from scipy.optimize import minimize_scalar
 
+    # Ends of the grid may be minima. `<` on one side and `<=` on the other count a
+    # plateau once, at its first point.
     padded = np.concatenate([[np.inf], values, [np.inf]])
     minima = (
         (values < padded[:-2])
@@ -354,6 +368,8 @@ def disk_margin(
     """
     import control  # takes a while to import
 
+    # A structured singular value at each frequency is expensive. The cheap bound
+    # excludes most of the grid.
     deviations = np.abs(sensitivity - np.eye(model.ninputs) / 2)
     bounds = 1.0 / np.abs(np.linalg.eigvals(deviations)).max(axis=1)
 
@@ -370,6 +386,8 @@ def disk_margin(
 
     margins = np.full(len(omega), np.inf)
     order = np.argsort(bounds)
+    # The margin at the least bound is no less than the minimum sought, so that
+    # frequencies with a greater bound cannot contain it.
     limit = REFINED_SHARE * margin(omega[order[:1]])[0]
     near = np.sort(order[: np.searchsorted(bounds[order], limit)])
     margins[near] = margin(omega[near])
@@ -395,6 +413,8 @@ def channel_disks(model: control.StateSpace, omega: Vector) -> tuple[Vector, Vec
     A, B, C, D = sensitivity_matrices(model)
     poles, shapes = np.linalg.eig(A)
     if modal := np.linalg.cond(shapes) < MAX_CONDITION:
+        # Row i has the residues of pole i in all channels. A frequency then costs n
+        # products per channel instead of the solution of n equations.
         residues = (C @ shapes).T * np.linalg.solve(shapes, B)
 
     def disks(frequencies: Vector) -> Vector:

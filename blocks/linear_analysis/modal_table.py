@@ -40,7 +40,7 @@ class OscillatingMode:
     pole : complex
         λ; of a sampled model the logarithm of its pole by the period [1/s].
     shares : dict of str to float
-        Share of each input in what drives the mode, :math:`|l^T B_j|^2 / \sum_k |l^T B_k|^2`, with the
+        Share of each input in the excitation of the mode, :math:`|l^T B_j|^2 / \sum_k |l^T B_k|^2`, with the
         inputs in their declared units [1].
     """
 
@@ -136,6 +136,7 @@ def modal_table(
         )
     modes = []
     for pole, left, _ in oscillating_modes(model):
+        # A mode that no input drives has shares of zero instead of 0 / 0.
         effects = np.abs(left @ model.B) ** 2
         shares = effects / (effects.sum() or 1.0)
         driven = dict(zip(model.input_labels, shares.tolist(), strict=True))
@@ -157,10 +158,12 @@ def oscillating_modes(
 
     found: Any = eig(model.A, left=True, right=True)
     modes = []
+    # SciPy's left eigenvectors have l^H A = λ l^H: conjugated they are rows with l^T A.
     for value, left, right in zip(found[0], found[1].T.conj(), found[2].T, strict=True):
         pole = complex(value)
         if model.isdtime(strict=True) and pole:
             pole = complex(np.log(pole)) / model.dt
+        # Of a pair, the pole in the upper half plane.
         if pole.imag > LEAST_OSCILLATION * abs(pole):
             modes.append((pole, left / (left @ right), right))
     return sorted(modes, key=lambda mode: abs(mode[0]))

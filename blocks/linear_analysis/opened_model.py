@@ -86,11 +86,14 @@ class OpenedModel:
         taps: list[Port] = []
         for one in outputs:
             system, tap = (
+                # The driver of a cut input is replaced below. The probe keeps what
+                # arrives there.
                 probed(system, one.port) if one.key in cut else (system, one.leaf)
             )
             taps.append(tap)
         sources = dict[Any, tuple[str, Indices]]()
         for one in [*inputs, *cuts]:
+            # A signal that is an input and cut has one source, its only driver.
             if one.key not in sources:
                 system, path, elements = _put_in(system, one, cut=one.key in cut)
                 sources[one.key] = path, elements
@@ -107,10 +110,12 @@ class OpenedModel:
         self.assembly = Prepared(
             self.plan,
             [Quantity(RATES_AND_OUTPUTS, frozenset(), collect)],
+            # Nothing is integrated, and a few evaluations do not pay for compilation.
             Solver(solver="RK45", backend="interpreted"),
         )
         self.programs = {p.name: p for p in self.assembly.programs}
-        # One forward sweep for each direction is set up sooner, and smaller, than a Jacobian written out.
+        # One forward sweep for each direction needs less code and less time to build than
+        # a Jacobian in expanded form.
         self.forward = cache(lambda name: self.programs[name].expanded.forward(1))
         self.written_out = cache(lambda name: self.programs[name].jacobian(1, 2))
         self.instants: Pattern | None = pattern(self.assembly)
@@ -142,6 +147,8 @@ class OpenedModel:
             self._wired.source(name)
         point, values = completed(self._unopened, at, self._cut, outputs)
         x, d, p = point.vectors(self.plan)
+        # Sources of cuts have the values of the closed diagram, so that the point is
+        # the same with and without cuts. `hstack` needs at least one array.
         d[self._cut_columns - x.size] = np.hstack([np.zeros(0), *map(np.ravel, values)])
         return point, (x, d, p)
 
@@ -202,18 +209,20 @@ class LocalJacobians:
         """
         t, p, model = self.t, self.p, self.model
         active = next(q.active for q in model.assembly.quantities if q.name == name)
+        # Derivatives hold at a solution of the algebraic loops; d may have guesses.
         d = self.plan.loops.put(t, x, d, p, active)
         number = x.size + d.size
         if not number:
             return np.zeros((model.programs[name].size, 0))
         by_x, by_d = np.vsplit(np.eye(number), [x.size])
+        # One direction for each element of x and d, none for t and p.
         seeds = np.zeros((1, number)), by_x, by_d, np.zeros((p.size, number))
         value = model.programs[name].expanded(t, x, d, p)
         found = model.forward(name).map(number)(t, x, d, p, value, *seeds).full()
         bad = ~np.isfinite(found)
         if bad.any():
-            # A sweep multiplies an infinite slope by zero, along every direction that is not its
-            # own. Written out, a Jacobian is slow to set up, but leaves such products away.
+            # A sweep multiplies an infinite slope by a zero of the direction, which is NaN.
+            # The expanded Jacobian is slow to build, but omits such products.
             found[bad] = model.written_out(name)(t, x, d, p).full()[bad]
         return np.asarray(found)
 
@@ -225,7 +234,7 @@ class LocalJacobians:
         x, d : Vector
             The point [units as declared].
         """
-        # Before the traced rows: it brings the outputs of continuous Python blocks in d up to date.
+        # Before the traced rows, as it updates the outputs of continuous Python blocks in d.
         by_all = self.python_outputs(x, d)
         matrix = self.matrix(RATES_AND_OUTPUTS, x, d)
         for call, quantity in self.continuous:
@@ -255,7 +264,8 @@ class LocalJacobians:
         p, modes = self.p[call.parameters], d[call.modes]
         needed = call.needed if kind == "output" else np.ones_like(call.needed)
         inputs = np.flatnonzero(needed)
-        # As in a simulation: what the output of a sampled block does not depend on, it does not see.
+        # As in a simulation, inputs without direct feedthrough are NaN for the outputs of
+        # sampled blocks, which reveals undeclared dependence.
         others = u if call.block.continuous else np.full(u.size, np.nan)
 
         def split(z: Vector, others: Vector) -> tuple[Vector, Vector]:
@@ -267,6 +277,7 @@ class LocalJacobians:
             return call(equations, kind, self.t, *split(z, others), p)
 
         by_inputs = self.matrix(quantity.name, x, d)[inputs]
+        # Places count in x for continuous blocks, and in d for sampled blocks.
         first = 0 if call.block.continuous else x.size
         states = np.arange(first + call.states.start, first + call.states.stop)
         z = np.concatenate([np.concatenate([x, d])[states], u[inputs]])
@@ -282,11 +293,14 @@ class LocalJacobians:
             slopes = np.zeros((at_z.size, z.size))
             here = np.float64(self.t), *call.signals(*split(z, others), p)
             for k, direction in enumerate(np.eye(z.size)):
+                # Times zero: inputs that are hidden from the output stay NaN in the
+                # direction, too.
                 dx, du, _ = call.signals(*split(direction, 0.0 * others), p)
                 with running_errors(call.block, "directional_derivative", self.t):
                     found = own(kind, *here, dx, du)
                     slopes[:, k] = call.flat(kind, found, z)
             self.derivatives[call.path] = "its own"
+        # Chain rule: derivatives by (states, inputs) times those of these by (x, d).
         by_states = np.eye(x.size + d.size)[states]
         return at_z, slopes @ np.vstack([by_states, by_inputs])
 
@@ -312,7 +326,8 @@ class LocalJacobians:
         for call, quantity in self.continuous:
             rows.append(self.python(call, "output", quantity, x, d)[1])
         direct = np.vstack(rows)
-        # The outputs w = D_z z + D_w w; D_w is nilpotent but for loops that are solved.
+        # The outputs are w = D_z z + D_w w. Without algebraic loops D_w is nilpotent, so that
+        # 1 - D_w is invertible.
         by_all = np.asarray(
             np.linalg.solve(np.eye(where.size) - direct[:, where], direct), dtype=float
         )
@@ -353,7 +368,8 @@ class LocalJacobians:
         after = np.eye(x.size + d.size)
         sequence = self.model.assembly.python.ordered[number]
         for call, quantity in sequence:
-            # Outputs come one block after the other: each sees what those before it put into d.
+            # Outputs are computed in sorted order: a block reads the outputs of earlier
+            # blocks from d.
             if call.block.outputs():
                 after[where] = self.python_outputs(x, d) @ after
                 values, slopes = self.python(call, "output", quantity, x, d)
@@ -362,7 +378,7 @@ class LocalJacobians:
                 )
                 d[call.outputs] = values
         after[where] = self.python_outputs(x, d) @ after
-        # Updates are simultaneous: all see the outputs just made and the states before.
+        # Updates are simultaneous: all read the new outputs and the old states.
         staged = [
             (call.states, self.python(call, "update", quantity, x, d)[1] @ after)
             for call, quantity in sequence
@@ -395,7 +411,7 @@ def _put_in(system: System, one: Named, *, cut: bool) -> tuple[System, str, Indi
         return system, external.path, elements
     if not readers(system, one.port):
         raise LinearAnalysisError(
-            f"nothing reads '{one.port.full_path}', so nothing can be put in or cut there"
+            f"nothing reads '{one.port.full_path}', so it cannot be an input or a cut"
         )
     source = External(one.port, f"into {one.port.full_path}", start=0.0)
     opened = injected(system, one.port, source, cut=cut)

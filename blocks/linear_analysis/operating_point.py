@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, kw_only=True, repr=False)
 class OperatingPoint(Described):
-    """States, inputs and parameters at which a diagram is looked at.
+    """States, inputs and parameters at which a diagram is linearized.
 
     Attributes
     ----------
@@ -42,12 +42,12 @@ class OperatingPoint(Described):
     held : dict of array
         Outputs that sampled blocks hold, by ``"block.port"`` [units as declared].
     loops : dict of array
-        Signals of algebraic loops that are found by iteration, by ``"block.port"``: where it starts, and so
-        which of several solutions is meant [units as declared].
+        Signals of iterated algebraic loops, by ``"block.port"``: initial guesses, which select one of several
+        solutions [units as declared].
     inputs : dict of array
         Inputs from outside, by name [units as declared].
     outputs : dict of array
-        Exposed outputs, by name; for looking, nothing reads them [units as declared].
+        Exposed outputs, by name, for information only [units as declared].
     parameters : dict
         Parameters that differ from the blocks' own, by ``"block.parameter"``.
     residual : float
@@ -96,29 +96,30 @@ class OperatingPoint(Described):
 
     @classmethod
     def of(cls, session: Session) -> OperatingPoint:
-        """Return where a session is, sampled blocks before they compute at this time.
+        """Return the operating point of a session, before sampled blocks compute at its present time.
 
         Parameters
         ----------
         session : Session
-            A session of the diagram or block that is to be looked at.
+            A session of the diagram or block.
 
         Raises
         ------
         SimulationError
-            If the session is not started, failed, or cannot say all that it keeps.
+            If the session is not started, has failed, or a Python block in it cannot save its state.
         """
         plan = session.prepared.plan
         now = session.save()
         own, given = plan.p.named(plan.parameters({})), plan.p.named(now.p)
         found: dict[str, Any] = as_named(plan, now.x, now.d)
+        # Only changes, so that other parameters follow the blocks.
         changed = {k: v for k, v in given.items() if not np.array_equal(v, own[k])}
         return cls(time=float(now.now), parameters=changed, **found)
 
     def vectors(
         self, plan: Plan, opened: Mapping[str, Equations] | None = None
     ) -> tuple[Vector, Vector, Vector]:
-        """Return x, d and p of a plan; what this point does not name is as at the start.
+        """Return x, d and p of a plan; missing values are the initial ones.
 
         Parameters
         ----------
@@ -140,7 +141,7 @@ class OperatingPoint(Described):
         return x, d, p
 
     def hold(self, plan: Plan, d: Vector) -> None:
-        """Write what sampled blocks hold at this point into d, and the signals of the plan's loops.
+        """Write the held outputs and the loop signals of this point into d.
 
         Parameters
         ----------
@@ -187,9 +188,9 @@ def completed(
     ports: Sequence[Port],
     outputs: Mapping[str, Port],
 ) -> tuple[OperatingPoint, list[Vector]]:
-    """Return a point with nothing left out, and the values of ports there.
+    """Return a complete point, and the values of ports there.
 
-    Sampled blocks hold what they compute from the states of the point, unless it says what.
+    Held outputs that the point does not give are computed from its states.
 
     Parameters
     ----------
@@ -211,6 +212,7 @@ def completed(
         x, d, _ = at.vectors(plan, executor.blocks.equations)
         if len(at.held) < len(plan.held.entries):
             _settle_held(assembly, executor, at.time, x, d, p)
+            # What the point itself says precedes the values that have settled.
             at.hold(plan, d)
         if isinstance(executor, PythonExecutor):
             executor.refresh(at.time, x, d, p)
@@ -241,10 +243,10 @@ def _settle_held(
         return d.copy()
 
     fault = (
-        "what sampled blocks hold at this operating point does not settle: their outputs depend "
-        "on each other in a circle; say in the point, with held={...}, what they hold"
+        "the outputs that sampled blocks hold at this operating point do not settle: they depend "
+        "on each other in a circle; give their values in the point, with held={...}"
     )
-    # one may hold what the next one reads
+    # A held output may depend on other held outputs, so that several sweeps are needed.
     settle(sweep, len(assembly.plan.held.entries), fault)
 
 
@@ -271,12 +273,12 @@ def as_named(plan: Plan, x: Vector, d: Vector) -> dict[str, dict[str, Array]]:
 
 
 def given_point(at: Any) -> OperatingPoint:
-    """Return the operating point that a user gave; None stands for the start.
+    """Return the operating point of the user; None is the initial point.
 
     Raises
     ------
     LinearAnalysisError
-        If it is none.
+        If the value is not an `OperatingPoint`.
     """
     if at is not None and not isinstance(at, OperatingPoint):
         raise LinearAnalysisError(
@@ -309,13 +311,13 @@ def operating_point_after(
     Returns
     -------
     OperatingPoint
-        The states just before sampled blocks compute at that time. Time in it counts on from
-        that of `at`; instants of sampled blocks are counted from there.
+        The states just before sampled blocks compute at that time. Its time continues from
+        that of `at`, which is also the origin of the sample instants.
 
     Raises
     ------
     SimulationError
-        If an argument makes no sense, or a Python block keeps what it cannot hand over.
+        If an argument is invalid, or a Python block cannot save its state.
     DivergenceError
         If a signal stops being finite.
     """
@@ -328,12 +330,12 @@ def operating_point_after(
 def points_during(
     session: Session, begin: OperatingPoint, times: Sequence[float]
 ) -> list[OperatingPoint]:
-    """Return where a run is that begins at a point, at some times.
+    """Return the operating points of a run at some times.
 
     Parameters
     ----------
     session : Session
-        Runs it; it is started, and stopped in the end.
+        Session of the run, which is started here and stopped at the end.
     begin : OperatingPoint
         Time, states, inputs and parameters to start from.
     times : sequence of float
@@ -349,6 +351,7 @@ def points_during(
     points = []
     with session:
         for time in times:
+            # The first time may be the start.
             if time != session.time:
                 session.advance(time)
             points.append(OperatingPoint.of(session))

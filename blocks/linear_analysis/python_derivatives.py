@@ -1,13 +1,13 @@
 """Equations of Python blocks as functions of vectors, and their derivatives: the block's own, or differences.
 
-A Python block that knows its derivatives offers them by a method::
+A Python block with known derivatives has a method::
 
     def directional_derivative(self, kind, t, x, u, p, dx, du):
         return {"y": 2.0 * u.u * du.u}
 
-that returns how the values of an equation change with states x and inputs u along the direction
-dx, du; `kind` says which: ``"output"``, ``"update"`` or ``"derivative"``. All are `Signals` of
-arrays by name. It must be linear in dx and du.
+that returns the derivatives of the values of an equation along the direction dx, du of states x
+and inputs u. `kind` is the equation: ``"output"``, ``"update"`` or ``"derivative"``. All are
+`Signals` of arrays by name. The result must be linear in dx and du.
 """
 
 from __future__ import annotations
@@ -24,15 +24,15 @@ from trussflow.blocks.framework.system import System
 from trussflow.blocks.support.types import Vector
 
 RELATIVE_TOLERANCE = 1e-8
-"""Wanted of differences, of each derivative [-]."""
+"""Required relative accuracy of each derivative by differences [-]."""
 
 REFUSE_ABOVE = 1e-4
-"""Estimated error, relative to the largest derivative of the same value, that is no longer a
-derivative worth the name [-]."""
+"""Estimated error, relative to the largest derivative of the same value, above which differences
+are refused [-]."""
 
 MIN_RELATIVE_CHANGE = 1e-4
-"""Derivatives that change a value by less than this part of it, over a change of one, are not
-told from zero: differences have round-off [-]."""
+"""Relative change of a value, over a change of one, below which derivatives count as zero because
+of the round-off of differences [-]."""
 
 
 def offered(
@@ -40,6 +40,7 @@ def offered(
 ) -> Callable[..., Values] | None:
     """Return the directional derivatives of a `block` itself, or of its `equations` in a run."""
     for item in (equations, block):
+        # On the type: for an instance, `Block.__getattr__` would look for a port.
         own: Callable[..., Values] | None = getattr(
             type(item), "directional_derivative", None
         )
@@ -50,7 +51,7 @@ def offered(
 
 
 def hiding(system: System) -> list[Block]:
-    """Return the sampled Python blocks whose response to their inputs is not in what they declare."""
+    """Return the sampled Python blocks with undeclared states."""
     return [
         b
         for b in system.blocks.values()
@@ -106,13 +107,15 @@ def differences(
         return np.zeros((base.size, point.size)), 0.0
 
     def each(points: Vector) -> Vector:
+        # SciPy asks for many points at once, shape (n, ...); a block takes one.
         columns = points.reshape(point.size, -1)
         values = np.stack([function(column) for column in columns.T], axis=-1)
         return values.reshape(base.size, *points.shape[1:])
 
+    # The first step is large, as SciPy halves it until two estimates agree.
     steps = np.maximum(np.abs(point), 1.0) * 1e-2
     with warnings.catch_warnings():
-        # of 0 / 0 where a derivative is zero
+        # SciPy divides 0 by 0 where a derivative is zero.
         warnings.simplefilter("ignore", RuntimeWarning)
         found = jacobian(
             each,
@@ -123,6 +126,7 @@ def differences(
     scale = np.maximum(
         np.abs(found.df).max(axis=1), MIN_RELATIVE_CHANGE * np.abs(base) + 1e-300
     )
+    # An estimate of NaN is no agreement: it must not pass the comparison below.
     error = float(np.nan_to_num(found.error / scale[:, None], nan=np.inf).max())
     if not np.isfinite(found.df).all() or error > REFUSE_ABOVE:
         raise LinearAnalysisError(

@@ -126,7 +126,7 @@ def all_named(
 
 
 def listed(given: References) -> list[Reference]:
-    """Return what a user gave, one reference or several, as a list."""
+    """Return the references of the user, one or several, as a list."""
     if given is None:
         return []
     return (
@@ -169,7 +169,7 @@ def distinct_labels(cannot: str, what: str, found: Sequence[Named]) -> list[str]
 
 
 def label_of(path: str) -> str:
-    """Return a dotted path as python-control allows it in names."""
+    """Return a dotted path with slashes, as python-control forbids dots in names."""
     return path.replace(".", "/")
 
 
@@ -179,7 +179,7 @@ def split_index(text: str) -> tuple[str, Any]:
     Raises
     ------
     NameLookupError
-        If what stands in the brackets is no index.
+        If the text in the brackets is not an index.
     """
     match = re.fullmatch(r"([^\[\]]+)\[([^\[\]]*)\]", text.strip())
     if match is None:
@@ -243,7 +243,7 @@ def label_places(labels: Sequence[str], reference: str) -> Indices:
             f"name a state or signal as 'block.name', not {shown(reference)}"
         )
     if label_of(reference) in labels:
-        # one element, maybe of an array that is not all there
+        # One element, possibly of an array of which other elements are missing.
         return np.asarray(labels.index(label_of(reference)))
     text, index = split_index(reference)
     wanted = label_of(text)
@@ -257,10 +257,13 @@ def label_places(labels: Sequence[str], reference: str) -> Indices:
     )
     if len(found) == 1:
         elements = arrays[found[0]]
+        # The last element, such as "1,2", gives the shape (2, 3). If elements are
+        # missing, the array cannot be reshaped and the reference is refused.
         last = labels[elements[-1]].partition("[")[2].rstrip("]")
         shape = tuple(int(i) + 1 for i in last.split(",")) if last else ()
         with contextlib.suppress(IndexError, ValueError):
             return np.asarray(
+                # The index () returns the whole array.
                 np.reshape(elements, shape)[() if index is None else index]
             )
     raise NameLookupError(

@@ -1,4 +1,4 @@
-"""Trim: states and inputs at which a diagram rests, or moves as wanted."""
+"""Trim: states and inputs of an equilibrium, or of a motion with given rates."""
 
 from __future__ import annotations
 
@@ -41,8 +41,8 @@ KINDS = "state", "mode", "discrete state", "held output", "input"
 """Kinds of variables in the report, in the order of (x, d)."""
 
 AT_BOUND = 1e-8
-"""Distance from a bound within which a variable is at it, relative to the bound or, near zero,
-absolute: the solver keeps inside bounds, but comes as close as round-off lets it."""
+"""Distance from a bound within which a variable counts as at the bound, relative or, near zero,
+absolute. The solver stays inside of the bounds by round-off."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -83,9 +83,9 @@ def trim(
 
     .. math:: \dot x = r, \quad y = y_{wanted}
 
-    and, for sampled blocks, that no instant changes what they keep; by least squares with
-    exact Jacobians, within bounds. Where many points do, one near the start is found; where the
-    equations are far from linear, another start may find a point that this one does not.
+    and, for sampled blocks, constant states and held outputs at all instants. The method is
+    bounded nonlinear least squares with exact Jacobians. If there are many solutions, the result
+    is one near the start. For strongly nonlinear equations, success may depend on the start.
 
     Parameters
     ----------
@@ -115,10 +115,10 @@ def trim(
     ------
     TrimError
         If no point is found that meets all conditions; the message names the equations that are
-        violated and the variables in them that are fixed or at a bound. `best` is the point that
-        comes nearest, with its `report`.
+        violated and the variables in them that are fixed or at a bound. `best` is the point with
+        the least violation, with its `report`.
     LinearAnalysisError
-        If bounds make no sense, or an equation is not finite on the way.
+        If a bound is invalid, or an equation is not finite during the iteration.
     ParameterError
         If a value or bound is no number, or has the wrong shape.
     NameLookupError
@@ -221,14 +221,17 @@ class _Problem:
 
     def _residual(self, local: LocalJacobians, z: Vector) -> Vector:
         size = self._plan.x.size
-        # outputs of continuous Python blocks change in it
+        # A copy, as the evaluation writes outputs of continuous Python blocks into d.
         x, d = (z[:size], z[size:].copy())
         model = local.values(RATES_AND_OUTPUTS, x, d)
         wanted = self._wanted_rates
+        # A rate of None is NaN in `wanted`: its equation is always met.
         parts = [np.where(np.isnan(wanted), 0.0, model[:size] - wanted)]
         outputs = model[self._model.output_rows]
         parts.append(outputs - self._wanted)
         for number in self._sets:
+            # At rest, no instant changes discrete states and held outputs. An instant
+            # writes into its argument, hence the copy.
             after = local.executor.instant(number, local.t, x, d.copy(), self._p)
             parts.append((after - d)[self._plan.sampled])
         return np.concatenate(parts)
@@ -248,8 +251,10 @@ class _Problem:
                 by_inner[size:],
                 by_u[size:],
             )
+            # The equation is after - d = 0.
             change -= np.eye(z.size)[inner[size:]]
-            # Outputs of continuous Python blocks follow at once.
+            # Outputs of continuous Python blocks are functions of the other variables, so
+            # that they have no equation of their own.
             change[local.python_places - size - plan.sampled.start] = 0.0
             parts.append(change)
         return np.vstack(parts)
@@ -274,6 +279,7 @@ class _Problem:
 
         def jacobian_of(part: Vector) -> Vector:
             jacobian = self._jacobian(local, full(part))[:, free]
+            # The sum of a row is finite only if all of its elements are.
             self._check_finite(jacobian.sum(axis=1), "derivative")
             return jacobian
 
@@ -286,6 +292,8 @@ class _Problem:
                     jac=jacobian_of,
                     bounds=(self._lower[free], self._upper[free]),
                     method="trf",
+                    # The solver stops where it makes no progress, as `tolerance` is for
+                    # residuals and is checked afterwards.
                     ftol=1e-15,
                     xtol=1e-15,
                     gtol=1e-15,
@@ -294,6 +302,7 @@ class _Problem:
                 best = full(found.x)
             residual = self._residual(local, best)
             point = self._as_point(local, best, residual)
+            # Not `>`, so that NaN is no solution.
             if not point.residual <= tolerance:
                 error = TrimError(self._complaint(local, best, residual, tolerance))
                 error.best = point
@@ -305,7 +314,7 @@ class _Problem:
         if bad:
             raise LinearAnalysisError(
                 f"cannot trim: {', '.join(bad[:MOST_LISTED])} has no finite {what} on the way; "
-                "give a start or bounds that keep clear of there"
+                "give a start or bounds that avoid this region"
             )
 
     def _as_point(
@@ -338,7 +347,8 @@ class _Problem:
             for e in layout:
                 block = plan.system.blocks[e.path]
                 if kind == "held output" and block.sample_time is None:
-                    continue  # of a continuous Python block: it follows at once, and is no variable
+                    # The output of a continuous Python block depends on other variables.
+                    continue
                 place = plan.place(e.path, e.name)
                 declared = block.declared(State).get(e.name) or block.port(e.name)
                 kinds[place] = kind
@@ -389,6 +399,7 @@ class _Problem:
     ) -> str:
         worst = np.argsort(-np.abs(residual))
         worst = worst[np.abs(residual[worst]) > tolerance]
+        # Variables with a nonzero derivative in a violated equation.
         acting = np.abs(self._jacobian(local, z)[worst]).max(axis=0, initial=0.0) > 0
         fixed = [
             f"{label} = {z[i]:.4g} ({role})"
@@ -402,11 +413,11 @@ class _Problem:
         )
         if fixed:
             return (
-                f"{text}\nwhat acts on them but may not change:{_listed(fixed)}\n"
-                "free one of these, or give up a condition"
+                f"{text}\nfixed variables that act on them:{_listed(fixed)}\n"
+                "free one of these, or remove a condition"
             )
         return text + (
-            "\nnothing that acts on them is fixed or at a bound: give up a condition, or try another start"
+            "\nno variable that acts on them is fixed or at a bound: remove a condition, or try another start"
         )
 
 

@@ -212,7 +212,7 @@ def test_directions_differentiate_exactly_what_has_no_simple_form():
         (
             ("arm.power", "angle"),
             LinearAnalysisError,
-            r"nothing reads 'arm.power', so nothing can",
+            r"nothing reads 'arm.power', so it cannot",
         ),
     ],
 )

@@ -98,7 +98,7 @@ def test_held_outputs_in_a_circle_are_no_operating_point():
         diagram.add(**{name: Function(lambda u: 2.0 * u + 1.0).sampled(0.2, offset)})
     diagram.a >> diagram.b >> diagram.a
     with pytest.raises(
-        SimulationError, match=r"hold at this operating point does not settle"
+        SimulationError, match=r"hold at this operating point do not settle"
     ):
         linearize(diagram, "a.u", "a.y")
     model = linearize(
