@@ -19,6 +19,7 @@ def edges_of(nets: list[Net]) -> Edges:
         own = net.source.box
         edges.update(
             (own, box)
+            # Once per net and box, as several pins of a box share most of the wire.
             for box in dict.fromkeys(pin.box for pin in net.targets)
             if box is not own
         )
@@ -32,6 +33,8 @@ def by_flow(boxes: list[Box], edges: Edges) -> list[Box]:
     ----------
     Eades, Lin, Smyth (1993), *A fast and effective heuristic for the feedback arc set problem*.
     """
+    # Sugiyama, step 1: cycle removal. Edges against the order of the result are
+    # feedback. Dictionaries keep the order, so that equal diagrams give equal pictures.
     left, right, rest = list[Box](), list[Box](), dict.fromkeys(boxes)
     while rest:
         gives, takes = Counter[Box](), Counter[Box]()
@@ -39,10 +42,14 @@ def by_flow(boxes: list[Box], edges: Edges) -> list[Box]:
             if a in rest and b in rest:
                 gives[a] += number
                 takes[b] += number
+        # Sinks to the right end, sources to the left end: neither causes feedback.
+        # Isolated boxes count as sources.
         if chosen := [box for box in rest if takes[box] and not gives[box]]:
             right = chosen + right
         else:
             first = [box for box in rest if not takes[box]]
+            # Inside of cycles, the box with the greatest excess of leaving edges makes
+            # few edges to boxes on its left.
             chosen = first or [max(rest, key=lambda box: gives[box] - takes[box])]
             left += chosen
         for box in chosen:
@@ -52,8 +59,13 @@ def by_flow(boxes: list[Box], edges: Edges) -> list[Box]:
 
 def into_layers(order: list[Box], edges: Edges) -> list[list[Box]]:
     """Return boxes by layer: after their sources by `edges` along the `order`, with short wires."""
+    # Sugiyama, step 2: layer assignment, by the linear program of Gansner et al. It has
+    # integer solutions, as its matrix is totally unimodular.
     rank = {box: i for i, box in enumerate(order)}
+    # Feedback edges have no limit, so that they may run to the left. They still have a
+    # weight below, so that they are short.
     limits = [(rank[a], rank[b], 1) for a, b in edges if rank[a] < rank[b]]
+    # Exposed inputs are in layers before all blocks, exposed outputs after them.
     limits += [
         (rank[a], rank[b], 1) for a, b in product(order, order) if a.edge < b.edge
     ]
@@ -74,11 +86,15 @@ def rails(nets: list[Net], layers: list[list[Box]], gap: float) -> Channels:
     """
     channels: Channels = [[] for _ in range(len(layers) + 1)]
     for net in nets:
+        # Sugiyama, step 3: a dummy node per passed layer, so that each wire connects
+        # neighbouring layers only. All targets of a net share its dummy nodes.
         own, ways = net.source.box.layer, dict[int, Box]()
         reached = [pin.box.layer for pin in net.targets]
         for layer in [*range(own + 1, max(reached)), *range(min(reached), own + 1)]:
             ways[layer] = way(gap, layer)
             layers[layer].append(ways[layer])
+        # Channel k is on the left of layer k; the net starts in the channel on the
+        # right of its source.
         for k in range(min(*reached, own + 1), max(*reached, own + 1) + 1):
             rail = Rail(net, [net.source] if k == own + 1 else [], [])
             rail.left += ways[k - 1].sides[1] if k - 1 in ways else []

@@ -39,6 +39,7 @@ def layout(boxes: list[Box], nets: list[Net]) -> tuple[float, float]:
     tuple of float
         Width and height [px].
     """
+    # Attempts permute the pins of boxes, so that each begins with these heights.
     start = [(pin, pin.dy) for box in boxes for side in box.sides for pin in side]
     scores: dict[int, tuple[int, int]] = {}
 
@@ -47,6 +48,7 @@ def layout(boxes: list[Box], nets: list[Net]) -> tuple[float, float]:
             pin.dy = dy
         for side in (side for box in boxes for side in box.sides):
             side.sort(key=lambda pin: pin.dy)
+        # Sugiyama, steps 1 to 5; only x and the routes are left.
         layers, channels = ordered(boxes, nets, variant)
         x, crossings = 0.0, 0
         for k, channel in enumerate(channels):
@@ -60,6 +62,7 @@ def layout(boxes: list[Box], nets: list[Net]) -> tuple[float, float]:
                 x += max(
                     pin.note
                     for box in layers[k]
+                    # A pin without note: `max` needs an element.
                     for pin in (*box.sides[0], Pin(box, 0.0))
                 )
                 column = max(box.width for box in layers[k])
@@ -77,6 +80,8 @@ def layout(boxes: list[Box], nets: list[Net]) -> tuple[float, float]:
     ):
         size = attempt(variant)
     best = min(scores, key=scores.__getitem__)
+    # Attempts write into the boxes, so that the best one is repeated unless it was the
+    # last. Its random numbers depend on its number only.
     return size if best == variant else attempt(best)
 
 
@@ -86,6 +91,8 @@ def ordered(
     """Return layers and channels of `boxes` and `nets`; a `variant` > 0 is shuffled [-]."""
     edges, mixed, chance = edges_of(nets), list(boxes), Random(variant)
     if variant:
+        # Heuristics of both orders break ties by position, so that a shuffle gives
+        # another local optimum.
         chance.shuffle(mixed)
     layers = into_layers(by_flow(mixed, edges), edges)
     channels = rails(nets, layers, WIRE_GAP)

@@ -19,6 +19,8 @@ MAX_SWEEPS = 12
 def cuts(a: Span, b: Span) -> int:
     """Return the number of crossings of two rails if the vertical of `a` is left of that of `b`."""
     number = 0
+    # Wires leave the vertical of `a` to the right and cross the vertical of `b`; wires
+    # reach `b` from the left and cross the vertical of `a`.
     for y in a[1]:
         number += b[2] < y < b[3]
     for y in b[0]:
@@ -30,6 +32,8 @@ def crossings(channel: list[Rail]) -> int:
     """Return the crossings of the rails of a channel, each pair in its better order."""
     number = 0
     for a, b in combinations([rail.span for rail in channel], 2):
+        # Verticals without common heights do not cross. Tracks are chosen later, so
+        # that the better order of two is assumed.
         if a[3] > b[2] and b[3] > a[2]:
             number += min(cuts(a, b), cuts(b, a))
     return number
@@ -55,6 +59,7 @@ class Ordering:
         """Sweep in both directions, and select the best order."""
         sides = [side for la in self.layers for box in la for side in box.sides]
         sorts: list[list[Any]] = [*self.layers, *sides]
+        # Sugiyama, step 4: crossing reduction. Turn 0 counts the initial order.
         best, found = math.inf, sorts
         for layer in self.layers:
             rank(layer)
@@ -69,6 +74,7 @@ class Ordering:
         for items, kept in zip(sorts, found, strict=True):
             items[:] = kept
         for side in sides:
+            # The places on a side stay, in the new order of the pins.
             for pin, dy in zip(side, sorted(pin.dy for pin in side), strict=True):
                 pin.dy = dy
 
@@ -76,15 +82,18 @@ class Ordering:
         """Sort by the neighbours of right sides (1), from the right, or of left sides (0), from the left."""
         for layer in reversed(self.layers) if side else self.layers:
             wanted = {box: self._wanted(box, side) for box in layer}
+            # The sort is stable: boxes with equal medians keep their order.
             layer.sort(key=wanted.__getitem__)
             for box in layer:
                 box.sides[side].sort(key=self._drawn_to)
+            # Now, as the next layer is sorted by the new positions.
             rank(layer)
 
     def _wanted(self, box: Box, side: int) -> float:
         """Return the median position of a box for straight wires at one side, or the other, or its own."""
         for pins in (box.sides[side], box.sides[1 - side]):
             if shifts := [
+                # Position of the box with this pin level with its ends.
                 self._drawn_to(pin) - (pin.rank - box.rank)
                 for pin in pins
                 if pin in self.rails

@@ -59,6 +59,8 @@ def positions(count: int, limits: Limits, ties: Ties, rounds: int = 1) -> Vector
     each = eye_array(count, format="csr")
     apart: Any = each[upper.astype(int)] - each[lower.astype(int)]
     slope: Any = each[left.astype(int)] - each[right.astype(int)]
+    # Sugiyama, step 5: coordinates. Each tie has a slack e with e >= |y_a - y_b - s|,
+    # as two inequalities; the minimum of w e makes it equal.
     slack: Any = -eye_array(len(ties))
     rules: Any = block_array([[apart, None], [slope, slack], [-slope, slack]])
     bounds = np.concatenate([-distance, shift, -shift])
@@ -68,6 +70,8 @@ def positions(count: int, limits: Limits, ties: Ties, rounds: int = 1) -> Vector
     for _ in range(rounds):
         solution: Any = linprog(np.concatenate([pull, cost]), rules, bounds)
         found = solution.x[:count]
+        # Reweighting makes bent wires cheap and level wires dear, so that few wires
+        # bend, as with a cost per bend.
         cost = weight / (1.0 + np.abs(slope @ found - shift) / BEND_HEIGHT)
     # differences are exact despite round-off
     return np.asarray(np.round(found - found.min(), 6))
@@ -88,6 +92,7 @@ def place(layers: list[list[Box]], channels: Channels, gap: float) -> None:
     boxes = [box for layer in layers for box in layer]
     number = {box: i for i, box in enumerate(boxes)}
     limits = [
+        # Two dummy nodes are wires: their heights are distance enough.
         (number[a], number[b], a.height + (gap if a.width or b.width else 0.0))
         for layer in layers
         for a, b in pairwise(layer)

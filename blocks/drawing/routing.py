@@ -14,6 +14,8 @@ HEIGHT_TOLERANCE = 4.0
 
 def cost(a: Rail, b: Rail) -> int:
     """Return the cost of crossings and overlaps if `a` is left of `b`."""
+    # A wire that leaves `a` to the right, at the height of one that reaches `b` from
+    # the left, runs on top of it.
     same = a.net is not b.net and any(
         abs(y - z) < HEIGHT_TOLERANCE for y in a.span[1] for z in b.span[0]
     )
@@ -27,10 +29,13 @@ def tracks(channel: list[Rail]) -> tuple[dict[Rail, int], int]:
     """
     for rail in channel:
         rail.measure(ranked=False)
+    # Level wires have no vertical and need no track.
     bent = [rail for rail in channel if rail.span[2] < rail.span[3]]
     costs = {(a, b): cost(a, b) for a in bent for b in bent}
     place: dict[Rail, int] = {}
     while waiting := [rail for rail in bent if rail not in place]:
+        # From the left: the vertical that costs least by being left of all others,
+        # compared with being right of them.
         regret = {
             a: sum(max(0, costs[a, b] - costs[b, a]) for b in waiting) for a in waiting
         }
@@ -39,6 +44,8 @@ def tracks(channel: list[Rail]) -> tuple[dict[Rail, int], int]:
             _split(rail, channel)
             return tracks(channel)
         _, _, low, high = rail.span
+        # The leftmost track on the right of those placed verticals that have common
+        # heights with this one.
         near = [
             place[b]
             for b in place
@@ -69,6 +76,7 @@ def route(nets: list[Net], channels: Channels) -> int:
     for net in nets:
         net.paths = []
         for target in net.targets:
+            # Forward wires pass dummy nodes from the left, feedback from the right.
             ahead, pin = target.box.layer > net.source.box.layer, target
             path = [(pin.box.x, pin.y)]
             while pin is not net.source:

@@ -115,6 +115,7 @@ def scene_of(diagram: Diagram) -> Scene:
     pins: dict[tuple[str, str, str], Pin] = {}
     for block in diagram.blocks.values():
         sides = rows(diagram, block)
+        # `breadth` is for 11 px; names have 12 px, notes 9 px.
         title = breadth(brief(block.name)) * 12 / 11
         head = max(title, breadth(brief(type(block).__name__))) + 16
         names = sum(
@@ -129,6 +130,7 @@ def scene_of(diagram: Diagram) -> Scene:
                 pin = box.pin(side, HEAD_HEIGHT + (i + 0.5) * PIN_PITCH, note)
                 pins[block.name, row.port.name, row.key] = pin
                 scene.pins.append((row, pin))
+    # One net per source, so that wires from one output share a stem.
     nets: dict[Pin, tuple[Net, Port]] = {}
     for name, inside in diagram.exposed.items():
         port = diagram.ports[name]
@@ -150,6 +152,7 @@ def scene_of(diagram: Diagram) -> Scene:
             fresh = Net(source, []), block.ports[wire.source.name]
             net, _ = nets.setdefault(source, fresh)
             target = pins[wire.target.block.name, wire.target.name, wire.source.path]
+            # Several slices of one source end at one row.
             net.targets += [target] if target not in net.targets else []
     scene.wires = list(nets.values())
     boxes = [*(box for _, box in scene.blocks), *scene.edges]

@@ -76,10 +76,12 @@ def drawn(scene: Scene, colour: Callable[[Block], str]) -> Iterator[str]:
         tips = "".join(
             f"M{x:g} {y:g}l-7 -3.5v7z" for x, y in (path[-1] for path in net.paths)
         )
+        # Ends that are 0.01 px apart, as an arc between equal ends is empty.
         dots = "".join(
             f"M{x - 2.5:g} {y:g}a2.5 2.5 0 1 1 0 .01z" for x, y in forks(net)
         )
         kind = "wire scalar" if source.whole_shape == () else "wire"
+        # The first path is wide and transparent: the tooltip appears near a wire.
         yield f'<g>{title(source)}<path class="near" d="{line}"/><path class="{kind}" d="{line}"/>'
         yield f'<path class="tip" d="{tips}{dots}"/></g>'
     for block, box in scene.blocks:
@@ -121,6 +123,7 @@ def forks(net: Net) -> list[Point]:
     lines = [line for path in net.paths for line in pairwise(path)]
     found = []
     for x, y in dict.fromkeys(point for path in net.paths for point in path[1:-1]):
+        # Directions in which wires leave this point: two are a bend, three a branch.
         ways = set()
         for (x1, y1), (x2, y2) in lines:
             if min(x1, x2) <= x <= max(x1, x2) and min(y1, y2) <= y <= max(y1, y2):
@@ -133,4 +136,5 @@ def forks(net: Net) -> list[Point]:
     return found
 
 
+# Set here, as the framework does not import the drawing package.
 Diagram._artist = svg_of

@@ -56,11 +56,11 @@ Values = dict[tuple[str, str], Array]
 
 
 class FaultError(Exception):
-    """A check failed; the message says what, where, and what to do."""
+    """A check failed; the message has the fault, its place and the remedy."""
 
 
 class NotApplicableError(Exception):
-    """A check says nothing about this block; the message says why."""
+    """A check does not apply to this block; the message has the reason."""
 
 
 class Bench:
@@ -79,13 +79,14 @@ class Bench:
         self.around = around
         self.p = Signals(f"block '{block.path}'", block.parameters)
         for value in self.p.values():
-            # a deep copy of a read-only array is not read-only
+            # Equations must not write into parameters. A deep copy of a read-only array
+            # is writable.
             value.setflags(write=False)
         self.kinds: list[str] = []
         self.points: list[list[Array]] = []
 
     def declarations(self) -> str:
-        """Check that the block can be built, and that its states begin with numbers."""
+        """Check that the block can be flattened, and that its initial states are finite."""
         block = self.block
         block_check.check_kind(block)
         flatten(block, external=True)
@@ -102,6 +103,8 @@ class Bench:
             name: finite_array(f"'{name}'", value, sizes[name])
             for name, value in self.around.items()
         }
+        # Only random points: special values, such as 1e300, are for the comparison of
+        # compiled code.
         for point in block_check.points(tuple(sizes.values()), RANDOM_POINTS)[
             :RANDOM_POINTS
         ]:
@@ -125,6 +128,8 @@ class Bench:
             raise NotApplicableError(
                 "the block steps itself, so its equations cannot be called at any point"
             )
+        # A block with hidden states gets new equations for each call, so that calls do
+        # not depend on each other.
         return open_block(self.block, self.p) if self.block.hides else self.block
 
     def arguments(
@@ -132,6 +137,7 @@ class Bench:
     ) -> tuple[Array, Signals, Signals, Signals, Signals]:
         """Return read-only values at a point: time, states, inputs, parameters, events that happen."""
         numbers = iter(point)
+        # Runs begin at time 0 by default: equations may assume t >= 0.
         t = np.abs(next(numbers))
         x, u, fired = (
             Signals(self.p.owner, {name: next(numbers) for name in shapes})
@@ -161,9 +167,12 @@ class Bench:
         self.points, points = [], self.points
         for point in points:
             happens = any(v.any() for v in self.arguments(point)[-1].values())
+            # A run calls `on_event` only after an event, so that it may rely on one.
             kinds = [kind for kind in self.kinds if kind != "on_event" or happens]
             try:
                 good.append((point, self.values(self.opened(), kinds, point)))
+            # A wrong shape or name is a fault of the block at all points, while other
+            # errors may come from values outside of its domain.
             except BlockError:
                 raise
             except TrussflowError as error:
@@ -183,6 +192,7 @@ class Bench:
             )
         for kind, name in dict.fromkeys(key for _, each in good for key in each):
             values = [each[kind, name] for _, each in good if (kind, name) in each]
+            # A time event at infinity never happens, and a mode may store such a time.
             may_be_infinite = kind == "indicators" or name in self.block.declared(Mode)
             bad = sum(
                 not (np.isfinite(v) | (np.isinf(v) & may_be_infinite)).all()
@@ -192,7 +202,7 @@ class Bench:
             if bad == len(values):
                 raise FaultError(
                     f"{where} any random point, such as {_listed(values[0])}; look for a division by zero, "
-                    "the root or logarithm of a negative number, or say around= which numbers make sense"
+                    "the root or logarithm of a negative number, or give valid values by around="
                 )
             if bad:
                 remarks.append(
@@ -202,8 +212,9 @@ class Bench:
 
     def purity(self) -> str:
         """Check that equal arguments give equal numbers, regardless of calls in between."""
-        # what is kept may change the others
+        # With hidden states, only the output is a function of its arguments.
         kinds = ["output"] if self.block.hides else self.kinds[:2]
+        # The order a, b, a reveals memory, new equations a random start.
         for first, second in pairwise([*self.points, self.points[0]]):
             own = self.opened()
             fresh = self.opened()
@@ -217,32 +228,34 @@ class Bench:
                 ):
                     raise FaultError(
                         f"{kind}(): '{name}' is {_listed(once[kind, name])}, then "
-                        f"{_listed(again[kind, name])} for the same arguments: it draws at random, reads "
-                        "a clock, or keeps something between calls. Declare what it keeps as a State, draw "
-                        "with Noise; a Python block may return a Running from open()"
+                        f"{_listed(again[kind, name])} for the same arguments: it uses random numbers, reads "
+                        "a clock, or keeps something between calls. Declare kept values as a State, use "
+                        "Noise for random numbers; a Python block may return a Running from open()"
                     )
         return ""
 
     def tracing(self) -> str:
-        """Check that the block traces, to the numbers of NumPy."""
+        """Check that the block traces, and that the traced equations give the numbers of NumPy."""
         if not self.block.traced:
             raise NotApplicableError(
-                "the block says traced = False, and runs in Python"
+                "the block declares traced = False, and runs in Python"
             )
         block_check.isolate(self.block)
         return ""
 
     def feedthrough(self) -> str:
-        """Check that outputs depend at once on what is declared, and on nothing else."""
+        """Check that the direct feedthrough of the outputs is the declared one."""
         declared = block_check.isolate(self.block).feedthrough
         depends = "; ".join(
-            f"{y} on {', '.join(sorted(u)) or 'nothing'}" for y, u in declared.items()
+            f"{y} depends on {', '.join(sorted(u)) or 'no input'}"
+            for y, u in declared.items()
         )
         if self.block.traced:
-            return f"at once depend {depends}" if depends else ""
+            return f"direct feedthrough: {depends}" if depends else ""
         real = {output: set[str]() for output in declared}
         for point, other in pairwise([*self.points, self.points[0]]):
             before = self.values(self.opened(), ["output"], point)
+            # Points are in the order time, states, inputs, events.
             for i, name in enumerate(self.shapes[1], 1 + len(self.shapes[0])):
                 after = self.values(
                     self.opened(), ["output"], [*point[:i], other[i], *point[i + 1 :]]
@@ -255,20 +268,18 @@ class Bench:
         for output, seen in real.items():
             if missing := sorted(seen - declared[output]):
                 raise FaultError(
-                    f"output '{output}' changes at once with {', '.join(missing)}, which feedthrough() does "
-                    f"not say: in a run it would see nothing there. {advice}"
+                    f"output '{output}' depends on {', '.join(missing)}, which feedthrough() does "
+                    f"not declare: in a run these inputs would be NaN. {advice}"
                 )
         if all(declared[output] == seen for output, seen in real.items()):
             return ""
-        remark = f"declared is that at once depend {depends}, but the numbers show less. {advice}"
+        remark = f"declared feedthrough: {depends}; the values show less. {advice}"
         if type(self.block).feedthrough is Block.feedthrough:
-            return f"{remark}, if a loop is to be closed around the block"
-        raise FaultError(
-            f"{remark}: what is declared without need makes algebraic loops"
-        )
+            return f"{remark} to close a loop around the block"
+        raise FaultError(f"{remark}: unnecessary feedthrough makes algebraic loops")
 
     def derivatives(self) -> str:
-        """Check that the derivatives that a Python block offers are those of its values."""
+        """Compare the derivatives that a Python block offers with differences of its values."""
         if self.block.traced or offered(self.block, self.opened()) is None:
             raise NotApplicableError(
                 "tracing gives exact derivatives; a Python block may offer directional_derivative()"
@@ -279,6 +290,7 @@ class Bench:
         kinds = [k for k in self.kinds if k in ("output", "update", "derivative")]
         for point, kind in product(self.points, kinds):
             for i, name in enumerate(names, 1):
+                # Modes are piecewise constant and have no derivatives.
                 if name.removeprefix("x.") not in modes:
                     self._check_derivative(point, kind, i, name)
         return ""
@@ -288,6 +300,7 @@ class Bench:
     ) -> None:
         """Compare the derivative of an equation along an array of a point with a difference."""
         along = [np.zeros_like(value) for value in point]
+        # One direction changes all elements: one difference for each array.
         along[number] = np.ones_like(point[number])
         before, after = (
             self.values(
@@ -305,6 +318,8 @@ class Bench:
                 found = np.asarray(own(kind, *given, dx, du)[key[1]], dtype=float)
             expected = (value - before[key]) / (2.0 * DIFFERENCE_STEP)
             allowed = DERIVATIVE_TOLERANCE * np.abs(expected).max(initial=1.0)
+            # Negated, so that a derivative of NaN is wrong. Differences that are not
+            # finite are outside of the domain.
             wrong = ~(np.abs(found - expected) <= allowed) & np.isfinite(expected)
             if wrong.any():
                 raise FaultError(
@@ -330,7 +345,7 @@ class Bench:
 
 
 def _same(one: Array, other: Array) -> bool:
-    """Tell whether numbers are equal to the bit, NaN to NaN."""
+    """Return whether numbers are exactly equal; NaN equals NaN."""
     return np.array_equal(one, other, equal_nan=True)
 
 
@@ -348,8 +363,8 @@ class BlockReport(Described):
     block : str
         Path and class of the block.
     findings : dict of str to str
-        For each check ``"passed"``, ``"FAILED: ..."`` or ``"not applicable: ..."``, with what was found,
-        where, and what to do.
+        Finding of each check: ``"passed"``, ``"FAILED: ..."`` or ``"not applicable: ..."``, with the fault,
+        its place and the remedy.
     """
 
     block: str
@@ -385,15 +400,15 @@ class BlockReport(Described):
 def check_block(
     block: Block, *, around: Mapping[str, npt.ArrayLike] | None = None
 ) -> BlockReport:
-    """Check a block of one's own by itself: what it declares, and what its equations do at random points.
+    """Check the declarations of a single block, and its equations at random points.
 
     Parameters
     ----------
     block : Block
-        The block. One whose shapes follow from wires is looked at as a scalar one, or as it is wired.
+        The block. Shapes that follow from wires are those of the connected diagram, or else scalar.
     around : mapping, optional
-        States and inputs by name, for a block that computes near some numbers only: points are at most 0.1
-        away from them. All others are up to 1 from zero [units as declared].
+        Values of states and inputs, by name, for a block with a limited domain: points differ from them by
+        at most 0.1. All other values are between -1 and 1 [units as declared].
 
     Returns
     -------
@@ -403,7 +418,7 @@ def check_block(
     Raises
     ------
     BlockError
-        If it is no block, or a diagram, whose blocks are to be checked one by one.
+        If it is not a block, or is a diagram; check the blocks of a diagram one by one.
 
     Examples
     --------
@@ -412,13 +427,15 @@ def check_block(
     >>> report = check_block(TransferFunction([1.0], [0.5, 1.0]))
     >>> report.raise_for_failures()
     >>> report.findings["feedthrough"]
-    'passed: at once depend y on nothing'
+    'passed: direct feedthrough: y depends on no input'
     """
     given: object = block
     if not isinstance(given, Block) or isinstance(given, Diagram):
         raise BlockError(
             f"cannot check {shown(block)}: give one block, such as MyBlock()"
         )
+    # Checks must not change the user's block. A block in a diagram has its shapes from
+    # the wires there and cannot be copied alone.
     item = copy.deepcopy(block) if block.parent is None else block
     findings = dict[str, str]()
     bench = Bench(item, by_name("values around which to check", around))
@@ -438,13 +455,14 @@ def check_block(
             findings[name] = f"FAILED: {fault}"
         except Exception as error:  # noqa: BLE001 - the block is the user's
             findings[name] = f"FAILED: {_raised(item, error)}"
-        if not bench.points:  # nothing can be computed
+        # Later checks need points at which the equations can be computed.
+        if not bench.points:
             break
     return BlockReport(f"{item.path} ({type(item).__name__})", findings)
 
 
 def _raised(block: Block, error: Exception) -> str:
-    """Say which method of the user's `block` raised an `error` that no check expects."""
+    """Return a text with the method of the user's `block` that raised an unexpected `error`."""
     frames = [frame for frame, _ in walk_tb(error.__traceback__)]
     users = [
         f

@@ -1,4 +1,4 @@
-"""An audit of energy: what was supplied is stored or dissipated, block by block and in the whole."""
+"""Audit of energy: supplied energy is stored or dissipated, in each block and in the whole diagram."""
 
 from __future__ import annotations
 
@@ -53,6 +53,7 @@ class EnergyMeter(Block):
 
     def derivative(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
         """Return the powers."""
+        # Meters read whole ports, of which a pair may use a slice only.
         chosen = {name: np.ravel(u[name])[i] for name, i in self.elements.items()}
         powers = [
             sign * (chosen[f"effort{i}"] @ chosen[f"flow{i}"])
@@ -69,18 +70,18 @@ class EnergyAudit(Described):
     Attributes
     ----------
     result : xarray.Dataset
-        For each time and account ``supplied``, ``stored`` (since the start), ``dissipated``, and what is
-        ``missing``: supplied - stored - dissipated [J]. The last account is the whole, named as the diagram.
+        Energies ``supplied``, ``stored`` (since the start), ``dissipated`` and ``missing`` = supplied - stored -
+        dissipated, over time and account [J]. The last account is the whole, with the name of the diagram.
     drift : dict of str to float
-        For each account the largest energy that is missing at any time, relative to the largest that was
-        supplied, stored or dissipated [-].
+        Largest missing energy of each account, relative to its largest supplied, stored or dissipated energy
+        [-].
     """
 
     result: xr.Dataset
     drift: dict[str, float]
 
     def raise_for_missing(self, tolerance: float) -> None:
-        """Raise if more is missing than round-off and the steps of the solver explain, for tests.
+        """Raise an error if the missing energy exceeds a tolerance, for tests.
 
         Parameters
         ----------
@@ -95,7 +96,7 @@ class EnergyAudit(Described):
         positive(tolerance=tolerance)
         if not all(drift <= tolerance for drift in self.drift.values()):
             raise SimulationError(
-                f"energy is missing, or too much, beyond {tolerance:g}: {self!r}"
+                f"missing or surplus energy exceeds {tolerance:g}: {self!r}"
             )
 
     def _described(self) -> Description:
@@ -122,12 +123,12 @@ def energy_audit(
     log_step: float | None = None,
     **settings: Unpack[SolverSettings],
 ) -> EnergyAudit:
-    r"""Run a diagram and compare the energy supplied with what is stored and dissipated.
+    r"""Simulate a diagram and compare supplied energy with stored and dissipated energy.
 
     .. math:: W_{supplied} = \Delta E_{stored} + W_{dissipated} + W_{missing}
 
     Blocks that declare an `EnergyAccount` as their ``energy_account`` are audited, and those in `accounts`.
-    Powers are integrated along with the states, so what is missing is wrong, or the solver's error.
+    Powers are integrated with the states, so that missing energy is an error of the model or of the solver.
 
     Parameters
     ----------
@@ -136,10 +137,10 @@ def energy_audit(
     duration : float
         Time to simulate [s].
     accounts : mapping, optional
-        More accounts by name, with ports of the diagram; one named as a block replaces the block's own.
+        More accounts by name, with ports of the diagram; an account with the path of a block replaces that of the block.
     supplied : sequence of pairs of ports, optional
-        Through which pairs power comes into the whole. If all blocks balance and the whole does not, then
-        a wire between them has a wrong sign or factor. By default the whole is the sum of its blocks.
+        Pairs of ports that supply power to the whole. If all blocks balance and the whole does not, a wire
+        between them has a wrong sign or factor. By default the whole is the sum of its blocks.
     parameters, initial
         As for `Simulator.run` [as declared].
     log_step : float, optional
@@ -155,14 +156,14 @@ def energy_audit(
     Raises
     ------
     BlockError
-        If a pair of ports is no power, or what is stored or dissipated is no energy.
+        If the product of a pair of ports is not a power, or a stored or dissipated signal is not an energy.
     SimulationError
         If there is no account.
 
     Notes
     -----
-    A state that jumps at an event may take energy away at once. A block that counts such losses, by a mode,
-    gives them as `dissipated` in J.
+    A jump of a state at an event may remove energy. A block can sum such losses in a mode and declare it as
+    `dissipated` in J.
 
     Examples
     --------
@@ -240,6 +241,7 @@ def _metered(
         energy = port(reference)
         units = {*filter(None, energy.element_units())}
         faults = {mismatch(unit, "J") for unit in units}
+        # Energy in J is logged as it is; the meter integrates a power in W.
         if kind == "dissipated" and faults != {""}:
             faults = {mismatch(unit, "W") for unit in units}
             ports["loss"] = energy
@@ -247,7 +249,7 @@ def _metered(
             log[f"{name} {kind} energy"] = energy
         if faults - {""}:
             raise BlockError(
-                f"cannot use {energy.describe()} as what is {kind} in '{name}': {max(faults)}"
+                f"cannot use {energy.describe()} as {kind} energy of '{name}': {max(faults)}"
             )
     signs = [1.0] * len(account.supplied) + [-1.0] * len(account.delivered)
     meter = EnergyMeter(ports, signs).named(f"(energy of {name})")
@@ -257,6 +259,7 @@ def _metered(
         whole = replace(source, index=None)
         everything = np.arange(source.size)
         drivers[meter.path, own] = (
+            # An input has no value of its own: the meter reads what drives it.
             system.drivers[source.block.path, source.name]
             if source.is_input
             else [Driver(whole, everything, everything, "energy audit")]
@@ -309,10 +312,13 @@ def _audit(
         own = supplied and kind == "supplied"
         columns.append(energy(whole, kind) if own else np.sum(columns, axis=0))
         tables[kind] = np.stack(columns, axis=1)
+    # Before the initial energy is subtracted: a large energy that changes little would
+    # otherwise show its round-off as drift.
     largest = np.max([np.abs(table).max(axis=0) for table in tables.values()], axis=0)
     tables = {kind: table - table[0] for kind, table in tables.items()}
     tables["missing"] = tables["supplied"] - tables["stored"] - tables["dissipated"]
     missing = np.abs(tables["missing"]).max(axis=0)
+    # Without any energy, nothing is missing: 0, not 0 / 0.
     drift = np.divide(missing, largest, out=np.zeros_like(missing), where=missing > 0)
     labels = [*names, whole]
     variables = {

@@ -223,7 +223,7 @@ FAULTS = (
         Counts,
         "purity",
         r"output\(\): 'y' is .*, then .* for the same arguments: .* keeps something between calls\. Declare "
-        "what it keeps as a State",
+        "kept values as a State",
     ),
     (
         WritesIntoStates,
@@ -256,15 +256,11 @@ FAULTS = (
         "numbers",
         r"on_event\(\) .*'stuck' is declared with shape \(\), but was returned with shape \(2,\)",
     ),
-    (
-        Undeclared,
-        "feedthrough",
-        r"'y' changes at once with v, .*return \{'y': \('u', 'v'\)\}",
-    ),
+    (Undeclared, "feedthrough", r"'y' depends on v, .*return \{'y': \('u', 'v'\)\}"),
     (
         NeverUsed,
         "feedthrough",
-        r"at once depend y on u, v, but the numbers show less\. Let .* return \{'y': \('u',\)\}: what",
+        r"feedthrough: y depends on u, v; the values show less\. Let .* return \{'y': \('u',\)\}: unn",
     ),
     (
         UnknownInput,
@@ -347,7 +343,7 @@ def test_what_does_not_apply_says_why():
     report.raise_for_failures()
     assert (
         report.findings["tracing"]
-        == "not applicable: the block says traced = False, and runs in Python"
+        == "not applicable: the block declares traced = False, and runs in Python"
     )
     assert "no unit is declared for u, y" in report.findings["units"]
     assert "it does not trace" in check_block(Branches()).findings["feedthrough"]

@@ -123,7 +123,7 @@ def test_a_wrong_sign_in_a_block_and_one_in_a_wire_are_told_apart():
     assert wire["mass"] < 1e-7
     assert wire["oscillator"] > 0.1
     with pytest.raises(
-        SimulationError, match=r"beyond 1e-06: energy audit of 1 s\n  mass .*drift"
+        SimulationError, match=r"exceeds 1e-06: energy audit of 1 s\n  mass .*drift"
     ):
         audit(Spring(), "++").raise_for_missing(1e-6)
 
@@ -201,11 +201,11 @@ def test_account_errors():
         ),
         (
             {"mass": EnergyAccount(stored=mass.loss)},
-            r"cannot use 'mass.loss'.*as what is stored in 'mass'.*'W'",
+            r"cannot use 'mass.loss'.*as stored energy of 'mass'.*'W'",
         ),
         (
             {"mass": EnergyAccount(dissipated=mass.velocity)},
-            r"cannot use 'mass.velocity'.*as what is dissipated in",
+            r"cannot use 'mass.velocity'.*as dissipated energy of",
         ),
         (
             {"mass": EnergyAccount(supplied=[("mass.force", "nothing.velocity")])},
