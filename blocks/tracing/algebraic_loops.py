@@ -104,6 +104,7 @@ class AlgebraicLoops:
         if not loops:
             return {}
         torn = [port for stage in loops for port in stage.torn]
+        # Each set of clocks has its own loops, as other blocks hold their outputs.
         if active not in self._programs:
             (self._programs[active],) = self._plan.trace(
                 [outputs(torn, "solutions", active)]
@@ -142,6 +143,7 @@ class AlgebraicLoops:
         DivergenceError
             Always.
         """
+        # The interpreter repeats the solution and names the loop, unless it succeeds.
         self.values(t, x, d, p, frozenset())
         raise DivergenceError(
             f"an algebraic loop is nearly singular at t = {t:g} s: the interpreter can solve it, compiled "

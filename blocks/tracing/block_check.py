@@ -139,6 +139,7 @@ def equations_key(block: Block) -> bytes | None:
 
     Besides their arguments, equations can read the class, the attributes and the ports of their block.
     """
+    # Not `block.__getstate__`, which a class may override to omit attributes.
     attributes = object.__getstate__(block)
     if not isinstance(attributes, dict):
         return None  # attributes in slots are not compared
@@ -156,6 +157,8 @@ def equations_key(block: Block) -> bytes | None:
     shapes = [(name, value.shape) for name, value in block.parameters.items()]
     everything = (type(block), read, ports, shapes, block.inferred_shape.get())
     try:
+        # Equal bytes imply equal content. Unequal bytes of equal content only cost
+        # another check.
         return pickle.dumps(everything)
     except Exception:  # noqa: BLE001 - any error, for example of a lambda
         return None
@@ -201,6 +204,8 @@ def _isolated(block: Block, copy: Block | None = None) -> Isolated:
         shares=False,
     )
     _compare(block, (x, u, fired), program.function, results)
+    # Feedthrough is structural: an output depends on an input if the Jacobian has an
+    # element that is not always zero. Inputs follow t and the states.
     rows = {
         name: {*program.function.jac_sparsity(0, 1 + len(x) + number).row()}
         for number, name in enumerate(u)
@@ -286,6 +291,7 @@ def _compare(
         now, *arrays = point
         numbers = iter(arrays)
         for group in symbols:
+            # `zip` takes a name first, so that it stops before the next number.
             group.update(zip([*group], numbers, strict=False))
         fired.update({n: v > 0 for n, v in fired.items()})
         flat = np.zeros(results.size)
@@ -302,6 +308,7 @@ def _compare(
     columns = [
         np.reshape(each, (len(chosen), -1)).T for each in zip(*chosen, strict=True)
     ]
+    # CasADi evaluates a function at several points at once, one column per point.
     before_events = 1 + len(x) + len(u)
     found = function(
         *columns[:before_events],
@@ -363,6 +370,7 @@ def points(
 
     found = [ordinary() for _ in range(number + len(SPECIAL_VALUES))]
     for point, value in zip(found[number:], SPECIAL_VALUES, strict=True):
+        # Time stays ordinary: no run has an infinite time.
         for array in (a for a in point[1:] if a.size):
             place = generator.integers(array.size)
             array.flat[place] = value * generator.choice([-1.0, 1.0])
@@ -392,6 +400,7 @@ def _differing(
     allowed = np.where(np.isfinite(expected), np.abs(expected), 0.0)
     for e in results:
         part = allowed[e.start : e.stop]
+        # Relative to the whole result: an element may be a difference of large terms.
         part[:] = tolerance * part.max(initial=1.0)
     with np.errstate(invalid="ignore"):
         return ~(same | (np.abs(found - expected) <= allowed))

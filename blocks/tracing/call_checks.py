@@ -113,6 +113,8 @@ def _place(block: Block, kind: str = "output", error: Exception | None = None) -
     code = getattr(
         inspect.unwrap(_wrapped(block) or getattr(block, kind)), "__code__", None
     )
+    # The innermost frame of the user is reported. The equation itself comes first, so
+    # that it is reported only if no frame is the user's.
     if code is not None:
         users.insert(0, (code, code.co_firstlineno))
     if not users:

@@ -88,6 +88,7 @@ def c_sources(programs: Sequence[Program], lanes: int = 1) -> list[str]:
     ]
     pieces, functions = c_functions(programs, "static ", numbers)
     begin = [0, *accumulate(map(len, pieces))]
+    # Small programs: pieces stay static functions of the main file.
     if begin[-1] < MIN_FILE_SIZE:
         pieces, functions = [], [*pieces, *functions]
     apart = [piece.removeprefix(_STATIC) for piece in pieces]
@@ -116,6 +117,7 @@ def vector_functions() -> str:
 def event_sizes(programs: Iterable[Program]) -> dict[str, int]:
     """Return the numbers of events, modes and loop guesses, by the macro names that events.h needs."""
     sizes = {program.name: program.size for program in programs}
+    # The program of the events computes x and the modes, that of the derivative x only.
     modes = sizes["on_event"] - sizes["derivative"] if "on_event" in sizes else 0
     return {
         "TF_EVENTS": sizes.get("indicators", 0),
@@ -141,6 +143,7 @@ def c_functions(
     kernels: dict[int, str] = {}
     pieces, whole = list[str](), list[str]()
     for call in (call for program in programs for call in program.calls):
+        # Programs of one trace share calls, and each call is compiled once.
         if id(call) not in kernels:
             kernels[id(call)] = f"tf_kernel_{len(kernels)}"
             *parts, kernel = _kernel(call, kernels[id(call)], numbers)
@@ -173,6 +176,7 @@ def content(programs: Sequence[Program], lanes: int = 1) -> str:
     lanes : int
         As for `c_sources` [-].
     """
+    # The text includes the generator itself: a new version must not find old libraries.
     made_by = ("codegen.py", "instructions.py", "loop_rerolling.py", "operations.py")
     made_of = ("fma.h", "lanes.h", "fixed_step.h", "events.h", "driver.c")
     return "\0".join(
@@ -287,6 +291,8 @@ def _bodies(
         named(k, instruction, read, numbers)
         for k, instruction in enumerate(instructions)
     ]
+    # Results of fused operations, whose negation needs protection, see
+    # `Numbers.computed`.
     sums = {
         text[k]
         for k, instruction in enumerate(instructions)
@@ -303,6 +309,7 @@ def _bodies(
             ]
             if instruction.operation == ca.OP_OUTPUT:
                 source = instructions[instruction.operands[0]]
+                # Time is a scalar also with several lanes, so that it is no plain copy.
                 if source.operation == ca.OP_INPUT and not is_time(
                     read[source.place[0]]
                 ):
@@ -314,6 +321,7 @@ def _bodies(
                 computed = numbers.computed(instruction.operation, operands, sums)
                 body.append(f"  const {numbers.type} v{k} = {computed};")
             if k in places:
+                # Stored at once, as the variables of a C function end with its piece.
                 body.append(f"  w[{places[k]}] = v{k};")
         bodies.append(body + _moved(moves, written, read))
     return bodies
@@ -346,6 +354,7 @@ def _shared(
     places: dict[int, int] = {}
     free: list[int] = []  # elements that no later piece needs
     for n, piece in enumerate(pieces):
+        # Values last used by the piece before leave their elements to this piece.
         free += [place for k, place in places.items() if last[k] == n - 1]
         for k in piece:
             if last.get(k, n) > n and instructions[k].operation not in (

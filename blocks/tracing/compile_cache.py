@@ -77,6 +77,7 @@ def cached(
     """
     key = _hash(content.encode())
     for folder in _folders():
+        # A key may have several files, as compilers need not reproduce output.
         for file in folder.glob(f"{key}-*{suffix}"):
             if _is_intact(file) and _fault(check, file) is None:
                 return file
@@ -107,6 +108,7 @@ def _fault(action: Callable[..., object], *arguments: object) -> str | None:
     """Call an action on a file; return the message of its failure, or None."""
     try:
         action(*arguments)
+    # ctypes raises AttributeError for a library without a required function.
     except (OSError, AttributeError) as error:
         return not_loaded(error)
     return None
@@ -126,6 +128,7 @@ def _files(folder: Path) -> list[tuple[float, int, Path]]:
 def _prune(folder: Path) -> None:
     """Delete files of a folder that exceed `MAX_AGE`, and the oldest above `MAX_BYTES`; once per process."""
     total, now = 0, time.time()
+    # The latest first, so that the sum is the size of all files used since.
     for used, size, file in sorted(_files(folder), reverse=True):
         total += size
         if now - used > MAX_AGE or (total > MAX_BYTES and now - used > MIN_AGE):
@@ -175,5 +178,6 @@ def _store(file: Path, binary: bytes) -> None:
     elif file.is_symlink() or not file.is_file():
         file.unlink(missing_ok=True)
     with replaced(file) as partial:
+        # Private before it has content, regardless of the umask.
         partial.touch(0o600)
         partial.write_bytes(binary)

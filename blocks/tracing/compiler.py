@@ -87,6 +87,7 @@ def compile_library(
         raise CompilationError(NO_COMPILER)
 
     def load(library: Path) -> None:
+        # Loading is the check: a damaged or foreign file fails here and is built again.
         loaded = ctypes.CDLL(str(library))
         for name in functions:
             getattr(loaded, name)
@@ -162,6 +163,7 @@ def _run(command: list[str], seconds: float) -> subprocess.CompletedProcess[str]
             raise CompilationError(
                 f"{' '.join(command[:4])} did not end within {seconds:g} s"
             ) from None
+        # Ctrl-C included: the compiler must not survive this process.
         except BaseException:
             end(process)
             raise
@@ -196,6 +198,7 @@ def _build(compiler: tuple[str, ...], sources: Sequence[str]) -> bytes:
             )
 
         with ThreadPoolExecutor(max_workers=os.cpu_count()) as pool:
+            # Threads only wait for compilers. This thread takes results and reports progress.
             made = pool.map(part, range(len(sources)))
             parts = map_counted("compiling", lambda _: next(made), sources)
         return compiled(

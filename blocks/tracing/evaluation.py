@@ -160,6 +160,8 @@ class Evaluation:
             for p in block.inputs():
                 if p.name in needed or self._is_free(p):
                     u[p.name] = self.input(block, p.name)
+                # A placeholder: the output does not depend on it. `Program` replaces it
+                # by zero where it remains in the inputs of kernels.
                 elif is_traced(self.leaves.t):
                     u[p.name] = symbol("unknown", p.whole_shape or ())
                 else:
@@ -207,6 +209,8 @@ class Evaluation:
         recorded = traced and active_trace() is not None
         reusable = self.plan.traced_blocks.get(path) if recorded else None
         if reusable is not None and reusable.fits(u.values()):
+            # One substitution gives the results of all equations. It is reused if the
+            # same inputs are known, the others being placeholders.
             known = frozenset(n for n in u if self._inputs.get((path, n)) is u[n])
             if (path, known) not in self._filled:
                 arguments = [
@@ -258,6 +262,7 @@ class Evaluation:
             if driver.source is None:
                 continue
             output = self.output(driver.source)
+            # A whole output is passed as the same object: its expressions stay shared.
             if driver.source.whole_shape == port.whole_shape and np.array_equal(
                 [driver.taken, driver.given], [everything, everything]
             ):

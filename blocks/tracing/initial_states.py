@@ -84,6 +84,7 @@ def set_from_inputs(
         return plan.evaluate(t, x, d, p, active)
 
     def ask(path: str, kind: str) -> Any:
+        # By content, as x and d are changed in place.
         evaluation = evaluated(x.tobytes() + d.tobytes())
         own = plan.p.signals(path, p)
         first = (
@@ -107,6 +108,7 @@ def set_from_inputs(
                         f"{', '.join(stored[path]) or 'none'}"
                     )
                 found = {f"{path}.{name}": value for name, value in values.items()}
+                # The user's values last: they take precedence over those of the block.
                 plan.override(x, d, {**found, **overrides})
             if path in showing:
                 outputs = checked(blocks[path], "output", ask(path, "output"))
@@ -126,6 +128,7 @@ def set_from_inputs(
 
     # Python code may count its calls: output() is called once, also if initial states form a cycle.
     order, circular = _in_order(plan, stating, showing, active)
+    # Of a cycle, first without outputs of Python blocks, which need settled states.
     if circular:
         settle_circle()
     sweep(showing)
@@ -155,4 +158,5 @@ def _in_order(
         )
         waiting += graph[path]
     order, cycle = in_order(graph)
+    # A cycle has no order: any fixed order serves the fixed-point iteration.
     return order or [path for path in plan.system.blocks if path in graph], bool(cycle)

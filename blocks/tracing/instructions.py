@@ -40,6 +40,8 @@ def instructions_of(function: ca.Function) -> list[Instruction]:
     """Return the instructions of an SX function."""
     found: list[Instruction] = []
     holder: dict[int, int] = {}  # work element -> instruction that wrote it last
+    # CasADi reuses work elements. With the last writer of each, operands become
+    # instructions. Each instruction is appended once, so that its index is k.
     for k in range(function.n_instructions()):
         operation = function.instruction_id(k)
         inputs, outputs = function.instruction_input(k), function.instruction_output(k)
@@ -74,6 +76,7 @@ def fused(instructions: list[Instruction]) -> list[Instruction]:
     result: list[Instruction] = []
     for instruction in instructions:
         for place, operand in enumerate(instruction.operands):
+            # With two products, the first is fused and the second is rounded by itself.
             operation = FUSED_OPERATIONS.get((instruction.operation, place))
             if (
                 operation
@@ -121,6 +124,8 @@ def number(value: float) -> str:
         return "NAN"
     if not isfinite(value):
         return "INFINITY" if value > 0 else "(-INFINITY)"
+    # `repr` has the shortest digits that give the same number. Parentheses, as "a--1.0"
+    # is no valid C.
     return repr(value) if value >= 0 else f"({value!r})"
 
 

@@ -55,6 +55,7 @@ def symbol(name: str, shape: tuple[int, ...]) -> Array:
 
 def from_expression(flat: ca.SX, shape: tuple[int, ...]) -> Array:
     """Return the traced array of `shape` whose row-major elements are the column `flat`."""
+    # An array without elements has nothing to trace.
     if 0 in shape:
         return np.zeros(shape)
     made: Any = ca.ArrayInterface  # no copies needed, as traced arrays are read-only
@@ -199,6 +200,8 @@ def repeated(
     trace = _active.get()
     if trace is None or len(instances) < 2 or not any(map(is_traced, instances[0])):
         return [function(*arguments) for arguments in instances]
+    # The function of a `partial` is the same object in each call, so that the cache of
+    # `_kernel` finds it.
     constants: tuple[Any, ...] = ()
     if isinstance(function, partial) and not function.keywords:
         constants, function = function.args, function.func
@@ -229,6 +232,7 @@ def elementwise(function: Callable[..., Array], *arguments: Array) -> Array:
     shape = np.broadcast_shapes(*map(shape_of, arguments))
     if not any(map(is_traced, arguments)) or prod(shape) < 2:
         return function(*arguments)
+    # Addition of zeros broadcasts traced arrays; CasADi simplifies it away.
     flat = [np.reshape(a + np.zeros(shape), (prod(shape),)) for a in arguments]
     results = repeated(
         partial(_in_tuple, function),
@@ -296,6 +300,7 @@ def call_kernel(kernel: Kernel, inputs: ca.SX) -> KernelCall:
         )
     size, count, number = kernel.function.size1_out(0), inputs.size2(), len(trace)
     symbols = ca.horzcat(*(ca.SX.sym(f"k{number}_{i}", size) for i in range(count)))
+    # Evaluations for several outputs of a block repeat calls; an equal call is reused.
     new = KernelCall(kernel, inputs, symbols)
     for call in trace:
         if call.kernel.code == kernel.code and _equal(call, new):

@@ -59,6 +59,7 @@ def solve_positive_definite(matrix: Array, right_hand_side: Array) -> Array:
     shape = shape_of(right_hand_side)
     n = shape[0]
     flat = to_expression(right_hand_side)
+    # Elements are row-major, CasADi's reshape is column-major: the transpose converts.
     columns = flat if len(shape) == 1 else ca.reshape(flat, shape[1], n).T
     # Mirroring the lower triangle removes all expressions that only the upper triangle uses.
     dense = ca.tril2symm(ca.tril(ca.reshape(to_expression(matrix), n, n).T))
@@ -97,6 +98,7 @@ def weighted_gramian(matrix: Array, weights: Array) -> Array:
     m, n = shape_of(matrix)
     dense, w = _matrix(matrix, (m, n)), to_expression(weights)
     pattern = ca.sparsify(dense).sparsity()
+    # Columns with equal rows of nonzeros add to the same submatrix of the result.
     by_rows: dict[tuple[int, ...], list[int]] = {}
     for column, (start, stop) in enumerate(pairwise(pattern.colind())):
         if start < stop:
@@ -153,6 +155,7 @@ def _bordered(pattern: ca.Sparsity) -> Blocks | None:
         )
         if inner.size == 0:
             break
+        # The pattern is symmetric: strongly connected components are blocks.
         inside, _ = pattern.sub(inner.tolist(), inner.tolist())
         count, order, starts = inside.scc()
         blocks = [sorted(inner[order[a:b]].tolist()) for a, b in pairwise(starts)]
@@ -174,6 +177,7 @@ def _solve_bordered(matrix: ca.SX, right: ca.SX, found: Blocks) -> ca.SX:
         ],
     )
     folded = [_matrix(update, (m, m + k)) for _, _, update in eliminated]
+    # Only the border is left: its Schur complement is dense and small.
     schur = matrix[border, border] - sum(f[:, :m] for f in folded)
     d, lt, order = ca.ldl(schur, False)
     reduced = right[border, :] - sum(f[:, m:] for f in folded)
@@ -234,6 +238,7 @@ def _substitute(
         scaled[:, border:] - scaled[:, :border] @ on_border, (n, width - border)
     )
     entries = to_expression(lower)
+    # The strict lower triangle is packed by rows, and row i has i elements.
     start = [i * (i - 1) // 2 for i in range(n)]
     found = ca.SX(0, width - border)  # from the last row upwards
     for i in reversed(range(n)):

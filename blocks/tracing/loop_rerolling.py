@@ -91,6 +91,7 @@ def rerolled(
     for start in sorted(elements):
         if elements[start].output in done:
             continue
+        # The smallest stride with a long enough run wins; larger ones are not searched.
         runs = ((_run(elements, start, n, done), n) for n in LOOP_PERIODS)
         run, period = next(
             (found for found in runs if found[0] >= MIN_LOOP_ELEMENTS), (1, 1)
@@ -198,6 +199,8 @@ def _run(
         return 1
     leaves = np.array(first.leaves)[:, :2]
     steps = np.array(second.leaves)[:, :2] - leaves
+    # Operands of one place must come from one array. A shared value is the same in all
+    # elements, as its index is not an index of an array.
     if steps[:, 0].any() or steps[leaves[:, 0] == SHARED_VALUE].any():
         return 1
     length = 1
@@ -224,6 +227,7 @@ def _loop(
         if source == SHARED_VALUE:
             names.append(known[index])
         elif source == CONSTANT_VALUE:
+            # Constants that differ between the elements are read from a table.
             constants = [number(element.leaves[s][2]) for element in each]
             if len({*constants}) > 1:
                 tables.append(

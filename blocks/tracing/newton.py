@@ -87,6 +87,8 @@ def solve(residual: ca.SX, unknown: ca.SX, start: ca.SX) -> tuple[ca.SX, bool]:
     n, own = unknown.numel(), symbols_of(unknown)
     slope = ca.densify(ca.jacobian(residual, unknown))
     both = ca.vertcat(residual, ca.vec(slope.T))
+    # Expressions of other symbols only are constant in the iteration; they are computed
+    # once, before it, and are inputs of the kernel.
     others = ca.vertcat(*(s for s in ca.symvar(both) if s.element_hash() not in own))
     apart, symbols, hoisted = ca.extract_parametric(
         both, others, {"extract_trivial": True}
@@ -100,6 +102,7 @@ def solve(residual: ca.SX, unknown: ca.SX, start: ca.SX) -> tuple[ca.SX, bool]:
         each.operation in DISCONTINUOUS_OPERATIONS
         for each in instructions_of(equations)
     )
+    # A constant Jacobian: r(z) = r(0) + J z is zero at z = -J^-1 r(0).
     if n <= MAX_DIRECT_UNKNOWNS and not jumps and not symbols_of(slope) & own:
         return -ca.substitute(_step(residual, slope), unknown, ca.SX.zeros(n)), False
     return call_kernel(_kernel(equations), ca.vertcat(start, *hoisted)).symbols, True
@@ -110,11 +113,14 @@ def _step(residual: ca.SX, slope: ca.SX) -> ca.SX:
     n = residual.numel()
     if ca.sprank(ca.sparsify(slope)) < n:
         return ca.SX([np.nan] * n)
+    # J = df/dz - 1: on the diagonal the terms are |df/dz| and 1, elsewhere |df/dz|.
     terms = ca.fabs(slope) + ca.diag(
         1.0 + ca.fabs(ca.diag(slope) + 1.0) - ca.fabs(ca.diag(slope))
     )
     columns = [ca.mmax(terms[:, j]) for j in range(n)]
     weights = [1.0 / ca.mmax(terms[i, :] / ca.horzcat(*columns)) for i in range(n)]
+    # Columns of each row: the Jacobian up to n, residual at n, weight at n + 1, terms
+    # from n + 2 on.
     rows = [
         ca.horzcat(slope[i, :], residual[i], weights[i], terms[i, :]) for i in range(n)
     ]
@@ -169,6 +175,7 @@ def _eliminated(slope: Vector, residual: Vector) -> Vector:
     places, lower, upper = lu(scaled[:, :n], p_indices=True, check_finite=False)
     scaled = scaled[np.argsort(places)]
     pivots = np.abs(np.diag(upper))
+    # Magnitudes of all products that elimination has subtracted from each pivot.
     eliminated = np.einsum("kj,jk->k", np.abs(lower), np.abs(upper)) - pivots
     if not (pivots > PIVOT_TOLERANCE * n * (scaled.diagonal(n + 1) + eliminated)).all():
         return np.full(n, np.nan)

@@ -36,6 +36,7 @@ def _mod(a: Array, b: Array) -> Array:
 def _floor_divide(a: Array, b: Array) -> Array:
     rest, wrong = _rest(a, b)
     nearly = np.subtract(a, rest) / b - np.where(wrong, 1.0, 0.0)
+    # The quotient without the remainder is an integer up to round-off.
     return np.where(np.equal(b, 0.0), np.divide(a, b), np.floor(nearly + 0.5))
 
 
@@ -54,6 +55,7 @@ def _round(a: Array, decimals: int = 0) -> Array:
 
 def _interp(x: Array, xp: Array, fp: Array, *_: None, **_named: None) -> Array:
     # left and right are None here: other values are refused before.
+    # From the right, so that of all points beyond x the leftmost determines the piece.
     found = fp[-1]
     for i in reversed(range(len(xp) - 1)):
         slope = (fp[i + 1] - fp[i]) / (xp[i + 1] - xp[i])

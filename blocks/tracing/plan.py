@@ -137,6 +137,7 @@ class Plan:
         self._lay_out_rest(self.loops.torn)
         if self.loops:
             self._lay_out_rest(self.loops.iterated())
+        # Algebraic loops that are not solved are reported here, not in the first run.
         self.order(frozenset())
 
     def _lay_out_rest(self, iterated: Iterable[Port]) -> None:
@@ -213,6 +214,7 @@ class Plan:
             self.p.put(
                 flat, e.path, e.name, blocks[e.path].parameter_value(e.name, value)
             )
+        # After all overrides, as values of one block may be consistent only together.
         for path, block in changed.items():
             block.check_parameters(self.p.signals(path, flat))
         return flat
@@ -265,6 +267,7 @@ class Plan:
             self.u.put(d, source.path, "y", source.start_value())
         overrides = by_name("initial states", overrides)
         self.set_inputs(d, inputs)
+        # Before the blocks that compute states from inputs, which may depend on these.
         self.override(x, d, overrides)
         set_from_inputs(self, t, x, d, p, overrides, opened or {})
         return x, d
@@ -279,6 +282,7 @@ class Plan:
         ParameterError
             If a value is not finite or has the wrong shape.
         """
+        # All values are checked before the first is written.
         arrays = {}
         for name, value in by_name("inputs", values).items():
             source = self.system.source(name)
@@ -342,6 +346,7 @@ class Plan:
         """
         leaves = self.leaves((t, x, d, p), np.reshape)
         for signals in leaves.fired.values():
+            # Events are numbers in d and booleans in NumPy equations.
             signals.update({name: value > 0 for name, value in signals.items()})
         solved = self.loops.values(t, x, d, p, active)
         evaluation = Evaluation(self, leaves, active, solved)

@@ -53,6 +53,7 @@ class Program:
         each kernel and the result. Kernel arrays are stored by element: the values of all instances of one
         element are contiguous.
         """
+        # Transposed, as `vec` runs along columns and each column is one instance.
         leaves = [*self.inputs, *(ca.vec(c.symbols.T) for c in self.calls)]
         roots = [*(ca.vec(c.inputs.T) for c in self.calls), self.result]
         return self._straight(f"{self.name}_graph", leaves, roots)
@@ -129,6 +130,7 @@ class Program:
         if not self.shares:
             return ca.Function(name, list(inputs), list(results))
         known = set().union(*map(symbols_of, inputs))
+        # Across all results: the inputs of different kernels share subexpressions.
         shared = ca.cse([ca.densify(r) for r in results])
         free = [
             s for s in ca.symvar(ca.vertcat(*shared)) if s.element_hash() not in known

@@ -85,6 +85,7 @@ def sample(number: int, active: Active) -> Quantity:
         blocks = plan.system.blocks
         after: dict[str, Values] = {**leaves.states}
         for path in dict.fromkeys(e.path for e in plan.memory):
+            # Others keep their states; those of Python blocks are updated outside.
             if blocks[path].traced and plan.system.clock(blocks[path]) in active:
                 after[path] = evaluation.results(blocks[path], "update")
         return [
@@ -127,6 +128,8 @@ def after_events() -> Quantity:
             if block.traced:
                 before = evaluation.leaves.states[path]
                 fired = evaluation.leaves.fired[path].values()
+                # The program runs for any event. Blocks without one keep their states,
+                # as `on_event` may assume that an event of the block happened.
                 happened = sum(np.sum(np.reshape(f, (-1,))) for f in fired) > 0
                 results = evaluation.results(block, "on_event")
                 after[path] = before | {

@@ -125,6 +125,7 @@ def graph_of(system: System, feedthrough: Feedthrough, active: Active) -> Graph:
     held = {path: holds(system, b, active) for path, b in system.blocks.items()}
     graph: Graph = {}
     for path, block in system.blocks.items():
+        # A held output depends on nothing within the instant, which opens the loop.
         if held[path]:
             continue
         for port in block.outputs():
@@ -187,6 +188,7 @@ def torn_ports(graph: Graph, preferred: Container[Port]) -> frozenset[Port]:
             uses = Counter(source for sources in inside.values() for source in sources)
             best = min(
                 ports,
+                # Edges in times edges out: such an output is on many cycles.
                 key=lambda p: (p not in preferred, p.size, -uses[p] * len(inside[p])),
             )
             found.add(best)
@@ -228,6 +230,7 @@ def order(
         if refuse and not is_solved(system, [port.block.path for port in component]):
             raise _refused(system, graph, cycle)
         own = tuple(port for port in component if port in torn)
+        # Torn outputs are given here, so that they come first and the others follow.
         opened, _ = in_order(inside | {port: {} for port in own})
         stages.append(Stage(tuple(opened), own, "\n".join(_lines(graph, cycle))))
     return stages

@@ -139,6 +139,7 @@ def owned(value: Any, name: str = "") -> Any:
     if isinstance(value, list | tuple):
         return type(value)(owned(each, name) for each in value)
     if isinstance(value, ca.ArrayInterfaceSX):
+        # In place, as a copy of every result would slow down tracing.
         value.__class__ = TracedArray
     return np.asarray(value) if isinstance(value, ca.ArrayInterfaceDM) else value
 
@@ -178,6 +179,7 @@ _WRAPPED_METHODS = (
 )
 for _name in _WRAPPED_METHODS:
     setattr(TracedArray, _name, _kept(_name))
+# NumPy's operators call universal functions, which have replacements; CasADi's do not.
 for _name in ("__mod__", "__rmod__", "__floordiv__", "__rfloordiv__"):
     setattr(TracedArray, _name, getattr(np.lib.mixins.NDArrayOperatorsMixin, _name))
 for _name, _what in REFUSAL_MESSAGES.items():
