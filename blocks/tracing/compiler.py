@@ -198,7 +198,7 @@ def _build(compiler: tuple[str, ...], sources: Sequence[str]) -> bytes:
             )
 
         with ThreadPoolExecutor(max_workers=os.cpu_count()) as pool:
-            # Threads only wait for compilers. This thread takes results and reports progress.
+            # Threads wait for compilers; this thread takes results, reports progress.
             made = pool.map(part, range(len(sources)))
             parts = map_counted("compiling", lambda _: next(made), sources)
         return compiled(

@@ -1,8 +1,9 @@
 """The plan: a diagram traced into the functions that a simulation needs.
 
 All functions take ``(t, x, d, p)``: time, continuous states, discrete data, and parameters. The discrete
-data d change only at instants. They are modes, discrete states, held outputs of sampled blocks, signs of
-event indicators, triggered events, loop solutions, and external inputs, in this order.
+data d change only at instants. They are modes, discrete states, held outputs of sampled blocks and Python
+blocks, signs of event indicators, triggered events, last solutions of iterated loops (the next initial
+guesses), and external inputs, in this order.
 """
 
 from __future__ import annotations
@@ -48,9 +49,9 @@ class Plan:
     x, p : Layout
         Order of continuous states and of parameters.
     modes, memory, held, sides, fired, guesses, u : Layout
-        Parts of d: modes, discrete states, held outputs, signs of event indicators, triggered events, last
-        solutions of the loops that need an iteration, external inputs. ``events.h`` depends on the order
-        from `sides` to `guesses`.
+        Parts of d: modes, discrete states, held outputs of sampled blocks and Python blocks, signs of event
+        indicators, triggered events, last solutions of iterated loops (the next initial guesses), external
+        inputs. ``events.h`` depends on the order from `sides` to `guesses`.
     stored : tuple of Layout
         Layouts of data with initial values: x, modes and memory.
     sampled : slice

@@ -102,7 +102,7 @@ def sample(number: int, active: Active) -> Quantity:
 
 
 def guesses() -> Quantity:
-    """Return the quantity of the loop solutions, which are the initial guesses of the next ones."""
+    """Return the quantity of the last solutions of iterated loops, the next initial guesses."""
 
     def collect(evaluation: Evaluation) -> list[Array]:
         plan = evaluation.plan
