@@ -71,8 +71,8 @@ class DisturbanceObserver(Shaped):
 
     def derivative(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
         """Return the rate of z."""
-        # With dv/dt = nominal + d, the rate of the estimate L v + z is L (d - estimate):
-        # the estimate follows d without a measured acceleration.
+        # With dv/dt = nominal + d, the rate of the estimate L v + z is L (d -
+        # estimate): the estimate follows d without a measured acceleration.
         estimate = p.gain * u.velocity + x.z
         return {"z": -p.gain * (estimate + u.nominal_acceleration)}
 

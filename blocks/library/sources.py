@@ -43,8 +43,8 @@ class Source(Block):
             finite_array(f"parameter '{n}' of {owner}", v).shape
             for n, v in parameters.items()
         ]
-        # The first of the shapes with most axes. The base class reports a parameter with
-        # another shape by its name.
+        # The first of the shapes with most axes. The base class reports a parameter
+        # with another shape by its name.
         self.shape = max(shapes, key=len, default=())
         self.unit, self.frame = unit, frame
         super().__init__(**parameters)

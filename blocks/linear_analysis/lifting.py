@@ -68,7 +68,7 @@ def pattern(assembly: Prepared) -> Pattern | None:
             f"only after {float(length * tick):g} s, {length} ticks; take sample times that are "
             "multiples of each other"
         )
-    # Offsets are below periods, so that every clock has started within one common period.
+    # Offsets are below periods: all clocks have started within one common period.
     due = assembly.schedule.due(0, length)
     found = [(int(k) * tick, int(due[k])) for k in np.flatnonzero(due)]
     # The outputs are those after the instant at the start of the period. If no clock

@@ -114,8 +114,8 @@ class OpenedModel:
             Solver(solver="RK45", backend="interpreted"),
         )
         self.programs = {p.name: p for p in self.assembly.programs}
-        # One forward sweep for each direction needs less code and less time to build than
-        # a Jacobian in expanded form.
+        # One forward sweep for each direction needs less code and less time to build
+        # than a Jacobian in expanded form.
         self.forward = cache(lambda name: self.programs[name].expanded.forward(1))
         self.written_out = cache(lambda name: self.programs[name].jacobian(1, 2))
         self.instants: Pattern | None = pattern(self.assembly)
@@ -221,8 +221,8 @@ class LocalJacobians:
         found = model.forward(name).map(number)(t, x, d, p, value, *seeds).full()
         bad = ~np.isfinite(found)
         if bad.any():
-            # A sweep multiplies an infinite slope by a zero of the direction, which is NaN.
-            # The expanded Jacobian is slow to build, but omits such products.
+            # A sweep multiplies an infinite slope by a zero of the direction, which is
+            # NaN. The expanded Jacobian is slow to build, but omits such products.
             found[bad] = model.written_out(name)(t, x, d, p).full()[bad]
         return np.asarray(found)
 
@@ -234,7 +234,7 @@ class LocalJacobians:
         x, d : Vector
             The point [units as declared].
         """
-        # Before the traced rows, as it updates the outputs of continuous Python blocks in d.
+        # Before the traced rows: it updates outputs of continuous Python blocks in d.
         by_all = self.python_outputs(x, d)
         matrix = self.matrix(RATES_AND_OUTPUTS, x, d)
         for call, quantity in self.continuous:
@@ -264,8 +264,8 @@ class LocalJacobians:
         p, modes = self.p[call.parameters], d[call.modes]
         needed = call.needed if kind == "output" else np.ones_like(call.needed)
         inputs = np.flatnonzero(needed)
-        # As in a simulation, inputs without direct feedthrough are NaN for the outputs of
-        # sampled blocks, which reveals undeclared dependence.
+        # As in a simulation, inputs without direct feedthrough are NaN for the outputs
+        # of sampled blocks, which reveals undeclared dependence.
         others = u if call.block.continuous else np.full(u.size, np.nan)
 
         def split(z: Vector, others: Vector) -> tuple[Vector, Vector]:
@@ -326,8 +326,8 @@ class LocalJacobians:
         for call, quantity in self.continuous:
             rows.append(self.python(call, "output", quantity, x, d)[1])
         direct = np.vstack(rows)
-        # The outputs are w = D_z z + D_w w. Without algebraic loops D_w is nilpotent, so that
-        # 1 - D_w is invertible.
+        # The outputs are w = D_z z + D_w w. Without algebraic loops D_w is nilpotent,
+        # so that 1 - D_w is invertible.
         by_all = np.asarray(
             np.linalg.solve(np.eye(where.size) - direct[:, where], direct), dtype=float
         )

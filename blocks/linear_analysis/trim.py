@@ -253,8 +253,8 @@ class _Problem:
             )
             # The equation is after - d = 0.
             change -= np.eye(z.size)[inner[size:]]
-            # Outputs of continuous Python blocks are functions of the other variables, so
-            # that they have no equation of their own.
+            # Outputs of continuous Python blocks are functions of the other variables,
+            # so that they have no equation of their own.
             change[local.python_places - size - plan.sampled.start] = 0.0
             parts.append(change)
         return np.vstack(parts)
@@ -347,7 +347,7 @@ class _Problem:
             for e in layout:
                 block = plan.system.blocks[e.path]
                 if kind == "held output" and block.sample_time is None:
-                    # The output of a continuous Python block depends on other variables.
+                    # Outputs of continuous Python blocks are no variables.
                     continue
                 place = plan.place(e.path, e.name)
                 declared = block.declared(State).get(e.name) or block.port(e.name)

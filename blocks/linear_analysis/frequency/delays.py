@@ -23,7 +23,7 @@ GRID_POINTS = 4000
 def delay_margin(
     loop: control.StateSpace, *, omega: Sequence[float] | Vector | None = None
 ) -> tuple[float, float]:
-    r"""Return the largest delay, the same in all channels, that a closed loop stands.
+    r"""Return the delay margin of a closed loop, for the same delay in all channels.
 
     With a delay T in every broken channel the loop is on the stability limit where an
     eigenvalue of the loop gain meets -1,
@@ -75,6 +75,7 @@ def delay_margin(
         return 0.0, np.inf
     poles = np.concatenate([np.linalg.eigvals(A), closed_poles])
     sizes = np.abs(poles)
+    # Integrators, zero up to round-off, would extend the grid to no purpose.
     sizes = sizes[sizes > 1e-6 * max(sizes.max(initial=0.0), 1e-12)]
     low, high = (sizes.min() / 30, sizes.max() * 30) if sizes.size else (1e-3, 1e3)
     grid = (
@@ -88,6 +89,8 @@ def delay_margin(
         return np.asarray(np.linalg.eigvals(gain))
 
     def sizes_at(w: float) -> Vector:
+        # Eigenvalues come in no fixed order from frequency to frequency; their sorted
+        # sizes are continuous. The smallest number replaces log 0.
         return np.asarray(np.sort(np.log(np.abs(gains(w)) + 1e-300)))
 
     found = [(np.inf, np.nan)]
@@ -102,6 +105,7 @@ def delay_margin(
         )
         for gain in gains(crossing):
             if abs(abs(gain) - 1) < 1e-6:  # two gains may cross here together
+                # The delay turns the gain to -1: arg λ - ω T = -π, up to whole turns.
                 turn = (np.angle(gain) + np.pi) % (2 * np.pi)
                 turn = 0.0 if turn > 2 * np.pi - 1e-9 else turn  # a gain of -1, rounded
                 found.append((float(turn / crossing), float(crossing)))

@@ -48,7 +48,7 @@ MIN_STEPS = 10
 """Steps within a period of the highest frequency [-]."""
 
 MOST_PERIODS = 64
-"""Periods to wait for a response that repeats itself."""
+"""Largest number of periods until the response must be periodic [-]."""
 
 MOST_SAMPLES = 10**7
 """Steps in a period [-]."""
@@ -74,7 +74,7 @@ def estimated_response(
 ) -> ResponseEstimate:
     r"""Run a diagram under broadband excitation of its inputs, and return the frequency response matrix.
 
-    The excitation repeats itself after a period T. Runs last until the outputs do so too; then
+    The excitation has a period T. Runs last until the outputs are periodic, too; then
 
     .. math:: \hat G(j\omega_k) = Y(\omega_k)\, U(\omega_k)^{-1}, \qquad \omega_k T / 2 \pi = 1, 2, \dots
 
@@ -107,8 +107,8 @@ def estimated_response(
         in discrete time, as `linearize` gives it with the same sample time. By default it is that of
         continuous time.
     tolerance : float
-        Relative difference between two periods in a row that is steady enough, for each output [-];
-        infinite where noise never lets it repeat itself.
+        Largest relative difference of two successive periods that counts as steady, for each output [-];
+        infinite for diagrams with noise.
     solver : str
         As for `Simulator`.
     seed : int
@@ -122,8 +122,7 @@ def estimated_response(
     Raises
     ------
     LinearAnalysisError
-        If there is nothing to excite or read, an argument makes no sense, or the outputs do not become
-        periodic.
+        If there is no input or output, an argument is invalid, or the outputs do not become periodic.
     ParameterError
         If the amplitude has another shape than the inputs.
 
@@ -232,14 +231,15 @@ def _phases(rng: np.random.Generator, size: int, lines: int) -> Iterator[Vector]
     phase = rng.uniform(0.0, 2 * np.pi, (lines, size))
     count = np.arange(size)
     for run in count:
-        # Of each run by itself as well: else noise that is the same in all falls to the first input alone.
+        # A random phase of each run, too: otherwise noise that is equal in all runs would
+        # only disturb the estimate for the first input.
         own = rng.uniform(0.0, 2 * np.pi, (lines, 1))
         yield phase + own + 2 * np.pi * run * count / size
 
 
 @dataclass(slots=True)
 class _Runs:
-    """Runs of one period after the other, until they repeat themselves."""
+    """Runs of increasing length, until the last two periods agree."""
 
     simulator: Simulator
     point: OperatingPoint
@@ -257,6 +257,7 @@ class _Runs:
         for source, part in zip(
             self.sources, spans(source.size for source in self.sources), strict=True
         ):
+            # Phases are parameters, so that all runs use the same compiled code.
             parameters[f"{source.path}.phase"] = phase[:, part]
         while self.periods <= MOST_PERIODS:
             result = self.simulator.run(
@@ -269,14 +270,17 @@ class _Runs:
             values = np.column_stack(
                 [one.values.reshape(rows, -1) for one in result.data_vars.values()]
             )
+            # The last row begins another period and is left out.
             halves = values[rows - 1 - 2 * self.samples : rows - 1].reshape(
                 2, self.samples, -1
             )
             before, last = np.fft.rfft(halves, axis=1)[:, self.lines].swapaxes(1, 2)
             off = np.abs(last - before).max(axis=1)
             size = np.abs(last).max(axis=1)
+            # Outputs only: the excitation repeats itself from the start.
             if np.all((off <= self.tolerance * size)[first:]):
                 return last[:first], last[first:]
+            # Kept for the runs that follow, as they have the same transients.
             self.periods *= 2
         raise LinearAnalysisError(
             f"the response is not periodic after {MOST_PERIODS} periods of {float(self.period):g} s: the two "

@@ -1,9 +1,9 @@
 r"""Multisines: periodic signals that excite all frequencies of a response at once.
 
-Whatever repeats itself needs no window: over a whole period, in the steady state, the discrete
-Fourier transforms of input and output of a linear system have the ratio :math:`G(j\omega_k)`
-exactly. Source: Pintelon, Schoukens (2012), *System Identification: A Frequency Domain
-Approach*, chapters 2 and 5.
+Periodic signals need no window: over a whole period, in the steady state, the discrete Fourier
+transforms of input and output of a linear system have the ratio :math:`G(j\omega_k)` exactly.
+Source: Pintelon, Schoukens (2012), *System Identification: A Frequency Domain Approach*,
+chapters 2 and 5.
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ class Multisine(Block):
 
     y = Output("extent", unit=Attribute("own_unit"))
     amplitude = Parameter(shape="extent", meaning="a")
-    # not compiled: responses share code
+    # Parameters, not constants of the compiled code, so that all responses share it.
     omega = Parameter(shape="lines", unit="rad/s", meaning="ω")
     phase = Parameter(shape=("lines", "size"), unit="rad", meaning="φ")
 
@@ -99,7 +99,7 @@ def excited(
     for port, source in sources.items():
         if not readers(system, port):
             raise LinearAnalysisError(
-                f"nothing reads '{port.full_path}', so nothing can be put in there"
+                f"nothing reads '{port.full_path}', so it cannot be excited"
             )
         system = injected(system, port, source)
     return system

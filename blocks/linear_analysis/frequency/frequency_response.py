@@ -42,8 +42,8 @@ def frequency_response(
 ) -> control.FrequencyResponseData:
     r"""Return the frequency response of `linearize`, with exact transport delays.
 
-    Delays are :math:`e^{-j \omega T}` in the place of their approximants. In a diagram with sampled
-    blocks, delays of whole samples are exact and transport delays are approximants.
+    Delays are :math:`e^{-j \omega T}` instead of their approximants. In a diagram with sampled blocks,
+    delays of whole samples are exact and transport delays are approximants.
 
     Parameters
     ----------
@@ -63,7 +63,7 @@ def frequency_response(
     Raises
     ------
     LinearAnalysisError
-        If an argument makes no sense, or there is an undamped resonance at a frequency.
+        If an argument is invalid, or there is an undamped resonance at a frequency.
     """
     import control
 
@@ -82,6 +82,7 @@ def frequency_response(
             if not isinstance(delay, TransportDelay):
                 continue
             by_inputs = local.substituted(local.matrix(quantity.name, x, d), by_all)
+            # The shortest v with C_p v = 1; the output is the same for each.
             v = delay.C[:, None] / (delay.C @ delay.C)
             rates[call.states] = np.kron(v, by_inputs[: delay.size])
             turns = np.exp(1j * omega * delay.delay)

@@ -12,12 +12,12 @@ from numpy.typing import NDArray
 class ResponseEstimate(control.FrequencyResponseData):  # type: ignore[misc] # it ships no types
     """An estimated frequency response: a ``control.FrequencyResponseData`` with standard errors.
 
-    What python-control makes of it (products, feedback) is a plain FrequencyResponseData.
+    Operations of python-control (products, feedback) return a plain FrequencyResponseData.
 
     Parameters
     ----------
     estimates : array of complex, shape (n, p, m, frequencies)
-        The response as n realizations of the excitation gave it; the estimate is their mean [any].
+        Responses from n realizations of the excitation; the estimate is their mean [any].
     omega : Vector
         Frequencies [rad/s].
     **names
@@ -46,5 +46,5 @@ class ResponseEstimate(control.FrequencyResponseData):  # type: ignore[misc] # i
         )
 
     def __repr__(self) -> str:
-        """Return the table: what python-control returns fails with several inputs."""
+        """Return the table, as the representation of python-control fails with several inputs."""
         return str(self)

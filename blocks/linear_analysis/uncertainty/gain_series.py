@@ -1,14 +1,14 @@
-r"""The gain of an uncertain model in a box of its parameters, as a power series, and what bounds it.
+r"""Power series of the gain of an uncertain model in a box of parameters, and its upper bound.
 
-Where :math:`\Delta = \mathrm{diag}(\delta_1 I, \ldots, \delta_k I)` holds numbers from -1 to 1, what the
-inputs do to the outputs is
+With :math:`\Delta = \mathrm{diag}(\delta_1 I, \ldots, \delta_k I)`, :math:`|\delta_i| \le 1`, the map from
+inputs to outputs is
 
 .. math:: N_{22} + N_{21} \Delta (I - N_{11} \Delta)^{-1} N_{12}
           = N_{22} + N_{21} \Delta N_{12} + N_{21} \Delta N_{11} \Delta N_{12} + \ldots
 
-Low powers of the parameters are taken as they are: the numbers are real, and what the same one does in
-several places may cancel. The rest is bounded by norms, as a geometric series of the norms of the blocks of
-:math:`N_{11}`, which has an end where their spectral radius is below 1.
+Terms of low order are exact: parameters are real, and effects of one parameter in several places may cancel.
+The remainder is bounded by a geometric series of the norms of the blocks of :math:`N_{11}`, which converges
+if their spectral radius is below 1.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ class GainSeries:
     Parameters
     ----------
     box : array, shape (n, m)
-        N: what Δ and the inputs, stacked, do to what Δ multiplies and the outputs [any].
+        N: map from the outputs of Δ and the inputs to the inputs of Δ and the outputs [any].
     blocks : sequence of slice
         Rows, and columns, of each parameter in Δ.
     """
@@ -57,12 +57,14 @@ class GainSeries:
             series.update(powers)
         self.powers = np.array(list(series))
         self.terms = np.array([row[:, self.inner :] for row in series.values()])
-        # What is as often positive as it is not is between 0 and its norm: half of it moves the middle.
+        # An even power is between 0 and 1: half of its term shifts the middle, and the
+        # other half is the deviation.
         even = np.all(self.powers % 2 == 0, axis=1)
         self.middle = self.terms[0] + np.sum(self.terms[even][1:], axis=0) / 2.0
         self.sizes = np.linalg.norm(self.terms, 2, axis=(1, 2)) * np.where(
             even, 0.5, 1.0
         )
+        # `bound` evaluates constant and linear terms at corners, not by norms.
         self.sizes[np.sum(self.powers, axis=1) < 2] = 0.0
         self.last = np.array(list(powers))
         self.tails = np.array(
@@ -72,7 +74,7 @@ class GainSeries:
     def _multiplied(
         self, powers: dict[tuple[int, ...], Array]
     ) -> dict[tuple[int, ...], Array]:
-        """Return the terms of the next order: those given, times Δ and what closes it."""
+        """Return the terms of the next order: the given terms times Δ and N."""
         found: dict[tuple[int, ...], Array] = {}
         for power, row in powers.items():
             for i, own in enumerate(self.blocks):
@@ -85,6 +87,7 @@ class GainSeries:
         """Upper bound on the gain in the box, infinite if unknown [outputs / inputs]."""
         tilts = self.terms[np.sum(self.powers, axis=1) == 1]
         if len(tilts) <= MAX_CORNER_PARAMETERS:
+            # A norm is convex, so that its maximum over the box is at a corner.
             flat = self.middle + np.einsum("ci,iab->cab", corners(len(tilts)), tilts)
             nearly = float(np.max(np.linalg.norm(flat, 2, axis=(1, 2))))
         else:
@@ -95,10 +98,11 @@ class GainSeries:
         return nearly + self._beyond(np.ones(len(self.blocks)))
 
     def _beyond(self, share: Vector) -> float:
-        """Return what is bounded by norms, where each parameter has a share of its range only."""
+        """Return the part of the bound from norms, with each parameter limited to a `share` of its range."""
         loop = self.loop * share
         if _radius(loop) >= MAX_SPECTRAL_RADIUS:
             return np.inf
+        # Sum of all powers of `loop`; it converges for a spectral radius below 1.
         rest = np.linalg.solve(np.eye(len(loop)) - loop, self.into)
         within = np.prod(share**self.powers, axis=1) @ self.sizes
         return float(
@@ -106,7 +110,7 @@ class GainSeries:
         )
 
     def widest(self) -> int:
-        """Return the parameter to split the box along: without half of it, the bound is least."""
+        """Return the parameter whose halved range gives the least bound."""
         halved = 1.0 - np.eye(len(self.blocks)) / 2.0
         left = [self._beyond(share) for share in halved]
         if min(left) == np.inf:

@@ -1,16 +1,16 @@
-r"""Whether all members of an uncertain model are stable, by Lyapunov functions of boxes of parameters.
+r"""Proof of stability of all members of an uncertain model, by Lyapunov functions of boxes of parameters.
 
-In a box P is linear in the parameters, and such that what is linear in them vanishes below:
+In a box, P is linear in the parameters and cancels the linear terms of R:
 
 .. math:: A_c^T P_c + P_c A_c = -I, \qquad
           A_c^T P_i + P_i A_c = -(A_i^T P_c + P_c A_i), \qquad P(\delta) = P_c + \sum_i \delta_i P_i
 
-with A at the middle of the box and its slopes. The middle is stable; if
+with :math:`A_c` at the middle of the box, and the slopes :math:`A_i`. The middle is stable. If
 :math:`R(\delta) = A^T P + P A` is negative definite in the whole box, no pole of any member is on the border,
-as :math:`v^* R\, v = 2\,\mathrm{Re}(\lambda)\, v^* P v` there: so all members are stable (Gahinet, Apkarian,
+as :math:`v^* R\, v = 2\,\mathrm{Re}(\lambda)\, v^* P v` there. Hence all members are stable (Gahinet, Apkarian,
 Chilali 1996, *Affine parameter-dependent Lyapunov functions and real parametric uncertainty*, IEEE
 Transactions on Automatic Control 41). R is -I and a polynomial without linear terms, which eigenvalues bound.
-Boxes that are not proved are split. If sampled, :math:`A^T P A - P` stands for :math:`A^T P + P A`.
+Boxes without proof are split. For sampled models, :math:`A^T P A - P` replaces :math:`A^T P + P A`.
 """
 
 from __future__ import annotations
@@ -44,11 +44,11 @@ class RobustStability(NamedTuple):
     Attributes
     ----------
     proved : bool
-        Whether all are.
+        Whether all members are proved to be stable.
     unstable : dict or None
-        Parameters of a member that is not, if one was found [as declared].
+        Parameters of an unstable member, if one was found [as declared].
     open : float
-        Share of the parameters' box about which nothing was found [-].
+        Undecided share of the parameters' box [-].
     boxes : int
         Number of boxes [-].
     """
@@ -76,8 +76,8 @@ def robust_stability(
     Returns
     -------
     RobustStability
-        On the fractional model, which `model.misfit` compares with the diagram, and parameters that do not
-        change in time.
+        Result for the fractional model, which `model.misfit` compares with the diagram, and for parameters
+        that are constant in time.
 
     Raises
     ------
@@ -97,7 +97,7 @@ def robust_stability(
     _, (scale, _) = scipy.linalg.matrix_balance(nominal.A, permute=False, separate=True)
 
     def within(centre: Vector, half: Vector, delta: Vector) -> Vector:
-        """Return A in balanced coordinates, sped up by the decay: as that is to be stable."""
+        """Return A in balanced coordinates, shifted by the decay: it must be stable."""
         matrix = (
             model.fractions.at(centre + half * delta)[:n, :n] * scale / scale[:, None]
         )
@@ -107,20 +107,24 @@ def robust_stability(
 
     axes = np.eye(count)
     looked = 0
+    # Boxes by volume, the largest first, as a share of the whole; then a unique number,
+    # as arrays have no order.
     left = [(-1.0, 0, np.zeros(count), np.ones(count))]
     with status_line("proving stability"):
         while left and looked < boxes:
             minus, _, centre, half = heapq.heappop(left)
             looked += 1
-            # A is quadratic, so this is exact in the whole box
+            # A is quadratic in the parameters, so that this is exact in the whole box.
             box = quadratic(partial(within, centre, half), count)
             poles = np.linalg.eigvals(box[(0,) * count])
             if np.max(np.abs(poles) - 1.0 if sampled else poles.real) >= 0.0:
                 share = -minus - sum(minus for minus, *_ in left)
                 return RobustStability(False, model.values(centre), share, looked)
             beyond = _beyond(box, sampled)
+            # R is negative definite in the whole box: all of its members are stable.
             if sum(beyond) < 1.0:
                 continue
+            # Without a finite bound, the longest side is split.
             widest = int(np.argmax(np.where(np.isfinite(beyond), beyond, half)))
             half = half * (1.0 - axes[widest] / 2.0)
             for side in (-1, 1):
@@ -132,10 +136,10 @@ def robust_stability(
 
 
 def _beyond(box: Polynomial, sampled: bool) -> Vector:
-    """Return how far each parameter, from -1 to 1, may take R on its way to 0; in all below 1 it is a proof.
+    """Return the share of the margin of R that each parameter uses at most; a sum below 1 is a proof.
 
-    What the solutions of Lyapunov's equations miss, and round-off, count against it; infinite where digits
-    do not do.
+    Residuals of the Lyapunov equations and round-off reduce the margin. The shares are infinite if no margin
+    is left.
     """
     none = min(box)
     turned = {power: matrix.T for power, matrix in box.items()}
@@ -158,7 +162,7 @@ def _beyond(box: Polynomial, sampled: bool) -> Vector:
 
     try:
         with warnings.catch_warnings():
-            # what it misses is counted
+            # SciPy warns of inaccurate solutions; their residual is part of R below.
             warnings.simplefilter("ignore", scipy.linalg.LinAlgWarning)
             p = {none: solved(np.eye(len(middle)))}
             found = rate(p)
@@ -189,7 +193,8 @@ def _beyond(box: Polynomial, sampled: bool) -> Vector:
         return np.full(len(none), np.inf)
     beyond = np.zeros(len(none))
     for power, each in ends.items():
-        # from 0 to 1: what makes R smaller does not matter
+        # Even powers are from 0 to 1, so that their negative eigenvalues only increase
+        # the margin.
         even = all(k % 2 == 0 for k in power)
         beyond += (
             max(each[-1], 0.0 if even else -each[0]) * np.array(power) / sum(power)

@@ -88,6 +88,7 @@ def quadratic(function: Callable[[Vector], Vector], count: int) -> Polynomial:
         found[tuple(2 * one[i])] = (up + down) / 2.0 - middle
     for i, j in combinations(range(count), 2):
         corners = [
+            # The sum with these signs cancels all terms but that of the product.
             a * b * function(a * axes[i] + b * axes[j])
             for a, b in product((1, -1), repeat=2)
         ]
@@ -120,6 +121,8 @@ def fractions_of(
     first = [found[tuple(power)] for power in one]
     pairs = combinations_with_replacement(range(count), 2)
     second = {(i, j): found[tuple(one[i] + one[j])] for i, j in pairs}
+    # Ranks are relative to the linear terms: second differences of a linear function
+    # are round-off of this size.
     size = max((float(np.linalg.norm(one)) for one in first), default=0.0)
     # Horner's form: δ_i (M_i + sum over j >= i of M_ij δ_j). The inner products share their rows by j, and
     # what δ_i multiplies shares its columns by i.
@@ -163,7 +166,7 @@ def _rows_of(matrices: Sequence[Vector], size: float) -> Vector:
 
 @dataclass(frozen=True, eq=False)
 class UncertainModel:
-    """A linear model whose parameters are anywhere within their ranges.
+    """A linear model with parameters within ranges.
 
     Attributes
     ----------
@@ -201,7 +204,7 @@ class UncertainModel:
         )
 
     def response(self, omega: float) -> Vector:
-        """Return what Δ and the inputs, stacked, do to what Δ multiplies and the outputs, at a frequency.
+        """Return the response from the outputs of Δ and the inputs to the inputs of Δ and the outputs.
 
         Parameters
         ----------
@@ -232,10 +235,10 @@ class UncertainModel:
 
     @cached_property
     def misfit(self) -> float:
-        """Largest share of a member's difference from the nominal model that the fractions miss [-].
+        """Largest error of the fractions, relative to the difference of a member from the nominal model [-].
 
-        It says little of gains at resonances, which small elements decide: `worst_gain` compares those
-        itself. Among a few random members, the same in each process; norms of balanced matrices.
+        The members are a few random ones, the same in each process; norms are those of balanced matrices. The
+        error of gains at resonances may be larger: `worst_gain` compares these gains.
         """
         f = self.fractions
         found = 0.0
@@ -264,9 +267,10 @@ def uncertain(
 ) -> UncertainModel:
     r"""Return the linear model of a diagram whose parameters are uncertain.
 
-    Its matrices are exact Jacobians at the middle of all ranges, at both ends of each, and at the corners of
-    each two; between them a quadratic function of the parameters, as a linear fractional one (Zhou, Doyle,
-    Glover 1996, *Robust and Optimal Control*, chapter 10). `UncertainModel.misfit` says what that leaves out.
+    Its matrices are exact Jacobians at the middle of all ranges, at both ends of each range, and at the corners
+    of each pair of ranges. Between these points, they are quadratic functions of the parameters, written as a
+    linear fractional function (Zhou, Doyle, Glover 1996, *Robust and Optimal Control*, chapter 10).
+    `UncertainModel.misfit` is the error of this interpolation.
 
     Parameters
     ----------
@@ -275,11 +279,11 @@ def uncertain(
     inputs, outputs : Port, str or sequence of these
         As of `linearize`.
     parameters : mapping
-        By ``"block.parameter"``: least and greatest value, or a number r for ±r times its own value. Elements
-        of an array change together.
+        Range by ``"block.parameter"``: least and greatest value, or a number r for ±r times the nominal value.
+        Elements of an array change together.
     becoming : callable, optional
-        Takes the names in `parameters` as keywords, and returns parameters of the diagram, where one
-        uncertain number changes several of them. All ranges then are least and greatest value.
+        Function of the `parameters` as keywords that returns parameters of the diagram, for uncertain numbers
+        that change several parameters. All ranges must then be least and greatest value.
     at : OperatingPoint, optional
         Operating point, the same for all parameters.
     cut : Port, str or sequence of these
@@ -292,8 +296,7 @@ def uncertain(
     Raises
     ------
     LinearAnalysisError
-        If a range makes no sense or changes nothing, there is no parameter that a share is of, or as of
-        `linearize`.
+        If a range is invalid or has no effect, a relative range names no parameter, or as for `linearize`.
     NameLookupError
         If there is no such parameter.
     ParameterError
@@ -324,7 +327,7 @@ def uncertain(
         if found.nstates != nominal.nstates:
             raise LinearAnalysisError(
                 f"'{item.name}' has {found.nstates} states at some parameters and {nominal.nstates} at "
-                "others; keep away from values that switch a part off"
+                "others; avoid values that disable a part of it"
             )
         return found
 
@@ -368,6 +371,7 @@ def _range(
                 f"there is no parameter '{name}'; there are: {', '.join(own)}"
             )
         ends = [own[name] * (1.0 - share), own[name] * (1.0 + share)]
+    # By element: shares of negative values, and ends in any order, are allowed.
     low = np.minimum(*ends)
     high = np.maximum(*ends)
     if np.all(low == high):
@@ -382,7 +386,7 @@ def _stacked(model: LinearModel) -> Vector:
 
 
 def _balance(model: LinearModel) -> tuple[Vector, Vector]:
-    """Return what to divide rows and columns of [[A, B], [C, D]] by, so that all are of one size."""
+    """Return divisors of the rows and columns of [[A, B], [C, D]] that make its elements similar in size."""
     _, (scale, _) = scipy.linalg.matrix_balance(model.A, permute=False, separate=True)
     rows, columns = (
         np.ones(n)

@@ -79,9 +79,10 @@ class _Gain:
         )
 
     def within(self, centre: Vector, half: Vector) -> Vector:
-        """Return what Δ', from -1 to 1, and the inputs do, where δ is `centre` + `half` Δ'."""
+        """Return the map from Δ', with elements from -1 to 1, and the inputs, for δ = `centre` + `half` Δ'."""
         at = np.repeat(centre, self.sizes)
         reach = np.repeat(half, self.sizes)
+        # `N11 * at` scales the columns: it is N11 Δ for a diagonal Δ.
         closed = np.linalg.solve(
             np.eye(len(at)) - self.N11 * at, np.hstack([self.N11 * reach, self.N12])
         )
@@ -89,7 +90,7 @@ class _Gain:
         return np.vstack([closed, below])
 
     def at(self, delta: Vector) -> float:
-        """Return the gain of one member, infinite where that has a pole at this frequency."""
+        """Return the gain of one member; it is infinite if the member has a pole at this frequency."""
         try:
             found = self.within(delta, np.zeros(len(delta)))
         except np.linalg.LinAlgError:
@@ -97,7 +98,7 @@ class _Gain:
         return float(np.linalg.norm(found[len(self.N11) :, len(self.N11) :], 2))
 
     def climbed(self, delta: Vector) -> Vector:
-        """Return a member near `delta` of a gain that is not less."""
+        """Return a member near `delta` with at least the same gain, by a local ascent."""
         from scipy.optimize import minimize
 
         settings: Any = {
@@ -106,6 +107,7 @@ class _Gain:
         }
 
         def lost(delta: Vector) -> float:
+            # Differences of infinite values would be NaN in the simplex method.
             return -min(self.at(delta), sys.float_info.max)
 
         found = minimize(lost, delta, bounds=[(-1.0, 1.0)] * len(delta), **settings)
@@ -119,7 +121,7 @@ def worst_gain(
     tolerance: float = 0.05,
     boxes: int = 2000,
 ) -> WorstGain:
-    """Return the greatest gain at each frequency: of a member that is found, and what none exceeds.
+    """Return the greatest gain found at each frequency, and an upper bound for all members.
 
     Parameters
     ----------
@@ -135,14 +137,19 @@ def worst_gain(
     Returns
     -------
     WorstGain
-        With a `SimulationWarning` where the diagram's own gain at a member that was found is another one, by
-        more than the tolerance. That is what the bound rests on between members.
+        The gains and their bounds.
 
     Raises
     ------
     LinearAnalysisError
         If a frequency is not at least 0, tolerance or boxes are not above 0, or the model is unstable in the
         middle or at a corner of the ranges. `robust_stability` proves that all members are stable.
+
+    Warns
+    -----
+    SimulationWarning
+        If the gain of the diagram at a worst member differs from that of the fractional model by more than the
+        tolerance. The bound holds for the fractional model only.
     """
     frequencies = np.atleast_1d(finite_array("frequencies", omega))
     positive(LinearAnalysisError, tolerance=tolerance, boxes=boxes)
@@ -152,7 +159,7 @@ def worst_gain(
         if _grows(model.family(delta)):
             raise LinearAnalysisError(
                 f"with {model.values(delta)} the model is unstable, and so has no gain; close its loop "
-                "first, or narrow the ranges"
+                "first, or use narrower ranges"
             )
     found = [
         _worst(_Gain(model, float(w)), len(model.ranges), tolerance, boxes)
@@ -168,8 +175,8 @@ def worst_gain(
         if abs(exact - gain) > tolerance * gain:
             warn(
                 f"at {w:g} rad/s the diagram itself has a gain of {exact:.4g} where its fractional model has "
-                f"{gain:.4g}, so the bounds are not the diagram's: narrow the ranges, or look for states "
-                "that jump or change their sign"
+                f"{gain:.4g}, so that the bounds do not hold for the diagram: use narrower ranges, or look for "
+                "states that jump or change their sign"
             )
             break
     parameters = tuple(model.values(delta) for delta in where)
@@ -179,7 +186,7 @@ def worst_gain(
 
 
 def _members(count: int) -> list[Vector]:
-    """Return where parameters are looked at first: in the middle, and at all corners if there are few."""
+    """Return the first members to evaluate: the middle, and all corners if there are few."""
     return [
         np.zeros(count),
         *(corners(count) if count <= MAX_CORNER_PARAMETERS else ()),
@@ -187,9 +194,10 @@ def _members(count: int) -> list[Vector]:
 
 
 def _grows(model: LinearModel) -> bool:
-    """Tell whether a linear model is unstable."""
+    """Return whether a linear model is unstable."""
     poles = model.poles()
     growth = (
+        # Growth per sample; a pole at zero has no logarithm.
         np.log(np.maximum(np.abs(poles), sys.float_info.min))
         if model.dt
         else poles.real
@@ -203,7 +211,7 @@ def _grows(model: LinearModel) -> bool:
 def _worst(
     gain: _Gain, count: int, tolerance: float, most: int
 ) -> tuple[float, float, Vector, int]:
-    """Return the greatest gain found, what bounds all, where it was found, and how many boxes it took."""
+    """Return the greatest gain found, the upper bound, the parameters found, and the number of boxes."""
     place = gain.climbed(max(_members(count), key=gain.at))
     best = gain.at(place)
     looked = 1
@@ -212,16 +220,20 @@ def _worst(
 
     def keep(centre: Vector, half: Vector) -> None:
         series = GainSeries(gain.within(centre, half), gain.places)
+        # The box with the greatest bound comes first. The number of the box decides
+        # between equal bounds, as arrays have no order.
         heapq.heappush(left, (-series.bound, looked, centre, half, series.widest()))
 
     keep(np.zeros(count), np.ones(count))
     while (
+        # A gain of zero has no relative tolerance, and nothing exceeds an infinite one.
         0.0 < best < np.inf and looked < most and -left[0][0] > best * (1.0 + tolerance)
     ):
         _, _, centre, half, widest = heapq.heappop(left)
         half = half * (1.0 - axes[widest] / 2.0)
         for side in (-1.0, 1.0):
             middle = centre + side * half * axes[widest]
+            # An ascent is expensive, so that it starts only from a better member.
             if gain.at(middle) > best:
                 place = gain.climbed(middle)
                 best = gain.at(place)
