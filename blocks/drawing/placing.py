@@ -70,7 +70,7 @@ def positions(count: int, limits: Limits, ties: Ties, rounds: int = 1) -> Vector
     for _ in range(rounds):
         solution: Any = linprog(np.concatenate([pull, cost]), rules, bounds)
         found = solution.x[:count]
-        # Reweighting makes bent wires cheap and level wires dear, so that few wires
+        # Reweighting lowers the cost of bent wires only, so that few wires
         # bend, as with a cost per bend.
         cost = weight / (1.0 + np.abs(slope @ found - shift) / BEND_HEIGHT)
     # differences are exact despite round-off
