@@ -76,7 +76,7 @@ def integrate(
     """
     now, end = span
     if not x.size:
-        # nothing bounds a step: events are looked for from one time to the next
+        # Without states, events are checked at the output times.
         for t in chain(times, [end]):
             if watch is not None:
                 watch.executor.between("euler", (now, t, t - now), x, watch.d, watch.p)
@@ -92,6 +92,7 @@ def integrate(
     while now < end:
         if not np.isfinite(derivative(now, x)).all():
             raise AdaptiveError("no step can be taken", now, x)
+        # A time event ends the span, so that no step has to be cut at it.
         stop = end if watch is None else min(end, watch.next_time())
         for before, solver in _steps(
             method, derivative, (now, stop), x, tolerances, options
@@ -109,16 +110,18 @@ def integrate(
             if event is not None and watch is not None:
                 x = watch.handle(now, x, step)
             accepted(now, x, step)
+            # A jump makes the solver's step size and history invalid: a new one starts.
             if event is not None:
                 break
-        while wanted is not None and wanted <= now:  # at an event: what is after it
+        while wanted is not None and wanted <= now:  # at an event: the state after it
             yield wanted, x
             wanted = next(times, None)
     yield end, x
 
 
 def _dense(solver: OdeSolver) -> Callable[[float], Vector]:
-    """Return the solution within the last step, worked out where it is asked for."""
+    """Return the solution within the last step, evaluated on demand."""
+    # Made at most once a step, and only if needed: DOP853 evaluates three more stages.
     states = cache(solver.dense_output)
     return lambda t: np.asarray(states()(t))
 
@@ -131,7 +134,7 @@ def _steps(
     tolerances: tuple[float, float],
     options: dict[str, Any],
 ) -> Iterator[tuple[float, OdeSolver]]:
-    """Take step after step; yield the time before each, and the solver after it."""
+    """Take steps; yield the time before each step, and the solver after it."""
     with uninterrupted():
         from scipy import integrate as solvers  # takes a third of a second
 
@@ -152,14 +155,17 @@ def _steps(
 
 
 def _step(solver: OdeSolver) -> str:
-    """Take one step; say what went wrong, if anything."""
+    """Take one step; return the reason if it failed, or an empty text."""
     try:
         with np.errstate(all="ignore"), warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # what LSODA warns of, it also fails with
+            warnings.simplefilter(
+                "ignore"
+            )  # LSODA also reports its warnings as failures
             fault = solver.step()
+    # Some of these errors are also ValueError or ArithmeticError.
     except TrussflowError:
         raise
-    except (ValueError, ArithmeticError) as error:  # of not finite matrices
+    except (ValueError, ArithmeticError) as error:  # of matrices that are not finite
         return str(error)
     if solver.status == "failed":
         return str(fault or "no step is small enough")

@@ -27,7 +27,7 @@ _opened: WeakSet[Running] = WeakSet()
 
 
 def open_block(block: Block, p: Signals) -> Equations:
-    """Return what states the equations of a `block` with parameters `p` [as declared] in one run.
+    """Return the equation object of a `block` with parameters `p` [as declared] for one run.
 
     Raises
     ------
@@ -76,7 +76,7 @@ class OpenBlocks:
     Attributes
     ----------
     equations : dict of str to Equations
-        The block itself, or what it keeps in this run, for each Python block.
+        Equation object of each Python block: the block itself, or its `Running` object.
 
     Raises
     ------
@@ -103,7 +103,7 @@ class OpenBlocks:
             raise
 
     def kept(self) -> dict[str, Running]:
-        """Return what keeps something, by path."""
+        """Return the objects with an internal state, by path."""
         return {path: e for path, e in self.equations.items() if isinstance(e, Running)}
 
     @property
@@ -117,15 +117,15 @@ class OpenBlocks:
 
     @property
     def unrestorable(self) -> list[str]:
-        """Paths of the blocks that cannot go back to an earlier time."""
+        """Paths of the blocks that cannot save their state."""
         return [path for path, running in self.kept().items() if not running.restores]
 
     def call_each(
         self, method: str, values: Mapping[str, Any] | None = None
     ) -> dict[str, Any]:
-        """Call a `method` of `Running` of each block that keeps something; return the results by path.
+        """Call a `method` of each `Running` object; return the results by path.
 
-        The argument is the block's own of the `values`, by path, if there are any.
+        The argument of a call is the block's entry in `values`, if there are any.
         """
         found = {}
         for path, running in self.kept().items():
@@ -135,12 +135,12 @@ class OpenBlocks:
         return found
 
     def save(self) -> dict[str, Any]:
-        """Return what the blocks keep, by path.
+        """Return the internal states of the blocks, by path.
 
         Raises
         ------
         SimulationError
-            If a block cannot go back.
+            If a block cannot save its state.
         """
         if stuck := self.unrestorable:
             raise SimulationError(
@@ -155,9 +155,12 @@ class OpenBlocks:
         Raises
         ------
         SimulationError
-            If the code of a block raises; the others are closed all the same.
+            If the code of a block raises; the other blocks are closed in any case.
         """
         with contextlib.ExitStack() as stack:
+            # Unwound in reverse order: each close() is called within its
+            # own `running_errors`, and an error of one block does not
+            # keep the others from being closed.
             for path, running in self.kept().items():
                 stack.enter_context(running_errors(self._blocks[path], "close", None))
                 stack.callback(running.close)
@@ -182,7 +185,7 @@ def check_outputs(outputs: object, size: int, name: str) -> None:
 class SampledStepping(Running):
     """A block that steps itself, as a sampled block.
 
-    At each instant it first takes the step from the instant before, with the inputs of then held.
+    At each instant, the block first takes the step from the previous instant, with its inputs held.
 
     Parameters
     ----------
@@ -205,7 +208,7 @@ class SampledStepping(Running):
 
     @property
     def restores(self) -> bool:
-        """Whether it can go back."""
+        """Whether the block can be restored."""
         return self._inner.restores
 
     @property
@@ -233,16 +236,16 @@ class SampledStepping(Running):
         t : float
             Time of the instant [s].
         u : Vector
-            All inputs [units as declared]; those that no output depends on at once do not matter.
+            All inputs [units as declared]; only those with direct feedthrough are used.
         """
         if self._time is None or (self._first and t == self._time):
-            # perhaps again, with other inputs
-            # Inputs that the outputs do not depend on may themselves still depend on these outputs.
+            # Starts again at the same time if an iteration of initial states changes the inputs.
+            # Inputs without feedthrough are NaN: they may depend on these outputs.
             self._held = np.where(self._needed, u, np.nan)
             self._inner.start(t, self._held)
             check_outputs(self._inner.outputs(), self._size, self._block.path)
         else:
-            if t != self._time:  # an instant may be gone through more than once
+            if t != self._time:  # an instant may be evaluated more than once
                 self._inner.advance(self._time, t)
             if self._needed.any():
                 self._held = np.where(self._needed, u, self._held)
@@ -257,13 +260,13 @@ class SampledStepping(Running):
         self._inner.set(u)
 
     def save(self) -> dict[str, Any]:
-        """Return where it stands, and what the block keeps."""
-        if self._first:  # asked at most for initial states: it begins again
+        """Return the time, the held inputs and the state of the block."""
+        if self._first:  # no step was taken: it starts anew
             return {"time": None}
         return {"time": self._time, "held": self._held, "state": self._inner.save()}
 
     def restore(self, saved: dict[str, Any]) -> None:
-        """Go back to what `save` returned, perhaps in another run."""
+        """Restore the result of `save`, perhaps in another run."""
         if saved["time"] is None:
             self._time = None
             self._first = True
@@ -323,6 +326,8 @@ class BlockCall:
         self.modes = plan.modes.span_of(path)
         self.fired = plan.fired.span_of(path)
         first = plan.fired.span.start
+        # The event flags are a part of d; indicators have the
+        # same order, counted from 0.
         self.events = slice(self.fired.start - first, self.fired.stop - first)
         self.size = self.states.stop - self.states.start
         states = [*block.states()]
@@ -371,12 +376,12 @@ class BlockCall:
         p: Vector,
         *more: Signals,
     ) -> Any:
-        """Return what an equation returns, unchecked.
+        """Return the result of an equation, unchecked.
 
         Parameters
         ----------
         equations : Equations
-            The block, or what it keeps in this run.
+            Equation object of the block in this run.
         kind : str
             Name of the equation.
         t : float
@@ -411,7 +416,7 @@ class BlockCall:
         p: Vector,
         *more: Signals,
     ) -> Vector:
-        """Return what an equation returns, checked, in one vector; arguments as for `ask`."""
+        """Return the result of an equation, checked, in one vector; arguments as for `ask`."""
         return self.flat(kind, self.ask(equations, kind, t, s, u, p, *more), s)
 
     def flat(self, kind: str, values: Any, s: Vector) -> Vector:
@@ -427,6 +432,7 @@ class BlockCall:
             }
         arrays = checked(self.block, kind, values)
         if kind == "on_event":
+            # An event changes only some states and modes; the others keep their values.
             arrays = {
                 name: arrays.get(name, s[place]) for name, place, _ in self._stored
             }
@@ -438,7 +444,7 @@ class BlockCall:
 def _needed(
     block: Block, feedthrough: Mapping[str, Collection[str]]
 ) -> NDArray[np.bool_]:
-    """Return for each element of the inputs of a block whether any output depends on it at once."""
+    """Return for each input element of a block whether it has direct feedthrough to any output."""
     names = frozenset[str]().union(*feedthrough.values())
     marks = [np.full(port.size, port.name in names) for port in block.inputs()]
     return np.concatenate([np.zeros(0, dtype=bool), *marks])

@@ -22,7 +22,7 @@ LOCATION_TOLERANCE = 4 * MACHINE_EPSILON
 """Width of the bracket of a located event, relative to time [-]."""
 
 MAX_EVENTS = 200
-"""Simultaneous events above which they count as endless [-]."""
+"""Maximum number of event iterations at one time [-]."""
 
 SIMULTANEITY_TOLERANCE = 1000 * MACHINE_EPSILON
 """Tolerance below which events count as simultaneous, relative to the time and to the step [-]."""
@@ -68,7 +68,7 @@ class EventWatch:
         self._number = 0  # of simultaneous events
 
     def begin(self, t: float, x: Vector) -> Vector:
-        """Handle events that are due, or come of a jump of d or p, at `t` [s]; return the states `x`."""
+        """Handle events that are due, or result from a jump of d or p, at `t` [s]; return the states `x`."""
         self._number = 0
         self._indicate(t, x)
         return self._settle(t, x)
@@ -91,6 +91,7 @@ class EventWatch:
         state : callable
             Returns the states at a time within the step.
         """
+        # The indicators at `begin`, from the last step or event.
         start = self._g
         self._indicate(end, x)
         if self._mark(end):
@@ -114,10 +115,11 @@ class EventWatch:
             not_a_number(self._plan, self._g, t, x, self.d, self.p)
 
     def _mark(self, t: float) -> bool:
-        """Mark in d which events happen with the indicators as they are; tell whether any does."""
+        """Mark in d the events that fire with the present indicators; return whether any does."""
         g = self._g
         sides = self._sides
-        # What turned back at an event is beyond zero by round-off, and was handled at this very time.
+        # An indicator that turned back at its event is beyond zero by round-off only, and its
+        # event was handled at this very time.
         self._quiet = (np.abs(sides) == TURNED_SIDE) & (t == self._last)
         falls = (
             self._may_fall & (sides > 0.0) & ((g < 0.0) | ((g == 0.0) & (sides == 1.0)))
@@ -129,16 +131,17 @@ class EventWatch:
         )
         self._fired[:] = ((falls | rises) & ~self._quiet) | (
             self._timed
-            # a sample instant may be an event but for round-off
+            # A sample instant may differ from the time of an event by round-off.
             & (g <= t + LOCATION_TOLERANCE * abs(t))
         )
         return bool(self._fired.any())
 
     def _adopt(self) -> None:
-        """Take note where the indicators are whose events do not happen."""
+        """Update the sides of indicators whose events did not fire."""
         sides = self._sides
         others = (self._fired == 0.0) & ~self._quiet
-        # Zero belongs to where it was going; at the start, to where an event leaves it.
+        # At zero, an indicator counts as crossed in its direction of motion; at the start, it
+        # counts on the side from which its event can fire.
         at_zero = np.where(
             np.abs(sides) == 1.0,
             -0.5 * sides,
@@ -147,9 +150,9 @@ class EventWatch:
         sides[others] = np.where(self._g != 0.0, np.sign(self._g), at_zero)[others]
 
     def _settle(self, t: float, x: Vector, step: float | None = None) -> Vector:
-        """Handle the events that happen, and those that they cause, until none does any more.
+        """Handle the events that fire, and the events that they cause, until no event fires.
 
-        With a `step` [s], the first are those of a step of that length; the others happen by a jump.
+        With a `step` [s], the first ones were located in a step of that length; the others follow a jump.
         """
         executor = self.executor
         d = self.d
@@ -165,17 +168,20 @@ class EventWatch:
             close = t - last <= SIMULTANEITY_TOLERANCE * (abs(t) + (step or 0.0))
             self._last = t
             self._number = self._number + 1 if close else 1
-            # An arc that is too short to be located ends where it began, still on its way up.
+            # A flight shorter than the location tolerance cannot be located.
             short = (
                 t - last <= 2 * LOCATION_TOLERANCE * abs(t)
                 and (fired * np.abs(sides) == TURNED_SIDE).any()
             )
             if self._number > MAX_EVENTS or short:
                 endless(t)
+            # A time event within round-off after t is handled at its own time, so that
+            # on_event() does not see a time before it.
             times = self._g[self._timed & (fired > 0.0)]
             after = executor.call("on_event", float(times.max(initial=t)), x, d, p)
             self._asked = False
             x, self._modes[:] = after[: x.size], after[x.size :]
+            # Modes may be infinite, such as the time of an event that never occurs.
             if fault := self._plan.x.fault(x) or self._plan.modes.fault(
                 np.where(np.isinf(d), 0.0, d)
             ):
@@ -187,7 +193,9 @@ class EventWatch:
             g = self._g
             old = np.where(sides > 0.0, 1.0, -1.0)
             own = fired > 0.0
-            if step is not None:  # where do they go from here?
+            if step is not None:
+                # An indicator near zero after its event has crossed or turned back: its value
+                # a short time ahead decides.
                 soon = x + DIRECTION_STEP * step * executor.call(
                     "derivative", t, x, d, p
                 )
@@ -198,9 +206,11 @@ class EventWatch:
                 on = np.where(ahead == g, g * old < 0.0, ahead * old < g * old)
                 sides[near] = np.where(on, -0.5 * old, TURNED_SIDE * old)[near]
                 own &= ~near
+            # Moved back to its old side, left at zero, or left on the other side.
             sides[own] = np.where(
                 g * old > 0.0, old, np.where(g == 0.0, -0.5 * old, -old)
             )[own]
+            # The next events follow from the jump of these, not from a step.
             step = None
 
     # -- when --------------------------------------------------------------------------------
@@ -221,10 +231,11 @@ class EventWatch:
         if not crossing.size:
             return end, x
         old = np.sign(self._sides[crossing])
-        # what is at zero already has to leave it
+        # An indicator that is at zero already fires when it leaves zero.
         strict = np.abs(self._sides[crossing]) < 1.0
         low = begin
         high = end
+        # The first zero of the minimum of all marked indicators is the first event.
         a = float(np.min(old * start[crossing]))
         b = float(np.min(old * self._g[crossing]))
         width = LOCATION_TOLERANCE * max(abs(begin), abs(end))
@@ -234,6 +245,7 @@ class EventWatch:
             middle = low + (high - low) / 2
             if turn % 4 and a > 0.0 > b:
                 middle = low + (high - low) * (a / (a - b))
+                # Kept off the ends of the bracket, which otherwise might not shrink.
                 middle = min(max(middle, low + width / 2), high - width / 2)
             there = state(middle)
             beyond = (
@@ -247,6 +259,8 @@ class EventWatch:
                 high = middle
                 x = there
                 b = nearest
+                # The Illinois rule: halve the value at the end that
+                # stayed for the second time.
                 a = a / 2 if kept == 1 else a
                 kept = 1
             else:
@@ -255,6 +269,7 @@ class EventWatch:
                 b = b / 2 if kept == -1 else b
                 kept = -1
             turn += 1
+        # The upper end: the event condition holds there.
         return high, x
 
 
@@ -266,7 +281,7 @@ def not_a_number(
     They are those at time `t` [s] with `x`, `d` and `p` [as declared].
     """
     if plan.loops:
-        plan.evaluate(t, x, d, p)  # raises what tells of an algebraic loop
+        plan.evaluate(t, x, d, p)  # raises if a loop has no solution, the cause of NaN
     place = plan.sides.span.start + int(np.argmax(np.isnan(g)))
     raise SimulationError(
         f"indicator {plan.sides.describe(place)} is not a number at t = {t:g} s; look for a "
@@ -277,7 +292,7 @@ def not_a_number(
 def endless(t: float) -> NoReturn:
     """Refuse events that never end, at time `t` [s]."""
     raise SimulationError(
-        f"events without end at t = {t:g} s: on_event() of a block does not move on a time that "
-        "is due, or two modes call each other back (give the relay a hysteresis), or events follow each "
+        f"events without end at t = {t:g} s: on_event() of a block does not advance the "
+        "time of its time event, or two modes call each other back (give the relay a hysteresis), or events follow each "
         "other ever faster, as of a ball that bounces ever lower; let on_event() bring it to rest"
     )

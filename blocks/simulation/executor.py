@@ -86,13 +86,13 @@ class Executor:
     """Evaluation of a `plan` in a run. This base class steps in Python; ``driver.c`` does the same in C.
 
     Everywhere `name` is that of a quantity, `number` that of a set of clocks that tick together, `t` the time
-    [s], and `x`, `d`, `p` are the continuous states, what changes at instants and the parameters [as
+    [s], and `x`, `d`, `p` are the continuous states, the discrete values and the parameters [as
     declared]; all four are a `point`. For `span`, `method` and `times` [s] see `Span` and `between`.
     """
 
     name = ""
     blocks = OpenBlocks()
-    """The Python blocks, as they are in this run."""
+    """The Python blocks of this run."""
 
     _watch: EventWatch | None = None
 
@@ -104,7 +104,7 @@ class Executor:
         raise NotImplementedError
 
     def fresh(self) -> Self:
-        """Return an executor for one more run: steps run outside Python's lock, on memory of theirs."""
+        """Return an executor for one more run, with its own work memory, since steps run without the GIL."""
         other = copy.copy(self)
         other._watch = None
         return other
@@ -117,7 +117,7 @@ class Executor:
         return self.call(f"sample_{number}", *point)
 
     def watch(self, d: Vector, p: Vector) -> EventWatch | None:
-        """Return what finds and handles events while d and p are these arrays, if there are any."""
+        """Return the event watch for these arrays d and p; None if there are no events."""
         if not self.plan.has_events:
             return None
         if self._watch is None or self._watch.d is not d or self._watch.p is not p:
@@ -125,7 +125,7 @@ class Executor:
         return self._watch
 
     def keep_loops(self, *point: *Point) -> None:
-        """Keep in d the solutions of algebraic loops after a step: the next search starts there.
+        """Store the solutions of algebraic loops in d after a step, as the next initial guesses.
 
         Raises
         ------
@@ -141,7 +141,7 @@ class Executor:
         d[self.plan.guesses.span] = found
 
     def accepted(self, *point: *Point) -> bool:
-        """Tell Python blocks that a step is accepted; return whether one asks for an event."""
+        """Notify Python blocks of an accepted step; return whether one requests an event."""
         return False
 
     def close(self) -> None:
@@ -160,12 +160,15 @@ class Executor:
                 fault = "d"
                 number = span.first + k
                 place = span.begin + k
+                # A fraction until here, so that rounding errors
+                # of the time do not add up.
                 t = float(number * span.tick)
                 following = float((number + 1) * span.tick)
                 if span.due[place]:
                     updated = self.call(f"sample_{span.due[place]}", t, x, d, p)
                     if not self.plan.sound(updated):
                         return Progress(k, fault, updated)
+                    # In place: the event watch holds views of d.
                     d[:] = updated
                 if span.logged[place]:
                     log[row] = self.call("outputs", t, x, d, p)
@@ -206,9 +209,13 @@ class Executor:
             stop = min(end, watch.next_time())
             start = x
 
+            # The defaults bind the values of this pass: t and x
+            # change before the next one.
             def state(time: float, t: float = t, start: Vector = start) -> Vector:
                 return self._step(method, (t, time, time - t), start, d, p)
 
+            # `h` is the exact length up to `end`; the
+            # difference of rounded times is not.
             x = self._step(method, (t, stop, stop - t if stop < end else h), x, d, p)
             if not np.isfinite(x).all():
                 return x
@@ -217,6 +224,8 @@ class Executor:
             if event is not None:
                 t = event[0]
                 x = watch.handle(*event, whole)
+            # After an event at this time, so that the guesses fit
+            # the states after its jump.
             self.keep_loops(t, x, d, p)
             h = end - t
         return x
@@ -242,7 +251,7 @@ class Executor:
 
 
 class NumPyExecutor(Executor):
-    """Plain NumPy: the equations of a `plan` as the blocks state them, for these `quantities`."""
+    """Plain NumPy: the equations of the blocks of a `plan`, called directly, for these `quantities`."""
 
     name = "numpy"
 
@@ -255,6 +264,7 @@ class NumPyExecutor(Executor):
         quantity = self._quantities[name]
         evaluation = self.plan.evaluate(*point, quantity.active)
         arrays = quantity.collect(evaluation)
+        # np.concatenate() needs at least one array, but a quantity may be empty.
         return np.concatenate([np.zeros(0), *(np.ravel(a) for a in arrays)])
 
 
@@ -269,7 +279,7 @@ class InterpretedExecutor(Executor):
         self._functions = {p.name: InPlace(p.function) for p in programs}
 
     def fresh(self) -> Self:
-        """Return an executor with arguments and results of its own."""
+        """Return an executor with its own argument and result buffers."""
         return type(self)(self._programs, self.plan)
 
     def call(self, name: str, *point: *Point) -> Vector:
@@ -278,10 +288,10 @@ class InterpretedExecutor(Executor):
 
 
 class InPlace:
-    """A CasADi function that finds its arguments in arrays of ours, and leaves its result in another.
+    """A CasADi function with preallocated argument and result buffers.
 
-    CasADi calls nothing in Python to convert them: many times faster, and Ctrl-C cannot be swallowed there.
-    It is for one run, and returns all elements, column by column.
+    CasADi then converts no arguments in Python: a call is many times faster, and no Ctrl-C is lost in it.
+    An object serves one run. Results hold all elements, column by column.
 
     Parameters
     ----------
@@ -336,6 +346,7 @@ class CompiledExecutor(Executor):
         self._evaluate = library.tf_evaluate
         self._evaluate.argtypes = [ctypes.c_int, ctypes.c_double, *[pointer] * 4]
         self._programs = {p.name: (i, p.size) for i, p in enumerate(programs)}
+        # Room for x or d, or for the indicators, of which d has as many sides.
         self._bad_size = 1 + max(s.numel() for s in programs[0].inputs)
         self._take_memory()
 
@@ -358,7 +369,7 @@ class CompiledExecutor(Executor):
             self._results[name] = number, result, result.ctypes.data
 
     def fresh(self) -> Self:
-        """Return an executor with work space of its own."""
+        """Return an executor with its own work memory."""
         other = super().fresh()
         other._take_memory()
         return other
@@ -368,6 +379,7 @@ class CompiledExecutor(Executor):
         number, result, address = self._results[name]
         to_x, to_d, to_p = self._addresses[:3]
         self._evaluate(number, t, to_x(x), to_d(d), to_p(p), address)
+        # The next call overwrites the buffer.
         return result.copy()
 
     def advance(
@@ -386,6 +398,7 @@ class CompiledExecutor(Executor):
             to_x(x),
             to_d(d),
             to_p(p),
+            # One lookup serves all spans of a window: only the offset changes.
             to_due(span.due) + span.begin * span.due.itemsize,
             to_logged(span.logged) + span.begin * span.logged.itemsize,
             to_log(log),
@@ -397,6 +410,7 @@ class CompiledExecutor(Executor):
         )
         if not self._fault.value:
             return Progress(steps)
+        # The faults are numbered by the first enum of events.h; 4 are endless events.
         if self._fault.value <= 2:
             which = "x" if self._fault.value == 1 else "d"
             return Progress(

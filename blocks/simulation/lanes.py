@@ -23,10 +23,10 @@ if TYPE_CHECKING:
 
 
 def goes_in_lanes(prepared: Prepared) -> bool:
-    """Tell whether runs can be advanced side by side: by fixed steps alone, all of it compiled.
+    """Return whether runs can be advanced in lanes: with fixed steps, and all equations compiled.
 
-    Events happen in each run at another time, the solutions of loops take other numbers of iterations, and
-    Python blocks compute one run at a time.
+    Runs differ in the times of their events and in the iterations of their loops, and Python blocks compute
+    one run at a time.
     """
     plan = prepared.plan
     alone = bool(plan.python_blocks or plan.has_events or plan.guesses.size)
@@ -38,7 +38,7 @@ def goes_in_lanes(prepared: Prepared) -> bool:
 
 
 class Lanes:
-    """Advances as many runs of a simulator at once as there are lanes, with the numbers of each alone.
+    """Advances one run of a simulator in each lane, with the same numbers as a run alone.
 
     Parameters
     ----------
@@ -80,7 +80,7 @@ class Lanes:
         Returns
         -------
         list of xarray.Dataset or None
-            What `Simulator.run` returns, bit for bit; None where it raises: alone, a run says best why.
+            Results of `Simulator.run`, bit for bit; None for a failed run, whose error comes from a run alone.
         """
         found: list[xr.Dataset | None] = [None] * len(each)
         with contextlib.ExitStack() as stack:
@@ -107,6 +107,7 @@ class Lanes:
         started = time.perf_counter()
         number = len(runs)
         first = next(iter(runs.values()))
+        # Lanes without a run repeat the first run, so that their numbers stay finite.
         columns = [runs.get(lane, first) for lane in range(self.count)]
         x, d, p = (
             np.stack([getattr(run, name) for run in columns], axis=-1) for name in "xdp"
@@ -141,6 +142,7 @@ class _LogOfEach(Log):
         super().__init__([], {})
         self._runs = runs
         self._count = count
+        # All runs log the same channels, so there is one width.
         (self._row_width,) = {
             run.log.width for run in runs.values() if run.log is not None
         }
@@ -182,5 +184,5 @@ class _RunsTogether(Run):
         if not self.runs:
             raise _AllFailedError
         self.go_to(self.origin + k * self.prepared.tick)
-        # what was sampled there is not sampled again
+        # If a state failed, the sampled blocks of this tick have computed already.
         self.sampled = k if progress.fault == "x" else None

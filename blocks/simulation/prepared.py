@@ -47,7 +47,8 @@ from trussflow.blocks.tracing.quantities import (
 
 
 def _numbers(value: Any) -> Any:
-    """Return the numbers and text in a `value`, whatever they are kept in; None in the place of all else."""
+    """Return the numbers and text in a `value`, in any container; other objects become None."""
+    # With the dtype: float32 and float64 arrays may hold equal numbers.
     if isinstance(value, np.ndarray | np.generic):
         return value.dtype.str, _numbers(value.tolist())
     if isinstance(value, list | tuple):
@@ -67,7 +68,7 @@ def digest(text: str) -> str:
 
 
 class Prepared:
-    """A plan with its clocks and Python blocks, and its compiled equations: what all its runs share.
+    """A plan with its clocks, Python blocks and compiled equations, shared by all its runs.
 
     Parameters
     ----------
@@ -94,7 +95,7 @@ class Prepared:
     Raises
     ------
     AlgebraicLoopError
-        If blocks wait for each other at some instant.
+        If there is an algebraic loop at some instant.
     """
 
     def __init__(
@@ -111,6 +112,7 @@ class Prepared:
         self.step = (
             exact(solver.step) if solver.step is not None and solver.is_fixed else None
         )
+        # With an adaptive solver, ticks are those of the clocks; 1 s if there are none.
         self.tick = self.step or common_tick(
             [t for c in clocks for t in (c.period, c.offset)] or [Fraction(1)]
         )
@@ -136,7 +138,7 @@ class Prepared:
     def of(
         cls, diagram: Diagram | System, solver: Solver, chosen: Chosen | None
     ) -> Self:
-        """Return a diagram that is traced, and compiled where there is a compiler.
+        """Return the traced diagram, compiled if there is a compiler.
 
         Parameters
         ----------
@@ -150,7 +152,7 @@ class Prepared:
         Raises
         ------
         SimulationError
-            If an argument makes no sense.
+            If an argument is invalid.
         DiagramError
             If the diagram cannot be built: open inputs, algebraic loops.
         TracingError
@@ -240,10 +242,11 @@ class Prepared:
 
     @functools.cached_property
     def fingerprint(self) -> str:
-        """A hash of traced equations, sample times, and numbers and text that Python blocks were made with.
+        """A hash of the traced equations, the sample times, and the numbers and text in Python blocks.
 
         It does not cover the code of Python blocks.
         """
+        # Without the outputs: a state also fits a session that reads other outputs.
         codes = [p.code for p in self.programs if p.name != "outputs"]
         codes += [
             f"{path} {self.plan.system.clock(b)}"
@@ -251,6 +254,7 @@ class Prepared:
         ]
         for block in self.plan.python_blocks:
             state: Any = object.__getstate__(block)
+            # If a class has __slots__, the state is a pair of dictionary and slots.
             own, slots = state if isinstance(state, tuple) else (state, {})
             made = (own or {}) | slots | {"parameters": None}  # each run has its own
             codes += [type(block).__name__, block.fingerprint, repr(_numbers(made))]
@@ -258,13 +262,13 @@ class Prepared:
 
     @functools.cached_property
     def logged(self) -> str:
-        """A hash of the traced equations of what is logged, which no state depends on."""
+        """A hash of the traced equations of the logged signals, which no state depends on."""
         (code,) = (p.code for p in self.programs if p.name == "outputs")
         return digest(code)
 
     @functools.cached_property
     def layout(self) -> str:
-        """A hash of what x, d and p consist of, and of the sample times."""
+        """A hash of the layouts of x, d and p, and of the sample times."""
         plan = self.plan
         arrays = [
             [(e.path, e.name, e.shape) for e in layout] for layout in plan.layouts
@@ -287,14 +291,16 @@ class Prepared:
         """
         if self.solver.solver not in IMPLICIT or self.solver.backend == "numpy":
             return None
+        # The derivatives of Python blocks are not in the traced program.
         if self.python.continuous:
             return None
         flat = InPlace(self._jacobian)
         n = self.plan.x.size
+        # CasADi stores matrices column by column.
         return lambda t, x, d, p: flat(t, x, d, p).reshape((n, n), order="F")
 
     def ticks(self, time: Fraction, what: str) -> int:
-        """Return how many ticks a `time` [s] is; `what` it is, for messages.
+        """Return a `time` [s] as a number of ticks; `what` names it in messages.
 
         Raises
         ------

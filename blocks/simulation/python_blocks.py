@@ -60,7 +60,7 @@ def sorted_stages(
     Raises
     ------
     AlgebraicLoopError
-        If Python blocks wait for each other in a loop that is not to be solved.
+        If Python blocks form an algebraic loop that is not to be solved.
     """
     by_path = {b.path: b for b in blocks}
     graph: dict[str, list[str]] = {}
@@ -71,6 +71,7 @@ def sorted_stages(
         )
     stages = []
     for paths in components(graph):
+        # A component of one block is a loop if the block depends on itself.
         is_loop = len(paths) > 1 or paths[0] in graph[paths[0]]
         if is_loop and (active or not is_solved(plan.system, paths)):
             _, cycle = in_order(
@@ -110,7 +111,7 @@ class PythonBlocks:
     Raises
     ------
     AlgebraicLoopError
-        If Python blocks wait for each other in a loop that is not to be solved.
+        If Python blocks form an algebraic loop that is not to be solved.
     """
 
     def __init__(self, plan: Plan, sets: list[Active]) -> None:
@@ -119,6 +120,8 @@ class PythonBlocks:
         self.stages: list[list[tuple[list[Pair], bool]]] = []
         for number, active in enumerate(sets):
             name = f"inputs_{number}" if number else "continuous"
+            # The first set is empty: it stands for the continuous
+            # blocks, which have no clock.
             ticking = active or {None}
             blocks = [b for b in plan.python_blocks if clock(b) in ticking]
             inputs = {
@@ -137,6 +140,7 @@ class PythonBlocks:
         traced = {clock(b) for b in plan.system.blocks.values() if b.traced}
         self.with_traced = [bool(active & traced) for active in sets]
         self._computes = np.array([bool(pairs) for pairs in self.ordered])
+        # No instant: continuous Python blocks are evaluated with each stage of a step.
         self._computes[0] = False
 
     @property
@@ -157,7 +161,7 @@ class PythonExecutor(Executor):
     """Evaluates what is traced and the Python blocks around it.
 
     Everywhere `number` is that of a set of clocks that tick together, `t` the time [s], and `x`, `d`, `p` are
-    the continuous states, what changes at instants and the parameters [as declared]; all are a `point`.
+    the continuous states, the discrete values and the parameters [as declared]; all are a `point`.
 
     Parameters
     ----------
@@ -177,10 +181,11 @@ class PythonExecutor(Executor):
         self.blocks = blocks
         self._inner = inner
         self._python = python
-        self._asking: set[str] = set()  # blocks that want an event after a step
+        self._asking: set[str] = set()  # blocks that request an event after a step
 
     def call(self, name: str, *point: *Point) -> Vector:
         """Return the quantity of that name; outputs of continuous Python blocks change in d."""
+        # The traced programs read the outputs of continuous Python blocks from d.
         self.refresh(*point)
         values = self._inner.call(name, *point)
         if name in ("derivative", "indicators"):
@@ -193,6 +198,7 @@ class PythonExecutor(Executor):
         self, span: Span, x: Vector, d: Vector, p: Vector, log: Vector
     ) -> Progress:
         """Take the steps of a span in place; rows of `log` [as declared] are filled in order."""
+        # Continuous Python blocks are called in each stage; otherwise spans run in C.
         if self._python.continuous:
             return super().advance(span, x, d, p, log)
         return self._inner.advance(span, x, d, p, log)
@@ -203,9 +209,10 @@ class PythonExecutor(Executor):
         ticking = self._python.ordered[number]
         for call, quantity in ticking:
             d[call.outputs] = self._sampled_output(call, quantity, point)
-        # All outputs are there by now: no state is updated before all have seen it.
+        # All outputs are known by now. New states are put into d only after all updates have
+        # read the old ones.
         staged = [self._updated(*pair, point) for pair in ticking] if update else []
-        # Where Python blocks alone are sampled there is nothing to evaluate.
+        # If only Python blocks are sampled, there is no traced program to call.
         traced = self._python.with_traced[number]
         after = self.call(f"sample_{number}", *point) if traced else d.copy()
         for place, states in staged:
@@ -220,7 +227,7 @@ class PythonExecutor(Executor):
         """Return the outputs of a sampled block at an instant."""
         t, _, d, p = point
         own = self.blocks.equations[call.path]
-        # without feedthrough, inputs may be unknown
+        # Without feedthrough, the inputs may depend on these outputs and are not known yet.
         u = np.full(call.needed.size, np.nan)
         if call.direct:
             u = self.call(quantity.name, *point)
@@ -297,9 +304,12 @@ class PythonExecutor(Executor):
             left = residual(outputs)
             size = float(np.abs(left).max(initial=0.0))
             allowed = LOOP_TOLERANCE * max(1.0, np.abs(outputs).max())
-            if before / 2 <= size <= allowed:  # as good as round-off allows
+            # Within the tolerance, rounds go on while each at least halves the residual.
+            if before / 2 <= size <= allowed:
                 return
             before = size
+            # Each row of np.diag() changes one output; its
+            # maximum is the length of the step.
             steps = DIFFERENCE_STEP * np.maximum(1.0, np.abs(outputs))
             slopes = [
                 (residual(outputs + step) - left) / step.max()
@@ -325,7 +335,7 @@ class PythonExecutor(Executor):
                 into[place] = self._ask(call, quantity, kind, point)
 
     def accepted(self, *point: *Point) -> bool:
-        """Tell Python blocks that a step is accepted; return whether one asks for an event."""
+        """Notify Python blocks of an accepted step; return whether one requests an event."""
         for call, quantity in self._python.continuous:
             if self._ask(call, quantity, "on_step", point):
                 self._asking.add(call.path)
@@ -355,6 +365,8 @@ class PythonExecutor(Executor):
         t, x, d, p = point
         own = self.blocks.equations[call.path]
         before = kind == "on_step" and not own.sees_jumps
+        # With `sees_jumps` false, on_step() gets the inputs just before a jump at the end of
+        # the step.
         at = np.nextafter(t, -np.inf) if before else t
         u = self._inner.call(quantity.name, at, x, d, p)
         evaluate = call.ask if kind == "on_step" else call

@@ -41,16 +41,16 @@ if TYPE_CHECKING:
     import xarray as xr
 
 CHUNK_NUMBERS = 500_000
-"""Logged numbers between two looks at the keyboard at most; 4 MB."""
+"""Maximum number of logged numbers between two checks for Ctrl-C; 4 MB."""
 
 MIN_CHUNK = 16
-"""Fewest ticks between two looks at the keyboard [-]."""
+"""Minimum number of ticks between two checks for Ctrl-C [-]."""
 
 CHUNK_SECONDS = 0.1
-"""Wall time between two looks at the keyboard and the progress bar [s]."""
+"""Wall time between two checks for Ctrl-C and updates of the progress bar [s]."""
 
 MAX_CHUNK_GROWTH = 4.0
-"""Largest ratio of successive numbers of ticks between two looks [-]."""
+"""Maximum growth of the number of ticks from one check to the next [-]."""
 
 WINDOW_TICKS = 1024
 """Number of ticks whose due blocks are determined at once [-]."""
@@ -62,10 +62,10 @@ MAX_SHORT_STEPS = 1000
 """Short steps in succession after which the following ones are tested for jumps of a derivative [-]."""
 
 TESTED_STEPS = 100
-"""Number of steps that are tested [-]."""
+"""Number of steps tested for jumps [-]."""
 
 MIN_JUMPS = 50
-"""Tested steps with a jump from which on the run is ended [-].
+"""Number of tested steps with a jump at which the run ends [-].
 
 A solver that is stuck at a jump crosses it in 63 to 100 of 100 steps. If it advances from one jump to the
 next, small steps follow each jump, and at most 27 of 100 steps cross one.
@@ -75,7 +75,7 @@ JUMP_TOLERANCE = 1e-9
 """Relative change of a derivative that is round-off, not a jump [-]."""
 
 JUMP_PIECES = 16
-"""Pieces of a step, in each of which a change that is no jump is small [-]."""
+"""Number of pieces of a step in the search for a jump [-]."""
 
 SWITCH_ADVICE = (
     "Declare a Mode for what switches (a sign, an absolute value, a comparison), and an Event where it "
@@ -90,8 +90,8 @@ NO_ROWS = np.empty((0, 0))
 class Run:
     """State of one run, or of a session: both are advanced by this code alone.
 
-    A run stands before the instant of its present time: what is sampled then computes when it
-    is advanced from there, or finished.
+    At time t, the sampled blocks due at t have not computed yet: they compute when the run is
+    advanced from t, or finished.
 
     Attributes
     ----------
@@ -100,13 +100,13 @@ class Run:
     executor : Executor
         Executor of this run.
     x, d, p : Vector
-        Continuous states, what changes at instants, parameters [as declared].
+        Continuous states, discrete values, parameters [as declared].
     log : Log or None
-        Takes the logged rows.
+        Receiver of the logged rows.
     log_step : Fraction
         Time between logged instants [s].
     origin : Fraction
-        Time at which it began, from which instants are counted [s].
+        Start time, from which instants are counted [s].
     first : int
         Initial time in ticks from time 0, from which fixed steps are counted [-].
     k : int
@@ -120,15 +120,15 @@ class Run:
     identity : mapping
         Identity that checkpoints of this run must have.
     seconds : float
-        Wall time that was spent on it before `to_end` [s].
+        Wall time spent on the run before `to_end` [s].
     time : float
         Last good time [s].
     sampled : int or None
-        The tick at which what is sampled has computed already, before time went on [-].
+        Tick whose sampled blocks have computed already, or None [-].
     bar : RunBar or None
-        Shows how far it came.
+        Progress bar.
     failed : tuple or None
-        Time [s] and states at which an adaptive solver last found derivatives that are not finite.
+        Time [s] and states at which the derivatives last were not finite, with an adaptive solver.
     """
 
     prepared: Prepared
@@ -155,7 +155,8 @@ class Run:
         self.begin_at(self.origin)
         self.go_to(self.origin)
         plan = self.prepared.plan
-        # A loop that can never be solved is refused here; of inputs the right ones may still come.
+        # A loop that cannot be solved is refused before the run starts. With external inputs,
+        # the loop may become solvable later.
         if plan.loops and not plan.python_blocks and not plan.system.external:
             plan.evaluate(
                 self.time,
@@ -173,6 +174,8 @@ class Run:
     def _seconds(self, k: Any) -> Any:
         """Return the time [s] of tick `k` [-], or of several."""
         tick = self.prepared.tick
+        # Multiplied first, as in driver.c: tick 3 of 1/10 s
+        # is 0.3, while 3 * 0.1 is not.
         return (self.first + k) * tick.numerator / tick.denominator
 
     def begin_at(self, origin: Fraction) -> None:
@@ -181,17 +184,18 @@ class Run:
 
     def go_to(self, now: Fraction) -> None:
         """Set the present time [s]; nothing is computed."""
+        # Exact fractions: now = origin + k ticks + beyond, with 0 <= beyond < 1 tick.
         ticks, self.beyond = divmod(now - self.origin, self.prepared.tick)
         self.k = int(ticks)
         self.time = float(now)
 
     def save(self) -> Snapshot:
-        """Return all that is needed to go on from the present time.
+        """Return all data needed to continue from the present time.
 
         Raises
         ------
         SimulationError
-            If a Python block cannot hand over what it keeps.
+            If a Python block cannot save its state.
         """
         return Snapshot(
             layout=self.prepared.layout,
@@ -205,11 +209,13 @@ class Run:
         )
 
     def restore(self, snapshot: Snapshot) -> None:
-        """Go to the time of a snapshot of an equal diagram; what follows is the same to the last bit."""
+        """Go to the time of a snapshot of an equal diagram; the run continues from there bit by bit."""
+        # In place: event watch and Python blocks hold views of these arrays.
         self.x[:] = snapshot.x
         self.d[:] = snapshot.d
         self.p[:] = snapshot.p
         self.executor.blocks.call_each("restore", snapshot.hidden)
+        # The snapshot's parameters may differ from those that the blocks last read.
         self.executor.blocks.call_each("tuned")
         self.begin_at(snapshot.origin)
         self.go_to(snapshot.now)
@@ -219,13 +225,15 @@ class Run:
         """Raise `SimulationError` if a field of a snapshot `found` in a file cannot be of this run."""
         plan = self.prepared.plan
         kept = self.executor.blocks.kept()
-        # from there on floats do not tell ticks apart
+        # Beyond this time neighbouring ticks round to the same float.
         latest = 2**53 * self.prepared.tick
         fits = {}
         for name in "xdp":
             own, value = getattr(self, name), getattr(found, name)
             alike = isinstance(value, np.ndarray) and value.dtype == own.dtype
             alike = alike and value.shape == own.shape
+            # Infinity is allowed: a mode may be the infinite time
+            # of an event that never occurs.
             fits[name] = alike and not np.isnan(value).any()
         times = found.origin, found.now
         are_times = all(isinstance(time, Fraction) for time in times)
@@ -238,15 +246,16 @@ class Run:
                 f"cannot restore '{plan.name}': {', '.join(wrong)} of the snapshot cannot be of this "
                 "diagram: the file was changed"
             )
+        # Raises if a block does not allow one of these values.
         plan.parameters(plan.p.named(found.p))
 
     def sample(self) -> None:
-        """Let what is sampled at the present time compute now; `advance` does not do it again."""
+        """Let the sampled blocks due at the present time compute now; `advance` does not repeat it."""
         self._instant(self.due(), self.time)
         self.sampled = self.k
 
     def advance(self, until: Fraction) -> None:
-        """Run on, from the instant of the present time to just before that of `until` [s].
+        """Run from the instant of the present time to just before the instant of `until` [s].
 
         Raises
         ------
@@ -258,9 +267,12 @@ class Run:
             return
         tick = self.prepared.tick
         last = int((until - self.origin) // tick)
+        # A session may be between two ticks: it first returns to the grid.
         if self.beyond:
             self._part(min(until, self.origin + (self.k + 1) * tick))
         self.step_to(last)
+        # `until` lies between two ticks: sample at the tick
+        # before, then take a short step.
         if self.now < until:
             self._instant(self.due(), self.time)
             self._part(until)
@@ -271,9 +283,9 @@ class Run:
         Parameters
         ----------
         progress : bool
-            Whether a bar is shown if that takes more than a second.
+            Whether a bar is shown if the run takes more than a second.
         limit : float, optional
-            Wall time that it may take [s].
+            Wall time limit [s].
 
         Returns
         -------
@@ -294,6 +306,8 @@ class Run:
             with interruptible(), RunBar(name, length, progress, limit) as self.bar:
                 if self.checkpoint_every is not None:
                     self._advance_with_checkpoints(log, self.checkpoint_every)
+                # `advance` stops just before the instant of the
+                # end, which belongs to the run.
                 self.advance(self.end)
                 self._instant(self.due(), self.time)
                 self._log_now(self.time)
@@ -321,6 +335,8 @@ class Run:
             self.sample()  # all blocks have begun: what cannot be saved is reported at once
         while self.now < self.end:
             log.checkpoint(self.save(), self.identity)
+            # Counted from the origin, so that a resumed run stops at the same times. An
+            # adaptive solver starts afresh there; other times would change the result.
             following = (self.now - self.origin) // every + 1
             self.advance(min(self.end, self.origin + following * every))
 
@@ -339,8 +355,11 @@ class Run:
         every = prepared.ticks(self.log_step, "log_step") if log is not None else 0
         longest = last
         if log is not None:
+            # So many ticks, of which one in `every` is logged,
+            # give CHUNK_NUMBERS numbers.
             longest = max(MIN_CHUNK, CHUNK_NUMBERS * every // max(1, log.width))
         chunk = MIN_CHUNK
+        # Equal to k, so that the first pass computes a window.
         stop = self.k
         while self.k < last:
             k = self.k
@@ -350,15 +369,18 @@ class Run:
                 due = prepared.schedule.due(base, stop - base)
                 logged = np.zeros(stop - base, dtype=np.uint8)
                 if every:
+                    # -base % every is the distance to the next multiple of `every`.
                     logged[-base % every :: every] = 1
                 asked = prepared.python.needed(due) if has_python else []
-                # ticks at which Python computes
+                # Ticks at which Python computes, the next one last, for pop(). The sentinel `stop`
+                # stays: at that tick a new window begins.
                 needed = [*(base + i for i in asked), stop][::-1]
                 if self.sampled == base:
                     due[0] = 0
             if needed[-1] == k:
                 needed.pop()
                 self._instant(int(due[k - base]), self.time)
+                # The executor must not sample this tick again.
                 due[k - base] = 0
             end = min(k + chunk, needed[-1])
             flags = logged[k - base : end - base]
@@ -373,6 +395,7 @@ class Run:
                 due,
                 logged,
             )
+            # Only full chunks are timed: a shorter span would let chunks grow too much.
             started = time.perf_counter() if end - k == chunk else 0.0
             progress = self.executor.advance(span, self.x, self.d, self.p, rows)
             taken = np.flatnonzero(flags[: progress.steps])
@@ -384,6 +407,8 @@ class Run:
                     k + progress.steps,
                     bool(logged[k - base + progress.steps]),
                 )
+                # Only `_RunsTogether` returns from there: it repeats
+                # the tick, in a new window.
                 stop = self.k
                 continue
             self.k = end
@@ -437,7 +462,7 @@ class Run:
         )
 
     def _blame_loop(self, fault: str, after: float) -> None:
-        """Raise the error that tells of an algebraic loop, if one is the cause: do in NumPy what failed."""
+        """Repeat the failed evaluation in NumPy, which raises the error of an algebraic loop if one fails."""
         prepared = self.prepared
         if fault == "x":
             times = self.time, after, after - self.time
@@ -451,6 +476,7 @@ class Run:
     def _cause(self, after: float) -> str:
         """Name the first signal that is not finite during the step, if there is one."""
         plan = self.prepared.plan
+        # The times of the stages of RK4, with the states at the start of the step.
         for t in (self.time, (self.time + after) / 2, after):
             with np.errstate(all="ignore"), contextlib.suppress(TrussflowError):
                 evaluation = plan.evaluate(t, self.x, self.d, self.p)
@@ -458,7 +484,7 @@ class Run:
                     port for stage in plan.order(frozenset()) for port in stage.ports
                 ):
                     if not np.isfinite(evaluation.output(port)).all():
-                        return f", because '{port.path}' did"
+                        return f"; the first non-finite signal is '{port.path}'"
         return ""
 
     def _instant(self, number: int, t: float) -> None:
@@ -492,11 +518,14 @@ class Run:
             times: Iterator[float] = iter(())
             if self.log is not None:  # the logged instants strictly inside
                 first = (start - self.origin) // every + 1
+                # Rounded up, so that the last of the instants lies before `end`.
                 stop = -((self.origin - end) // every)
                 times = (float(self.origin + i * every) for i in range(first, stop))
             try:
                 for t, x in self._integrate((float(start), float(end)), times, length):
                     self._reach(t, x)
+                    # The end is logged after the blocks that are
+                    # sampled there have computed.
                     if t < float(end):
                         self._log_now(t)
             except AdaptiveError as error:
@@ -509,7 +538,7 @@ class Run:
         Raises
         ------
         TimeLimitError
-            If the run took longer than it may.
+            If the run exceeds its time limit.
         """
         self.x[:] = x
         if self.bar is not None:
@@ -535,6 +564,8 @@ class Run:
                 "derivative", min(t, last), np.ascontiguousarray(x), d, p
             )
             if not np.isfinite(rate).all() and np.isfinite(x).all():
+                # The solver may recover with a shorter step; if it
+                # gives up, the error names this.
                 self.failed = min(t, last), x.copy()
             return rate
 
@@ -543,6 +574,7 @@ class Run:
             self.executor.keep_loops(min(t, last), x, d, p)
             short = short + 1 if step < SHORT_STEP * length else 0
             if short > MAX_SHORT_STEPS and t > self.time:
+                # `self.time` is still the time before the step.
                 jumps += (jump := self._jump(t, x)) != ""
                 if jumps == MIN_JUMPS:
                     raise self._crawling(t, jump)
@@ -563,9 +595,10 @@ class Run:
         )
 
     def _jump(self, t: float, x: Vector) -> str:
-        """Say which derivative jumps, if one does, in a step to time `t` [s] and states `x`."""
+        """Describe the derivative that jumps in a step to time `t` [s] and states `x`; empty if none does."""
         solver = self.prepared.solver
-        # The end of the step itself may stay on one side, where its stages average both.
+        # Sampled along the tangent: the states at both ends of the step may lie on one side of
+        # the jump, while the solver's stages see both sides.
         slope = self.executor.call("derivative", self.time, self.x, self.d, self.p)
         rates = np.array(
             [
@@ -576,9 +609,12 @@ class Run:
             ]
         )
         change = np.abs(rates[-1] - rates[0])
+        # The state whose rate changes most relative to its tolerance.
         i = int(np.argmax(change / (solver.atol + solver.rtol * np.abs(x))))
         piece = int(np.argmax(np.abs(np.diff(rates[:, i]))))
         before, after = rates[piece : piece + 2, i]
+        # A smooth rate changes by about 1/16 of the whole in
+        # each piece, a jump all at once.
         if abs(after - before) <= max(change[i] / 2, JUMP_TOLERANCE * abs(after)):
             return ""
         name = self.prepared.plan.x.describe(i)
@@ -598,12 +634,13 @@ class Run:
         """
         plan = self.prepared.plan
         if plan.loops and self.failed is not None:
-            # raises what tells of an algebraic loop
+            # Raises the error of an algebraic loop if one has no solution there.
             plan.evaluate(*self.failed, self.d, self.p)
         rate = self.executor.call("derivative", t, x, self.d, self.p)
         if not np.isfinite(rate).all():
             fault = f"the derivative of {plan.x.fault(rate)} is not finite"
         else:
+            # 1e-12 avoids a division by zero for states at zero.
             worst = int(np.argmax(np.abs(rate) / (1e-12 + np.abs(x))))
             fault = f"the fastest state is {plan.x.describe(worst)}"
         return DivergenceError(
@@ -627,6 +664,8 @@ class Run:
             (self.origin + c.offset, c.period) for c in self.prepared.plan.system.clocks
         ]
         while now < until:
+            # The next tick of each clock strictly after `now`,
+            # but not before its first one.
             following = [
                 first + max(0, (now - first) // period + 1) * period
                 for first, period in clocks

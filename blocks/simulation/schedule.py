@@ -51,6 +51,7 @@ class Schedule:
             )
             for c in clocks
         ]
+        # Code 0, no clock, comes first: set number 0 means that nothing is sampled.
         codes = sorted({0} | (self._scanned() or self._possible()))
         if len(codes) > MAX_CLOCK_SETS:
             raise SimulationError(
@@ -65,6 +66,8 @@ class Schedule:
 
     def _scanned(self) -> set[int]:
         """Return the sets that occur, as bits, by looking through the repeating pattern."""
+        # Once all clocks have begun, their pattern repeats
+        # with the least common multiple.
         pattern = lcm(*(p for p, _ in self._clocks)) + max(
             (o for _, o in self._clocks), default=0
         )
@@ -76,6 +79,9 @@ class Schedule:
         """Return the sets that may occur: those whose clocks coincide pair by pair."""
         found = {0}
         for i, (period, offset) in enumerate(self._clocks):
+            # Two clocks coincide if their offsets are equal modulo the gcd of
+            # their periods. Clocks that coincide pair by pair also coincide all at
+            # once (Chinese remainder theorem).
             apart = sum(
                 1 << j
                 for j, (other, start) in enumerate(self._clocks[:i])
@@ -101,4 +107,5 @@ class Schedule:
         if not self._clocks:
             return np.zeros(number, dtype=np.uint16)
         codes = self._codes(first, number)
+        # Exact matches: every code that occurs is among the sorted ones.
         return np.searchsorted(self._sorted_codes, codes).astype(np.uint16)

@@ -57,12 +57,12 @@ class Session(Described):
     prepared : Prepared
         Data shared with its twins: the plan, its layouts, the channels.
     fault : str
-        Exception of the last advance, if there was one.
+        Message of the exception of the last advance, if it failed.
 
     Raises
     ------
     SimulationError
-        If an argument makes no sense.
+        If an argument is invalid.
     DiagramError
         If the diagram cannot be built: open inputs that are not exposed, algebraic loops.
     TracingError
@@ -104,11 +104,12 @@ class Session(Described):
     def twin(self) -> Session:
         """Return another session of the same diagram, not started, without preparing it again."""
         other = Session.__new__(Session)
+        # Twins share `prepared`, which no run changes.
         vars(other).update(vars(self), _run=None, fault="")
         return other
 
     def __reduce__(self) -> tuple[Callable[[], Session], tuple[()]]:
-        """Pickle and copy as what it was made of: compiled code belongs to one process."""
+        """Pickle and copy the arguments of the constructor: compiled code belongs to one process."""
         if self.started:
             raise SimulationError(
                 f"cannot pickle or copy the session of '{self.prepared.plan.name}': it is started; pickle "
@@ -133,7 +134,7 @@ class Session(Described):
 
     @property
     def restores(self) -> bool:
-        """Whether `save` works: whether all Python blocks can hand over what they keep."""
+        """Whether `save` works, since all Python blocks can save their state."""
         return not self._running().executor.blocks.unrestorable
 
     @property
@@ -151,7 +152,7 @@ class Session(Described):
         inputs: Mapping[str, Any] | None = None,
         time: float = 0.0,
     ) -> None:
-        """Begin, again if need be.
+        """Start, or restart.
 
         Parameters
         ----------
@@ -189,11 +190,13 @@ class Session(Described):
                 # the first error is the one to see
                 executor.close()
             raise
+        # Assigned last: if anything above fails, the session is not started.
         self._run = Run(prepared, executor, x, d, p, origin=begin)
 
     def stop(self) -> None:
         """End; Python blocks release what they took. A session that is not started stays so."""
         run = self._run
+        # Before closing, which may raise: the session is not started in any case.
         self._run = None
         self.fault = ""
         if run is not None:
@@ -248,7 +251,7 @@ class Session(Described):
         run.d[start : start + values.size] = values
 
     def latch(self) -> None:
-        """Let what is sampled at the present time compute now, with the inputs as they are."""
+        """Let the sampled blocks due at the present time compute now, with the present inputs."""
         self._running().sample()
 
     def tune(self, parameters: Mapping[str, Any]) -> None:
@@ -270,11 +273,12 @@ class Session(Described):
         """
         run = self._running()
         plan = self.prepared.plan
+        # In place, after all values were checked: the blocks hold views of `p`.
         run.p[:] = plan.parameters(parameters, run.p)
         run.executor.blocks.call_each("tuned")
 
     def advance(self, until: float) -> None:
-        """Run on to a time, with the inputs held.
+        """Advance to a time, with the inputs held.
 
         Parameters
         ----------
@@ -285,7 +289,7 @@ class Session(Described):
         Raises
         ------
         SimulationError
-            If the time makes no sense, a Python block fails, or the session failed before: it
+            If the time is invalid, a Python block fails, or the session failed before: it
             must then be started again, or restored.
         DivergenceError
             If a signal stops being finite.
@@ -296,12 +300,14 @@ class Session(Described):
                 f"cannot advance '{self.prepared.plan.name}' from t = {run.time:g} s, because it "
                 f"failed there: {self.fault}. Restore a snapshot, or start again"
             )
+        # None: an adaptive solver, or a start or end between two ticks.
         tick = self._tick_at(until) if self._is_fixed and not run.beyond else None
         if tick is None:
             end = self._instant(until)
             past = end < run.now
             go_on = partial(run.advance, end)
-        else:  # exact times cost more than many a step
+        else:
+            # Integers: arithmetic with fractions may take longer than the step itself.
             past = tick - run.first < run.k
             go_on = partial(run.step_to, tick - run.first)
         if past:
@@ -316,19 +322,21 @@ class Session(Described):
             raise
 
     def _tick_at(self, time: float) -> int | None:
-        """Return the tick, counted from time 0, that a time means; None if it lies between two."""
+        """Return the tick of a time, counted from time 0; None if the time lies between two ticks."""
         try:
             tick = round(number := time / self.prepared.tick_seconds)
         except (TypeError, ValueError, OverflowError):
             raise SimulationError(
                 f"cannot advance to {shown(time)}: a time must be a finite number"
             ) from None
+        # Without fixed steps and clocks, the tick is a default
+        # of 1 s that limits nothing.
         if self._has_grid:
             refuse_coarse_time(time, self.prepared.tick_seconds)
         return tick if abs(number - tick) <= TICK_TOLERANCE else None
 
     def _instant(self, time: float) -> Fraction:
-        """Return the exact time that a float stands for."""
+        """Return the exact time of a float."""
         tick = self._tick_at(time)
         if tick is not None and self._has_grid:
             return tick * self.prepared.tick
@@ -363,7 +371,9 @@ class Session(Described):
     def _computed(self, quantity: str) -> Vector:
         run = self._running()
         d = run.d
-        if number := run.due():  # what will be sampled here, if nothing is set any more
+        if number := run.due():
+            # The outputs after this instant, if no input changes any more. A copy, since
+            # reading outputs must not change the state.
             d = run.executor.instant(
                 number, run.time, run.x, d.copy(), run.p, update=False
             )
@@ -384,7 +394,7 @@ class Session(Described):
         Raises
         ------
         SimulationError
-            If a Python block cannot hand over what it keeps, the session failed, or nothing can be written.
+            If a Python block cannot save its state, the session failed, or the file cannot be written.
         """
         run = self._running()
         if self.fault:

@@ -62,7 +62,7 @@ class OpeningSettings(TypedDict, total=False):
 
 
 class Simulator(Described):
-    """A diagram made ready to run, any number of times, also at once.
+    """A prepared diagram, for any number of runs, also at the same time.
 
     Runs with other parameters or initial states need no new tracing or compilation.
 
@@ -86,7 +86,7 @@ class Simulator(Described):
     Raises
     ------
     SimulationError
-        If an argument makes no sense.
+        If an argument is invalid.
     DiagramError
         If the diagram cannot be built: open inputs, algebraic loops.
     TracingError
@@ -109,12 +109,13 @@ class Simulator(Described):
         self.prepared = Prepared.of(
             diagram, Solver.of(settings, "log", "log_step"), log
         )
+        # None for an adaptive solver: then `opened` takes a thousandth of the run.
         self.log_step = exact(log_step) if log_step is not None else self.prepared.step
         if self.prepared.step is not None and self.log_step is not None:
             self.prepared.ticks(self.log_step, "log_step")
 
     def __reduce__(self) -> tuple[Callable[[], Simulator], tuple[()]]:
-        """Pickle and copy as what it was made of: compiled code belongs to one process."""
+        """Pickle and copy the arguments of the constructor: compiled code belongs to one process."""
         return self._rebuild, ()
 
     def _described(self) -> Description:
@@ -135,7 +136,7 @@ class Simulator(Described):
         resume: bool = False,
         not_finite: str = "warn",
     ) -> Iterator[Run]:
-        """Open a run that stands before its first step, for the time of a ``with`` block.
+        """Open a run at its initial time, for the duration of a ``with`` block.
 
         Parameters
         ----------
@@ -168,6 +169,8 @@ class Simulator(Described):
         )
         refuse_coarse_time(abs(float(begin)) + float(length), shortest)
         p = plan.parameters(parameters)
+        # A time within 1e-6 steps of the grid counts as on it:
+        # users add up times with round-off.
         if prepared.step is not None:
             begin = on_grid(begin, prepared.step)
             length = on_grid(length, prepared.step)
@@ -176,6 +179,7 @@ class Simulator(Described):
             if every is not None:
                 every = on_grid(every, prepared.step)
                 prepared.ticks(every, "checkpoint_every")
+            # Fixed steps alone: an adaptive solver stops at each break point.
             warn_of_missed_jumps(plan, prepared.step, (begin, begin + length), p)
         with contextlib.closing(prepared.open(p)) as executor:
             x, d = plan.initial(
@@ -183,8 +187,11 @@ class Simulator(Described):
             )
             values = plan.p.listed(p)
             states = plan.x.listed(x)
+            # Not all of d: held outputs follow from the states, and
+            # inputs keep their start values.
             for layout in (plan.memory, plan.modes, plan.guesses):
                 states |= layout.listed(d)
+            # Without the duration, since a run may be resumed with a longer one.
             identity = prepared.identity | {
                 "logged_hash": prepared.logged,
                 "start": float(begin),
@@ -257,7 +264,7 @@ class Simulator(Described):
             first one when the run is complete, ``"stop"``, or ``"ignore"``. Logged rows are looked at
             some 1000 at a time: a run goes on that long, and the rows after the fault are dropped.
         time_limit : float, optional
-            Wall time that the run may take [s]; it is looked at between steps.
+            Wall time limit of the run [s], checked between steps.
 
         Returns
         -------
@@ -267,14 +274,14 @@ class Simulator(Described):
         Raises
         ------
         SimulationError
-            If an argument makes no sense.
+            If an argument is invalid.
         DivergenceError
-            If a state stops being finite, or an output with ``not_finite="stop"``; what was logged is
-            in its `result`.
+            If a state stops being finite, or an output with ``not_finite="stop"``; the logged data
+            are in its `result`.
         SimulationInterrupted
-            On Ctrl-C; what was logged is in its `result`.
+            On Ctrl-C; the logged data are in its `result`.
         TimeLimitError
-            If it takes longer than it may; what was logged is in its `result`.
+            If the run exceeds its time limit; the logged data are in its `result`.
         """
         positive_if_given(time_limit=time_limit)
         yes_or_no("a run", "progress", progress)

@@ -1,4 +1,4 @@
-"""The solver's settings: what integrates continuous states, and what evaluates the equations."""
+"""Solver settings: integration method of the continuous states and backend of the equations."""
 
 from __future__ import annotations
 
@@ -26,6 +26,7 @@ def _rk4(rate: Callable[[Any, Any], Any], times: Sequence[Any], h: Any, x: Any) 
     k2 = rate(times[1], x + h / 2 * k1)
     k3 = rate(times[1], x + h / 2 * k2)
     k4 = rate(times[2], x + h * k3)
+    # Summed in the order of `tf_rk4` in fixed_step.h.
     return x + h / 6 * k1 + h / 3 * k2 + h / 3 * k3 + h / 6 * k4
 
 
@@ -82,7 +83,7 @@ class Solver:
     Raises
     ------
     SimulationError
-        If a setting makes no sense.
+        If a setting is invalid.
     """
 
     step: float | None = None
@@ -96,7 +97,7 @@ class Solver:
         positive_if_given(step=self.step)
         if not MIN_RTOL <= self.rtol < 1:
             raise SimulationError(
-                f"rtol = {self.rtol!r} must be from {MIN_RTOL:.2g}, which is round-off, to below 1"
+                f"rtol = {self.rtol!r} must be at least {MIN_RTOL:.2g} (round-off) and below 1"
             )
         one_of("solver", self.solver, (*FIXED_STEP, *METHODS))
         one_of("backend", self.backend, BACKENDS)
@@ -112,7 +113,7 @@ class Solver:
 
     @classmethod
     def of(cls, settings: Mapping[str, Any], *others: str) -> Self:
-        """Return the solver of keywords that a user gave.
+        """Return the solver for the keywords of a user.
 
         Parameters
         ----------
@@ -124,7 +125,7 @@ class Solver:
         Raises
         ------
         SimulationError
-            If one is misspelt; the message names those there are.
+            If a name is unknown; the message lists the known names.
         """
         refuse_unknown(settings, [*(f.name for f in fields(cls)), *others])
         return cls(**settings)
@@ -133,7 +134,7 @@ class Solver:
 def spelled_out(
     settings: Any, method: Callable[..., Any] | None = None
 ) -> Callable[[F], F]:
-    """Let `inspect.signature`, so `help` and completion, show the ``**settings`` of a function one by one.
+    """List the ``**settings`` of a function in its signature, for `help` and completion.
 
     Parameters
     ----------
@@ -172,7 +173,7 @@ def refuse_unknown(settings: Mapping[str, Any], known: Iterable[str]) -> None:
     Raises
     ------
     SimulationError
-        If one is misspelt; the message names those there are.
+        If a name is unknown; the message lists the known names.
     """
     names = list(dict.fromkeys(known))
     for name in settings:

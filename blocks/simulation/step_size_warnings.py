@@ -1,4 +1,4 @@
-"""Warnings of fixed steps that are too long: jumps that they miss, and results that are no solution."""
+"""Warnings of fixed steps that are too long: missed jumps and numerically unstable results."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ MIN_CHECKED_SIZE = 1e12
 
 MAX_RELATIVE_CHANGE = 2.0
 """Largest change of the largest state within a step, by its rate, relative to its size [-]: at the limit
-of stability of RK4 it is 2.8, of Euler's method 2. What grows by itself and is followed changes far less."""
+of stability of RK4 it is 2.8, of Euler's method 2. An accurately integrated unstable mode changes far less."""
 
 
 def warn_of_missed_jumps(
@@ -65,6 +65,8 @@ def warn_of_missed_jumps(
             for b in breakpoints_of(block)
             if span[0] < b < span[1] and (b / step).denominator != 1
         ]
+        # A jump at a whole number of steps is exact: the last stage
+        # is just before the step's end.
         for time in off[:MAX_CHECKED_BREAKPOINTS]:
             name = _jumping(block, float(time), plan.p.signals(path, p))
             if (path, name) in read:
@@ -87,6 +89,7 @@ def _jumping(block: Block, time: float, p: Signals) -> str:
         scale = max(
             np.abs(value).max(initial=0.0), np.abs(before[name]).max(initial=0.0)
         )
+        # Round-off between the two sides of a break point is no jump.
         if not np.allclose(
             before[name], value, rtol=0.0, atol=1e-9 * scale, equal_nan=True
         ):
