@@ -163,6 +163,7 @@ class Operation(Block):
         # A constant factor or divisor has no unit, so the result has the unit of the signal.
         keeps = known in UNIT_PRESERVING or (known is np.multiply and bool(numbers))
         keeps = keeps or (known is np.divide and "u2" not in inputs)
+        # If the operation keeps or compares units, its operands must have the same one.
         shared = INFERRED if keeps or known in COMPARISONS else None
         units = [each.unit for each in inputs.values()]
         result = None
@@ -172,6 +173,7 @@ class Operation(Block):
             and all(isinstance(unit, str) for unit in units)
         ):
             result = RESULT_UNITS[known].format(
+                # Brackets keep the order of operations: N/m divided by s is (N/m)/(s).
                 *(u if u.isalnum() else f"({u or 1})" for u in map(str, units))
             )
         self.extra_ports = {
@@ -187,10 +189,13 @@ class Operation(Block):
         }
         self.computes = known, [*inputs], [number.tolist() for number in numbers]
         super().__init__(**dict(zip(["constant"], numbers, strict=False)))
+        # The ports above infer their unit, so a declared one is fixed
+        # here, for all of them.
         if shared and units[0] not in (None, INFERRED):
             self.port("u1" if "u1" in inputs else "u2").inferable_unit.fix(
                 units[0], call_site(), own=True
             )
+        # With an array as constant, the open shape of the signal must be its shape.
         if shape is INFERRED and numbers and numbers[0].ndim:
             self.inferred_shape.fix(numbers[0].shape, call_site(), own=True)
 
@@ -209,12 +214,15 @@ class Operation(Block):
 def _shape(function: np.ufunc, shapes: list[Any]) -> Shape:
     """Return the shape of the result of a function for arrays of these shapes; `INFERRED` if one is open."""
     if INFERRED in shapes:
+        # Elementwise functions keep the shape; matmul has a signature, and its result
+        # depends on both shapes.
         if function.signature is None:
             return INFERRED
         raise BlockError(
             f"'{function.__name__}' needs operands of known shape: connect them first"
         )
     try:
+        # NumPy applies its own rules of broadcasting, or raises.
         found: tuple[int, ...] = np.shape(
             function(*(np.ones(as_shape("Operation", s)) for s in shapes))
         )
@@ -248,6 +256,7 @@ def operation(function: np.ufunc, operands: Sequence[Any]) -> Sum | Operation:
             if port.shape is None or (None in shapes and port.shape)
             else port.shape
         )
+        # A function of a vector with different units has no unit.
         units = {port.unit} if port.shape is None else {*port.element_units()}
         return Input(shape, unit=units.pop() if len(units) == 1 else None)
 

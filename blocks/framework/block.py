@@ -81,6 +81,8 @@ def _explained(init: Callable[..., None]) -> Callable[..., None]:
         except TypeError:
             signature = inspect.signature(init)
             try:
+                # Fails only if the arguments are wrong; the body of __init__ may
+                # raise TypeError too.
                 signature.bind(self, *values, **named)
             except TypeError as fault:
                 names = [*signature.parameters][1:]
@@ -140,12 +142,15 @@ class Block(Wired, Equations, Described):
 
     def __init_subclass__(cls, **kwargs: Any) -> None:
         super().__init_subclass__(**kwargs)
+        # Base classes first, so that a class overrides the declarations of its bases.
         declared: dict[str, Any] = {}
         for base in reversed(cls.__mro__[1:]):
             declared |= getattr(base, "_declared", {})
         for name, value in vars(cls).items():
             is_declared = isinstance(value, Input | Output | State | Parameter | Event)
             taken = hasattr(Block, name) or name in Block.__annotations__
+            # typing.final() sets __final__: nothing may override such a method. Other
+            # names of Block may be overridden, but not by a declaration.
             if getattr(getattr(Block, name, None), "__final__", is_declared and taken):
                 raise BlockError(
                     f"{cls.__name__} declares '{name}', which every block already has; choose another name "
@@ -166,6 +171,7 @@ class Block(Wired, Equations, Described):
             )
 
     def __init__(self, **parameters: Any) -> None:
+        # Directly, as __setattr__ refuses the names that every block has.
         values = self.__dict__
         extra = values["extra_ports"] = by_name(
             f"extra_ports of {type(self).__name__}", values.get("extra_ports")
@@ -174,6 +180,7 @@ class Block(Wired, Equations, Described):
             name=type(self).__name__, parent=None, sample_time=None, sample_offset=0.0
         )
         declared = {**self._declared, **extra}
+        # One of each for all ports of the block that infer it: if u is in N, so is y.
         shape, unit, frame, labels = (Inferable() for _ in range(4))
         values["inferred_shape"] = shape
         ports: dict[str, Port] = {}
@@ -183,6 +190,7 @@ class Block(Wired, Equations, Described):
                     f"{type(self).__name__}: extra port '{name}' must be an Input(...) or an Output(...), "
                     f"not {shown(declaration)}"
                 )
+            # An attribute of the instance would hide the port of that name.
             if name in values or (name in extra and hasattr(Block, name)):
                 raise BlockError(
                     f"{type(self).__name__} declares '{name}', but the block has an attribute of "
@@ -194,6 +202,7 @@ class Block(Wired, Equations, Described):
                 None if own_unit is INFERRED else own_unit,
             )
             if isinstance(declaration, Input | Output):
+                # Extra ports are in no class body, so __set_name__ was not called.
                 declaration.name = declaration.name or name
                 is_inferred = declaration.shape is INFERRED
                 ports[name] = Port(
@@ -211,6 +220,7 @@ class Block(Wired, Equations, Described):
                 )
         self._set_parameters(declared, parameters)
         values["ports"] = ports
+        # Last: from here on, __setattr__ refuses everything.
         values["_frozen"] = True
 
     def _set_parameters(self, declared: dict[str, Any], given: dict[str, Any]) -> None:
@@ -259,12 +269,15 @@ class Block(Wired, Equations, Described):
             return inferred
         resolved: list[Any] = []
         for part in shape if isinstance(shape, tuple) else (shape,):
+            # Only attributes that were set before super().__init__() are there.
             value = self.__dict__.get(part) if isinstance(part, str) else part
             if value is None:
                 raise BlockError(
                     f"{type(self).__name__}.{name} has shape '{part}', but the block has no such "
                     "attribute; set it before super().__init__()"
                 )
+            # A name may mean a whole shape: with extent = (2, 3),
+            # 'extent' gives two axes.
             resolved += value if isinstance(value, tuple) else [value]
         return as_shape(f"{type(self).__name__}.{name}", resolved)
 
@@ -385,11 +398,15 @@ class Block(Wired, Equations, Described):
         self.__dict__[name] = value
 
     def __getattr__(self, name: str) -> Any:
+        # Python calls this method only if the attribute is missing:
+        # Block.__init__ did not run.
         if name in Block.__annotations__:
             raise BlockError(
                 f"this {type(self).__name__} is not built yet: its __init__ must call super().__init__(), "
                 "and set only attributes of shapes and units before that call"
             )
+        # Not for names with an underscore: copy and pickle test for methods
+        # such as __deepcopy__.
         if "ports" in self.__dict__ and not name.startswith("_"):
             return self.port(name)
         raise AttributeError(name)
@@ -403,6 +420,7 @@ class Block(Wired, Equations, Described):
     @property
     def path(self) -> str:
         """Name with the names of the enclosing diagrams, except the outermost one."""
+        # The name of the outermost diagram would be in every path.
         if self.parent is None or self.parent.parent is None:
             return str(self.name)
         return f"{self.parent.path}.{self.name}"
@@ -464,6 +482,7 @@ class Block(Wired, Equations, Described):
     def _described(self) -> Description:
         """Return the rate, ports, states and parameters; the block may be incomplete."""
         kind = type(self).__name__
+        # A debugger may show a block in the middle of its __init__.
         if "ports" not in vars(self):
             return Description(f"{kind}, not built yet")
         offset = f" from {self.sample_offset:g} s" if self.sample_offset else ""
@@ -545,8 +564,11 @@ class Block(Wired, Equations, Described):
     def initial(self, name: str, p: Signals) -> Vector:
         """Return the initial value of the state or mode `name`, with the parameters `p`."""
         value = self._declared[name].initial
+        # A text names the parameter with the initial value.
         value = getattr(p, value) if isinstance(value, str) else value
         what = f"initial value of state '{name}' of '{self.path}'"
+        # Infinity is allowed, as for a mode that holds the time of an
+        # event that never occurs.
         return finite_array(what, value, self.state_shape(name), infinite=True).copy()
 
     def feedthrough(self) -> dict[str, tuple[str, ...]]:

@@ -26,9 +26,14 @@ def exact(seconds: float) -> Fraction:
     seconds : float
         A time [s].
     """
+    # repr() gives the shortest decimal of the float: 0.1, not 0.1000000000000000055...
     decimal = Fraction(repr(float(seconds)))
+    # Up to 12 decimals count as typed; more of them, as in 1/3, come
+    # from a computation.
     if decimal.denominator <= 10**12:
         return decimal
+    # 0.3333333333333333 gives 1/3. A tiny time may have no such fraction near enough;
+    # then its decimal is kept.
     simple = decimal.limit_denominator(10**9)
     return simple if abs(simple - decimal) <= abs(decimal) / 10**14 else decimal
 
@@ -51,7 +56,9 @@ class Clock:
 
 def common_tick(times: Iterable[Fraction]) -> Fraction:
     """Return the largest time [s] of which all `times` are integer multiples."""
+    # Zero, such as an offset, is a multiple of every time.
     found = [t for t in times if t]
+    # The gcd of fractions is the gcd of their numerators over a common denominator.
     denominator = lcm(*(t.denominator for t in found))
     return Fraction(gcd(*(int(t * denominator) for t in found)), denominator)
 
@@ -95,6 +102,7 @@ def on_grid(time: Fraction, tick: Fraction) -> Fraction:
         The time, and the length of a tick [s].
     """
     nearest = round(time / tick) * tick
+    # A time much shorter than a tick must not become zero.
     return nearest if nearest and abs(time - nearest) <= tick * SNAP else time
 
 

@@ -22,6 +22,7 @@ def same(first: Port | None, second: Port | None) -> bool:
         return first is second
     if first.index is None or second.index is None:
         return first.index is second.index
+    # By elements: port[0:2] and port[[0, 1]] are the same slice.
     return np.array_equal(first.elements(), second.elements())
 
 
@@ -61,6 +62,8 @@ def fit(
     try:
         faults = _faults(source, target)
         if not faults:
+            # Inference may reveal what could not be compared before, such
+            # as units per element.
             _infer(source, target, where)
             faults = _faults(source, target)
     except WiringError as error:  # the numbers of units and elements differ
@@ -76,6 +79,7 @@ def fit(
 
 def _would_fit(source: Port, target: Port) -> bool:
     """Return whether an output is a candidate for an input."""
+    # An output of open shape would fit every input, so it is no useful proposal.
     if source.block is target.block or source.inferable_shape.is_open:
         return False
     try:
@@ -111,10 +115,14 @@ def _infer(source: Port, target: Port, where: str) -> None:
         ):
             getattr(source, name).unify(getattr(target, name), where)
         return
+    # A slice cannot share the properties of a whole port: its values
+    # are copied instead.
     for known, other in ((source, target), (target, source)):
         shape = other.inferable_shape
         if other.index is None and shape.is_open and known.shape is not None:
             shape.fix(known.shape, where)
+    # A wire to a part of an input says nothing about the unit and
+    # labels of the other parts.
     if target.index is not None:
         return
     if source.index is not None and target.inferable_unit.is_open:
@@ -127,6 +135,7 @@ def _infer(source: Port, target: Port, where: str) -> None:
 def _faults(source: Port, target: Port) -> list[str]:
     """Return the list of all properties that do not fit."""
     faults = []
+    # While a shape is open, only the units of the whole ports can be compared.
     pairs: Iterable[tuple[Unit, Unit]] = [(source.unit, target.unit)]
     if source.shape is not None and target.shape is not None:
         pairs = []
@@ -137,9 +146,11 @@ def _faults(source: Port, target: Port) -> list[str]:
             pairs = zip(source.element_units(), target.element_units(), strict=True)
     for i, (a, b) in enumerate(pairs):
         if isinstance(a, str) and isinstance(b, str) and (why := mismatch(a, b)):
+            # With one unit for all elements, the number of the element says nothing.
             both = isinstance(source.unit, str) and isinstance(target.unit, str)
             fault = why if both else f"{why} (element {i})"
             faults.append(fault + _origins(source, target, "unit"))
+            # One fault is enough: with a wrong unit, often all elements are wrong.
             break
     if (
         source.frame is not None

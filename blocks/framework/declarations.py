@@ -98,6 +98,8 @@ class Parameter(Declaration):
             If it is not a number, not finite, of the wrong shape or out of bounds.
         """
         where = f"parameter '{self.name}' of {owner}"
+        # Copied and read-only: a later change of the user's array must
+        # not change the block.
         array = finite_array(where, value, shape).copy()
         bad = np.zeros(array.shape, dtype=bool)
         for word, bound in self.bounds.items():
@@ -146,6 +148,7 @@ class State(Declaration):
         meaning: str = "",
         labels: tuple[str | int, ...] | Axes | str | None = None,
     ) -> None:
+        # State(1.0) is a likely mistake for State(initial=1.0).
         if isinstance(shape, float):
             raise BlockError(
                 f"{shape} is no shape of a state; its initial value is State(initial={shape})"
@@ -254,6 +257,8 @@ class Signals(dict[str, Array]):
         self.owner = owner
 
     def __getattr__(self, name: str) -> Array:
+        # Python calls this method only for names that are no methods of dict: a signal
+        # named `values` needs u["values"].
         try:
             return self[name]
         except KeyError:

@@ -59,6 +59,7 @@ class Diagram(Netlist):
     """
 
     def __init__(self, name: str = "diagram", *, loops: str = "refuse") -> None:
+        # Before super().__init__(), after which blocks are frozen.
         self.analysis_points: dict[str, Port] = {}
         one_of("policy for algebraic loops", loops, ("refuse", "solve"), DiagramError)
         self.loop_policy, self.loop_starts = loops, dict[tuple[str, str], Vector]()
@@ -67,6 +68,8 @@ class Diagram(Netlist):
         self.named(name)
 
     def __getattr__(self, name: str) -> Any:
+        # Through __dict__: before __init__, and while pickle restores a diagram, the
+        # attribute is missing, and looking it up would call this method again.
         blocks = self.__dict__.get("blocks", {})
         if name in blocks or name.startswith("_") or "ports" not in self.__dict__:
             return blocks[name] if name in blocks else super().__getattr__(name)
@@ -87,6 +90,7 @@ class Diagram(Netlist):
                 raise NameLookupError(
                     f"analysis point '{name}' of '{self.name}' is at '{port.path}', but there is no '{block}'"
                 )
+            # The block may have been replaced since the point was added.
             return self._present(port)
         try:
             return super().port(name)
@@ -146,8 +150,10 @@ class Diagram(Netlist):
             )
         named |= blocks
         for name, block in named.items():
+            # The same call again, as in a notebook, changes nothing.
             if name in self.blocks and self.blocks[name] is block:
                 continue
+            # A block that replaces another has the name already.
             if name not in self.blocks:
                 self._check_name(name)
             fault = ""
@@ -211,6 +217,7 @@ class Diagram(Netlist):
         for name, given in ports.items():
             inner = given if isinstance(given, tuple) else (given,)
             there = self.exposed.get(name, ())
+            # The same call again, as in a notebook, changes nothing.
             if len(inner) == len(there) > 0 and all(
                 is_port(p) and same(p, q) for p, q in zip(inner, there, strict=True)
             ):
@@ -227,6 +234,8 @@ class Diagram(Netlist):
                 )
             first = inner[0]
             for port in inner[1:]:
+                # One wire will drive all of them, so they must share
+                # shape, unit and frame.
                 unite(first, port, where)
             self.exposed[name] = inner
             self.ports[name] = replace(first, block=self, name=name)
@@ -348,6 +357,7 @@ class Diagram(Netlist):
                     f"{cannot} '{path}': pictures are SVG; name the file .svg"
                 )
             try:
+                # Atomic: an interrupted call leaves the old file.
                 with replaced(path) as partial:
                     partial.write_text(picture, encoding="utf-8")
             except OSError as error:

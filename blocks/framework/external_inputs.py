@@ -35,6 +35,7 @@ class External(Block):
         self.extent = port.shape or ()
         self.own_frame = port.frame
         units = port.element_units()
+        # One unit for all elements if possible; no unit if the input has no elements.
         self.own_unit = units[0] if len(set(units)) == 1 else units or None
         self.meaning = port.declaration.meaning
         self.start: float = (

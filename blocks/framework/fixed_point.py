@@ -34,6 +34,7 @@ def settle(sweep: Callable[[], Vector], rounds: int, fault: str) -> None:
     before = sweep()
     for _ in range(max(rounds, MIN_ROUND_LIMIT)):
         now = sweep()
+        # NaN is a value that is not known yet, so it counts as unchanged.
         if np.array_equal(before, now, equal_nan=True):
             return
         before = now

@@ -87,10 +87,12 @@ class Layout:
     def span_of(self, path: str) -> slice:
         """Return the slice of the vector that contains the arrays of one block."""
         own = self.of(path)
+        # The arrays of a block are contiguous, see `of`.
         return slice(own[0].start, own[-1].stop) if own else slice(0, 0)
 
     def describe(self, place: int) -> str:
         """Return the name of the element of the vector with index `place`, for messages."""
+        # An array without elements contains no place, so the match is unique.
         entry = next(e for e in self if e.start <= place < e.stop)
         element = f" (element {place - entry.start})" if entry.shape else ""
         return f"'{entry.path}.{entry.name}'{element}"
@@ -125,6 +127,7 @@ class Layout:
         NameLookupError
             If there is none; the message names the kind, `what`, gives the `hint`, and lists all arrays.
         """
+        # From the right: paths of blocks in nested diagrams contain dots.
         path, _, name = reference.rpartition(".")
         layouts = (self, *others)
         for layout in layouts:

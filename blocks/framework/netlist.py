@@ -93,12 +93,14 @@ class Netlist(Block):
 
     def _add_wire(self, source: Port | None, target: Port, where: str) -> None:
         """Check and add a wire, unless there is an equal one; `source` is None for a grounded input."""
+        # So that a notebook cell may be run again.
         if any(same(w.source, source) and same(w.target, target) for w in self.wires):
             return
         if target.is_input:
             self._check_free(target, where)
         if source is not None:
             outputs = (p for b in self.blocks.values() for p in b.outputs())
+            # All outputs here, so that the message can propose one that fits.
             fit(source, target, where, outputs)
         self.wires.append(Wire(source, target, where))
 
@@ -129,6 +131,7 @@ class Netlist(Block):
                 f"cannot drive input {target.describe()}: the index selects an element twice   [{where}]"
             )
         for other in self.wires:
+            # Slices of one input may have different drivers, if they share no element.
             if overlap(other.target, target):
                 by = "ground" if other.source is None else f"'{other.source.path}'"
                 raise WiringError(
@@ -201,6 +204,7 @@ class Netlist(Block):
         """Store a `block` under a `name`; it gets the wires of a block that had this name before."""
         before = self.blocks.get(name)
         self.blocks[name] = block
+        # Blocks are frozen: only __dict__ accepts a new name and diagram.
         block.__dict__.update(name=name, parent=self)
         if before is not None:
             before.__dict__["parent"] = None
@@ -219,12 +223,14 @@ class Netlist(Block):
 
     def _infer_anew(self) -> None:
         """Infer shapes, units, frames and labels from the present wires; remove wires that no longer fit."""
+        # Everywhere, as inferred properties pass through the ports of nested diagrams.
         root = self._surroundings()[-1]
         blocks = [root, *root.within()]
         for block in blocks:
             for port in block.ports.values():
                 for name in ("shape", "unit", "frame", "labels"):
                     getattr(port, f"inferable_{name}").forget()
+        # Inner diagrams first: wires outside need the new exposed ports.
         for diagram in reversed(blocks):
             if isinstance(diagram, Netlist):
                 for fault in diagram._fit_anew():
@@ -258,6 +264,7 @@ class Netlist(Block):
             for port in inner:
                 with suppress(LookupError, NameLookupError):
                     there.append(self._present(port))
+            # All inner ports are gone, so the exposed port goes too.
             if not there:
                 del self.exposed[name], self.ports[name]
                 continue
@@ -269,11 +276,14 @@ class Netlist(Block):
         before = -1
         while before < len(fitted):  # a slice may need a shape of a later wire
             before = len(fitted)
+            # Only the faults of the last pass count.
             faults = []
             for wire in self.wires:
                 if wire not in fitted:
                     try:
                         fitted[wire] = self._fit(wire)
+                    # The block or port was removed: the wire is dropped
+                    # without a warning.
                     except (LookupError, NameLookupError):
                         continue
                     except TrussflowError as error:
@@ -320,8 +330,11 @@ class Netlist(Block):
             raise WiringError(
                 f"cannot compute with {' and '.join(map(shown, given))}: {error}   [{where}]"
             ) from error
+        # Numbers among the operands are parameters of the block, not wires.
         ports = {f"u{i}": each for i, each in enumerate(given, 1) if is_port(each)}
         for other in self.blocks.values():
+            # The expression may be evaluated again, as in a notebook:
+            # equal blocks are reused.
             if isinstance(other, Sum | Operation) and other.computes == block.computes:
                 ends = {
                     w.target.name: w.source

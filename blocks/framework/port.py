@@ -156,6 +156,7 @@ class Inferable:
 
     def root(self) -> Inferable:
         """Return the representative of all properties unified with this one."""
+        # No path compression: `origin` needs the chain.
         found = self
         while found.parent is not None:
             found = found.parent
@@ -177,12 +178,14 @@ class Inferable:
 
     def forget(self) -> None:
         """Remove the value that was inferred from wires."""
+        # All unifications are undone; the wires that remain make theirs again.
         self.parent = None
         if not self.own:
             self.value, self.fixed, self.fixed_by = None, False, ""
 
     def origin(self) -> str:
         """Return the line that fixed the value; empty if the declaration did."""
+        # The first line up the chain is that of the wire which fixed the value here.
         found: Inferable | None = self
         while found is not None and not found.fixed_by:
             found = found.parent
@@ -193,8 +196,10 @@ class Inferable:
         a, b = self.root(), other.root()
         if a is b or (a.fixed and b.fixed):
             return
+        # The fixed one, if any, is kept, so that its value reaches all others.
         loser, keeper = (b, a) if a.fixed else (a, b)
         loser.parent = keeper
+        # Between two open ones, this wire fixes nothing.
         loser.fixed_by = where if keeper.fixed else ""
 
 
@@ -290,6 +295,7 @@ class Port(Wired):
 
     def elements(self) -> np.ndarray[Any, np.dtype[np.int64]]:
         """Return the row-major indices of the elements of this slice within the whole port."""
+        # Indexing the indices lets NumPy interpret any index of the user.
         whole = np.arange(self.size).reshape(self.whole_shape or ())
         return np.asarray(whole if self.index is None else whole[self.index])
 
@@ -321,6 +327,7 @@ class Port(Wired):
             return {}
         axes = labels if isinstance(labels, dict) else {VECTOR_AXIS: labels}
         sizes = tuple(map(len, axes.values()))
+        # One axis for each dimension, or several axes that are parts of a vector.
         if (sum(sizes),) != shape and sizes != shape:
             raise WiringError(
                 f"'{self.path}' has labels for {sizes} elements, but its shape is {shape}"
@@ -329,6 +336,8 @@ class Port(Wired):
             return axes if self.index is None else {}
         each = [(axis, label) for axis, part in axes.items() for label in part]
         each = [each[i] for i in self.elements().ravel()]
+        # A slice within one axis keeps its name; otherwise the parts
+        # have no common one.
         parts = {axis for axis, _ in each} or {*axes}
         return {
             parts.pop() if len(parts) == 1 else VECTOR_AXIS: tuple(
@@ -373,6 +382,7 @@ class Port(Wired):
                 f"cannot index '{self.path}': its shape is not known yet   [{where}]\n  "
                 "connect it to a port of known shape first, or give the block its shape"
             )
+        # The slice shares the inferable properties of the whole port.
         part = replace(self, index=index)
         try:
             _check_bounds(index, self.whole_shape)
@@ -394,6 +404,7 @@ class Port(Wired):
 
     def __rshift__(self, other: Port | Block) -> Block:
         """Connect this output to an input (or to the only input of a block); return that block."""
+        # Not isinstance: the module of Block imports this one.
         target = other.only_input() if hasattr(other, "only_input") else other
         self.wiring_diagram().connect(self, target, where=call_site())
         return target.block
@@ -407,6 +418,8 @@ class Port(Wired):
         """Return the diagram in which the port can be connected."""
         return self.block.diagram("wire")
 
+    # Otherwise `if a > b` would always be true, and `a < b < c` would
+    # drop its first half.
     def __bool__(self) -> bool:
         raise WiringError(
             f"'{self.path}' is a port, not a number: it has no truth value while wiring"
@@ -426,6 +439,7 @@ def port_text(value: object) -> str:
 def _check_bounds(index: Any, shape: tuple[int, ...]) -> None:
     """Raise IndexError for slices that exceed an axis, which NumPy would shorten without an error."""
     parts = index if isinstance(index, tuple) else (index,)
+    # NumPy checks arrays of indices itself; None and Ellipsis shift the axes.
     if any(not isinstance(part, int | np.integer | slice) for part in parts):
         return
     for axis, (part, size) in enumerate(zip(parts, shape, strict=False)):

@@ -87,6 +87,7 @@ def _insert_adder(system: System, target: Port, name: str) -> Port:
     everything = np.arange(target.size)
     system.blocks[adder.path] = adder
     system.drivers[adder.path, "u"] = system.drivers[key]
+    # Elements without a driver are zero: as yet, the adder changes nothing.
     system.drivers[adder.path, "w"] = []
     system.drivers[key] = [Driver(adder.y, everything, everything, "injected")]
     return adder.y
@@ -110,9 +111,10 @@ def probed(system: System, port: Port) -> tuple[System, Port]:
     leaf = resolved(port)
     if not leaf.is_input:
         return system, leaf
+    # A signal may have several probes: the number makes their names distinct.
     taken = sum(path.startswith(f"(at {leaf.path}") for path in system.blocks)
-    # a signal may have several probes
     system = _copy(system)
+    # An adder passes whole inputs only; the slice is taken from its output.
     whole = leaf.block.port(leaf.name)
     probe = _insert_adder(system, whole, f"(at {leaf.path}, {taken + 1})")
     return system, probe if leaf.index is None else probe[leaf.index]
@@ -130,6 +132,8 @@ def readers(system: System, port: Port) -> list[tuple[Port, Indices, Indices]]:
     """
     wanted = port.elements().ravel()
     if port.is_input:
+        # The signal of an input has one reader; of an exposed group,
+        # one for each input.
         numbers = np.arange(wanted.size)
         return [(leaf.block.port(leaf.name), wanted, numbers) for leaf in targets(port)]
     leaf = resolved(port)
@@ -141,6 +145,8 @@ def readers(system: System, port: Port) -> list[tuple[Port, Indices, Indices]]:
                 continue
             if driver.source.name != leaf.name:
                 continue
+            # All pairs of an element that this driver takes and an equal
+            # element of `port`.
             hits, taken = np.nonzero(driver.taken[:, None] == wanted)
             if hits.size:
                 target = system.blocks[path].port(name)
@@ -154,6 +160,7 @@ def _without(drivers: list[Driver], elements: Indices) -> list[Driver]:
     for driver in drivers:
         stays = ~np.isin(driver.given, elements)
         taken, given = driver.taken[stays], driver.given[stays]
+        # A driver whose elements are all cut is left out.
         if given.size:
             kept.append(replace(driver, taken=taken, given=given))
     return kept
@@ -189,6 +196,8 @@ def part_of(
             if source is None or source.block.path in inside:
                 drivers[key].append(driver)
                 continue
+            # One external input for each output outside, even if it
+            # drives several inputs.
             origin = (source.block.path, source.name)
             if origin not in outside:
                 outside[origin] = External(source.block.port(source.name), source.path)

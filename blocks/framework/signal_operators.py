@@ -19,6 +19,7 @@ def _of(function: np.ufunc, *, swapped: bool = False) -> Callable[..., Port]:
     """Return the operator that adds the block of a `function`, with its operands in order or `swapped`."""
 
     def operator(*operands: Any) -> Port:
+        # Python calls b.__radd__(a) for a + b if a is a number.
         given = operands[::-1] if swapped else operands
         found: Port = (
             operands[0]
@@ -50,6 +51,8 @@ class Wired:
             "NumPy such as np.sin(a) add a block; for other operations use Function, or @as_block"
         )
 
+    # Otherwise Python or NumPy would report an unrelated TypeError, or
+    # build an object array.
     __lshift__ = __rlshift__ = __float__ = __int__ = __array_function__ = _refused
 
     __add__, __radd__ = _of(np.add), _of(np.add, swapped=True)
@@ -65,6 +68,7 @@ class Wired:
     )
     __and__, __rand__ = _of(np.logical_and), _of(np.logical_and, swapped=True)
     __or__, __ror__ = _of(np.logical_or), _of(np.logical_or, swapped=True)
+    # Not == and !=: ports are compared by identity, which sets and dictionaries need.
     __lt__, __le__, __gt__, __ge__ = map(
         _of, (np.less, np.less_equal, np.greater, np.greater_equal)
     )
@@ -74,6 +78,7 @@ class Wired:
         self, function: np.ufunc, method: str, *operands: Any, **more: Any
     ) -> Any:
         """Add the block of a function of NumPy; an array on the left of ``>>`` raises `WiringError`."""
+        # NumPy handles `array >> port` itself, before Python calls __rrshift__.
         if function is np.right_shift:
             return getattr(self, "__rrshift__", self._refused)(operands[0])
         if method != "__call__" or more or function.nout != 1 or function.nin > 2:

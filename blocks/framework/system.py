@@ -160,6 +160,7 @@ def flatten(item: Block, *, external: bool = False) -> System:
     system = System(item, {})
     if isinstance(item, Diagram):
         system.diagrams[""] = item
+        # First, as the elements of wires and slices need all shapes.
         for block in item.within():
             _settle_ports(block)
         _collect(item, system)
@@ -177,6 +178,7 @@ def flatten(item: Block, *, external: bool = False) -> System:
             fault = _open(
                 port, system.drivers.setdefault((path, port.name), []), system
             )
+            # Inputs behind one exposed port give the same text.
             faults += [fault] if fault and fault not in faults else []
     if faults:
         error = OpenInputError(
@@ -193,6 +195,7 @@ def _drive_from_outside(system: System, port: Port) -> None:
     """Add the source of an external input for an input of the outermost block."""
     source = External(port)
     system.blocks[source.path] = source
+    # The exposed input has the shape of each of its targets.
     everything = np.arange(port.size)
     for target in targets(port):
         system.drivers.setdefault((target.block.path, target.name), []).append(
@@ -216,6 +219,7 @@ def _collect(diagram: Diagram, system: System) -> None:
     for wire in diagram.wires:
         source = None if wire.source is None else resolved(wire.source)
         given = wire.target.elements().ravel()
+        # Pairs of elements in row-major order: given[i] of the input reads taken[i].
         taken = given if source is None else source.elements().ravel()
         for target in targets(wire.target):
             system.drivers.setdefault((target.block.path, target.name), []).append(
@@ -225,6 +229,7 @@ def _collect(diagram: Diagram, system: System) -> None:
 
 def resolved(port: Port) -> Port:
     """Return the port of the (first) leaf block behind an exposed port, with the same slice."""
+    # All inputs of a group have the same driver, so the first one is enough.
     while isinstance(port.block, Diagram):
         inner = port.block.exposed[port.name][0]
         port = inner if port.index is None else inner[port.index]
@@ -243,6 +248,7 @@ def _open(port: Port, drivers: list[Driver], system: System) -> str:
 
     The name is that of the outermost exposed port that can be connected.
     """
+    # A default replaces a missing wire, not missing elements.
     if port.declaration.default is not None and not drivers:
         return ""
     driven = np.zeros(port.size, dtype=bool)
@@ -251,8 +257,10 @@ def _open(port: Port, drivers: list[Driver], system: System) -> str:
     if driven.all():
         return ""
     leaf = port
+    # Outer diagrams come before inner ones; the outermost is left out, as its inputs
+    # cannot be connected. Reversed, so that the outermost exposed port is found last.
     inner = [*system.diagrams.values()][1:]
-    for diagram in reversed(inner):  # inputs of the outermost one cannot be connected
+    for diagram in reversed(inner):
         for outer in diagram.inputs():
             port = outer if leaf in targets(outer) else port
     if not driven.any():

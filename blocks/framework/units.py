@@ -113,6 +113,7 @@ def parse(unit: str) -> pint.Unit:
 
 def _names(unit: str) -> list[str]:
     """Return the words in the string of a unit."""
+    # A word begins with a letter, so exponents and factors are left out.
     return re.findall(r"[^\W\d_]\w*", str(unit))
 
 
@@ -134,6 +135,7 @@ def check_declared(where: str, unit: object) -> None:
     for one in unit if isinstance(unit, tuple) else (unit,):
         if isinstance(one, str):
             try:
+                # Without pint if possible, see COMMON_UNITS.
                 if not COMMON_UNITS.issuperset(_names(one)):
                     parse(one)
             except BlockError as error:
@@ -163,6 +165,7 @@ def mismatch(first: str, second: str) -> str:
         return str(error)
     if a.dimensionality != b.dimensionality:
         return f"unit {first!r} does not fit {second!r}"
+    # Conversions are affine: two points give offset (degC to K) and factor (km to m).
     zero, one = (_registry().Quantity(value, a).to(b).magnitude for value in (0.0, 1.0))
     if zero != 0:
         return f"unit {first!r} has another zero than {second!r}; convert it in a block"
@@ -185,6 +188,7 @@ def factor(given: str, wanted: str) -> float:
     1000.0
     """
     fault = mismatch(given, wanted)
+    # Units that differ by a factor only are converted; other faults are errors.
     if fault and "insert a Gain" not in fault:
         raise BlockError(fault)
     scale: float = _registry().Quantity(1.0, parse(given)).to(parse(wanted)).magnitude

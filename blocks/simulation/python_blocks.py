@@ -120,8 +120,8 @@ class PythonBlocks:
         self.stages: list[list[tuple[list[Pair], bool]]] = []
         for number, active in enumerate(sets):
             name = f"inputs_{number}" if number else "continuous"
-            # The first set is empty: it stands for the continuous
-            # blocks, which have no clock.
+            # The first set is empty: its blocks are the continuous
+            # ones, which have no clock.
             ticking = active or {None}
             blocks = [b for b in plan.python_blocks if clock(b) in ticking]
             inputs = {
