@@ -71,6 +71,8 @@ class Pieces:
         if path is not None:
             self.path = as_path(SimulationError, "cannot keep the sweep in", path)
             try:
+                # Through JSON, so that it equals the identity that was read from a
+                # file: tuples are lists.
                 self._open(self.path, json.loads(json.dumps(identity)))
             except BaseException:
                 self.close()
@@ -87,6 +89,8 @@ class Pieces:
                 raise SimulationError(
                     f"'{folder}' is no folder of a sweep, and not empty; give another path"
                 )
+            # Before sweep.json is written: of two sweeps that start at
+            # once, only one goes on.
             self._lock = locked_folder(folder, "sweep")
             if not file.exists():
                 with replaced(file) as partial:
@@ -106,6 +110,7 @@ class Pieces:
                 "give another path, or delete the folder"
             )
         names = (int(piece.stem) for piece in self._pieces())
+        # After the last number, so that no chunk is ever overwritten.
         self._next = itertools.count(1 + max(names, default=-1))
         for piece in self._pieces():
             found = self._read(piece)
@@ -133,6 +138,8 @@ class Pieces:
                 )
             self._waiting.append(sample)
             self._bytes += sum(value.nbytes for value in sample.values.values())
+            # As yet in memory only: after a kill, the resumed sweep
+            # runs the sample again.
             self.finished[sample.number] = True
             self.failed[sample.number] = sample.status != "complete"
         self.write(force=False)
@@ -156,6 +163,8 @@ class Pieces:
             self._save(piece)
             small = [p for p in self._pieces() if p.stat().st_size < PIECE_BYTES]
             if len(small) >= SMALL_PIECES:
+                # Saved before the small ones are deleted: a kill in between leaves
+                # duplicates, which `_joined` removes.
                 self._save(_joined(map(self._read, small)))
                 for one in small:
                     one.unlink()
@@ -208,6 +217,7 @@ def _piece(samples: Sequence[Sample]) -> xr.Dataset:
         )
     found = xr.Dataset(coords=varied | {"sample": numbers})
     for name in dict.fromkeys(name for s in samples for name in s.values):
+        # A sample that failed has no values, so its entries become NaN.
         there = {s.number: s.values[name] for s in samples if name in s.values}
         if all(
             isinstance(value, np.ndarray) and not value.ndim for value in there.values()
@@ -217,6 +227,8 @@ def _piece(samples: Sequence[Sample]) -> xr.Dataset:
                 [float(there.get(number, np.nan)) for number in numbers],
             )
             continue
+        # Signals may have different lengths: the outer join fills the
+        # shorter ones with NaN.
         arrays = [_with_coordinates(name, value) for value in there.values()]
         index = xr.DataArray(list(there), dims="sample", name="sample")
         whole = xr.concat(
@@ -248,6 +260,7 @@ def _joined(parts: Iterable[xr.Dataset]) -> xr.Dataset:
     found = xr.concat(
         parts, "sample", data_vars="all", coords="all", compat="override", join="outer"
     )
+    # np.unique() sorts, and returns the first of equal samples.
     _, first = np.unique(found["sample"].values, return_index=True)
     found = found.isel(sample=first)
     for name in [

@@ -56,8 +56,11 @@ class Dispatch:
         self._together = together
         self.total = len(next(iter(columns.values())))
         self._fresh = deque(np.flatnonzero(~pieces.finished).tolist())
+        # Samples of a lost task: which of them ended the worker is found
+        # by running each alone.
         self._again: deque[int] = deque()
         self._running: dict[Future[Any], tuple[list[int], bool]] = {}
+        # Total wall time and number of samples so far, for the size of tasks.
         self._seconds = 0.0
         self._timed = 0
 
@@ -90,6 +93,8 @@ class Dispatch:
                 while self._fresh or self._again or self._running:
                     while (self._fresh or self._again) and len(self._running) < room:
                         self._submit(room)
+                    # With a timeout, so that chunks are written in time
+                    # even if no task ends.
                     done, _ = wait(self._running, PIECE_SECONDS, FIRST_COMPLETED)
                     for future in done:
                         self._take(future)
@@ -109,6 +114,8 @@ class Dispatch:
             size = (
                 int(TASK_SECONDS * self._timed / self._seconds) if self._seconds else 1
             )
+            # At most an equal share of the rest, so that no worker waits for the others
+            # at the end. Whole batches, so that all lanes are used.
             groups = min(size, TASK_SAMPLES, len(self._fresh) // room) // self._together
             size = max(1, groups) * self._together
             numbers = [
@@ -134,9 +141,12 @@ class Dispatch:
                 not isinstance(error, WorkerLostError)
                 and type(error).__name__ != "KilledWorker"
             ):
-                # of Dask
+                # KilledWorker is the same error of Dask, which may not be installed.
                 raise self._broken(error) from error
             hung = getattr(error, "code", None) == HUNG_EXIT_CODE
+            # A sample counts as lost if its worker ended twice: the first time may be
+            # chance, such as another process that used up the memory. A hung sample
+            # would only hang again.
             if len(numbers) > 1 or not (again or hung):
                 self._again.extend(numbers)
                 return

@@ -64,6 +64,7 @@ class Processes(ThreadPoolExecutor):
 
     def __init__(self, workers: int) -> None:
         super().__init__(workers, "sweep")
+        # One process for each thread of the pool.
         self._own = threading.local()
         self._all: set[subprocess.Popen[bytes]] = set()
 
@@ -82,6 +83,7 @@ class Processes(ThreadPoolExecutor):
             process.stdin.flush()
             done, found = pickle.load(process.stdout)
         except (OSError, EOFError, pickle.UnpicklingError):
+            # The next task of this thread starts a new process.
             self._own.process = None
             _ended(process)
             self._all.discard(process)
@@ -97,6 +99,7 @@ class Processes(ThreadPoolExecutor):
         )
         path = os.pathsep.join(os.path.abspath(entry) for entry in sys.path)
         self._own.process = process = subprocess.Popen(
+            # Without -P, Python would put the current folder before PYTHONPATH.
             [sys.executable, "-P", "-c", START_CODE],
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,

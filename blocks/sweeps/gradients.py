@@ -114,6 +114,7 @@ class DifferentiatedRun:
         ]
         every = prepared.ticks(simulator.log_step or exact(duration), "log_step")
         end = prepared.ticks(exact(duration), "the duration")
+        # A run logs its end, too, even between two multiples of log_step.
         instants = np.unique([*range(0, end, every), end])
         self.results: dict[str, tuple[int, ...]] = {}
         self._made = self._made_of(
@@ -126,8 +127,11 @@ class DifferentiatedRun:
         if plan.has_events:
             self._executor = TangentExecutor(prepared, many)
             return
+        # Called with at = q: the initial value is then z, and its
+        # derivative by q is `slopes`.
         q, at, z = (ca.MX.sym("symbol", n) for n in (many, many, size))
         slopes = ca.MX.sym("slopes", size, many)
+        # The last tick logs the end; the step that follows it is not used.
         ticks = int(instants[-1]) + 1
         run = self._tick(prepared, size).mapaccum("run", ticks)
         times, due = _calendar(prepared, ticks)
@@ -143,10 +147,13 @@ class DifferentiatedRun:
         programs = {program.name: program.expanded for program in prepared.programs}
         sizes = {"z": size, "q": self.values.size, "t": 3, "due": 1}
         z, q, times, due = (ca.MX.sym(name, n) for name, n in sizes.items())
+        # Defaults are constants; only varied parameters depend on q.
         p = ca.MX(plan.parameters({}))
         for e, own in self._parameters:
             p[own.start : own.stop] = q[e.start : e.stop]
         x, d = ca.vertsplit(z, [0, plan.x.size, plan.x.size + plan.d_size])
+        # Set 0 samples nothing. The last argument lets CasADi evaluate
+        # the chosen branch only.
         for number in range(1, len(prepared.schedule.sets)):
             d = ca.if_else(
                 due == number, programs[f"sample_{number}"](times[0], x, d, p), d, True
@@ -177,6 +184,8 @@ class DifferentiatedRun:
             values.append(
                 ca.vec(logged[(channel.columns.start + elements.ravel()).tolist(), :])
             )
+        # The functions are traced with plain symbols for the signals, which are then
+        # replaced by the columns of the logged rows.
         found = []
         for name, function in functions.items():
             with explained(name), written_out():
@@ -243,12 +252,15 @@ class DifferentiatedRun:
         """Return the results of the functions for a run with events, and their derivative by q."""
         states = self._plan.x.size
         p, _ = self._p_and_initial(q)
+        # A varied parameter is itself an element of q: its derivative is a unit vector.
         moved = np.zeros((len(p), len(q)))
         for e, own in self._parameters:
             moved[own.start : own.stop, e.start : e.stop] = np.eye(own.stop - own.start)
         parts = (z[:states], z[states:], p), (slopes[:states], slopes[states:], moved)
         rows, along = self._executor.run(self._instants, *parts)
         found = self._made(rows.T)
+        # From (ticks, width, q): the columns of all ticks for each direction, side by
+        # side, as forward() of CasADi expects.
         seeds = np.moveaxis(along, 2, 0).reshape(-1, rows.shape[1]).T
         derivative = self._made.forward(len(q))(rows.T, found, seeds)
         return found.full(), derivative.full()
@@ -269,9 +281,9 @@ class DifferentiatedRun:
         columns = []
         for k in range(len(q)):
             step = np.zeros(len(q))
-            step[k] = (
-                np.spacing(abs(q[k]) + 1.0) * 2.0**40
-            )  # a power of two, so that differences of an affine function are not rounded
+            # A power of two, so that differences of an affine function are not rounded.
+            step[k] = np.spacing(abs(q[k]) + 1.0) * 2.0**40
+            # An affine function changes twice as much over twice the step.
             once, twice = self._start(q + step) - z, self._start(q + 2.0 * step) - z
             if np.max(
                 np.abs(twice - 2.0 * once), initial=0.0
@@ -386,4 +398,5 @@ def _calendar(prepared: Prepared, ticks: int) -> tuple[Vector, Vector]:
     begin, end = times[:-1], times[1:]
     middle = begin + prepared.tick_seconds / 2
     due = prepared.schedule.due(0, ticks)[None].astype(float)
+    # As in `Executor._step`: a signal that jumps at the end has not jumped yet.
     return np.array([begin, middle, np.nextafter(end, begin)]), due

@@ -83,6 +83,7 @@ def differentiated(
     values = ca.vertcat(*(to_expression(value) for value in traced.values()))
     jacobian = ca.densify(ca.jacobian(column, values))
     slope_of = ca.Function("slope", [values], [jacobian])
+    # All samples share one compiled function: their values are inputs, too.
     run = DifferentiatedRun(simulator, duration, functions, [*made, *samples[0]])
     for e, (name, shape) in zip(run.values, shapes.items(), strict=False):
         if shape != e.shape:
@@ -98,6 +99,8 @@ def differentiated(
         for name in functions:
             found[name] = np.stack([one[name] for one, _ in each])
             slopes[name] = np.stack(
+                # The chain rule; columns of the samples' own values, which do
+                # not vary, are left out.
                 [by[name][:, : len(slope)] @ slope for _, by in each]
             )
         return Trial(found, slopes)
@@ -138,8 +141,10 @@ def swept(
         made, folder = becoming(**values), None
         if path is not None:
             flat = np.concatenate([*map(np.ravel, made.values())])
+            # Named by the values: the same call finds the runs of each trial again.
             folder = Path(path) / hashlib.sha256(flat.tobytes()).hexdigest()[:16]
         names = (*made, *samples[0])
+        # One row for each sample: the names vary together, not in a grid.
         rows = [[{**made, **sample}[name] for name in names] for sample in samples]
         runs = sweep(
             simulator,
@@ -153,6 +158,7 @@ def swept(
         outcomes = zip(runs["status"].values, runs["message"].values, strict=True)
         for status, message in outcomes:
             if status != "complete":
+                # A search survives divergence, but ends at any other failure.
                 error = DivergenceError if status == "diverged" else SimulationError
                 raise error(str(message))
         found = {name: runs[name].values for name in functions}

@@ -41,6 +41,8 @@ class Kept(NamedTuple):
 
 
 def _mean(times: Vector, values: Vector) -> Any:
+    # Weighted by time: steps of an adaptive solver, and the last
+    # one, have other lengths.
     return np.trapezoid(values, times, axis=0) / (times[-1] - times[0])
 
 
@@ -48,6 +50,7 @@ def _settling(times: Vector, values: Vector) -> Any:
     """Return the settling time of each element."""
     far = np.abs(values - values[-1])
     outside = far > SETTLING_BAND * far.max(axis=0)
+    # The last time outside is the first True of the reversed array.
     last = len(times) - 1 - np.argmax(outside[::-1], axis=0)
     return np.where(
         outside.any(axis=0), times[np.minimum(last + 1, len(times) - 1)], times[0]
@@ -99,6 +102,7 @@ def understood(keep: Any) -> Kept:
             functools.partial(_made, output, pair[1]),
             True,
         )
+    # A function may read any output, so all must be logged.
     plain = not any(callable(what) for what in keep.values())
     return Kept(functools.partial(_each, functions), list(outputs) if plain else None)
 
@@ -152,6 +156,8 @@ def _text(thing: Any) -> str:
             [cell.cell_contents for cell in thing.__closure__ or ()],
         )
         constants = (str, Number, np.ndarray)
+        # Constants of the module that the function uses: a change of
+        # them changes its result.
         values += [
             v
             for n in code.co_names
@@ -167,6 +173,7 @@ def _text(thing: Any) -> str:
     if isinstance(thing, Mapping):
         return _text([(str(key), value) for key, value in thing.items()])
     if isinstance(thing, list | tuple | frozenset):
+        # The order of a set differs from process to process.
         parts = [_text(part) for part in thing]
         return str(sorted(parts) if isinstance(thing, frozenset) else parts)
     if isinstance(thing, np.ndarray):

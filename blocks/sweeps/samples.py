@@ -104,7 +104,9 @@ class Runs:
         import xarray  # noqa: F401 - here, so that the time of the first sample does not include it
 
         self.recipe = recipe
+        # Reentrant, as `together` holds it while `lanes` calls `simulator`.
         self._building = threading.RLock()
+        # A cache of this object, not of the class: it is released with the object.
         self._built = functools.lru_cache(MAX_CACHED_SIMULATORS)(self._build)
         self._place = functools.lru_cache(_Place.of)
 
@@ -121,7 +123,10 @@ class Runs:
     def simulator(self, values: Mapping[str, Any]) -> Simulator:
         """Return the simulator of a sample; `values` whose names have no dot are arguments of the model."""
         arguments = {
-            name: value.item() for name, value in values.items() if "." not in name
+            # Arguments are Python numbers or text, which can be keys of the cache.
+            name: value.item()
+            for name, value in values.items()
+            if "." not in name
         }
         with self._building:  # threads share the simulators
             return self._built(tuple(arguments.items()))
@@ -154,6 +159,7 @@ class Runs:
                         # the run of this sample alone reports the error
                         each[number] = self.overrides(plan, values)
                 found = lanes.run(recipe.duration, [*each.values()], recipe.not_finite)
+                # None for a failed run, which `sample` repeats alone for its error.
                 results = dict(zip(each, found, strict=True))
             for number, values in group:
                 yield self.sample(number, values, results.get(number))
@@ -179,6 +185,7 @@ class Runs:
                     "returns a diagram"
                 )
             try:
+                # Checks the names only: the model itself is built below.
                 inspect.signature(model).bind(**dict.fromkeys(arguments))
             except TypeError as error:
                 raise NameLookupError(
@@ -224,6 +231,8 @@ class Runs:
                 p = plan.parameters(parameters)
                 named = plan.p.named(p) if place.is_parameter else _states(plan, p)
                 own[place.reference] = named[place.reference]
+            # A copy: the array may be a row of the varied values,
+            # which must not change.
             own[place.reference] = np.array(own[place.reference])
             own[place.reference][place.element] = value
         return parameters, initial
@@ -311,6 +320,7 @@ class _Place(NamedTuple):
         )
         element = tuple(int(word) for word in words.split(",") if word)
         try:
+            # NumPy checks the index, and gives the shape of the element.
             shape = np.empty(entry.shape)[element].shape
         except IndexError:
             raise NameLookupError(
@@ -364,6 +374,8 @@ _loading = threading.Lock()
 
 def runs_of(recipe: bytes) -> Runs:
     """Return the executor of the samples of a pickled `recipe`, built once per process."""
+    # Tasks of several threads may start at once; unpickled once, the
+    # model is compiled once.
     with _loading:
         if recipe not in known:
             known.clear()  # releases the last sweep of this worker
@@ -411,7 +423,9 @@ def watch() -> None:
     def look() -> None:
         while True:
             time.sleep(END_TIMEOUT / 10)
+            # A copy of the values, as other threads add and remove deadlines.
             if any(time.monotonic() > until for until in list(_deadlines.values())):
+                # No exception can stop compiled code; only the end of the process does.
                 os._exit(HUNG_EXIT_CODE)
 
     threading.Thread(target=look, daemon=True).start()

@@ -158,12 +158,14 @@ def sweep(
         and not isinstance(model, Simulator)
         and kept.outputs is not None
     ):
+        # Other outputs would be computed and stored for nothing.
         settings["log"] = kept.outputs
     columns = drawn(vary, samples, seed, method)
     recipe = Recipe(
         model, float(duration), dict(settings), not_finite, kept.function, time_limit
     )
     runs = Runs(recipe)
+    # Wrong names and shapes are reported here, before any worker starts.
     simulator = runs.check({name: values[0] for name, values in columns.items()})
     logged = [channel.name for channel in simulator.prepared.channels]
     if missing := [name for name in kept.outputs or () if name not in logged]:
@@ -185,6 +187,7 @@ def sweep(
     }
     count = len(next(iter(columns.values())))
     step, side = simulator.prepared.step, _side_by_side(executor, workers)
+    # A varied argument changes the structure, so there is no common code for a batch.
     if step is not None and time_limit is None and all("." in name for name in columns):
         steps = repeats * count * duration / float(step)
         enough = steps >= MIN_BATCHED_STEPS and 2 * count >= lanes() * side
@@ -196,6 +199,7 @@ def sweep(
     )
     with Explained(lambda error: SimulationError(explained.format(error))):
         pickled = cloudpickle.dumps(recipe)
+    # Threads, and the serial executor, find the prepared model here.
     known[pickled] = runs
     pieces = Pieces(path, identity, count)
     attributes = provenance() | {
@@ -214,6 +218,7 @@ def sweep(
             dispatch = Dispatch(
                 pool, pickled, columns, pieces, together.count if together else 1
             )
+            # Two tasks for each worker, so that the next one is there when one is done.
             dispatch.run(simulator.prepared.plan.name, 2 * side, progress)
         return pieces.whole().assign_attrs(attributes)
     except KeyboardInterrupt:
@@ -280,6 +285,7 @@ def rerun(
         model, json.loads(swept.attrs["duration"]), settings, swept.attrs["not_finite"]
     )
     runs = Runs(recipe)
+    # The digest of a sweep is that of the model of its first sample.
     first = swept.isel(sample=0)
     if (
         digest(runs.check({name: first[name].values[()] for name in values}))

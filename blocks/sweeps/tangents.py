@@ -44,6 +44,8 @@ class TangentExecutor(InterpretedExecutor):
         self._prepared, self._rows = prepared, list[Array]()
         # Slopes have one direction more than q: the length of the step, on which only a step depends.
         self._length = np.eye(1, count + 1, count)
+        # Derivative of the present time, which depends on q after an event; and time
+        # and state at which the present step began.
         self._time, self._begin = np.zeros((1, count + 1)), (0.0, np.zeros(0))
         functions = {program.name: program.expanded for program in prepared.programs}
         rate, h = functions.pop("derivative"), ca.MX.sym("h")
@@ -83,6 +85,7 @@ class TangentExecutor(InterpretedExecutor):
             If a state stops being finite.
         """
         x, d, p = (part.copy() for part in start)
+        # The initial values do not depend on the length of a step: a zero column.
         self._x, self._d, self._p = (np.pad(s, ((0, 0), (0, 1))) for s in slopes)
         self._rows, prepared, end = [], self._prepared, int(logged[-1])
         due, flags = prepared.schedule.due(0, end + 1), np.zeros(end, dtype=np.uint8)
@@ -95,6 +98,7 @@ class TangentExecutor(InterpretedExecutor):
             raise progress.error
         if progress.fault:
             raise DivergenceError(f"the run stops being finite at t = {t:g} s")
+        # The instant of the end: `advance` stops just before it.
         if due[-1]:
             d[:] = self.call(f"sample_{due[-1]}", t, x, d, p)
         rows[-1] = self.call("outputs", t, x, d, p)
@@ -102,6 +106,8 @@ class TangentExecutor(InterpretedExecutor):
 
     def call(self, name: str, t: float, x: Vector, d: Vector, p: Vector) -> Vector:
         """Return the quantity of that name, and update the derivatives with it."""
+        # Before the states jump, their derivatives must be those at
+        # the time of the event.
         if name == "on_event":
             self._to_event(t, x, d, p)
         found = super().call(name, t, x, d, p)
@@ -149,6 +155,8 @@ class TangentExecutor(InterpretedExecutor):
     def _to_instant(self, t: float, d: Vector, p: Vector) -> None:
         """Move the derivatives to a fixed time `t` [s]; a later event time makes the step shorter."""
         state = self._stepped(t, d, p)
+        # A fixed end makes dh/dq = -dt/dq, with the time t of the begin. The unit in
+        # `_length` also removes the last column.
         self._x = state - state[:, -1:] * (self._time + self._length)
         self._time = np.zeros_like(self._time)
 
@@ -171,6 +179,7 @@ class TangentExecutor(InterpretedExecutor):
 
     def _to_event(self, t: float, x: Vector, d: Vector, p: Vector) -> None:
         """Move the derivatives to an event at time `t` [s], whose time depends on q if a step leads to it."""
+        # An event that follows a jump at this very time: no step leads to it.
         if t == self._begin[0]:
             return
         state, plan = self._stepped(t, d, p), self._prepared.plan
@@ -182,6 +191,7 @@ class TangentExecutor(InterpretedExecutor):
         )
         fired = np.flatnonzero(d[plan.fired.span])
         with np.errstate(divide="ignore", invalid="ignore"):
+            # dh/dq by the formula of this module; the last column is dg/dh.
             lengths = -g[fired] / g[fired, -1:]
         apart = np.abs(lengths - lengths[0]) > SIMULTANEITY_TOLERANCE * np.abs(
             lengths
@@ -198,6 +208,8 @@ class TangentExecutor(InterpretedExecutor):
                 f"cannot differentiate the run of '{plan.name}': at t = {t:g} s {' and '.join(names)} "
                 f"{why}, so the run does not depend smoothly on the varied values"
             )
+        # All events have the same dh/dq. Its last element is -1, so that the column of
+        # the length becomes zero.
         self._x = state + state[:, -1:] * lengths[0]
         self._time = time + lengths[0]
 

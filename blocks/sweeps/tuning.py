@@ -188,6 +188,7 @@ def tune(
     }
     simulator = model if isinstance(model, Simulator) else Simulator(model, **settings)
     ranges = _ranges(simulator, vary, becoming is not None)
+    # dict(**values) returns the values themselves.
     becoming = dict if becoming is None else becoming
     start = {name: begin for name, (_, begin, _) in ranges.items()}
     made = by_name("what is tuned", becoming(**start))
@@ -221,6 +222,7 @@ def tune(
         return np.concatenate([np.ravel(one) for one in found])
 
     before = search.at(search.start).cost
+    # Relative to the initial cost, as the tolerances of the optimizers are absolute.
     scale = abs(before) or 1.0
     method: dict[str, Any] = {"method": "SLSQP" if derivatives else "COBYQA"}
     room: dict[str, Any] = {"type": "ineq", "fun": lambda x: search.at(x).room}
@@ -239,6 +241,8 @@ def tune(
         return search.at(x).cost / scale
 
     def missing(x: Vector) -> float:
+        # A requirement that is NaN, as the poles of an impossible
+        # design, counts as not met.
         least = np.min(
             [np.min(one["fun"](x), initial=0.0) for one in constraints], initial=0.0
         )
@@ -260,6 +264,7 @@ def tune(
             scaled, search.start, bounds=bounds, constraints=constraints, **method
         )
     except KeyboardInterrupt:
+        # First the smallest violation of limits, then the smallest cost.
         best = min(search.tried, key=lambda x: (missing(x), search.at(x).cost))
         kept = (
             f"; the same call goes on with the runs in '{path}'"
@@ -337,6 +342,7 @@ class _Search:
         self.tried = [self.start]
 
     def _flat(self, x: Vector) -> Vector:
+        # Clipped, as optimizers may leave the bounds by round-off.
         return np.asarray(self._low + self._span * np.clip(x, 0.0, 1.0))
 
     def values(self, x: Vector) -> dict[str, Array]:
@@ -349,6 +355,8 @@ class _Search:
 
     def at(self, x: Vector) -> _Found:
         """Return the results at a point; if a run diverges, a large cost with the last derivatives."""
+        # Cost, limits and derivatives are asked for separately, but
+        # come from one trial.
         key = self._flat(x).tobytes()
         if key not in self._known:
             try:
@@ -356,6 +364,8 @@ class _Search:
                 self.tried.append(np.array(x))
                 self._worst = max(self._worst, abs(self._last.cost))
             except DivergenceError:
+                # An exception would end the search; a large cost lets the
+                # optimizer turn back.
                 self._last = self._last._replace(
                     cost=DIVERGED_COST_FACTOR * self._worst + 1.0
                 )
@@ -373,6 +383,8 @@ class _Search:
         for name, (_, most) in self._limits.items():
             rooms.append(np.ravel(_spare(found[name], most)))
             if slopes:
+                # The sign of (most - found), and the scales of limits and
+                # ranges, by the chain rule.
                 sizes = np.broadcast_to(_size(most), found[name].shape).reshape(-1, 1)
                 room_slopes.append(
                     -slopes[name].reshape(-1, len(x)) * self._span / sizes

@@ -96,6 +96,7 @@ def drawn(
     count = samples or 1
     lengths = [len(next(iter(own.values()))) for own in lists.values()]
     combinations = prod(lengths)
+    # The samples of the distributions are one more axis, the fastest one.
     grid = np.arange(combinations * count)
     found: dict[str, NDArray[Any]] = {}
     places = np.unravel_index(grid, (*lengths, count))
@@ -106,6 +107,7 @@ def drawn(
             raise SimulationError(
                 f"the distribution of {_quoted(names)} gives {shown(values[0])} in all samples"
             )
+        # The same samples at each grid point, so that points can be compared.
         values = np.tile(values, (combinations, *[1] * (values.ndim - 1)))
         found |= (
             {names: values} if isinstance(names, str) else _columns(names, [*values])
@@ -176,6 +178,8 @@ def _draws(random: Vary, count: int, seed: int, method: str) -> dict[Any, NDArra
         return {}
     sizes = [int(getattr(d, "dim", 0)) for d in random.values()]
     places = spans(max(1, size) for size in sizes)
+    # One point of all distributions together, so that Latin hypercubes and Sobol
+    # points fill the whole space.
     numbers, found = _uniform(count, places[-1].stop, seed, method), {}
     each = zip(random.items(), sizes, places, strict=True)
     for (names, distribution), size, place in each:
@@ -192,9 +196,11 @@ def _draws(random: Vary, count: int, seed: int, method: str) -> dict[Any, NDArra
             sizes_of, axes = np.linalg.eigh(
                 distribution.cov_object.covariance
             )  # eigenvectors, as it may be singular
+            # Round-off may make zero eigenvalues negative.
             spread = axes * np.sqrt(np.maximum(sizes_of, 0.0))
             found[names] = distribution.mean + stats.norm.ppf(own) @ spread.T
         elif method == "random":
+            # Each distribution has its own stream of random numbers.
             generator = np.random.default_rng([seed, place.stop])
             found[names] = np.asarray(
                 distribution.rvs(size=count, random_state=generator)
@@ -215,4 +221,5 @@ def _uniform(count: int, size: int, seed: int, method: str) -> Vector:
     else:
         engine = getattr(qmc, ENGINES[method])
         numbers = engine(size, rng=np.random.default_rng(seed)).random(count)
+    # The inverse of a distribution may be infinite at 0 and 1.
     return np.clip(numbers, 2.0**-54, 1 - 2.0**-53)

@@ -18,6 +18,7 @@ def main() -> None:
     requests = os.fdopen(os.dup(0), "rb")
     answers = os.fdopen(os.dup(1), "wb")
     os.dup2(os.open(os.devnull, os.O_RDONLY), 0)
+    # What user code prints goes to standard error, not among the answers.
     os.dup2(2, 1)
     tasks: queue.SimpleQueue[Any] = queue.SimpleQueue()
     threading.Thread(target=_listen, args=(tasks, requests), daemon=True).start()
@@ -38,4 +39,6 @@ def _listen(tasks: queue.SimpleQueue[Any], requests: BinaryIO) -> None:
         try:
             tasks.put(pickle.load(requests))
         except (EOFError, OSError, ValueError):
+            # The parent has ended. sys.exit() would end this thread
+            # only, not the sample.
             os._exit(0)
