@@ -28,10 +28,10 @@ class Running(Equations):
     Attributes
     ----------
     stuck : str
-        Reason why it cannot return to an earlier time, for messages.
+        Reason why the state cannot be saved, for messages.
     """
 
-    stuck = "what its open() returns would have to override save() and restore()"
+    stuck = "its open() must return an object that overrides save() and restore()"
 
     @property
     def restores(self) -> bool:

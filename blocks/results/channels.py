@@ -1,4 +1,4 @@
-"""Channels: what is logged, and where it stands in a row of numbers."""
+"""Channels: the logged signals, and their columns in a logged row."""
 
 from __future__ import annotations
 
@@ -42,11 +42,11 @@ class Channel:
 
     @property
     def is_mode(self) -> bool:
-        """Whether it is a mode, which may be infinite."""
+        """Whether the signal is a mode, which may be infinite."""
         return self.port.name in self.port.block.declared(Mode)
 
     def values(self, *pieces: Vector) -> Vector:
-        """Return this channel's part of `pieces` of logged rows [as declared], one after the other."""
+        """Return the values of this channel in `pieces` of logged rows [as declared], joined along time."""
         elements = self.port.elements()
         columns = self.columns.start + elements.ravel()
         found = np.concatenate([rows[:, columns] for rows in pieces])
@@ -70,10 +70,10 @@ class Channel:
 
 
 def channels(ports: Mapping[str, Port]) -> list[Channel]:
-    """Lay ports out in one row.
+    """Return the channels of ports, which follow one another in a row.
 
-    One name of an axis stands for the same labels in the whole result: an axis with other labels gets a
-    number behind its name. Axes without labels are named by their size, so that signals of one shape can be
+    All axes of one name in a result have the same labels: an axis with other labels gets a number behind
+    its name. Axes without labels are named by their size, so that signals of one shape can be
     subtracted.
 
     Raises
@@ -86,6 +86,7 @@ def channels(ports: Mapping[str, Port]) -> list[Channel]:
     known: Axes = {}
     for name, port in ports.items():
         text: object = name
+        # netCDF has no '/' in names, and 'time' is the name of the coordinate.
         if not isinstance(text, str) or text in ("", "time") or "/" in text:
             raise SimulationError(
                 f"cannot log {port.describe()} as {name!r}: names are not empty, not 'time', and without '/'"
@@ -93,12 +94,14 @@ def channels(ports: Mapping[str, Port]) -> list[Channel]:
         shape, declared, axes = port.shape or (), port.axes(), Axes()
         if len(declared) != len(shape):
             axes = {
+                # A square matrix needs two names: element_3 and element_3_.
                 f"element_{n}" + "_" * shape[:i].count(n): ()
                 for i, n in enumerate(shape)
             }
         else:
             for axis, labels in declared.items():
                 names = chain([axis], (f"{axis}_{k}" for k in count(2)))
+                # setdefault() claims a new name, and finds the labels of a known one.
                 free = (
                     n
                     for n in names
@@ -111,11 +114,12 @@ def channels(ports: Mapping[str, Port]) -> list[Channel]:
 
 
 def _signal(system: System, reference: Port | str) -> Port:
-    """Return the port of a leaf block that is meant, or what stands for a state."""
+    """Return the port of a leaf block by a reference, or a port with the value of a state."""
     path, _, own = (
         reference.rpartition(".") if isinstance(reference, str) else ("", "", "")
     )
     block = system.blocks.get(path if path or system.diagrams else system.root.path)
+    # If a port has the name of a state, the port is meant.
     if block is None or own not in block.declared(State) or own in block.ports:
         return system.port(reference)
     state, shape = block.declared(State)[own], block.state_shape(own)
@@ -130,14 +134,14 @@ def _signal(system: System, reference: Port | str) -> Port:
 
 
 def chosen_channels(system: System, chosen: Chosen | None) -> list[Channel]:
-    """Return the channels of what was `chosen` in a `system`, ports and states; of all outputs if None.
+    """Return the channels of the `chosen` ports and states of a `system`; of all outputs if None.
 
     Raises
     ------
     NameLookupError
         If there is no such port.
     SimulationError
-        If a port is named twice, there is text in place of a list, or a name cannot be used.
+        If a port is chosen twice, `chosen` is text instead of a list, or a name cannot be used.
     """
     if chosen is None:
         return channels(

@@ -1,4 +1,4 @@
-"""Results: what was logged, as an `xarray.Dataset` with units, frames and provenance."""
+"""Results: logged signals as an `xarray.Dataset` with units, frames and provenance."""
 
 from __future__ import annotations
 
@@ -62,11 +62,13 @@ def dataset(
 
     Its attributes are `attributes`.
     """
+    # Ctrl-C in the middle of an import would leave a module half imported.
     with uninterrupted():
         import pandas as pd
         import xarray as xr
 
-    # Of an array xarray would ask pint, dask and others whether it is theirs, and import them for that.
+    # With fastpath, xarray does not import pint, dask and others to find out whether the array is
+    # one of theirs.
     variables = {
         c.name: xr.Variable(
             ("time", *c.axes), c.values(*rows), c.attributes(), fastpath=True
@@ -90,10 +92,11 @@ WRITE_ERRORS = OSError, RuntimeError, UnicodeError
 def cannot_write(
     path: str | Path, error: BaseException, more: str = ""
 ) -> SimulationError:
-    """Return what to raise if a result cannot be written to `path`, because of an `error`; say `more`."""
+    """Return the error for a result that cannot be written to `path` because of an `error`; `more` follows."""
     reason = str(error)
     with contextlib.suppress(OSError):
         free = shutil.disk_usage(Path(path).parent).free
+        # A full disk is a RuntimeError without a reason.
         reason += f" (is the disk full? {free / 1e6:.1f} MB are free)" * isinstance(
             error, RuntimeError
         )
@@ -105,18 +108,19 @@ def cannot_write(
 
 
 def refuse_other_kinds(path: str | Path, doing: str = "write the result to") -> None:
-    """Refuse a `path` that is none, or not named as a netCDF file, when `doing` that.
+    """Check that a `path` is that of a netCDF file; messages name the action, `doing`.
 
     Raises
     ------
     SimulationError
-        If so.
+        If it is not.
     """
     found = as_path(SimulationError, f"cannot {doing}", path)
     suffix = found.suffix.lower()
+    # On Linux, a backslash is a part of a name, but not for the netCDF library.
     if "\\" in found.as_posix():
         raise SimulationError(
-            f"cannot {doing} '{path}': to netCDF a backslash parts folders everywhere; write /"
+            f"cannot {doing} '{path}': netCDF takes a backslash as the separator of folders; write /"
         )
     if suffix != ".nc":
         raise SimulationError(
@@ -126,7 +130,7 @@ def refuse_other_kinds(path: str | Path, doing: str = "write the result to") -> 
 
 
 def _signals(result: Any, doing: str, names: Sequence[str] = ()) -> xr.Dataset:
-    """Return the signals of those `names`, or all, of a `result`, which is to be one when `doing` that."""
+    """Return the signals with these `names`, or all, of a `result`; messages name the action, `doing`."""
     if not hasattr(result, "to_netcdf"):
         raise SimulationError(
             f"cannot {doing} {shown(result)}: it is no result of a run"
@@ -149,12 +153,12 @@ def save(result: xr.Dataset, path: str | Path) -> Path:
     result : xarray.Dataset
         Result of `simulate`.
     path : str or pathlib.Path
-        File to write. An old one is replaced only when the new one is complete.
+        File to write. An existing file is replaced when the new one is complete.
 
     Raises
     ------
     SimulationError
-        If the file cannot be written, its name says that it is of another kind, or it is no result.
+        If the file cannot be written or is not named .nc, or `result` is not the result of a run.
     """
     refuse_other_kinds(path)
     _signals(result, f"write to '{path}'")
@@ -163,7 +167,7 @@ def save(result: xr.Dataset, path: str | Path) -> Path:
         name: c.astype(str) for name, c in result.coords.items() if c.dtype == object
     }
     try:
-        # xarray takes locks
+        # Ctrl-C while xarray has a lock could leave it locked.
         with uninterrupted(), replaced(path) as partial, _without_cluster():
             result.assign_coords(texts).to_netcdf(partial, engine="netcdf4")
     except WRITE_ERRORS as error:
@@ -172,7 +176,7 @@ def save(result: xr.Dataset, path: str | Path) -> Path:
 
 
 def _without_cluster() -> contextlib.AbstractContextManager[Any]:
-    """Keep xarray from asking a Dask cluster for its lock: a scheduler that is lost never gives it."""
+    """Return a context without the lock of a Dask cluster, which a lost scheduler never grants."""
     dask = sys.modules.get("dask")  # without it there is no cluster
     return (
         contextlib.nullcontext()
@@ -198,13 +202,14 @@ def load(path: str | Path) -> xr.Dataset:
 
     refuse_other_kinds(path, "read a result from")
     with reading(path, SimulationError, "cannot read a result from") as file:
+        # Times are seconds of a run, not dates.
         return xr.load_dataset(file, engine="netcdf4", decode_times=False)
 
 
 def to_pandas(result: xr.Dataset) -> pd.DataFrame:
     """Return a result as a table: a row for each time, a column for each element, such as ``plant.q[0]``.
 
-    Elements with labels have these: ``plant.position[z]``.
+    Elements with labels are named by them, such as ``plant.position[z]``.
 
     Parameters
     ----------
@@ -215,6 +220,7 @@ def to_pandas(result: xr.Dataset) -> pd.DataFrame:
 
     columns = {}
     for name, signal in _signals(result, "tabulate").data_vars.items():
+        # Elements of axes without labels are numbered.
         labels = [
             signal[d].values if d in signal.coords else range(signal.sizes[d])
             for d in signal.dims[1:]
@@ -247,11 +253,11 @@ def to_control(
     from control import TimeResponseData
 
     given, driving = (
-        to_pandas(_signals(result, "hand over", names)) if names else None
+        to_pandas(_signals(result, "convert", names)) if names else None
         for names in (outputs, inputs)
     )
     if given is None:
-        raise SimulationError("cannot hand over nothing: name the outputs")
+        raise SimulationError("cannot convert no signals: name the outputs")
     return TimeResponseData(
         result["time"].values,
         given.values.T,
@@ -263,7 +269,7 @@ def to_control(
 
 
 def plot(result: xr.Dataset, *names: str) -> Figure:
-    """Draw signals of a result over time: signals of one unit into one picture, below each other.
+    """Plot signals of a result over time, with one subplot for each unit.
 
     Parameters
     ----------

@@ -30,10 +30,10 @@ NAN_POLICIES = "stop", "warn", "ignore"
 """Reactions to logged signals that are not finite."""
 
 BUFFER_ROWS = 1024
-"""Rows for which room is made at once, where they are not wide."""
+"""Number of rows of a new buffer, unless the rows are wide [-]."""
 
 BUFFER_NUMBERS = 500_000
-"""Numbers for which room is made at once, at most; 4 MB."""
+"""Maximum number of numbers in a new buffer; 4 MB."""
 
 Messages = Mapping[str, Sequence[str]]
 """Messages of a run, keyed by block or subsystem."""
@@ -70,7 +70,7 @@ class Log:
     resumed : Any
         Argument of `checkpoint` in the stopped run that is resumed here, if there is one.
     finished : bool
-        Whether the result is there already, of this run or of the same run before.
+        Whether the result exists already, from this run or from an equal earlier one.
     """
 
     resumed: Any = None
@@ -86,16 +86,20 @@ class Log:
         self.channels, self._policy, self._fault = channels, not_finite, ""
         self.attributes = dict(attributes)
         self.width = channels[-1].columns.stop if channels else 0
-        # Times and rows by the number of the first: what Ctrl-C lets be kept twice is kept once.
+        # Times and rows by the number of their first row: rows that are kept twice because of
+        # Ctrl-C count once.
         self._kept: dict[int, tuple[Vector, Vector]] = {}
         self._buffer = np.empty(0), np.empty((0, self.width))
         self._first = self._used = 0
         self.last = 0.0
+        # The number of rows of a new buffer: at least one, even if a row is very wide.
         self._usual = max(1, min(BUFFER_ROWS, BUFFER_NUMBERS // (1 + self.width)))
 
     def reserve(self, number: int) -> Vector:
-        """Return room for a `number` of rows [-], to be filled and then kept by `keep`."""
+        """Return memory for a `number` of rows [-]; the caller fills it, and then calls `keep`."""
         if self._used + number > len(self._buffer[0]):
+            # The kept rows are views of the old buffer, so a new one is
+            # made instead of a copy.
             self._put_aside()
             size = max(number, self._usual)
             self._buffer = np.empty(size), np.empty((size, self.width))
@@ -116,38 +120,41 @@ class Log:
         self.last, self._used = float(self._buffer[0][stop - 1]), stop
 
     def _put_aside(self) -> None:
-        """Let go of the buffer, so that it is not written any more."""
+        """Move the rows of the buffer to the kept rows, so that they are not written any more."""
         times, rows = self._buffer
         first = self._first
         if not self._used:
             return
         self._kept[first] = times[: self._used], rows[: self._used]
-        # One statement without a call: Ctrl-C does not come in between.
+        # One statement without a call, which Ctrl-C cannot interrupt.
         self._first, self._used, self._buffer = (
             first + self._used,
             0,
             (times[:0], rows[:0]),
         )
+        # Once a fault is known, further rows need no test.
         if self._policy != "ignore" and not self._fault:
             self._look(first)
 
     def _look(self, first: int) -> None:
-        """Note the first row that is not finite, of those put aside under that number.
+        """Record the first row that is not finite among those kept under the number `first`.
 
         Raises
         ------
         DivergenceError
-            If that is to stop the run; the rows from there on are dropped.
+            If the policy is ``"stop"``; the rows from there on are dropped.
         """
         times, rows = self._kept[first]
         with np.errstate(all="ignore"):
             if np.isfinite(rows.sum()):
-                # a third of the time that it takes to look at each
+                # The sum is finite only if all numbers are, and takes a third of the time
+                # of a test of each. It may overflow; then each is tested.
                 return
         bad = ~np.isfinite(rows)
         for channel in self.channels:
             if channel.is_mode:
                 columns = channel.columns
+                # A mode may be the infinite time of an event that never occurs.
                 bad[:, columns] = np.isnan(rows[:, columns])
         if not bad.any():
             return
@@ -164,23 +171,26 @@ class Log:
             raise DivergenceError(f"{self._fault}; the log up to there is kept")
 
     def checkpoint(self, state: Any, of: Mapping[str, Any]) -> None:
-        """Keep the `state` of a run, which is `of` what it says, and all rows on the disk."""
+        """Write all rows, and the `state` of a run with the identity `of`, to the disk."""
         raise NotImplementedError
 
     def _collected(self) -> xr.Dataset:
-        """Return what was put aside."""
+        """Return the kept rows."""
         times, rows = zip(
-            (np.zeros(0), np.zeros((0, self.width))), *self._kept.values(), strict=True
+            # Empty arrays first, as np.concatenate() needs at least one.
+            (np.zeros(0), np.zeros((0, self.width))),
+            *self._kept.values(),
+            strict=True,
         )
         return dataset(self.channels, np.concatenate(times), rows, self.attributes)
 
     def complete(self, messages: Messages, **attributes: Any) -> xr.Dataset:
-        """Return everything logged when the run came to its end; `messages` and others as for `finish`.
+        """Return the logged data of a complete run; `messages` and others as for `finish`.
 
         Raises
         ------
         DivergenceError
-            If something logged is not finite, and that is to stop the run.
+            If a logged number is not finite, and the policy is ``"stop"``.
         """
         self._put_aside()
         if self._fault:
@@ -195,7 +205,7 @@ class Log:
         return result
 
     def finish(self, messages: Messages, **attributes: Any) -> xr.Dataset:
-        """Return everything logged as a dataset, with the `messages` of the run."""
+        """Return the logged data as a dataset, with the `messages` of the run."""
         self.attributes |= attributes
         if messages:
             self.attributes["messages"] = json.dumps(messages)
@@ -208,7 +218,7 @@ class Log:
     def abandon(
         self, error: BaseException, t: float, messages: Messages, **attributes: Any
     ) -> xr.Dataset:
-        """Finish after an error, and raise it, with the logged data as its `result` if it is ours.
+        """Finish after an error, and raise it; the `result` of a `TrussflowError` is the logged data.
 
         If a block ended the run, nothing is raised, and the logged data are returned.
 
@@ -217,7 +227,7 @@ class Log:
         error : BaseException
             Exception that ended the run.
         t : float
-            Time up to which it came [s].
+            Time reached [s].
         messages : mapping of str to sequence of str
             Messages of the run, keyed by block or subsystem.
         **attributes
@@ -228,19 +238,21 @@ class Log:
         BaseException
             The error.
         SimulationInterrupted
-            In place of a KeyboardInterrupt; it has a `result`.
+            Instead of a KeyboardInterrupt; it has a `result`.
         DivergenceError
-            In place of an error of ours, if what was logged before it is to stop the run; it has a `result`.
+            Instead of a `TrussflowError`, if a row before it is not finite and the policy is ``"stop"``.
         """
         if isinstance(error, RunStoppedError):
             return self.finish(messages, status="ended", ended=str(error), **attributes)
         if isinstance(error, SimulationInterrupted) and error.result is None:
-            raise error  # it was being finished
+            raise error  # Ctrl-C while the log was being finished
         try:
-            # now, so that it does not raise while the log is finished
+            # Before `finish`, which must not raise because of a row that is not finite.
             Log._put_aside(self)
         except DivergenceError as earlier:
             if isinstance(error, TrussflowError):
+                # The row that is not finite came first, so it is the likely
+                # cause of this error.
                 earlier.__cause__ = error
                 return self.abandon(earlier, t, messages, **attributes)
         status = next(
@@ -250,6 +262,8 @@ class Log:
         result = self.finish(messages, status=status, **attributes)
         if isinstance(error, KeyboardInterrupt):
             raise SimulationInterrupted(
+                # Rows may be later than t, if Ctrl-C came before the run
+                # updated its time.
                 f"stopped at t = {max(t, self.last):g} s; the result of this exception holds the log",
                 result,
             ) from None

@@ -34,6 +34,7 @@ def locked_folder(folder: Path, writer: str) -> IO[str]:
 
 def pieces_of(folder: Path) -> list[Path]:
     """Return the pieces in a folder, in the order of their numbers."""
+    # Numbers have leading zeros, so the order of the names is that of the numbers.
     return sorted(folder.glob("[0-9]*.nc"))
 
 

@@ -1,8 +1,7 @@
-"""Snapshots of runs, and their form in files: a line with the identity, and a line of JSON with the state.
+"""Snapshots of runs, and their files: a line with the identity, and a line of JSON with the state.
 
-Numbers of arrays are written in base64.
-
-Never a pickle: bytes may come from anywhere, so reading them must not be able to run code.
+Numbers of arrays are written in base64. Files are not pickles, as a file from an unknown source must not
+be able to run code.
 """
 
 from __future__ import annotations
@@ -26,20 +25,20 @@ from trussflow.blocks.support.validation import as_path, shown
 
 @dataclass(frozen=True, slots=True)
 class Snapshot:
-    """Everything a run needs to go on from one time.
+    """Data that a run needs to continue from one time.
 
     Attributes
     ----------
     layout : str
         Identity of the diagram; snapshots of another identity are refused.
     now, origin : Fraction
-        Time, and time at which the run began [s].
+        Time, and start time of the run [s].
     x, d, p : Vector
-        Continuous states, what changes at instants, parameters [units as declared].
+        Continuous states, discrete values, parameters [units as declared].
     hidden : dict
         Further data of Python blocks, keyed by path.
     sampled : bool
-        Whether what is sampled at this time has computed already.
+        Whether the sampled blocks due at this time have computed already.
     """
 
     layout: str
@@ -65,7 +64,7 @@ def encode(state: Any, of: Mapping[str, Any]) -> bytes:
     Raises
     ------
     TypeError
-        If there is anything else in it.
+        If the state contains another object.
     """
     body = json.dumps(_plain(state)).encode("ascii")
     head = {"sha256": sha256(body).hexdigest(), "of": of}
@@ -85,7 +84,7 @@ def decode(data: bytes, of: Mapping[str, Any]) -> Any:
     Raises
     ------
     ValueError
-        If the bytes are damaged, or the state of something else.
+        If the bytes are damaged, or have another identity.
     """
     head, _, body = bytes(data).partition(b"\n")
     try:
@@ -96,7 +95,8 @@ def decode(data: bytes, of: Mapping[str, Any]) -> Any:
         raise ValueError(
             f"it is no saved state, or a part of one ({len(data)} bytes)"
         ) from None
-    here = json.loads(json.dumps(of))  # as it was written
+    # Through JSON, as the identity in the file: tuples are lists.
+    here = json.loads(json.dumps(of))
     if other := [
         name for name in {**here, **there} if there.get(name) != here.get(name)
     ]:
@@ -106,16 +106,17 @@ def decode(data: bytes, of: Mapping[str, Any]) -> Any:
             for name in other[:3]
         )
         raise ValueError(f"it is the state of something else: {'; '.join(told)}{more}")
+    # After the identity, whose difference explains more to the user.
     if sha256(body).hexdigest() != digest:
         raise ValueError(f"it is damaged or cut off ({len(data)} bytes)")
     try:
         return _rebuilt(json.loads(body))
-    except Exception as error:  # noqa: BLE001 - of bytes that were made up
+    except Exception as error:  # noqa: BLE001 - forged bytes may raise anything
         raise ValueError(f"it is damaged: {error}") from None
 
 
 def write_state(path: str | Path, state: Any, of: Mapping[str, Any]) -> None:
-    """Write a state to a file, whole or not at all.
+    """Write a state to a file, atomically.
 
     Parameters
     ----------
@@ -127,7 +128,7 @@ def write_state(path: str | Path, state: Any, of: Mapping[str, Any]) -> None:
     Raises
     ------
     SimulationError
-        If something in it cannot be written, or the file cannot.
+        If the file, or an object in the state, cannot be written.
     """
     as_path(SimulationError, "cannot save to", path)
     try:
@@ -151,13 +152,14 @@ def read_state(path: str | Path, of: Mapping[str, Any]) -> Any:
     Raises
     ------
     SimulationError
-        If it cannot be read, is damaged, or is the state of something else.
+        If it cannot be read, is damaged, or has another identity.
     """
     with reading(path, SimulationError, "cannot go on from") as file:
         return decode(file.read_bytes(), of)
 
 
 def _plain(value: Any) -> Any:
+    # First, as np.float64 is also a float: the type must survive.
     if isinstance(value, np.generic) and value.dtype.kind in "biufc":
         return {"scalar": _plain(np.asarray(value))["array"]}
     if value is None or isinstance(value, bool | int | float | str):
@@ -176,6 +178,7 @@ def _plain(value: Any) -> Any:
     if isinstance(value, tuple):
         return {"tuple": [_plain(v) for v in value]}
     if isinstance(value, dict):
+        # Pairs, as the keys of a JSON object are text only.
         return {"dict": [[_plain(k), _plain(v)] for k, v in value.items()]}
     if isinstance(value, Snapshot):
         hidden = []
@@ -201,12 +204,14 @@ def _rebuilt(value: Any) -> Any:
         return [_rebuilt(v) for v in value]
     if not isinstance(value, dict):
         return value
+    # Every dictionary in a file has one key, its kind; anything else raises.
     ((kind, content),) = value.items()
     if kind == "bytes":
         return base64.b64decode(content, validate=True)
     if kind in ("array", "scalar"):
         dtype, shape, text = content
         raw = base64.b64decode(text, validate=True)
+        # A copy, as frombuffer() returns a read-only array.
         array = np.frombuffer(raw, np.dtype(dtype)).reshape(shape).copy()
         return array if kind == "array" else array[()]
     if kind == "fraction":

@@ -1,8 +1,8 @@
-"""Logs written to disk while a run goes on: in pieces, so that nothing that was written is ever lost.
+"""Logs that are written to disk during a run, in pieces, so that no written rows are lost.
 
-Each piece is a whole netCDF file, put into its place when it is complete. So whoever looks finds whole
-pieces, after a kill or a loss of power too; one file that grows would be lost with its index. At the
-end the pieces become one file, and their folder goes.
+Each piece is a complete netCDF file, which is written atomically. So all pieces can be read, also after a
+kill or a loss of power; a single growing file could not be read without its index. At the end, the pieces
+are joined to one file, and their folder is deleted.
 """
 
 from __future__ import annotations
@@ -35,28 +35,28 @@ if TYPE_CHECKING:
     import xarray as xr
 
 PIECE_NUMBERS = 500_000
-"""Numbers that wait in memory before they are written; 4 MB."""
+"""Maximum number of numbers in memory before they are written; 4 MB."""
 
 PIECE_SECONDS = 5.0
-"""Wall time after which they are written even if they are few [s]."""
+"""Wall time after which rows are written, even if they are few [s]."""
 
 CHUNK_ROWS = 1024
-"""Rows that the file keeps together; netCDF's own choice, one row, is slow."""
+"""Rows in a chunk of the file; netCDF's default, one row, is slow [-]."""
 
 FINISHED_STATUSES = "complete", "ended"
 """Status of a run that cannot be resumed."""
 
 
 class StreamedLog(Log):
-    """Rows written to disk while a run goes on: memory stays constant.
+    """Rows written to disk during a run, with constant memory.
 
     Parameters
     ----------
     channels, attributes, not_finite
         As for `Log`.
     path : path
-        The netCDF file wanted. Until it is complete, its pieces are in the folder ``path.partial``;
-        those that an earlier run left there are deleted.
+        The netCDF file. Until it is complete, its pieces are in the folder ``path.partial``; pieces of
+        an earlier run there are deleted.
     resumes : mapping, optional
         Identity of a checkpoint from which the run resumes: rows logged before are kept.
         Without one, a complete file of an equal ``run_hash`` is the result.
@@ -64,7 +64,7 @@ class StreamedLog(Log):
     Raises
     ------
     SimulationError
-        If nothing can be written there, or another run does; or if the checkpoint is of another run.
+        If the file cannot be written, another run writes to it, or the checkpoint is of another run.
     """
 
     def __init__(
@@ -80,9 +80,12 @@ class StreamedLog(Log):
         self.path, self._folder = Path(path), _folder(path)
         try:
             destination(path)
+            # Not writable for others, whatever the umask: a checkpoint
+            # is read from there.
             self._folder.mkdir(0o755, exist_ok=True)
             self._lock = locked_folder(self._folder, "run")
             self._saved = self._folder / "checkpoint"
+            # Unlocked if `_begin` raises; otherwise the lock lasts until the run ends.
             with ExitStack() as unlocked:
                 unlocked.enter_context(self._lock)
                 self._begin(resumes)
@@ -92,7 +95,7 @@ class StreamedLog(Log):
         self._written = time.monotonic()
 
     def _begin(self, resumes: Mapping[str, Any] | None) -> None:
-        """Go on from a checkpoint, if that is wanted and there is one; delete what was written after it."""
+        """Resume from a checkpoint if there is one and `resumes` is given; delete the rows after it."""
         pieces = 0
         if resumes is not None and self._saved.exists():
             with Explained(
@@ -100,6 +103,7 @@ class StreamedLog(Log):
                     f"cannot go on from the folder '{self._folder}': {e}"
                 )
             ):
+                # A state that someone else wrote must not be restored.
                 refuse_foreign(self._folder.resolve())
             match read_state(self._saved, resumes):
                 case (int(), int(pieces), str(), Snapshot()) as found:
@@ -114,6 +118,7 @@ class StreamedLog(Log):
             if self.finished:
                 shutil.rmtree(self._folder, ignore_errors=True)
         for old in pieces_of(self._folder):
+            # Written after the checkpoint: the resumed run writes these rows again.
             if int(old.stem) >= self._first:
                 old.unlink()
         if len(pieces_of(self._folder)) != pieces:
@@ -123,7 +128,7 @@ class StreamedLog(Log):
             )
 
     def _is_result(self) -> bool:
-        """Tell whether the file is there, and what the same run gave when it came to its end."""
+        """Return whether the file is the complete result of an equal run."""
         import netCDF4
 
         with suppress(OSError), netCDF4.Dataset(str(self.path)) as file:
@@ -135,8 +140,9 @@ class StreamedLog(Log):
         return False
 
     def _put_aside(self) -> None:
-        """Let go of the buffer; rows reach the disk in large pieces, or after a while."""
+        """Move the rows of the buffer to the kept rows, and write these if they are many or old."""
         super()._put_aside()
+        # Rows in memory: those from the first kept one on.
         waiting = (self._first - min(self._kept, default=self._first)) * (
             1 + self.width
         )
@@ -144,9 +150,10 @@ class StreamedLog(Log):
             self._write_piece()
 
     def _write_piece(self) -> None:
-        """Write what waits in memory; a run without rows gets a piece without rows."""
+        """Write the rows in memory; a run without rows gets a piece without rows."""
         if self._kept or not self._first:
-            # Named by its first row: if Ctrl-C comes before it is forgotten below, it is written again.
+            # Named by its first row: if Ctrl-C comes before `_kept` is cleared, the next call
+            # replaces the piece by an equal one.
             piece = self._folder / f"{min(self._kept, default=0):015d}.nc"
             try:
                 save(self._collected(), piece)
@@ -156,14 +163,16 @@ class StreamedLog(Log):
         self._written = time.monotonic()
 
     def checkpoint(self, state: Any, of: Mapping[str, Any]) -> None:
-        """Write all rows, then the `state` with which a run that is `of` the same goes on from here.
+        """Write all rows, then the `state` from which a run with the identity `of` can resume.
 
         Raises
         ------
         SimulationError
-            If something cannot be written.
+            If a file cannot be written.
         """
         self._put_aside()
+        # Rows before the state: after a kill in between, the older
+        # checkpoint still fits.
         if self._kept:
             self._write_piece()
         write_state(
@@ -173,12 +182,12 @@ class StreamedLog(Log):
         )
 
     def _dataset(self) -> xr.Dataset:
-        """Make one file of the pieces, and return it, opened lazily."""
+        """Join the pieces to one file, and return its dataset, opened lazily."""
         with uninterrupted():
             import xarray as xr
 
         try:
-            if not self.finished:  # Ctrl-C may come when all is done
+            if not self.finished:  # Ctrl-C may have come after the file was complete
                 self._put_aside()
                 self._write_piece()
                 self._replace()
@@ -190,7 +199,7 @@ class StreamedLog(Log):
             return xr.open_dataset(self.path, engine="netcdf4", decode_cf=False)
 
     def _replace(self) -> None:
-        """Put one file into the place of the pieces; Ctrl-C leaves these as they are."""
+        """Replace the pieces by one file; Ctrl-C does not change them."""
         try:
             with replaced(self.path) as target:
                 self._join(target)
@@ -205,7 +214,7 @@ class StreamedLog(Log):
                 and self.attributes["status"] not in FINISHED_STATUSES
             ):
                 return  # the run can be resumed
-            # first: it is nothing without the others
+            # The checkpoint first, as it is useless without the pieces.
             self._saved.unlink(missing_ok=True)
             shutil.rmtree(self._folder, ignore_errors=True)
 
@@ -220,6 +229,8 @@ class StreamedLog(Log):
                 _copy_structure(piece, file)
             for path in pieces:
                 with netCDF4.Dataset(str(path)) as piece:
+                    # Otherwise netCDF4 would return masked arrays where numbers
+                    # equal the fill value.
                     piece.set_auto_mask(False)
                     start = len(file["time"])
                     for name, values in piece.variables.items():
@@ -227,7 +238,7 @@ class StreamedLog(Log):
                             file[name][start : start + len(values)] = values[:]
 
     def _left(self, error: BaseException) -> SimulationError:
-        """Say what can still be read."""
+        """Return an error that names the rows that can still be read."""
         left = f"what was written before is in '{self._folder}', and recover('{self.path}') reads it"
         return cannot_write(self.path, error, left if pieces_of(self._folder) else "")
 
@@ -235,6 +246,7 @@ class StreamedLog(Log):
 def _copy_structure(piece: Any, file: Any) -> None:
     """Create the dimensions and variables of a `piece` in a `file`; copy variables without time."""
     for name, dimension in piece.dimensions.items():
+        # None: an unlimited dimension, which grows with the rows.
         file.createDimension(name, None if name == "time" else len(dimension))
     for name, values in piece.variables.items():
         logged = "time" in values.dimensions
@@ -242,10 +254,11 @@ def _copy_structure(piece: Any, file: Any) -> None:
         copied = file.createVariable(
             name, values.dtype, values.dimensions, chunksizes=chunks if logged else None
         )
+        # netCDF sets _FillValue only when a variable is created.
         attributes = {k: v for k, v in vars(values).items() if k != "_FillValue"}
         copied.setncatts(attributes)
         if logged:
-            # Rows come in order: room for two chunks does, where the library takes 16 MB.
+            # Rows come in order, so two chunks are enough; the library's default is 16 MB.
             copied.set_var_chunk_cache(size=2 * 8 * math.prod(chunks))
         else:
             copied[:] = values[:]
@@ -260,7 +273,7 @@ def opened(
 ) -> Log:
     """Return a log of `channels` with `attributes` on disk, or in memory if there is no `path`.
 
-    What is to be done about what is `not_finite`, and what the run `resumes`, is as for `StreamedLog`.
+    The policy `not_finite`, and the identity `resumes`, are as for `StreamedLog`.
     """
     if path is None:
         return Log(channels, attributes, not_finite)
@@ -268,11 +281,11 @@ def opened(
 
 
 def recover(path: str | Path) -> xr.Dataset:
-    """Read what a run that streams its log to `path` has written so far.
+    """Read the rows that a run with ``stream_to=path`` has written so far.
 
-    For a run that was killed, or whose disk is full, and, from another process, for one that still
-    goes on. Its attribute ``status`` is ``"running"``. The pieces stay where they are: in the folder
-    ``path.partial``, until the next run that writes there, or until it is deleted.
+    The run may have been killed, its disk may be full, or it may still run in another process. The
+    attribute ``status`` is ``"running"``. The pieces stay in the folder ``path.partial`` until the next run writes
+    there, or until the folder is deleted.
 
     Parameters
     ----------
@@ -282,13 +295,13 @@ def recover(path: str | Path) -> xr.Dataset:
     Returns
     -------
     xarray.Dataset
-        The rows, in memory. What is too large for that can be read piece by piece: each is a netCDF
+        The rows, in memory. If they are too many, the pieces can be read one by one: each is a netCDF
         file.
 
     Raises
     ------
     SimulationError
-        If there is nothing to read, or a piece is damaged.
+        If there are no pieces, or one is damaged.
 
     Examples
     --------
@@ -307,7 +320,7 @@ def recover(path: str | Path) -> xr.Dataset:
         except SimulationError:
             if piece.exists():
                 raise
-            break  # the run has come to its end meanwhile
+            break  # the run has ended meanwhile, and deleted its pieces
     else:
         if parts:
             return xr.concat(parts, "time", data_vars="minimal")

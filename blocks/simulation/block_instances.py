@@ -144,8 +144,8 @@ class OpenBlocks:
         """
         if stuck := self.unrestorable:
             raise SimulationError(
-                f"cannot save: block '{stuck[0]}' ({type(self._blocks[stuck[0]]).__name__}) keeps what "
-                f"it cannot hand over; {self.kept()[stuck[0]].stuck}"
+                f"cannot save: block '{stuck[0]}' ({type(self._blocks[stuck[0]]).__name__}) has a "
+                f"state that it cannot save; {self.kept()[stuck[0]].stuck}"
             )
         return self.call_each("save")
 

@@ -197,7 +197,7 @@ def test_what_python_blocks_cannot_hand_over_is_no_operating_point():
     diagram.add(h=Hiding().sampled(0.1))
     diagram.expose(u=diagram.h.u)
     with pytest.raises(
-        SimulationError, match=r"cannot save: block 'h' \(Hiding\) keeps what it"
+        SimulationError, match=r"cannot save: block 'h' \(Hiding\) has a state"
     ):
         operating_point_after(diagram, 0.1, step=0.1)
     with pytest.raises(SimulationError, match=r"duration = -1.0 must be a positive"):

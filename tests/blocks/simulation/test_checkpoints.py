@@ -262,7 +262,7 @@ def test_memory_that_cannot_be_written_names_its_block(tmp_path):
             Odd,
             r"cannot save to '.*': block 'dice' keeps Generator\(PCG64\).*, which cannot be written",
         ),
-        (Mute, r"cannot save: block 'dice' \(Opened\) keeps what it cannot hand over"),
+        (Mute, r"cannot save: block 'dice' \(Opened\) has a state that it cannot save"),
     ):
 
         class Opened(Dice):

@@ -349,7 +349,7 @@ def test_path_that_cannot_be_written_is_an_error_before_the_run(place, tmp_path)
         ("run.XLSX", r"results are netCDF files.*to_csv"),
         pytest.param(
             "run\\1.nc",  # of what stands before it the netCDF library would make a folder
-            r"run\\1\.nc': to netCDF a backslash parts folders",
+            r"run\\1\.nc': netCDF takes a backslash as the separator",
             marks=pytest.mark.skipif(
                 os.sep == "\\", reason="a backslash parts folders there"
             ),
@@ -435,11 +435,8 @@ def test_results_in_other_forms(result, tmp_path):
             lambda r: plot(r, "truss"),
             "cannot plot 'truss': the signals of the result are: truss.q, ",
         ),
-        (
-            lambda r: to_control(r, ["nothing"]),
-            "cannot hand over 'nothing': the signals",
-        ),
-        (lambda r: to_control(r, []), "cannot hand over nothing: name the outputs"),
+        (lambda r: to_control(r, ["nothing"]), "cannot convert 'nothing': the signals"),
+        (lambda r: to_control(r, []), "cannot convert no signals: name the outputs"),
         (lambda _: to_pandas(3), "cannot tabulate 3: it is no result of a run"),
         (lambda _: save(3, "run.nc"), r"cannot write to 'run\.nc' 3: it is no result"),
         (

@@ -102,4 +102,4 @@ def test_a_run_without_saved_state_is_refused(export, instance):
     one = instance(fmu).start()
     one.doStep(0.0, COMMUNICATION_STEP)
     one.getFMUState()
-    assert "keeps what it cannot hand over" in one.errors
+    assert "has a state that it cannot save" in one.errors
