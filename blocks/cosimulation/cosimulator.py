@@ -167,6 +167,8 @@ class CoSimulator(Described):
                     "log_step and tolerance exclude each other: with a tolerance, the log contains "
                     "the communication points of the step control"
                 )
+            # Step doubling takes each step also as two halves, which
+            # must be on the grid.
             self._grid = self._step / 2
         elif largest_step is not None:
             raise SimulationError(
@@ -185,6 +187,7 @@ class CoSimulator(Described):
             if log_step is None
             else ticks(exact(log_step), self._step, "log_step", DIVISOR_ADVICE)
         )
+        # Members integrate whole steps between two points of the grid.
         inner = self._grid if solver_step is None else exact(solver_step)
         ticks(self._grid, inner, "the smallest communication step", DIVISOR_ADVICE)
         self._settings = Settings(
@@ -206,6 +209,8 @@ class CoSimulator(Described):
                 "member of the blocks in it, or break it with a state or a UnitDelay"
             )
         places = map(self.network.places, logged)
+        # Places of all logged numbers among the signals: one call of
+        # take() fills a row.
         self._logged = np.fromiter(chain.from_iterable(places), np.int64)
 
     def _described(self) -> Description:
@@ -275,6 +280,7 @@ class CoSimulator(Described):
             """Log the present signals, if logging is due."""
             nonlocal shown
             if coupled.k % self._log_every == 0 or coupled.k == last:
+                # With mode="raise", the default, NumPy would copy through a buffer.
                 coupled.signals.take(self._logged, out=log.reserve(1)[0], mode="clip")
                 log.keep(coupled.time)
             bar.update(coupled.time - shown)
@@ -302,6 +308,7 @@ class CoSimulator(Described):
         """Return the step control: fixed steps, or steps by the tolerance."""
         if self._tolerance is None:
             return FixedSteps(coupled)
+        # The shortest step of the control is two steps of the grid.
         longest = self._longest or max(2, last // 10)
         return StepControl(coupled, self._tolerance, longest)
 

@@ -116,6 +116,7 @@ class Coupled:
 
     def time_of(self, k: int) -> float:
         """Return the time [s] of a point of the grid."""
+        # Multiplied first, as in `Run`: tick 3 of 1/10 s is 0.3, while 3 * 0.1 is not.
         return k * self.grid.numerator / self.grid.denominator
 
     # -- start and end ------------------------------------------------------------------------
@@ -147,6 +148,7 @@ class Coupled:
         numbers = range(len(self._stepping))
         for i in numbers:
             self._begin(i)
+        # Only now: some abilities of a member are known only after its start.
         self._check()
         self._visits = network.visits([one.refreshes for one in self._stepping])
         if network.loop:
@@ -158,9 +160,13 @@ class Coupled:
 
             self._iterate(implied, self.signals[network.gather], MAX_START_ITERATIONS)
             return
+        # At the start, all outputs follow the inputs, also those of members
+        # that do not refresh.
         visits = network.visits([True for _ in numbers])
 
         def sweep() -> Vector:
+            # First in the order of the direct feedthrough; then all, as initial states
+            # may depend on inputs without feedthrough.
             for i in [*visits, *numbers]:
                 self._begin(i)
             return self.signals.copy()
@@ -195,6 +201,7 @@ class Coupled:
         """Close all members; an error of one of them is raised after all are closed."""
         with ExitStack() as stack:
             for one in self._stepping:
+                # A callback that raises does not keep the others from being called.
                 stack.callback(one.close)
 
     # -- steps --------------------------------------------------------------------------------
@@ -224,20 +231,25 @@ class Coupled:
                 self._iterated(inputs, now, until)
             else:
                 self._one_by_one(inputs, now, until)
+        # `k` changes only after all members have reached t + H: errors name the time t.
         self.k += number
         self._check_finite()
 
     def _one_by_one(self, inputs: Vector, now: float, until: float) -> None:
         network = self.network
         sequential = self.coupling == "gauss-seidel"
-        # the last element is for inputs without source
+        # One more element than members, for inputs without source.
         known = np.zeros(len(self._stepping) + 1, dtype=bool)
         for i, own in enumerate(network.ins):
             values = inputs[own]
             if sequential:
+                # Elements from members that are at t + H already. Inputs without source
+                # have the index -1, which is the last element of `known`, always false.
                 use = known[network.source[own]] & ~network.held[own]
                 known[i] = True
                 if use.any():
+                    # Sampled blocks that tick at t must read the signals of t,
+                    # not those of t + H.
                     self._stepping[i].latch(values)
                     values = np.where(use, self.signals[network.gather[own]], values)
             self._advance(i, values, now, until)
@@ -262,21 +274,27 @@ class Coupled:
     def _iterated(self, inputs: Vector, now: float, until: float) -> None:
         network = self.network
         held = self.network.held
+        # A mark is for this object only, and may be faster than a snapshot.
         saved = [one.mark() for one in self._stepping]
         used = False
 
         def implied(ends: Vector) -> Vector:
             nonlocal used
+            # The first evaluation starts from the present states: nothing to restore.
             if used:
                 for one, snapshot in zip(self._stepping, saved, strict=True):
                     one.restore(snapshot)
             used = True
             for i, own in enumerate(network.ins):
+                # As in Gauss-Seidel: sampled blocks that tick at t read
+                # the signals of t.
                 self._stepping[i].latch(inputs[own])
                 self._advance(i, ends[own], now, until)
             return np.where(held, inputs, self.signals[network.gather])
 
         self._iterate(implied, inputs, MAX_ITERATIONS)
+        # The iteration kept the held inputs at their values of t, so outputs that
+        # depend on them directly are read again with those of t + H.
         if held.any():
             self._read_again()
 
@@ -287,6 +305,7 @@ class Coupled:
         try:
             _, number = fixed_point(implied, guess, ITERATION_TOLERANCE, limit)
         except NotConvergedError as error:
+            # A signal that is not finite explains a failed iteration better.
             self._check_finite()
             worst = int(np.argmax(error.residual))
             raise SimulationError(

@@ -75,6 +75,7 @@ class DiagramMember(SelfStepping):
 
     def start(self, time: float, inputs: Vector) -> None:
         """Start the session; unknown inputs, on which initial states may depend, are zero."""
+        # A session takes finite inputs only; the start is repeated when they are known.
         inputs = np.nan_to_num(inputs)
         begun = self._begun
         self._begun = (time, inputs.copy())
@@ -92,6 +93,7 @@ class DiagramMember(SelfStepping):
 
     def set(self, inputs: Vector) -> None:
         """Set all inputs."""
+        # The session leaves its start: another start must not be skipped.
         self._begun = None
         self._session.set_row(inputs)
 

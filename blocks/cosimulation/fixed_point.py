@@ -65,11 +65,14 @@ def fixed_point(
         value = function(u)
         residual = value - u
         scale = np.maximum(scale, np.abs(value))
+        # So relative <= tolerance means residual <= tolerance * scale +
+        # ZERO_SIGNAL_TOLERANCE.
         relative = np.abs(residual) / (scale + ZERO_SIGNAL_TOLERANCE / tolerance)
         if not np.isfinite(residual).all():
             break
         if (relative <= tolerance).all():
             return u, number
+        # One more value than differences.
         values = [*values[-MAX_COMBINED_ITERATES:], value]
         residuals = [*residuals[-MAX_COMBINED_ITERATES:], residual]
         u = _combined(values, residuals, scale + ZERO_SIGNAL_TOLERANCE / tolerance)
@@ -80,9 +83,14 @@ def _combined(values: list[Vector], residuals: list[Vector], scale: Vector) -> V
     """Return the next iterate of Anderson acceleration."""
     if len(values) == 1:
         return values[0]
+    # Eq. (2.2): the weights minimize the residual, with each signal
+    # divided by its scale.
     changes = np.diff(residuals, axis=0).T / scale[:, None]
+    # Columns of unit length, so that rcond compares directions. Differences become ever
+    # smaller as the iteration converges.
     lengths = np.linalg.norm(changes, axis=0)
     used = lengths > 0.0
+    # The residual does not change: plain iteration.
     if not used.any():
         return values[-1]
     weights = np.linalg.lstsq(

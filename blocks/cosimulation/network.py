@@ -115,7 +115,8 @@ class Network:
             sum(port.size for port in member.outlets) for member in members
         )
         inlets = [inlet for member in members for inlet in member.inlets]
-        # after the outputs zero, which grounded elements read, then the default of each inlet
+        # Behind the outputs: zero, for grounded elements, then the default of each inlet. So
+        # one index finds the value of any input element.
         defaults = [inlet.default for inlet in inlets]
         unknown = np.full(self._outputs.size, np.nan)
         self.start = np.concatenate([unknown, [0.0, *defaults]])
@@ -124,6 +125,7 @@ class Network:
         self.ins = spans(
             sum(inlet.port.size for inlet in member.inlets) for member in members
         )
+        # -1 marks values behind the outputs, which no member drives.
         unit_of = np.full(self.start.size, -1)
         held = np.zeros(self.start.size, dtype=bool)
         for number, member in enumerate(members):
@@ -144,6 +146,8 @@ class Network:
         self._order, cycle = in_order(self._graph)
         lines: list[str] = []
         for first, second in pairwise(cycle):
+            # Each step of the cycle is explained by the route through
+            # the second member.
             inlet = self._graph[second][first]
             lines += self.members[second[0]].routes[second[1]][inlet]
         self.loop = "\n  ".join(lines)
@@ -151,6 +155,8 @@ class Network:
     def _places(self, inlet: Inlet, number: int) -> NDArray[np.int64]:
         """Return the indices of the elements of the input with that `number` in `signals`."""
         zero = self._outputs.size
+        # An inlet without drivers reads its default; with some, other
+        # elements read zero.
         found = np.full(inlet.port.size, zero if inlet.drivers else zero + 1 + number)
         for driver in inlet.drivers:
             if driver.source is not None:
@@ -192,5 +198,8 @@ class Network:
             Whether the outputs of each member follow its inputs before the next step; at the start, they
             always do.
         """
+        # Outlets without direct feedthrough are right already; members that do not
+        # follow their inputs keep the outputs of their last step.
         later = [i for i, o in self._order if self._graph[i, o] and follows[i]]
+        # Neighbouring outlets of one member are read in one visit.
         return [member for member, _ in groupby(later)]

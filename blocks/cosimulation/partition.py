@@ -61,6 +61,7 @@ def partition(
     owner = _owners(system, paths)
     _check_names(system, settings)
     stepping = [path for path, b in system.blocks.items() if b.steps_itself]
+    # A dictionary keeps this order: named members, FMUs, the rest.
     groups: dict[str, list[Block]] = {n: [] for n in (*paths, *stepping, REST_NAME)}
     for path, block in system.blocks.items():
         groups[owner[path]].append(block)
@@ -85,6 +86,7 @@ def _owners(system: System, names: Sequence[str]) -> dict[str, str]:
     """
     owner = {path: path for path, b in system.blocks.items() if b.steps_itself}
     taken: dict[str, str] = {}
+    # A name that is given twice is one member.
     for name in dict.fromkeys(names):
         if name == REST_NAME:
             continue
@@ -102,6 +104,7 @@ def _owners(system: System, names: Sequence[str]) -> dict[str, str]:
                     f"block '{path}' cannot be in two members, '{taken[path]}' and '{name}'"
                 )
             taken[path] = name
+    # A block that steps itself is a member of its own, also within a named diagram.
     return {path: owner.get(path, taken.get(path, REST_NAME)) for path in system.blocks}
 
 
@@ -206,6 +209,7 @@ def _part(
         parameters=_of(inside, settings.parameters),
         initial=_of(inside, settings.initial),
     )
+    # Traced and compiled once; each run opens a twin.
     prepared = Session(
         part, outputs={port.path: port for port in outlets}, **asdict(settings.solver)
     )
@@ -233,6 +237,7 @@ def _part(
 def _inlet(external: External, driver: Driver) -> Inlet:
     """Return the input that reads one output of another member."""
     assert driver.source is not None
+    # The external input has all elements of the output; the part selects from them.
     everything = np.arange(external.y.size)
     source = driver.source.block.port(driver.source.name)
     return Inlet(external.y, (Driver(source, everything, everything, driver.where),))
@@ -277,12 +282,15 @@ def inputs_behind(
     port : Port
         A whole port of the part.
     """
+    # Breadth first from the port against the signal flow, so each
+    # route is the shortest.
     routes: dict[Port, list[str]] = {port: []}
     waiting = [port]
     for at in waiting:  # grows
         block = at.block
         if isinstance(block, External):
             continue
+        # Through a logged input, the path goes on by its own wires only.
         needed = {at.name} if at.is_input else feedthrough[block.path][at.name]
         for into in block.inputs():
             drivers = system.drivers[block.path, into.name]

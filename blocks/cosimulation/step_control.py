@@ -148,7 +148,9 @@ class StepControl(FixedSteps):
         number = 2
         failed = False
         while coupled.k < last:
+            # `last` is even, so a remainder always has two halves.
             number = min(number, _even(self.longest), last - coupled.k)
+            # For the two halves, and for a step that is repeated.
             saved = coupled.save()
             try:
                 middle, whole = self._twice(saved, number)
@@ -157,15 +159,18 @@ class StepControl(FixedSteps):
                 if number == 2:
                     raise self._too_short(error) from error
                 self.steps["discarded_steps"] += 1
+                # A shorter step may succeed: the members are back at its start.
                 failed = True
                 number = _even(number // 2)
                 continue
             np.maximum(size, np.abs(coupled.signals), out=size)
             allowed = ABSOLUTE_SHARE * self.tolerance + self.tolerance * size
+            # Per signal, the error of this step as a part of the whole tolerance.
             spent = np.abs(coupled.signals - whole) / allowed
             share = (1.0 - RESERVE_SHARE) * number / last
             ratios = spent / (share + RESERVE_DRAW * reserve)
             ratio = float(ratios.max(initial=0.0))
+            # 1e-10 avoids a division by zero if the two results are equal.
             factor = SAFETY_FACTOR * max(ratio, 1e-10) ** -STEP_EXPONENT
             if ratio > 1.0:
                 coupled.restore(saved)
@@ -174,11 +179,16 @@ class StepControl(FixedSteps):
                     raise self._too_inaccurate(int(np.argmax(ratios)), ratio)
                 self.steps["rejected_steps"] += 1
                 number = _even(
+                    # At least one even step shorter, so that the loop ends.
                     min(int(number * max(factor, MIN_SHRINKAGE)), number - 2)
                 )
                 continue
             self.steps["communication_steps"] += 2
+            # A signal that used less than its share saves the rest for jumps; one that
+            # used more draws on the reserve.
             reserve += share - spent
+            # The middle is logged before the end; the members
+            # themselves stay at the end.
             end = coupled.k, coupled.signals.copy()
             coupled.k, coupled.signals[:] = middle
             reached()
@@ -205,6 +215,8 @@ class StepControl(FixedSteps):
     ) -> tuple[tuple[int, Vector], Vector]:
         """Take one step, then two halves; return the middle point, and the result of the one step."""
         coupled = self.coupled
+        # First the whole step, so that the members end with the better
+        # result of the halves.
         coupled.step(number)
         whole = coupled.signals.copy()
         coupled.restore(saved)
