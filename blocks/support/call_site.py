@@ -21,6 +21,8 @@ _said: set[str] = set()
 
 def call_site() -> str:
     """Return ``file:line`` of the innermost call in the user's code."""
+    # functools and contextlib lie between the user and this package if
+    # a function is wrapped.
     frame = sys._getframe(1)
     while frame.f_back is not None and str(
         frame.f_globals.get("__name__", "")
@@ -32,6 +34,8 @@ def call_site() -> str:
 def warn(message: str, category: type[Warning] = SimulationWarning) -> None:
     """Issue a warning of a `category` with a `message`, at the line of the user's code."""
     file, _, line = call_site().rpartition(":")
+    # warn_explicit(), as a stacklevel would have to be counted for
+    # each way to get here.
     warnings.warn_explicit(message, category, file, int(line))
 
 

@@ -92,10 +92,14 @@ def replaced(path: str | Path) -> Iterator[Path]:
         raise FileNotFoundError(
             errno.ENOENT, os.strerror(errno.ENOENT), str(path.parent)
         )
+    # In the folder of the file itself, as a rename is atomic only
+    # within one file system.
     folder, lock = own_folder(path.parent, ".trussflow-")
     try:
         partial = folder / path.name
         yield partial
+        # Otherwise the name could reach the disk before the content, and a loss of
+        # power leave an empty file.
         _to_disk(partial)
         partial.replace(path)
     finally:
@@ -176,6 +180,7 @@ def destination(path: str | Path) -> Path:
 
 def _to_disk(file: Path) -> None:
     """Synchronize a file with the disk."""
+    # Windows synchronizes only files that are open for writing.
     descriptor = os.open(file, os.O_RDWR)
     try:
         os.fsync(descriptor)

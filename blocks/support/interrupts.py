@@ -38,6 +38,8 @@ def interruptible() -> Iterator[None]:
     def when_possible(number: int, frame: FrameType | None) -> None:
         """Raise KeyboardInterrupt, now or after a delay, and again later in case that it gets lost."""
         waits = _is_casadi_above(frame)
+        # If a function of CasADi would clear the exception, the next attempt follows.
+        # Otherwise it is raised again after a second, if a finalizer has lost it.
         again = threading.Timer(
             RETRY_INTERVAL if waits else REPEAT_INTERVAL, _thread.interrupt_main
         )

@@ -34,6 +34,7 @@ def end(process: subprocess.Popen[Any], mark: str = "") -> None:
             # macOS reports PermissionError for zombies
             os.killpg(process.pid, signal.SIGKILL)
         end_marked(mark)
+    # Reaps the process, which would otherwise stay as a zombie.
     process.wait()
 
 
@@ -45,6 +46,7 @@ def end_marked(mark: str) -> None:
     mark : str
         The text; an empty text ends no process.
     """
+    # A process that starts others faster than they end must not block this one.
     deadline = time.monotonic() + END_TIMEOUT
     # Repeated, as a process may start others during the search.
     while (

@@ -38,6 +38,7 @@ class Display:
         return False
 
     def __getattr__(self, name: str) -> Any:
+        # Looked up at each use, as tests and notebooks replace sys.stderr.
         return getattr(sys.stderr, name)
 
 
@@ -121,6 +122,7 @@ class RunBar(ProgressBar):
         TimeLimitError
             If the run exceeds its time limit.
         """
+        # Before tqdm, whose update does nothing if the bar is not shown.
         if self._limit is not None and time.monotonic() - self._begun > self._limit:
             raise TimeLimitError(
                 f"the run takes longer than {self._limit:g} s; what was logged is kept"
@@ -184,6 +186,7 @@ def status_line(text: str) -> Iterator[None]:
         yield
     finally:
         timer.cancel()
+        # The text may be on its way: it must not appear after the line was cleared.
         timer.join()
         if displayed.is_set():
             print("\r\033[K", end="", file=DISPLAY, flush=True)

@@ -23,6 +23,8 @@ def process_folder() -> Path:
     OSError
         If the disk is full, or there is no folder for temporary files.
     """
+    # A forked process gets a folder of its own: that of its parent is
+    # deleted with the parent.
     mine = os.getpid(), tempfile.gettempdir()
     if not _made(*mine).is_dir():  # another program has deleted it
         _made.cache_clear()

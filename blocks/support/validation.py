@@ -52,9 +52,12 @@ def number_array(what: str, value: Any) -> Vector:
     """
     try:
         given = np.asarray(value)
+        # Objects may be numbers, such as Fraction; None would become
+        # NaN in the conversion.
         no_none = given.dtype.kind == "O" and all(
             element is not None for element in given.flat
         )
+        # np.asarray() drops the mask, so the value itself is tested.
         if (given.dtype.kind in "biuf" or no_none) and not np.ma.is_masked(value):
             return given.astype(float)
     except (TypeError, ValueError, OverflowError):
@@ -119,6 +122,7 @@ def positive(error: type[Exception] = SimulationError, /, **values: float) -> No
     """
     for name, value in values.items():
         try:
+            # True is a number in Python, but not a time or a tolerance.
             good = not isinstance(value, bool) and math.isfinite(value) and value > 0
         except (TypeError, ValueError, OverflowError):
             good = False
@@ -279,6 +283,7 @@ def as_path(error: type[Exception], cannot: str, path: Any) -> Path:
     try:
         found = Path(path)
         good = bool(found.name)
+        # The system decides whether a file may have this name; the file need not exist.
         os.lstat(found)
     except (FileNotFoundError, NotADirectoryError, PermissionError):
         pass
