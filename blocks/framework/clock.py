@@ -119,7 +119,7 @@ def refuse_coarse_time(time: float, step: Fraction | float) -> None:
     Raises
     ------
     SimulationError
-        If they are; the message says what would do.
+        If they are; the message gives the remedies.
     """
     apart = ulp(time)
     if apart * MIN_ULPS > step:

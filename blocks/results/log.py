@@ -1,4 +1,4 @@
-"""Logs: rows of numbers collected in memory while a run goes on."""
+"""Logs: rows of numbers that are collected in memory during a run."""
 
 from __future__ import annotations
 
@@ -200,7 +200,7 @@ class Log:
             warn(
                 f"{self._fault}; the states of '{self.attributes['diagram']}' stayed finite, so the run went "
                 'on. Look for a division by zero there; not_finite="stop" ends a run there, and "ignore" '
-                "says nothing"
+                "gives no warning"
             )
         return result
 

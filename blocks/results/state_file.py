@@ -154,7 +154,7 @@ def read_state(path: str | Path, of: Mapping[str, Any]) -> Any:
     SimulationError
         If it cannot be read, is damaged, or has another identity.
     """
-    with reading(path, SimulationError, "cannot go on from") as file:
+    with reading(path, SimulationError, "cannot continue from") as file:
         return decode(file.read_bytes(), of)
 
 

@@ -100,7 +100,7 @@ class StreamedLog(Log):
         if resumes is not None and self._saved.exists():
             with Explained(
                 lambda e: SimulationError(
-                    f"cannot go on from the folder '{self._folder}': {e}"
+                    f"cannot continue from the folder '{self._folder}': {e}"
                 )
             ):
                 # A state that someone else wrote must not be restored.
@@ -110,7 +110,7 @@ class StreamedLog(Log):
                     self._first, _, self._fault, self.resumed = found
                 case _:
                     raise SimulationError(
-                        f"cannot go on from '{self._saved}': it is no checkpoint"
+                        f"cannot continue from '{self._saved}': it is no checkpoint"
                     )
         else:
             self._saved.unlink(missing_ok=True)
@@ -123,8 +123,8 @@ class StreamedLog(Log):
                 old.unlink()
         if len(pieces_of(self._folder)) != pieces:
             raise SimulationError(
-                f"cannot go on from '{self._saved}': some of the rows before it are not in that folder any "
-                "more; leave out resume=True to begin anew"
+                f"cannot continue from '{self._saved}': some of the rows before it are not in that folder any "
+                "more; leave out resume=True to start again"
             )
 
     def _is_result(self) -> bool:
@@ -239,7 +239,7 @@ class StreamedLog(Log):
 
     def _left(self, error: BaseException) -> SimulationError:
         """Return an error that names the rows that can still be read."""
-        left = f"what was written before is in '{self._folder}', and recover('{self.path}') reads it"
+        left = f"the rows written before are in '{self._folder}', and recover('{self.path}') reads them"
         return cannot_write(self.path, error, left if pieces_of(self._folder) else "")
 
 

@@ -1,1 +1,1 @@
-"""Time: when what computes, integration between instants, results."""
+"""Simulation: schedule of the blocks, integration between instants, and runs."""

@@ -43,7 +43,7 @@ def integrate(
     watch: EventWatch | None,
     accepted: Callable[[float, Vector, float], Any],
 ) -> Iterator[tuple[float, Vector]]:
-    """Integrate over a span; the solver starts afresh, after each event too.
+    """Integrate over a span; the solver starts anew in each span and after each event.
 
     Parameters
     ----------

@@ -43,11 +43,11 @@ def open_block(block: Block, p: Signals) -> Equations:
         must = (
             "must be a"
             if block.steps_itself
-            else "must say steps_itself = True to be a"
+            else "must set steps_itself = True to be a"
         )
         raise SimulationError(
             where
-            + f"the block says steps_itself = {block.steps_itself}; it {must} SelfStepping"
+            + f"the block has steps_itself = {block.steps_itself}; it {must} SelfStepping"
         )
     if not isinstance(opened, Running) and opened is not block:
         raise SimulationError(where + "it must be a Running, or the block itself")
@@ -98,7 +98,7 @@ class OpenBlocks:
                 )
         except BaseException:
             with contextlib.suppress(TrussflowError):
-                # the first error is the one to see
+                # The first error is reported.
                 self.close()
             raise
 
@@ -150,7 +150,7 @@ class OpenBlocks:
         return self.call_each("save")
 
     def close(self) -> None:
-        """Let the blocks release everything.
+        """Close the blocks, which release their resources.
 
         Raises
         ------

@@ -1,4 +1,4 @@
-"""Events: finding in a step where an indicator crosses zero or a time is reached, and handling them."""
+"""Events: location of zero crossings of indicators and of time events in a step, and their handling."""
 
 from __future__ import annotations
 
@@ -35,14 +35,14 @@ DIRECTION_STEP = 1e-6
 
 
 class EventWatch:
-    """Finds and handles the events of one run, while these d and p are its own.
+    """Location and handling of the events of one run with these d and p.
 
-    Its twin in C is ``tracing/events.h``, which says what `sides` are: what changes here changes there.
+    Its twin in C is ``tracing/events.h``, which defines `sides`: a change here needs one there.
 
     Parameters
     ----------
     executor : Executor
-        Evaluates the indicators of its plan, and what events do.
+        Executor of the indicators and `on_event` of its plan.
     d, p : Vector
         Discrete values, which are changed here, and parameters [as declared].
     """
@@ -103,11 +103,11 @@ class EventWatch:
         return None
 
     def handle(self, t: float, x: Vector, step: float) -> Vector:
-        """Handle what `after_step` found in a `step` of that length [s]; return the states `x` at `t` [s]."""
+        """Handle the event that `after_step` found in a `step` [s]; return the states `x` at `t` [s]."""
         self._indicate(t, x)
         return self._settle(t, x, step)
 
-    # -- what happens ------------------------------------------------------------------------
+    # -- handling ------------------------------------------------------------------------
 
     def _indicate(self, t: float, x: Vector) -> None:
         self._g = self.executor.call("indicators", t, x, self.d, self.p)
@@ -213,7 +213,7 @@ class EventWatch:
             # The next events follow from the jump of these, not from a step.
             step = None
 
-    # -- when --------------------------------------------------------------------------------
+    # -- location --------------------------------------------------------------------------------
 
     def _locate(
         self,
@@ -276,7 +276,7 @@ class EventWatch:
 def not_a_number(
     plan: Plan, g: Vector, t: float, x: Vector, d: Vector, p: Vector
 ) -> NoReturn:
-    """Refuse indicators `g` of a `plan`, of which one is not a number.
+    """Raise the error for indicators `g` of a `plan`, one of which is not a number.
 
     They are those at time `t` [s] with `x`, `d` and `p` [as declared].
     """
@@ -290,7 +290,7 @@ def not_a_number(
 
 
 def endless(t: float) -> NoReturn:
-    """Refuse events that never end, at time `t` [s]."""
+    """Raise the error for endless events at time `t` [s]."""
     raise SimulationError(
         f"events without end at t = {t:g} s: on_event() of a block does not advance the "
         "time of its time event, or two modes call each other back (give the relay a hysteresis), or events follow each "

@@ -1,8 +1,8 @@
 """Executors: the functions of a plan in compiled code, in CasADi's interpreter, or in NumPy.
 
-All three give the same numbers to round-off (but for NaN in a minimum or maximum, which the
-interpreter loses). The compiled one is the fast one, the interpreter needs no compiler, and
-plain NumPy can be stepped through with a debugger. An executor belongs to one run.
+All three give the same numbers to round-off, except that the interpreter ignores NaN in a minimum or
+maximum. Compiled code is the fastest, the interpreter needs no compiler, and plain NumPy can be
+stepped through with a debugger. An executor belongs to one run.
 """
 
 from __future__ import annotations
@@ -55,7 +55,7 @@ class Progress(NamedTuple):
 
 
 class Span(NamedTuple):
-    """A run of fixed steps without interruption.
+    """Fixed steps that are taken in one call.
 
     Attributes
     ----------
@@ -112,7 +112,7 @@ class Executor:
     def instant(self, number: int, *point: *Point, update: bool = True) -> Vector:
         """Return d after the sampled blocks of the set of that number have computed.
 
-        Without `update`, what Python blocks keep stays as it is.
+        Without `update`, the states of Python blocks do not change.
         """
         return self.call(f"sample_{number}", *point)
 
@@ -145,7 +145,7 @@ class Executor:
         return False
 
     def close(self) -> None:
-        """End the run: Python blocks release what they took."""
+        """End the run: Python blocks release their resources."""
         self.blocks.close()
 
     def advance(
@@ -194,8 +194,8 @@ class Executor:
     ) -> Vector:
         """Return the state after a step of any length, by ``"rk4"`` or ``"euler"``, with the events in it.
 
-        Its twin in C is ``tf_between`` in ``tracing/events.h``: what changes here changes there. The
-        `times` are begin, end and length of the step [s]; what events change in d changes there.
+        Its twin in C is ``tf_between`` in ``tracing/events.h``: a change here needs one there. The
+        `times` are begin, end and length of the step [s]. Events change d in place.
         """
         watch = self.watch(d, p)
         t, end, h = times
@@ -319,7 +319,7 @@ class InPlace:
 class CompiledExecutor(Executor):
     """C code of the `programs` of a `plan`, compiled once and cached; whole spans of steps are taken in C.
 
-    With several `lanes` [-] all arrays have a last axis of these: as many runs are advanced at once.
+    With several `lanes` [-], all arrays have a last axis of lanes, each of which is one run.
     """
 
     name = "compiled"

@@ -80,7 +80,7 @@ def sorted_stages(
             raise AlgebraicLoopError(
                 f"algebraic loop through Python blocks: {' -> '.join(cycle)}; each needs the "
                 "output of the one before at the same instant. Break it with a UnitDelay, make a "
-                "Function of what can be traced, say in feedthrough() which outputs do not depend on "
+                "Function of what can be traced, declare in feedthrough() which outputs do not depend on "
                 "which inputs, or, if none of them is sampled, let it be solved: "
                 'Diagram(..., loops="solve")'
             )
@@ -158,7 +158,7 @@ class PythonBlocks:
 
 
 class PythonExecutor(Executor):
-    """Evaluates what is traced and the Python blocks around it.
+    """Executor of the traced blocks together with the Python blocks.
 
     Everywhere `number` is that of a set of clocks that tick together, `t` the time [s], and `x`, `d`, `p` are
     the continuous states, the discrete values and the parameters [as declared]; all are a `point`.
@@ -166,7 +166,7 @@ class PythonExecutor(Executor):
     Parameters
     ----------
     inner : Executor
-        Evaluates what is traced.
+        Executor of the traced blocks.
     python : PythonBlocks
         The Python blocks.
     blocks : OpenBlocks
@@ -288,7 +288,7 @@ class PythonExecutor(Executor):
             point[2][call.outputs] = self._ask(call, quantity, "output", point)
 
     def _solve(self, pairs: list[Pair], point: Point) -> None:
-        """Put outputs into d that reproduce themselves."""
+        """Solve a loop: put outputs into d that are equal to their evaluation."""
         d = point[2]
         places = np.concatenate([np.r_[call.outputs] for call, _ in pairs])
 
@@ -361,7 +361,7 @@ class PythonExecutor(Executor):
         point: Point,
         *more: Signals,
     ) -> Any:
-        """Return what an equation of a continuous block returns, in one vector unless it is `on_step`."""
+        """Return the result of an equation of a continuous block, in one vector unless it is `on_step`."""
         t, x, d, p = point
         own = self.blocks.equations[call.path]
         before = kind == "on_step" and not own.sees_jumps

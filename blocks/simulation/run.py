@@ -3,7 +3,7 @@
 At an instant, and from there to the next one::
 
     located and time events at t are handled          x jumps
-    what is sampled at t computes, all at once         d jumps: Python blocks in the order in which
+    the sampled blocks due at t compute together       d jumps: Python blocks in the order in which
                                                        they need each other, then the traced ones
     the signals of t are logged
     events that the jump of d causes are handled       x jumps
@@ -56,7 +56,7 @@ WINDOW_TICKS = 1024
 """Number of ticks whose due blocks are determined at once [-]."""
 
 SHORT_STEP = 1e-6
-"""Steps of an adaptive solver below this share of the run are short [-]."""
+"""Steps of an adaptive solver below this part of the run are short [-]."""
 
 MAX_SHORT_STEPS = 1000
 """Short steps in succession after which the following ones are tested for jumps of a derivative [-]."""
@@ -88,7 +88,7 @@ NO_ROWS = np.empty((0, 0))
 
 @dataclass(slots=True)
 class Run:
-    """State of one run, or of a session: both are advanced by this code alone.
+    """State of one run or session, and the only code that advances it.
 
     At time t, the sampled blocks due at t have not computed yet: they compute when the run is
     advanced from t, or finished.
@@ -250,7 +250,7 @@ class Run:
         plan.parameters(plan.p.named(found.p))
 
     def sample(self) -> None:
-        """Let the sampled blocks due at the present time compute now; `advance` does not repeat it."""
+        """Evaluate the sampled blocks due at the present time; `advance` does not repeat this."""
         self._instant(self.due(), self.time)
         self.sampled = self.k
 
@@ -278,7 +278,7 @@ class Run:
             self._part(until)
 
     def to_end(self, progress: bool = False, limit: float | None = None) -> xr.Dataset:
-        """Run to the end; whatever happens, finish the log.
+        """Run to the end; finish the log in any case.
 
         Parameters
         ----------
@@ -319,24 +319,24 @@ class Run:
             return log.abandon(error, self.time, blocks.messages)
 
     def _resume(self, checkpoint: Snapshot) -> None:
-        """Go to a checkpoint of the same run."""
+        """Restore a checkpoint of the same run."""
         self.check(checkpoint)
         if checkpoint.now > self.end:
             raise SimulationError(
                 f"cannot resume '{self.prepared.plan.name}' to end at t = {written(self.end)} s: its "
                 f"checkpoint is of t = {written(checkpoint.now)} s; give a longer duration, or leave out "
-                "resume=True to begin anew"
+                "resume=True to start again"
             )
         self.restore(checkpoint)
 
     def _advance_with_checkpoints(self, log: Log, every: Fraction) -> None:
-        """Advance to the end, and keep the state on the disk at each multiple of a time `every` [s]."""
+        """Advance to the end, and write the state to the disk at each multiple of a time `every` [s]."""
         if log.resumed is None:
-            self.sample()  # all blocks have begun: what cannot be saved is reported at once
+            self.sample()  # all blocks have started: a state that cannot be saved is reported now
         while self.now < self.end:
             log.checkpoint(self.save(), self.identity)
             # Counted from the origin, so that a resumed run stops at the same times. An
-            # adaptive solver starts afresh there; other times would change the result.
+            # adaptive solver restarts there; other times would change the result.
             following = (self.now - self.origin) // every + 1
             self.advance(min(self.end, self.origin + following * every))
 
@@ -488,7 +488,7 @@ class Run:
         return ""
 
     def _instant(self, number: int, t: float) -> None:
-        """Let the sampled blocks of one instant compute."""
+        """Evaluate the sampled blocks of one instant."""
         if not number:
             return
         updated = self.executor.instant(number, t, self.x, self.d, self.p)
@@ -507,7 +507,7 @@ class Run:
     # -- adaptive -------------------------------------------------------------------------
 
     def _adaptive(self, until: Fraction) -> None:
-        """Advance with an adaptive solver, which starts afresh at each instant."""
+        """Advance with an adaptive solver, which restarts at each instant."""
         every = self.log_step
         length = float(until - self.origin)
         for end in self._ends(until):
@@ -628,7 +628,7 @@ class Run:
         )
 
     def _gave_up(self, reason: str, t: float, x: Vector) -> DivergenceError:
-        """Name the state that changes fastest, relative to its size, where the solver gave up.
+        """Return the error of a solver that gave up; it names the fastest state, relative to its size.
 
         The `reason` is the solver's, at time `t` [s] with the states `x` [as declared].
         """

@@ -1,13 +1,13 @@
-"""Sessions: a block or a diagram run piece by piece, with inputs from outside.
+"""Sessions: stepwise runs of a block or a diagram, with inputs from outside.
 
 At each communication point the order is: read the outputs, set inputs, advance. Inputs are held
 between two points. A sampled block whose clock ticks at a point computes when the session is
 advanced from there, so it reads the inputs set at that point, not the earlier ones.
 
-Outputs are those of the present time with the inputs as set now: what depends on an input
-directly follows it at once, sampled blocks whose clock ticks at this very time included, and so
-equals what a whole run logs there. For that, `output` of a Python block is called as often as outputs
-are read; `update` is called once, when time goes on.
+Outputs are those of the present time with the present inputs. Outputs with direct feedthrough follow
+an input without delay, also those of sampled blocks that are due at this time. So they are equal to the
+logged signals of a run. Therefore `output` of a Python block is called each time that outputs are read;
+`update` is called once, when the session is advanced.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ TICK_TOLERANCE = float(SNAP)
 
 
 class Session(Described):
-    """A block or diagram that is advanced from time to time, with inputs set in between.
+    """A block or diagram that is advanced step by step, with inputs set in between.
 
     Parameters
     ----------
@@ -50,7 +50,7 @@ class Session(Described):
     outputs : mapping or sequence, optional
         Ports to read, as for the log of a `Simulator`; by default the exposed outputs.
     step, solver, backend, rtol, atol
-        Of the `Solver` [s, -, -, -, unit of the state]; adaptive ones start afresh at each point.
+        Of the `Solver` [s, -, -, -, unit of the state]; adaptive solvers restart at each point.
 
     Attributes
     ----------
@@ -187,14 +187,14 @@ class Session(Described):
             )
         except BaseException:
             with contextlib.suppress(TrussflowError):
-                # the first error is the one to see
+                # The first error is reported.
                 executor.close()
             raise
         # Assigned last: if anything above fails, the session is not started.
         self._run = Run(prepared, executor, x, d, p, origin=begin)
 
     def stop(self) -> None:
-        """End; Python blocks release what they took. A session that is not started stays so."""
+        """Stop; Python blocks release their resources. A session that is not started does not change."""
         run = self._run
         # Before closing, which may raise: the session is not started in any case.
         self._run = None
@@ -218,7 +218,7 @@ class Session(Described):
         traceback: TracebackType | None,
     ) -> None:
         with contextlib.suppress(*([] if error is None else [TrussflowError])):
-            # the first one is to be seen
+            # Without a second error, which would hide the first one.
             self.stop()
 
     def set(self, values: Mapping[str, Any] | None = None, /, **inputs: Any) -> None:
@@ -242,7 +242,7 @@ class Session(Described):
         self.prepared.plan.set_inputs(run.d, {**by_name("inputs", values), **inputs})
 
     def set_row(self, values: Vector) -> None:
-        """Set the first inputs from a flat vector of `values` [as declared], unchecked and quick.
+        """Set the first inputs from a flat vector of `values` [as declared], without checks.
 
         They are in the order of ``prepared.plan.u``.
         """
@@ -251,13 +251,14 @@ class Session(Described):
         run.d[start : start + values.size] = values
 
     def latch(self) -> None:
-        """Let the sampled blocks due at the present time compute now, with the present inputs."""
+        """Evaluate the sampled blocks due at the present time, with the present inputs."""
         self._running().sample()
 
     def tune(self, parameters: Mapping[str, Any]) -> None:
         """Change parameters, from the present time on.
 
-        Initial values that were taken from a parameter stay. Python blocks are told: `Running.tuned`.
+        Initial values that were taken from a parameter do not change. `Running.tuned` of Python blocks is
+        called.
 
         Parameters
         ----------
@@ -361,7 +362,7 @@ class Session(Described):
         return self._computed("derivative")
 
     def events(self) -> Vector:
-        """Return all modes, then the indicators of events that are not known in advance."""
+        """Return all modes, then the indicators of all events except time events."""
         plan = self.prepared.plan
         found = (
             self._computed("indicators")[plan.kinds != TIMED] if plan.kinds.size else []
@@ -384,12 +385,12 @@ class Session(Described):
     def save(self, path: str | Path | None = None) -> Snapshot:
         """Return a snapshot of the present time, and write it to a file if there is a `path`.
 
-        An equal session in another process goes on from there: ``session.restore(path)``.
+        An equal session in another process continues from there: ``session.restore(path)``.
 
         Parameters
         ----------
         path : path, optional
-            File to write, whole or not at all: numbers and text alone, so that reading it runs no code.
+            File to write, atomically. It contains only numbers and text, so that reading it runs no code.
 
         Raises
         ------
@@ -407,7 +408,7 @@ class Session(Described):
     def restore(self, snapshot: Snapshot | str | Path) -> None:
         """Go to the time of a snapshot, of this session or of another of an equal diagram.
 
-        What follows is the same as from there on before, to the last bit.
+        The session continues from there as the saved one, bit by bit.
 
         Parameters
         ----------
@@ -417,8 +418,8 @@ class Session(Described):
         Raises
         ------
         SimulationError
-            If it is no snapshot, or the diagram that was saved has other states, inputs or parameters. A file
-            must be of the same diagram, solver, backend and version, too.
+            If it is not a snapshot, or the saved diagram has other states, inputs or parameters. A file
+            must also be of the same diagram, solver, backend and version.
         """
         run = self._running()
         is_file = isinstance(snapshot, str | Path)

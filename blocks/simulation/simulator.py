@@ -1,8 +1,8 @@
-"""The scheduler: runs a diagram from start to end.
+"""The simulator: runs a diagram from start to end.
 
-Between two instants the continuous blocks are integrated together, as one state vector
-under one solver. At an instant, the sampled blocks whose clock ticks compute from the
-signals of that instant, all at once; then the results are logged; then time goes on.
+Between two instants, the continuous blocks are integrated together, as one state vector
+with one solver. At an instant, all sampled blocks whose clock ticks compute from the
+signals of that instant. Then the results are logged, and the integration continues.
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ if TYPE_CHECKING:
 
 
 class SimulatorSettings(SolverSettings, total=False):
-    """The settings of a `Simulator`: those of its `Solver`, and what it logs."""
+    """Settings of a `Simulator`: those of its `Solver`, and of its log."""
 
     log: Chosen | None
     log_step: float | None
@@ -247,29 +247,29 @@ class Simulator(Described):
         initial : mapping, optional
             Initial values of states by ``"block.state"`` [units as declared].
         start : float
-            Time at which to begin [s]; sampled blocks and the log count their instants from here.
+            Initial time [s]; sampled blocks and the log count their instants from here.
         progress : bool
             Whether runs of more than a second show a progress bar.
         stream_to : path, optional
-            netCDF file to log to while the run goes on, so that memory stays constant.
+            netCDF file to log to during the run, for constant memory.
         checkpoint_every : float, optional
-            Simulated time [s] after which all rows and the state of the run are put on the disk, again and
-            again, beside the file that is streamed to. Adaptive solvers start afresh there, too.
+            Simulated time between checkpoints [s], at which all rows and the state of the run are written to
+            the disk, beside the file of the log. Adaptive solvers restart at each of them.
         resume : bool
-            Whether to go on from the last checkpoint of the same run, if it left one: after a kill, Ctrl-C, a
-            full disk or a time limit. The result is that of a run without a stop, bit for bit. A file of the
-            same run that is complete is returned as it is; if there is neither, the run begins anew.
+            Whether to continue from the last checkpoint of the same run, if there is one, after a kill, Ctrl-C,
+            a full disk or a time limit. The result is that of a run without a stop, bit for bit. A complete
+            file of the same run is returned without a run. If there is neither, the run starts again.
         not_finite : str
             Reaction if a logged output becomes non-finite while the states do not: ``"warn"`` of the
-            first one when the run is complete, ``"stop"``, or ``"ignore"``. Logged rows are looked at
-            some 1000 at a time: a run goes on that long, and the rows after the fault are dropped.
+            first one when the run is complete, ``"stop"``, or ``"ignore"``. Logged rows are
+            checked about 1000 at a time: the run stops after that, and the rows after the fault are dropped.
         time_limit : float, optional
             Wall time limit of the run [s], checked between steps.
 
         Returns
         -------
         xarray.Dataset
-            What was logged, with units, frames and provenance.
+            Logged data, with units, frames and provenance.
 
         Raises
         ------
@@ -297,7 +297,7 @@ class RunSettings(OpeningSettings, total=False):
 
 
 class SimulateSettings(RunSettings, SimulatorSettings, total=False):
-    """Settings of `simulate`: of the run, and of its `Simulator`."""
+    """Settings of `simulate`: those of the run, and of its `Simulator`."""
 
 
 @spelled_out(SimulateSettings, Simulator.run)
@@ -322,7 +322,7 @@ def simulate(
     Returns
     -------
     xarray.Dataset
-        What was logged.
+        Logged data.
     """
     positive(duration=duration)
     refuse_unknown(

@@ -51,7 +51,7 @@ BACKENDS = ("auto", "compiled", "interpreted", "numpy")
 
 
 class SolverSettings(TypedDict, total=False):
-    """The settings of a `Solver`, as keywords of whatever runs a diagram."""
+    """Settings of a `Solver`, as keywords of the functions that run a diagram."""
 
     step: float | None
     solver: str
@@ -64,8 +64,7 @@ class SolverSettings(TypedDict, total=False):
 class Solver:
     """Integration method of the continuous states and backend of the equations.
 
-    Everything that runs a diagram (`simulate`, `Session`, `operating_point_after`...) takes these
-    as keywords.
+    All functions and classes that run a diagram (`simulate`, `Session`...) take these as keywords.
 
     Attributes
     ----------

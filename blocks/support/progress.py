@@ -16,9 +16,9 @@ from trussflow.blocks.errors import TimeLimitError
 
 
 class Display:
-    """Standard error as the file that progress is written to: where it cannot be written, nothing happens.
+    """Standard error as the file of the progress bars; failures to write are ignored.
 
-    It may be closed, as in a service, or None, or a pipe that nobody reads any more.
+    It may be closed, as in a service, or None, or a pipe without a reader.
     """
 
     def write(self, text: str) -> None:
@@ -125,7 +125,7 @@ class RunBar(ProgressBar):
         # Before tqdm, whose update does nothing if the bar is not shown.
         if self._limit is not None and time.monotonic() - self._begun > self._limit:
             raise TimeLimitError(
-                f"the run takes longer than {self._limit:g} s; what was logged is kept"
+                f"the run takes longer than {self._limit:g} s; the logged data are kept"
             )
         return super().update(n)
 

@@ -98,7 +98,7 @@ class Pieces:
             with reading(
                 file,
                 SimulationError,
-                "cannot go on with the sweep of",
+                "cannot continue the sweep of",
                 "it is damaged ({})",
             ):
                 other = dict(json.loads(file.read_text(encoding="utf-8")))
@@ -196,7 +196,7 @@ class Pieces:
         try:
             save(piece, Path(self.path or "") / f"{next(self._next):09d}.nc")
         except SimulationError as error:
-            left = f"{error}; samples written before are kept there, and the same call goes on with the others"
+            left = f"{error}; samples written before are kept there, and the same call continues with the others"
             raise SimulationError(left) from error
 
     def _read(self, piece: Path) -> xr.Dataset:

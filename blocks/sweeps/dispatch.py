@@ -167,10 +167,10 @@ class Dispatch:
     def _broken(self, error: BaseException) -> SimulationError:
         kept = f"{self._pieces.finished.sum()} of {self.total} samples are finished"
         goes_on = (
-            "and kept: the same call goes on with the others"
+            "and kept: the same call continues with the others"
             if self._pieces.path
             else "and lost without path=..."
         )
         return SimulationError(
-            f"the workers cannot go on: {type(error).__name__}: {error}; {kept} {goes_on}"
+            f"the workers cannot continue: {type(error).__name__}: {error}; {kept} {goes_on}"
         )

@@ -224,7 +224,7 @@ def sweep(
     except KeyboardInterrupt:
         done = f"stopped after {pieces.finished.sum()} of {count} samples"
         kept_in = (
-            f"; the same call goes on with those in '{path}'"
+            f"; the same call continues with those in '{path}'"
             if path is not None
             else ""
         )

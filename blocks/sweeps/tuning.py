@@ -267,7 +267,7 @@ def tune(
         # First the smallest violation of limits, then the smallest cost.
         best = min(search.tried, key=lambda x: (missing(x), search.at(x).cost))
         kept = (
-            f"; the same call goes on with the runs in '{path}'"
+            f"; the same call continues with the runs in '{path}'"
             if path is not None
             else ""
         )

@@ -198,7 +198,7 @@ def test_files_of_something_else_are_refused_by_name(tmp_path):
             wrong,
             pytest.raises(
                 SimulationError,
-                match=rf"cannot go on from '.*half\.state': .*{message}",
+                match=rf"cannot continue from '.*half\.state': .*{message}",
             ),
         ):
             wrong.restore(file)
@@ -239,7 +239,7 @@ def test_files_of_something_else_are_refused_by_name(tmp_path):
     ):
         running.restore(file)
     with pytest.raises(
-        SimulationError, match=r"cannot go on from '.*none': .*No such file"
+        SimulationError, match=r"cannot continue from '.*none': .*No such file"
     ):
         running.restore(tmp_path / "none")
     with pytest.raises(
@@ -443,7 +443,7 @@ def test_other_runs_are_not_resumed(stop, tmp_path):
     ):
         with pytest.raises(
             SimulationError,
-            match=rf"go on from '.*run\.nc\.partial.checkpoint': .*{message}",
+            match=rf"continue from '.*run\.nc\.partial.checkpoint': .*{message}",
         ):
             checkpointed(running, path, **changed)
     with pytest.raises(
@@ -461,7 +461,8 @@ def test_other_runs_are_not_resumed(stop, tmp_path):
     content = state.read_bytes()
     write_state(state, (0, 1), json.loads(content.partition(b"\n")[0])["of"])
     with pytest.raises(
-        SimulationError, match=r"cannot go on from '.*checkpoint': it is no checkpoint"
+        SimulationError,
+        match=r"cannot continue from '.*checkpoint': it is no checkpoint",
     ):
         checkpointed(running, path)
     state.write_bytes(content)

@@ -232,7 +232,7 @@ def test_what_open_must_return(returned, steps_itself):
         def steps_itself(self):
             return steps_itself
 
-    message = r"open\(\) of block 'python' \(Odd\) returned .*must (say steps_itself = True to )?be a"
+    message = r"open\(\) of block 'python' \(Odd\) returned .*must (set steps_itself = True to )?be a"
     with pytest.raises(SimulationError, match=message):
         Simulator(loop(Odd()), step=STEP, backend="numpy").run(0.5)
 

@@ -281,7 +281,7 @@ def test_ctrl_c_ends_joining_and_leaves_the_pieces(
     path = tmp_path / "run.nc"
     interrupting(streamed_log.StreamedLog, "_join", monkeypatch)
     with pytest.raises(
-        SimulationInterrupted, match=r"Ctrl-C came; what was written .*recover\("
+        SimulationInterrupted, match=r"Ctrl-C came; the rows written before .*recover\("
     ):
         simulator.run(3.0, stream_to=path)
     xr.testing.assert_equal(recover(path), whole)

@@ -123,10 +123,10 @@ def test_a_scheduler_that_is_killed_loses_nothing_that_is_finished(cluster, tmp_
     for part in parts[1:]:  # they may still be at what the scheduler had given them
         os.killpg(part.pid, signal.SIGKILL)
     assert process.returncode == 1
-    assert b"the workers cannot go on: " in said, said.decode()
+    assert b"the workers cannot continue: " in said, said.decode()
     # What workers have finished and the scheduler has not passed on dies with it: how much, depends.
     kept = re.search(
-        rb"; (\d+) of 200 samples are finished and kept: the same call goes on with the others",
+        rb"; (\d+) of 200 samples are finished and kept: the same call continues with the others",
         said,
     )
     before = (tmp_path / "ran").stat().st_size

@@ -156,7 +156,7 @@ def test_samples_have_a_time_limit_each():
     assert slow["status"].values.tolist() == ["timeout"]
     assert (
         slow["message"].values[0]
-        == "the run takes longer than 0.2 s; what was logged is kept"
+        == "the run takes longer than 0.2 s; the logged data are kept"
     )
 
 
@@ -202,7 +202,7 @@ def test_a_folder_of_something_else_is_refused(tmp_path):
     xr.testing.assert_equal(first, again())
     (tmp_path / "kept" / "sweep.json").write_text("{")
     with pytest.raises(
-        SimulationError, match=r"go on with the sweep of .*json': it is damaged \(Exp"
+        SimulationError, match=r"continue the sweep of .*json': it is damaged \(Exp"
     ):
         again()
 
@@ -240,7 +240,7 @@ def test_a_full_disk_is_one_error_and_nothing_that_was_written_is_lost(
     gains = -np.arange(1.0, 11.0)
     with pytest.raises(
         SimulationError,
-        match=r"is the disk full\?.*the same call goes on with the others",
+        match=r"is the disk full\?.*the same call continues with the others",
     ):
         swept(gains, keep, path=tmp_path / "kept", executor="serial")
     found = swept(gains, keep, path=tmp_path / "kept", executor="serial")
@@ -266,7 +266,7 @@ def test_ctrl_c_leaves_what_is_finished(tmp_path):
 
     gains = -np.arange(1.0, 11.0)
     with pytest.raises(
-        SimulationInterrupted, match="the same call goes on with those in"
+        SimulationInterrupted, match="the same call continues with those in"
     ) as stopped:
         swept(gains, keep, path=tmp_path / "kept", executor="serial")
     result = stopped.value.result
@@ -283,9 +283,7 @@ def test_an_executor_that_breaks_is_one_error(tmp_path):
             os._exit(1)
         return end(run)
 
-    wanted = (
-        r"the workers cannot go on: Broken.*; (\d+) of 10 samples are finished and kept"
-    )
+    wanted = r"the workers cannot continue: Broken.*; (\d+) of 10 samples are finished and kept"
     with (
         ProcessPoolExecutor(1) as pool,
         pytest.raises(SimulationError, match=wanted) as broken,
