@@ -469,7 +469,7 @@ def test_other_runs_are_not_resumed(stop, tmp_path):
     min(folder.glob("0*.nc")).unlink()
     with pytest.raises(
         SimulationError,
-        match=r"some of the rows before it are not .*resume=True to begin",
+        match=r"some of the rows before it are not .*resume=True to start again",
     ):
         checkpointed(running, path)
     check_same(
