@@ -82,7 +82,7 @@ class Log:
         attributes: Mapping[str, Any],
         not_finite: str = "ignore",
     ) -> None:
-        one_of("way to treat what is not finite", not_finite, NAN_POLICIES)
+        one_of("policy for values that are not finite", not_finite, NAN_POLICIES)
         self.channels, self._policy, self._fault = channels, not_finite, ""
         self.attributes = dict(attributes)
         self.width = channels[-1].columns.stop if channels else 0

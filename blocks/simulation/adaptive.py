@@ -22,8 +22,8 @@ METHODS = ("RK45", "DOP853", "LSODA", "BDF", "Radau")
 """Explicit: RK45, DOP853. Stiff: BDF, Radau. Switching: LSODA."""
 
 IMPLICIT = ("BDF", "Radau")
-"""Given the exact Jacobian; LSODA asks for it so often that its own differences, by the compiled
-derivative, are several times cheaper."""
+"""Methods that use the exact Jacobian. LSODA would evaluate it so often that its own differences of
+the compiled derivative are several times cheaper."""
 
 Function = Callable[[float, Vector], Any]
 

@@ -168,7 +168,7 @@ class OpenBlocks:
 
 
 def check_outputs(outputs: object, size: int, name: str) -> None:
-    """Refuse `outputs` of a self-stepping block of that `name` that are no `size` numbers [-].
+    """Raise an error if `outputs` of the self-stepping block `name` are not `size` numbers [-].
 
     Raises
     ------
@@ -217,11 +217,11 @@ class SampledStepping(Running):
         return self._inner.messages
 
     def tuned(self) -> None:
-        """Pass on that parameters were changed."""
+        """Notify the block of changed parameters."""
         self._inner.tuned()
 
     def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
-        """Return the outputs at the start, for initial states; it begins again if the inputs change."""
+        """Return the outputs at the start, for initial states; the block starts again if the inputs change."""
         inputs = [np.ravel(u[port.name]) for port in self._block.inputs()]
         found = self.reach(float(t), np.concatenate([np.zeros(0), *inputs]))
         return {
@@ -359,7 +359,7 @@ class BlockCall:
         return np.concatenate([np.r_[self.states], modes]).astype(np.int64)
 
     def happened(self, flags: NDArray[np.bool_]) -> Signals:
-        """Return by name which of the block's events happen, of the `flags` of all of them [-]."""
+        """Return the `flags` [-] of the block's events by name."""
         return self._signals(self._events, flags)
 
     def _signals(self, arrays: Arrays, flat: NDArray[Any]) -> Signals:
@@ -451,7 +451,7 @@ def _needed(
 
 
 def _laid_out(shapes: Mapping[str, tuple[int, ...] | None]) -> Arrays:
-    """Return where arrays of these `shapes` [-], by name, stand one after the other."""
+    """Return the places of arrays of these `shapes` [-], by name, one after the other in a vector."""
     known = {name: shape or () for name, shape in shapes.items()}
     places = spans(map(prod, known.values()))
     return list(zip(known, places, known.values(), strict=True))

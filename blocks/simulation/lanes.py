@@ -1,4 +1,4 @@
-"""Runs side by side: each is a lane of the vectors that compiled code computes with, on one core."""
+"""Batched runs on one core: each run is a lane of the vectors of compiled code."""
 
 from __future__ import annotations
 
@@ -103,7 +103,7 @@ class Lanes:
         return found
 
     def _advance(self, runs: dict[int, Run]) -> None:
-        """Advance all to just before the instant of their end; failed ones are taken out of `runs`."""
+        """Advance all runs to just before the instant of their end; failed ones are removed from `runs`."""
         started = time.perf_counter()
         number = len(runs)
         first = next(iter(runs.values()))
@@ -153,7 +153,7 @@ class _LogOfEach(Log):
         return self._rows
 
     def keep(self, times: Vector | float, number: int = 1) -> None:
-        """Log the first rows reserved, in the log of each run; a run whose log raises ends."""
+        """Keep the first reserved rows in the log of each run; a run whose log raises is removed."""
         for lane, run in [*self._runs.items()]:
             assert run.log is not None
             try:
@@ -172,7 +172,7 @@ class _RunsTogether(Run):
     runs: dict[int, Run] = field(default_factory=dict)
 
     def _failed(self, progress: Progress, k: int, is_logged: bool) -> None:
-        """Take the failed runs out, and let the others repeat the step from tick `k` [-]."""
+        """Remove the failed runs; the others repeat the step from tick `k` [-]."""
         if progress.bad is None:
             assert progress.error is not None
             raise progress.error

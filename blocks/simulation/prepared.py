@@ -1,4 +1,4 @@
-"""A prepared diagram: the plan, schedule and compiled code that all its runs share and never change."""
+"""A prepared diagram: plan, schedule and compiled code, which all its runs share and do not change."""
 
 from __future__ import annotations
 

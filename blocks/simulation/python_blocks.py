@@ -37,7 +37,7 @@ from trussflow.blocks.tracing.sorted_order import (
 )
 
 MAX_NEWTON_ROUNDS = 20
-"""Rounds of Newton's method after which a loop is given up."""
+"""Maximum number of iterations of Newton's method [-]."""
 
 DIFFERENCE_STEP = 1e-7
 """Step of differences, relative to signals above one [-]."""

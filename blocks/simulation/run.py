@@ -53,13 +53,13 @@ MAX_CHUNK_GROWTH = 4.0
 """Maximum growth of the number of ticks from one check to the next [-]."""
 
 WINDOW_TICKS = 1024
-"""Number of ticks whose due blocks are determined at once [-]."""
+"""Number of ticks in a window, whose due blocks are determined in one call [-]."""
 
 SHORT_STEP = 1e-6
 """Steps of an adaptive solver below this part of the run are short [-]."""
 
 MAX_SHORT_STEPS = 1000
-"""Short steps in succession after which the following ones are tested for jumps of a derivative [-]."""
+"""Number of successive short steps after which further ones are tested for jumps of a derivative [-]."""
 
 TESTED_STEPS = 100
 """Number of steps tested for jumps [-]."""
@@ -78,10 +78,10 @@ JUMP_PIECES = 16
 """Number of pieces of a step in the search for a jump [-]."""
 
 SWITCH_ADVICE = (
-    "Declare a Mode for what switches (a sign, an absolute value, a comparison), and an Event where it "
-    "does; if nothing switches, try a stiff solver (LSODA, BDF, Radau)"
+    "Declare a Mode for a quantity that switches (a sign, an absolute value, a comparison), and an Event "
+    "at the switch; if nothing switches, try a stiff solver (LSODA, BDF, Radau)"
 )
-"""Advice where steps become too small."""
+"""Advice if steps become too small."""
 
 NO_ROWS = np.empty((0, 0))
 

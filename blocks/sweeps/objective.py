@@ -76,7 +76,7 @@ def differentiated(
         If a value becomes one of another shape, or the run cannot be differentiated.
     """
     traced = {name: symbol(name, np.shape(value)) for name, value in start.items()}
-    with explained("what the values become"), written_out():
+    with explained("becoming()"), written_out():
         made = becoming(**traced)
         shapes = {name: shape_of(value) for name, value in made.items()}
         column = ca.vertcat(*(to_expression(value) for value in made.values()))

@@ -148,7 +148,7 @@ def sweep(
     positive(duration=duration)
     positive_if_given(time_limit=time_limit)
     positive_whole(workers=1 if workers is None else workers, repeats=repeats)
-    one_of("way to treat what is not finite", not_finite, NAN_POLICIES)
+    one_of("policy for values that are not finite", not_finite, NAN_POLICIES)
     own = inspect.getfullargspec(sweep).kwonlyargs
     refuse_unknown(settings, [*SimulatorSettings.__annotations__, *own])
     refuse_settings(model, settings, "the sweep")

@@ -191,7 +191,7 @@ def tune(
     # dict(**values) returns the values themselves.
     becoming = dict if becoming is None else becoming
     start = {name: begin for name, (_, begin, _) in ranges.items()}
-    made = by_name("what is tuned", becoming(**start))
+    made = by_name("tuned values", becoming(**start))
     samples = [by_name("a sample", sample) for sample in samples]
     others = {name for sample in samples for name in sample}
     if (
@@ -280,9 +280,7 @@ def tune(
         ) from None
     message = "" if found.success else str(found.message)
     if missing(found.x):
-        message = (
-            f"limits are not met: {message or 'there is no way to meet them near here'}"
-        )
+        message = f"limits are not met: {message or 'no values near these meet them'}"
     return tuned(found.x, message)
 
 
@@ -402,7 +400,7 @@ class _Search:
 
 def _ranges(simulator: Simulator, vary: Mapping[str, Any], free: bool) -> Ranges:
     """Return the ranges of the varied values; if `free`, names need not be those of the diagram."""
-    given, plan = by_name("what varies", vary), simulator.prepared.plan
+    given, plan = by_name("varied values", vary), simulator.prepared.plan
     if not given:
         raise SimulationError(
             "nothing varies: name parameters or initial states, such as 'block.name'"
@@ -420,8 +418,8 @@ def _range(
     number = len(value) if isinstance(value, tuple | list) else 0
     if number != 3 and (number != 2 or own is None):
         raise SimulationError(
-            f"'{name}' is to be tuned within {shown(value)}; give (least, begin, greatest), or, for a value "
-            "of the diagram, (least, greatest)"
+            f"the range of '{name}' is {shown(value)}; give (smallest, initial, largest), or, for a value "
+            "of the diagram, (smallest, largest)"
         )
     low, *begin, high = (finite_array(f"the range of '{name}'", one) for one in value)
     shape = begin[0].shape if own is None else own.shape
@@ -432,7 +430,7 @@ def _range(
         and all(np.all((low <= b) & (b <= high)) for b in begin)
     ):
         raise SimulationError(
-            f"'{name}' is to be tuned within {shown(value)}: give numbers, or arrays of the shape "
+            f"the range of '{name}' is {shown(value)}: give numbers, or arrays of the shape "
             f"{shape}, in increasing order, the first one less than the last"
         )
     start: Array = begin[0] if begin else np.clip(np.asarray(own), low, high)

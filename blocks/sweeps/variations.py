@@ -31,7 +31,7 @@ ENGINES = {"latin": "LatinHypercube", "sobol": "Sobol", "halton": "Halton"}
 SAMPLING_METHODS = "random", *ENGINES
 """Sampling methods of uniform numbers, which distributions transform."""
 
-WHAT = "what varies"
+WHAT = "varied values"
 Vary = Mapping[Any, Any]
 """Distributions, or sequences of values, by name, or by several names that vary together."""
 
@@ -60,7 +60,7 @@ def drawn(
     SimulationError
         If an argument is not allowed, or all samples of a distribution are equal.
     """
-    one_of("way to draw samples", method, SAMPLING_METHODS)
+    one_of("sampling method", method, SAMPLING_METHODS)
     if not is_whole(seed) or seed < 0:
         raise SimulationError(
             f"the seed {shown(seed)} must be a whole number, zero or positive"
@@ -69,10 +69,10 @@ def drawn(
     each = Counter(name for names in named for name in _each(names))
     by_name(WHAT, each)
     if twice := sorted(name for name, number in each.items() if number > 1):
-        raise SimulationError(f"'{twice[0]}' is to vary in two ways; give it once")
+        raise SimulationError(f"'{twice[0]}' varies in two ways; give it once")
     if not vary or () in vary:
         raise SimulationError(
-            f"a sweep needs what varies, as {{'block.parameter': values}}, not {shown(vary)}"
+            f"a sweep needs varied values, as {{'block.parameter': values}}, not {shown(vary)}"
         )
     random = {names: d for names, d in vary.items() if _is_distribution(d)}
     lists = {
@@ -91,7 +91,7 @@ def drawn(
         positive_whole(samples=samples)
         if samples > MOST_SAMPLES:
             raise SimulationError(
-                f"{samples} samples are too many; {MOST_SAMPLES} are the most"
+                f"{samples} samples are too many; the largest number is {MOST_SAMPLES}"
             )
     count = samples or 1
     lengths = [len(next(iter(own.values()))) for own in lists.values()]

@@ -142,7 +142,8 @@ class Sliding(VanDerPol):
 @pytest.mark.parametrize("solver", METHODS)
 def test_steps_that_shrink_at_a_jump_end_the_run(solver):
     with pytest.raises(
-        DivergenceError, match=r"'block\.x'.* Declare a Mode for what switches"
+        DivergenceError,
+        match=r"'block\.x'.* Declare a Mode for a quantity that switches",
     ) as error:
         simulate(diagram_of(Sliding()), 5.0, solver=solver, log_step=0.1)
     assert ("jumps between" in str(error.value)) is (solver not in IMPLICIT)

@@ -152,7 +152,7 @@ def test_ctrl_c_after_an_output_stopped_being_finite_is_ctrl_c(path, monkeypatch
 def test_ignoring_says_nothing_and_other_words_are_refused():
     simulate(falling(), 1.0, **SETTINGS, not_finite="ignore")
     with pytest.raises(
-        SimulationError, match="unknown way to treat what is not finite 'raise'"
+        SimulationError, match="unknown policy for values that are not finite 'raise'"
     ):
         simulate(falling(), 1.0, **SETTINGS, not_finite="raise")
 

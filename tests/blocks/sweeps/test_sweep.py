@@ -226,7 +226,7 @@ WRONG_SETTINGS = {
     r"'back.gain' has shape \(\), its values have \(2,\)": {
         "vary": {"back.gain": [[1.0, 2.0]]}
     },
-    "a sweep needs what varies": {"vary": {}},
+    "a sweep needs varied values": {"vary": {}},
     "'back.gain' cannot vary over 3.0: give a sequence": {"vary": {"back.gain": 3.0}},
     "'back.gain' cannot vary over": {"vary": {"back.gain": [[1.0], [2.0, 3.0]]}},
     "needs samples=": {"vary": {"back.gain": stats.norm()}},
@@ -239,14 +239,14 @@ WRONG_SETTINGS = {
         "vary": {"back.gain": stats.norm(1.0, 1e-300)},
         "samples": 3,
     },
-    "'back.gain' is to vary in two ways": {
+    "'back.gain' varies in two ways": {
         "vary": {"back.gain": [1.0], ("back.gain", "x.integral"): [[1, 1]]}
     },
     "vary together: give 2 values": {"vary": {("back.gain", "x.integral[0]"): [1.0]}},
     "cannot keep 'x.z': logged are x.y": {"keep": {"x.z": "max"}, "log": ["x.y"]},
     "cannot keep 'x.y' as 'most': give a function": {"keep": {"x.y": "most"}},
     "cannot keep 3: give 'all'": {"keep": 3},
-    "way to draw samples": {
+    "unknown sampling method": {
         "vary": {"back.gain": stats.norm()},
         "samples": 3,
         "method": "grid",

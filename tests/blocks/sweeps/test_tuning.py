@@ -134,7 +134,7 @@ def test_derivatives_go_through_what_values_become():
     [
         (
             {"vary": {"law.gain": 3.0}},
-            r"'law\.gain' is to be tuned within 3\.0; give \(least, begin, greatest\), or",
+            r"the range of 'law\.gain' is 3\.0; give \(smallest, initial, largest\), or",
         ),
         ({"vary": {"law.gain": (3.0, 1.0)}}, "the first one less"),
         ({"vary": {"law.gain": ([1.0, 2.0], 3.0)}}, "arrays of the shape"),
@@ -146,7 +146,7 @@ def test_derivatives_go_through_what_values_become():
         ({"vary": {}}, "nothing varies"),
         (
             {"vary": {"k": (1.0, 8.0)}, "becoming": dict},
-            r"give \(least, begin, greatest\)",
+            r"give \(smallest, initial, largest\)",
         ),
         (
             {"vary": {"k": (1.0, 2.0, 8.0)}, "becoming": lambda k: {"law.gian": k}},
@@ -154,7 +154,7 @@ def test_derivatives_go_through_what_values_become():
         ),
         (
             {"vary": {"k": (1.0, 2.0, 8.0)}, "becoming": lambda k: k},
-            "what is tuned must be",
+            "tuned values must be",
         ),
         ({"cost": lambda run: run["level.y"]}, "must be one number"),
         (

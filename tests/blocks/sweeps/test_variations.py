@@ -79,8 +79,8 @@ def test_arrays_vary_together_with_numbers():
         (("a.n", "a.m"), [b"ab"], "give 2 values for each sample"),
         (("a.n", "a.m"), [np.array(1.0)], "give 2 values for each sample"),
         (("a.n", "a.m"), np.array(1.0), "cannot vary over"),
-        (("a.n", "a.n"), [(1.0, 2.0)], "'a.n' is to vary in two ways"),
-        ((), [()], "needs what varies"),
+        (("a.n", "a.n"), [(1.0, 2.0)], "'a.n' varies in two ways"),
+        ((), [()], "needs varied values"),
     ],
 )
 def test_rows_that_are_none_are_refused(names, rows, said):
