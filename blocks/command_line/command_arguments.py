@@ -106,9 +106,11 @@ def json_of(thing: Any) -> str:
     """Return a `thing` of plain values, arrays and paths as JSON; NaN and infinity are null."""
 
     def plain(value: Any) -> Any:
-        return (
-            value.tolist() if isinstance(value, np.ndarray | np.generic) else str(value)
-        )
+        if isinstance(value, np.ndarray | np.generic):
+            return value.tolist()
+        if isinstance(value, Path):
+            return str(value)
+        raise TypeError(f"cannot print a {type(value).__name__} as JSON")
 
     finite = json.loads(json.dumps(thing, default=plain), parse_constant=lambda _: None)
     return json.dumps(finite, indent=2)

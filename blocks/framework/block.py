@@ -413,7 +413,17 @@ class Block(Wired, Equations, Described):
 
     @final
     def named(self, name: str) -> Self:
-        """Set the `name` of a block outside any diagram; return the block."""
+        """Set the `name` of a block outside any diagram; return the block.
+
+        Raises
+        ------
+        BlockError
+            If the block is in a diagram, whose names its wires use.
+        """
+        if self.parent is not None:
+            raise BlockError(
+                f"cannot call '{self.path}' '{name}': it is in diagram '{self.parent.name}'"
+            )
         self.__dict__["name"] = name
         return self
 

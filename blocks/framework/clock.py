@@ -14,6 +14,9 @@ from trussflow.blocks.framework.block import Block
 SNAP = Fraction(1, 10**6)
 """Largest deviation of a time from a whole number of steps [steps]; callers add up times with round-off."""
 
+MAX_TICKS = 10**18
+"""Largest number of ticks between two instants, which are counted in 64 bits [-]."""
+
 MIN_ULPS = 10
 """Least length of a step, in distances of floating-point numbers at its time [-]."""
 
@@ -89,6 +92,10 @@ def ticks(
     if number.denominator != 1:
         raise SimulationError(
             f"{what} of {written(time)} s is not a whole number of steps of {written(tick)} s; {advice}"
+        )
+    if number > MAX_TICKS:
+        raise SimulationError(
+            f"{what} of {written(time)} s is more than {MAX_TICKS:.0e} steps of {written(tick)} s; {advice}"
         )
     return int(number)
 

@@ -60,7 +60,7 @@ class Diagram(Netlist):
 
     def __init__(self, name: str = "diagram", *, loops: str = "refuse") -> None:
         # Before super().__init__(), after which blocks are frozen.
-        self.analysis_points: dict[str, Port] = {}
+        self.analysis_points: dict[str, tuple[str, Port]] = {}
         one_of("policy for algebraic loops", loops, ("refuse", "solve"), DiagramError)
         self.loop_policy, self.loop_starts = loops, dict[tuple[str, str], Vector]()
         self.blocks, self.wires, self.exposed = {}, [], {}
@@ -84,14 +84,14 @@ class Diagram(Netlist):
             If there is none; the message lists ports, analysis points and blocks.
         """
         if name in self.analysis_points:
-            port = self.analysis_points[name]
-            block = port.block.name
+            # The name, since a block that was replaced may be in another diagram by now.
+            block, port = self.analysis_points[name]
             if block not in self.blocks:
                 raise NameLookupError(
-                    f"analysis point '{name}' of '{self.name}' is at '{port.path}', but there is no '{block}'"
+                    f"analysis point '{name}' of '{self.name}' is at '{block}.{port.name}', but there is no '{block}'"
                 )
             # The block may have been replaced since the point was added.
-            return self._present(port)
+            return self._present(port, block)
         try:
             return super().port(name)
         except NameLookupError as error:
@@ -275,7 +275,7 @@ class Diagram(Netlist):
                 )
             if name not in self.analysis_points:
                 self._check_name(name)
-            self.analysis_points[name] = port
+            self.analysis_points[name] = port.block.name, port
 
     def guess(self, port: Port, value: npt.ArrayLike) -> None:
         """Set the initial guess of a signal in an algebraic loop; the default is zero.
@@ -311,6 +311,8 @@ class Diagram(Netlist):
             return "only inputs can be grouped"
         if not port.is_input:
             return ""
+        if group.count(port) > 1:
+            return "it is in the group twice"
         for wire in self.wires:
             if overlap(wire.target, port):
                 return f"it is driven inside   [{wire.where}]"

@@ -210,15 +210,15 @@ class Netlist(Block):
             before.__dict__["parent"] = None
             self._infer_anew()
 
-    def _present(self, port: Port) -> Port:
-        """Return the port of the same block name, name and slice; a block may have been replaced.
+    def _present(self, port: Port, block: str = "") -> Port:
+        """Return the port of the same name and slice of `block`, by default of the block with its block's name.
 
         Raises
         ------
         LookupError, NameLookupError
             If the block, or its port, is no longer there.
         """
-        now = self.blocks[port.block.name].port(port.name)
+        now = self.blocks[block or port.block.name].port(port.name)
         return now if port.index is None else now[port.index]
 
     def _infer_anew(self) -> None:

@@ -67,8 +67,11 @@ def injected(system: System, port: Port, source: Block, *, cut: bool = False) ->
         key = (target.block.path, target.name)
         if not cut or (not system.drivers[key] and given.size < target.size):
             # If some elements of an input without a driver are cut, the others keep its default.
-            adder = _insert_adder(system, target, f"({target.path} + {source.name})")
-            key = key if cut else (adder.block.path, "w")
+            name = f"({target.path} + {source.name})"
+            # An input is met once for each of the wires that lead to it.
+            if name not in system.blocks:
+                _insert_adder(system, target, name)
+            key = key if cut else (name, "w")
         others = _without(system.drivers[key], given)
         injection = Driver(source.ports["y"], taken, given, "injected")
         system.drivers[key] = [*others, injection]

@@ -177,7 +177,7 @@ class GridTable(Block):
         ]
         count = len(points)
         each_unit = [None] * count if units is None else listed(units)
-        if len(each_unit) != count:
+        if isinstance(units, str) or len(each_unit) != count:
             raise BlockError(
                 f"GridTable has {count} inputs; give a list of as many units, not {shown(units)}"
             )

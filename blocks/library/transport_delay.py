@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from bisect import bisect_right
-from copy import deepcopy
 from math import comb, factorial, prod
 from typing import Any, ClassVar
 
@@ -241,8 +240,8 @@ class History(Running):
 
     def save(self) -> Any:
         """Return the history."""
-        return deepcopy(self._pieces)
+        return [(times[:], values[:]) for times, values in self._pieces]
 
     def restore(self, saved: Any) -> None:
         """Restore the history."""
-        self._pieces = deepcopy(saved)
+        self._pieces = [(times[:], values[:]) for times, values in saved]

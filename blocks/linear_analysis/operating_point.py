@@ -19,7 +19,12 @@ from trussflow.blocks.simulation.executor import Executor
 from trussflow.blocks.simulation.prepared import Prepared
 from trussflow.blocks.simulation.python_blocks import PythonExecutor
 from trussflow.blocks.simulation.session import Session
-from trussflow.blocks.simulation.solver import Solver, SolverSettings, spelled_out
+from trussflow.blocks.simulation.solver import (
+    Solver,
+    SolverSettings,
+    refuse_unknown,
+    spelled_out,
+)
 from trussflow.blocks.support.summary import Described, Description
 from trussflow.blocks.support.types import Array, Vector
 from trussflow.blocks.support.validation import finite_array, positive, shown
@@ -323,6 +328,7 @@ def operating_point_after(
     """
     positive(duration=duration)
     begin = given_point(at)
+    refuse_unknown(settings, SolverSettings.__annotations__)
     (point,) = points_during(Session(item, **settings), begin, [begin.time + duration])
     return point
 

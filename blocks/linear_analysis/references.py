@@ -261,11 +261,16 @@ def label_places(labels: Sequence[str], reference: str) -> Indices:
         # missing, the array cannot be reshaped and the reference is refused.
         last = labels[elements[-1]].partition("[")[2].rstrip("]")
         shape = tuple(int(i) + 1 for i in last.split(",")) if last else ()
-        with contextlib.suppress(IndexError, ValueError):
-            return np.asarray(
-                # The index () returns the whole array.
-                np.reshape(elements, shape)[() if index is None else index]
-            )
+        with contextlib.suppress(ValueError):
+            try:
+                return np.asarray(
+                    # The index () returns the whole array.
+                    np.reshape(elements, shape)[() if index is None else index]
+                )
+            except IndexError as error:
+                raise NameLookupError(
+                    f"'{reference}' does not fit the shape {shape}: {error}"
+                ) from None
     raise NameLookupError(
         f"{f'{len(found)} arrays are' if len(found) > 1 else 'nothing is'} called '{reference}'; there are: "
         f"{', '.join(label.replace('/', '.') for label in labels)}"

@@ -301,12 +301,18 @@ class _Problem:
                 )
                 best = full(found.x)
             residual = self._residual(local, best)
-            point = self._as_point(local, best, residual)
+            complaint = ""
             # Not `>`, so that NaN is no solution.
-            if not point.residual <= tolerance:
-                error = TrimError(self._complaint(local, best, residual, tolerance))
-                error.best = point
-                raise error
+            if not np.abs(residual).max(initial=0.0) <= tolerance:
+                complaint = self._complaint(local, best, residual, tolerance)
+            size = self._plan.x.size
+            rates = local.values(RATES_AND_OUTPUTS, best[:size], best[size:].copy())
+        # Only now, as some FMUs allow one instance in a process.
+        point = self._as_point(best, residual, rates)
+        if complaint:
+            error = TrimError(complaint)
+            error.best = point
+            raise error
         return point
 
     def _check_finite(self, values: Vector, what: str) -> None:
@@ -317,9 +323,7 @@ class _Problem:
                 "give a start or bounds that avoid this region"
             )
 
-    def _as_point(
-        self, local: LocalJacobians, z: Vector, residual: Vector
-    ) -> OperatingPoint:
+    def _as_point(self, z: Vector, residual: Vector, rates: Vector) -> OperatingPoint:
         """Return a point with its report: a table of the variables and of the outputs."""
         import pandas as pd  # takes a while to import
 
@@ -334,7 +338,7 @@ class _Problem:
             {label: one.leaf for label, one in outputs.items()},
         )
         rate, own = np.full((2, z.size), np.nan)
-        rate[:size] = local.values(RATES_AND_OUTPUTS, z[:size], z[size:].copy())[:size]
+        rate[:size] = rates[:size]
         own[:size] = np.where(np.isnan(self._wanted_rates), np.nan, residual[:size])
         wanted = all_labels(self._outputs)
         if self._sets:  # of several sets of clocks, the worst

@@ -48,6 +48,12 @@ STATUS_BY_ERROR: dict[type[BaseException], str] = {
 """Status of a run, by the exception that ended it; "failed" for all other errors."""
 
 
+def status_of(error: BaseException) -> str:
+    """Return the status of a run that an `error` ended."""
+    kinds = (s for kind, s in STATUS_BY_ERROR.items() if isinstance(error, kind))
+    return next(kinds, "failed")
+
+
 class Log:
     """Rows collected in memory.
 
@@ -255,11 +261,7 @@ class Log:
                 # cause of this error.
                 earlier.__cause__ = error
                 return self.abandon(earlier, t, messages, **attributes)
-        status = next(
-            (word for kind, word in STATUS_BY_ERROR.items() if isinstance(error, kind)),
-            "failed",
-        )
-        result = self.finish(messages, status=status, **attributes)
+        result = self.finish(messages, status=status_of(error), **attributes)
         if isinstance(error, KeyboardInterrupt):
             raise SimulationInterrupted(
                 # Rows may be later than t, if Ctrl-C came before the run

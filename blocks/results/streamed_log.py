@@ -322,8 +322,14 @@ def recover(path: str | Path) -> xr.Dataset:
                 raise
             break  # the run has ended meanwhile, and deleted its pieces
     else:
-        if parts:
-            return xr.concat(parts, "time", data_vars="minimal")
+        cannot = Explained(
+            lambda e: SimulationError(
+                f"cannot join the pieces in '{_folder(path)}': {e}"
+            )
+        )
+        with cannot:
+            if parts:
+                return xr.concat(parts, "time", data_vars="minimal")
     nothing = f"there is nothing to recover for '{path}': no rows in '{_folder(path)}'"
     there = f"; but '{path}' is there, and complete: xarray.open_dataset reads it"
     raise SimulationError(nothing + there * os.path.isfile(path))

@@ -74,8 +74,8 @@ next, small steps follow each jump, and at most 27 of 100 steps cross one.
 JUMP_TOLERANCE = 1e-9
 """Relative change of a derivative that is round-off, not a jump [-]."""
 
-JUMP_PIECES = 16
-"""Number of pieces of a step in the search for a jump [-]."""
+JUMP_HALVINGS = 10
+"""Halvings of a step in which a change that is no jump becomes small [-]."""
 
 SWITCH_ADVICE = (
     "Declare a Mode for a quantity that switches (a sign, an absolute value, a comparison), and an Event "
@@ -597,28 +597,35 @@ class Run:
     def _jump(self, t: float, x: Vector) -> str:
         """Describe the derivative that jumps in a step to time `t` [s] and states `x`; empty if none does."""
         solver = self.prepared.solver
+
         # Sampled along the tangent: the states at both ends of the step may lie on one side of
         # the jump, while the solver's stages see both sides.
-        slope = self.executor.call("derivative", self.time, self.x, self.d, self.p)
-        rates = np.array(
-            [
-                self.executor.call(
-                    "derivative", self.time + h, self.x + h * slope, self.d, self.p
-                )
-                for h in np.linspace(0.0, t - self.time, JUMP_PIECES + 1)
-            ]
-        )
-        change = np.abs(rates[-1] - rates[0])
+        def rate(h: float) -> Vector:
+            return self.executor.call(
+                "derivative", self.time + h, self.x + h * slope, self.d, self.p
+            )
+
+        slope = np.zeros(self.x.size)
+        slope = before = rate(0.0)
+        low, high = 0.0, t - self.time
+        after = rate(high)
+        change = np.abs(after - before)
         # The state whose rate changes most relative to its tolerance.
         i = int(np.argmax(change / (solver.atol + solver.rtol * np.abs(x))))
-        piece = int(np.argmax(np.abs(np.diff(rates[:, i]))))
-        before, after = rates[piece : piece + 2, i]
-        # A smooth rate changes by about 1/16 of the whole in
-        # each piece, a jump all at once.
-        if abs(after - before) <= max(change[i] / 2, JUMP_TOLERANCE * abs(after)):
+        # Of both halves the one in which that rate changes more: a smooth change becomes small there.
+        for _ in range(JUMP_HALVINGS):
+            middle = (low + high) / 2
+            between = rate(middle)
+            if abs(between[i] - before[i]) > abs(after[i] - between[i]):
+                high, after = middle, between
+            else:
+                low, before = middle, between
+        if abs(after[i] - before[i]) <= max(
+            change[i] / 2, JUMP_TOLERANCE * abs(after[i])
+        ):
             return ""
         name = self.prepared.plan.x.describe(i)
-        return f"{name} jumps between {before:.3g} and {after:.3g}"
+        return f"{name} jumps between {before[i]:.3g} and {after[i]:.3g}"
 
     def _crawling(self, t: float, jump: str) -> DivergenceError:
         """Return the error for steps that shrink at time `t` [s], because of a `jump` of a derivative."""

@@ -283,6 +283,7 @@ class Simulator(Described):
         TimeLimitError
             If the run exceeds its time limit; the logged data are in its `result`.
         """
+        refuse_unknown(settings, RunSettings.__annotations__)
         positive_if_given(time_limit=time_limit)
         yes_or_no("a run", "progress", progress)
         with self.opened(duration, **settings) as run:

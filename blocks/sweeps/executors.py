@@ -113,7 +113,8 @@ class Processes(ThreadPoolExecutor):
         """End all processes, also during samples; `wait` and `cancel_futures` as in the base class."""
         for process in list(self._all):
             process.kill()  # so that their threads return
-        super().shutdown(wait, cancel_futures=cancel_futures)
+        # Otherwise a thread would start a new process for a sample that waits.
+        super().shutdown(wait, cancel_futures=True)
         for process in list(self._all):
             _ended(process)
 

@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 from trussflow.blocks.errors import NameLookupError, SimulationError, TrussflowError
 from trussflow.blocks.framework.diagram import Diagram
 from trussflow.blocks.framework.system import System
+from trussflow.blocks.results.log import status_of
 from trussflow.blocks.simulation.lanes import Lanes
 from trussflow.blocks.simulation.simulator import Simulator
 from trussflow.blocks.support.types import Vector
@@ -265,12 +266,14 @@ class Runs:
                     else {}
                 )
         except (Exception, SystemExit) as error:  # noqa: BLE001 - a failed sample is a result
-            found = Sample(number, dict(values))
+            found = Sample(number, dict(values), status_of(error))
             logged: Any = getattr(error, "result", None)
-            found.status = "failed"
-            if logged is not None:
-                found.varied = self._read_back(logged, values)
-                found.status = logged.attrs["status"]
+            try:
+                if logged is not None:
+                    found.varied = self._read_back(logged, values)
+            except SimulationError as unused:
+                # The run did not use the values: that is worse than how it ended.
+                error, found.status = unused, "failed"
             kind = (
                 "" if isinstance(error, TrussflowError) else f"{type(error).__name__}: "
             )

@@ -99,8 +99,10 @@ def drawn(
     # The samples of the distributions are one more axis, the fastest one.
     grid = np.arange(combinations * count)
     found: dict[str, NDArray[Any]] = {}
-    places = np.unravel_index(grid, (*lengths, count))
-    for own, chosen in zip(lists.values(), places, strict=False):
+    repeats = grid.size
+    for own, length in zip(lists.values(), lengths, strict=True):
+        repeats //= length
+        chosen = grid // repeats % length
         found |= {name: values[chosen] for name, values in own.items()}
     for names, values in _draws(random, count, seed, method).items():
         if count > 1 and (values == values[:1]).all():
@@ -183,10 +185,12 @@ def _draws(random: Vary, count: int, seed: int, method: str) -> dict[Any, NDArra
     numbers, found = _uniform(count, places[-1].stop, seed, method), {}
     each = zip(random.items(), sizes, places, strict=True)
     for (names, distribution), size, place in each:
-        if isinstance(distribution, stats.rv_continuous | stats.rv_discrete):
+        # SciPy's own families; others, such as histograms, are complete without parameters.
+        family = getattr(distribution, "name", "")
+        if family and getattr(stats, str(family), None) is distribution:
             raise SimulationError(
                 f"the distribution of {_quoted(names)} has no parameters; give them, as in "
-                f"stats.{distribution.name}(...)"
+                f"stats.{family}(...)"
             )
         own = numbers[:, place]
         inverse = getattr(distribution, "icdf", getattr(distribution, "ppf", None))
