@@ -564,8 +564,8 @@ class Run:
                 "derivative", min(t, last), np.ascontiguousarray(x), d, p
             )
             if not np.isfinite(rate).all() and np.isfinite(x).all():
-                # The solver may recover with a shorter step; if it
-                # gives up, the error names this.
+                # The solver may recover with a shorter step. If not, `_gave_up` looks for an
+                # algebraic loop without a solution here.
                 self.failed = min(t, last), x.copy()
             return rate
 
@@ -574,7 +574,7 @@ class Run:
             self.executor.keep_loops(min(t, last), x, d, p)
             short = short + 1 if step < SHORT_STEP * length else 0
             if short > MAX_SHORT_STEPS and t > self.time:
-                # `self.time` is still the time before the step.
+                # `self.time` is the begin of the step, or the last logged time in it.
                 jumps += (jump := self._jump(t, x)) != ""
                 if jumps == MIN_JUMPS:
                     raise self._crawling(t, jump)
