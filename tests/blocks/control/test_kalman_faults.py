@@ -119,7 +119,7 @@ def held():
         (
             {"process_noise": {"x[7]": 1.0}},
             NameLookupError,
-            r"nothing is called 'x\[7\]'",
+            r"'x\[7\]' does not fit the shape \(2,\)",
         ),
         ({"process_noise": {1: 1.0}}, NameLookupError, "1 is no name"),
         (

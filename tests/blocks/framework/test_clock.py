@@ -47,6 +47,13 @@ def test_time_between_ticks_is_refused():
         ticks(Fraction(3, 20), Fraction(1, 10), "the time")
 
 
+def test_more_ticks_than_64_bits_count_are_refused():
+    with pytest.raises(
+        SimulationError, match=r"the time of 10000000000000 s is more than 1e\+18"
+    ):
+        ticks(Fraction(10**13), Fraction(1, 10**6), "the time")
+
+
 def clocks(*pairs):
     return [Clock(Fraction(period), Fraction(offset)) for period, offset in pairs]
 

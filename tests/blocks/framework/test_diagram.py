@@ -143,6 +143,7 @@ def test_exposing_what_cannot_be_exposed():
         "only inputs can be grouped": (one.y, gain.y),
         "cannot expose 3 as 'x': give whole ports": 3,
         "cannot expose an empty tuple as 'x'": (),
+        "it is in the group twice": (other.u, other.u),
     }.items():
         with pytest.raises(DiagramError, match=fault):
             diagram.expose(x=port)

@@ -23,7 +23,7 @@ from trussflow.blocks import (
     simulate,
     trim,
 )
-from trussflow.blocks.errors import DiagramError, NameLookupError
+from trussflow.blocks.errors import BlockError, DiagramError, NameLookupError
 
 
 def attitude():
@@ -151,3 +151,32 @@ def test_names_are_unique_among_blocks_ports_and_points():
         match="analysis points: torque, roll, angles; blocks: plant, comp",
     ):
         linearize(diagram, "bias", "pitch")
+
+
+def test_a_point_stays_at_the_name_of_its_block():
+    """Although the block that it was added for goes to another diagram, under another name."""
+    diagram, other = Diagram("d"), Diagram("other")
+    first, second = diagram.add(a=Gain(1.0), b=Gain(2.0))
+    diagram.add_analysis_points(point=first.y)
+    diagram.add(a=Gain(5.0))
+    other.add(b=first)
+    assert diagram.port("point") == diagram.a.y
+    diagram.remove("a")
+    with pytest.raises(
+        NameLookupError, match=r"'point' .* is at 'a\.y', but there is no"
+    ):
+        diagram.port("point")
+    with pytest.raises(BlockError, match="cannot call 'b' 'z': it is in diagram 'd'"):
+        second.named("z")
+
+
+@pytest.mark.parametrize("crossed", [False, True])
+def test_an_input_with_a_wire_for_each_element_is_injected_once(crossed):
+    diagram = Diagram("d")
+    source, gain = diagram.add(source=Gain([1.0, 1.0]), gain=Gain([2.0, 3.0]))
+    diagram.ground(source.u)
+    source.y[0] >> gain.u[int(crossed)]
+    source.y[1] >> gain.u[1 - crossed]
+    found = linearize(diagram, ["source.y"], ["gain.y"]).D
+    expected = np.diag([2.0, 3.0])
+    np.testing.assert_array_equal(found, expected[:, ::-1] if crossed else expected)

@@ -27,6 +27,7 @@ from trussflow.blocks import (
 from trussflow.blocks.errors import ParameterError, SimulationError
 from trussflow.blocks.framework.declarations import State
 from trussflow.blocks.framework.run_state import Running
+from trussflow.blocks.linear_analysis import uncertainty
 
 ROUND_OFF = 1e-14  # relative: a few operations of 1e-16 each
 
@@ -206,7 +207,9 @@ def test_what_python_blocks_cannot_hand_over_is_no_operating_point():
 
 def test_every_analysis_calls_the_operating_point_at():
     """And no other argument is called so."""
-    functions = filter(inspect.isfunction, vars(blocks).values())
+    functions = filter(
+        inspect.isfunction, [*vars(blocks).values(), *vars(uncertainty).values()]
+    )
     arguments = [
         p
         for function in functions

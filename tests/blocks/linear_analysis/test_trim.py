@@ -226,7 +226,7 @@ def test_sampled_values_that_cannot_rest_are_named():
         (
             {"states": {"body.speed[0]": 1.0}},
             NameLookupError,
-            r"nothing is called 'body.speed\[0\]'; there are: body.speed",
+            r"'body.speed\[0\]' does not fit the shape \(\)",
         ),
         (
             {"inputs": {"flaps": 1.0}},
@@ -236,7 +236,7 @@ def test_sampled_values_that_cannot_rest_are_named():
         (
             {"inputs": {"lift[2]": 1.0}},
             NameLookupError,
-            r"nothing is called 'lift\[2\]'",
+            r"'lift\[2\]' does not fit the shape \(\)",
         ),
         (
             {"outputs": {"sink": 1.0}},

@@ -185,6 +185,16 @@ def test_a_run_can_be_ended_after_each_step(error, monkeypatch):
     assert ended.value.result.sizes["time"] == 1
 
 
+@pytest.mark.parametrize("solver", ["RK45", "DOP853"])
+def test_a_smooth_rate_that_swings_within_a_step_does_not_jump(solver, monkeypatch):
+    """Steps of loose tolerance, as long as a part of the swing; all of them are tested."""
+    monkeypatch.setattr(run_module, "SHORT_STEP", 1.0)
+    monkeypatch.setattr(run_module, "MAX_SHORT_STEPS", 0)
+    diagram = integral_of(lambda t: np.sin(2.0 * np.pi * t), ())
+    settings = {"rtol": 1e-2, "atol": 1e-4, "log_step": 200.0}
+    assert simulate(diagram, 200.0, solver=solver, **settings).sizes["time"] == 2
+
+
 def test_rows_are_no_short_steps(monkeypatch):
     """Without states the solver goes from row to row, and no derivative can jump."""
     monkeypatch.setattr(run_module, "SHORT_STEP", 1e-2)

@@ -12,6 +12,7 @@ from scipy import stats
 from systems import decay, ports
 
 from trussflow.blocks import (
+    Constant,
     Diagram,
     Noise,
     PythonFunction,
@@ -253,6 +254,35 @@ WRONG_SETTINGS = {
     },
     "executor": {"executor": "cluster"},
 }
+
+
+@pytest.mark.parametrize(
+    "distribution",
+    [
+        stats.rv_histogram(np.histogram([1.0, 2.0, 3.0])),
+        stats.rv_discrete(values=([1, 2], [0.5, 0.5])),
+    ],
+)
+def test_distributions_that_are_complete_without_parameters(distribution):
+    runs = sweep(
+        decay(),
+        0.1,
+        step=0.1,
+        vary={"back.gain": distribution},
+        samples=3,
+        progress=False,
+    )
+    assert np.all((runs["back.gain"] >= 1.0) & (runs["back.gain"] <= 3.0))
+
+
+def test_more_lists_than_an_array_has_axes():
+    values = {f"values.value[{k}]": [float(k)] for k in range(70)}
+    diagram = Diagram("many")
+    diagram.add(values=Constant(np.zeros(70)))
+    runs = sweep(
+        diagram, 0.1, step=0.1, vary=values, keep=lambda _: 0.0, progress=False
+    )
+    assert float(runs["values.value[69]"][0]) == 69.0
 
 
 def test_what_is_no_model_is_refused():
