@@ -12,6 +12,7 @@ from itertools import product
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from trussflow.blocks.support.validation import meant
 from trussflow.models.errors import ModelError
 from trussflow.models.parameter_files import ParameterTable, TableReader, shipped_file
 
@@ -225,12 +226,7 @@ def _part(layer: ParameterTable, name: str) -> ParameterTable:
 
 def _proposal(word: str, words: Collection[str]) -> str:
     """Return the end of a message about an unknown word: the nearest of `words`, or all of them."""
-    near = difflib.get_close_matches(word, words, 1)
-    return (
-        f"; did you mean {near[0]!r}?"
-        if near
-        else f"; there are {', '.join(sorted(words))}"
-    )
+    return meant(word, words) or f"; there are {', '.join(sorted(words))}"
 
 
 @dataclass(frozen=True, slots=True)

@@ -119,8 +119,8 @@ class Diagram(Netlist):
         """Add blocks under the names of the keywords, or one block after its name.
 
         A block that already has such a name in the diagram is replaced. The new block keeps its wires and
-        exposed ports if a port of the same name fits. Other wires are cut, with a warning. So a notebook
-        cell may be run again.
+        exposed ports if a port of the same name fits. Wires that do not fit are cut, with a warning; so are,
+        without one, wires of ports that it does not have. So a notebook cell may be run again.
 
         Parameters
         ----------
