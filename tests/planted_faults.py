@@ -61,7 +61,7 @@ FAULTS = (
           '"smooth": signal', '"smooth": u.reference - u.measurement'),
     Fault("blocks/library/transport_delay.py", "tests/blocks/test_planted_gaps.py",
           "a run after restore() changes the snapshot",
-          "(times[:], values[:]) for times, values in saved", "pair for pair in saved"),
+          "[(times[:], values[:]) for times, values in saved]", "saved"),
     Fault("blocks/library/noise.py", "tests/models/hardware/test_measurement.py",
           "variance of a correlated drift",
           "-expm1(-2.0 * decay)", "-expm1(-decay)"),

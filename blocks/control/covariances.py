@@ -190,10 +190,11 @@ def hidden(
     """
     from scipy.linalg import matrix_balance, schur
 
-    # Balance the couplings. Chains of integrators have no return path; a small coupling provides one.
+    # Balance the couplings. Chains of integrators have no return path; a small coupling provides one. It limits
+    # the change of units to about 100 for each step of a chain, so that round-off is not balanced, too.
     couplings = np.abs(A - np.eye(len(A)))
     _, (units, _) = matrix_balance(
-        couplings + 1e-6 * couplings.max(), permute=False, separate=True
+        couplings + 1e-4 * couplings.max(), permute=False, separate=True
     )
     # For short samples A is almost the identity. The difference has the same invariant
     # subspaces, and its couplings are not small beside ones on the diagonal.

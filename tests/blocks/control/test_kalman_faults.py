@@ -7,7 +7,7 @@ from typing import Any
 import control
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 
 from trussflow.blocks import (
@@ -217,6 +217,7 @@ def test_parts_refuse(build, error, text):
 
 
 @given(st.integers(0, 2**32), st.integers(1, 6), st.integers(1, 5), st.booleans())
+@example(2**32 - 1, 1, 1, True)
 def test_hidden_states_are_named(seed, seen, unseen, rough):
     """Two chains, one measured at its end, shuffled; in random units, or with round-off instead of zeros."""
     g = np.random.default_rng(seed)
