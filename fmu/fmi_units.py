@@ -63,6 +63,7 @@ def fmi_unit(name: str) -> FmiUnit:
     unit = parse(name)
     quantity = unit._REGISTRY.Quantity
     try:
+        # The images of 0 and 1 give offset and factor, also for degrees Celsius.
         zero, one = (quantity(value, unit).to_base_units() for value in (0.0, 1.0))
     except OverflowError:  # a power of the unit overflows
         return FmiUnit(name)
@@ -71,6 +72,7 @@ def fmi_unit(name: str) -> FmiUnit:
     powers = {BASE_UNIT_NAMES.get(n, n): float(e) for n, e in parts.items() if e}
     display = ""
     if dict(quantity(1.0, unit).unit_items()).get("radian") == 1:
+        # In this order: else "radian" would become "degian".
         display = name.replace("radian", "deg").replace("rad", "deg")
     factor = float(one.magnitude - zero.magnitude)
     offset = float(zero.magnitude)

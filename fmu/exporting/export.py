@@ -138,6 +138,7 @@ def export(
             "platforms, or export with kind='native'"
         )
     yes_or_no("export", "arrays", arrays)
+    # First, because tracing and compiling can take minutes.
     target = check_writable(path)
     interface = ExportInterface.of(
         item,

@@ -32,7 +32,9 @@ def write(path: Path, files: Mapping[str, bytes | Path]) -> None:
         for inner, content in files.items():
             info = zipfile.ZipInfo(inner)  # it has a fixed date
             packed = inner.endswith(".fmu")
+            # An FMU in an SSP file is compressed already.
             info.compress_type = zipfile.ZIP_STORED if packed else zipfile.ZIP_DEFLATED
+            # Unix mode; without it the unpacked files may be unreadable.
             info.external_attr = 0o644 << 16
             archive.writestr(
                 info, content.read_bytes() if isinstance(content, Path) else content

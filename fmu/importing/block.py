@@ -234,6 +234,7 @@ class Fmu(Block):
         """Unpack and load the FMU for one run, with parameters `p` [units as the FMU states]."""
         if self.kind == "cs":
             return CoSimulationRun(self, p)
+        # FMI has no derivatives with respect to discrete inputs.
         offers = self.description.differentiable and all(
             v.is_continuous for v in self.interface.inputs.order
         )

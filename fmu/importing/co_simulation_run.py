@@ -77,6 +77,7 @@ class CoSimulationRun(FmuRun, SelfStepping):
         )
         if self._begun is not None:  # initial signals are iterated: several calls
             before, u = self._begun
+            # Delayed outputs do not depend on the inputs: the first call is final.
             if self._delayed or (before == time and np.array_equal(u, self._u)):
                 return
         self._set_up(time, self._u)
@@ -98,6 +99,7 @@ class CoSimulationRun(FmuRun, SelfStepping):
         fmu = self._fmu
         saved, before = HeldState(fmu), fmu.get_outputs().copy()
         inputs = self._interface.inputs.order
+        # Integers and Booleans cannot take a small perturbation.
         real = np.array([v.type in REAL_TYPES for v in inputs for _ in range(v.size)])
         try:
             fmu.set_inputs(self._u + INPUT_PERTURBATION * (1.0 + self._u) * real)
@@ -137,15 +139,17 @@ class CoSimulationRun(FmuRun, SelfStepping):
             try:
                 done: Step = fmu.do_step(time, step, rollback=self._saved_once)
             except FmuCallError as error:
+                # Some FMUs answer the step after a discarded one with an error.
                 if refused is None:
                     raise
                 raise self._discarded(
-                    *refused, ", and does not go on after that"
+                    *refused, ", and fails in the step after it"
                 ) from error
             refused = (time, step) if done.discarded else None
             ended = done.terminate
             if done.event:
                 ended = fmu.handle_event() or ended
+            # A discarded step may have reached a later time: it goes on from there.
             stuck = done.discarded and done.time - time <= small
             if ended and not stuck:  # a smaller step is tried before the run ends
                 self._ended = done.time

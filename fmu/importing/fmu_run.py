@@ -78,6 +78,7 @@ class FmuRun(Running):
 
     def _changes(self) -> Starts:
         """Return the tunable parameters that changed; compared only after a call of `tuned`."""
+        # Compared on demand only, because this runs in every step.
         now = self._interface.tunable(self._p) if self._look else {}
         return {
             name: value
@@ -96,6 +97,7 @@ class FmuRun(Running):
     def _went_back(self, saved: dict[str, Any]) -> None:
         """Restore the state of the FMU and the parameters that belong to it."""
         restore_state(self._fmu, saved["state"])
+        # The parameters of the run may differ from those of the saved state.
         self._tuned = saved["tuned"]
         self._look = True
         self._ended = saved["ended"]

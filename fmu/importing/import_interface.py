@@ -76,6 +76,7 @@ class VariableVector:
         values : Signals
             The values [units as the FMU states].
         """
+        # Filled completely, as each variable belongs to one group.
         flat = np.empty(self.size)
         for name, places in self._places.items():
             flat[places] = values[name].ravel()
@@ -138,6 +139,7 @@ class ImportInterface:
             for n, g in parameters.groups.items()
             if all(map(self._is_known, g.variables))
         }
+        # Parameters without a value stay with the FMU; a block needs a default.
         self.parameters = VariableVector(
             [v for group in known.values() for v in group.variables], known
         )
@@ -164,7 +166,7 @@ class ImportInterface:
         return VariableVector(variables, groups)
 
     def _is_known(self, variable: FmuVariable) -> bool:
-        """Return whether a parameter has a given or declared value; a resized array has none declared."""
+        """Return whether a parameter has a given or declared value; resizing drops declared ones."""
         stated = variable.start is not None or not variable.shape
         return variable.name in self.starts or (
             stated and bool(np.isfinite(declared_start(variable)).all())
@@ -173,6 +175,7 @@ class ImportInterface:
     def _start(self, variables: Sequence[FmuVariable]) -> Vector:
         """Return the start values of variables: given, or declared by the FMU."""
         parts = [self.starts.get(v.name, declared_start(v)) for v in variables]
+        # The empty part serves FMUs without inputs: `concatenate` needs an array.
         return np.concatenate([np.zeros(0), *parts])
 
     def initial_inputs(self) -> Vector:
@@ -225,6 +228,7 @@ class ImportInterface:
         if not given and not declared:
             return None
         values = self._start(group.variables)
+        # The slice keeps this valid for an array without elements.
         if np.any(values != values[:1]):
             if not given:
                 return None
@@ -253,6 +257,7 @@ class ImportInterface:
             The parameters of the block [units as the FMU states].
         """
         known = self.description.variables
+        # Values that the FMU has already are not set; it may refuse to set them.
         return self.starts | {
             name: value
             for name, value in self._values(p).items()

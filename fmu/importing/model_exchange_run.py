@@ -114,7 +114,9 @@ class ModelExchangeRun(FmuRun):
                 or (last is not None and not np.array_equal(last[1], inputs))
                 or bool(self._changes())
             )
+        # A time event in the past is due now.
         next_time = -math.inf if self._pending else float(self._fmu.next_time)
+        # A copy, because the next call overwrites the buffer.
         return {STATE_EVENT: np.array(self._fmu.indicators()), TIME_EVENT: next_time}
 
     def on_step(self, t: Array, x: Signals, u: Signals, p: Signals) -> bool:
@@ -130,6 +132,7 @@ class ModelExchangeRun(FmuRun):
     ) -> Values:
         """Let the FMU handle an event; return its states if they changed."""
         inputs = self._place(t, x, u)
+        # FMI: a point is reported as accepted before its event; `on_step` may not have.
         if self._last is None or self._last[0] != float(t):
             self._completed_step(float(t))
         states, ended = self._fmu.handle_event(inputs, self._retuned())
@@ -162,6 +165,7 @@ class ModelExchangeRun(FmuRun):
     def restore(self, saved: dict[str, Any]) -> None:
         """Restore the result of `save`."""
         self._went_back(saved)
+        # FMI has no function that reads the next time event from a state.
         self._fmu.set_restored(saved["next"], saved["inputs"])
         self._begun = None
         self._last = None

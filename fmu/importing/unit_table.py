@@ -92,6 +92,7 @@ class UnitTable:
             return ours
         if found is not None and _agree(found, definition):
             return ours
+        # A product of SI base units needs no other name: ``kg*m**2``.
         if definition.factor == 1.0 and definition.offset == 0.0:
             return _base_units(definition)
         raise FmuUnitError(
@@ -125,6 +126,7 @@ def spelled(name: str) -> str:
     """
     if name in UNIT_NAMES:
         return UNIT_NAMES[name]
+    # Powers are tried last: in names such as ``inH2O`` the digit is no power.
     text = PRODUCT_PATTERN.sub("*", name)
     try:
         parse(text)

@@ -56,7 +56,7 @@ def opened(path: Path) -> Iterator[zipfile.ZipFile]:
     FmuArchiveError
         If the file is not a zip archive, is damaged, or has unsafe names, links or sizes.
     """
-    damaged = "it is no zip archive, or a damaged one ({})"
+    damaged = "it is not a zip archive, or it is damaged ({})"
     with reading(path, FmuArchiveError, "cannot open", damaged) as file:
         archive = zipfile.ZipFile(file)
     try:
@@ -84,6 +84,7 @@ def _faults(members: list[zipfile.ZipInfo]) -> Iterator[str]:
             f"it would take {size / 1e6:.4g} MB, more than {MAX_BYTES / 1e6:.4g} MB; if you trust it, "
             f"increase {__name__}.MAX_BYTES"
         )
+    # Lookup by name returns the last of equal entries; another tool may use the first.
     seen: dict[str, tuple[int, int]] = {}
     for member in members:
         if reason := _harm(member):
@@ -96,12 +97,14 @@ def _faults(members: list[zipfile.ZipInfo]) -> Iterator[str]:
 
 def _harm(member: zipfile.ZipInfo) -> str:
     """Return the fault of an entry; empty if it has none."""
+    # `filename` is cut at a null character and has converted separators.
     name = member.orig_filename
     parts = PurePosixPath(name).parts
     if "\\" in name or ":" in name or "\0" in name or any(ord(c) < 32 for c in name):
         return "a name has characters that are not allowed in a path"
     if not parts or name.startswith("/") or ".." in parts:
         return "a path leads outside the archive"
+    # Upper half: Unix mode; it is 0 in archives of other systems.
     kind = stat.S_IFMT(member.external_attr >> 16)
     if kind not in (0, stat.S_IFREG, stat.S_IFDIR):
         return "an entry is a link or a special file"

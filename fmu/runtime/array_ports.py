@@ -60,13 +60,17 @@ def gather(variables: Iterable[FmuVariable]) -> list[VariableGroup]:
         kinds = {(v.causality, v.variability, v.type) for v in members.values()}
         if shape and name not in taken and len(kinds) == 1:
             group = VariableGroup(
-                name, tuple(members[i] for i in sorted(members)), shape
+                # Sorted index tuples are in row-major order.
+                name,
+                tuple(members[i] for i in sorted(members)),
+                shape,
             )
             arrays |= {v.name: group for v in group.variables}
     groups = {}
     for variable in listed:
         single = VariableGroup(variable.name, (variable,), variable.shape)
         group = arrays.get(variable.name, single)
+        # A known key keeps its place in the dict: that of its first element.
         groups[group.name] = group
     return list(groups.values())
 

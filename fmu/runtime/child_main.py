@@ -30,6 +30,7 @@ def main() -> None:
     """Serve one FMU until the other end of the connection closes."""
     threading.Thread(target=_end_with, args=(os.getppid(),), daemon=True).start()
     faulthandler.enable(all_threads=False)
+    # After a crash the parent process has only the text written so far.
     Messages.echo = sys.stderr
     server = os.getpid()
     instance = None
@@ -63,6 +64,7 @@ def main() -> None:
 
 def _limit(memory: int) -> None:
     """Limit the memory of this process to its present size plus `memory` [B]."""
+    # RLIMIT_AS counts all mapped memory, also that of Python and its libraries.
     taken = 0
     if (pages := Path("/proc/self/statm")).exists():
         taken = int(pages.read_text().split()[0]) * resource.getpagesize()
@@ -73,6 +75,7 @@ def _end_with(parent: int) -> None:
     """End this process when its parent has ended, even during a call of the FMU."""
     while os.getppid() == parent:
         time.sleep(PARENT_CHECK_INTERVAL)
+    # Processes that the FMU started may have left the process group.
     end_marked(os.environ["TMPDIR"])
     os.killpg(0, signal.SIGKILL)
 

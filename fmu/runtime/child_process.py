@@ -116,7 +116,9 @@ class RemoteInstance(KnownFmu):
             self._output = stack.enter_context((folder / "output").open("w+b"))
             ours, theirs = socket.socketpair()
             self._socket = stack.enter_context(ours)
+            # A copy, because both `Connection` and the socket close their descriptor.
             self._connection = stack.enter_context(Connection(os.dup(ours.fileno())))
+            # Closed here too, so that the end of the child closes the connection.
             with theirs:
                 environment = {
                     "PYTHONPATH": os.pathsep.join(filter(None, sys.path)),
@@ -172,6 +174,7 @@ class RemoteInstance(KnownFmu):
             return Step(*value) if name == "do_step" else value
         cause, text, status = value
         error = ERROR_CLASSES.get(cause, FmuError)(text)
+        # The class and the text alone crossed the process boundary.
         if isinstance(error, FmuCallError):
             error.status = status
         raise error

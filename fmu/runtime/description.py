@@ -236,6 +236,7 @@ def _converted(read: Any, root: ElementTree.Element) -> FmuDescription:
     experiment = read.defaultExperiment
     rates = [u.variable for u in read.derivatives] if "me" in kinds else []
     stateless = [rate.name for rate in rates if rate.derivative is None]
+    # The error is raised only if model exchange is chosen, see `FmuFile.kind`.
     if stateless:  # co-simulation does not need the derivatives
         rates = []
     return FmuDescription(

@@ -99,6 +99,7 @@ class FmuFile:
             If the FMU has no binary for this machine.
         """
         kinds = self.description.kinds
+        # `kinds` lists co-simulation first.
         kind: Any = next(iter(kinds)) if wanted is None else wanted
         if str(kind) not in kinds:
             raise FmuError(

@@ -91,6 +91,7 @@ def binary_path(description: FmuDescription, kind: Kind) -> str:
     """
     from fmpy import platform, platform_tuple, sharedLibraryExtension
 
+    # FMI 2: "linux64"; FMI 3: "x86_64-linux".
     folder = platform if description.version == 2 else platform_tuple
     identifier = description.kinds[kind].modelIdentifier
     return f"binaries/{folder}/{identifier}{sharedLibraryExtension}"
@@ -202,6 +203,7 @@ class Library:
         status : int
             Status that the function returned [-].
         """
+        # Permanent: FMI forbids even a new instance after a fatal error.
         self.dead = self.dead or status == STATUS_FATAL
         self.broken = self.broken or status >= STATUS_ERROR
         error = FmuCallError(
@@ -221,6 +223,7 @@ class Library:
         *arguments : object
             Arguments after the instance.
         """
+        # The partial also keeps arrays of value references alive, whose address C gets.
         status_of = partial(self.function(name), self.component, *arguments)
 
         def checked() -> None:
@@ -260,6 +263,7 @@ class Library:
             Number of values [-].
         """
         name = f"{'Get' if get else 'Set'}{self.accessors[kind][0]}"
+        # A variable of FMI 3 may be an array: values and references differ in number.
         sizes = (count,) if self.version == 3 else ()
         return self.bound(name, *self.listed(references), buffer, *sizes)
 
@@ -369,6 +373,7 @@ class Library:
             with suppress(TrussflowError):
                 # a failed Terminate does not prevent freeing
                 self.call("Terminate")
+        # Cleared first: a finalizer must not free the instance twice.
         component = self.component
         self.component = None
         _alone.discard(self.description.token)

@@ -39,6 +39,7 @@ class Library2(Library):
         """Create the instance; see `Library`."""
         if self._callbacks is None:
             self._callbacks = callbacks2(self.log, self.folder)
+        # FMI 2 takes a URI; FMI 3 takes a path with a separator at its end.
         resources = (self.folder / "resources").as_uri()
         component = self.function("Instantiate")(
             name.encode(),
@@ -63,6 +64,7 @@ class Library2(Library):
             self.fail("DoStep", status)
         reached = ctypes.c_double(t)
         ended = ctypes.c_int(0)
+        # Some FMUs lack the status functions; then no part of the step counts.
         with suppress(FmuBinaryError):
             status = self.function("GetRealStatus")(
                 self.component, KIND_LAST_SUCCESSFUL_TIME, ctypes.byref(reached)
@@ -92,6 +94,7 @@ class Library2(Library):
     def close(self) -> None:
         """Free the instance and unload the binary and its logger library."""
         super().close()
+        # Unloaded after the FMU, which may log until its instance is freed.
         proxy = getattr(self._callbacks, "proxy", None)
         if proxy is not None and not self.dead:
             from fmpy import freeLibrary

@@ -52,6 +52,7 @@ class Library3(Library):
         logger = ctypes.cast(self._logger, ctypes.c_void_p)
         if self.kind == "cs":
             events = self.capabilities.hasEventMode
+            # Twice `events`: eventModeUsed and earlyReturnAllowed.
             component = self.function("InstantiateCoSimulation")(
                 *common, events, events, None, 0, None, logger, None
             )
@@ -65,6 +66,7 @@ class Library3(Library):
         status = do_step(self.component, t, h, not rollback, *self._pointers)
         event, end, early, reached = (result.value for result in self._results)
         if status <= STATUS_WARNING:
+            # Of a whole step, the time that the FMU reports may have a round-off error.
             return Step(reached if early else t + h, False, early, event, end)
         if status != STATUS_DISCARD:
             self.fail("DoStep", status)

@@ -169,7 +169,9 @@ class LoadedFmu(KnownFmu):
         library.broken = False
         library.log.messages.clear()
         library.check_alone()
+        # While it is created, the instance may log errors without its name.
         library.log.instance = ""
+        # With logging on, the FMU's own log has these errors already.
         if not self._logging:
             PYTHON_LOGGER.addHandler(library.log)
         library.instantiate(self._name, logging=self._logging)
@@ -185,6 +187,7 @@ class LoadedFmu(KnownFmu):
         if tolerance is None:
             tolerance = self.description.tolerance
         library.enter_initialization(start_time, tolerance)
+        # Bound calls contain the instance, so each instance needs new ones.
         self._input.bind()
         self._output.bind()
         if inputs is not None:
@@ -225,6 +228,7 @@ class LoadedFmu(KnownFmu):
         states_changed = False
         for _ in range(MAX_UPDATES):
             update = self._library.update_discrete()
+            # The last update may report no change although an earlier one changed them.
             states_changed = states_changed or update.states_changed
             if update.terminate or not update.again:
                 return update._replace(states_changed=states_changed)
@@ -331,6 +335,7 @@ class LoadedFmu(KnownFmu):
         """
         library = self._library
         handle = ctypes.c_void_p()
+        # With its size, because ctypes appends a null byte otherwise.
         buffer = ctypes.create_string_buffer(content, len(content))
         library.call(
             library.deserialize_name, buffer, len(content), ctypes.byref(handle)

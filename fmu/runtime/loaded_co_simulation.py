@@ -63,6 +63,7 @@ class LoadedCoSimulation(LoadedFmu):
         if not (self.capabilities.hasEventMode and self._discrete.any()):
             self._input.write()
             return
+        # A Boolean index copies, so `now` does not change with the buffer.
         now = self._input.values[self._discrete]
         if self._written is not None and np.array_equal(now, self._written):
             self._input.write(only_continuous=True)

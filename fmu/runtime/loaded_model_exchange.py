@@ -51,6 +51,7 @@ class LoadedModelExchange(LoadedFmu):
         self._get_rates = library.vector_call(library.derivatives_name, self._rates)
         self._get_signs = library.vector_call("GetEventIndicators", self._signs)
         self.next_time = math.inf
+        # After initialization the FMU is in event mode.
         if self._resume()[1]:
             raise FmuEndedError(
                 f"FMU '{self.description.name}' asks to end the run at its start, t = {time:g} s"
@@ -58,6 +59,7 @@ class LoadedModelExchange(LoadedFmu):
             )
         if self.size:
             self._get_states()
+        # The buffer changes with each evaluation.
         self.initial_states = self._states.copy()
 
     def place(self, t: float, x: Vector, u: Vector) -> None:
@@ -81,6 +83,7 @@ class LoadedModelExchange(LoadedFmu):
         if x.size:
             self._states[:] = x
             self._set_states()
+        # FMI allows changes of discrete inputs in event mode only.
         np.copyto(self._input.values, u, where=self._input.continuous)
         self._input.write(only_continuous=True)
 
@@ -137,6 +140,7 @@ class LoadedModelExchange(LoadedFmu):
         result = np.zeros(np.count_nonzero(rows))
         arguments: list[Any] = []
         for side in (unknowns, knowns):
+            # An array has one reference, but as many values as elements.
             references = [v.reference for v in side if v.is_continuous]
             arguments += self._library.listed(references)
         for vector in (seed, result):

@@ -19,6 +19,7 @@ class HeldState:
     """
 
     def __init__(self, fmu: Any) -> None:
+        # A saved state must not keep the FMU loaded.
         self.fmu = weakref.ref(fmu)
         self.instance = fmu.generation
         self.handle = fmu.save_state()
@@ -35,6 +36,7 @@ def _free(fmu: weakref.ref[Any], instance: int, handle: int) -> None:
     if found is None:
         return
     with suppress(FmuError):  # the state is already gone if the child process has ended
+        # An earlier instance took its states with it when it was freed.
         if found.generation == instance:
             found.free_state(handle)
 

@@ -132,7 +132,7 @@ def _parts(
         for v in np.asarray(value, dtype=object).flat
     ):
         raise FmuError(
-            f"{where} cannot be {value!r}: numbers are floats here, exact for whole ones to 2^53"
+            f"{where} cannot be {value!r}: numbers are passed as floats, which are exact for integers up to 2^53"
         )
     return shares(variables, np.ravel(numbers))
 
@@ -155,6 +155,7 @@ def declared_start(variable: FmuVariable) -> Vector:
     words = {"true": "1", "false": "0"}
     try:
         values = [float(words.get(w, w)) for w in variable.start.split()]
+        # One start value holds for all elements; the copy can be written to.
         return np.array(np.broadcast_to(values, variable.size))
     except ValueError:
         raise FmuError(
@@ -226,6 +227,7 @@ def resized(description: FmuDescription, given: Mapping[str, Any]) -> FmuDescrip
         shape = tuple(sizes.get(reference, size) for reference, size in pairs)
         if shape == v.shape:
             return v
+        # Declared values of another size have no meaning after the change.
         fits = len((v.start or "").split()) in (1, prod(shape))
         return replace(v, shape=shape, start=v.start if fits else None)
 

@@ -61,6 +61,7 @@ class VariableBuffers:
         for variable, span in shares(self.variables, range(self.values.size)):
             # continuous inputs are also written alone
             alone = writes and variable.is_continuous
+            # One call serves types with the same function, as Integer and Enumeration.
             key = (*library.accessors[variable.type], alone)
             members.setdefault(key, []).append((variable, span))
         # the vector itself is the buffer then
@@ -129,6 +130,7 @@ class VariableBuffers:
         kind = part.buffer.dtype
         if kind.kind == "f":
             largest = float(np.finfo(kind).max)
+            # NaN and infinity exist in each floating-point type.
             wrong = np.isfinite(given) & (np.abs(given) > largest)
             takes = f"numbers up to {largest:.4g}"
         else:
@@ -138,6 +140,7 @@ class VariableBuffers:
                 else (np.iinfo(kind).min, np.iinfo(kind).max)
             )
             # The largest 64-bit integer is not a float, but its successor is: hence "<".
+            # Negated, so that NaN counts as wrong: its comparisons are all false.
             wrong = ~(
                 (given == np.rint(given))
                 & (given >= float(low))

@@ -90,6 +90,7 @@ def _disconnect_open_inputs(system: Element, driven: Set[str | None]) -> None:
     """Remove the connections from the inputs of a system that are not in `driven`."""
     for parent in system.findall("ssd:Connections", XML_NAMESPACES):
         for one in list(parent):
+            # Without an element, the connector is one of the system itself.
             if not one.get("startElement") and one.get("startConnector") not in driven:
                 parent.remove(one)
     connections = system.findall("ssd:Connections/ssd:Connection", XML_NAMESPACES)
@@ -147,6 +148,7 @@ class _Reader:
         SspError
             If the file does not exist, or its name leads outside the archive.
         """
+        # `abspath` removes ``..``; `unpack` has refused archives with links.
         file = Path(os.path.abspath(self.folder / name))
         if not file.is_relative_to(self.folder) or not os.path.isfile(file):
             raise SspError(
@@ -221,6 +223,7 @@ class _Reader:
             if start[0] or start[1] not in names:
                 found.append((start, end))
             elif start[1] in values:
+                # As if the file gave the value to the element: ``element.parameter``.
                 values[".".join(end)] = values[start[1]]
         return found
 
@@ -245,11 +248,13 @@ class _Reader:
         wanted = kinds.get(component.get("implementation", "any"))
         description = FmuFile.read(file).description
         if wanted != "me" and "cs" in description.kinds:
+            # Priority: the argument, the step of the export, that of the file's master.
             options = {"step": self.master_step} | options
             if self.step is not None:
                 options["step"] = self.step
         values = outer | self._values(component)
         free = [v for v in description.numbers("input") if v.name not in connected]
+        # The export writes a grounded input as the value zero; see `_grounded` there.
         grounded = {v.name for v in free if values.get(v.name) == 0.0}
         starts = {v.name: v.start for v in free if v.start is not None and not v.shape}
         given = {k: v for k, v in (starts | values).items() if k not in grounded}
@@ -258,6 +263,7 @@ class _Reader:
         places: dict[str, Place] = {}
         for port in [*block.inputs(), *block.outputs()]:
             names = block.variables[port.name]
+            # An array variable of FMI 3 has one name for all elements: no connectors.
             if len(names) == port.size:
                 places |= {n: (port, i) for i, n in enumerate(names)}
             zero = [i for i, n in enumerate(names) if n in grounded]
@@ -280,6 +286,7 @@ class _Reader:
                 name = parameter.get("name", "")
                 values[prefix + name] = self._value(parameter, name)
             mapping = binding.find("ssd:ParameterMapping", XML_NAMESPACES)
+            # A mapping selects: values that it does not name are not applied.
             found |= values if mapping is None else self._mapped(values, mapping)
         return found
 
@@ -313,6 +320,7 @@ class _Reader:
         return found
 
     def _value(self, parameter: Element, name: str) -> Any:
+        # The only child states type and value: ``<ssv:Real value="1.0"/>``.
         typed = next(iter(parameter), None)
         text = None if typed is None else typed.get("value")
         if typed is None or text is None:

@@ -76,6 +76,7 @@ def wire(
                 "of its connectors directly to another one, without a block between them"
             )
         if len(inner) == 1:
+            # The empty element sorts first, so the minimum is the system's end.
             outer.setdefault(min(ends)[1], []).append(inner[0])
         else:
             first, second = inner
@@ -89,6 +90,7 @@ def wire(
 def _connect(diagram: Diagram, group: list[tuple[Place, Place]]) -> None:
     """Connect elements of one port to elements of another port with a single wire."""
     source, target = (port for port, _ in group[0])
+    # In the target's order, so that a whole port is recognized as such.
     elements = sorted(((a[1], b[1]) for a, b in group), key=itemgetter(1))
     taken, given = np.array(elements).T
     shape = given.shape if given.size > 1 else ()
@@ -112,6 +114,7 @@ def _expose(
 ) -> dict[str, Place]:
     """Expose the ports of the system connectors; return the targets of the connectors."""
     connectors = system.findall("ssd:Connectors/ssd:Connector", XML_NAMESPACES)
+    # `gather` needs variables; only names and causalities matter here.
     scalars = [
         FmuVariable(name, 0, "Real", c.get("kind", ""), "", "", None, "", ())
         for c in connectors
@@ -122,6 +125,7 @@ def _expose(
     found: dict[str, Place] = {}
     for group in groups:
         ports: dict[int, tuple[Port, list[int]]] = {}
+        # One connector may feed several ports; each port is checked separately.
         for variable in group.variables:
             for port, element in outer[variable.name]:
                 ports.setdefault(id(port), (port, []))[1].append(element)

@@ -122,6 +122,7 @@ def _resources(blocks: list[Block]) -> dict[Path, str]:
     files = [*dict.fromkeys(block.file.path for block in blocks)]
     names = [file.name for file in files]
     return {
+        # FMUs of equal name from different folders get numbered folders.
         file: f"resources/{name}" if names.count(name) == 1 else f"resources/{i}/{name}"
         for i, (file, name) in enumerate(zip(files, names, strict=True))
     }
@@ -174,6 +175,7 @@ def _system(
     for name in diagram.exposed:
         outer = [("", connector) for connector, _ in _scalars(diagram.ports[name])]
         for inner in diagram.exposed[name]:
+            # Connections follow the signal: into the system, or out of it.
             both = (outer, _ends(inner)) if inner.is_input else (_ends(inner), outer)
             pairs += zip(*both, strict=True)
     if pairs:
@@ -218,6 +220,7 @@ def _scalars(port: Port) -> list[tuple[str, FmuVariable]]:
     block = port.block
     shape = port.whole_shape or ()
     if isinstance(block, Diagram):
+        # A diagram has no variables: the type is that of the first exposed port.
         variables = [v for _, v in _scalars(block.exposed[port.name][0])]
         return list(zip(element_names(port.name, shape), variables, strict=True))
     names = block.variables[port.name]

@@ -46,6 +46,7 @@ class Dependencies:
 
 def sparsity(program: Program) -> list[Pattern]:
     """Return the sparsity pattern of the result of a program for each argument."""
+    # Kernels as expressions: a call would count as dense.
     function = program.expanded
     return [
         ca.DM(function.jac_sparsity(0, argument), 1.0).full() > 0
@@ -69,6 +70,7 @@ def dependencies(plan: Plan, programs: Mapping[str, Program]) -> Dependencies:
         name: np.hstack(sparsity(program)) for name, program in programs.items()
     }
     start = patterns.pop("initialization")
+    # No outputs or derivatives: these only decide which parameters are tunable.
     events = [
         patterns.pop(name)
         for name in ("indicators", "on_event", "guesses")
@@ -104,11 +106,13 @@ def dependencies(plan: Plan, programs: Mapping[str, Program]) -> Dependencies:
     # Initial d: constants, or values from the initialization or the first sample.
     first = np.zeros((plan.d_size, len(known)), dtype=bool)
     first[: len(memory)] = memory
+    # Inputs are the last part of d and follow the time in the known variables.
     first[plan.u_start :, 1 : 1 + plan.u.size] = np.eye(plan.u.size, dtype=bool)
 
     def initially(pattern: Pattern) -> Pattern:
         """Substitute the dependencies of the initial x and d for x and d."""
         direct = pattern[:, known]
+        # The states are the last known columns; their own dependencies replace them.
         direct[:, len(known) - plan.x.size :] = False
         return direct | product(pattern[:, 1:d], x) | product(pattern[:, d:p], first)
 

@@ -157,7 +157,9 @@ class ExportInterface:
         starts = input_starts(item, plan, by_name("start values", start))
         x, d = plan.initial(p, {}, starts)
         shown = variables(item, plan, p, x, d, starts, needs.tunable)
+        # Here, where the message can name the variable; an importer shows NaN only.
         _check_start(plan, programs, shown, x, d, p)
+        # Equal items give equal tokens, so an export can be reproduced bit by bit.
         made_from = [
             repr((item.name, step, stop_time, tolerance)),
             *(program.code for program in traced),
@@ -233,6 +235,7 @@ def _parameter_values(item: Block, plan: Plan, chosen: Mapping[str, Any]) -> Vec
     ParameterError
         If a value is not allowed.
     """
+    # A single block has short names; `Plan.parameters` takes those with a path.
     known = {name_of(item, e): f"{e.path}.{e.name}" for e in plan.p}
     for name in chosen:
         if name not in known.values():

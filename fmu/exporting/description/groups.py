@@ -64,6 +64,7 @@ def variables(
             reference += variable.size
         return tuple(found)
 
+    # FMI requires unique names; a port or block may be named "time".
     taken = {*item.ports, *getattr(item, "blocks", ())}
     name = "time" if "time" not in taken else "independent_time"
     time = Variable(
@@ -88,6 +89,7 @@ def variables(
         "modes": numbered(modes),
         "indicators": numbered(_indicators(item, plan)),
     }
+    # Not published, so numbered by the place in d instead of a reference.
     reference = plan.memory.span.start
     memory = numbered(_states(item, plan, plan.memory, d))
     return Variables(time, inputs, parameters, states, **shown, memory=memory)
@@ -140,6 +142,7 @@ def _of_port(port: Port) -> Variable:
     """Return the variable of an output."""
     inner = resolved(port)
     frame = f" [frame: {port.frame}]" if port.frame else ""
+    # Outputs of sampled blocks change at sample instants only.
     held = not port.is_input and inner.block.sample_time is not None
     return Variable(
         port.name,
@@ -184,6 +187,7 @@ def _states(
     for e in layout:
         block = plan.system.blocks[e.path]
         declared = block.declared(State)[e.name]
+        # An `initial` that is text names a parameter, from which the state follows.
         of_parameter = (
             isinstance(declared.initial, str) and type(block).initial is Block.initial
         )

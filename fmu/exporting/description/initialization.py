@@ -89,6 +89,7 @@ def _rounds(plan: Plan, evaluation: Evaluation) -> int:
     # By element: two blocks may use each other's signals if no element depends on itself.
     chains = depends  # chains of `rounds` dependencies
     in_cycle = np.zeros(len(depends), dtype=bool)
+    # Without a cycle, no chain is longer than the number of elements.
     for rounds in range(1, 2 + len(depends)):
         if not chains.any():
             return rounds
@@ -121,7 +122,9 @@ def _set_by_blocks(
         states[path] = Signals(s.owner, {n: values[path, n] for n in s})
     for path, s in leaves.held.items():
         if path not in outside:
+            # Before their first sample, outputs of sampled blocks are zero.
             held[path] = Signals(s.owner, {n: _zeros(v) for n, v in s.items()})
+    # These clocks tick at the start; others keep their held outputs.
     active = frozenset(clock for clock in system.clocks if clock.offset == 0)
     first = replace(leaves, states=states, held=held)
     now = Evaluation(plan, first, active)
@@ -156,6 +159,7 @@ def _broadcast(value: Array, shape: tuple[int, ...]) -> Array:
     if shape_of(value) == shape:
         return value
     if shape_of(value) and np.prod(shape_of(value)) == 1:
+        # Else a size-1 array would widen the shape: (1, 1) + (3,) gives (1, 3).
         value = np.reshape(value, ())
     return value + np.zeros(shape)
 

@@ -174,6 +174,7 @@ def _add_structure(
         found = {}
         for variable, patterns in rows:
             needed = references[np.any(patterns, axis=0)].tolist()
+            # Elements of an array share its reference in FMI 3, hence the duplicates.
             found[variable.reference] = " ".join(map(str, dict.fromkeys(needed)))
         if scalar and found:
             listed = SubElement(parent, title)
@@ -195,6 +196,7 @@ def _unknowns(shown: Variables, needs: Dependencies) -> tuple[Rows, Rows, Rows]:
     Parameters count as dependencies of initial unknowns only.
     """
     elsewhere = np.ones(needs.outputs.shape[1], dtype=bool)
+    # Column 0 is the time, whose reference is 1.
     elsewhere[[r - 1 for v in shown.parameters for r in v.references]] = False
     states = _rows(shown.states, needs.initial_states)
     return (

@@ -157,12 +157,14 @@ def compile_binary(source: Source, target: Platform) -> bytes:
             (source.wrapper, (*wrapper, "-DTF_FAST"), "all.c"),
         ]
     with ThreadPoolExecutor(max_workers=os.cpu_count()) as pool:
+        # The pool compiles ahead, in order; this thread only counts the results.
         made = pool.map(lambda job: _object(command, *job), jobs)
         objects = map_counted(
             f"compiling for {target.name}", lambda _: next(made), jobs
         )
     with tempfile.TemporaryDirectory(dir=process_folder()) as folder:
         library = Path(folder) / f"model{target.suffix}"
+        # The linker of macOS has no -s; its system library includes libm.
         others = [] if target.system == "darwin" else ["-s", "-lm"]
         return compiled(
             [*command, "-shared", *map(str, objects), *others], library

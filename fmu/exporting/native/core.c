@@ -7,9 +7,11 @@ static const tf_program tf_fast[] = {TF_PROGRAMS(TF_QUICK)};
 /* Return whether processor and operating system support the vector instructions of the fast variant. */
 static int tf_has_fast(void) {
   unsigned a, b, c, d, low, high;
+  /* Leaf 1, ecx: bit 12 is FMA, bit 27 is OSXSAVE, which allows xgetbv. Leaf 7, ebx: bit 5 is AVX2. */
   if (!__get_cpuid(1, &a, &b, &c, &d) || !(c & 1u << 12) || !(c & 1u << 27)) return 0;
   if (!__get_cpuid_count(7, 0, &a, &b, &c, &d) || !(b & 1u << 5)) return 0;
   __asm__("xgetbv" : "=a"(low), "=d"(high) : "c"(0));
+  /* The operating system saves the registers of SSE (bit 1) and AVX (bit 2). */
   return (low & 6) == 6;
 }
 #else
@@ -54,6 +56,7 @@ static tf_instance* tf_create(const char* name, int model_exchange, int logging)
 }
 
 static void tf_free(tf_instance* c) {
+  /* FMI: freeing a null pointer does nothing. */
   if (!c) return;
   free(c->linear);
   free(c->name);
@@ -74,7 +77,8 @@ static tf_status tf_leave_initialization(tf_instance* c) {
   tf_initialize(c);
   tf_touch(c);
   if (!tf_finite(c->s.x, TF_X) || !tf_sound(c->s.d))
-    return tf_refuse(c, TF_ERROR, "a state is not finite at the start; look at the parameters");
+    return tf_refuse(c, TF_ERROR, "a state is not finite at the start; check the parameters");
+  /* FMI: after initialization, model exchange is in event mode. */
   return tf_enter(c, c->s.model_exchange ? TF_EVENT : TF_STEPPING);
 }
 
@@ -280,6 +284,7 @@ static tf_status tf_step(tf_instance* c, double time, double step, int all_or_no
 #define TF_SERIALIZED (sizeof(TF_TOKEN) + sizeof(tf_state))
 
 static tf_status tf_save(tf_instance* c, void** saved) {
+  /* FMI: a null pointer requests a new state; else the given state is overwritten. */
   if (!*saved) *saved = malloc(sizeof(tf_state));
   if (!*saved) return tf_refuse(c, TF_ERROR, "out of memory");
   memcpy(*saved, &c->s, sizeof(tf_state));
@@ -289,7 +294,7 @@ static tf_status tf_save(tf_instance* c, void** saved) {
 static tf_status tf_restore(tf_instance* c, const void* saved) {
   if (!saved) return tf_refuse(c, TF_ERROR, "there is no saved state to go back to");
   if (((const tf_state*)saved)->model_exchange != c->s.model_exchange)
-    return tf_refuse(c, TF_ERROR, "the saved state is of another kind of instance");
+    return tf_refuse(c, TF_ERROR, "the saved state is of the other FMI type (model exchange, co-simulation)");
   memcpy(&c->s, saved, sizeof(tf_state));
   tf_touch(c);
   tf_plan_event(c);
@@ -306,7 +311,8 @@ static tf_status tf_forget(void** saved) {
 
 static tf_status tf_pack(tf_instance* c, const void* saved, unsigned char* bytes, size_t size) {
   if (!saved || size < TF_SERIALIZED)
-    return tf_refuse(c, TF_ERROR, "there is no saved state, or no room for its bytes");
+    return tf_refuse(c, TF_ERROR, "there is no saved state, or the buffer is too small");
+  /* The token makes another export of the model refuse the bytes. */
   memcpy(bytes, TF_TOKEN, sizeof TF_TOKEN);
   memcpy(bytes + sizeof TF_TOKEN, saved, sizeof(tf_state));
   return TF_OK;

@@ -97,6 +97,7 @@ FUNCTION(NewDiscreteStates, (fmi2Component instance, fmi2EventInfo* info), TF_EV
 
 static tf_status tf_do_step(tf_instance* c, double time, double step) {
   tf_status status = tf_step(c, time, step, 0);
+  /* FMI 2: after a discarded step only status queries, a saved state, a reset or the end are allowed. */
   if (status == TF_DISCARD) c->s.phase = TF_FAILED;
   return status;
 }
@@ -123,7 +124,7 @@ FUNCTION(GetRealStatus, STATUS(Real), TF_STEPPING | TF_FAILED | TF_TERMINATED,
 FUNCTION(GetBooleanStatus, STATUS(Boolean), TF_ANY,
          kind == fmi2Terminated
              ? (*value = fmi2False, TF_OK)
-             : tf_refuse(c, TF_DISCARD, "whether it terminated is the only such status"))
+             : tf_refuse(c, TF_DISCARD, "whether the FMU terminated is the only Boolean status"))
 REFUSED(GetStatus, STATUS(Status), TF_DISCARD, "steps are never pending")
 REFUSED(GetIntegerStatus, STATUS(Integer), TF_DISCARD, "there is no integer status")
 REFUSED(GetStringStatus, STATUS(String), TF_DISCARD, "there is no string status")

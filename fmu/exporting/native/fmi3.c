@@ -123,6 +123,7 @@ static tf_status tf_update(tf_instance* c, fmi3Boolean* states_changed, fmi3Bool
                            fmi3Float64* next) {
   int jumped;
   if (tf_handle(c, &jumped) != TF_OK) return TF_ERROR;
+  /* tf_handle iterates to convergence, so no further update is requested. */
   *states_changed = jumped;
   tf_plan_event(c);
   *has_next = isfinite(c->next_event);

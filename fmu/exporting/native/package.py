@@ -56,6 +56,7 @@ def native_files(
     completed = interface.plan.guesses.size > 0
     if version == "3.0" and completed:
         exchange["needsCompletedIntegratorStep"] = "true"
+    # The two versions state opposite flags: not needed, and needed.
     if version == "2.0" and not completed:
         exchange["completedIntegratorStepNotNeeded"] = "true"
     if version == "3.0" and interface.plan.has_events:

@@ -151,6 +151,7 @@ def _is_heavy(program: Program) -> bool:
 
 def _model(programs: Sequence[Program]) -> str:
     """Return the C code of the equations."""
+    # Each variant gets its own names, because both are linked into one library.
     renamed = [
         f"#define tf_run_{p.name} TF_JOIN(tf_run_{p.name}, TF_VARIANT)"
         for p in programs
@@ -198,6 +199,7 @@ def _tables(interface: ExportInterface, order: NDArray[np.int64], token: str) ->
     plan = interface.plan
     shown = interface.variables
     variables = [v for v in shown if v.size]
+    # Size zero marks references inside an array, which FMI 3 does not know.
     sizes = np.zeros(variables[-1].references.stop, dtype=int)
     for v in variables:
         sizes[v.reference] = v.size
@@ -221,6 +223,7 @@ def _tables(interface: ExportInterface, order: NDArray[np.int64], token: str) ->
                     for _ in v.references
                 ],
             ),
+            # `argsort` of a permutation is its inverse.
             table("int", "tf_y_place", np.argsort(order).tolist()),
             table("unsigned", "tf_size", sizes.tolist()),
             f"#define TF_VARIABLES {len(variables)}",

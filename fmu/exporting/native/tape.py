@@ -81,7 +81,9 @@ def tape(program: Program, name: str, rates: int) -> str:
         elif instruction.operation == ca.OP_CONST:
             operands = [len(constants), 0]
             constants.append(instruction.constant)
+        # A unary operation has its operand twice; its second derivative is zero.
         entries.append((numbers[instruction.operation], operands[0], operands[-1]))
+    # `reshape` gives three columns also if there are no entries.
     operations, first, second = np.array(entries, dtype=int).reshape(-1, 3).T.tolist()
     length = name.upper()
     return "\n".join(

@@ -78,6 +78,7 @@ class Instance:
         self._values[indices] = values
         self._touched[indices] = 1.0
         self._stale = True
+        # Parameters and states follow the inputs; inputs are passed in each step.
         self._parameters_set |= bool(np.any(indices >= self._u.stop))
 
     def _indices(self, references: Sequence[int]) -> NDArray[np.int64]:
@@ -112,6 +113,7 @@ class Instance:
         """Start the session from the values set so far."""
         plan = self._plan
         values = self._values
+        # States that the importer did not set follow from parameters and inputs.
         touched = plan.x.named(self._touched[self._x])
         states = {
             name: v

@@ -99,6 +99,7 @@ def _pickled(item: object) -> Pickled:
         pickler.dump(item)
     finally:
         for module in pickler.registered:
+            # The register is global to cloudpickle, which others may use as well.
             cloudpickle.unregister_pickle_by_value(module)
     return Pickled(buffer.getvalue(), pickler.libraries, pickler.has_code)
 
@@ -163,6 +164,7 @@ def _check_imports(code: CodeType) -> None:
     """
     for instruction in dis.get_instructions(code):
         name = str(instruction.argval)
+        # Imports at the top of a module are resolved already when it is pickled.
         imports = instruction.opname == "IMPORT_NAME" and name in sys.modules
         if imports and _home(name) == "user":
             raise ExportError(
@@ -176,6 +178,7 @@ def _culprit(item: Block) -> str:
     """Return a description of the attribute that cannot be pickled, if it is found."""
     for block in leaves(item):
         for name, value in vars(block).items():
+            # These lead to the whole diagram, so each block would seem to be at fault.
             if name not in ("parent", "ports", "inferred_shape"):
                 try:
                     _pickled(value)

@@ -174,6 +174,7 @@ def _wrapper(identifier: str) -> Files:
     folder = Path(str(pythonfmu.__file__)).parent / "resources" / "binaries"
     files = {
         f"binaries/{path.parent.name}/{identifier}{path.suffix}": path.read_bytes()
+        # Sorted, because equal exports must give equal archives.
         for path in sorted(folder.rglob("*"))
         if path.suffix in (".so", ".dll", ".dylib")
     }

@@ -74,8 +74,8 @@ def encrypted(make_fmu, _folder):
         (lambda _, folder: folder / "nowhere.fmu", r"nowhere\.fmu': No such file"),
         (lambda _, folder: folder, "cannot open .*: it is a folder"),
         (lambda *_: "/dev/zero", "cannot open '/dev/zero': it is a device, a pipe"),
-        (text_file, "no zip archive, or a damaged one"),
-        (truncated, "no zip archive, or a damaged one"),
+        (text_file, "not a zip archive, or it is damaged"),
+        (truncated, "not a zip archive, or it is damaged"),
         (
             lambda make_fmu, _: make_fmu("ball", more={"modelDescription.xml": None}),
             r"it has no modelDescription\.xml at its top level",

@@ -93,7 +93,7 @@ def test_whole_numbers_that_no_float_is_are_refused(make_fmu, value):
         "types", 3, replace={'<Int32 name="number"': '<Int64 name="number"'}
     )
     with pytest.raises(
-        FmuError, match=r"'number' cannot be .*: numbers are floats here"
+        FmuError, match=r"'number' cannot be .*: numbers are passed as floats"
     ):
         Fmu(path, kind="cs", step=0.1, start={"number": value})
 

@@ -314,7 +314,7 @@ def test_hostile_archives_are_refused(file, tmp_path):
     with pytest.raises(FmuArchiveError, match="leads outside"):
         import_ssp(file)
     (tmp_path / "text.ssp").write_text("no archive")
-    with pytest.raises(FmuArchiveError, match="no zip archive"):
+    with pytest.raises(FmuArchiveError, match="not a zip archive"):
         import_ssp(tmp_path / "text.ssp")
 
 
