@@ -80,9 +80,11 @@ def assembled(
     Li, Wei, Chen (2026), Eqs. 21–24 and 40–42; see docs/notation.md.
     """
     root, coupling = truss.root, truss.coupling
+    # The shapes are mass-normalized: E of Eq. 19 is the identity.
     modal = np.eye(truss.modal_bias.shape[0])
     root_bias, modal_bias = truss.root_bias, truss.modal_bias
     for hand, robot, mass in zip(hands, robots, robot_masses, strict=True):
+        # All terms are about O_t in truss axes, hence those of robots and truss add.
         inertia = inertia_matrix(
             SpatialInertia(mass, robot.static_moment, robot.inertia)
         )
@@ -98,6 +100,8 @@ def assembled(
         block @ hand.modal_motion for block, hand in zip(to_root, hands, strict=True)
     ]
     rows = [
+        # Rows of the truss, of each robot, and of the modes; no block couples two
+        # robots.
         [root, *(block.T for block in to_root), coupling],
         *(
             [to_root[i], *_diagonal_row(own, i), to_modes[i]]
@@ -111,6 +115,7 @@ def assembled(
         bias=np.concatenate(
             [root_bias, *(robot.joint_bias for robot in robots), modal_bias]
         ),
+        # np.block fails if a row has no blocks, as without robots.
         actuation_matrix=_actuation_matrix(hands, robots)
         if robots
         else np.zeros((len(matrix), 0)),
@@ -134,6 +139,7 @@ def _actuation_matrix(hands: Sequence[HandMotion], robots: Sequence[ArmTerms]) -
     bases = np.block(rows)
     joints = sum(block.shape[0] for block in on_joints)
     torques = np.zeros((bases.shape[0], joints))
+    # Joint rates are generalized speeds, so a joint torque is a generalized force.
     torques[6 : 6 + joints] = np.eye(joints)
     return np.concatenate([bases, torques], axis=1)
 
@@ -141,6 +147,7 @@ def _actuation_matrix(hands: Sequence[HandMotion], robots: Sequence[ArmTerms]) -
 def _base_wrenches(robot: ArmTerms) -> Array:
     """Return the spatial forces of unit forces and torques at the base's centroid (Eq. 40), (6, 6)."""
     rotation = robot.base_rotation
+    # The force acts at the centroid r, in base axes: its torque about O_t is r x R f.
     lever = cross_matrix(robot.base_position) @ rotation
     return np.block([[rotation, np.zeros((3, 3))], [lever, rotation]])
 

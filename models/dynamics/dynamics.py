@@ -78,6 +78,7 @@ class TrussDynamics:
                 f"the truss has {self.modes.grasps} grasp points but {len(self.arms)} arms are "
                 "given; each grasp point needs one"
             )
+        # The first arm that is equal to an arm identifies the group of that arm.
         first_like = [
             next(j for j, a in enumerate(self.arms) if a.same_as(arm))
             for arm in self.arms
@@ -172,6 +173,7 @@ class TrussDynamics:
             for i in range(len(self.arms))
         ]
         robots = self._robots(hands, q[self.attitude.end : first_mode], v[6:first_rate])
+        # [1] selects the undeformed positions of Eq. 19, [1, tau] the deformed ones.
         deformation = np.ones(1)
         if self.elastic_integrals:
             deformation = np.concatenate([deformation, modal])
@@ -208,6 +210,7 @@ class TrussDynamics:
         """
         self._check_sizes(q=q, v=v)
         attitude = q[3 : self.attitude.end]
+        # Eq. 44: v is in truss axes, the position in inertial axes.
         position_rate = self.attitude.rotation(attitude) @ v[:3]
         attitude_rate = self.attitude.rates(attitude, v[3:6])
         return np.concatenate([position_rate, attitude_rate, v[6:]])
@@ -252,6 +255,7 @@ class TrussDynamics:
         first, first_rate = self.rigid_coordinates, self.rigid_freedoms
         omega = 2 * np.pi * (self.modes.frequencies if frequency is None else frequency)
         zeta = self.modes.damping_ratios if damping_ratio is None else damping_ratio
+        # Eq. 29, with Lambda diagonal; the term of damping is an addition to the paper.
         modal = -(omega**2) * q[first:] - 2 * zeta * omega * v[first_rate:]
         return np.concatenate([np.zeros(first_rate), modal])
 
@@ -284,9 +288,11 @@ class TrussDynamics:
         only approximately.
         """
         self._check_sizes(v=v)
+        # The first six rows of M v are the momentum about O_t, in truss axes.
         about_truss = self.evaluate(q).mass_matrix[:6] @ v
         rotation = self.attitude.rotation(q[3 : self.attitude.end])
         linear = rotation @ about_truss[:3]
+        # The shift of the reference point from O_t to the inertial origin adds r x p.
         return linear, rotation @ about_truss[3:] + np.cross(q[:3], linear)
 
     def grasp_displacement(self, q: Array, truss: ModalData | None = None) -> Array:
@@ -316,6 +322,8 @@ class TrussDynamics:
 
     def _check_sizes(self, **vectors: Array) -> None:
         for name, values in vectors.items():
+            # A quaternion has one coordinate more than the angular velocity has
+            # components.
             root = self.attitude.end if name == "q" else 6
             size = root + self.joints + self.modes.modes
             if shape_of(values) != (size,):
@@ -352,4 +360,5 @@ class TrussDynamics:
             robots.update(
                 zip(group, (ArmTerms(*terms) for terms in results), strict=True)
             )
+        # Groups collect equal arms, so their order is not that of the robots.
         return [robots[i] for i in range(len(self.arms))]

@@ -81,6 +81,7 @@ def locked_frequencies(
         raise ModelError(
             "a truss without modes is rigid and has no natural frequencies; keep at least one"
         )
+    # `rest` is a new array at each access, so it may be changed in place.
     q = dynamics.rest
     if joint_angles is not None:
         angles = frozen_array("joint_angles", joint_angles, (dynamics.joints,))
@@ -91,5 +92,6 @@ def locked_frequencies(
     mass = np.asarray(dynamics.evaluate(q).mass_matrix)[np.ix_(kept, kept)]
     stiffness = np.zeros(len(kept))
     stiffness[-dynamics.modes.modes :] = dynamics.modes.stiffness
+    # Ascending: six zeros of the rigid motions, unless clamped, then the elastic ones.
     squares = eigh(np.diag(stiffness), mass, eigvals_only=True)
     return np.asarray(np.sqrt(squares[-dynamics.modes.modes :]) / (2.0 * np.pi))

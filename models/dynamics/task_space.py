@@ -62,6 +62,7 @@ def task_drift(kind: AttitudeCoordinates, position: Array, speeds: Array) -> Arr
         :math:`x_2`, with truss velocities in truss axes [m/s, rad/s].
     """
     attitude = position[3 : kind.end]
+    # v is in truss axes: d(R v)/dt = R (dv/dt + omega x v), here with dv/dt = 0.
     linear = kind.rotation(attitude) @ np.cross(speeds[3:6], speeds[:3])
     angular = kind.bias_acceleration(attitude, speeds[3:6])
     return np.concatenate([linear, angular, np.zeros(speeds.shape[0] - 6)])
@@ -83,7 +84,11 @@ def task_force_to_body(
     """
     attitude = position[3 : kind.end]
     return _mapped(
-        kind.rotation(attitude).T, kind.rate_matrix_inverse(attitude).T, force
+        # Equal power, f^T (J_g x_2) = (J_g^T f)^T x_2, requires the transposed
+        # matrices.
+        kind.rotation(attitude).T,
+        kind.rate_matrix_inverse(attitude).T,
+        force,
     )
 
 

@@ -128,6 +128,8 @@ def best_attitude(
     best = np.zeros(3)
     for direction in _half_sphere(directions):
         length, corner = 0.0, farthest(direction)
+        # The norm is convex, so the corner farthest along the last one is never
+        # shorter. The maximum is a local one, hence several start directions.
         while np.linalg.norm(corner) > (1.0 + RELATIVE_TOLERANCE) * length:
             length = float(np.linalg.norm(corner))
             corner = farthest(corner / length)
@@ -137,6 +139,7 @@ def best_attitude(
         raise ModelError(
             "no direction is feasible after each of the failures; omit some failures"
         )
+    # All limits hold in both directions, so the opposite acceleration is feasible too.
     best = best if best @ displacement > 0.0 else -best
     return BestAttitude(
         direction=best / acceleration,

@@ -57,6 +57,8 @@ class FastestPath(TrussPath):
     ) -> None:
         h = np.diff(times)[:, None]
         v, a = velocity[:-1], after / 2.0
+        # Fifth-degree polynomials that meet position, velocity and acceleration at both
+        # ends.
         gap = position[1:] - position[:-1] - h * (v + h * a)
         rate, bend = h * (velocity[1:] - v - 2.0 * h * a), h**2 * (before - after)
         coefficients = [
@@ -159,7 +161,9 @@ def fastest(
         raise ModelError(
             "fastest: the actuators cannot move the truss along this path; raise their limits"
         )
+    # x = (ds/dt)^2 is linear in s in an interval, so that d2s/dt2 = (dx/ds) / 2 there.
     along = np.diff(x)[:, None] * intervals / 2.0
+    # ds over the mean speed is exact, since the acceleration is constant in s.
     times = np.concatenate(
         [[0.0], np.cumsum(2.0 / intervals / (speed[:-1, 0] + speed[1:, 0]))]
     )

@@ -227,6 +227,7 @@ def demands_of(
             f"cannot check a path at {shown(instants)} instants; give a whole number from 1 on"
         )
     demands = []
+    # Normalized instants at which a quintic has its largest acceleration.
     steepest = 0.5 + np.array([-0.5, 0.5]) / np.sqrt(3.0)
     start, *between, end = path.breakpoints()
     taus = np.union1d(np.linspace(0.0, 1.0, instants), steepest)
@@ -254,6 +255,7 @@ def demands_of(
         terms = rigid.evaluate(q, v)
         force = terms.mass_matrix @ acceleration + terms.bias
         demands.append(Demand(time, force, terms, acceleration))
+    # The limits are symmetric, so the largest of proportional demands decides.
     if np.linalg.matrix_rank(np.stack([demand.force for demand in demands])) == 1:
         return [max(demands, key=lambda demand: float(np.abs(demand.force).max()))]
     return demands
@@ -292,6 +294,8 @@ def columns(demand: Demand, failure: ActuatorFailure) -> Vector:
         ActuatorFailure with the limp joints.
     """
     terms = demand.terms
+    # Limp joints accelerate freely, so their accelerations are unknowns. Three numbers
+    # per base position, six actuators per base: hence the factor 2.
     limp = 6 + np.flatnonzero(failure.health[terms.base_positions.size * 2 :] == 0.0)
     return np.hstack([terms.actuation_matrix, -terms.mass_matrix[:, limp]])
 
@@ -376,6 +380,7 @@ def _checked(
         direction=_direction(demands[worst].acceleration),
         margin=1.0 / shares[worst],
         duration=duration,
+        # Accelerations and squared speeds, so all forces, scale with 1 / duration^2.
         least_duration=duration * np.sqrt(shares[worst]),
         instant=float(demands[worst].time),
         torque=float(bounds[torque & np.isfinite(bounds)].max(initial=0.0)),
@@ -414,6 +419,7 @@ def _remark(demand: Demand, bounds: Vector) -> str:
     if len(extent) > 1 and extent[1] > RELATIVE_TOLERANCE * extent[0]:
         return ""
     push = push / np.linalg.norm(push) if np.any(push) else push
+    # G = [m I, -S^x; S^x, J], so the centre of mass S / m is in its lower left block.
     moment = np.cross(np.array([G[5, 1], G[3, 2], G[4, 0]]) / G[0, 0] - first, push)
     names = ", ".join(str(i + 1) for i in pushing)
     line = f"bases {names} lie on one line" if others else f"base {names} is alone"

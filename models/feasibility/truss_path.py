@@ -78,5 +78,6 @@ def on_one_side(kind: AttitudeCoordinates, rows: Vector) -> Vector:
         return rows
     attitudes, found = rows[:, 3 : kind.end], rows.copy()
     same = np.sum(attitudes[1:] * attitudes[:-1], axis=1) >= 0.0
+    # Cumulative: each change of sign applies also to all later waypoints.
     found[1:, 3 : kind.end] *= np.cumprod(np.where(same, 1.0, -1.0))[:, None]
     return found

@@ -127,6 +127,7 @@ class AttitudeCoordinates:
         turning : array, shape (3,)
             Angular velocity in the truss frame [rad/s].
         """
+        # omega = A dTheta/dt gives A d2Theta/dt2 = -dA/dt dTheta/dt at constant omega.
         inverse = euler_rate_matrix_inverse(a)
         rates = inverse @ turning
         return -(inverse @ (euler_rate_matrix_derivative(a, rates) @ rates))
@@ -231,6 +232,7 @@ class Quaternion(AttitudeCoordinates):
         """Return da/dt."""
         return (
             0.5 * product(a, with_scalar(0.0, turning))
+            # Parallel to a, so this term changes the length only, not the rotation.
             + NORM_FEEDBACK_GAIN * (1.0 - a @ a) * a
         )
 
@@ -282,6 +284,8 @@ class Quaternion(AttitudeCoordinates):
         The result has the direction of the axis and the length 2 sin(angle / 2).
         """
         way = _way(a, goal)
+        # a and -a are one attitude. `sign` is 0 for half a turn and would stop the
+        # rotation.
         return 2.0 * np.where(way[0] < 0.0, -1.0, 1.0) * way[1:]
 
     def reference_rates(

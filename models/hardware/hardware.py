@@ -136,6 +136,7 @@ class Hardware:
         joints = numbers("joints", torque="N*m")
         if torque is not None:
             check_number("hardware", torque=torque)
+            # The time until saturation at full torque does not change.
             wheels["momentum"] *= torque / wheels["torque"]
             wheels["torque"] = joints["torque"] = torque
         sensors: dict[str, Any] = {
@@ -212,6 +213,7 @@ class Hardware:
             base[:] = _made(self.thrusters, robot).reach
             if self.wheels is not None:
                 wheels = _made(self.wheels, robot)
+                # The first wheel at its limit determines the torque along an axis.
                 base[3:] = 1.0 / np.max(
                     np.abs(wheels.sharing) / wheels.maximum_torque[:, None], axis=0
                 )
@@ -292,6 +294,7 @@ class Hardware:
                 continue
             wheels = diagram.add(f"wheels_{i + 1}", _made(self.wheels, i))
             health.y[i] >> wheels.effectiveness
+            # The thrusters balance the torque by which the wheels lose their momentum.
             -wheels.unloading_torque >> thrusters.demand[3:]
             felt, wanted = wheels.torque + thrusters.wrench[3:], computer.y[torque]
             if self.gyroscopic != "off":
@@ -349,6 +352,7 @@ class Hardware:
         where, rates = truss.position_units, truss.task_rate_units
 
         def seen(position: Array, speeds: Array) -> tuple[Array, Array, Array]:
+            # Noise changes the length of a measured quaternion.
             position = normalized(attitude, position)
             return position, task_velocity(attitude, position, speeds), speeds
 
@@ -377,10 +381,12 @@ class Hardware:
         for k, name in enumerate(SENSOR_UNITS):
             source, start, target, joints = signals[k // 3]
             part = (slice(3), slice(3, joints), slice(joints, target.size))[k % 3]
+            # The third sensor of each group of three measures joints.
             if not truss.joints and k % 3 == 2:
                 continue
             kind: Measurement = getattr(self, name)
             if name == "star_tracker":
+                # The components of a quaternion change by half the angle.
                 kind = kind.scaled(attitude.per_radian)
             sensor = kind.sensor(
                 start[part].shape, seed=derived_seed(seed, k), initial_value=start[part]

@@ -123,6 +123,7 @@ class JointDrives(Block):
     def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
         """Return the joint torques."""
         driven = u.effectiveness * limited(u.command, -p.maximum, p.maximum)
+        # A smooth sign function, since the solver needs derivatives at standstill.
         friction = p.viscous * u.rate + p.coulomb * np.tanh(u.rate / p.transition)
         return {"torque": driven - friction + u.brake}
 
@@ -211,6 +212,7 @@ class ReactionWheels(Block):
     ) -> None:
         directions = unit_vectors("reaction wheels: axis", axes)
         if np.linalg.matrix_rank(directions) < 3:
+            # The last right singular vector is the direction that the axes span least.
             blind = np.linalg.svd(directions)[2][-1]
             raise ModelError(
                 f"reaction wheels: none has a torque along {blind.round(3).tolist()}; add a wheel"
@@ -243,8 +245,11 @@ class ReactionWheels(Block):
         step = self.sample_time
         wanted = u.effectiveness * (-(self.sharing @ u.demand) - u.unloading * x.h)
         motor = limited(wanted, -p.maximum_torque, p.maximum_torque)
+        # Implicit Euler, which is stable for any friction and sample time.
         free = (motor - p.viscous * x.h) / (1.0 + p.viscous * step)
+        # Coulomb friction can stop a wheel within the sample, but never reverse it.
         rate = free - limited(x.h / step + free, -p.coulomb, p.coulomb)
+        # The momentum at the end of the sample is within its limits.
         return limited(
             rate, (-p.maximum_momentum - x.h) / step, (p.maximum_momentum - x.h) / step
         )

@@ -154,6 +154,8 @@ class ThrusterSet(Diagram):
                 f"thrusters: quantum is {step:g} N; it must be at most maximum, {maximum:g} N"
             )
         with np.errstate(divide="ignore"):
+            # Six positive, then six negative unit wrenches: the weaker direction
+            # counts.
             self.reach = (full / self.shares.max(axis=0)).reshape(2, 6).min(axis=0)
         super().__init__("thrusters")
         thrust = {"thrust": Output(self.count, unit="N")}

@@ -218,6 +218,8 @@ class MeanAxesDesign:
             np.arange(3 * m + 2 * h), np.cumsum([m, m, h, h])
         )
         A = np.zeros((3 * m + 2 * h,) * 2)
+        # Small motions at rest: y'' = w (an acceleration here) and eta'' = -omega^2
+        # eta.
         A[y, rate] = A[rate, extra] = 1.0
         A[eta, eta_rate] = 1.0
         A[eta_rate, eta] = -(omega**2)
@@ -227,12 +229,16 @@ class MeanAxesDesign:
         density[extra] = self.of_groups(self.disturbance_noise, m) ** 2
         C = np.zeros((2 * m, len(A)))
         C[:m, y] = C[m:, rate] = np.eye(m)
+        # Measured is the truss frame, which moves relative to the mean axes with the
+        # modes.
         C[:m, eta] = C[m:, eta_rate] = -motion
         R = np.diag(np.repeat([self.position_noise, self.rate_noise], m) ** 2)
         sizes = {"y": m, "dy/dt": m, "eta": h, "deta/dt": h, "w": m}
         names = [f"{name}[{k}]" for name, size in sizes.items() for k in range(size)]
         Q = sampled_covariance(A, np.diag(density), self.sample_time)
         P = steady_covariance(scipy.linalg.expm(A * self.sample_time), C, Q, R, names)
+        # P C^T (C P C^T + R)^-1; P and the sum are symmetric, so no inverse is needed.
         gain = np.linalg.solve(C @ P @ C.T + R, C @ P).T
+        # The estimator has a generalized force as its disturbance, not an acceleration.
         gain[extra] = modes.inertia @ gain[extra]
         return np.asarray(gain)

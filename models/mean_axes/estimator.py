@@ -162,6 +162,8 @@ class MeanAxesEstimator(MeanAxesBlock):
         free = FreeModes.of(dynamics, design.estimated_modes)
         self.root_motion = free.root_motion
         h, actuators = design.estimated_modes, dynamics.actuators
+        # Inputs as constant states: one exponential is exact for commands held a
+        # sample.
         oscillators = np.zeros((2 * h + actuators,) * 2)
         oscillators[:h, h : 2 * h] = np.eye(h)
         oscillators[h : 2 * h, :h] = -np.diag(free.frequencies**2)
@@ -204,6 +206,8 @@ class MeanAxesEstimator(MeanAxesBlock):
             ]
         )
         step = p.gain @ innovation
+        # The correction is in truss axes, as speeds are; `kinematics` maps it to
+        # coordinates.
         y = normalized(kind, x.y + self.dynamics.kinematics(x.y, step[:m]))
         nu, w = x.nu + step[m : 2 * m], x.w + step[2 * m + 2 * h :]
         modal = np.concatenate([x.eta, x.eta_rate]) + step[2 * m : 2 * m + 2 * h]
@@ -216,11 +220,14 @@ class MeanAxesEstimator(MeanAxesBlock):
         return {
             "y": normalized(
                 kind,
+                # The speed in the middle of the sample makes the position second-order
+                # accurate.
                 y + time * self.dynamics.kinematics(y, nu + time / 2 * acceleration),
             ),
             "nu": nu + time * acceleration,
             "eta": modal[:h],
             "eta_rate": modal[h:],
             "w": w,
+            # From the instant of the measurement to the middle of the next sample time.
             "posture": joints + 1.5 * time * u.velocity[6:],
         }

@@ -71,11 +71,14 @@ class ActuatorExcitation(MeanAxesBlock):
         self.shape = np.zeros(dynamics.actuators)
         for members in monitor.members.T > 0.0:
             torques = np.flatnonzero(members & ~thrusts_of(dynamics))
+            # Combinations of these torques that do not accelerate the truss frame.
             still = scipy.linalg.null_space(
                 response[:6, torques], rcond=NULL_SPACE_TOLERANCE
             )
             if still.size:
                 _, shown, ways = np.linalg.svd(seen[:, torques] @ still)
+                # The most visible combination, scaled to one standard deviation of the
+                # noise.
                 self.shape[torques] = still @ ways[0] / shown[0]
         of_bases, of_drives = np.split(
             seen @ (self.shape.reshape(-1, 1) * monitor.members), 2, axis=1

@@ -115,9 +115,12 @@ class FaultDetection(MeanAxesBlock):
         robots, joints = len(dynamics.arms), dynamics.joints
         self.parts, self.columns, self.losses = 2 * robots, 2 * robots + 1, 3 * robots
         sizes = [6] * robots + [arm.joints for arm in dynamics.arms]
+        # One column per part: the six actuators of each base, then the drives of each
+        # arm.
         self.members = np.repeat(np.eye(self.parts), sizes, axis=0)
         # A robot without joints affects only the joints of others, through the flexible truss: not tested.
         self.judged = np.tile([float(arm.joints > 0) for arm in dynamics.arms], 3)
+        # One column per candidate: each single part, then both parts of each robot.
         self.shares = np.hstack([np.eye(self.parts), np.tile(np.eye(robots), (2, 1))])
         free, time = FreeModes.of(dynamics, dynamics.modes.modes), design.sample_time
         shaken = design.unknown_thrust**2 * np.sum(
@@ -132,6 +135,7 @@ class FaultDetection(MeanAxesBlock):
         scatter = (
             2.0 * time * design.unknown_torque * np.linalg.inv(free.inertia)[6:, 6:]
         )
+        # The sum over two samples is the difference of two measured rates.
         noise = 2.0 * design.rate_noise**2 * np.eye(joints)
         self.covariance = noise + ringing @ ringing.T + scatter @ scatter.T
         self.precision = np.linalg.inv(self.covariance)
@@ -201,6 +205,8 @@ class FaultDetection(MeanAxesBlock):
         suspected = np.where(
             np.logical_and(common, np.max(sums) > p.threshold), 1.0 - x.dead, 0.0
         )
+        # Only candidates of two successive samples count, so that one outlier has no
+        # effect.
         found = suspected * x.suspected
         spared = np.where(self.shares.T @ found > 0.0, 0.0, p.settling)
         new = np.max(found) > 0.0

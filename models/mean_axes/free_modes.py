@@ -81,7 +81,10 @@ class FreeModes:
         terms = dynamics.evaluate(dynamics.rest)
         mass, actuation = terms.mass_matrix, terms.actuation_matrix
         inertia = mass[:m, :m]
+        # Mean axes, the rigid coordinates plus G^-1 M_rf tau, are decoupled from the
+        # modes.
         carried = np.linalg.solve(inertia, mass[:m, m:])
+        # The Schur complement of G is the modal mass of the truss that moves freely.
         squares, shapes = scipy.linalg.eigh(
             np.diag(truss.stiffness), mass[m:, m:] - mass[m:, :m] @ carried
         )
@@ -93,6 +96,8 @@ class FreeModes:
         return cls(
             inertia=inertia,
             frequencies=frequencies,
+            # Only the diagonal of the damping: the coupling of the modes by it is
+            # neglected.
             damping_ratios=rates @ shapes**2 / (2.0 * frequencies),
             root_motion=carried @ shapes,
             influence=shapes.T @ (actuation[m:] - carried.T @ actuation[:m]),

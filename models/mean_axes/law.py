@@ -107,6 +107,7 @@ class MeanAxesLaw(MeanAxesBlock):
         rate_error = rate - task_velocity(kind, y, nu)
         way = way_to(kind, y, u.reference_position)
         correction = p.bandwidth**2 * way + 2 * p.damping * p.bandwidth * rate_error
+        # dx_1/dt = J_g x_2, so the speeds need the rate J_g^-1 (a - dJ_g/dt x_2).
         wanted = to_body(kind, y, acceleration - task_drift(kind, y, nu))
         damped = len(self.damped_frequencies)
         braking = -2 * p.modal_damping * self.damped_frequencies * u.modal_rate[:damped]

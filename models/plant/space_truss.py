@@ -355,6 +355,7 @@ class SpaceTruss(TrussBlock):
         return self.changed(
             dynamics=replace(self.dynamics, attitude=QUATERNION),
             start=np.concatenate(
+                # SciPy has the scalar last.
                 [q[:3], turned.as_quat(canonical=True)[[3, 0, 1, 2]], q[kind.end :]]
             ),
         )
@@ -407,6 +408,7 @@ class SpaceTruss(TrussBlock):
             "joint_torque": u.actuation[6 * self.robots :],
             # Eq. 45
             "disturbance": -solve_positive_definite(G, M_rf @ acceleration[rigid:]),
+            # The modes are mass-normalized, so their stiffness is omega^2 (Eq. 28).
             "energy": (x.v @ terms.mass_matrix @ x.v + modal @ (omega**2 * modal)) / 2,
             "actuator_rates": terms.actuation_matrix.T @ x.v,
             "modal_loss": x.v[rigid:] @ (2 * p.damping_ratio * omega * x.v[rigid:]),
@@ -416,6 +418,7 @@ class SpaceTruss(TrussBlock):
         """Return the rates of coordinates and speeds."""
         return {"q": self.dynamics.kinematics(x.q, x.v), "v": self._motion(x, u, p)[1]}
 
+    # Output and derivative use the same terms; they are computed once per evaluation.
     @memoized
     def _motion(
         self, x: Signals, u: Signals, p: Signals
@@ -424,6 +427,7 @@ class SpaceTruss(TrussBlock):
         terms = self.dynamics.evaluate(x.q, x.v, self.modal_data(p))
         active = terms.actuation_matrix @ u.actuation
         if not self.modal_actuation:
+            # The published plant omits P_f Q of Eq. 42; its f is zero.
             active = np.concatenate([active[: self.rigid], u.modal_force])
         elastic = self.dynamics.elastic_force(x.q, x.v, p.frequency, p.damping_ratio)
         return terms, solve_positive_definite(

@@ -123,12 +123,16 @@ def arm_terms(
     for j in range(arm.joints):
         position = position + rotation @ arm.joint_origins[j]
         rotation = rotation @ arm.joint_rotations[j]
+        # A joint moves about or along the z axis of its frame, which its motion keeps.
         axis = rotation[:, 2]
         if arm.sliding[j]:
+            # A sliding joint does not turn the bodies beyond it: no angular part.
             position = position + axis * joint_angles[j]
             screw = np.concatenate([axis, np.zeros(3)])
         else:
             rotation = _turned(rotation, cosines[j], sines[j])
+            # Velocity at O_t of a rotation about an axis through p: axis x (0 - p) = p
+            # x axis.
             screw = np.concatenate([cross(position, axis), axis])
         # The screw is fixed to both bodies of its joint and so moves with the inner one.
         # Eq. 38
@@ -148,8 +152,11 @@ def arm_terms(
         # composite-rigid-body algorithm, Eq. 22
         coupling[j] = momentum(carried, screws[j])
         bias[j] = screws[j] @ force  # recursive Newton-Euler algorithm, Eq. 23
+        # All bodies beyond joint j move with both joints: M_jk = S_k^T I_j^c S_j, k <=
+        # j.
         for k in range(j + 1):
             matrix[j][k] = matrix[k][j] = screws[k] @ coupling[j]  # Eq. 22
+        # Body j is on the inner side of joint j, so it does not move with that joint.
         carried = combined(carried, inertias[j])
         force = force + forces[j]
     return ArmTerms(
@@ -159,6 +166,7 @@ def arm_terms(
         static_moment=carried.static_moment,
         inertia=carried.inertia,
         root_bias=force,
+        # After the outward pass, `rotation` and `position` are those of the last link.
         base_rotation=rotation @ arm.base_rotation,
         base_position=position + rotation @ arm.base_position,
         screws=stacked(screws, (6,)),

@@ -89,6 +89,7 @@ def hand_motion(
             rotation_vector, turning @ modal_rates
         )
         turning = cayley_rate_matrix(rotation_vector) @ turning
+    # Spatial velocity at O_t: T - Gamma x rho = T + rho x Gamma (Eqs. 33 and 35).
     lever = cross_matrix(position)
     modal_motion = np.concatenate([translation + lever @ turning, turning])
     relative = modal_motion @ modal_rates

@@ -127,6 +127,7 @@ class RobotArm:
         )
         set_fields(self, base_mass=base_mass, joint_data=known)
         self._check(owner)
+        # About the centroid of the base the static moment is zero.
         base = SpatialInertia(base_mass, np.zeros(3), self.base_inertia)
         position = self.base_origin + self.base_rotation @ self.base_centroid
         links = [
@@ -135,6 +136,8 @@ class RobotArm:
                 self.masses, self.static_moments, self.inertias, strict=True
             )
         ]
+        # The base is fixed to the last link, so that both are one body of the
+        # recursion.
         links[-1] = combined(
             links[-1], moved_inertia(base, self.base_rotation, position)
         )

@@ -58,6 +58,7 @@ def chain(
     for joint in tree.joints.values():
         touching[joint.parent].append(joint)
         touching[joint.child].append(joint)
+    # Joints above both ends cancel; the others are the path between hand and base.
     on_chain = set(_above(tree, hand)) ^ set(_above(tree, base))
 
     # Outward from the hand, link by link; `pose` is the frame of the link in that of its body.
@@ -102,8 +103,11 @@ def chain(
             f"joints behind it: locked={{{named}}}"
         )
     if not own.mass:
+        # The base link is a frame only: the links fixed to it become the base, about
+        # it.
         back = mount.inverse()
         own, bodies[-1] = moved_inertia(bodies[-1], *back), _NOTHING
+    # The last link may be empty, since it is one body with the base.
     for name, one in zip(places, [*bodies[:-1], own], strict=True):
         if not one.mass:
             raise tree.links[name].refused(
@@ -150,6 +154,7 @@ def _sides(joint: UrdfJoint, outward: bool) -> tuple[Pose, Pose]:
 
 def _along(axis: Vector) -> Vector:
     """Return a rotation whose z axis is the given unit vector; the identity for z itself."""
+    # An axis of coordinates that is not parallel to `axis`: x for z itself.
     x = np.eye(3)[(np.argmax(np.abs(axis)) + 1) % 3]
     x = x - (x @ axis) * axis
     x = x / np.linalg.norm(x)

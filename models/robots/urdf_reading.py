@@ -131,6 +131,7 @@ class Element:
         try:
             numbers = np.array([float(word) for word in text.split()])
         except ValueError:
+            # Words that are no numbers get the message of nan and infinity below.
             numbers = np.full(count, np.nan)
         if numbers.shape != (count,) or not np.isfinite(numbers).all():
             raise self.refused(
@@ -247,6 +248,8 @@ def read_urdf(path: str | Path) -> UrdfTree:
                 "since a robot must be a tree"
             )
         joints[joint.child] = joint
+    # The root has no joint above it; a second root is an unconnected part. A cycle has
+    # no root, hence the check after this one.
     roots = [name for name in links if name not in joints]
     if len(roots) > 1:
         raise links[roots[1]].refused(
@@ -264,7 +267,9 @@ def read_urdf(path: str | Path) -> UrdfTree:
 
 def _parsed(path: Path) -> Element:
     """Return the root element of an XML file."""
+    # Unlike ElementTree, expat gives line numbers, which the messages contain.
     parser = expat.ParserCreate()
+    # Stack of open elements; the first one is a parent for the root element.
     opened = [Element("", {}, path.name, [])]
 
     def enter(tag: str, attributes: dict[str, str]) -> None:
@@ -311,6 +316,7 @@ def _body(link: Element) -> SpatialInertia | None:
         given.number(f"i{axes}") for axes in ("xx", "xy", "xz", "yy", "yz", "zz")
     )
     central = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+    # An <inertial> of zeros means a frame without a body, as does no <inertial>.
     if mass == 0.0 and not central.any():
         return None
     check_body(
@@ -334,6 +340,7 @@ def _joint(element: Element) -> UrdfJoint:
     axis = np.array([0.0, 0.0, 1.0])
     if kind != "fixed":
         found = element.find("axis")
+        # The default axis of URDF is x; internally joints use z.
         axis = np.array([1.0, 0.0, 0.0]) if found is None else found.numbers("xyz", 3)
         length = np.linalg.norm(axis)
         if abs(length - 1.0) > _AXIS_SLACK:
@@ -348,6 +355,7 @@ def _joint(element: Element) -> UrdfJoint:
             "effort": _limit(limit, "effort", inf),
             "speed": _limit(limit, "velocity", inf),
         }
+        # URDF ignores these limits for continuous joints; elsewhere their default is 0.
         if kind != "continuous":
             limits |= {end: _limit(limit, end, 0.0) for end in ("lower", "upper")}
     data = Joint(element.text("name"), kind == "prismatic", **limits)

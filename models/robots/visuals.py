@@ -37,6 +37,7 @@ _SIZES = {
 _MESH = "mesh"
 _AROUND, _ALONG = 16, 8  # corners of round shapes around the axis and along it [-]
 
+# Facet of a binary STL file, little-endian; `more` is its unused attribute count.
 _FACET = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("more", "<u2")])
 
 
@@ -141,6 +142,7 @@ def _located(name: str, folder: Path) -> Path:
     if scheme not in ("package", "model"):
         return folder / rest
     inside = rest.partition("/")[2]
+    # The package is a folder above the file with this name, or itself such a folder.
     places = [up / path for up in (folder, *folder.parents) for path in (rest, inside)]
     return next((place for place in places if os.path.isfile(place)), folder / rest)
 
@@ -153,6 +155,7 @@ def _revolved(profile: Vector) -> Triangles:
         for r, z in profile
     ]
     k, row = np.arange(_AROUND), _AROUND * np.arange(len(profile) - 1)[:, None]
+    # Modulo, since the last corner of a ring is joined to its first one.
     low, beside = row + k, row + (k + 1) % _AROUND
     faces = [[low, beside, beside + _AROUND], [low, beside + _AROUND, low + _AROUND]]
     return np.concatenate(rows), np.concatenate(
@@ -163,6 +166,7 @@ def _revolved(profile: Vector) -> Triangles:
 def _stl(raw: bytes) -> Triangles:
     """Return the triangles of an STL file, binary or text."""
     count = int.from_bytes(raw[80:84], "little")
+    # The size decides, since binary files may also begin with the word "solid".
     if len(raw) == 84 + _FACET.itemsize * count:
         points = (
             np.frombuffer(raw, _FACET, count, 84)["corners"]

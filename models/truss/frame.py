@@ -248,6 +248,8 @@ def meshed(
     positions, chains, lengths = list(nodes), [], []
     for start, end, elements in members:
         span = nodes[end] - nodes[start]
+        # Simpson's weights 1, 4, 2, ..., 4, 1; one element has half its length at each
+        # end.
         weights = np.array([1.0, *([4.0, 2.0] * elements)[: elements - 1], 1.0])
         lengths.append(weights * (np.linalg.norm(span) / np.sum(weights)))
         chains.append(
@@ -296,7 +298,9 @@ def _members(
             "false, elements a whole number that a hinged rod must not have"
         )
     if hinged:
+        # A hinged rod transmits only the force along its axis.
         elements, moments, torsion = 1, np.zeros(2), 0.0
+    # Shear modulus of an isotropic material: G = E / (2 (1 + nu)).
     twisting = modulus / (2.0 * (1.0 + stuff["poissons_ratio"])) * torsion
     found = []
     for start, end in _numbers(table, "ends", 2):
@@ -319,6 +323,7 @@ def _section(table: ParameterTable) -> tuple[float, Vector, float]:
                 f"{table.place}: diameter and wall must be above 0, and the wall at most the radius"
             )
         moment = pi * (outer**4 - inner**4) / 64.0
+        # The torsion constant of a round section is its polar moment, twice the other.
         return pi * (outer**2 - inner**2) / 4.0, np.full(2, moment), 2.0 * moment
     table.only("area", "second_moments", "torsion_constant")
     area, torsion = table.scalar("area", "m^2"), table.scalar("torsion_constant", "m^4")
@@ -349,6 +354,7 @@ def _bending(
         raise ModelError(
             f"{table.place}: 'across' is parallel to member {ends[0]}-{ends[1]}; the two must span a plane"
         )
+    # Bending in the plane of `across` rotates about the normal of this plane.
     axes = [v / np.linalg.norm(v) for v in (normal, np.cross(normal, along))]
     return np.asarray(
         sum(moment * np.outer(v, v) for moment, v in zip(moments, axes, strict=True))

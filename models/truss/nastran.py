@@ -71,6 +71,7 @@ def structure_from_nastran(
     return Structure.from_matrices(
         found[mass.lower()],
         found[stiffness.lower()],
+        # pyyeti has six rows per node; the first one has its position.
         nodes[["x", "y", "z"]].to_numpy()[::6],
         units=units,
         nodes=[int(n) for n in nodes.index.get_level_values("id")[::6]],

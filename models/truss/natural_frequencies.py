@@ -67,6 +67,7 @@ def natural_frequencies(
     ]
     added = scipy.sparse.csr_array(scipy.sparse.block_diag(blocks))
     moves = structure.elastic & ~np.repeat(held | face, 6)
+    # All nodes of the rigid face share the six coordinates of one rigid body.
     together = structure.rigid_motions(np.zeros(3)) * np.repeat(face, 6)[:, None]
     single = scipy.sparse.eye_array(len(moves), format="csc")[:, moves]
     basis = scipy.sparse.hstack(

@@ -120,9 +120,11 @@ def reduced_modes(
         p.nodes: p for p in places if attachments and not np.all(held[list(p.nodes)])
     }
     weights = scipy.sparse.diags_array(np.sqrt(np.repeat(structure.point_masses, 3)))
+    # The mass matrix of the point masses is weighted^T weighted.
     weighted = scipy.sparse.csr_array(weights @ structure.carried)[:, free]
     rigid = structure.rigid_motions(structure.centre)[free][:, : 0 if held.any() else 6]
     deflection = _flexibility(structure, free, weighted, rigid)
+    # The mass matrix has at most the rank of its nonempty rows and columns.
     limit = (
         min(np.count_nonzero(np.diff(m.indptr)) for m in (weighted, weighted.tocsc()))
         - rigid.shape[1]
@@ -137,6 +139,7 @@ def reduced_modes(
     squares, modes = _lowest_modes(deflection, weighted, stiffness, number_of_modes)
 
     # Residual attachment shapes: static deflections without the part of the modes.
+    # The empty block gives the shape if there are no grasps.
     loads = np.hstack(
         [np.zeros((len(free), 0)), *(p.motion[:, free].T for p in pulled.values())]
     )
@@ -154,6 +157,8 @@ def reduced_modes(
     kinetic, vectors = np.linalg.eigh(moving.T @ moving)
     if np.any(kinetic < _MIN_KINETIC_RATIO * np.max(kinetic, initial=0.0)):
         raise ModelError(_TOO_MANY.format(number_of_modes))
+    # Mass-normalized. The largest kinetic energy at equal strain energy belongs to the
+    # lowest frequency, hence the reversed order.
     attachments = (shapes @ vectors / np.sqrt(kinetic))[:, ::-1]
 
     frequencies = np.sqrt(np.concatenate([squares, 1.0 / kinetic[::-1]])) / (
@@ -171,6 +176,7 @@ def reduced_modes(
         len(places), 6, len(frequencies)
     )
     signs = upward_signs(at_grasps[-1, :3]) if places else np.ones(len(frequencies))
+    # The static flexibility T^2 / omega^2 does not change if T is scaled with omega.
     at_grasps = at_grasps * signs * np.minimum(1.0, highest_frequency / frequencies)
     return TrussModes(
         positions=structure.points,
@@ -218,6 +224,7 @@ def _flexibility(
     momentum = weighted.T @ (weighted @ rigid)
     whole = stiffness
     if rigid.size:
+        # Any scale of the multipliers is right; this one balances the matrix.
         border = scipy.sparse.csr_array(
             momentum * (np.max(stiffness.diagonal()) / np.max(np.abs(momentum)))
         )
@@ -238,6 +245,7 @@ def _flexibility(
         ending = np.zeros((rigid.shape[1], *loads.shape[1:]))
         return np.asarray(factors.solve(np.concatenate([loads, ending]))[: len(free)])
 
+    # A mechanism may have factors by round-off, but then K^-1 K x differs from x.
     shaken = np.random.default_rng(0).standard_normal(len(free))
     shaken -= rigid @ np.linalg.solve(rigid.T @ momentum, momentum.T @ shaken)
     strange = np.abs(deflection(stiffness @ shaken) - shaken)
@@ -256,6 +264,7 @@ def _lowest_modes(
     """Return ascending squared frequencies [rad²/s²], and mass-normalized modes of the free freedoms."""
     size = weighted.shape[0]
     if size <= 3 * _MAX_DENSE_POINTS:
+        # The flexibility in mass-weighted coordinates has the eigenvalues 1 / omega^2.
         values, vectors = scipy.linalg.eigh(weighted @ deflection(weighted.T.toarray()))
     else:
         operator = scipy.sparse.linalg.LinearOperator(

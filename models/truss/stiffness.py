@@ -77,9 +77,12 @@ def _element(rod: Rigidity, span: Vector) -> Vector:
     u_a, theta_a, u_b, theta_b = np.split(np.eye(12), 4)
     stretch, twist = along @ (u_b - u_a), along @ (theta_b - theta_a)
     across = np.eye(3) - np.outer(along, along)
+    # A rotation of the whole rod does not bend it: the slopes are relative to the
+    # chord.
     chord = cross_matrix(along) @ (u_b - u_a) / length
     alpha, beta = across @ theta_a - chord, across @ theta_b - chord
     first, second = rod.bending @ alpha, rod.bending @ beta
+    # Strain energy of end slopes a and b: 2 E I / L (a^2 + a b + b^2).
     bent = 2.0 * (alpha.T @ first + beta.T @ second) + alpha.T @ second + beta.T @ first
     return np.asarray(
         rod.stretching / length * np.outer(stretch, stretch)

@@ -160,6 +160,7 @@ class Structure:
         turns = np.broadcast_to(turns, (count, 3, 3))
         for turn in turns:
             check_rotation("structure", "axes", turn)
+        # Each node has one rotation for its displacements and one for its rotations.
         turned = scipy.sparse.block_diag(
             [turn for turn in turns for _ in range(2)], format="csr"
         )
@@ -177,6 +178,8 @@ class Structure:
                 )
             # Rotations are in radians in any unit of length.
             scale = np.tile([1.0, 1.0, 1.0, length, length, length][:freedoms], count)
+            # Rows among six freedoms per node; with three, those of rotations stay
+            # zero.
             place = np.arange(6 * count).reshape(-1, 6)[:, :freedoms].ravel()
             row, column = matrix.coords
             entries = unit * matrix.data * scale[row] * scale[column]
@@ -292,6 +295,7 @@ class Structure:
             )
         rigid = self._even_motions()
         forces = np.abs(self.stiffness @ rigid)
+        # The exact forces are zero, so round-off is relative to the sum of magnitudes.
         wrong = forces - _RIGID_FORCE_TOLERANCE * np.max(
             abs(self.stiffness) @ np.abs(rigid), axis=1, keepdims=True
         )
@@ -303,6 +307,7 @@ class Structure:
                 "and springs to ground, and check the axes of the nodes"
             )
         held = self.stiffness[self.elastic][:, self.elastic]
+        # Rigid motions have zero eigenvalues, which round-off may make negative.
         raised = scipy.sparse.csc_array(
             held + scipy.sparse.diags_array(_DIAGONAL_SHIFT * held.diagonal())
         )
@@ -330,6 +335,7 @@ class Structure:
     def _set_point_masses(self) -> None:
         """Set the point masses that represent the mass, and their matrix from the nodes' freedoms."""
         count = len(self.nodes)
+        # Row sums over all nodes: coupled mass is lumped to the node of its row.
         moved = (self.mass @ self.rigid_motions(np.zeros(3))).reshape(count, 6, 6)
         points, masses, blocks = [], [], []
         for node in np.flatnonzero(np.any(moved, axis=(1, 2))):
@@ -384,8 +390,10 @@ def _rigid_points(moved: Vector, position: Vector) -> list[tuple[float, Vector]]
     mass = float(block[0, 0])  # must be equal for y and z
     if not mass > 0.0:
         return []
+    # The coupling blocks of a rigid body are m c^x and -m c^x, with its centre c.
     tilt = (block[3:, :3] - block[:3, 3:]) / (2.0 * mass)
     centre = np.array([tilt[2, 1], tilt[0, 2], tilt[1, 0]])
+    # Parallel-axis theorem, divided by the mass.
     about_centre = (
         block[3:, 3:] / mass + np.outer(centre, centre) - centre @ centre * np.eye(3)
     )
@@ -396,6 +404,7 @@ def _rigid_points(moved: Vector, position: Vector) -> list[tuple[float, Vector]]
     wide = squares > _EXTENT_TOLERANCE * max(
         centre @ centre, float(np.max(squares)), np.finfo(float).tiny
     )
+    # One of d pairs has the mass share 1/d, so points at +-sqrt(d s) have the moment s.
     offsets = np.sqrt(np.count_nonzero(wide) * squares[wide]) * along[:, wide]
     places = [
         centre + sign * offset for offset in offsets.T for sign in (1.0, -1.0)
@@ -425,6 +434,8 @@ def _matrix(name: str, given: Any) -> scipy.sparse.coo_array:
 
         def market(path: Path) -> Any:
             _, _, entries, *_ = mminfo(path)
+            # An entry has at least one byte; a false header would allocate without
+            # limit.
             if entries > path.stat().st_size:
                 raise ValueError(
                     f"the file is too short for the {entries:,} entries that it declares"

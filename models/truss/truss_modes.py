@@ -130,6 +130,7 @@ class TrussModes:
     second_moments: Vector = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
+        # A number in place of an array is refused below, with the name of the field.
         points, modes, grasps = (
             len(a) if hasattr(a, "__len__") else 1
             for a in (self.masses, self.frequencies, self.grasp_positions)
@@ -147,6 +148,8 @@ class TrussModes:
         for name, shape in expected.items():
             array = frozen_array(f"truss modes: {name}", getattr(self, name), shape)
             set_fields(self, **{name: array})
+        # With T_0 = r one product gives all integrals of Eq. 19, also for a deformed
+        # truss.
         all_shapes = np.concatenate([self.positions[:, :, None], self.shapes], axis=2)
         first = np.einsum("n,nia->ai", self.masses, all_shapes)
         second = np.einsum(

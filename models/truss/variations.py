@@ -38,6 +38,7 @@ def scaled(
     """
     check_number("scaled truss", mass=mass, frequency=frequency)
     return modes.reshaped(
+        # Keeps the shapes mass-normalized, sum m T^T T = I.
         lambda shapes: shapes / np.sqrt(mass),
         masses=mass * modes.masses,
         frequencies=frequency * modes.frequencies,
@@ -75,6 +76,8 @@ def loaded(modes: TrussModes, point: Array, mass: float) -> TrussModes:
     masses = modes.masses.copy()
     masses[node] += mass
     shape = modes.shapes[node]
+    # The load adds m T^T T to the modal mass; eigh normalizes the new shapes by the
+    # sum.
     squares, mix = scipy.linalg.eigh(
         np.diag(modes.stiffness), np.eye(modes.modes) + mass * shape.T @ shape
     )
