@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import ast
-import contextlib
 import re
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from itertools import product
+from math import prod
 from typing import Any
 
 import numpy as np
@@ -258,16 +258,16 @@ def label_places(labels: Sequence[str], reference: str) -> Indices:
     if len(found) == 1:
         elements = arrays[found[0]]
         # The last element, such as "1,2", gives the shape (2, 3). If elements are
-        # missing, the array cannot be reshaped and the reference is refused.
+        # missing, the reference is refused.
         last = labels[elements[-1]].partition("[")[2].rstrip("]")
         shape = tuple(int(i) + 1 for i in last.split(",")) if last else ()
-        with contextlib.suppress(ValueError):
+        if len(elements) == prod(shape):
             try:
                 return np.asarray(
                     # The index () returns the whole array.
                     np.reshape(elements, shape)[() if index is None else index]
                 )
-            except IndexError as error:
+            except (IndexError, ValueError) as error:
                 raise NameLookupError(
                     f"'{reference}' does not fit the shape {shape}: {error}"
                 ) from None

@@ -322,13 +322,12 @@ def recover(path: str | Path) -> xr.Dataset:
                 raise
             break  # the run has ended meanwhile, and deleted its pieces
     else:
-        cannot = Explained(
-            lambda e: SimulationError(
-                f"cannot join the pieces in '{_folder(path)}': {e}"
-            )
-        )
-        with cannot:
-            if parts:
+        if parts:
+            with Explained(
+                lambda e: SimulationError(
+                    f"cannot join the pieces in '{_folder(path)}': {e}"
+                )
+            ):
                 return xr.concat(parts, "time", data_vars="minimal")
     nothing = f"there is nothing to recover for '{path}': no rows in '{_folder(path)}'"
     there = f"; but '{path}' is there, and complete: xarray.open_dataset reads it"

@@ -597,6 +597,7 @@ class Run:
     def _jump(self, t: float, x: Vector) -> str:
         """Describe the derivative that jumps in a step to time `t` [s] and states `x`; empty if none does."""
         solver = self.prepared.solver
+        slope = self.executor.call("derivative", self.time, self.x, self.d, self.p)
 
         # Sampled along the tangent: the states at both ends of the step may lie on one side of
         # the jump, while the solver's stages see both sides.
@@ -605,10 +606,8 @@ class Run:
                 "derivative", self.time + h, self.x + h * slope, self.d, self.p
             )
 
-        slope = np.zeros(self.x.size)
-        slope = before = rate(0.0)
         low, high = 0.0, t - self.time
-        after = rate(high)
+        before, after = slope, rate(high)
         change = np.abs(after - before)
         # The state whose rate changes most relative to its tolerance.
         i = int(np.argmax(change / (solver.atol + solver.rtol * np.abs(x))))
