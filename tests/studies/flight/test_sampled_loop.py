@@ -78,7 +78,8 @@ def test_loop_gain_closed_is_the_loop(loop, where):
             at[k] * (1.0 + np.linspace(-0.05, 0.05, 4001)), omega[0], omega[-1]
         )
         assert disks[k] == pytest.approx(control.disk_margins(alone, scan)[0], rel=1e-8)
-        assert disks[k] <= control.disk_margins(alone, omega)[0]
+        on_grid = control.disk_margins(alone, omega)[0]
+        assert disks[k] <= on_grid * (1 + 1e-12)  # round-off
 
 
 def test_a_command_that_is_late_by_parts_of_a_sample(loop):
