@@ -134,8 +134,8 @@ $(VENV)/dev.stamp: pyproject.toml $(VENV)/sources
 	@touch $@ $(VENV)/runtime.stamp
 
 $(VENV)/sources: FORCE | $(VENV)/pyvenv.cfg
-	@find blocks models fmu -type f ! -path '*/__pycache__/*' | sort > $@.new
-	@if cmp -s $@.new $@; then rm $@.new; else mv $@.new $@; fi
+	@new=$@.$$$$; find blocks models fmu -type f ! -path '*/__pycache__/*' | sort > $$new; \
+	  if cmp -s $$new $@; then rm $$new; else mv $$new $@; fi
 
 $(VENV)/pyvenv.cfg:
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || { \
