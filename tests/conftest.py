@@ -23,7 +23,7 @@ settings.register_profile("dev", max_examples=10, derandomize=True, deadline=Non
 # The campaign of CI draws the same examples each time; a larger one draws new ones.
 settings.register_profile(
     "campaign",
-    max_examples=80 * campaign.SIZE,
+    max_examples=40 * campaign.SIZE,
     derandomize=campaign.SIZE == 1,
     deadline=None,
     print_blob=campaign.SIZE > 1,

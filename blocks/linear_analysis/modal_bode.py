@@ -102,7 +102,9 @@ def modal_bode(
             mode = OscillatingMode(modes[number][0], {})
             text += f": drives mode {number + 1}, {mode.frequency:.3g} Hz, ζ = {mode.damping_ratio:z.2%}"
         if label in margins:
-            text += f"; margins {20.0 * np.log10(margins[label].gain_up):.1f} dB, {margins[label].phase:.0f}°"
+            gain = 20.0 * np.log10(margins[label].gain_up)
+            found = f"; margins {gain:.1f} dB, {margins[label].phase:.0f}°"
+            text += found.replace("inf", "∞")
         upper.semilogx(
             grid / (2.0 * np.pi), 20.0 * np.log10(np.abs(gains[:, k])), label=text
         )

@@ -330,7 +330,7 @@ def test_margins_of_several_channels_need_slycot():
 
 
 @pytest.mark.parametrize(
-    "loops", [5, pytest.param(200 * campaign.SIZE, marks=pytest.mark.campaign)]
+    "loops", [5, pytest.param(60 * campaign.SIZE, marks=pytest.mark.campaign)]
 )
 def test_disk_margins_are_never_above_a_scan(loops):
     rng = np.random.default_rng(campaign.SEED)

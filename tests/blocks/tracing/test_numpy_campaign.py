@@ -338,7 +338,7 @@ def traced(node):
 
 @pytest.mark.filterwarnings("ignore")
 @pytest.mark.parametrize(
-    "number", [150, pytest.param(5000 * campaign.SIZE, marks=pytest.mark.campaign)]
+    "number", [150, pytest.param(2000 * campaign.SIZE, marks=pytest.mark.campaign)]
 )
 def test_random_compositions_agree_or_are_refused(number):
     rng = np.random.default_rng(campaign.SEED)

@@ -96,7 +96,7 @@ ALL = [
     for function in functions
     for misdeed in MISDEEDS
 ]
-COUNT = 50 * campaign.SIZE
+COUNT = 20 * campaign.SIZE
 CHOSEN = np.random.default_rng(3 + campaign.SEED).permutation(len(ALL))[:COUNT]
 PARTS = np.array_split(CHOSEN, -(-COUNT // 50))
 
