@@ -39,7 +39,7 @@ from trussflow.blocks.framework.declarations import (
     State,
 )
 from trussflow.blocks.framework.energy import EnergyAccount
-from trussflow.blocks.framework.equations import Equations
+from trussflow.blocks.framework.equations import EVENTS, Equations
 from trussflow.blocks.framework.equations import Values as Values
 from trussflow.blocks.framework.port import (
     INFERRED,
@@ -594,3 +594,35 @@ class Block(Wired, Equations, Described):
     def breakpoints(self) -> tuple[float, ...]:
         """Return times [s] at which an output is not smooth; adaptive solvers stop there."""
         return ()
+
+
+def check_kind(block: Block) -> None:
+    """Check that every declaration and method of a `block` takes effect.
+
+    Raises
+    ------
+    BlockError
+        If a sample time is missing, or a method would never be called.
+    """
+    fault = ""
+    declares = bool(block.declared(Event)) or bool(block.declared(Mode))
+    if block.traced and block.hides:
+        fault = "its open() would never be called: only Python blocks (traced = False) have one"
+    elif block.sample_time is None and block.states() and not block.continuous:
+        fault = (
+            "discrete states need a sample time; add it with block.sampled(every=...), or write "
+            "derivative() if they are continuous"
+        )
+    elif declares and not block.hides and not block.states_own("indicators"):
+        fault = "it declares events or modes, but has no indicators() that trigger the events"
+    elif not block.has_events:
+        if block.states_own(*EVENTS):
+            fault = "its event methods would never be called: declare an event, as in hit = Event('falling')"
+    elif block.traced and block.states_own("on_step"):
+        fault = "its on_step() would never be called: only Python blocks (traced = False) have one"
+    elif block.sample_time is not None:
+        fault = "a sampled block cannot have events, as it computes at its instants only; leave out sampled()"
+    if fault:
+        raise BlockError(
+            f"cannot run block '{block.path}' ({type(block).__name__}): {fault}"
+        )

@@ -135,31 +135,27 @@ def _infer(source: Port, target: Port, where: str) -> None:
 def _faults(source: Port, target: Port) -> list[str]:
     """Return the list of all properties that do not fit."""
     faults = []
+    shapes, units = (source.shape, target.shape), (source.unit, target.unit)
+    pairs: Iterable[tuple[Unit, Unit]] = [units]
+    # With one unit for all elements, the number of the element says nothing.
+    by_element = any(isinstance(unit, tuple) for unit in units)
     # While a shape is open, only the units of the whole ports can be compared.
-    pairs: Iterable[tuple[Unit, Unit]] = [(source.unit, target.unit)]
-    if source.shape is not None and target.shape is not None:
-        pairs = []
-        if source.shape != target.shape:
-            fault = f"shape {source.shape} does not fit {target.shape}"
+    if None not in shapes:
+        if shapes[0] != shapes[1]:
+            pairs = []
+            fault = f"shape {shapes[0]} does not fit {shapes[1]}"
             faults.append(fault + _origins(source, target, "shape"))
-        else:
+        elif by_element:
             pairs = zip(source.element_units(), target.element_units(), strict=True)
     for i, (a, b) in enumerate(pairs):
         if isinstance(a, str) and isinstance(b, str) and (why := mismatch(a, b)):
-            # With one unit for all elements, the number of the element says nothing.
-            both = isinstance(source.unit, str) and isinstance(target.unit, str)
-            fault = why if both else f"{why} (element {i})"
+            fault = f"{why} (element {i})" if by_element else why
             faults.append(fault + _origins(source, target, "unit"))
             # One fault is enough: with a wrong unit, often all elements are wrong.
             break
-    if (
-        source.frame is not None
-        and target.frame is not None
-        and source.frame != target.frame
-    ):
-        fault = (
-            f"frame {source.frame!r} does not fit {target.frame!r}; rotate the vector"
-        )
+    frames = source.frame, target.frame
+    if None not in frames and frames[0] != frames[1]:
+        fault = f"frame {frames[0]!r} does not fit {frames[1]!r}; rotate the vector"
         faults.append(fault + _origins(source, target, "frame"))
     return faults
 

@@ -93,10 +93,12 @@ class Equations:
         """
         return False
 
-    def states_own(self, name: str) -> bool:
-        """Return whether the class, or the object itself, overrides the equation of that `name`."""
-        return name in vars(self) or getattr(type(self), name) is not getattr(
-            Equations, name
+    def states_own(self, *names: str) -> bool:
+        """Return whether the class, or the object itself, overrides an equation with one of the `names`."""
+        return any(
+            name in vars(self)
+            or getattr(type(self), name) is not getattr(Equations, name)
+            for name in names
         )
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from dataclasses import dataclass, field
 from functools import cached_property
 
@@ -71,6 +72,15 @@ class System:
     def clock(self, block: Block) -> Clock | None:
         """Return the clock of a sampled block."""
         return None if block.sample_time is None else Clock.of(block)
+
+    def holding(self, active: Collection[Clock]) -> set[str]:
+        """Return the paths of the blocks whose outputs are held while the `active` clocks tick."""
+        return {
+            path
+            for path, block in self.blocks.items()
+            if not block.traced
+            or (block.sample_time is not None and Clock.of(block) not in active)
+        }
 
     @property
     def external(self) -> dict[str, External]:

@@ -56,7 +56,7 @@ def open_block(block: Block, p: Signals) -> Equations:
             raise SimulationError(
                 where + "it was opened before; each run needs a new one"
             )
-        if any(map(opened.states_own, EVENTS)) and not block.has_events:
+        if opened.states_own(*EVENTS) and not block.has_events:
             raise SimulationError(
                 where
                 + "it has events, so the block must declare them, as hit = Event()"

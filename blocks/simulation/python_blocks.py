@@ -64,10 +64,11 @@ def sorted_stages(
     """
     by_path = {b.path: b for b in blocks}
     graph: dict[str, list[str]] = {}
+    holding = plan.system.holding(active)
     for path in by_path:
         needed = frozenset().union(*plan.feedthrough[path].values())
         graph[path] = reached_from(
-            plan.system, plan.feedthrough, path, needed, active, by_path
+            plan.system, plan.feedthrough, path, needed, holding, by_path
         )
     stages = []
     for paths in components(graph):

@@ -17,7 +17,7 @@ from trussflow.blocks.errors import (
     TracingError,
     TrussflowError,
 )
-from trussflow.blocks.framework.block import Block
+from trussflow.blocks.framework.block import Block, check_kind
 from trussflow.blocks.framework.declarations import Mode, Parameter, Signals, State
 from trussflow.blocks.framework.diagram import Diagram
 from trussflow.blocks.framework.equations import Equations
@@ -29,7 +29,7 @@ from trussflow.blocks.support.summary import Described, Description
 from trussflow.blocks.support.types import Array
 from trussflow.blocks.support.validation import by_name, finite_array, shown
 from trussflow.blocks.tracing import block_check
-from trussflow.blocks.tracing.call_checks import called, checked, running_errors
+from trussflow.blocks.tracing.call_checks import checked, equation, running_errors
 
 DIFFERENCE_STEP = 1e-6
 """Step of differences of numbers of the order of one [-]."""
@@ -88,10 +88,10 @@ class Bench:
     def declarations(self) -> str:
         """Check that the block can be flattened, and that its initial states are finite."""
         block = self.block
-        block_check.check_kind(block)
+        check_kind(block)
         flatten(block, external=True)
         self.kinds = block_check.kinds(block)
-        self.shapes = block_check.shapes_of(block)
+        self.shapes = block_check.argument_shapes(block)
         sizes = {"": ()} | self.shapes[0] | self.shapes[1] | self.shapes[2]
         for name in self.around:
             if name not in sizes:
@@ -155,7 +155,7 @@ class Bench:
                 np.errstate(all="ignore"),
                 running_errors(self.block, kind, float(given[0])),
             ):
-                returned = called(own, kind, given)
+                returned = equation(own, kind, given[-1])(*given[:-1])
                 for name, value in checked(self.block, kind, returned).items():
                     found[kind, name] = np.array(value, dtype=float)
         return found

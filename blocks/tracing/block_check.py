@@ -16,18 +16,23 @@ import numpy as np
 from trussflow.blocks.errors import BlockError, SimulationError, TrussflowError
 from trussflow.blocks.framework.block import Block, Values
 from trussflow.blocks.framework.declarations import Event, Mode, Signals
-from trussflow.blocks.framework.equations import EVENTS
-from trussflow.blocks.framework.external_inputs import External
 from trussflow.blocks.framework.layout import Entry, Layout
 from trussflow.blocks.support.types import Array
 from trussflow.blocks.tracing.call_checks import (
     brief,
-    called,
     checked,
+    equation,
     refusal,
     tracing_errors,
 )
-from trussflow.blocks.tracing.kernels import shape_of, symbol, to_expression, tracing
+from trussflow.blocks.tracing.kernels import (
+    column_of,
+    expressions,
+    shapes_of,
+    symbol,
+    symbols,
+    tracing,
+)
 from trussflow.blocks.tracing.program import Program
 from trussflow.blocks.tracing.traced_block import TracedBlock
 
@@ -83,7 +88,7 @@ def kinds(block: Block) -> list[str]:
     return [*found, "indicators", "on_event"] if block.declared(Event) else found
 
 
-def shapes_of(block: Block) -> tuple[dict[str, tuple[int, ...]], ...]:
+def argument_shapes(block: Block) -> tuple[dict[str, tuple[int, ...]], ...]:
     """Return the shapes of the states and modes, inputs, and events of a `block`."""
     x, fired = (
         {n: block.state_shape(n) for n in names}
@@ -179,31 +184,30 @@ def _isolated(block: Block, copy: Block | None = None) -> Isolated:
     """Return the result of checking a `block`; if there is a `copy`, that is traced in its place."""
     if not block.traced:
         return Isolated(_declared_feedthrough(block))
-    parameters = {name: value.shape for name, value in block.parameters.items()}
-    x, u, fired, p = (
-        Signals(f"block '{block.path}'", {n: symbol(n, s) for n, s in shapes.items()})
-        for shapes in (*shapes_of(block), parameters)
-    )
+    owner, shapes = f"block '{block.path}'", [*argument_shapes(block)]
+    shapes.append({name: value.shape for name, value in block.parameters.items()})
+    x, u, fired, p = (Signals(owner, symbols(each)) for each in shapes)
     t, values = symbol("t", ()), dict[str, Values]()
     with tracing_errors(block), tracing() as trace:
         for kind in kinds(block):
-            made = called(copy or block, kind, (t, x, u, p, fired))
+            made = equation(copy or block, kind, fired)(t, x, u, p)
             values[kind] = checked(block, kind, made)
     arguments = (t, *x.values(), *u.values(), *p.values(), *fired.values())
-    columns = [to_expression(v) for made in values.values() for v in made.values()]
     results = Layout(
-        (kind, name, shape_of(value))
-        for kind, made in values.items()
-        for name, value in made.items()
+        [
+            (kind, name, shape)
+            for kind, made in values.items()
+            for name, shape in shapes_of(made).items()
+        ]
     )
     program = Program(
         "block",
-        tuple(map(to_expression, arguments)),
+        tuple(expressions(arguments)),
         tuple(trace),
-        ca.vertcat(ca.SX(0, 1), *columns),
+        column_of(v for made in values.values() for v in made.values()),
         shares=False,
     )
-    _compare(block, (x, u, fired), program.function, results)
+    _compare(block, (x, u, fired), [*values], program.function, results)
     # Feedthrough is structural: an output depends on an input if the Jacobian has an
     # element that is not always zero. Inputs follow t and the states.
     rows = {
@@ -225,37 +229,6 @@ def _isolated(block: Block, copy: Block | None = None) -> Isolated:
     return Isolated(feedthrough, TracedBlock(program, results))
 
 
-def check_kind(block: Block) -> None:
-    """Check that every declaration and method of a `block` takes effect.
-
-    Raises
-    ------
-    BlockError
-        If a sample time is missing, or a method would never be called.
-    """
-    fault = ""
-    declares = bool(block.declared(Event)) or bool(block.declared(Mode))
-    if block.traced and block.hides:
-        fault = "its open() would never be called: only Python blocks (traced = False) have one"
-    elif block.sample_time is None and block.states() and not block.continuous:
-        fault = (
-            "discrete states need a sample time; add it with block.sampled(every=...), or write "
-            "derivative() if they are continuous"
-        )
-    elif declares and not block.hides and not block.states_own("indicators"):
-        fault = "it declares events or modes, but has no indicators() that trigger the events"
-    elif not block.has_events and any(map(block.states_own, EVENTS)):
-        fault = "its event methods would never be called: declare an event, as in hit = Event('falling')"
-    elif block.traced and block.states_own("on_step"):
-        fault = "its on_step() would never be called: only Python blocks (traced = False) have one"
-    elif block.has_events and block.sample_time is not None:
-        fault = "a sampled block cannot have events, as it computes at its instants only; leave out sampled()"
-    if fault and not isinstance(block, External):
-        raise BlockError(
-            f"cannot run block '{block.path}' ({type(block).__name__}): {fault}"
-        )
-
-
 def _declared_feedthrough(block: Block) -> dict[str, frozenset[str]]:
     """Return the checked feedthrough that a Python block declares."""
     declared = block.feedthrough()
@@ -273,37 +246,42 @@ def _declared_feedthrough(block: Block) -> dict[str, frozenset[str]]:
 
 def _compare(
     block: Block,
-    symbols: tuple[Signals, Signals, Signals],
+    arguments: tuple[Signals, Signals, Signals],
+    kinds: Sequence[str],
     function: ca.Function,
     results: Layout,
 ) -> None:
     """Raise `TracingError` if the traced `function` of a block returns other `results` than NumPy.
 
-    Numbers replace the `symbols` of states, inputs and events.
+    Numbers replace the symbols in the `arguments`: states, inputs and events. The `kinds` are those of the
+    equations.
     """
     if not results.size:
         return
-    x, u, fired = symbols
+    x, u, fired = arguments
     own = Signals(u.owner, block.parameters)
+    equations = {kind: equation(block, kind, fired) for kind in kinds}
+    places = [(e.path, e.name, slice(e.start, e.stop)) for e in results]
 
     def plain(point: Sequence[Array], check: bool = False) -> Array:
         """Return the results in NumPy, one after the other."""
         now, *arrays = point
         numbers = iter(arrays)
-        for group in symbols:
+        for group in arguments:
             # `zip` takes a name first, so that it stops before the next number.
             group.update(zip([*group], numbers, strict=False))
         fired.update({n: v > 0 for n, v in fired.items()})
-        flat = np.zeros(results.size)
-        for kind in kinds(block):
-            values = called(block, kind, (now, x, u, own, fired))
+        values = dict[str, Values]()
+        for kind, compute in equations.items():
+            values[kind] = compute(now, x, u, own)
             if check:
-                checked(block, kind, values)
-            for e in results.of(kind):
-                results.put(flat, kind, e.name, values[e.name])
+                checked(block, kind, values[kind])
+        flat = np.zeros(results.size)
+        for kind, name, place in places:
+            flat[place] = np.ravel(values[kind][name])
         return flat
 
-    shapes = (value.shape for group in symbols for value in group.values())
+    shapes = (value.shape for group in arguments for value in group.values())
     chosen = points(((), *shapes))
     columns = [
         np.reshape(each, (len(chosen), -1)).T for each in zip(*chosen, strict=True)

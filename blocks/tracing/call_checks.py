@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import inspect
 import linecache
-from collections.abc import Sequence
+from collections.abc import Callable
 from traceback import walk_tb
 from typing import Any
 
@@ -12,25 +12,27 @@ import numpy as np
 
 from trussflow.blocks.errors import BlockError, Explained, SimulationError, TracingError
 from trussflow.blocks.framework.block import Block, Values
-from trussflow.blocks.framework.declarations import Event, State
+from trussflow.blocks.framework.declarations import Event, Signals, State
 from trussflow.blocks.framework.equations import Equations
-from trussflow.blocks.tracing.kernels import is_traced, shape_of
+from trussflow.blocks.tracing.kernels import is_traced, shapes_of
 from trussflow.blocks.tracing.traced_array import REFUSAL_MESSAGES, NeedsNumberError
 
 _NOT_THE_USERS = ("trussflow.blocks.", "numpy", "casadi")
 
 
-def called(equations: Equations, kind: str, arguments: Sequence[Any]) -> Any:
-    """Return the results of the equation `kind` for the `arguments` t, x, u, p and triggered events.
+def equation(equations: Equations, kind: str, fired: Signals) -> Callable[..., Any]:
+    """Return the equation `kind` as a function of t, x, u and p; only ``on_event`` reads `fired` events.
 
-    Only ``on_event`` takes the events. The `equations` are a block or its object for one run.
+    The `equations` are a block or its object for one run.
     """
-    return getattr(equations, kind)(*arguments[: 5 if kind == "on_event" else 4])
+    found: Callable[..., Any] = getattr(equations, kind)
+    if kind != "on_event":
+        return found
+    return lambda *arguments: found(*arguments, fired)
 
 
 def checked(block: Block, kind: str, values: Values) -> Values:
     """Return `values`, checked for the names and shapes that the equation `kind` of a `block` must return."""
-    where = f"{kind}() of block '{block.path}' ({type(block).__name__})"
     returned: object = values
     some = kind == "on_event"  # may return only the states and modes that change
     if kind == "output":
@@ -46,36 +48,44 @@ def checked(block: Block, kind: str, values: Values) -> Values:
             if isinstance(returned, dict)
             else repr(type(returned).__name__)
         )
-        raise BlockError(
-            f"{where} must return a dict of{' some of' if some else ''}: {', '.join(expected)}; "
-            f"it returned: {got}"
+        raise _wrong_result(
+            block,
+            kind,
+            f" must return a dict of{' some of' if some else ''}: {', '.join(expected)}; "
+            f"it returned: {got}",
         )
-    for name, value in values.items():
-        shape = expected[name]
+    for name, found in shapes_of(values).items():
+        shape, value = expected[name], values[name]
         if not is_traced(value) and (
             isinstance(value, np.ma.MaskedArray)
             or np.asarray(value).dtype.kind not in "biuf"
         ):
-            raise BlockError(
-                f"{where}: '{name}' must be an array of numbers, not {value!r}{_place(block, kind)}"
-            )
-        if shape_of(value) != shape:
+            fault = f": '{name}' must be an array of numbers, not {value!r}{_place(block, kind)}"
+            raise _wrong_result(block, kind, fault)
+        if found != shape:
             what = (
                 "Output" if kind == "output" else type(block._declared[name]).__name__
             )
-            declared = (
-                f"{what}({'shape=' * (what in ('Mode', 'Event'))}{shape_of(value)})"
-            )
+            declared = f"{what}({'shape=' * (what in ('Mode', 'Event'))}{found})"
             declared = (
                 f"outputs={{'{name}': {declared}}}"
                 if _wrapped(block)
                 else f"{name} = {declared}"
             )
-            raise BlockError(
-                f"{where}: '{name}' is declared with shape {shape}, but was returned with shape "
-                f"{shape_of(value)}; return that shape, or declare {declared}{_place(block, kind)}"
+            raise _wrong_result(
+                block,
+                kind,
+                f": '{name}' is declared with shape {shape}, but was returned with shape "
+                f"{found}; return that shape, or declare {declared}{_place(block, kind)}",
             )
     return values
+
+
+def _wrong_result(block: Block, kind: str, fault: str) -> BlockError:
+    """Return the error that the equation `kind` of a `block` has a result with a `fault`."""
+    return BlockError(
+        f"{kind}() of block '{block.path}' ({type(block).__name__}){fault}"
+    )
 
 
 def tracing_errors(block: Block) -> Explained:

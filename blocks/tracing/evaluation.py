@@ -9,6 +9,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
+from math import prod
 from typing import TYPE_CHECKING
 
 import casadi as ca
@@ -22,27 +24,21 @@ from trussflow.blocks.framework.port import Port
 from trussflow.blocks.framework.system import Driver
 from trussflow.blocks.support.types import Array
 from trussflow.blocks.tracing.call_checks import (
-    called,
     checked,
+    equation,
     running_errors,
     tracing_errors,
 )
 from trussflow.blocks.tracing.kernels import (
     active_trace,
+    column_of,
     from_expression,
     is_traced,
     symbol,
-    to_expression,
     written_out,
 )
 from trussflow.blocks.tracing.newton import MAX_ITERATED_UNKNOWNS, solve
-from trussflow.blocks.tracing.sorted_order import (
-    Active,
-    Stage,
-    by_port,
-    holds,
-    laid_out,
-)
+from trussflow.blocks.tracing.sorted_order import Active, Stage, by_port, laid_out
 
 if TYPE_CHECKING:
     from trussflow.blocks.tracing.plan import Plan
@@ -103,13 +99,19 @@ class Evaluation:
         self._inputs: dict[tuple[str, str], Array] = {}
         self._running: set[tuple[str, frozenset[str]]] = set()
 
+    @cached_property
+    def _holding(self) -> set[str]:
+        """Paths of the blocks whose outputs are held."""
+        return self.plan.system.holding(self.active)
+
     def output(self, port: Port) -> Array:
         """Return the value of an output of a leaf block (the whole port)."""
         if port in self.solved:
             return self.solved[port]
-        if holds(self.plan.system, port.block, self.active):
-            return self.leaves.held[port.block.path][port.name]
-        return self._computed(port)
+        path = port.block.path
+        if path in self._holding:
+            return self.leaves.held[path][port.name]
+        return self._computed(port, path)
 
     def compute(self, stages: Sequence[Stage]) -> None:
         """Compute all outputs in sorted order; recursion along a long chain would overflow the stack."""
@@ -124,20 +126,18 @@ class Evaluation:
         # A separate evaluation, so that no expression in the unknowns is cached in this one.
         apart = Evaluation(self.plan, self.leaves, self.active)
         apart._outputs, apart._inputs = self._outputs.copy(), self._inputs.copy()
+        apart._holding = self._holding
         places = laid_out(stage.torn)
         z = ca.SX.sym("z", places.size)
         apart.solved = self.solved | by_port(stage.torn, z, from_expression)
         with written_out():
             for port in stage.ports:
                 apart.output(port)
-            results = [apart._computed(port) for port in stage.torn]
+            results = [apart._computed(port, port.block.path) for port in stage.torn]
         guesses = [
             self.leaves.guesses[e.path].get(e.name, np.zeros(e.shape)) for e in places
         ]
-        computed, start = (
-            ca.vertcat(*map(to_expression, arrays)) for arrays in (results, guesses)
-        )
-        found, iterated = solve(computed - z, z, start)
+        found, iterated = solve(column_of(results) - z, z, column_of(guesses))
         if iterated and z.numel() > MAX_ITERATED_UNKNOWNS:
             raise AlgebraicLoopError(
                 f"an algebraic loop of {z.numel()} unknowns exceeds the limit of {MAX_ITERATED_UNKNOWNS} for "
@@ -146,48 +146,52 @@ class Evaluation:
         self.iterated += stage.torn if iterated else ()
         self.solved |= by_port(stage.torn, found, from_expression)
 
-    def _computed(self, port: Port) -> Array:
-        """Return the value of an output that its block computes.
+    def _computed(self, port: Port, path: str) -> Array:
+        """Return the value of an output that its block, at `path`, computes.
 
         The block gets the inputs that the output needs, others that need no computation, and placeholders.
         """
         block = port.block
-        needed = self.plan.feedthrough[block.path][port.name]
-        key = (block.path, needed)
+        needed = self.plan.feedthrough[path][port.name]
+        key = (path, needed)
         if key not in self._outputs:
             self._running.add(key)
-            u = Signals(f"block '{block.path}'", {})
+            u = Signals(f"block '{path}'", {})
             for p in block.inputs():
-                if p.name in needed or self._is_free(p):
-                    u[p.name] = self.input(block, p.name)
+                drivers = self.plan.system.drivers[path, p.name]
+                if p.name in needed or self._is_free(drivers):
+                    u[p.name] = self._input(p, path)
                 # A placeholder: the output does not depend on it. `Program` replaces it
                 # by zero where it remains in the inputs of kernels.
                 elif is_traced(self.leaves.t):
                     u[p.name] = symbol("unknown", p.whole_shape or ())
                 else:
                     u[p.name] = np.zeros(p.whole_shape or ())
-            self._outputs[key] = self._evaluate(block, "output", u)
+            self._outputs[key] = self._evaluate(block, path, "output", u)
             self._running.discard(key)
         return self._outputs[key][port.name]
 
-    def input(self, block: Block, name: str) -> Array:
-        """Return the value of the input `name` of a leaf `block`."""
-        key = (block.path, name)
+    def _input(self, port: Port, path: str) -> Array:
+        """Return the value of an input of the leaf block at `path`."""
+        key = (path, port.name)
         if key not in self._inputs:
             drivers = self.plan.system.drivers[key]
-            self._inputs[key] = self._assembled(block.port(name), drivers)
+            self._inputs[key] = self._assembled(port, drivers)
         return self._inputs[key]
 
     def value(self, port: Port) -> Array:
         """Return the value of an input, an output or a state of a leaf block (the whole port)."""
         if port.name not in port.block.ports:
             return self.leaves.states[port.block.path][port.name]
-        return self.input(port.block, port.name) if port.is_input else self.output(port)
+        if port.is_input:
+            return self._input(port.block.port(port.name), port.block.path)
+        return self.output(port)
 
     def inputs(self, block: Block) -> Signals:
         """Return all inputs of a leaf block."""
-        values = {p.name: self.input(block, p.name) for p in block.inputs()}
-        return Signals(f"block '{block.path}'", values)
+        path = block.path
+        values = {p.name: self._input(p, path) for p in block.inputs()}
+        return Signals(f"block '{path}'", values)
 
     def results(self, block: Block, kind: str) -> Values:
         """Return the results of an equation for all inputs.
@@ -199,16 +203,16 @@ class Evaluation:
         kind : str
             Name of the equation, such as ``"derivative"``.
         """
-        return self._evaluate(block, kind, self.inputs(block))
+        return self._evaluate(block, block.path, kind, self.inputs(block))
 
-    def _evaluate(self, block: Block, kind: str, u: Signals) -> Values:
-        leaves, path = self.leaves, block.path
+    def _evaluate(self, block: Block, path: str, kind: str, u: Signals) -> Values:
+        leaves = self.leaves
         x, p, fired = leaves.states[path], leaves.parameters[path], leaves.fired[path]
         traced = is_traced(leaves.t)
         # Inside algebraic loops no kernel calls are recorded, so equations are traced again.
         recorded = traced and active_trace() is not None
         reusable = self.plan.traced_blocks.get(path) if recorded else None
-        if reusable is not None and reusable.fits(u.values()):
+        if reusable is not None and reusable.fits(u):
             # One substitution gives the results of all equations. It is reused if the
             # same inputs are known, the others being placeholders.
             known = frozenset(n for n in u if self._inputs.get((path, n)) is u[n])
@@ -227,22 +231,22 @@ class Evaluation:
             if traced
             else running_errors(block, kind, float(leaves.t))
         ):
-            values = called(block, kind, (leaves.t, x, u, p, fired))
+            values = equation(block, kind, fired)(leaves.t, x, u, p)
         return checked(block, kind, values)
 
-    def _is_free(self, port: Port) -> bool:
-        """Return whether an input without feedthrough depends on states only.
+    def _is_free(self, drivers: list[Driver]) -> bool:
+        """Return whether an input without feedthrough depends, by its `drivers`, on states only.
 
         Such inputs are passed nevertheless: the evaluations for several outputs of a block then have
         equal expressions, and share kernels.
         """
-        for driver in self.plan.system.drivers[port.block.path, port.name]:
+        for driver in drivers:
             if driver.source is None:
                 continue
-            source = driver.source.block
-            needed = self.plan.feedthrough[source.path][driver.source.name]
-            key = (source.path, needed)
-            if key in self._outputs or holds(self.plan.system, source, self.active):
+            path = driver.source.block.path
+            needed = self.plan.feedthrough[path][driver.source.name]
+            key = (path, needed)
+            if key in self._outputs or path in self._holding:
                 continue
             # An output under evaluation cannot be passed: a block connected to itself would recurse
             # without end. Only one level is followed, as chains of blocks whose outputs depend on states
@@ -253,23 +257,25 @@ class Evaluation:
 
     def _assembled(self, port: Port, drivers: list[Driver]) -> Array:
         """Return an input: a whole output, or slices of outputs and zeros, or its default."""
-        shape, everything = port.whole_shape or (), np.arange(port.size)
+        shape = port.whole_shape or ()
+        size = prod(shape)
+        everything = np.arange(size)
         default = port.declaration.default
         if not drivers and default is not None:
             return np.full(shape, default, dtype=float)
-        elements: list[Array] = [np.zeros(())] * port.size
+        elements: list[Array] = [np.zeros(())] * size
         for driver in drivers:
             if driver.source is None:
                 continue
             output = self.output(driver.source)
             # A whole output is passed as the same object: its expressions stay shared.
-            if driver.source.whole_shape == port.whole_shape and np.array_equal(
+            if driver.source.whole_shape == shape and np.array_equal(
                 [driver.taken, driver.given], [everything, everything]
             ):
                 return output
             flat = np.reshape(output, (-1,))
             for taken, given in zip(driver.taken, driver.given, strict=True):
                 elements[given] = flat[int(taken)]
-        if port.size == 0:
+        if size == 0:
             return np.zeros(shape)
         return np.reshape(np.stack(elements), shape) if shape else elements[0]

@@ -141,6 +141,7 @@ def _in_order(
 ) -> tuple[list[str], bool]:
     """Return the blocks in the order of evaluation, and whether their initial states form a cycle."""
     graph: dict[str, list[str]] = {}
+    holding = plan.system.holding(active)
     waiting = [*stating]
     while waiting:
         path = waiting.pop()
@@ -154,7 +155,7 @@ def _in_order(
             if path in stating or port.name in needed
         ]
         graph[path] = reached_from(
-            plan.system, plan.feedthrough, path, names, active, {*stating, *showing}
+            plan.system, plan.feedthrough, path, names, holding, {*stating, *showing}
         )
         waiting += graph[path]
     order, cycle = in_order(graph)

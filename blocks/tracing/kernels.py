@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import contextlib
 import contextvars
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property, lru_cache, partial
 from math import prod
@@ -22,7 +22,7 @@ import numpy as np
 from trussflow.blocks.errors import TracingError
 from trussflow.blocks.framework.layout import spans
 from trussflow.blocks.support.types import Array
-from trussflow.blocks.tracing.traced_array import owned
+from trussflow.blocks.tracing.traced_array import TracedArray
 
 Shapes = tuple[tuple[int, ...], ...]
 
@@ -40,6 +40,11 @@ def shape_of(value: Array) -> tuple[int, ...]:
     return tuple(value.shape) if is_traced(value) else np.shape(value)
 
 
+def shapes_of(arrays: Mapping[str, Array]) -> dict[str, tuple[int, ...]]:
+    """Return the shapes of several `arrays`, traced or not, by name."""
+    return {name: shape_of(array) for name, array in arrays.items()}
+
+
 def symbol(name: str, shape: tuple[int, ...]) -> Array:
     """Return a new traced array of the given name and shape.
 
@@ -53,6 +58,11 @@ def symbol(name: str, shape: tuple[int, ...]) -> Array:
     return from_expression(ca.SX.sym(name, prod(shape)), shape)
 
 
+def symbols(shapes: Mapping[str, tuple[int, ...]]) -> dict[str, Array]:
+    """Return new traced arrays of several `shapes`, by name."""
+    return {name: symbol(name, shape) for name, shape in shapes.items()}
+
+
 def from_expression(flat: ca.SX, shape: tuple[int, ...]) -> Array:
     """Return the traced array of `shape` whose row-major elements are the column `flat`."""
     # An array without elements has nothing to trace.
@@ -60,7 +70,8 @@ def from_expression(flat: ca.SX, shape: tuple[int, ...]) -> Array:
         return np.zeros(shape)
     made: Any = ca.ArrayInterface  # no copies needed, as traced arrays are read-only
     one = prod(shape) == 1 and len(shape) <= 2
-    array = owned(made._wrap(flat, len(shape)) if one else made._wrap_nd(flat, shape))
+    array: Array = made._wrap(flat, len(shape)) if one else made._wrap_nd(flat, shape)
+    array.__class__ = TracedArray
     array._column = flat
     return array
 
@@ -71,6 +82,16 @@ def to_expression(value: Array) -> ca.SX:
         return ca.SX(np.asarray(value, dtype=float).ravel())
     column: ca.SX | None = vars(value).get("_column")  # set by from_expression
     return value._flat() if column is None else column
+
+
+def expressions(arrays: Iterable[Array]) -> list[ca.SX]:
+    """Return the elements of each of several `arrays`, traced or not, as row-major columns."""
+    return [to_expression(array) for array in arrays]
+
+
+def column_of(arrays: Iterable[Array]) -> ca.SX:
+    """Return the elements of several `arrays`, one after the other, as one column."""
+    return ca.vertcat(ca.SX(0, 1), *expressions(arrays))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -206,8 +227,7 @@ def repeated(
     if isinstance(function, partial) and not function.keywords:
         constants, function = function.args, function.func
     kernel = _kernel(function, constants, tuple(map(shape_of, instances[0])))
-    inputs = [ca.vertcat(*map(to_expression, arguments)) for arguments in instances]
-    call = call_kernel(kernel, ca.horzcat(*inputs))
+    call = call_kernel(kernel, ca.horzcat(*map(column_of, instances)))
     return [call.results(i) for i in range(len(instances))]
 
 
@@ -255,11 +275,11 @@ def _kernel(
     arguments = [symbol(f"a{i}", shape) for i, shape in enumerate(shapes)]
     with written_out():  # a kernel cannot call another kernel
         results = function(*constants, *arguments)
-    expressions = [to_expression(result) for result in results]
-    places = spans(expression.numel() for expression in expressions)
+    columns = expressions(results)
+    places = spans(each.numel() for each in columns)
     layout = tuple(zip(map(shape_of, results), places, strict=True))
-    column = ca.vertcat(*(to_expression(a) for a in arguments))
-    flat = ca.cse(ca.SX(ca.vertcat(*expressions)))
+    column = column_of(arguments)
+    flat = ca.cse(ca.SX(ca.vertcat(*columns)))
     if not symbols_of(flat) <= symbols_of(column):
         raise ValueError(
             "the function given to repeated() uses a signal from elsewhere; the signal must be an argument"

@@ -15,7 +15,7 @@ import casadi as ca
 import numpy as np
 
 from trussflow.blocks.errors import NameLookupError
-from trussflow.blocks.framework.block import Block
+from trussflow.blocks.framework.block import Block, check_kind
 from trussflow.blocks.framework.declarations import KINDS, Event, Mode
 from trussflow.blocks.framework.diagram import Diagram
 from trussflow.blocks.framework.equations import Equations
@@ -27,10 +27,10 @@ from trussflow.blocks.support.progress import status_line
 from trussflow.blocks.support.types import Vector
 from trussflow.blocks.support.validation import by_name, finite_array
 from trussflow.blocks.tracing.algebraic_loops import AlgebraicLoops
-from trussflow.blocks.tracing.block_check import SharedResults, check_kind, isolate
+from trussflow.blocks.tracing.block_check import SharedResults, isolate
 from trussflow.blocks.tracing.evaluation import Evaluation, Leaves
 from trussflow.blocks.tracing.initial_states import set_from_inputs
-from trussflow.blocks.tracing.kernels import from_expression, to_expression, tracing
+from trussflow.blocks.tracing.kernels import column_of, from_expression, tracing
 from trussflow.blocks.tracing.program import Program, lower
 from trussflow.blocks.tracing.quantities import Quantity
 from trussflow.blocks.tracing.sorted_order import Active, Stage, laid_out, order
@@ -364,9 +364,6 @@ class Plan:
                     now = Evaluation(self, leaves, active)
                     now.compute(self.order(active))
                     evaluated[active] = now
-                arrays = quantity.collect(evaluated[active])
-                column = (
-                    ca.vertcat(*map(to_expression, arrays)) if arrays else ca.SX(0, 1)
-                )
+                column = column_of(quantity.collect(evaluated[active]))
                 programs.append(lower(quantity.name, symbols, column, trace))
         return programs

@@ -129,7 +129,7 @@ class Program:
         """
         if not self.shares:
             return ca.Function(name, list(inputs), list(results))
-        known = set().union(*map(symbols_of, inputs))
+        known = symbols_of(ca.vertcat(*inputs))
         # Across all results: the inputs of different kernels share subexpressions.
         shared = ca.cse([ca.densify(r) for r in results])
         free = [

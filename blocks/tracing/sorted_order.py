@@ -26,7 +26,6 @@ from typing import NamedTuple, TypeVar
 import casadi as ca
 
 from trussflow.blocks.errors import AlgebraicLoopError
-from trussflow.blocks.framework.block import Block
 from trussflow.blocks.framework.clock import Clock
 from trussflow.blocks.framework.layout import Layout
 from trussflow.blocks.framework.port import Port
@@ -114,19 +113,13 @@ def cycles(graph: Mapping[T, Collection[T]]) -> Iterator[tuple[T, ...]]:
     return (c for c in components(graph) if len(c) > 1 or c[0] in graph[c[0]])
 
 
-def holds(system: System, block: Block, active: Active) -> bool:
-    """Return whether outputs of a `block` of a `system` are held while the `active` clocks tick."""
-    clock = system.clock(block)
-    return not block.traced or (clock is not None and clock not in active)
-
-
 def graph_of(system: System, feedthrough: Feedthrough, active: Active) -> Graph:
     """Return the dependence graph, by `feedthrough`, of outputs of a `system` while `active` clocks tick."""
-    held = {path: holds(system, b, active) for path, b in system.blocks.items()}
+    holding = system.holding(active)
     graph: Graph = {}
     for path, block in system.blocks.items():
         # A held output depends on nothing within the instant, which opens the loop.
-        if held[path]:
+        if path in holding:
             continue
         for port in block.outputs():
             sources = graph.setdefault(port, {})
@@ -134,7 +127,9 @@ def graph_of(system: System, feedthrough: Feedthrough, active: Active) -> Graph:
                 p.name for p in block.inputs() if p.name in feedthrough[path][port.name]
             ):
                 for driver in system.drivers[path, name]:
-                    if driver.source is not None and not held[driver.source.block.path]:
+                    if driver.source is None:
+                        continue
+                    if driver.source.block.path not in holding:
                         source = driver.source.block.port(driver.source.name)
                         sources[source] = (
                             f"{path}.{name} ==feedthrough==> {port.path}   [{driver.where}]"
@@ -147,13 +142,13 @@ def reached_from(
     feedthrough: Feedthrough,
     path: str,
     names: Iterable[str],
-    active: Active,
+    holding: Container[str],
     among: Collection[str],
 ) -> list[str]:
     """Return the blocks `among` others on which inputs of a block depend within one instant, in fixed order.
 
     The search starts at the inputs `names` of the block at `path` of the `system`. It goes backwards through
-    all blocks that compute while the `active` clocks tick, by their `feedthrough`.
+    all blocks, by their `feedthrough`, except those that are `holding` their outputs.
     """
     found: dict[str, None] = {}
     visited: set[tuple[str, str]] = set()
@@ -162,16 +157,14 @@ def reached_from(
         for driver in system.drivers[waiting.pop()]:
             if driver.source is None:
                 continue
-            source, output = driver.source.block, driver.source.name
-            if (source.path, output) in visited:
+            source, output = driver.source.block.path, driver.source.name
+            if (source, output) in visited:
                 continue
-            visited.add((source.path, output))
-            if source.path in among:
-                found[source.path] = None
-            elif not holds(system, source, active):
-                waiting += [
-                    (source.path, i) for i in sorted(feedthrough[source.path][output])
-                ]
+            visited.add((source, output))
+            if source in among:
+                found[source] = None
+            elif source not in holding:
+                waiting += [(source, i) for i in sorted(feedthrough[source][output])]
     return [*found]
 
 

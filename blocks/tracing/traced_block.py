@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 
 import casadi as ca
@@ -11,8 +11,9 @@ from trussflow.blocks.framework.layout import BlockSignals, Layout
 from trussflow.blocks.support.types import Array
 from trussflow.blocks.tracing.kernels import (
     call_kernel,
+    expressions,
     from_expression,
-    shape_of,
+    shapes_of,
     to_expression,
 )
 from trussflow.blocks.tracing.program import Program
@@ -36,15 +37,15 @@ class TracedBlock:
     program: Program
     results: Layout
 
-    def fits(self, arguments: Iterable[Array]) -> bool:
+    def fits(self, arguments: Mapping[str, Array]) -> bool:
         """Return whether these arguments can replace the symbols without loss of efficiency.
 
         A matrix with structural zeros cannot, as a new trace of the equations may exploit the zeros.
         """
         return not any(
-            len(shape_of(a)) == 2
-            and any(e.is_constant() for e in ca.vertsplit(to_expression(a)))
-            for a in arguments
+            len(shape) == 2
+            and any(e.is_constant() for e in ca.vertsplit(to_expression(arguments[n])))
+            for n, shape in shapes_of(arguments).items()
         )
 
     def __call__(self, arguments: Iterable[Array]) -> BlockSignals:
@@ -56,7 +57,7 @@ class TracedBlock:
             One array of the same shape for each argument.
         """
         column = self.program.evaluated(
-            map(to_expression, arguments),
+            expressions(arguments),
             lambda kernel, inputs: call_kernel(kernel, inputs).symbols,
         )
         return self.results.unpack(column, from_expression)
