@@ -5,6 +5,8 @@ from __future__ import annotations
 import functools
 import importlib
 from collections.abc import Callable
+from contextlib import AbstractContextManager
+from dataclasses import dataclass
 from types import TracebackType
 from typing import Any, Concatenate, ParamSpec, TypeVar
 
@@ -151,19 +153,17 @@ class SimulationInterrupted(KeyboardInterrupt):
         self.result = result
 
 
-class Explained:
+@dataclass
+class Explained(AbstractContextManager[None, None]):
     """Context manager around user code: it converts exceptions other than `TrussflowError`.
 
-    Parameters
+    Attributes
     ----------
     explain : callable
         Returns the `TrussflowError` for another exception.
     """
 
-    def __init__(self, explain: Callable[[Exception], TrussflowError]) -> None:
-        self._explain = explain
-
-    def __enter__(self) -> None: ...
+    explain: Callable[[Exception], TrussflowError]
 
     def __exit__(
         self,
@@ -172,4 +172,4 @@ class Explained:
         traceback: TracebackType | None,
     ) -> None:
         if isinstance(error, Exception) and not isinstance(error, TrussflowError):
-            raise self._explain(error) from error
+            raise self.explain(error) from error

@@ -10,7 +10,7 @@ instance has bound ports under the same names, which users connect::
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field, replace
 from enum import Enum
 from math import prod
@@ -422,6 +422,11 @@ class Port(Wired):
         raise WiringError(
             f"'{self.path}' is a port, not a number: it has no truth value while wiring"
         )
+
+
+def properties_of(ports: Iterable[Port]) -> list[tuple[object, ...]]:
+    """Return name, shape, unit, frame and declaration of each of the `ports`."""
+    return [(p.name, p.whole_shape, p.unit, p.frame, p.declaration) for p in ports]
 
 
 def is_port(value: object) -> bool:

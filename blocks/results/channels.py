@@ -108,8 +108,9 @@ def channels(ports: Mapping[str, Port]) -> list[Channel]:
                     if n not in ports and known.setdefault(n, labels) == labels
                 )
                 axes[next(free)] = labels
-        found.append(Channel(name, port, slice(start, start + port.size), axes))
-        start += port.size
+        columns = slice(start, start + port.size)
+        found.append(Channel(name, port, columns, axes))
+        start = columns.stop
     return found
 
 

@@ -238,12 +238,12 @@ class SampledStepping(Running):
         u : Vector
             All inputs [units as declared]; only those with direct feedthrough are used.
         """
-        if self._time is None or (self._first and t == self._time):
+        begins = self._time is None or (self._first and t == self._time)
+        if begins:
             # Starts again at the same time if an iteration of initial states changes the inputs.
             # Inputs without feedthrough are NaN: they may depend on these outputs.
             self._held = np.where(self._needed, u, np.nan)
             self._inner.start(t, self._held)
-            check_outputs(self._inner.outputs(), self._size, self._block.path)
         else:
             if t != self._time:  # an instant may be evaluated more than once
                 self._inner.advance(self._time, t)
@@ -251,7 +251,10 @@ class SampledStepping(Running):
                 self._held = np.where(self._needed, u, self._held)
                 self._inner.set(self._held)
         self._time = t
-        return self._inner.outputs()
+        outputs = self._inner.outputs()
+        if begins:
+            check_outputs(outputs, self._size, self._block.path)
+        return outputs
 
     def hold(self, u: Vector) -> None:
         """Keep all inputs `u` [units as declared] for the step that follows."""

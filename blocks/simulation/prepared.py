@@ -200,8 +200,10 @@ class Prepared:
         if not self.plan.python_blocks:
             return traced
         blocks = OpenBlocks(
-            (block, self.plan.p.signals(block.path, p))
-            for block in self.plan.python_blocks
+            [
+                (block, self.plan.p.signals(block.path, p))
+                for block in self.plan.python_blocks
+            ]
         )
         return PythonExecutor(traced, self.python, blocks)
 
@@ -298,13 +300,3 @@ class Prepared:
         n = self.plan.x.size
         # CasADi stores matrices column by column.
         return lambda t, x, d, p: flat(t, x, d, p).reshape((n, n), order="F")
-
-    def ticks(self, time: Fraction, what: str) -> int:
-        """Return a `time` [s] as a number of ticks; `what` names it in messages.
-
-        Raises
-        ------
-        SimulationError
-            If it is not a whole number.
-        """
-        return ticks(time, self.tick, what)

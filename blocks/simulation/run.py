@@ -22,7 +22,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from trussflow.blocks.errors import DivergenceError, SimulationError, TrussflowError
-from trussflow.blocks.framework.clock import written
+from trussflow.blocks.framework.clock import ticks, written
 from trussflow.blocks.results.log import Log
 from trussflow.blocks.results.state_file import Snapshot
 from trussflow.blocks.simulation.adaptive import AdaptiveError, integrate
@@ -185,8 +185,8 @@ class Run:
     def go_to(self, now: Fraction) -> None:
         """Set the present time [s]; nothing is computed."""
         # Exact fractions: now = origin + k ticks + beyond, with 0 <= beyond < 1 tick.
-        ticks, self.beyond = divmod(now - self.origin, self.prepared.tick)
-        self.k = int(ticks)
+        whole, self.beyond = divmod(now - self.origin, self.prepared.tick)
+        self.k = int(whole)
         self.time = float(now)
 
     def save(self) -> Snapshot:
@@ -352,7 +352,9 @@ class Run:
         log = self.log
         tick = self.prepared.tick
         has_python = bool(prepared.plan.python_blocks)
-        every = prepared.ticks(self.log_step, "log_step") if log is not None else 0
+        every = (
+            ticks(self.log_step, prepared.tick, "log_step") if log is not None else 0
+        )
         longest = last
         if log is not None:
             # So many ticks, of which one in `every` is logged,

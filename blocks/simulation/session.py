@@ -24,7 +24,13 @@ import numpy as np
 
 from trussflow.blocks.errors import SimulationError, TrussflowError
 from trussflow.blocks.framework.block import Block
-from trussflow.blocks.framework.clock import SNAP, exact, refuse_coarse_time, written
+from trussflow.blocks.framework.clock import (
+    SNAP,
+    exact,
+    refuse_coarse_time,
+    ticks,
+    written,
+)
 from trussflow.blocks.framework.declarations import TIMED
 from trussflow.blocks.framework.system import System, flatten
 from trussflow.blocks.results.channels import Chosen
@@ -178,7 +184,7 @@ class Session(Described):
         prepared = self.prepared
         begin = self._instant(time)
         if prepared.solver.is_fixed:
-            prepared.ticks(begin, "the start time")
+            ticks(begin, prepared.tick, "the start time")
         p = prepared.plan.parameters(parameters)
         executor = prepared.open(p)
         try:

@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypedDict, Unpack
 
 from trussflow.blocks.errors import SimulationError
-from trussflow.blocks.framework.clock import exact, on_grid, refuse_coarse_time
+from trussflow.blocks.framework.clock import exact, on_grid, refuse_coarse_time, ticks
 from trussflow.blocks.framework.diagram import Diagram
 from trussflow.blocks.framework.system import System
 from trussflow.blocks.results.channels import Chosen
@@ -112,7 +112,7 @@ class Simulator(Described):
         # None for an adaptive solver: then `opened` takes a thousandth of the run.
         self.log_step = exact(log_step) if log_step is not None else self.prepared.step
         if self.prepared.step is not None and self.log_step is not None:
-            self.prepared.ticks(self.log_step, "log_step")
+            ticks(self.log_step, self.prepared.tick, "log_step")
 
     def __reduce__(self) -> tuple[Callable[[], Simulator], tuple[()]]:
         """Pickle and copy the arguments of the constructor: compiled code belongs to one process."""
@@ -174,11 +174,11 @@ class Simulator(Described):
         if prepared.step is not None:
             begin = on_grid(begin, prepared.step)
             length = on_grid(length, prepared.step)
-            prepared.ticks(begin, "the start time")
-            prepared.ticks(length, "the duration")
+            ticks(begin, prepared.tick, "the start time")
+            ticks(length, prepared.tick, "the duration")
             if every is not None:
                 every = on_grid(every, prepared.step)
-                prepared.ticks(every, "checkpoint_every")
+                ticks(every, prepared.tick, "checkpoint_every")
             # Fixed steps alone: an adaptive solver stops at each break point.
             warn_of_missed_jumps(plan, prepared.step, (begin, begin + length), p)
         with contextlib.closing(prepared.open(p)) as executor:
@@ -192,7 +192,8 @@ class Simulator(Described):
             for layout in (plan.memory, plan.modes, plan.guesses):
                 states |= layout.listed(d)
             # Without the duration, since a run may be resumed with a longer one.
-            identity = prepared.identity | {
+            known = prepared.identity
+            identity = known | {
                 "logged_hash": prepared.logged,
                 "start": float(begin),
                 "log": [channel.name for channel in prepared.channels],
@@ -204,7 +205,7 @@ class Simulator(Described):
             everything = json.dumps(identity | {"duration": float(duration)})
             attributes: dict[str, Any] = {
                 **provenance(),
-                **prepared.identity,
+                **known,
                 "duration": float(duration),
                 "parameters": json.dumps(values),
                 "initial_states": json.dumps(states),

@@ -25,7 +25,7 @@ from trussflow.blocks.errors import (
     SimulationError,
     TracingError,
 )
-from trussflow.blocks.framework.clock import exact
+from trussflow.blocks.framework.clock import exact, ticks
 from trussflow.blocks.framework.diagram import Diagram
 from trussflow.blocks.framework.layout import Layout, spans
 from trussflow.blocks.simulation.prepared import Prepared
@@ -112,8 +112,8 @@ class DifferentiatedRun:
             for key, e in self.values.entries.items()
             if key in plan.p.entries
         ]
-        every = prepared.ticks(simulator.log_step or exact(duration), "log_step")
-        end = prepared.ticks(exact(duration), "the duration")
+        every = ticks(simulator.log_step or exact(duration), prepared.tick, "log_step")
+        end = ticks(exact(duration), prepared.tick, "the duration")
         # A run logs its end, too, even between two multiples of log_step.
         instants = np.unique([*range(0, end, every), end])
         self.results: dict[str, tuple[int, ...]] = {}
@@ -132,10 +132,10 @@ class DifferentiatedRun:
         q, at, z = (ca.MX.sym("symbol", n) for n in (many, many, size))
         slopes = ca.MX.sym("slopes", size, many)
         # The last tick logs the end; the step that follows it is not used.
-        ticks = int(instants[-1]) + 1
-        run = self._tick(prepared, size).mapaccum("run", ticks)
-        times, due = _calendar(prepared, ticks)
-        _, rows = run(z + slopes @ (q - at), ca.repmat(q, 1, ticks), times, due)
+        count = int(instants[-1]) + 1
+        run = self._tick(prepared, size).mapaccum("run", count)
+        times, due = _calendar(prepared, count)
+        _, rows = run(z + slopes @ (q - at), ca.repmat(q, 1, count), times, due)
         found = self._made(rows[:, instants.tolist()])
         self._function = ca.Function(
             "differentiated", [q, at, z, slopes], [found, ca.jacobian(found, q)]
@@ -392,11 +392,11 @@ def explained(name: str) -> Explained:
     )
 
 
-def _calendar(prepared: Prepared, ticks: int) -> tuple[Vector, Vector]:
-    """Return the start, middle and end time of each tick [s], and the set of clocks due at its start."""
-    times = np.arange(ticks + 1) * float(prepared.tick)
+def _calendar(prepared: Prepared, count: int) -> tuple[Vector, Vector]:
+    """Return the start, middle and end time of each of `count` ticks [s], and its due set of clocks."""
+    times = np.arange(count + 1) * float(prepared.tick)
     begin, end = times[:-1], times[1:]
     middle = begin + prepared.tick_seconds / 2
-    due = prepared.schedule.due(0, ticks)[None].astype(float)
+    due = prepared.schedule.due(0, count)[None].astype(float)
     # As in `Executor._step`: a signal that jumps at the end has not jumped yet.
     return np.array([begin, middle, np.nextafter(end, begin)]), due

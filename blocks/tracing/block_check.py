@@ -17,6 +17,7 @@ from trussflow.blocks.errors import BlockError, SimulationError, TrussflowError
 from trussflow.blocks.framework.block import Block, Values
 from trussflow.blocks.framework.declarations import Event, Mode, Signals
 from trussflow.blocks.framework.layout import Entry, Layout
+from trussflow.blocks.framework.port import properties_of
 from trussflow.blocks.support.types import Array
 from trussflow.blocks.tracing.call_checks import (
     brief,
@@ -97,12 +98,12 @@ def argument_shapes(block: Block) -> tuple[dict[str, tuple[int, ...]], ...]:
     return x, {p.name: p.whole_shape or () for p in block.inputs()}, fired
 
 
-_results: WeakKeyDictionary[Block, tuple[list[tuple[int, ...] | None], Isolated]] = (
+_results: WeakKeyDictionary[Block, tuple[list[tuple[object, ...]], Isolated]] = (
     WeakKeyDictionary()
 )
-"""Results by block, with the shapes of its ports at that time.
+"""Results by block, with the properties of its ports at that time.
 
-A block is frozen and may be in several plans, but connections may change the shapes of its ports.
+A block is frozen and may be in several plans, but connections may change the properties of its ports.
 """
 
 
@@ -121,10 +122,10 @@ def isolate(block: Block, shared: SharedResults | None = None) -> Isolated:
     TracingError
         If the equations cannot be traced, or disagree with plain NumPy.
     """
-    shapes = [port.whole_shape for port in block.ports.values()]
-    if block not in _results or _results[block][0] != shapes:
+    ports = properties_of(block.ports.values())
+    if block not in _results or _results[block][0] != ports:
         found = _isolated(block) if shared is None else _shared_result(block, shared)
-        _results[block] = shapes, found
+        _results[block] = ports, found
     return _results[block][1]
 
 
@@ -155,10 +156,7 @@ def equations_key(block: Block) -> bytes | None:
         for n, v in attributes.items()
         if n not in (*UNSHARED_ATTRIBUTES, "ports", "inferred_shape")
     }
-    ports = [
-        (port.name, port.whole_shape, port.unit, port.frame, port.declaration)
-        for port in block.ports.values()
-    ]
+    ports = properties_of(block.ports.values())
     shapes = [(name, value.shape) for name, value in block.parameters.items()]
     everything = (type(block), read, ports, shapes, block.inferred_shape.get())
     try:

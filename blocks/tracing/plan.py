@@ -93,11 +93,11 @@ class Plan:
         ]
 
         def layout(names: Callable[[Block], Iterable[str]], start: int = 0) -> Layout:
-            arrays = (
+            arrays = [
                 (path, name, block.state_shape(name))
                 for path, block in blocks.items()
                 for name in names(block)
-            )
+            ]
             return Layout(arrays, start)
 
         def events(block: Block) -> Iterable[str]:
@@ -123,9 +123,11 @@ class Plan:
         )
         self.has_events = any(block.has_events for block in blocks.values())
         self.p = Layout(
-            (path, name, value.shape)
-            for path, block in blocks.items()
-            for name, value in block.parameters.items()
+            [
+                (path, name, value.shape)
+                for path, block in blocks.items()
+                for name, value in block.parameters.items()
+            ]
         )
         self.python_blocks = [
             b for b in blocks.values() if not b.traced and not isinstance(b, External)
@@ -147,7 +149,7 @@ class Plan:
         self.guesses = laid_out(ports, self.fired.span.stop)
         external = self.system.external.values()
         self.u_start = self.guesses.span.stop
-        self.u = Layout(((b.path, "y", b.extent) for b in external), self.u_start)
+        self.u = Layout([(b.path, "y", b.extent) for b in external], self.u_start)
         self.d_size = self.u.span.stop
 
     @property

@@ -65,7 +65,7 @@ class Stage(NamedTuple):
 
 def laid_out(ports: Iterable[Port], start: int = 0) -> Layout:
     """Return the layout of whole `ports` in a vector from index `start` [-] on."""
-    arrays = ((port.block.path, port.name, port.whole_shape or ()) for port in ports)
+    arrays = [(port.block.path, port.name, port.whole_shape or ()) for port in ports]
     return Layout(arrays, start)
 
 

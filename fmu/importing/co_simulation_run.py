@@ -102,7 +102,9 @@ class CoSimulationRun(FmuRun, SelfStepping):
         # Integers and Booleans cannot take a small perturbation.
         real = np.array([v.type in REAL_TYPES for v in inputs for _ in range(v.size)])
         try:
-            fmu.set_inputs(self._u + INPUT_PERTURBATION * (1.0 + self._u) * real)
+            fmu.set_inputs(
+                self._u + INPUT_PERTURBATION * (1.0 + np.abs(self._u)) * real
+            )
             follows = not np.array_equal(before, fmu.get_outputs(), equal_nan=True)
             fmu.set_inputs(self._u)
             restore_state(fmu, saved)
@@ -130,7 +132,8 @@ class CoSimulationRun(FmuRun, SelfStepping):
         small = TIME_TOLERANCE * (until - now)
         refused: tuple[float, float] | None = None
         for _ in range(MAX_PARTS):
-            self._refuse_after_end(until)
+            if self._ended is not None:
+                self._refuse_after_end(until)
             left = until - time
             if abs(left - self._nominal) <= small:
                 # bit-equal step sizes, without round-off of the times

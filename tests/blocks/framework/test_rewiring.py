@@ -40,7 +40,7 @@ def seen(system, name, values=None):
     p = plan.parameters({})
     x, d = plan.initial(p, {}, values or {})
     evaluation = plan.evaluate(0.0, x, d, p)
-    return evaluation.input(plan.system.blocks[name], "u")
+    return evaluation.value(plan.system.blocks[name].port("u"))
 
 
 def put_in(system, port, *, cut, number=1):
