@@ -24,6 +24,7 @@ from trussflow.blocks.support.validation import (
 )
 from trussflow.blocks.tracing.call_checks import brief
 from trussflow.blocks.tracing.kernels import (
+    expressions,
     from_expression,
     is_traced,
     symbol,
@@ -61,17 +62,15 @@ class ArrayFunction:
         """
         arguments = [symbol(f"a{i}", shape) for i, shape in enumerate(shapes)]
         value = to_expression(function(*arguments))
-        columns = [to_expression(a) for a in arguments]
         return cls(
-            ca.Function("array", columns, ca.cse([ca.densify(value)])), (value.numel(),)
+            ca.Function("array", expressions(arguments), ca.cse([ca.densify(value)])),
+            (value.numel(),),
         )
 
     def __call__(self, *arguments: Array) -> Array:
         """Return the value for arguments of the traced shapes."""
         if any(map(is_traced, arguments)):
-            return from_expression(
-                self.function(*map(to_expression, arguments)), self.shape
-            )
+            return from_expression(self.function(*expressions(arguments)), self.shape)
         return np.reshape(self.function(*map(np.ravel, arguments)).full(), self.shape)
 
     def jacobian(self, number: int) -> ArrayFunction:

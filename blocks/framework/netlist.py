@@ -12,6 +12,7 @@ import numpy as np
 
 from trussflow.blocks.errors import (
     BlockError,
+    DiagramError,
     NameLookupError,
     TrussflowError,
     WiringError,
@@ -23,6 +24,9 @@ from trussflow.blocks.framework.connection_check import fit, overlap, same, unit
 from trussflow.blocks.framework.port import Port, is_port, port_text
 from trussflow.blocks.support.call_site import call_site, warn
 from trussflow.blocks.support.validation import shown
+
+MAX_LEVELS = 400
+"""Largest number of diagrams around a nested diagram [-]; paths of blocks are recursive."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -241,18 +245,32 @@ class Netlist(Block):
 
     def _surroundings(self) -> list[Netlist]:
         """Return this diagram and the diagrams that contain it."""
-        return [self] if self.parent is None else [self, *self.parent._surroundings()]
+        found = [self]
+        while found[-1].parent is not None:
+            found.append(found[-1].parent)
+        return found
 
     def _owns(self, port: object) -> bool:
         """Return whether an argument from the user is a port of a block in this diagram."""
         return isinstance(port, Port) and port.block.parent is self
 
-    def within(self) -> Iterator[Block]:
-        """Yield all blocks in this diagram and in nested ones, each diagram before its blocks."""
+    def within(self, level: int = 0) -> Iterator[Block]:
+        """Yield all blocks in this diagram and in nested ones, each diagram before its blocks.
+
+        Raises
+        ------
+        DiagramError
+            If this diagram is inside too many others; the outermost one has `level` 0 [-].
+        """
+        if level > MAX_LEVELS:
+            raise DiagramError(
+                f"diagram '{self.name}' is inside {level} other diagrams; at most {MAX_LEVELS} are supported: "
+                "add its blocks to an outer diagram"
+            )
         for block in self.blocks.values():
             yield block
             if isinstance(block, Netlist):
-                yield from block.within()
+                yield from block.within(level + 1)
 
     def _fit_anew(self) -> list[str]:
         """Remove exposed ports and wires without their blocks, and check the others again.

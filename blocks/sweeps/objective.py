@@ -15,12 +15,7 @@ from trussflow.blocks.simulation.simulator import Simulator
 from trussflow.blocks.support.types import Array
 from trussflow.blocks.sweeps.gradients import DifferentiatedRun, explained
 from trussflow.blocks.sweeps.sweep import sweep
-from trussflow.blocks.tracing.kernels import (
-    shape_of,
-    symbol,
-    to_expression,
-    written_out,
-)
+from trussflow.blocks.tracing.kernels import column_of, shapes_of, symbols, written_out
 
 Becoming = Callable[..., Mapping[str, Any]]
 """Takes values by name as keywords, and returns parameters and initial states by ``"block.name"``."""
@@ -75,12 +70,12 @@ def differentiated(
     SimulationError
         If a value becomes one of another shape, or the run cannot be differentiated.
     """
-    traced = {name: symbol(name, np.shape(value)) for name, value in start.items()}
+    traced = symbols({name: np.shape(value) for name, value in start.items()})
     with explained("becoming()"), written_out():
         made = becoming(**traced)
-        shapes = {name: shape_of(value) for name, value in made.items()}
-        column = ca.vertcat(*(to_expression(value) for value in made.values()))
-    values = ca.vertcat(*(to_expression(value) for value in traced.values()))
+        shapes = shapes_of(made)
+        column = column_of(made.values())
+    values = column_of(traced.values())
     jacobian = ca.densify(ca.jacobian(column, values))
     slope_of = ca.Function("slope", [values], [jacobian])
     # All samples share one compiled function: their values are inputs, too.

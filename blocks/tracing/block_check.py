@@ -258,8 +258,9 @@ def _compare(
         return
     x, u, fired = arguments
     own = Signals(u.owner, block.parameters)
-    equations = {kind: equation(block, kind, fired) for kind in kinds}
-    places = [(e.path, e.name, slice(e.start, e.stop)) for e in results]
+    equations = [
+        (kind, equation(block, kind, fired), results.of(kind)) for kind in kinds
+    ]
 
     def plain(point: Sequence[Array], check: bool = False) -> Array:
         """Return the results in NumPy, one after the other."""
@@ -269,15 +270,15 @@ def _compare(
             # `zip` takes a name first, so that it stops before the next number.
             group.update(zip([*group], numbers, strict=False))
         fired.update({n: v > 0 for n, v in fired.items()})
-        values = dict[str, Values]()
-        for kind, compute in equations.items():
-            values[kind] = compute(now, x, u, own)
+        columns = [np.zeros(0)]
+        for kind, compute, entries in equations:
+            values = compute(now, x, u, own)
             if check:
-                checked(block, kind, values[kind])
-        flat = np.zeros(results.size)
-        for kind, name, place in places:
-            flat[place] = np.ravel(values[kind][name])
-        return flat
+                checked(block, kind, values)
+            columns += [
+                np.broadcast_to(values[e.name], e.shape).ravel() for e in entries
+            ]
+        return np.concatenate(columns)
 
     shapes = (value.shape for group in arguments for value in group.values())
     chosen = points(((), *shapes))

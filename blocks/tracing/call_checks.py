@@ -33,6 +33,7 @@ def equation(equations: Equations, kind: str, fired: Signals) -> Callable[..., A
 
 def checked(block: Block, kind: str, values: Values) -> Values:
     """Return `values`, checked for the names and shapes that the equation `kind` of a `block` must return."""
+    where = f"{kind}() of block '{block.path}' ({type(block).__name__})"
     returned: object = values
     some = kind == "on_event"  # may return only the states and modes that change
     if kind == "output":
@@ -48,11 +49,9 @@ def checked(block: Block, kind: str, values: Values) -> Values:
             if isinstance(returned, dict)
             else repr(type(returned).__name__)
         )
-        raise _wrong_result(
-            block,
-            kind,
-            f" must return a dict of{' some of' if some else ''}: {', '.join(expected)}; "
-            f"it returned: {got}",
+        raise BlockError(
+            f"{where} must return a dict of{' some of' if some else ''}: {', '.join(expected)}; "
+            f"it returned: {got}"
         )
     for name, found in shapes_of(values).items():
         shape, value = expected[name], values[name]
@@ -60,8 +59,9 @@ def checked(block: Block, kind: str, values: Values) -> Values:
             isinstance(value, np.ma.MaskedArray)
             or np.asarray(value).dtype.kind not in "biuf"
         ):
-            fault = f": '{name}' must be an array of numbers, not {value!r}{_place(block, kind)}"
-            raise _wrong_result(block, kind, fault)
+            raise BlockError(
+                f"{where}: '{name}' must be an array of numbers, not {value!r}{_place(block, kind)}"
+            )
         if found != shape:
             what = (
                 "Output" if kind == "output" else type(block._declared[name]).__name__
@@ -72,20 +72,11 @@ def checked(block: Block, kind: str, values: Values) -> Values:
                 if _wrapped(block)
                 else f"{name} = {declared}"
             )
-            raise _wrong_result(
-                block,
-                kind,
-                f": '{name}' is declared with shape {shape}, but was returned with shape "
-                f"{found}; return that shape, or declare {declared}{_place(block, kind)}",
+            raise BlockError(
+                f"{where}: '{name}' is declared with shape {shape}, but was returned with shape "
+                f"{found}; return that shape, or declare {declared}{_place(block, kind)}"
             )
     return values
-
-
-def _wrong_result(block: Block, kind: str, fault: str) -> BlockError:
-    """Return the error that the equation `kind` of a `block` has a result with a `fault`."""
-    return BlockError(
-        f"{kind}() of block '{block.path}' ({type(block).__name__}){fault}"
-    )
 
 
 def tracing_errors(block: Block) -> Explained:

@@ -158,8 +158,7 @@ class Evaluation:
             self._running.add(key)
             u = Signals(f"block '{path}'", {})
             for p in block.inputs():
-                drivers = self.plan.system.drivers[path, p.name]
-                if p.name in needed or self._is_free(drivers):
+                if p.name in needed or self._is_free(path, p.name):
                     u[p.name] = self._input(p, path)
                 # A placeholder: the output does not depend on it. `Program` replaces it
                 # by zero where it remains in the inputs of kernels.
@@ -234,19 +233,19 @@ class Evaluation:
             values = equation(block, kind, fired)(leaves.t, x, u, p)
         return checked(block, kind, values)
 
-    def _is_free(self, drivers: list[Driver]) -> bool:
-        """Return whether an input without feedthrough depends, by its `drivers`, on states only.
+    def _is_free(self, path: str, name: str) -> bool:
+        """Return whether an input without feedthrough, of the block at `path`, depends on states only.
 
         Such inputs are passed nevertheless: the evaluations for several outputs of a block then have
         equal expressions, and share kernels.
         """
-        for driver in drivers:
+        for driver in self.plan.system.drivers[path, name]:
             if driver.source is None:
                 continue
-            path = driver.source.block.path
-            needed = self.plan.feedthrough[path][driver.source.name]
-            key = (path, needed)
-            if key in self._outputs or path in self._holding:
+            source = driver.source.block.path
+            needed = self.plan.feedthrough[source][driver.source.name]
+            key = (source, needed)
+            if key in self._outputs or source in self._holding:
                 continue
             # An output under evaluation cannot be passed: a block connected to itself would recurse
             # without end. Only one level is followed, as chains of blocks whose outputs depend on states

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import replace
 
 import casadi as ca
@@ -15,6 +15,7 @@ from trussflow.blocks.support.types import Array
 from trussflow.blocks.tracing.call_checks import tracing_errors
 from trussflow.blocks.tracing.evaluation import Evaluation, Leaves
 from trussflow.blocks.tracing.kernels import (
+    column_of,
     from_expression,
     shape_of,
     to_expression,
@@ -82,9 +83,12 @@ def _rounds(plan: Plan, evaluation: Evaluation) -> int:
         for s in group.values()
         for v in s.values()
     ]
-    arguments = [_flat(before[key] for key in after), _flat([leaves.t, *others])]
+    arguments = [
+        column_of(before[key] for key in after),
+        column_of([leaves.t, *others]),
+    ]
     depends = sparsity(
-        lower("initial_states", arguments, _flat(after.values()), trace)
+        lower("initial_states", arguments, column_of(after.values()), trace)
     )[0]
     # By element: two blocks may use each other's signals if no element depends on itself.
     chains = depends  # chains of `rounds` dependencies
@@ -98,7 +102,7 @@ def _rounds(plan: Plan, evaluation: Evaluation) -> int:
     owners = [
         path
         for (path, name), value in after.items()
-        for _ in range(_flat([value]).numel())
+        for _ in range(column_of([value]).numel())
     ]
     circle = dict.fromkeys(owners[i] for i in np.flatnonzero(in_cycle))
     names = ", ".join(
@@ -162,7 +166,3 @@ def _broadcast(value: Array, shape: tuple[int, ...]) -> Array:
         # Else a size-1 array would widen the shape: (1, 1) + (3,) gives (1, 3).
         value = np.reshape(value, ())
     return value + np.zeros(shape)
-
-
-def _flat(arrays: Iterable[Array]) -> ca.SX:
-    return ca.vertcat(ca.SX(0, 1), *map(to_expression, arrays))
