@@ -78,8 +78,7 @@ class System:
         return {
             path
             for path, block in self.blocks.items()
-            if not block.traced
-            or (block.sample_time is not None and Clock.of(block) not in active)
+            if not block.traced or self.clock(block) not in (None, *active)
         }
 
     @property

@@ -238,23 +238,22 @@ class SampledStepping(Running):
         u : Vector
             All inputs [units as declared]; only those with direct feedthrough are used.
         """
-        begins = self._time is None or (self._first and t == self._time)
-        if begins:
+        if self._time is None or (self._first and t == self._time):
             # Starts again at the same time if an iteration of initial states changes the inputs.
             # Inputs without feedthrough are NaN: they may depend on these outputs.
             self._held = np.where(self._needed, u, np.nan)
             self._inner.start(t, self._held)
-        else:
-            if t != self._time:  # an instant may be evaluated more than once
-                self._inner.advance(self._time, t)
-            if self._needed.any():
-                self._held = np.where(self._needed, u, self._held)
-                self._inner.set(self._held)
-        self._time = t
-        outputs = self._inner.outputs()
-        if begins:
+            self._time = t
+            outputs = self._inner.outputs()
             check_outputs(outputs, self._size, self._block.path)
-        return outputs
+            return outputs
+        if t != self._time:  # an instant may be evaluated more than once
+            self._inner.advance(self._time, t)
+        if self._needed.any():
+            self._held = np.where(self._needed, u, self._held)
+            self._inner.set(self._held)
+        self._time = t
+        return self._inner.outputs()
 
     def hold(self, u: Vector) -> None:
         """Keep all inputs `u` [units as declared] for the step that follows."""

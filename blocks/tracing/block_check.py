@@ -157,7 +157,7 @@ def equations_key(block: Block) -> bytes | None:
         if n not in (*UNSHARED_ATTRIBUTES, "ports", "inferred_shape")
     }
     ports = properties_of(block.ports.values())
-    shapes = [(name, value.shape) for name, value in block.parameters.items()]
+    shapes = shapes_of(block.parameters)
     everything = (type(block), read, ports, shapes, block.inferred_shape.get())
     try:
         # Equal bytes imply equal content. Unequal bytes of equal content only cost
@@ -182,8 +182,8 @@ def _isolated(block: Block, copy: Block | None = None) -> Isolated:
     """Return the result of checking a `block`; if there is a `copy`, that is traced in its place."""
     if not block.traced:
         return Isolated(_declared_feedthrough(block))
-    owner, shapes = f"block '{block.path}'", [*argument_shapes(block)]
-    shapes.append({name: value.shape for name, value in block.parameters.items()})
+    owner = f"block '{block.path}'"
+    shapes = (*argument_shapes(block), shapes_of(block.parameters))
     x, u, fired, p = (Signals(owner, symbols(each)) for each in shapes)
     t, values = symbol("t", ()), dict[str, Values]()
     with tracing_errors(block), tracing() as trace:

@@ -26,9 +26,7 @@ def equation(equations: Equations, kind: str, fired: Signals) -> Callable[..., A
     The `equations` are a block or its object for one run.
     """
     found: Callable[..., Any] = getattr(equations, kind)
-    if kind != "on_event":
-        return found
-    return lambda *arguments: found(*arguments, fired)
+    return (lambda *given: found(*given, fired)) if kind == "on_event" else found
 
 
 def checked(block: Block, kind: str, values: Values) -> Values:
