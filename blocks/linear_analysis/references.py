@@ -57,7 +57,7 @@ class Named:
     @property
     def signals(self) -> set[tuple[str, int]]:
         """Each scalar signal that it stands for: port of a leaf block, and element."""
-        return set(product(self._leaves, self.key[1]))
+        return set(product(*self.key))
 
     @property
     def _leaves(self) -> tuple[str, ...]:

@@ -71,12 +71,11 @@ def set_from_inputs(
         )
     ]
     active = frozenset(c for c in plan.system.clocks if c.offset == 0)
-    clocks = {b.path: plan.system.clock(b) for b in plan.python_blocks}
     showing = {
-        path
-        for path, clock in clocks.items()
-        if (clock is None or clock in active)
-        and (path in opened or not blocks[path].hides)
+        block.path
+        for block in plan.python_blocks
+        if plan.system.clock(block) in (None, *active)
+        and (block.path in opened or not block.hides)
     }
 
     @lru_cache(maxsize=1)  # one evaluation serves all blocks until a state changes

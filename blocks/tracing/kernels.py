@@ -275,11 +275,9 @@ def _kernel(
     arguments = [symbol(f"a{i}", shape) for i, shape in enumerate(shapes)]
     with written_out():  # a kernel cannot call another kernel
         results = function(*constants, *arguments)
-    columns = expressions(results)
-    places = spans(each.numel() for each in columns)
-    layout = tuple(zip(map(shape_of, results), places, strict=True))
-    column = column_of(arguments)
-    flat = ca.cse(ca.SX(ca.vertcat(*columns)))
+    found = [*map(shape_of, results)]
+    layout = tuple(zip(found, spans(map(prod, found)), strict=True))
+    column, flat = column_of(arguments), ca.cse(column_of(results))
     if not symbols_of(flat) <= symbols_of(column):
         raise ValueError(
             "the function given to repeated() uses a signal from elsewhere; the signal must be an argument"

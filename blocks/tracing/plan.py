@@ -115,7 +115,7 @@ class Plan:
         self.fired = layout(events, self.sides.span.stop)
         self.kinds = np.array(
             [
-                KINDS[blocks[e.path].declared(Event)[e.name].kind]
+                KINDS[blocks[e.path]._declared[e.name].kind]
                 for e in self.sides
                 for _ in range(e.start, e.stop)
             ],

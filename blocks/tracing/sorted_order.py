@@ -127,11 +127,9 @@ def graph_of(system: System, feedthrough: Feedthrough, active: Active) -> Graph:
                 p.name for p in block.inputs() if p.name in feedthrough[path][port.name]
             ):
                 for driver in system.drivers[path, name]:
-                    if driver.source is None:
-                        continue
-                    if driver.source.block.path not in holding:
-                        source = driver.source.block.port(driver.source.name)
-                        sources[source] = (
+                    source = driver.source
+                    if source is not None and source.block.path not in holding:
+                        sources[source.block.port(source.name)] = (
                             f"{path}.{name} ==feedthrough==> {port.path}   [{driver.where}]"
                         )
     return graph
