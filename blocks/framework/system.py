@@ -63,22 +63,24 @@ class System:
     drivers: dict[tuple[str, str], list[Driver]] = field(default_factory=dict)
 
     @cached_property
+    def clock_of(self) -> dict[str, Clock | None]:
+        """Clock of each block by path; None if the block is not sampled."""
+        return {
+            path: None if block.sample_time is None else Clock.of(block)
+            for path, block in self.blocks.items()
+        }
+
+    @cached_property
     def clocks(self) -> list[Clock]:
         """Distinct clocks of the sampled blocks."""
-        return sorted(
-            {Clock.of(b) for b in self.blocks.values() if b.sample_time is not None}
-        )
-
-    def clock(self, block: Block) -> Clock | None:
-        """Return the clock of a sampled block."""
-        return None if block.sample_time is None else Clock.of(block)
+        return sorted({clock for clock in self.clock_of.values() if clock})
 
     def holding(self, active: Collection[Clock]) -> set[str]:
         """Return the paths of the blocks whose outputs are held while the `active` clocks tick."""
         return {
             path
             for path, block in self.blocks.items()
-            if not block.traced or self.clock(block) not in (None, *active)
+            if not block.traced or self.clock_of[path] not in (None, *active)
         }
 
     @property

@@ -117,8 +117,8 @@ class Prepared:
             [t for c in clocks for t in (c.period, c.offset)] or [Fraction(1)]
         )
         self.tick_seconds = float(self.tick)
-        for path, block in plan.system.blocks.items():
-            if clock := plan.system.clock(block):
+        for path, clock in plan.system.clock_of.items():
+            if clock:
                 ticks(clock.period, self.tick, f"the sample time of block '{path}'")
         self.schedule = Schedule(clocks, self.tick)
         self.has_clocks = bool(clocks)
@@ -250,10 +250,8 @@ class Prepared:
         """
         # Without the outputs: a state also fits a session that reads other outputs.
         codes = [p.code for p in self.programs if p.name != "outputs"]
-        codes += [
-            f"{path} {self.plan.system.clock(b)}"
-            for path, b in self.plan.system.blocks.items()
-        ]
+        clocks = self.plan.system.clock_of.items()
+        codes += [f"{path} {clock}" for path, clock in clocks]
         for block in self.plan.python_blocks:
             state: Any = object.__getstate__(block)
             # If a class has __slots__, the state is a pair of dictionary and slots.
@@ -275,11 +273,7 @@ class Prepared:
         arrays = [
             [(e.path, e.name, e.shape) for e in layout] for layout in plan.layouts
         ]
-        clocks = [
-            (path, plan.system.clock(block))
-            for path, block in plan.system.blocks.items()
-        ]
-        return digest(repr((arrays, clocks, self.tick)))
+        return digest(repr((arrays, plan.system.clock_of, self.tick)))
 
     @functools.cached_property
     def _jacobian(self) -> ca.Function:

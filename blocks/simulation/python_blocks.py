@@ -116,7 +116,7 @@ class PythonBlocks:
     """
 
     def __init__(self, plan: Plan, sets: list[Active]) -> None:
-        clock = plan.system.clock
+        clock_of = plan.system.clock_of
         calls = {b.path: BlockCall(plan, b) for b in plan.python_blocks}
         self.stages: list[list[tuple[list[Pair], bool]]] = []
         for number, active in enumerate(sets):
@@ -124,7 +124,7 @@ class PythonBlocks:
             # The first set is empty: its blocks are the continuous
             # ones, which have no clock.
             ticking = active or {None}
-            blocks = [b for b in plan.python_blocks if clock(b) in ticking]
+            blocks = [b for b in plan.python_blocks if clock_of[b.path] in ticking]
             inputs = {
                 block.path: outputs(block.inputs(), f"{name}_{place}", active)
                 for place, block in enumerate(blocks)
@@ -138,7 +138,7 @@ class PythonBlocks:
         self.ordered = [
             [pair for pairs, _ in stages for pair in pairs] for stages in self.stages
         ]
-        traced = {clock(b) for b in plan.system.blocks.values() if b.traced}
+        traced = {clock_of[path] for path, b in plan.system.blocks.items() if b.traced}
         self.with_traced = [bool(active & traced) for active in sets]
         self._computes = np.array([bool(pairs) for pairs in self.ordered])
         # No instant: continuous Python blocks are evaluated with each stage of a step.

@@ -74,7 +74,7 @@ def set_from_inputs(
     showing = {
         block.path
         for block in plan.python_blocks
-        if plan.system.clock(block) in (None, *active)
+        if plan.system.clock_of[block.path] in (None, *active)
         and (block.path in opened or not block.hides)
     }
 

@@ -86,7 +86,7 @@ def sample(number: int, active: Active) -> Quantity:
         after: dict[str, Values] = {**leaves.states}
         for path in dict.fromkeys(e.path for e in plan.memory):
             # Others keep their states; those of Python blocks are updated outside.
-            if blocks[path].traced and plan.system.clock(blocks[path]) in active:
+            if blocks[path].traced and plan.system.clock_of[path] in active:
                 after[path] = evaluation.results(blocks[path], "update")
         return [
             *(leaves.states[e.path][e.name] for e in plan.modes),
