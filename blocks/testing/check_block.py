@@ -120,6 +120,12 @@ class Bench:
                 raise FaultError(
                     f"state '{name}' does not begin with a finite number; see initial= of it"
                 )
+        if "on_event" in self.kinds and not (
+            block.hides or block.states_own("on_event")
+        ):
+            return (
+                "no on_event(): the solver stops at the events, but they change nothing"
+            )
         return ""
 
     def opened(self) -> Equations:

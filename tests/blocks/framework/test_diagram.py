@@ -194,3 +194,27 @@ def test_diagram_without_blocks():
     outer.add(empty=Diagram("empty"))
     with pytest.raises(DiagramError, match="diagram 'outer' has no blocks"):
         Plan(outer)
+
+
+@pytest.mark.parametrize("inside_out", [True, False])
+def test_nesting_has_a_limit(inside_out):
+    outer = inner = Diagram("outer")
+    for _ in range(1200):
+        other = Diagram("other")
+        if inside_out:
+            other.add(inner=outer)
+            outer = other
+        else:
+            inner = inner.add(inner=other)
+    inner.add(one=Length(1.0))
+    with pytest.raises(DiagramError, match=r"inside 401 other diagrams; at most 400"):
+        Plan(outer)
+
+
+def test_deep_nesting_below_the_limit():
+    outer = Diagram("0")
+    outer.add(one=Length(1.0))
+    for level in range(1, 401):
+        deeper, outer = outer, Diagram(str(level))
+        outer.add(inner=deeper)
+    assert [*Plan(outer).system.blocks] == ["inner." * 400 + "one"]

@@ -127,6 +127,18 @@ class BadEvent(Good):
         return {"stuck": x.q}
 
 
+class Unanswered(Good):
+    hit = Event("falling")
+
+    def indicators(self, t, x, u, p):
+        return {"hit": x.q[0]}
+
+
+class Answered(Unanswered):
+    def on_event(self, t, x, u, p, fired):
+        return {"q": -x.q}
+
+
 class InPython(Block):
     """A Python block without a fault."""
 
@@ -334,6 +346,13 @@ def test_good_blocks_pass(block):
     assert repr(report).startswith(
         f"{block.__name__} ({block.__name__}): all is well\n  declarations  passed\n"
     )
+
+
+def test_events_without_effect_are_mentioned():
+    report = check_block(Unanswered())
+    report.raise_for_failures()
+    assert report.findings["declarations"].startswith("passed: no on_event(): ")
+    assert check_block(Answered()).findings["declarations"] == "passed"
 
 
 def test_what_does_not_apply_says_why():

@@ -147,7 +147,7 @@ def test_a_loop_is_refused_with_its_path(lines, tmp_path):
 
 
 def test_an_fmu_is_tried_whether_it_follows_its_inputs(lines, lag, tmp_path):
-    def follows(block):
+    def follows(block, start=0.0):
         diagram = Diagram("one")
         diagram.add(block=block)
         diagram.ground(block.u)
@@ -155,11 +155,12 @@ def test_an_fmu_is_tried_whether_it_follows_its_inputs(lines, lag, tmp_path):
         result = master.run(4 * H)
         assert np.isfinite([result[name].values for name in result.data_vars]).all()
         with contextlib.closing(master.network.members[0].open()) as running:
-            running.start(0.0, np.zeros(1))
+            running.start(0.0, np.full(1, start))
             return running.refreshes
 
     direct, _, plain = lines
-    assert follows(Fmu(direct))
+    for start in (0.0, -1.0, 1e3):
+        assert follows(Fmu(direct), start)
     assert not follows(Fmu(plain))  # nothing depends on the input at once
     assert not follows(Fmu(direct, delayed=True))  # as the user states
     assert not follows(Fmu(without(direct, tmp_path / "direct.fmu")))  # cannot be tried
