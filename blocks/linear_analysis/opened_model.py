@@ -307,8 +307,8 @@ class LocalJacobians:
     @property
     def python_places(self) -> Indices:
         """Indices of the outputs of continuous Python blocks in (x, d)."""
-        calls = [call for call, _ in self.continuous]
-        parts = [self.plan.x.size + np.r_[call.outputs] for call in calls]
+        first = self.plan.x.size
+        parts = [first + np.r_[call.outputs] for call, _ in self.continuous]
         return np.fromiter(chain.from_iterable(parts), np.int64)
 
     def python_outputs(self, x: Vector, d: Vector) -> Vector:

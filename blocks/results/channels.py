@@ -59,7 +59,7 @@ class Channel:
             "source": self.port.path,
         }
         units = self.port.element_units()
-        if units and any(u is not None for u in units):
+        if any(u is not None for u in units):
             same = len(set(units)) == 1
             found["units"] = (
                 str(units[0]) if same else ", ".join(u or "" for u in units)

@@ -15,7 +15,7 @@ from trussflow.blocks.simulation.simulator import Simulator
 from trussflow.blocks.support.types import Array
 from trussflow.blocks.sweeps.gradients import DifferentiatedRun, explained
 from trussflow.blocks.sweeps.sweep import sweep
-from trussflow.blocks.tracing.kernels import column_of, shapes_of, symbols, written_out
+from trussflow.blocks.tracing.kernels import column_of, shapes_of, symbol, written_out
 
 Becoming = Callable[..., Mapping[str, Any]]
 """Takes values by name as keywords, and returns parameters and initial states by ``"block.name"``."""
@@ -70,7 +70,7 @@ def differentiated(
     SimulationError
         If a value becomes one of another shape, or the run cannot be differentiated.
     """
-    traced = symbols({name: np.shape(value) for name, value in start.items()})
+    traced = {name: symbol(name, np.shape(value)) for name, value in start.items()}
     with explained("becoming()"), written_out():
         made = becoming(**traced)
         shapes = shapes_of(made)

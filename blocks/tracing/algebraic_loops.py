@@ -131,8 +131,9 @@ class AlgebraicLoops:
         if guesses.size:
             d = d.copy()
             for port, value in self.values(t, x, d, p, active).items():
-                if (port.block.path, port.name) in guesses.entries:
-                    guesses.put(d, port.block.path, port.name, value)
+                key = port.block.path, port.name
+                if key in guesses.entries:
+                    guesses.put(d, *key, value)
         return d
 
     def blame(self, t: float, x: Vector, d: Vector, p: Vector) -> NoReturn:

@@ -31,7 +31,6 @@ from trussflow.blocks.tracing.kernels import (
     expressions,
     shapes_of,
     symbol,
-    symbols,
     tracing,
 )
 from trussflow.blocks.tracing.program import Program
@@ -184,7 +183,9 @@ def _isolated(block: Block, copy: Block | None = None) -> Isolated:
         return Isolated(_declared_feedthrough(block))
     owner = f"block '{block.path}'"
     shapes = (*argument_shapes(block), shapes_of(block.parameters))
-    x, u, fired, p = (Signals(owner, symbols(each)) for each in shapes)
+    x, u, fired, p = (
+        Signals(owner, {n: symbol(n, s) for n, s in each.items()}) for each in shapes
+    )
     t, values = symbol("t", ()), dict[str, Values]()
     with tracing_errors(block), tracing() as trace:
         for kind in kinds(block):

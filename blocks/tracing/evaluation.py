@@ -183,7 +183,7 @@ class Evaluation:
         if port.name not in port.block.ports:
             return self.leaves.states[port.block.path][port.name]
         if port.is_input:
-            return self._input(port.block.port(port.name), port.block.path)
+            return self._input(port.block.ports[port.name], port.block.path)
         return self.output(port)
 
     def inputs(self, block: Block) -> Signals:

@@ -58,11 +58,6 @@ def symbol(name: str, shape: tuple[int, ...]) -> Array:
     return from_expression(ca.SX.sym(name, prod(shape)), shape)
 
 
-def symbols(shapes: Mapping[str, tuple[int, ...]]) -> dict[str, Array]:
-    """Return new traced arrays of several `shapes`, by name."""
-    return {name: symbol(name, shape) for name, shape in shapes.items()}
-
-
 def from_expression(flat: ca.SX, shape: tuple[int, ...]) -> Array:
     """Return the traced array of `shape` whose row-major elements are the column `flat`."""
     # An array without elements has nothing to trace.

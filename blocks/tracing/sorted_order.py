@@ -155,10 +155,10 @@ def reached_from(
         for driver in system.drivers[waiting.pop()]:
             if driver.source is None:
                 continue
-            source, output = driver.source.block.path, driver.source.name
-            if (source, output) in visited:
+            key = source, output = driver.source.block.path, driver.source.name
+            if key in visited:
                 continue
-            visited.add((source, output))
+            visited.add(key)
             if source in among:
                 found[source] = None
             elif source not in holding:
