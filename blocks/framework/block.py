@@ -604,7 +604,8 @@ def check_kind(block: Block) -> None:
     BlockError
         If a sample time is missing, or a method would never be called.
     """
-    fault, declares = "", block.declared(Event) or block.declared(Mode)
+    fault = ""
+    declares = {**block.declared(Event), **block.declared(Mode)}
     if block.traced and block.hides:
         fault = "its open() would never be called: only Python blocks (traced = False) have one"
     elif block.sample_time is None and block.states() and not block.continuous:
