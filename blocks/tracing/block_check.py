@@ -276,9 +276,7 @@ def _compare(
             values = compute(now, x, u, own)
             if check:
                 checked(block, kind, values)
-            columns += [
-                np.broadcast_to(values[e.name], e.shape).ravel() for e in entries
-            ]
+            columns += [np.ravel(values[e.name]) for e in entries]
         return np.concatenate(columns)
 
     shapes = (value.shape for group in arguments for value in group.values())
