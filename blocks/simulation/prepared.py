@@ -273,7 +273,7 @@ class Prepared:
         arrays = [
             [(e.path, e.name, e.shape) for e in layout] for layout in plan.layouts
         ]
-        return digest(repr((arrays, plan.system.clock_of, self.tick)))
+        return digest(repr((arrays, [*plan.system.clock_of.items()], self.tick)))
 
     @functools.cached_property
     def _jacobian(self) -> ca.Function:
