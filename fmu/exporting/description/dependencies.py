@@ -9,15 +9,12 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-import casadi as ca
 import numpy as np
-from numpy.typing import NDArray
 
 from trussflow.blocks.framework.layout import Layout
 from trussflow.blocks.tracing.plan import Plan
 from trussflow.blocks.tracing.program import Program
-
-Pattern = NDArray[np.bool_]
+from trussflow.blocks.tracing.sparsity import Pattern, product, sparsity
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -42,16 +39,6 @@ class Dependencies:
     initial_derivatives: Pattern
     initial_outputs: Pattern
     tunable: Pattern
-
-
-def sparsity(program: Program) -> list[Pattern]:
-    """Return the sparsity pattern of the result of a program for each argument."""
-    # Kernels as expressions: a call would count as dense.
-    function = program.expanded
-    return [
-        ca.DM(function.jac_sparsity(0, argument), 1.0).full() > 0
-        for argument in range(len(program.inputs))
-    ]
 
 
 def dependencies(plan: Plan, programs: Mapping[str, Program]) -> Dependencies:
@@ -136,9 +123,3 @@ def _of_python_blocks(plan: Plan, *layouts: Layout) -> Pattern:
         for _ in range(e.start, e.stop)
     ]
     return np.array(marks, dtype=bool)
-
-
-def product(a: Pattern, b: Pattern) -> Pattern:
-    """Return the dependencies of the rows of `a` on the columns of `b`."""
-    # floats use BLAS, Booleans do not
-    return np.asarray(a.astype(np.float32) @ b.astype(np.float32) > 0)

@@ -18,6 +18,7 @@ from trussflow.blocks.framework.system import flatten, resolved
 from trussflow.blocks.simulation.schedule import Schedule
 from trussflow.blocks.support.types import Vector
 from trussflow.blocks.support.validation import by_name, one_of, positive
+from trussflow.blocks.tracing.initialization import InitialCycleError, initialization
 from trussflow.blocks.tracing.plan import Plan
 from trussflow.blocks.tracing.program import Program
 from trussflow.blocks.tracing.quantities import (
@@ -31,7 +32,6 @@ from trussflow.blocks.tracing.quantities import (
 from trussflow.fmu.errors import ExportError
 from trussflow.fmu.exporting.description.dependencies import Dependencies, dependencies
 from trussflow.fmu.exporting.description.groups import input_starts, name_of, variables
-from trussflow.fmu.exporting.description.initialization import initialization
 from trussflow.fmu.exporting.description.variables import Variables
 
 DEFAULT_TOLERANCE = 1e-8
@@ -148,9 +148,12 @@ class ExportInterface:
         ]
         events = [indicators(), after_events()] if plan.has_events else []
         events += [guesses()] if plan.guesses.size else []
-        traced = plan.trace(
-            [derivative(), outputs(ports), initialization(), *events, *samples]
-        )
+        try:
+            traced = plan.trace(
+                [derivative(), outputs(ports), initialization(), *events, *samples]
+            )
+        except InitialCycleError as error:
+            raise ExportError(f"cannot export '{item.name}': {error}") from error
         programs = {program.name: program for program in traced}
         needs = dependencies(plan, programs)
         p = _parameter_values(item, plan, by_name("parameters", parameters))

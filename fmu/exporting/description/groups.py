@@ -14,10 +14,10 @@ from trussflow.blocks.framework.port import Port
 from trussflow.blocks.framework.system import resolved
 from trussflow.blocks.support.types import Vector
 from trussflow.blocks.support.validation import finite_array, one_of
+from trussflow.blocks.tracing.initialization import setting_blocks
 from trussflow.blocks.tracing.plan import Plan
+from trussflow.blocks.tracing.sparsity import Pattern
 from trussflow.fmu.errors import ExportError
-from trussflow.fmu.exporting.description.dependencies import Pattern
-from trussflow.fmu.exporting.description.initialization import setting_blocks
 from trussflow.fmu.exporting.description.variables import (
     Variable,
     VariableGroup,

@@ -11,7 +11,8 @@ from xml.etree.ElementTree import Element, SubElement
 import numpy as np
 
 from trussflow.blocks.results.dataset import own_version
-from trussflow.fmu.exporting.description.dependencies import Dependencies, Pattern
+from trussflow.blocks.tracing.sparsity import Pattern
+from trussflow.fmu.exporting.description.dependencies import Dependencies
 from trussflow.fmu.exporting.description.export_interface import ExportInterface
 from trussflow.fmu.exporting.description.variables import (
     STRUCTURED_NAME,

@@ -1,4 +1,4 @@
-"""Symbolic initial states, which an FMU computes without Python."""
+"""Symbolic initial states, which an FMU or a page computes without Python."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from dataclasses import replace
 import casadi as ca
 import numpy as np
 
+from trussflow.blocks.errors import TracingError
 from trussflow.blocks.framework.block import Block
 from trussflow.blocks.framework.declarations import Signals
 from trussflow.blocks.framework.layout import BlockSignals
@@ -24,11 +25,14 @@ from trussflow.blocks.tracing.kernels import (
 from trussflow.blocks.tracing.plan import Plan
 from trussflow.blocks.tracing.program import lower
 from trussflow.blocks.tracing.quantities import Quantity
-from trussflow.fmu.errors import ExportError
-from trussflow.fmu.exporting.description.dependencies import product, sparsity
+from trussflow.blocks.tracing.sparsity import product, sparsity
 
 States = dict[tuple[str, str], Array]
 """Values of states by path of the block and name."""
+
+
+class InitialCycleError(TracingError):
+    """Initial states depend on themselves in a cycle."""
 
 
 def initialization() -> Quantity:
@@ -63,7 +67,7 @@ def _rounds(plan: Plan, evaluation: Evaluation) -> int:
 
     Raises
     ------
-    ExportError
+    InitialCycleError
         If initial states depend on each other in a cycle.
     """
     if not setting_blocks(plan):
@@ -108,8 +112,8 @@ def _rounds(plan: Plan, evaluation: Evaluation) -> int:
     names = ", ".join(
         f"'{path}' ({type(plan.system.blocks[path]).__name__})" for path in circle
     )
-    raise ExportError(
-        f"cannot export '{plan.name}': the initial states of {names} depend on themselves in a cycle; "
+    raise InitialCycleError(
+        f"the initial states of {names} depend on themselves in a cycle; "
         "let one of them start at a value or parameter of its own"
     )
 
