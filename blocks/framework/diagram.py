@@ -369,6 +369,13 @@ class Diagram(Netlist):
     _artist: ClassVar[Callable[[Diagram], str]]
     """Drawing function, set by the package `drawing`, which imports this one."""
 
+    def live(self, path: str | Path, **settings: Any) -> Path:
+        """Write a page that simulates the diagram."""
+        return type(self)._live_page(self, path, **settings)
+
+    _live_page: ClassVar[Callable[..., Path]]
+    """Function that writes a live page, set by the package `live`, which imports this one."""
+
     def _repr_svg_(self) -> str:
         return self.draw()
 

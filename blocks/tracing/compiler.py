@@ -34,6 +34,20 @@ processor. ``-ffast-math`` is not used, as checks for NaN must work. Without ``-
 replaces sin(atan(x)) by x / sqrt(x**2 + 1), and returns 1 if x is NaN.
 """
 
+WEB_FLAGS = (
+    *("-target", "wasm32-wasi", "-O2", "-msimd128"),
+    *("-ffp-contract=off", "-fno-math-errno", "-fno-builtin-atan"),
+)
+"""Compiler options for WebAssembly; reasons as for `FLAGS`. It has no fused multiplication and addition."""
+
+WEB_STACK = 8 << 20
+"""Size of the stack of a WebAssembly module [B], as usual on Linux; programs have their work arrays there."""
+
+NO_WEB_COMPILER = (
+    "no compiler for WebAssembly was found: 'pip install ziglang' installs one; or set WASM_CC to the command "
+    "of a clang with the libraries of WASI"
+)
+
 NO_COMPILER = "no C compiler was found; install gcc or clang, or 'pip install ziglang'"
 
 COMPILE_TIMEOUT = 1800.0
@@ -94,7 +108,63 @@ def compile_library(
 
     try:
         key = "\0".join((*identity(compiler), *FLAGS, content))
-        return cached(key, ".so", lambda: _build(compiler, sources()), load)
+        return cached(
+            key, ".so", lambda: _build(compiler, sources(), FLAGS, ("-shared",)), load
+        )
+    except OSError as error:
+        raise CompilationError(f"cannot compile {with_place(error)}") from error
+
+
+def find_web_compiler() -> tuple[str, ...]:
+    """Return the command of a C compiler for WebAssembly: $WASM_CC, or the ziglang package.
+
+    Raises
+    ------
+    CompilationError
+        If there is none.
+    """
+    command = os.environ.get("WASM_CC", "").split()
+    if command and shutil.which(command[0]):
+        return tuple(command)
+    try:
+        import ziglang  # noqa: F401
+    except ImportError:
+        raise CompilationError(NO_WEB_COMPILER) from None
+    return (sys.executable, "-m", "ziglang", "cc")
+
+
+def compile_web_module(
+    content: str, sources: Callable[[], Sequence[str]], functions: Sequence[str]
+) -> bytes:
+    """Compile C sources to a WebAssembly module without imports, or find it in the cache.
+
+    Parameters
+    ----------
+    content, sources, functions
+        As for `compile_library`; the functions are exported, with ``memory`` and ``__heap_base``.
+
+    Returns
+    -------
+    bytes
+        The module.
+
+    Raises
+    ------
+    CompilationError
+        If there is no compiler, it fails, or the module cannot be stored.
+    """
+    compiler = find_web_compiler()
+    exports = [f"-Wl,--export={name}" for name in (*functions, "__heap_base")]
+    linking = (
+        *("-target", "wasm32-wasi", "-mexec-model=reactor", "-s"),
+        *(f"-Wl,-z,stack-size={WEB_STACK}", *exports),
+    )
+    version = _run([*compiler, "--version"], VERSION_TIMEOUT).stdout
+    key = "\0".join((*compiler, version, *WEB_FLAGS, *linking, content))
+    try:
+        return cached(
+            key, ".wasm", lambda: _build(compiler, sources(), WEB_FLAGS, linking)
+        ).read_bytes()
     except OSError as error:
         raise CompilationError(f"cannot compile {with_place(error)}") from error
 
@@ -186,15 +256,23 @@ def lanes() -> int:
     return 8 if " avx512f" in _processor() else 4
 
 
-def _build(compiler: tuple[str, ...], sources: Sequence[str]) -> bytes:
-    """Compile files in parallel in a temporary folder, and return the bytes of the library."""
+def _build(
+    compiler: tuple[str, ...],
+    sources: Sequence[str],
+    flags: Sequence[str],
+    linking: Sequence[str],
+) -> bytes:
+    """Compile files in parallel in a temporary folder, and return the bytes of the library.
+
+    The options `flags` are those of the compiler, and `linking` those of the linker.
+    """
     with tempfile.TemporaryDirectory(dir=process_folder()) as folder:
 
         def part(number: int) -> Path:
             file = Path(folder) / f"part{number}.c"
             file.write_text(sources[number], encoding="utf-8")
             return compiled(
-                [*compiler, *FLAGS, "-c", str(file)], file.with_suffix(".o")
+                [*compiler, *flags, "-c", str(file)], file.with_suffix(".o")
             )
 
         with ThreadPoolExecutor(max_workers=os.cpu_count()) as pool:
@@ -202,5 +280,5 @@ def _build(compiler: tuple[str, ...], sources: Sequence[str]) -> bytes:
             made = pool.map(part, range(len(sources)))
             parts = map_counted("compiling", lambda _: next(made), sources)
         return compiled(
-            [*compiler, "-shared", *map(str, parts), "-lm"], Path(folder) / "plan.so"
+            [*compiler, *linking, *map(str, parts), "-lm"], Path(folder) / "plan.so"
         ).read_bytes()

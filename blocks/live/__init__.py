@@ -1,0 +1,1 @@
+"""Pages that simulate a diagram in the reader's browser: sliders, charts, step metrics, loop analysis."""

@@ -1,0 +1,245 @@
+"""Choices for a live page: parameters with sliders, charted signals, and the step."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+from fractions import Fraction
+from itertools import groupby
+from typing import Any
+
+import numpy as np
+
+from trussflow.blocks.errors import NameLookupError, SimulationError
+from trussflow.blocks.framework.clock import common_tick
+from trussflow.blocks.framework.declarations import Parameter
+from trussflow.blocks.framework.port import Port
+from trussflow.blocks.framework.system import System
+from trussflow.blocks.framework.units import readable
+from trussflow.blocks.linear_analysis.references import element_labels, split_index
+from trussflow.blocks.results.channels import Channel
+from trussflow.blocks.support.types import Vector
+from trussflow.blocks.support.validation import finite_array
+from trussflow.blocks.tracing.plan import Plan
+from trussflow.blocks.tracing.quantities import derivative
+
+MAX_CONTROLS = 12
+"""Sliders of a page whose parameters are not chosen [-]."""
+
+MAX_CONTROL_SIZE = 3
+"""Size of an array of which each element gets a slider without being chosen [-]."""
+
+MAX_CURVES, MAX_DEFAULT_CURVES = 8, 48
+"""Curves in a chart, and in a page whose signals are not chosen [-]."""
+
+RANGE_FACTOR = 4.0
+"""Ratio of the end of a slider to the value in its middle [-]."""
+
+EDGE = 1e-3
+"""Distance of a slider's end from a limit that is not allowed itself, relative to the range [-]."""
+
+STEPS_PER_RADIAN = 20.0
+"""Steps per time constant of the fastest mode [-]."""
+
+MIN_STEPS = 1000
+"""Least number of steps in a run whose step is not given [-]."""
+
+GAIN = re.compile("gain|^k[pid]?$|stiffness|damping|bandwidth")
+"""Names of parameters that come first."""
+
+SETUP = re.compile("^initial|^first|^seed$|^filter|^back")
+"""Names of parameters that come last."""
+
+Ends = tuple[float, float]
+
+
+def controls(
+    plan: Plan, p: Vector, chosen: Mapping[str, Ends | None] | Sequence[str] | None
+) -> list[dict[str, Any]]:
+    """Return the sliders of a page.
+
+    Parameters
+    ----------
+    plan : Plan
+        The plan.
+    p : Vector
+        Values of all parameters [as declared].
+    chosen : mapping, sequence or None
+        References such as ``"pid.kp"`` or ``"law.gain[0]"``, optionally with the ends of the slider; None for
+        the usual ones.
+
+    Returns
+    -------
+    list of dict
+        For each slider its name, index in p, ends, unit, meaning and bounds.
+
+    Raises
+    ------
+    NameLookupError
+        If there is no such parameter.
+    SimulationError
+        If the ends of a slider do not enclose the value, or are not allowed.
+    """
+    if isinstance(chosen, str):
+        chosen = [chosen]
+    ranges: Mapping[str, Ends | None] = (
+        chosen
+        if isinstance(chosen, Mapping)
+        else dict.fromkeys(_usual(plan) if chosen is None else chosen)
+    )
+    found = []
+    for reference, ends in ranges.items():
+        name, index = split_index(reference)
+        entry = plan.p.find(name, "parameter", hint=plan.structural(name))
+        declared: Parameter = plan.system.blocks[entry.path]._declared[entry.name]
+        numbers = np.arange(entry.start, entry.stop).reshape(entry.shape)
+        labels = element_labels(name, entry.shape)
+        try:
+            places = np.ravel(numbers if index is None else numbers[index])
+        except IndexError as error:
+            raise NameLookupError(f"parameter '{reference}': {error}") from None
+        for place in places.tolist():
+            low, high, is_log = _range(reference, float(p[place]), declared, ends)
+            found.append(
+                {
+                    "name": labels[place - entry.start],
+                    "array": name,
+                    "place": place,
+                    "low": low,
+                    "high": high,
+                    "log": is_log,
+                    "unit": readable(declared.unit),
+                    "meaning": declared.meaning,
+                    "bounds": declared.bounds,
+                }
+            )
+    return found
+
+
+def _usual(plan: Plan) -> list[str]:
+    """Return references to the parameters of blocks in the outermost diagram, gains first."""
+    inside = [e for e in plan.p if e.stop - e.start <= MAX_CONTROL_SIZE]
+    top = [e for e in inside if "." not in e.path] or inside
+    ranks = {e: bool(SETUP.search(e.name)) - bool(GAIN.search(e.name)) for e in top}
+    found, size = [], 0
+    for e in sorted(top, key=ranks.__getitem__):
+        size += e.stop - e.start
+        if size <= MAX_CONTROLS and e.stop > e.start:
+            found.append(f"{e.path}.{e.name}")
+    return found
+
+
+def _range(
+    name: str, value: float, declared: Parameter, ends: Ends | None
+) -> tuple[float, float, bool]:
+    """Return the ends of a slider, and whether its scale is logarithmic."""
+    bounds = declared.bounds
+    if ends is not None:
+        low, high = finite_array(f"the range of '{name}'", ends, (2,)).tolist()
+        if not low <= value <= high or low == high:
+            raise SimulationError(
+                f"the range {low:g} to {high:g} of parameter '{name}' must contain its value {value:g}"
+            )
+        return low, high, low > 0.0 and high / low >= RANGE_FACTOR**3
+    least = bounds.get("at least", bounds.get("above", -np.inf))
+    most = bounds.get("at most", bounds.get("below", np.inf))
+    if np.isfinite(least) and np.isfinite(most):
+        edge = EDGE * (most - least)
+        return least + edge * ("above" in bounds), most - edge * ("below" in bounds), False
+    if value == 0.0:
+        return max(-1.0, least), min(1.0, most), False
+    low, high = sorted((value / RANGE_FACTOR, value * RANGE_FACTOR))
+    return max(low, least), min(high, most), low > 0.0
+
+
+def usual_signals(system: System) -> dict[str, Port]:
+    """Return the signals of a page by name: exposed outputs, else unread outputs, else scalar outputs."""
+    outputs = [port for block in system.blocks.values() for port in block.outputs()]
+    read = {
+        driver.source.path
+        for drivers in system.drivers.values()
+        for driver in drivers
+        if driver.source is not None
+    }
+    candidates = (
+        system.root.outputs(),
+        [port for port in outputs if port.path not in read],
+        [port for port in outputs if port.size == 1],
+        outputs,
+    )
+    found, size = dict[str, Port](), 0
+    for port in next(filter(None, candidates)):
+        size += port.size
+        if not found or size <= MAX_DEFAULT_CURVES:
+            found[port.name if port.block is system.root else port.path] = port
+    return found
+
+
+def charts(channels: Sequence[Channel]) -> list[dict[str, Any]]:
+    """Return the charts of logged channels: scalars of one unit share one, an array has its own.
+
+    Parameters
+    ----------
+    channels : sequence of Channel
+        The channels.
+    """
+    shared: dict[tuple[str, str], list[dict[str, Any]]] = {}
+    for channel in channels:
+        port, columns = channel.port, channel.port.elements().ravel()
+        own = "" if columns.size == 1 else channel.name
+        labels = _labels(channel)
+        for label, column, unit in zip(
+            labels, columns.tolist(), port.element_units(), strict=True
+        ):
+            curve = {"label": label, "column": channel.columns.start + column}
+            shared.setdefault((own, readable(unit or "")), []).append(curve)
+    found = []
+    for (own, unit), curves in shared.items():
+        for _, part in groupby(enumerate(curves), lambda one: one[0] // MAX_CURVES):
+            members = [curve for _, curve in part]
+            title = own or ", ".join(curve["label"] for curve in members)
+            found.append({"title": title, "unit": unit, "curves": members})
+    return found
+
+
+def _labels(channel: Channel) -> list[str]:
+    """Return the names of the elements of a channel, by the labels of its axis if there are any."""
+    names = element_labels(channel.name, channel.port.shape or ())
+    (labels,) = channel.axes.values() if len(channel.axes) == 1 else ((),)
+    return [f"{channel.name} {label}" for label in labels] if labels else names
+
+
+def usual_step(plan: Plan, duration: Fraction, x: Vector, d: Vector, p: Vector) -> Fraction:
+    """Return a step from the fastest mode at the initial state: 1, 2 or 5 times a power of ten, or a part of
+    the sample time [s].
+
+    Parameters
+    ----------
+    plan : Plan
+        The plan.
+    duration : Fraction
+        Duration of the run [s].
+    x, d, p : Vector
+        Initial values [as declared].
+    """
+    (rate,) = plan.trace([derivative()])
+    matrix = rate.jacobian(1)(0.0, x, d, p).full()
+    limit = duration / MIN_STEPS
+    if x.size and np.isfinite(matrix).all():
+        fastest = np.abs(np.linalg.eigvals(matrix)).max()
+        if fastest > 0.0:
+            limit = min(limit, Fraction(1.0 / (STEPS_PER_RADIAN * fastest)))
+    clocks = plan.system.clocks
+    if clocks:
+        tick = common_tick([t for c in clocks for t in (c.period, c.offset)])
+        return tick / _round(tick / limit, up=True) if tick > limit else tick
+    return _round(limit, up=False)
+
+
+def _round(number: Fraction, *, up: bool) -> Fraction:
+    """Return the next 1, 2 or 5 times a power of ten above or below a positive number."""
+    power = Fraction(10) ** int(np.floor(np.log10(float(number))))
+    steps = [factor * power for factor in (1, 2, 5, 10)]
+    if up:
+        return next(step for step in steps if step >= number)
+    return max(step for step in steps if step <= number)

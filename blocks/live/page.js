@@ -1,0 +1,258 @@
+// The page: sliders ask the worker for runs, and charts, metrics and panels show the latest one.
+
+const data = JSON.parse(document.getElementById("data").textContent);
+const $ = (id) => document.getElementById(id);
+const seconds = data.tick[0] / data.tick[1];
+const bytesOf = (text) => Uint8Array.from(atob(text), (c) => c.charCodeAt(0));
+const defaults = new Float64Array(bytesOf(data.numbers).buffer).slice(0, data.sizes[0]);
+const p = defaults.slice();
+const live = (window.trussflowLive = { redraws: 0, run: null, data, p });
+let steps = data.steps, kept = null, asked = 0, playing = 0, planned = false;
+const view = { label: "time", unit: "s", cursor: null, range: null, changed: redraw, pick: (time) => { view.cursor = time; redraw(); } };
+
+const column = (index) => (run) => {
+  run.columns ??= [];
+  return (run.columns[index] ??= Float64Array.from({ length: run.time.length }, (_, i) => run.log[i * data.width + index]));
+};
+const charts = data.charts.map(({ title, unit, curves }) => {
+  const drawn = curves.map((curve) => ({ ...curve, unit, values: column(curve.column) }));
+  return new Chart($("charts"), { title, unit, curves: drawn }, view);
+});
+const curves = charts.flatMap((chart) => chart.curves);
+
+// -- the worker
+
+const worker = new Worker(URL.createObjectURL(new Blob([$("worker").textContent], { type: "text/javascript" })));
+
+function ask() {
+  worker.postMessage({ id: ++asked, p, steps });
+}
+
+function trouble(text) {
+  $("trouble").hidden = !text;
+  $("trouble").textContent = text;
+}
+
+worker.onerror = (event) => trouble(`This page cannot simulate: ${event.message}`);
+worker.onmessage = ({ data: message }) => {
+  if (message.error) return trouble(`The run failed: ${message.error}`);
+  $("progress").hidden = message.progress === undefined;
+  if (message.progress !== undefined) return ($("progress").value = message.progress);
+  live.run = message;
+  view.end = steps * seconds;
+  trouble(message.fault && `${message.fault}. The charts end there; try other values.`);
+  $("status").textContent = `${steps} steps of ${quantity(seconds, "s")} in ${quantity(message.seconds, "s")}`;
+  redraw();
+};
+
+async function begin() {
+  const packed = new Blob([bytesOf($("module").textContent)]).stream().pipeThrough(new DecompressionStream("deflate"));
+  worker.postMessage({ data, module: await new Response(packed).arrayBuffer() });
+  ask();
+}
+
+// -- drawing
+
+function redraw() {
+  if (planned || !live.run) return;
+  planned = true;
+  requestAnimationFrame(() => {
+    planned = false;
+    for (const chart of charts) chart.show(live.run, kept);
+    table();
+    const now = Math.min(view.hover ?? view.cursor ?? Infinity, live.run.time[live.run.time.length - 1]);
+    $("now").textContent = `${short(now)} s`;
+    $("cursor").value = now / (steps * seconds);
+    update(now);
+    live.redraws += 1;
+    document.body.dataset.state = "ready";
+    document.body.dataset.shown = live.run.id;
+  });
+}
+
+/** Step metrics: last value, rise time from 10 to 90 %, overshoot, and settling time to 2 %. */
+function metrics(time, values) {
+  const last = values.length - 1, first = values[0], end = values[last], span = end - first;
+  const share = Array.from(values, (v) => (v - first) / span), none = !(Math.abs(span) > 1e-9 * Math.max(...values.map(Math.abs)));
+  const reach = (level) => time[share.findIndex((s) => s >= level)];
+  const outside = share.findLastIndex((s) => Math.abs(s - 1) > 0.02);
+  if (none) return { steady: end, rise: NaN, overshoot: NaN, settling: NaN };
+  return {
+    steady: end,
+    rise: reach(0.9) - reach(0.1),
+    overshoot: 100 * (share.reduce((a, b) => Math.max(a, b), 1) - 1),
+    settling: outside >= last ? NaN : time[outside + 1] - time[0],
+  };
+}
+live.metrics = metrics;
+
+const rows = curves.map(({ label }) => {
+  const row = element("tr"), cells = Array.from({ length: 4 }, () => element("td"));
+  row.append(element("th", "", label), ...cells);
+  return [row, cells];
+});
+const titles = element("tr");
+titles.append(...["signal", "last value", "rise time", "overshoot", "settling time"].map((title) => element("th", "", title)));
+$("metrics").append(titles, ...rows.map(([row]) => row));
+
+function table() {
+  curves.forEach(({ unit, values }, i) => {
+    const [now, before] = [live.run, kept].map((run) => run && (run.metrics ??= {}) && (run.metrics[i] ??= metrics(run.time, values(run))));
+    [["steady", unit], ["rise", "s"], ["overshoot", "%"], ["settling", "s"]].forEach(([name, of], k) => {
+      const cell = rows[i][1][k];
+      cell.textContent = quantity(now[name], of);
+      if (before) cell.append(" ", element("small", "", `(${quantity(before[name], of)})`));
+    });
+  });
+}
+
+// -- sliders
+
+const controls = data.controls.map((control) => {
+  const { low, high, log, place, bounds } = control, box = element("div", "control"), head = element("div", "head");
+  const label = element("label", "", control.name), slider = element("input"), field = element("input");
+  const unit = element("span", "unit", control.unit);
+  [slider.type, field.type, field.step] = ["range", "number", "any"];
+  Object.assign(slider, { min: 0, max: 1000, step: 1 });
+  label.title = box.title = control.meaning;
+  slider.setAttribute("aria-label", control.name);
+  field.setAttribute("aria-label", `${control.name}, number`);
+  const allowed = (v) => Number.isFinite(v) && !("at least" in bounds && v < bounds["at least"]) && !("above" in bounds && v <= bounds.above)
+    && !("at most" in bounds && v > bounds["at most"]) && !("below" in bounds && v >= bounds.below);
+  const set = (value) => {
+    field.classList.toggle("refused", !allowed(value));
+    if (!allowed(value)) return;
+    p[place] = value;
+    show();
+    ask();
+    remember();
+  };
+  const show = () => {
+    const share = log ? Math.log(p[place] / low) / Math.log(high / low) : (p[place] - low) / (high - low);
+    slider.value = 1000 * share;
+    field.value = Number(p[place].toPrecision(5));
+    box.classList.toggle("changed", p[place] !== defaults[place]);
+  };
+  slider.oninput = () => {
+    const share = slider.value / 1000;
+    set(Number((log ? low * (high / low) ** share : low + (high - low) * share).toPrecision(4)));
+  };
+  field.onchange = () => set(field.value === "" ? NaN : Number(field.value));
+  const reset = element("button", "", "↺");
+  reset.title = slider.title = `double-click the slider or press ↺ for ${defaults[place]}`;
+  reset.onclick = slider.ondblclick = () => set(defaults[place]);
+  head.append(label, field, unit, reset);
+  box.append(head, slider);
+  $("controls").append(box);
+  return { ...control, set, show, allowed };
+});
+
+// -- values in the address
+
+let later = 0;
+function remember() {
+  clearTimeout(later);
+  later = setTimeout(() => history.replaceState(null, "", address()), 200);
+}
+
+function address() {
+  const changed = new URLSearchParams(controls.filter(({ place }) => p[place] !== defaults[place]).map(({ name, place }) => [name, p[place]]));
+  if (steps !== data.steps) changed.set("duration", steps * seconds);
+  return `${location.pathname}${location.search}#${changed}`;
+}
+
+function recall() {
+  const said = new URLSearchParams(location.hash.slice(1));
+  for (const { name, place, allowed } of controls) {
+    const value = Number(said.get(name));
+    p[place] = said.get(name) && allowed(value) ? value : defaults[place];
+  }
+  span(Number(said.get("duration")) || data.steps * seconds);
+  for (const control of controls) control.show();
+}
+
+function span(duration) {
+  if (duration > 0) steps = Math.max(1, Math.round(duration / seconds));
+  $("duration").value = Number((steps * seconds).toPrecision(12));
+  view.cursor = view.range = null;
+}
+
+/** Return the call of simulate that repeats the run. */
+function python() {
+  const list = ([start, ...shape]) => {
+    if (!shape.length) return String(p[start]);
+    const inner = shape.slice(1), size = inner.reduce((a, b) => a * b, 1);
+    return `[${Array.from({ length: shape[0] }, (_, i) => list([start + i * size, ...inner])).join(", ")}]`;
+  };
+  const changed = new Set(controls.filter(({ place }) => p[place] !== defaults[place]).map(({ array }) => array));
+  const values = [...changed].map((name) => `        ${JSON.stringify(name)}: ${list(data.arrays[name])},\n`).join("");
+  return `from trussflow.blocks import simulate\n\nresult = simulate(\n    diagram,\n    ${steps * seconds},\n    step=${seconds},\n`
+    + `    solver=${JSON.stringify(data.solver)},\n    log=${JSON.stringify(data.logged)},\n    log_step=${(data.every * data.tick[0]) / data.tick[1]},\n`
+    + `${values && `    parameters={\n${values}    },\n`})\n`;
+}
+Object.assign(live, { python, address });
+
+async function copy(button, text) {
+  const label = button.textContent;
+  try {
+    await navigator.clipboard.writeText(text);
+    button.textContent = "copied";
+  } catch {
+    window.prompt("copy this text", text); // no clipboard for pages from disk in some browsers
+  }
+  setTimeout(() => { button.textContent = label; }, 1000);
+}
+
+// -- buttons, cursor and panels
+
+$("python").onclick = () => copy($("python"), python());
+$("link").onclick = () => copy($("link"), new URL(address(), location.href).href);
+$("reset").onclick = () => { history.replaceState(null, "", "#"); recall(); ask(); };
+$("keep").onclick = () => { kept = live.run; $("forget").hidden = false; redraw(); };
+$("forget").onclick = () => { kept = null; $("forget").hidden = true; redraw(); };
+$("duration").onchange = () => { span(Number($("duration").value)); ask(); remember(); };
+$("cursor").oninput = () => { view.cursor = $("cursor").value * steps * seconds; redraw(); };
+
+function play() {
+  cancelAnimationFrame(playing);
+  playing = playing ? 0 : -1;
+  $("play").textContent = playing ? "❚❚" : "▶";
+  if (!playing) return;
+  const end = steps * seconds;
+  let before = performance.now();
+  if (view.cursor === null || view.cursor >= end) view.cursor = 0;
+  const frame = (now) => {
+    view.cursor = Math.min(end, view.cursor + (now - before) / 1000);
+    before = now;
+    redraw();
+    playing = requestAnimationFrame(frame);
+    if (view.cursor >= end) play();
+  };
+  playing = requestAnimationFrame(frame);
+}
+$("play").onclick = play;
+
+const panels = window.trussflowPanels.map((panel) => {
+  const box = element("div", "panel");
+  $("panels").append(box);
+  panel.mount(box, data);
+  return panel;
+});
+
+function update(time) {
+  if (!panels.length) return;
+  const row = indexOf(live.run.time, time) * data.width;
+  const signals = Object.fromEntries(data.panelSignals.map(([name, places]) => [name, places.map((place) => live.run.log[row + place])]));
+  for (const panel of panels) panel.update(time, signals);
+}
+
+document.onkeydown = (event) => {
+  if (event.key !== " " || /INPUT|BUTTON/.test(event.target.tagName)) return;
+  event.preventDefault();
+  play();
+};
+window.onhashchange = () => { recall(); ask(); };
+window.onresize = redraw;
+matchMedia("(prefers-color-scheme: dark)").onchange = redraw;
+recall();
+begin();

@@ -1,0 +1,187 @@
+"""A page that simulates a diagram by itself: one HTML file with the compiled equations."""
+
+from __future__ import annotations
+
+import base64
+import json
+import zlib
+from collections.abc import Mapping, Sequence
+from functools import partial
+from html import escape
+from importlib.resources import files
+from pathlib import Path
+from string import Template
+from typing import Any
+
+import numpy as np
+
+from trussflow.blocks.errors import DiagramError, SimulationError
+from trussflow.blocks.framework.clock import exact, ticks
+from trussflow.blocks.framework.diagram import Diagram
+from trussflow.blocks.framework.layout import Layout
+from trussflow.blocks.live.choices import (
+    Ends,
+    charts,
+    controls,
+    usual_signals,
+    usual_step,
+)
+from trussflow.blocks.results.channels import Chosen, chosen_channels
+from trussflow.blocks.simulation.prepared import Prepared
+from trussflow.blocks.simulation.solver import FIXED_STEP, Solver
+from trussflow.blocks.support.files import replaced
+from trussflow.blocks.support.validation import as_path, positive, positive_if_given
+from trussflow.blocks.tracing.codegen import c_sources, content
+from trussflow.blocks.tracing.compiler import compile_web_module
+from trussflow.blocks.tracing.initialization import initialization
+from trussflow.blocks.tracing.plan import Plan
+from trussflow.blocks.tracing.quantities import derivative, outputs
+
+MAX_ROWS = 4000
+"""Logged instants of a run whose log step is not given [-]."""
+
+FUNCTIONS = ("tf_work_size", "tf_advance", "tf_evaluate")
+"""Functions of the compiled equations that the page calls."""
+
+
+def live_page(
+    diagram: Diagram,
+    path: str | Path,
+    *,
+    parameters: Mapping[str, Ends | None] | Sequence[str] | None = None,
+    signals: Chosen | None = None,
+    duration: float = 10.0,
+    step: float | None = None,
+    solver: str = "rk4",
+    log_step: float | None = None,
+) -> Path:
+    """Write a page that simulates a diagram; see `Diagram.live`.
+
+    Parameters
+    ----------
+    diagram : Diagram
+        The diagram.
+    path : str or pathlib.Path
+        File to write.
+    parameters, signals, duration, step, solver, log_step
+        As for `Diagram.live` [duration, step, log_step: s].
+
+    Returns
+    -------
+    pathlib.Path
+        Path of the page.
+
+    Raises
+    ------
+    DiagramError
+        If a block computes in Python, or the file cannot be written.
+    SimulationError
+        If an argument is invalid.
+    CompilationError
+        If there is no compiler for WebAssembly.
+    """
+    cannot = f"cannot make a live page of '{diagram.name}'"
+    file = as_path(DiagramError, cannot, path)
+    positive(duration=duration)
+    positive_if_given(step=step, log_step=log_step)
+    if solver not in FIXED_STEP:
+        raise SimulationError(
+            f"{cannot} with solver {solver!r}: a page has fixed steps; choose from {', '.join(FIXED_STEP)}"
+        )
+    plan = Plan(diagram)
+    plan.loops.refuse_idle_starts()
+    if plan.python_blocks:
+        names = ", ".join(
+            f"'{b.path}' ({type(b).__name__})" for b in plan.python_blocks
+        )
+        raise DiagramError(
+            f"{cannot}: {names} computes in Python, which a browser cannot run; replace it by traced blocks, "
+            "or simulate the diagram here"
+        )
+    p = plan.parameters(None)
+    x, d = plan.initial(p, None)
+    length = exact(duration)
+    tick = usual_step(plan, length, x, d, p) if step is None else exact(step)
+    channels = chosen_channels(
+        plan.system, usual_signals(plan.system) if signals is None else signals
+    )
+    prepared = Prepared(
+        plan,
+        [derivative(), outputs([c.port for c in channels]), initialization()],
+        Solver(step=float(tick), solver=solver),
+        channels,
+    )
+    steps = prepared.ticks(length, "the duration")
+    clocks = plan.system.clocks
+    data = {
+        "name": diagram.name,
+        "tick": [tick.numerator, tick.denominator],
+        "steps": steps,
+        "every": -(-steps // MAX_ROWS)
+        if log_step is None
+        else prepared.ticks(exact(log_step), "log_step"),
+        "solver": solver,
+        "method": [*FIXED_STEP].index(solver),
+        "programs": [program.name for program in prepared.programs],
+        "sizes": [plan.p.size, plan.x.size, plan.d_size],
+        "numbers": base64.b64encode(
+            np.concatenate([p, x, d]).astype("<f8").tobytes()
+        ).decode(),
+        "modes": plan.modes.span.stop,
+        "stored": plan.memory.span.stop,
+        "width": sum(c.port.size for c in channels),
+        "kinds": plan.kinds.tolist(),
+        "sides": plan.sides.span.start,
+        "clocks": [
+            [ticks(time, tick, "a sample time") for time in (c.period, c.offset)]
+            for c in clocks
+        ],
+        "sets": [
+            str(sum(1 << i for i, c in enumerate(clocks) if c in active))
+            for active in prepared.schedule.sets
+        ],
+        "places": [_places(plan.x), _places(*plan.layouts[1:-1])],
+        "controls": controls(plan, p, parameters),
+        "arrays": {f"{e.path}.{e.name}": [e.start, *e.shape] for e in plan.p},
+        "logged": [channel.name for channel in channels],
+        "charts": charts(channels),
+    }
+    module = compile_web_module(
+        content(prepared.programs), partial(c_sources, prepared.programs), FUNCTIONS
+    )
+    try:
+        with replaced(file) as partial_file:
+            partial_file.write_text(_html(diagram.name, data, module), encoding="utf-8")
+    except OSError as error:
+        raise DiagramError(f"{cannot} in '{path}': {error}") from error
+    return file
+
+
+def _places(*layouts: Layout) -> list[tuple[str, int, int]]:
+    """Return name, first and last index of all arrays, for messages."""
+    return [
+        (f"{e.path}.{e.name}", e.start, e.stop) for layout in layouts for e in layout
+    ]
+
+
+def _html(title: str, data: dict[str, Any], module: bytes) -> str:
+    """Return the text of the page."""
+    own = files("trussflow.blocks.live")
+
+    def text(name: str) -> str:
+        return own.joinpath(name).read_text(encoding="utf-8")
+
+    return Template(text("page.html")).substitute(
+        title=escape(title),
+        style=text("page.css"),
+        # A script ends at "</script", whatever is around it.
+        data=json.dumps(data, separators=(",", ":")).replace("<", "\\u003c"),
+        module=base64.b64encode(zlib.compress(module, 9)).decode(),
+        worker=text("worker.js"),
+        panels="",
+        script=text("chart.js") + text("page.js"),
+    )
+
+
+# Set here, as the framework does not import this package.
+Diagram._live_page = live_page

@@ -1,0 +1,155 @@
+"use strict";
+// The worker of a live page: runs the compiled equations, so that the page never waits for them.
+
+const SLICE = 25; // ms between looks for new values
+const QUIET = 300; // ms before a run reports its progress
+const PATIENCE = 1000; // ms after which a run ends for newer values
+
+class Engine {
+  constructor(data, exports) {
+    this.data = data;
+    this.c = exports;
+    if (exports._initialize) exports._initialize();
+    this.top = exports.__heap_base.value;
+    const [p, x, d] = data.sizes;
+    this.program = Object.fromEntries(data.programs.map((name, number) => [name, number]));
+    this.work = this.take(Number(exports.tf_work_size()));
+    this.p = this.take(8 * p);
+    this.x = this.take(8 * x);
+    this.d = this.take(8 * d);
+    this.after = this.take(8 * (x + d));
+    this.bad = this.take(8 * (1 + Math.max(p, x, d)));
+    this.fault = this.take(4);
+    this.kinds = this.take(data.kinds.length);
+    new Int8Array(exports.memory.buffer, this.kinds).set(data.kinds);
+    const bytes = Uint8Array.from(atob(data.numbers), (c) => c.charCodeAt(0));
+    this.start = new Float64Array(bytes.buffer).subarray(p);
+    this.rest = this.top;
+    this.room = -1;
+  }
+
+  /** Return the address of new memory. */
+  take(size) {
+    const address = Math.ceil(this.top / 64) * 64, memory = this.c.memory;
+    this.top = address + size;
+    const missing = this.top + 64 - memory.buffer.byteLength;
+    if (missing > 0) memory.grow(Math.ceil(missing / 65536));
+    return address;
+  }
+
+  /** Lay out the arrays of a run: due sets, logged instants, rows. */
+  prepare(steps) {
+    if (steps === this.room) return;
+    const { every, width, clocks, sets } = this.data;
+    this.room = -1;
+    this.top = this.rest;
+    this.rows = Math.ceil(steps / every) + 1;
+    this.due = this.take(2 * (steps + 1));
+    this.logged = this.take(steps + 1);
+    this.log = this.take(8 * width * (this.rows + 1));
+    const due = new Uint16Array(this.c.memory.buffer, this.due, steps + 1).fill(0);
+    const logged = new Uint8Array(this.c.memory.buffer, this.logged, steps + 1).fill(0);
+    const number = new Map(sets.map((code, i) => [BigInt(code), i]));
+    const codes = new Map();
+    clocks.forEach(([period, offset], i) => {
+      for (let k = offset; k <= steps; k += period) codes.set(k, (codes.get(k) || 0n) | (1n << BigInt(i)));
+    });
+    for (const [k, code] of codes) due[k] = number.get(code);
+    for (let k = 0; k <= steps; k += every) logged[k] = 1;
+    this.room = steps;
+  }
+
+  array(address, size) {
+    return new Float64Array(this.c.memory.buffer, address, size);
+  }
+
+  evaluate(name, time, x, d, result) {
+    this.c.tf_evaluate(this.program[name], time, x, d, this.p, result);
+  }
+
+  /** Run from the initial states; `pause` is awaited between slices and ends the run if it returns true. */
+  async run(job, pause) {
+    const { sizes: [np, nx, nd], tick: [over, under], method, every, width, stored, modes, sides } = this.data;
+    this.prepare(job.steps);
+    this.array(this.p, np).set(job.p);
+    this.array(this.x, nx).set(this.start.subarray(0, nx));
+    this.array(this.d, nd).set(this.start.subarray(nx));
+    this.evaluate("initialization", 0, this.x, this.d, this.after);
+    this.array(this.x, nx).set(this.array(this.after, nx));
+    this.array(this.d, nd).set(this.array(this.after, nx + stored).subarray(nx));
+    let row = 0, k = 0, chunk = 16, fault = "";
+    while (k < job.steps && !fault) {
+      const number = Math.min(chunk, job.steps - k), begin = performance.now();
+      const taken = Number(this.c.tf_advance(this.work, method, over, under, BigInt(k), BigInt(number),
+        this.x, this.d, this.p, this.due + 2 * k, this.logged + k, this.log + 8 * width * row, BigInt(width),
+        this.fault, this.bad, this.kinds, sides));
+      k += taken;
+      const code = new Int32Array(this.c.memory.buffer, this.fault, 1)[0];
+      row = Math.ceil((k + (code && code !== 2)) / every);
+      if (code) fault = this.explain(code, (k * over) / under, ((k + 1) * over) / under);
+      const spent = performance.now() - begin;
+      chunk = Math.max(16, Math.min(4 * chunk, Math.floor((chunk * SLICE) / Math.max(spent, 0.1))));
+      if (spent > SLICE / 4 && (await pause(k / job.steps))) return null;
+    }
+    const end = (k * over) / under, last = new Uint16Array(this.c.memory.buffer, this.due, job.steps + 1)[k];
+    if (!fault && last) {
+      this.evaluate(`sample_${last}`, end, this.x, this.d, this.after);
+      const d = this.array(this.after, nd);
+      if (d.subarray(modes).every(Number.isFinite)) this.array(this.d, nd).set(d);
+      else fault = `${this.named(1, d, modes)} stopped being finite at t = ${end} s`;
+    }
+    if (!fault) this.evaluate("outputs", end, this.x, this.d, this.log + 8 * width * row++);
+    const time = Float64Array.from({ length: row }, (_, i) => (i * every * over) / under);
+    if (!fault) time[row - 1] = end;
+    return { time, log: this.array(this.log, width * row).slice(), fault };
+  }
+
+  /** Return the name of the first element that is not finite. */
+  named(which, values, first = 0) {
+    const i = values.findIndex((v, k) => k >= first && !Number.isFinite(v));
+    const place = this.data.places[which].find(([, start, stop]) => start <= i && i < stop);
+    return place ? `'${place[0]}'${place[2] - place[1] > 1 ? ` (element ${i - place[1]})` : ""}` : "a value";
+  }
+
+  explain(code, time, after) {
+    const bad = this.array(this.bad, Math.max(...this.data.sizes) + 1), [, nx, nd] = this.data.sizes;
+    const at = (t) => `at t = ${Number(t.toPrecision(6))} s`;
+    if (code === 1) return `${this.named(0, bad.subarray(0, nx))} stopped being finite ${at(after)}`;
+    if (code === 2) return `${this.named(1, bad.subarray(0, nd), this.data.modes)} stopped being finite ${at(time)}`;
+    if (code === 3) return `an event indicator is not a number ${at(time)}`;
+    if (code === 4) return `events follow each other without end ${at(bad[0])}`;
+    return `an algebraic loop has no solution ${at(bad[0])}`;
+  }
+}
+
+let engine = null, wanted = null, busy = false;
+
+async function drain() {
+  busy = true;
+  while (wanted) {
+    const job = wanted, begin = performance.now();
+    wanted = null;
+    const pause = async (share) => {
+      const spent = performance.now() - begin;
+      if (spent > QUIET) postMessage({ id: job.id, progress: share });
+      await new Promise((resolve) => setTimeout(resolve));
+      return wanted && spent > PATIENCE;
+    };
+    try {
+      const result = await engine.run(job, pause);
+      if (result) postMessage({ id: job.id, ...result, seconds: (performance.now() - begin) / 1000 },
+        [result.time.buffer, result.log.buffer]);
+    } catch (error) {
+      postMessage({ id: job.id, error: String(error) });
+    }
+  }
+  busy = false;
+}
+
+onmessage = async ({ data: message }) => {
+  if (message.module) {
+    const module = await WebAssembly.compile(message.module);
+    engine = new Engine(message.data, (await WebAssembly.instantiate(module, {})).exports);
+  } else wanted = message;
+  if (engine && wanted && !busy) drain();
+};
