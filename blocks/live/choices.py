@@ -11,8 +11,9 @@ from typing import Any
 import numpy as np
 
 from trussflow.blocks.errors import NameLookupError, SimulationError
+from trussflow.blocks.framework.block import Block
 from trussflow.blocks.framework.clock import common_tick
-from trussflow.blocks.framework.declarations import Parameter
+from trussflow.blocks.framework.declarations import Parameter, State
 from trussflow.blocks.framework.port import Port
 from trussflow.blocks.framework.system import System
 from trussflow.blocks.framework.units import readable
@@ -78,7 +79,7 @@ def controls(
     NameLookupError
         If there is no such parameter.
     SimulationError
-        If the ends of a slider do not enclose the value, or are not allowed.
+        If the ends of a slider do not enclose the value, or Python code computes an initial state from it.
     """
     if isinstance(chosen, str):
         chosen = [chosen]
@@ -100,6 +101,13 @@ def controls(
             raise NameLookupError(f"parameter '{reference}': {error}") from None
         for place in places.tolist():
             low, high, is_log = _range(reference, float(p[place]), declared, ends)
+            if _starts_in_python(plan, p, place, high):
+                if chosen is None:
+                    continue
+                raise SimulationError(
+                    f"'{labels[place - entry.start]}' cannot have a slider: initial() of block '{entry.path}' "
+                    "computes a state from it in Python; choose other parameters"
+                )
             found.append(
                 {
                     "name": labels[place - entry.start],
@@ -127,6 +135,20 @@ def _usual(plan: Plan) -> list[str]:
         if size <= MAX_CONTROLS and e.stop > e.start:
             found.append(f"{e.path}.{e.name}")
     return found
+
+
+def _starts_in_python(plan: Plan, p: Vector, place: int, value: float) -> bool:
+    """Return whether initial states, which blocks compute in Python, depend on the number at a `place` in p."""
+    path = next(e.path for e in plan.p if e.start <= place < e.stop)
+    block, changed = plan.system.blocks[path], p.copy()
+    changed[place] = value
+    if type(block).initial is Block.initial:
+        return False
+    before, after = (plan.p.signals(path, values) for values in (p, changed))
+    return any(
+        not np.array_equal(block.initial(name, before), block.initial(name, after))
+        for name in block.declared(State)
+    )
 
 
 def _range(

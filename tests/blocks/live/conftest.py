@@ -1,0 +1,108 @@
+"""Live pages in a browser, and runs without fused multiplication and addition to compare with."""
+
+import os
+import sys
+
+import numpy as np
+import pytest
+
+from trussflow.blocks import simulate
+from trussflow.blocks.tracing import compiler
+from trussflow.models.viewer.still import browser, launch_options
+
+UNFUSED = "cc -mno-fma -mno-fma4 -mno-avx512f"
+
+
+@pytest.fixture(scope="session")
+def chromium():
+    pytest.importorskip("ziglang")
+    if browser() is None:
+        why = "no Chromium or Chrome is found: apt-get install chromium, or set BROWSER_PATH"
+        if os.environ.get("CI") and sys.platform == "linux":
+            pytest.fail(why)
+        pytest.skip(why)
+    driver = pytest.importorskip(
+        "playwright.sync_api", reason="needs playwright: the extra 'browser'"
+    )
+    with driver.sync_playwright() as playwright:
+        found = playwright.chromium.launch(
+            executable_path=browser(), args=launch_options()
+        )
+        yield found
+        found.close()
+
+
+class LivePage:
+    """A live page in a browser, with its requests and complaints."""
+
+    def __init__(self, page):
+        self.page, self.requests, self.complaints = page, [], []
+        page.on("request", lambda request: self.requests.append(request.url))
+        page.on("pageerror", lambda error: self.complaints.append(str(error)))
+        page.on(
+            "console",
+            lambda m: (
+                self.complaints.append(m.text)
+                if m.type in ("error", "warning")
+                else None
+            ),
+        )
+
+    def open(self, file, values=""):
+        """Load a file and wait for its first run."""
+        self.page.goto("about:blank")
+        self.requests.clear()
+        self.page.goto(f"{file.as_uri()}#{values}")
+        self.page.wait_for_selector("body[data-state=ready]", timeout=60_000)
+        return self
+
+    def set(self, name, value):
+        """Write a value into a number field and wait for the run."""
+        before = self.page.evaluate("trussflowLive.run.id")
+        field = self.page.get_by_label(f"{name}, number", exact=True)
+        field.fill(repr(float(value)))
+        field.dispatch_event("change")
+        self.wait(f"document.body.dataset.shown > {before}")
+
+    def wait(self, condition):
+        """Wait until a condition holds; the page's own policy forbids wait_for_function."""
+        self.page.evaluate(
+            f"async () => {{ while (!({condition})) await new Promise((r) => setTimeout(r, 5)); }}"
+        )
+
+    def rows(self):
+        """Return times [s] and logged rows of the latest run."""
+        time, log, width = self.page.evaluate(
+            "[[...trussflowLive.run.time], [...trussflowLive.run.log], trussflowLive.data.width]"
+        )
+        return np.array(time), np.array(log).reshape(-1, width)
+
+    def trouble(self):
+        """Return the message above the charts."""
+        return self.page.locator("#trouble").inner_text()
+
+
+@pytest.fixture(scope="session")
+def window(chromium):
+    """Return a page in a browser that any test may use."""
+    context = chromium.new_context(viewport={"width": 1200, "height": 800})
+    yield LivePage(context.new_page())
+    context.close()
+
+
+@pytest.fixture
+def unfused(monkeypatch):
+    """Return a function that simulates by C without fused operations, as in WebAssembly."""
+    monkeypatch.setenv("CC", UNFUSED)
+    compiler.find_compiler.cache_clear()
+
+    def run(diagram, duration, **settings):
+        result = simulate(diagram, duration, progress=False, **settings)
+        columns = [
+            np.reshape(result[name].values, (result.sizes["time"], -1))
+            for name in settings["log"]
+        ]
+        return result["time"].values, np.hstack(columns)
+
+    yield run
+    compiler.find_compiler.cache_clear()
