@@ -45,6 +45,7 @@ from trussflow.blocks.framework.port import REQUIRED as REQUIRED
 from trussflow.blocks.framework.port import Input as Input
 from trussflow.blocks.framework.port import Output as Output
 from trussflow.blocks.framework.port import Port as Port
+
 # sets the function of Diagram that writes live pages
 from trussflow.blocks.live import page as _page  # noqa: F401
 from trussflow.blocks.library.algebra import Function as Function

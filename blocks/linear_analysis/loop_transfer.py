@@ -29,6 +29,7 @@ from trussflow.blocks.linear_analysis.margins import (
 )
 from trussflow.blocks.linear_analysis.operating_point import OperatingPoint
 from trussflow.blocks.linear_analysis.references import (
+    Named,
     Reference,
     References,
     listed,
@@ -85,6 +86,39 @@ def loop_transfer(
     SimulationWarning
         If the loop gain is identically zero.
     """
+    one = refuse_open(diagram, port)
+    # As input and output at the same cut: sent into the one end, read at the other.
+    linearizer = Linearizer(diagram, [port], [port], cut=[port, *listed(openings)])
+    model = linearizer.at(at)
+    # An injected signal returns as -L times itself.
+    model.C, model.D = -model.C, -model.D
+    model.set_outputs([f"{name}_returned" for name in model.output_labels])
+    if not _passes(model):
+        warn(
+            f"the loop gain at '{one.port.full_path}' is identically zero: at this operating point no signal "
+            "comes back around the loop; name another wire or fewer openings, or another "
+            "operating point with at=..."
+        )
+    return model
+
+
+def refuse_open(diagram: Diagram, port: Reference) -> Named:
+    """Return the wire that a user names; a loop must pass through it.
+
+    Parameters
+    ----------
+    diagram : Diagram
+        The closed loop.
+    port : Port or str
+        The wire.
+
+    Raises
+    ------
+    LinearAnalysisError
+        If no loop passes there; the message lists the ports that loops pass through.
+    NameLookupError
+        If there is no such port.
+    """
     system = flatten(diagram, external=True)
     one = named(system, port)
     looping = _looping(system)
@@ -101,19 +135,7 @@ def loop_transfer(
                 else "there is no loop"
             )
         )
-    # As input and output at the same cut: sent into the one end, read at the other.
-    linearizer = Linearizer(diagram, [port], [port], cut=[port, *listed(openings)])
-    model = linearizer.at(at)
-    # An injected signal returns as -L times itself.
-    model.C, model.D = -model.C, -model.D
-    model.set_outputs([f"{name}_returned" for name in model.output_labels])
-    if not _passes(model):
-        warn(
-            f"the loop gain at '{one.port.full_path}' is identically zero: at this operating point no signal "
-            "comes back around the loop; name another wire or fewer openings, or another "
-            "operating point with at=..."
-        )
-    return model
+    return one
 
 
 def _passes(model: LinearModel) -> bool:

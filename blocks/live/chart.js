@@ -59,16 +59,16 @@ function element(tag, className = "", text = "") {
  * `view` is shared by charts of one variable: {label, unit, log, range, cursor, changed()}. A curve has a label and
  * `values(run)`, and `run.time` are the places; `show(run, kept)` draws. */
 class Chart {
-  constructor(parent, { title, unit, curves, fixed }, view) {
-    Object.assign(this, { unit, curves, view, fixed });
+  constructor(parent, { title, unit, curves }, view) {
+    Object.assign(this, { unit, curves, view });
     this.box = element("div", "chart");
     this.canvas = element("canvas");
     this.legend = element("div", "legend");
     this.box.append(element("h2", "", title), this.canvas, this.legend);
-    this.readouts = curves.map(({ label }, i) => {
+    this.readouts = curves.map(({ label, brief }, i) => {
       const item = element("span"), mark = element("i"), value = element("b");
       mark.style.background = COLOURS[i % COLOURS.length];
-      item.append(mark, `${label} `, value);
+      item.append(mark, `${brief ?? label} `, value);
       this.legend.append(item);
       return value;
     });

@@ -167,7 +167,11 @@ def _range(
     most = bounds.get("at most", bounds.get("below", np.inf))
     if np.isfinite(least) and np.isfinite(most):
         edge = EDGE * (most - least)
-        return least + edge * ("above" in bounds), most - edge * ("below" in bounds), False
+        return (
+            least + edge * ("above" in bounds),
+            most - edge * ("below" in bounds),
+            False,
+        )
     if value == 0.0:
         return max(-1.0, least), min(1.0, most), False
     low, high = sorted((value / RANGE_FACTOR, value * RANGE_FACTOR))
@@ -213,14 +217,21 @@ def charts(channels: Sequence[Channel]) -> list[dict[str, Any]]:
         for label, column, unit in zip(
             labels, columns.tolist(), port.element_units(), strict=True
         ):
-            curve = {"label": label, "column": channel.columns.start + column}
+            curve = {
+                "label": label,
+                # The title of a chart has the name already.
+                "brief": label.removeprefix(own).strip() if own else label,
+                "column": channel.columns.start + column,
+            }
             shared.setdefault((own, readable(unit or "")), []).append(curve)
     found = []
     for (own, unit), curves in shared.items():
         for _, part in groupby(enumerate(curves), lambda one: one[0] // MAX_CURVES):
             members = [curve for _, curve in part]
             title = own or ", ".join(curve["label"] for curve in members)
-            found.append({"title": title, "unit": unit, "curves": members})
+            found.append(
+                {"title": title, "unit": unit, "scalar": not own, "curves": members}
+            )
     return found
 
 
@@ -231,7 +242,9 @@ def _labels(channel: Channel) -> list[str]:
     return [f"{channel.name} {label}" for label in labels] if labels else names
 
 
-def usual_step(plan: Plan, duration: Fraction, x: Vector, d: Vector, p: Vector) -> Fraction:
+def usual_step(
+    plan: Plan, duration: Fraction, x: Vector, d: Vector, p: Vector
+) -> Fraction:
     """Return a step from the fastest mode at the initial state: 1, 2 or 5 times a power of ten, or a part of
     the sample time [s].
 

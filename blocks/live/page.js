@@ -14,18 +14,18 @@ const column = (index) => (run) => {
   run.columns ??= [];
   return (run.columns[index] ??= Float64Array.from({ length: run.time.length }, (_, i) => run.log[i * data.width + index]));
 };
-const charts = data.charts.map(({ title, unit, curves }) => {
-  const drawn = curves.map((curve) => ({ ...curve, unit, values: column(curve.column) }));
+const charts = data.charts.map(({ title, unit, scalar, curves }) => {
+  const drawn = curves.map((curve) => ({ ...curve, unit, scalar, values: column(curve.column) }));
   return new Chart($("charts"), { title, unit, curves: drawn }, view);
 });
-const curves = charts.flatMap((chart) => chart.curves);
+const curves = charts.flatMap((chart) => chart.curves).filter(({ scalar }) => scalar);
 
 // -- the worker
 
 const worker = new Worker(URL.createObjectURL(new Blob([$("worker").textContent], { type: "text/javascript" })));
 
 function ask() {
-  worker.postMessage({ id: ++asked, p, steps });
+  worker.postMessage({ id: ++asked, p, steps, point: $("point").value });
 }
 
 function trouble(text) {
@@ -36,12 +36,14 @@ function trouble(text) {
 worker.onerror = (event) => trouble(`This page cannot simulate: ${event.message}`);
 worker.onmessage = ({ data: message }) => {
   if (message.error) return trouble(`The run failed: ${message.error}`);
-  $("progress").hidden = message.progress === undefined;
-  if (message.progress !== undefined) return ($("progress").value = message.progress);
+  if (message.analysis) return analysis(message.analysis);
+  const partial = message.progress !== undefined;
+  $("progress").hidden = !partial;
+  $("progress").value = message.progress || 0;
   live.run = message;
   view.end = steps * seconds;
   trouble(message.fault && `${message.fault}. The charts end there; try other values.`);
-  $("status").textContent = `${steps} steps of ${quantity(seconds, "s")} in ${quantity(message.seconds, "s")}`;
+  if (!partial) $("status").textContent = `${steps} steps of ${quantity(seconds, "s")} in ${quantity(message.seconds, "s")}`;
   redraw();
 };
 
@@ -59,14 +61,14 @@ function redraw() {
   requestAnimationFrame(() => {
     planned = false;
     for (const chart of charts) chart.show(live.run, kept);
-    table();
+    if (live.run.progress === undefined) table();
     const now = Math.min(view.hover ?? view.cursor ?? Infinity, live.run.time[live.run.time.length - 1]);
     $("now").textContent = `${short(now)} s`;
     $("cursor").value = now / (steps * seconds);
     update(now);
     live.redraws += 1;
     document.body.dataset.state = "ready";
-    document.body.dataset.shown = live.run.id;
+    if (live.run.progress === undefined) document.body.dataset.shown = live.run.id;
   });
 }
 
@@ -93,7 +95,7 @@ const rows = curves.map(({ label }) => {
 });
 const titles = element("tr");
 titles.append(...["signal", "last value", "rise time", "overshoot", "settling time"].map((title) => element("th", "", title)));
-$("metrics").append(titles, ...rows.map(([row]) => row));
+if (rows.length) $("metrics").append(titles, ...rows.map(([row]) => row));
 
 function table() {
   curves.forEach(({ unit, values }, i) => {
@@ -106,11 +108,54 @@ function table() {
   });
 }
 
+// -- the loop
+
+const sweep = { label: "frequency", unit: "rad/s", log: true, cursor: null, range: null, changed: () => bode() };
+const plots = data.loop ? [["magnitude", "dB"], ["phase", "°"]].map(([title, unit]) =>
+  new Chart($("analysis"), { title: `${title} of the loop gain`, unit, curves: [{ label: title, values: (loop) => loop[title] }] }, sweep)) : [];
+if (data.loop) {
+  $("loop").hidden = false;
+  $("wire").textContent = `Loop opened at ${data.loop.name}`;
+  $("point").onchange = ask;
+}
+
+function bode() {
+  if (live.loop) for (const plot of plots) plot.show({ ...live.loop, time: live.loop.omega });
+}
+
+function lines(table, titles, cells) {
+  const row = (kind, texts) => {
+    const made = element("tr");
+    made.append(...texts.map((text, i) => element(i ? kind : "th", "", text)));
+    return made;
+  };
+  table.replaceChildren(row("th", titles), ...cells.map((texts) => row("td", texts)));
+}
+
+function analysis(found) {
+  live.loop = found;
+  const decibel = (factor) => `${short(20 * Math.log10(factor))} dB`, none = "–", { stable } = found;
+  lines($("margins"), ["margins", ""], stable ? [
+    ["gain up", found.up < Infinity ? decibel(found.up) : "∞"],
+    ["gain down", found.down > 0 ? decibel(found.down) : "∞"],
+    ["phase", found.angle < Infinity ? `${short(found.angle)}°` : none],
+    ["delay", found.delay < Infinity ? quantity(found.delay, "s") : none],
+    ["crossover", found.crossover > 0 ? `${short(found.crossover)} rad/s` : none],
+  ] : [["the closed loop is unstable", ""]]);
+  $("margins").className = stable ? "" : "unstable";
+  const upper = found.poles.filter(([, y]) => y >= -1e-12).sort((a, b) => b[0] - a[0]).slice(0, 10);
+  lines($("list"), ["slowest closed-loop poles", "frequency", "damping"], upper.map(([x, y]) => {
+    const size = Math.hypot(x, y);
+    return [`${short(x)}${y > 0 ? ` ± ${short(y)}j` : ""}`, `${short(size)} rad/s`, short(size ? -x / size : 1)];
+  }));
+  bode();
+}
+
 // -- sliders
 
 const controls = data.controls.map((control) => {
   const { low, high, log, place, bounds } = control, box = element("div", "control"), head = element("div", "head");
-  const label = element("label", "", control.name), slider = element("input"), field = element("input");
+  const label = element("label", "", control.name.replace(/[._]/g, "$&\u200b")), slider = element("input"), field = element("input");
   const unit = element("span", "unit", control.unit);
   [slider.type, field.type, field.step] = ["range", "number", "any"];
   Object.assign(slider, { min: 0, max: 1000, step: 1 });
@@ -208,7 +253,7 @@ async function copy(button, text) {
 $("python").onclick = () => copy($("python"), python());
 $("link").onclick = () => copy($("link"), new URL(address(), location.href).href);
 $("reset").onclick = () => { history.replaceState(null, "", "#"); recall(); ask(); };
-$("keep").onclick = () => { kept = live.run; $("forget").hidden = false; redraw(); };
+$("keep").onclick = () => { if (live.run.progress === undefined) kept = live.run; $("forget").hidden = false; redraw(); };
 $("forget").onclick = () => { kept = null; $("forget").hidden = true; redraw(); };
 $("duration").onchange = () => { span(Number($("duration").value)); ask(); remember(); };
 $("cursor").oninput = () => { view.cursor = $("cursor").value * steps * seconds; redraw(); };
@@ -252,7 +297,7 @@ document.onkeydown = (event) => {
   play();
 };
 window.onhashchange = () => { recall(); ask(); };
-window.onresize = redraw;
-matchMedia("(prefers-color-scheme: dark)").onchange = redraw;
+window.onresize = () => { redraw(); bode(); };
+matchMedia("(prefers-color-scheme: dark)").onchange = window.onresize;
 recall();
 begin();

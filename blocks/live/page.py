@@ -26,6 +26,8 @@ from trussflow.blocks.live.choices import (
     usual_signals,
     usual_step,
 )
+from trussflow.blocks.linear_analysis.references import Reference
+from trussflow.blocks.live.loop import loop_of
 from trussflow.blocks.results.channels import Chosen, chosen_channels
 from trussflow.blocks.simulation.prepared import Prepared
 from trussflow.blocks.simulation.solver import FIXED_STEP, Solver
@@ -50,6 +52,7 @@ def live_page(
     *,
     parameters: Mapping[str, Ends | None] | Sequence[str] | None = None,
     signals: Chosen | None = None,
+    at: Reference | None = None,
     duration: float = 10.0,
     step: float | None = None,
     solver: str = "rk4",
@@ -63,7 +66,7 @@ def live_page(
         The diagram.
     path : str or pathlib.Path
         File to write.
-    parameters, signals, duration, step, solver, log_step
+    parameters, signals, at, duration, step, solver, log_step
         As for `Diagram.live` [duration, step, log_step: s].
 
     Returns
@@ -77,6 +80,8 @@ def live_page(
         If a block computes in Python, or the file cannot be written.
     SimulationError
         If an argument is invalid.
+    LinearAnalysisError
+        If the loop cannot be analysed.
     CompilationError
         If there is no compiler for WebAssembly.
     """
@@ -105,12 +110,14 @@ def live_page(
     channels = chosen_channels(
         plan.system, usual_signals(plan.system) if signals is None else signals
     )
+    loop = None if at is None else loop_of(diagram, at)
+    quantities = [derivative(), outputs([c.port for c in channels]), initialization()]
+    if loop is not None:
+        quantities.append(outputs([loop.port], "wire"))
     prepared = Prepared(
-        plan,
-        [derivative(), outputs([c.port for c in channels]), initialization()],
-        Solver(step=float(tick), solver=solver),
-        channels,
+        plan, quantities, Solver(step=float(tick), solver=solver), channels
     )
+    programs = [*prepared.programs, *([loop.program] if loop else [])]
     steps = prepared.ticks(length, "the duration")
     clocks = plan.system.clocks
     data = {
@@ -122,7 +129,7 @@ def live_page(
         else prepared.ticks(exact(log_step), "log_step"),
         "solver": solver,
         "method": [*FIXED_STEP].index(solver),
-        "programs": [program.name for program in prepared.programs],
+        "programs": [program.name for program in programs],
         "sizes": [plan.p.size, plan.x.size, plan.d_size],
         "numbers": base64.b64encode(
             np.concatenate([p, x, d]).astype("<f8").tobytes()
@@ -145,9 +152,10 @@ def live_page(
         "arrays": {f"{e.path}.{e.name}": [e.start, *e.shape] for e in plan.p},
         "logged": [channel.name for channel in channels],
         "charts": charts(channels),
+        "loop": loop and loop.data,
     }
     module = compile_web_module(
-        content(prepared.programs), partial(c_sources, prepared.programs), FUNCTIONS
+        content(programs), partial(c_sources, programs), FUNCTIONS
     )
     try:
         with replaced(file) as partial_file:
@@ -177,7 +185,7 @@ def _html(title: str, data: dict[str, Any], module: bytes) -> str:
         # A script ends at "</script", whatever is around it.
         data=json.dumps(data, separators=(",", ":")).replace("<", "\\u003c"),
         module=base64.b64encode(zlib.compress(module, 9)).decode(),
-        worker=text("worker.js"),
+        worker=text("linear.js") + text("worker.js"),
         panels="",
         script=text("chart.js") + text("page.js"),
     )

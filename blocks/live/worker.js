@@ -2,8 +2,10 @@
 // The worker of a live page: runs the compiled equations, so that the page never waits for them.
 
 const SLICE = 25; // ms between looks for new values
-const QUIET = 300; // ms before a run reports its progress
-const PATIENCE = 1000; // ms after which a run ends for newer values
+const QUIET = 300; // ms between reports of a long run
+const PATIENCE = 1500; // ms after which a run ends for newer values
+const LARGE = 40; // states above which the loop is analysed only when the values rest
+const REST = 200; // ms
 
 class Engine {
   constructor(data, exports) {
@@ -24,8 +26,39 @@ class Engine {
     new Int8Array(exports.memory.buffer, this.kinds).set(data.kinds);
     const bytes = Uint8Array.from(atob(data.numbers), (c) => c.charCodeAt(0));
     this.start = new Float64Array(bytes.buffer).subarray(p);
+    if (data.loop) {
+      const values = Uint8Array.from(atob(data.loop.values), (c) => c.charCodeAt(0));
+      this.opened = new Float64Array(values.buffer);
+      this.point = this.take(8 * (this.opened.length + x + 1));
+      this.wire = this.take(8 * Math.max(x + 1, data.loop.size));
+    }
     this.rest = this.top;
     this.room = -1;
+  }
+
+  /** Return the matrices of the loop at a point (time, x, d), for negative feedback. */
+  linear(time, x, d) {
+    const { sizes: [, n], loop } = this.data, size = this.opened.length;
+    this.array(this.x, n).set(x);
+    this.array(this.d, d.length).set(d);
+    this.evaluate("wire", time, this.x, this.d, this.wire);
+    const wire = this.array(this.wire, loop.element + 1)[loop.element];
+    const values = this.array(this.point, size + n + 1), direction = values.subarray(size);
+    values.set(this.opened);
+    values.set(d.subarray(0, loop.kept));
+    values[loop.sent] = wire;
+    const found = { n, A: new Float64Array(n * n), B: null, C: new Float64Array(n), D: 0 };
+    for (let k = 0; k <= n; ++k) {
+      direction.fill(0);
+      direction[k] = 1;
+      this.evaluate("slope", time, this.x, this.point, this.wire);
+      const slope = this.array(this.wire, n + 1).slice();
+      if (!slope.every(Number.isFinite)) throw Error(`the loop at '${loop.name}' has no finite derivative there`);
+      if (k === n) [found.B, found.D] = [slope.subarray(0, n), -slope[n]];
+      else found.C[k] = -slope[n];
+      for (let i = 0; i < n && k < n; ++i) found.A[i * n + k] = slope[i];
+    }
+    return found;
   }
 
   /** Return the address of new memory. */
@@ -77,9 +110,10 @@ class Engine {
     this.evaluate("initialization", 0, this.x, this.d, this.after);
     this.array(this.x, nx).set(this.array(this.after, nx));
     this.array(this.d, nd).set(this.array(this.after, nx + stored).subarray(nx));
+    const begin = [0, this.array(this.x, nx).slice(), this.array(this.d, nd).slice()];
     let row = 0, k = 0, chunk = 16, fault = "";
     while (k < job.steps && !fault) {
-      const number = Math.min(chunk, job.steps - k), begin = performance.now();
+      const number = Math.min(chunk, job.steps - k), from = performance.now();
       const taken = Number(this.c.tf_advance(this.work, method, over, under, BigInt(k), BigInt(number),
         this.x, this.d, this.p, this.due + 2 * k, this.logged + k, this.log + 8 * width * row, BigInt(width),
         this.fault, this.bad, this.kinds, sides));
@@ -87,21 +121,30 @@ class Engine {
       const code = new Int32Array(this.c.memory.buffer, this.fault, 1)[0];
       row = Math.ceil((k + (code && code !== 2)) / every);
       if (code) fault = this.explain(code, (k * over) / under, ((k + 1) * over) / under);
-      const spent = performance.now() - begin;
+      const spent = performance.now() - from;
       chunk = Math.max(16, Math.min(4 * chunk, Math.floor((chunk * SLICE) / Math.max(spent, 0.1))));
-      if (spent > SLICE / 4 && (await pause(k / job.steps))) return null;
+      if (spent > SLICE / 4 && k < job.steps && (await pause(k / job.steps, () => this.result(row)))) return null;
     }
-    const end = (k * over) / under, last = new Uint16Array(this.c.memory.buffer, this.due, job.steps + 1)[k];
-    if (!fault && last) {
-      this.evaluate(`sample_${last}`, end, this.x, this.d, this.after);
+    const end = (k * over) / under, due = new Uint16Array(this.c.memory.buffer, this.due, job.steps + 1)[k];
+    if (!fault && due) {
+      this.evaluate(`sample_${due}`, end, this.x, this.d, this.after);
       const d = this.array(this.after, nd);
       if (d.subarray(modes).every(Number.isFinite)) this.array(this.d, nd).set(d);
       else fault = `${this.named(1, d, modes)} stopped being finite at t = ${end} s`;
     }
     if (!fault) this.evaluate("outputs", end, this.x, this.d, this.log + 8 * width * row++);
-    const time = Float64Array.from({ length: row }, (_, i) => (i * every * over) / under);
-    if (!fault) time[row - 1] = end;
-    return { time, log: this.array(this.log, width * row).slice(), fault };
+    const result = this.result(row);
+    if (!fault) result.time[row - 1] = end;
+    const last = [end, this.array(this.x, nx).slice(), this.array(this.d, nd).slice()];
+    this.points = { start: begin, end: fault ? begin : last };
+    return { ...result, fault };
+  }
+
+  /** Return times and values of the first rows. */
+  result(rows) {
+    const { tick: [over, under], every, width } = this.data;
+    const time = Float64Array.from({ length: rows }, (_, i) => (i * every * over) / under);
+    return { time, log: this.array(this.log, width * rows).slice() };
   }
 
   /** Return the name of the first element that is not finite. */
@@ -128,10 +171,14 @@ async function drain() {
   busy = true;
   while (wanted) {
     const job = wanted, begin = performance.now();
+    let reported = begin;
     wanted = null;
-    const pause = async (share) => {
+    const pause = async (share, result) => {
       const spent = performance.now() - begin;
-      if (spent > QUIET) postMessage({ id: job.id, progress: share });
+      if (performance.now() - reported > QUIET) {
+        postMessage({ id: job.id, progress: share, ...result(), fault: "" });
+        reported = performance.now();
+      }
       await new Promise((resolve) => setTimeout(resolve));
       return wanted && spent > PATIENCE;
     };
@@ -139,6 +186,11 @@ async function drain() {
       const result = await engine.run(job, pause);
       if (result) postMessage({ id: job.id, ...result, seconds: (performance.now() - begin) / 1000 },
         [result.time.buffer, result.log.buffer]);
+      if (result && engine.data.loop) {
+        // A large analysis waits until the values rest.
+        if (engine.data.sizes[1] > LARGE) await new Promise((resolve) => setTimeout(resolve, REST));
+        if (!wanted) postMessage({ id: job.id, analysis: analysed(engine.linear(...engine.points[job.point])) });
+      }
     } catch (error) {
       postMessage({ id: job.id, error: String(error) });
     }

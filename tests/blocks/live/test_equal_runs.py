@@ -220,8 +220,9 @@ def compare(window, unfused, tmp_path, make):
         values = np.ones(8) if make is many else np.array([1.0, 0.5, 2.0])
         values[int(index)] = value
         value = values
-    yield window.rows(), unfused(
-        diagram, 9.5, **settings, log_step=0.02, parameters={name: value}
+    yield (
+        window.rows(),
+        unfused(diagram, 9.5, **settings, log_step=0.02, parameters={name: value}),
     )
     assert not window.complaints
     assert not window.trouble()
