@@ -45,9 +45,6 @@ from trussflow.blocks.framework.port import REQUIRED as REQUIRED
 from trussflow.blocks.framework.port import Input as Input
 from trussflow.blocks.framework.port import Output as Output
 from trussflow.blocks.framework.port import Port as Port
-
-# sets the function of Diagram that writes live pages
-from trussflow.blocks.live import page as _page  # noqa: F401
 from trussflow.blocks.library.algebra import Function as Function
 from trussflow.blocks.library.algebra import Gain as Gain
 from trussflow.blocks.library.algebra import MatrixGain as MatrixGain
@@ -119,6 +116,9 @@ from trussflow.blocks.linear_analysis.operating_point import (
 )
 from trussflow.blocks.linear_analysis.trim import Free as Free
 from trussflow.blocks.linear_analysis.trim import trim as trim
+
+# sets the function of Diagram that writes live pages
+from trussflow.blocks.live import page as _page  # noqa: F401
 from trussflow.blocks.results.dataset import load as load
 from trussflow.blocks.results.dataset import plot as plot
 from trussflow.blocks.results.dataset import save as save

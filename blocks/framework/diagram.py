@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, ClassVar, TypeVar, overload
@@ -369,9 +369,78 @@ class Diagram(Netlist):
     _artist: ClassVar[Callable[[Diagram], str]]
     """Drawing function, set by the package `drawing`, which imports this one."""
 
-    def live(self, path: str | Path, **settings: Any) -> Path:
-        """Write a page that simulates the diagram."""
-        return type(self)._live_page(self, path, **settings)
+    def live(
+        self,
+        path: str | Path,
+        *,
+        parameters: Mapping[str, tuple[float, float] | None]
+        | Sequence[str]
+        | None = None,
+        signals: Mapping[str, Port | str] | Sequence[Port | str] | None = None,
+        at: Port | str | None = None,
+        duration: float = 10.0,
+        step: float | None = None,
+        solver: str = "rk4",
+        log_step: float | None = None,
+        panels: Sequence[Any] = (),
+    ) -> Path:
+        """Write a page that simulates the diagram in the reader's browser: one HTML file, without a network.
+
+        The page has a slider for each chosen parameter, and charts of the chosen signals, which follow the
+        sliders. The compiled equations and the step algorithm are those of `simulate`.
+
+        Parameters
+        ----------
+        path : str or pathlib.Path
+            File to write; an existing file is replaced.
+        parameters : mapping or sequence of str, optional
+            Parameters with a slider, such as ``"pid.kp"`` or ``"law.gain[0]"``, and optionally the ends of the
+            slider [units as declared]; by default up to 12 numbers of the blocks in this diagram, gains first.
+        signals : mapping or sequence, optional
+            Signals in charts, as for the argument `log` of `simulate`; by default the exposed outputs, otherwise
+            outputs that no block reads, otherwise scalar outputs.
+        at : Port or str, optional
+            Scalar wire at which the loop is opened: the page shows poles, Bode plot and margins as
+            `loop_margins` does. Not for diagrams with sampled blocks.
+        duration : float
+            Duration of a run [s]; readers may change it.
+        step : float, optional
+            Fixed step [s]; by default from the fastest mode and the sample times.
+        solver : str
+            ``"rk4"`` or ``"euler"``.
+        log_step : float, optional
+            Time between logged instants [s]; by default a run has at most 4000.
+        panels : sequence of Panel
+            Further views that follow the cursor, see `trussflow.blocks.live.page.Panel`.
+
+        Returns
+        -------
+        pathlib.Path
+            Path of the page.
+
+        Raises
+        ------
+        DiagramError
+            If a block computes in Python, or the file cannot be written.
+        SimulationError
+            If an argument is invalid.
+        LinearAnalysisError
+            If the loop cannot be analysed.
+        CompilationError
+            If there is no compiler for WebAssembly: the package ziglang has one.
+        """
+        return type(self)._live_page(
+            self,
+            path,
+            parameters=parameters,
+            signals=signals,
+            at=at,
+            duration=duration,
+            step=step,
+            solver=solver,
+            log_step=log_step,
+            panels=panels,
+        )
 
     _live_page: ClassVar[Callable[..., Path]]
     """Function that writes a live page, set by the package `live`, which imports this one."""

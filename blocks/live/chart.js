@@ -132,6 +132,11 @@ class Chart {
       high = Math.max(high, line.high);
     }
     if (!(high >= low)) [low, high] = [0, 1];
+    if (run.fault) { // the last rows before a fault would hide all others
+      const sizes = this.curves.flatMap((curve) => Array.from(curve.values(run), Math.abs)).sort((a, b) => a - b);
+      const most = 10 * sizes[Math.floor(0.9 * sizes.length)] || 1;
+      [low, high] = [Math.max(low, -most), Math.min(high, most)];
+    }
     // A curve that is constant but for round-off is flat.
     const size = Math.max(Math.abs(low), Math.abs(high)), least = size * 1e-9 || 1;
     if (high - low < least) [low, high] = [low - (size || 1) * 0.1, high + (size || 1) * 0.1];

@@ -245,8 +245,7 @@ def _labels(channel: Channel) -> list[str]:
 def usual_step(
     plan: Plan, duration: Fraction, x: Vector, d: Vector, p: Vector
 ) -> Fraction:
-    """Return a step from the fastest mode at the initial state: 1, 2 or 5 times a power of ten, or a part of
-    the sample time [s].
+    """Return a step from the fastest mode at the initial state, or a part of the sample time [s].
 
     Parameters
     ----------

@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from typing import Any
 
 import casadi as ca
-import numpy as np
 
 from trussflow.blocks.errors import LinearAnalysisError
 from trussflow.blocks.framework.diagram import Diagram

@@ -36,7 +36,7 @@ function trouble(text) {
 worker.onerror = (event) => trouble(`This page cannot simulate: ${event.message}`);
 worker.onmessage = ({ data: message }) => {
   if (message.error) return trouble(`The run failed: ${message.error}`);
-  if (message.analysis) return analysis(message.analysis);
+  if (message.analysis) return analysis({ ...message.analysis, id: message.id });
   const partial = message.progress !== undefined;
   $("progress").hidden = !partial;
   $("progress").value = message.progress || 0;
@@ -143,7 +143,7 @@ function analysis(found) {
     ["crossover", found.crossover > 0 ? `${short(found.crossover)} rad/s` : none],
   ] : [["the closed loop is unstable", ""]]);
   $("margins").className = stable ? "" : "unstable";
-  const upper = found.poles.filter(([, y]) => y >= -1e-12).sort((a, b) => b[0] - a[0]).slice(0, 10);
+  const upper = found.poles.map(([x, y]) => [x, Math.abs(y) < 1e-6 * Math.abs(x) ? 0 : y]).filter(([, y]) => y >= 0).sort((a, b) => b[0] - a[0]).slice(0, 10);
   lines($("list"), ["slowest closed-loop poles", "frequency", "damping"], upper.map(([x, y]) => {
     const size = Math.hypot(x, y);
     return [`${short(x)}${y > 0 ? ` ± ${short(y)}j` : ""}`, `${short(size)} rad/s`, short(size ? -x / size : 1)];

@@ -6,6 +6,7 @@ import base64
 import json
 import zlib
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from functools import partial
 from html import escape
 from importlib.resources import files
@@ -19,6 +20,8 @@ from trussflow.blocks.errors import DiagramError, SimulationError
 from trussflow.blocks.framework.clock import exact, ticks
 from trussflow.blocks.framework.diagram import Diagram
 from trussflow.blocks.framework.layout import Layout
+from trussflow.blocks.framework.port import Port
+from trussflow.blocks.linear_analysis.references import Reference
 from trussflow.blocks.live.choices import (
     Ends,
     charts,
@@ -26,7 +29,6 @@ from trussflow.blocks.live.choices import (
     usual_signals,
     usual_step,
 )
-from trussflow.blocks.linear_analysis.references import Reference
 from trussflow.blocks.live.loop import loop_of
 from trussflow.blocks.results.channels import Chosen, chosen_channels
 from trussflow.blocks.simulation.prepared import Prepared
@@ -46,6 +48,24 @@ FUNCTIONS = ("tf_work_size", "tf_advance", "tf_evaluate")
 """Functions of the compiled equations that the page calls."""
 
 
+@dataclass(frozen=True, slots=True)
+class Panel:
+    """View of a live page that follows its cursor, such as a scene in space.
+
+    Attributes
+    ----------
+    script : str
+        JavaScript that pushes an object with two functions to ``window.trussflowPanels``: ``mount(element, data)``
+        fills an element of the page, and ``update(time, signals)`` shows an instant. The signals are arrays of
+        numbers by name.
+    signals : sequence of Port or str
+        Signals that the page logs for it, as for the argument `log` of `simulate`.
+    """
+
+    script: str
+    signals: Sequence[Port | str] = ()
+
+
 def live_page(
     diagram: Diagram,
     path: str | Path,
@@ -57,6 +77,7 @@ def live_page(
     step: float | None = None,
     solver: str = "rk4",
     log_step: float | None = None,
+    panels: Sequence[Panel] = (),
 ) -> Path:
     """Write a page that simulates a diagram; see `Diagram.live`.
 
@@ -66,7 +87,7 @@ def live_page(
         The diagram.
     path : str or pathlib.Path
         File to write.
-    parameters, signals, at, duration, step, solver, log_step
+    parameters, signals, at, duration, step, solver, log_step, panels
         As for `Diagram.live` [duration, step, log_step: s].
 
     Returns
@@ -107,8 +128,13 @@ def live_page(
     x, d = plan.initial(p, None)
     length = exact(duration)
     tick = usual_step(plan, length, x, d, p) if step is None else exact(step)
+    shown = usual_signals(plan.system) if signals is None else signals
+    charted = chosen_channels(plan.system, shown)
+    followed = chosen_channels(
+        plan.system, list(dict.fromkeys(s for panel in panels for s in panel.signals))
+    )
     channels = chosen_channels(
-        plan.system, usual_signals(plan.system) if signals is None else signals
+        plan.system, {c.name: c.port for c in (*charted, *followed)}
     )
     loop = None if at is None else loop_of(diagram, at)
     quantities = [derivative(), outputs([c.port for c in channels]), initialization()]
@@ -151,7 +177,12 @@ def live_page(
         "controls": controls(plan, p, parameters),
         "arrays": {f"{e.path}.{e.name}": [e.start, *e.shape] for e in plan.p},
         "logged": [channel.name for channel in channels],
-        "charts": charts(channels),
+        "charts": charts(channels[: len(charted)]),
+        "panelSignals": [
+            (c.name, (c.columns.start + c.port.elements().ravel()).tolist())
+            for c in channels
+            if c.name in {one.name for one in followed}
+        ],
         "loop": loop and loop.data,
     }
     module = compile_web_module(
@@ -159,7 +190,9 @@ def live_page(
     )
     try:
         with replaced(file) as partial_file:
-            partial_file.write_text(_html(diagram.name, data, module), encoding="utf-8")
+            partial_file.write_text(
+                _html(diagram.name, data, module, panels), encoding="utf-8"
+            )
     except OSError as error:
         raise DiagramError(f"{cannot} in '{path}': {error}") from error
     return file
@@ -172,7 +205,9 @@ def _places(*layouts: Layout) -> list[tuple[str, int, int]]:
     ]
 
 
-def _html(title: str, data: dict[str, Any], module: bytes) -> str:
+def _html(
+    title: str, data: dict[str, Any], module: bytes, panels: Sequence[Panel]
+) -> str:
     """Return the text of the page."""
     own = files("trussflow.blocks.live")
 
@@ -182,11 +217,14 @@ def _html(title: str, data: dict[str, Any], module: bytes) -> str:
     return Template(text("page.html")).substitute(
         title=escape(title),
         style=text("page.css"),
-        # A script ends at "</script", whatever is around it.
+        # A script ends at "</script", also in a string.
+        panels="".join(
+            f"<script>{panel.script.replace('</', '<' + chr(92) + '/')}</script>\n"
+            for panel in panels
+        ),
         data=json.dumps(data, separators=(",", ":")).replace("<", "\\u003c"),
         module=base64.b64encode(zlib.compress(module, 9)).decode(),
         worker=text("linear.js") + text("worker.js"),
-        panels="",
         script=text("chart.js") + text("page.js"),
     )
 

@@ -66,9 +66,11 @@ class LivePage:
 
     def wait(self, condition):
         """Wait until a condition holds; the page's own policy forbids wait_for_function."""
-        self.page.evaluate(
-            f"async () => {{ while (!({condition})) await new Promise((r) => setTimeout(r, 5)); }}"
+        met = self.page.evaluate(
+            f"async () => {{ for (let i = 0; i < 6000 && !({condition}); ++i)"
+            f" await new Promise((r) => setTimeout(r, 5)); return Boolean({condition}); }}"
         )
+        assert met, (condition, self.trouble(), self.complaints)
 
     def rows(self):
         """Return times [s] and logged rows of the latest run."""

@@ -64,7 +64,7 @@ def hysteresis():
 
 def sampled():
     diagram = Diagram("sampled")
-    goal, law, plant, count = diagram.add(
+    goal, law, plant, _ = diagram.add(
         goal=Pulse(4.0, 0.5, high=1.0),
         law=DiscretePID(3.0, 1.0, 0.2, sample_time=0.05),
         plant=StateSpace([[-1.0, 0.3], [0.0, -2.0]], [[0.0], [1.0]], [[1.0, 0.0]]),
@@ -203,7 +203,7 @@ ROUNDED = [noise, sine]
 def compare(window, unfused, tmp_path, make):
     """Yield the rows of the page and of `simulate`, with default parameters and with another value."""
     diagram, log, changed = make()
-    (name, value), settings = [*changed.items()][0], {"step": 0.01, "log": log}
+    (name, value), settings = next(iter(changed.items())), {"step": 0.01, "log": log}
     file = diagram.live(
         tmp_path / "page.html",
         signals=log,

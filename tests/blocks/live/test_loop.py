@@ -1,0 +1,194 @@
+"""Poles, frequency response and margins in the browser, against python-control."""
+
+import control
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+from systems import DrivenPendulum
+
+from trussflow.blocks import (
+    PID,
+    Constant,
+    Diagram,
+    DiscretePID,
+    Function,
+    Gain,
+    Input,
+    Integrator,
+    OperatingPoint,
+    Output,
+    StateSpace,
+    Step,
+    TransferFunction,
+    loop_margins,
+    loop_transfer,
+    operating_point_after,
+)
+from trussflow.blocks.errors import LinearAnalysisError
+
+
+def pid():
+    diagram = Diagram("pid")
+    step, law, plant = diagram.add(
+        step=Step(0.5, initial_value=0.0, final_value=1.0),
+        law=PID(12.0, 6.0, 4.0, lower=-50.0, upper=50.0),
+        plant=TransferFunction([1.0], [1.0, 0.8, 2.0]),
+    )
+    step >> law.reference
+    plant >> law.measurement
+    law >> plant
+    return diagram, "plant.u", "law.kd"
+
+
+def resonant():
+    """Return a loop whose gain has a limit, with resonances and a right half plane zero."""
+    plant = control.tf([1.0], [1.0, 0.2, 4.0]) * control.tf([-0.1, 1.0], [0.5, 1.0])
+    plant = control.ss(plant + control.tf([0.3], [1.0, 0.1, 30.0]))
+    diagram = Diagram("resonant")
+    gain, block = diagram.add(
+        gain=Gain(-0.05), plant=StateSpace(plant.A, plant.B, plant.C, plant.D)
+    )
+    block.y[0] >> gain
+    gain.y >> block.u[0]
+    return diagram, "gain.u", "gain.gain"
+
+
+def pendulum():
+    """Return a nonlinear loop; its wire has a value that depends on the state."""
+    diagram = Diagram("pendulum")
+    gain, plant = diagram.add(gain=Gain(-3.0), plant=DrivenPendulum())
+    diagram.ground(plant.wind)
+    plant.measured >> gain >> plant.drive
+    return diagram, "gain.y", "gain.gain"
+
+
+def unstable():
+    diagram = Diagram("unstable")
+    gain, plant = diagram.add(gain=Gain(2.0), plant=Integrator())
+    plant >> gain >> plant
+    return diagram, "gain.y", "gain.gain"
+
+
+def analysis(window):
+    window.wait("trussflowLive.loop && trussflowLive.loop.id === trussflowLive.run.id")
+    found = window.page.evaluate(
+        "(({poles, omega, magnitude, phase, ...rest}) => ({...rest, poles, omega: [...omega],"
+        " magnitude: [...magnitude], phase: [...phase], up: String(rest.up), angle: String(rest.angle),"
+        " delay: String(rest.delay)}))(trussflowLive.loop)"
+    )
+    # JSON has no infinity.
+    for name in ("up", "angle", "delay"):
+        found[name] = float(found[name].replace("Infinity", "inf"))
+    found["poles"] = np.array(found["poles"]) @ [1.0, 1.0j]
+    for name in ("omega", "magnitude", "phase"):
+        found[name] = np.array(found[name])
+    return found
+
+
+def check(found, model):
+    closed = model.feedback(1.0).poles()
+    scale = abs(closed).max()
+    distance = abs(found["poles"][:, None] - closed[None, :]) / scale
+    assert max(distance.min(axis=0).max(), distance.min(axis=1).max()) < 1e-9
+    response = model(1j * found["omega"])
+    gain = 10.0 ** (found["magnitude"] / 20.0)
+    own = gain * np.exp(1j * np.radians(found["phase"]))
+    assert_allclose(own, response, rtol=1e-9)
+    assert found["stable"] == bool((closed.real < 1e-9 * scale).all())
+
+
+@pytest.mark.parametrize("make", [pid, resonant, pendulum])
+def test_loop_is_that_of_python_control(make, window, tmp_path):
+    diagram, port, parameter = make()
+    file = diagram.live(
+        tmp_path / "page.html", at=port, parameters=[parameter], duration=2.0, step=0.01
+    )
+    window.open(file)
+    value = float(
+        diagram.blocks[parameter.split(".")[0]].parameters[parameter.split(".")[1]]
+    )
+    for factor in (1.0, 1.5):
+        if factor != 1.0:
+            window.set(parameter, factor * value)
+        at = OperatingPoint(parameters={parameter: factor * value})
+        model, found = loop_transfer(diagram, port, at=at), analysis(window)
+        check(found, model)
+        margins = loop_margins(diagram, port, at=at).channels[model.input_labels[0]]
+        for name, of in (
+            ("up", margins.gain_up),
+            ("down", margins.gain_down),
+            ("angle", margins.phase),
+            ("delay", margins.delay),
+        ):
+            # python-control interpolates on its own grid.
+            assert_allclose(found[name], of, rtol=1e-4, err_msg=name)
+    assert not window.complaints
+
+
+def test_operating_point_at_the_end_of_the_run(window, tmp_path):
+    diagram, port, _ = pendulum()
+    file = diagram.live(tmp_path / "page.html", at=port, duration=2.0, step=0.01)
+    window.open(file)
+    window.page.locator("#point").select_option("end")
+    window.wait("document.body.dataset.shown > 1")
+    at = operating_point_after(diagram, 2.0, step=0.01)
+    check(analysis(window), loop_transfer(diagram, port, at=at))
+
+
+def test_an_unstable_loop_is_named(window, tmp_path):
+    diagram, port, _ = unstable()
+    window.open(diagram.live(tmp_path / "page.html", at=port, duration=1.0, step=0.01))
+    assert not analysis(window)["stable"]
+    window.wait("document.getElementById('margins').textContent.includes('unstable')")
+
+
+def vector():
+    diagram = Diagram("vector")
+    gain, plant = diagram.add(gain=Gain(-1.0, shape=2), plant=Integrator([1.0, 2.0]))
+    plant >> gain >> plant
+    return diagram, "gain.y"
+
+
+def sampled():
+    diagram = Diagram("sampled")
+    goal, law, plant = diagram.add(
+        goal=Constant(1.0),
+        law=DiscretePID(3.0, 1.0, 0.0, sample_time=0.05),
+        plant=Integrator(),
+    )
+    goal >> law.reference
+    plant >> law.measurement
+    law >> plant
+    return diagram, "plant.u"
+
+
+def iterated():
+    diagram = Diagram("iterated", loops="solve")
+    lag, one, two = diagram.add(
+        lag=Integrator(),
+        one=Function(
+            lambda x, v: np.tanh(v) - x, {"x": Input(), "v": Input()}, {"y": Output()}
+        ),
+        two=Function(lambda y: 0.5 * np.cos(y), {"y": Input()}, {"v": Output()}),
+    )
+    lag.y >> one.x
+    two.v >> one.v
+    one.y >> two.y
+    one.y >> lag.u
+    return diagram, "lag.u"
+
+
+@pytest.mark.parametrize(
+    ("make", "message"),
+    [
+        (vector, r"loop at 'gain.y' .*2 elements; name one.*'gain.y\[0\]'"),
+        (sampled, "sampled blocks; use loop_margins"),
+        (iterated, "iterated; use loop_margins"),
+        (lambda: (pid()[0], "law.reference"), "no loop passes through 'law.reference'"),
+    ],
+)
+def test_loops_that_the_page_cannot_analyse_are_refused(make, message, tmp_path):
+    diagram, port = make()
+    with pytest.raises(LinearAnalysisError, match=message):
+        diagram.live(tmp_path / "page.html", at=port, duration=1.0, step=0.01)
+    assert not list(tmp_path.iterdir())

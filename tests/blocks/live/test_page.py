@@ -1,0 +1,360 @@
+"""Live pages: defaults, sliders, messages, links, panels, hostile names, and refusals."""
+
+import ast
+import json
+import re
+
+import numpy as np
+import pytest
+from numpy.testing import assert_array_equal
+from systems import Ball, Counter, Lag, Oscillator, PythonBall, approach
+
+from trussflow.blocks import (
+    PID,
+    Constant,
+    Diagram,
+    Function,
+    Gain,
+    Input,
+    Integrator,
+    Noise,
+    Output,
+    Parameter,
+    Step,
+    TransferFunction,
+    simulate,
+)
+from trussflow.blocks.errors import DiagramError, NameLookupError, SimulationError
+from trussflow.blocks.live.page import Panel
+from trussflow.blocks.tracing import compiler
+from trussflow.blocks.tracing.compile_cache import CompilationError
+
+
+def pid():
+    diagram = Diagram("pid loop")
+    step, law, plant = diagram.add(
+        step=Step(0.5, initial_value=0.0, final_value=1.0),
+        law=PID(12.0, 6.0, 4.0, lower=-50.0, upper=50.0),
+        plant=TransferFunction([1.0], [1.0, 0.8, 2.0]),
+    )
+    step >> law.reference
+    plant >> law.measurement
+    law >> plant
+    diagram.expose(position=plant.y, torque=law.y)
+    return diagram
+
+
+def made(diagram, tmp_path, **settings):
+    """Return the data of a page, and its file."""
+    file = diagram.live(tmp_path / "page.html", **settings)
+    text = file.read_text(encoding="utf-8")
+    (found,) = re.findall(
+        r'<script type="application/json" id="data">(.*)</script>', text
+    )
+    return json.loads(found), file
+
+
+@pytest.fixture(scope="module")
+def pid_page(tmp_path_factory):
+    return made(pid(), tmp_path_factory.mktemp("pid"), duration=5.0, step=0.01)[1]
+
+
+def test_defaults_are_gains_first_and_exposed_outputs(tmp_path):
+    data, _ = made(pid(), tmp_path)
+    names = [control["name"] for control in data["controls"]]
+    assert names[:3] == ["law.kp", "law.ki", "law.kd"]
+    assert len(names) <= 12
+    assert data["logged"] == ["position", "torque"]
+    assert data["steps"] * data["tick"][0] / data["tick"][1] == 10.0
+
+
+def test_the_step_resolves_the_fastest_mode_and_divides_sample_times(tmp_path):
+    stiff = Diagram("stiff")
+    spring = stiff.add("spring", Oscillator(stiffness=1e6))  # 1000 rad/s
+    stiff.ground(spring.u)
+    data, _ = made(stiff, tmp_path, duration=1.0)
+    step = data["tick"][0] / data["tick"][1]
+    assert 1.0 / 50e3 < step <= 1.0 / 20e3
+    stiff.add(count=Counter().sampled(7e-4))
+    data, _ = made(stiff, tmp_path, duration=0.7)
+    step = data["tick"][0] / data["tick"][1]
+    assert step <= 1.0 / 20e3
+    assert 7e-4 / step == pytest.approx(round(7e-4 / step), rel=1e-12)
+
+
+def test_ranges_respect_limits_and_contain_the_value(tmp_path):
+    diagram = Diagram("limits")
+    diagram.add(ball=Ball(), gain=Gain(0.0), negative=Gain(-2.0))
+    diagram.blocks["ball"].height >> diagram.blocks["gain"].u
+    diagram.blocks["gain"].y >> diagram.blocks["negative"].u
+    data, _ = made(
+        diagram,
+        tmp_path,
+        step=0.01,
+        parameters={"ball.restitution": (0.1, 0.9)}
+        | dict.fromkeys(["gain.gain", "negative.gain", "ball.start"]),
+    )
+    ranges = {c["name"]: (c["low"], c["high"]) for c in data["controls"]}
+    assert ranges == {
+        "ball.restitution": (0.1, 0.9),
+        "gain.gain": (-1.0, 1.0),
+        "negative.gain": (-8.0, -0.5),
+        "ball.start": (0.25, 4.0),
+    }
+
+
+def test_signals_of_one_unit_share_a_chart_and_arrays_have_their_own(tmp_path):
+    diagram = Diagram("charts")
+    _, _, many = diagram.add(
+        one=Constant(1.0, unit="m"),
+        two=Constant(2.0, unit="m"),
+        many=Integrator(np.zeros(9)),
+    )
+    diagram.ground(many.u)
+    data, _ = made(diagram, tmp_path, step=0.01)
+    assert [(c["unit"], len(c["curves"])) for c in data["charts"]] == [
+        ("m", 2),
+        ("", 8),
+        ("", 1),
+    ]
+
+
+def test_a_moved_slider_changes_the_charts(pid_page, window):
+    window.open(pid_page)
+    before = window.rows()[1]
+    slider = window.page.get_by_label("law.kp", exact=True)
+    slider.fill("900")
+    window.wait("document.body.dataset.shown > 1")
+    value = window.page.evaluate(
+        "trussflowLive.p[trussflowLive.data.controls[0].place]"
+    )
+    assert value == pytest.approx(12.0 * 4.0**0.8, rel=1e-3)
+    found = simulate(
+        pid(), 5.0, step=0.01, parameters={"law.kp": value}, progress=False
+    )
+    after = window.rows()[1]
+    assert abs(after - before).max() > 0.1
+    np.testing.assert_allclose(after[:, 0], found["plant.y"], rtol=0.0, atol=1e-12)
+    slider.dblclick()
+    window.wait("document.body.dataset.shown > 2")
+    assert_array_equal(window.rows()[1], before)
+    assert not window.complaints
+
+
+def test_the_page_asks_for_nothing_and_stays_small(pid_page, window):
+    window.open(pid_page)
+    assert [url for url in window.requests if not url.startswith("blob:")] == [
+        pid_page.as_uri()
+    ]
+    assert pid_page.stat().st_size < 100_000
+
+
+def test_a_link_holds_the_values(pid_page, window):
+    window.open(pid_page)
+    window.set("law.ki", 2.5)
+    window.page.locator("#duration").fill("3")
+    window.page.locator("#duration").dispatch_event("change")
+    window.wait("document.body.dataset.shown > 2")
+    expected = window.rows()
+    link = window.page.evaluate("trussflowLive.address()").partition("#")[2]
+    window.open(pid_page, link)
+    for one, other in zip(window.rows(), expected, strict=True):
+        assert_array_equal(one, other)
+    assert expected[0][-1] == 3.0
+    # Values that are not allowed are left out.
+    window.open(pid_page, "law.ki=nonsense&law.filter_time=-1&other=3")
+    assert window.rows()[0][-1] == 5.0
+    assert not window.complaints
+
+
+def test_copied_python_repeats_the_run(pid_page, window):
+    window.open(pid_page)
+    window.set("law.kp", 5.5)
+    (_, call) = ast.parse(window.page.evaluate("trussflowLive.python()")).body
+    settings = {k.arg: ast.literal_eval(k.value) for k in call.value.keywords}
+    duration = ast.literal_eval(call.value.args[1])
+    settings["log"] = ["plant.y", "law.y"]  # exposed names have no block
+    result = simulate(pid(), duration, progress=False, **settings)
+    found = np.column_stack([result["plant.y"], result["law.y"]])
+    np.testing.assert_allclose(window.rows()[1], found, rtol=0.0, atol=1e-11)
+    assert settings["parameters"] == {"law.kp": 5.5}
+
+
+def test_metrics_are_those_of_a_first_order_lag(window, tmp_path):
+    diagram = approach()
+    diagram.expose(filling=diagram.blocks["level"].y)
+    window.open(
+        diagram.live(tmp_path / "page.html", duration=20.0, step=0.01, log_step=0.01)
+    )
+    found = window.page.evaluate(
+        "trussflowLive.metrics(trussflowLive.run.time, trussflowLive.run.log)"
+    )
+    # y = 1 - exp(-t), to the resolution of the log.
+    assert found["rise"] == pytest.approx(np.log(9.0), abs=0.02)
+    assert found["settling"] == pytest.approx(np.log(50.0), abs=0.02)
+    assert found["steady"] == pytest.approx(1.0, abs=1e-8)
+    assert found["overshoot"] == pytest.approx(0.0, abs=1e-6)
+
+
+def test_a_kept_run_stays_behind_and_is_forgotten(pid_page, window):
+    window.open(pid_page)
+    window.page.locator("#keep").click()
+    window.set("law.kp", 30.0)
+    assert "(" in window.page.locator("#metrics").inner_text()
+    window.page.locator("#forget").click()
+    window.set("law.kp", 31.0)
+    assert "(" not in window.page.locator("#metrics").inner_text()
+
+
+def test_divergence_names_state_and_time(window, tmp_path):
+    diagram = Diagram("explosion")
+    square, x = diagram.add(
+        square=Function(lambda u: u**2, {"u": Input()}, {"y": Output()}),
+        x=Integrator(0.5),
+    )
+    x >> square >> x
+    window.open(diagram.live(tmp_path / "page.html", duration=5.0, step=0.01))
+    # x = 1 / (2 - t)
+    said = re.search(
+        r"'x\.\w+' stopped being finite at t = ([\d.]+) s", window.trouble()
+    )
+    assert said
+    assert 1.9 < float(said[1]) < 2.2
+    assert window.rows()[0][-1] < 2.2
+    window.set("x.initial_value", 0.1)
+    assert not window.trouble()
+
+
+def test_values_beyond_limits_are_not_simulated(pid_page, window):
+    window.open(pid_page)
+    before = window.page.evaluate("trussflowLive.run.id")
+    field = window.page.get_by_label("law.filter_time, number", exact=True)
+    field.fill("-1")
+    field.dispatch_event("change")
+    window.wait("document.querySelector('input.refused')")
+    assert window.page.evaluate("trussflowLive.run.id") == before
+
+
+HOSTILE = (
+    "</script><script>alert(1)</script><img src=x onerror=alert(2)>'\"`${1}\u2028ü𝄞"
+)
+
+
+class Labelled(Lag):
+    """A lag whose parameter has a hostile unit and meaning."""
+
+    start = Parameter(0.0, meaning=HOSTILE)
+
+
+def test_hostile_names_do_no_harm(window, tmp_path):
+    diagram = Diagram(HOSTILE)
+    lag = diagram.add("ü", Labelled())
+    diagram.ground(lag.u)
+    name = HOSTILE.replace("/", "")
+    file = diagram.live(
+        tmp_path / "page.html", duration=1.0, step=0.01, signals={name: lag.y}
+    )
+    window.open(file)
+    for element, text in (("h1", HOSTILE), ("h2", name), (".legend", name)):
+        found = window.page.evaluate(f"document.querySelector('{element}').textContent")
+        assert text in found
+    found = window.page.evaluate("document.querySelector('.control label').title")
+    assert found == HOSTILE
+    assert window.page.evaluate("document.images.length") == 0
+    assert not window.complaints
+
+
+def test_panels_follow_the_cursor(window, tmp_path):
+    script = """window.trussflowPanels.push({
+      mount(element) { this.box = element; this.closed = "</script>"; },
+      update(time, signals) { this.box.textContent = JSON.stringify([time, signals]); } });"""
+    diagram = pid()
+    panel = Panel(script, ["plant.y", "law.y"])
+    window.open(
+        diagram.live(
+            tmp_path / "page.html",
+            duration=5.0,
+            step=0.01,
+            panels=[panel],
+            signals=["law.y"],
+        )
+    )
+    window.page.evaluate(
+        "document.getElementById('cursor').value = 0.5; document.getElementById('cursor').oninput()"
+    )
+    window.wait("JSON.parse(document.querySelector('.panel').textContent)[0] === 2.5")
+    _, signals = json.loads(window.page.locator(".panel").inner_text())
+    found = simulate(diagram, 5.0, step=0.01, progress=False).sel(time=2.5)
+    assert signals["plant.y"] == pytest.approx([float(found["plant.y"])], rel=1e-12)
+    assert signals["law.y"] == pytest.approx([float(found["law.y"])], rel=1e-12)
+
+
+def test_a_long_run_shows_its_progress_and_gives_way_to_new_values(window, tmp_path):
+    window.open(pid().live(tmp_path / "page.html", duration=1.0, step=1e-4))
+    window.page.evaluate(
+        "document.getElementById('duration').value = 20000; document.getElementById('duration').onchange()"
+    )
+    window.wait("!document.getElementById('progress').hidden")
+    window.page.evaluate(
+        "document.getElementById('duration').value = 1; document.getElementById('duration').onchange()"
+    )
+    window.wait("document.body.dataset.shown == 3")
+    assert window.rows()[0][-1] == 1.0
+
+
+def python_block():
+    diagram = Diagram("python")
+    diagram.add(ball=PythonBall())
+    return diagram, {}
+
+
+def seeded():
+    diagram = Diagram("seeded")
+    diagram.add(wind=Noise(1.0, 0.01, seed=2))
+    return diagram, {"parameters": ["wind.seed"]}
+
+
+@pytest.mark.parametrize(
+    ("make", "error", "message"),
+    [
+        (python_block, DiagramError, r"'ball' \(PythonBall\) computes in Python"),
+        (seeded, SimulationError, "'wind.seed' cannot have a slider"),
+        (
+            lambda: (pid(), {"parameters": ["law.kx"]}),
+            NameLookupError,
+            "no parameter 'law.kx'",
+        ),
+        (
+            lambda: (pid(), {"parameters": {"law.kp": (20.0, 30.0)}}),
+            SimulationError,
+            "20 to 30 .*must contain its value 12",
+        ),
+        (
+            lambda: (pid(), {"solver": "LSODA"}),
+            SimulationError,
+            "a page has fixed steps",
+        ),
+        (
+            lambda: (pid(), {"step": 0.3}),
+            SimulationError,
+            "the duration of 10 s is not a whole number",
+        ),
+        (lambda: (pid(), {"duration": -1.0}), SimulationError, "duration"),
+    ],
+)
+def test_what_a_page_cannot_do_is_refused(make, error, message, tmp_path):
+    diagram, settings = make()
+    with pytest.raises(error, match=message):
+        diagram.live(tmp_path / "page.html", **({"step": 0.01} | settings))
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_missing_compiler_has_a_remedy(tmp_path, monkeypatch):
+    monkeypatch.setitem(compiler.sys.modules, "ziglang", None)
+    monkeypatch.delenv("WASM_CC", raising=False)
+    with pytest.raises(CompilationError, match="pip install ziglang"):
+        pid().live(tmp_path / "page.html")
+    monkeypatch.setenv("WASM_CC", f"{compiler.sys.executable} -c raise+SystemExit")
+    with pytest.raises(CompilationError, match="failed"):
+        pid().live(tmp_path / "page.html")
+    assert not list(tmp_path.iterdir())
