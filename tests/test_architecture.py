@@ -25,6 +25,7 @@ from sources import (
     LINEAR,
     CONTROL,
     DRAWING,
+    LIVE,
     SWEEPS,
     TESTING,
 ) = (
@@ -39,7 +40,7 @@ from sources import (
             "cosimulation",
             "linear_analysis",
         ),
-        *("control", "drawing", "sweeps", "testing"),
+        *("control", "drawing", "live", "sweeps", "testing"),
     )
 )
 BLOCKS = (
@@ -77,6 +78,7 @@ PACKAGES = {
     f"{LINEAR}.uncertainty": (FRAMEWORK, LINEAR),
     CONTROL: (FRAMEWORK, TRACING, LIBRARY, LINEAR),
     DRAWING: (FRAMEWORK, TRACING),
+    LIVE: (FRAMEWORK, RESULTS, TRACING, SIMULATION, LINEAR),
     SWEEPS: (FRAMEWORK, RESULTS, TRACING, SIMULATION),
     TESTING: (FRAMEWORK, TRACING, SIMULATION, LINEAR),
     FMU: (FRAMEWORK,),

@@ -38,6 +38,7 @@ COMMANDS = {
     "new": Command("write an example script or mission file", "trussflow.new"),
     "run": Command("simulate a diagram or an FMU", "trussflow.run"),
     "draw": Command("draw a diagram", "trussflow.draw"),
+    "live": Command("write a page that simulates a diagram", "trussflow.live"),
     "fmu": Command(
         "export a diagram as an FMU, describe an FMU", "trussflow.fmu.__main__"
     ),
@@ -60,6 +61,7 @@ HELP_EXAMPLES = """examples:
   trussflow new loop.py                          # a controlled pendulum
   trussflow run loop.py:loop 10 --plot loop.png  # simulate it for 10 s
   trussflow draw loop.py:loop loop.svg           # draw it
+  trussflow live loop.py:loop --save loop.html   # a page with sliders that simulates it
   trussflow fmu export loop.py:loop loop.fmu     # export it as an FMU
   trussflow fly --case 1                         # the space truss; writes results/case1/index.html
 

@@ -36,7 +36,7 @@ MAX_CURVES, MAX_DEFAULT_CURVES = 8, 48
 RANGE_FACTOR = 4.0
 """Ratio of the end of a slider to the value in its middle [-]."""
 
-EDGE = 1e-3
+RANGE_EDGE = 1e-3
 """Distance of a slider's end from a limit that is not allowed itself, relative to the range [-]."""
 
 STEPS_PER_RADIAN = 20.0
@@ -45,10 +45,10 @@ STEPS_PER_RADIAN = 20.0
 MIN_STEPS = 1000
 """Least number of steps in a run whose step is not given [-]."""
 
-GAIN = re.compile("gain|^k[pid]?$|stiffness|damping|bandwidth")
+GAIN_NAMES = re.compile("gain|^k[pid]?$|stiffness|damping|bandwidth")
 """Names of parameters that come first."""
 
-SETUP = re.compile("^initial|^first|^seed$|^filter|^back")
+SETUP_NAMES = re.compile("^initial|^first|^seed$|^filter|^back")
 """Names of parameters that come last."""
 
 Ends = tuple[float, float]
@@ -128,7 +128,10 @@ def _usual(plan: Plan) -> list[str]:
     """Return references to the parameters of blocks in the outermost diagram, gains first."""
     inside = [e for e in plan.p if e.stop - e.start <= MAX_CONTROL_SIZE]
     top = [e for e in inside if "." not in e.path] or inside
-    ranks = {e: bool(SETUP.search(e.name)) - bool(GAIN.search(e.name)) for e in top}
+    ranks = {
+        e: bool(SETUP_NAMES.search(e.name)) - bool(GAIN_NAMES.search(e.name))
+        for e in top
+    }
     found, size = [], 0
     for e in sorted(top, key=ranks.__getitem__):
         size += e.stop - e.start
@@ -166,7 +169,7 @@ def _range(
     least = bounds.get("at least", bounds.get("above", -np.inf))
     most = bounds.get("at most", bounds.get("below", np.inf))
     if np.isfinite(least) and np.isfinite(most):
-        edge = EDGE * (most - least)
+        edge = RANGE_EDGE * (most - least)
         return (
             least + edge * ("above" in bounds),
             most - edge * ("below" in bounds),

@@ -197,7 +197,7 @@ EXACT = [
     many,
 ]
 ROUNDED = [noise, sine]
-"""Of these, logarithms and sines of the C library differ in the last bit."""
+"""Diagrams with logarithms and sines, which differ between C libraries in the last bit."""
 
 
 def compare(window, unfused, tmp_path, make):

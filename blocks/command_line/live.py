@@ -1,0 +1,73 @@
+"""``trussflow live``: a page that simulates a diagram in the reader's browser."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+from trussflow.blocks.errors import DiagramError
+from trussflow.blocks.framework.diagram import Diagram
+from trussflow.blocks.simulation.solver import FIXED_STEP
+from trussflow.blocks.support.progress import status_line
+from trussflow.command_arguments import Outcome, block_of, main_of, parser_of
+
+
+def parser(prog: str) -> argparse.ArgumentParser:
+    """Return the argument parser of the command `prog`."""
+    found = parser_of(
+        prog,
+        "Write a diagram as one HTML file that simulates it: sliders, charts, step metrics, margins of a loop.",
+        "loop.py:loop --save loop.html                            # sliders and signals by default",
+        "loop.py:loop --parameters law.kp law.kd --signals pendulum.angle",
+        "loop.py:loop --at pendulum.torque --duration 5           # with poles, Bode plot and margins",
+    )
+    found.add_argument(
+        "item",
+        help="module:name or file.py:name of a diagram, or of a function returning one",
+    )
+    found.add_argument(
+        "--save", type=Path, default=Path("live.html"), help="page to write"
+    )
+    found.add_argument(
+        "--parameters",
+        nargs="+",
+        metavar="BLOCK.PARAMETER",
+        help="parameters with a slider; default: up to 12 of the outermost blocks",
+    )
+    found.add_argument(
+        "--signals",
+        nargs="+",
+        metavar="BLOCK.PORT",
+        help="signals in charts; default: the exposed outputs",
+    )
+    found.add_argument("--at", help="scalar wire where the loop is opened")
+    found.add_argument(
+        "--duration", type=float, default=10.0, help="duration of a run [s]"
+    )
+    found.add_argument(
+        "--step", type=float, help="step [s]; default: from the fastest mode"
+    )
+    found.add_argument("--solver", choices=FIXED_STEP, default="rk4")
+    found.add_argument(
+        "--log-step", type=float, help="time between logged instants [s]"
+    )
+    return found
+
+
+def live(options: argparse.Namespace) -> Outcome:
+    """Write the page of the `options`."""
+    diagram = block_of(options.item)
+    if not isinstance(diagram, Diagram):
+        raise DiagramError(
+            f"cannot make a live page of '{options.item}': it is a single block, not a diagram"
+        )
+    settings = {
+        name: getattr(options, name)
+        for name in ("parameters", "signals", "at", "duration", "step", "solver")
+    }
+    with status_line("writing the page"):
+        page = diagram.live(options.save, log_step=options.log_step, **settings)
+    return Outcome({"page": page}, f"open {page} in a browser")
+
+
+main = main_of(live, parser)
