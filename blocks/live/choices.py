@@ -30,6 +30,9 @@ MAX_CONTROLS = 12
 MAX_CONTROL_SIZE = 3
 """Size of an array of which each element gets a slider without being chosen [-]."""
 
+MAX_CONTROL_VALUE = 1e100
+"""Size of a number above which it means "no limit" [unit]."""
+
 MAX_CURVES, MAX_DEFAULT_CURVES = 8, 48
 """Curves in a chart, and in a page whose signals are not chosen [-]."""
 
@@ -86,7 +89,7 @@ def controls(
     ranges: Mapping[str, Ends | None] = (
         chosen
         if isinstance(chosen, Mapping)
-        else dict.fromkeys(_usual(plan) if chosen is None else chosen)
+        else dict.fromkeys(_usual(plan, p) if chosen is None else chosen)
     )
     found = []
     for reference, ends in ranges.items():
@@ -124,9 +127,14 @@ def controls(
     return found
 
 
-def _usual(plan: Plan) -> list[str]:
+def _usual(plan: Plan, p: Vector) -> list[str]:
     """Return references to the parameters of blocks in the outermost diagram, gains first."""
-    inside = [e for e in plan.p if e.stop - e.start <= MAX_CONTROL_SIZE]
+    inside = [
+        e
+        for e in plan.p
+        if e.stop - e.start <= MAX_CONTROL_SIZE
+        and (abs(p[e.start : e.stop]) < MAX_CONTROL_VALUE).all()
+    ]
     top = [e for e in inside if "." not in e.path] or inside
     ranks = {
         e: bool(SETUP_NAMES.search(e.name)) - bool(GAIN_NAMES.search(e.name))

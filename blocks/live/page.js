@@ -72,19 +72,15 @@ function redraw() {
   });
 }
 
-/** Step metrics: last value, rise time from 10 to 90 %, overshoot, and settling time to 2 %. */
+/** Step metrics: last value, rise time from 10 to 90 %, overshoot, settling time to 2 %; without a settled end only the first. */
 function metrics(time, values) {
-  const last = values.length - 1, first = values[0], end = values[last], span = end - first;
-  const share = Array.from(values, (v) => (v - first) / span), none = !(Math.abs(span) > 1e-9 * Math.max(...values.map(Math.abs)));
-  const reach = (level) => time[share.findIndex((s) => s >= level)];
-  const outside = share.findLastIndex((s) => Math.abs(s - 1) > 0.02);
-  if (none) return { steady: end, rise: NaN, overshoot: NaN, settling: NaN };
-  return {
-    steady: end,
-    rise: reach(0.9) - reach(0.1),
-    overshoot: 100 * (share.reduce((a, b) => Math.max(a, b), 1) - 1),
-    settling: outside >= last ? NaN : time[outside + 1] - time[0],
-  };
+  const last = values.length - 1, first = values[0], steady = values[last], span = steady - first;
+  const share = Array.from(values, (v) => (v - first) / span), reach = (level) => time[share.findIndex((s) => s >= level)];
+  const settled = share.findLastIndex((s) => !(Math.abs(s - 1) <= 0.02)) + 1;
+  const settles = settled < 0.9 * last && Math.abs(span) > 1e-9 * share.reduce((a, _, i) => Math.max(a, Math.abs(values[i])), 0);
+  if (!settles) return { steady, rise: NaN, overshoot: NaN, settling: NaN };
+  const overshoot = 100 * (share.reduce((a, b) => Math.max(a, b), 1) - 1);
+  return { steady, rise: reach(0.9) - reach(0.1), overshoot, settling: time[settled] - time[0] };
 }
 live.metrics = metrics;
 
@@ -175,7 +171,7 @@ const controls = data.controls.map((control) => {
   const show = () => {
     const share = log ? Math.log(p[place] / low) / Math.log(high / low) : (p[place] - low) / (high - low);
     slider.value = 1000 * share;
-    field.value = Number(p[place].toPrecision(5));
+    field.value = Number(p[place].toPrecision(4));
     box.classList.toggle("changed", p[place] !== defaults[place]);
   };
   slider.oninput = () => {

@@ -302,6 +302,32 @@ def test_a_long_run_shows_its_progress_and_gives_way_to_new_values(window, tmp_p
     assert window.rows()[0][-1] == 1.0
 
 
+def test_cursor_runs_charts_zoom_and_everything_is_reset(pid_page, window):
+    window.open(pid_page)
+    window.set("law.kp", 20.0)
+    page = window.page
+    page.locator("#play").click()
+    window.wait("view.cursor > 0.05 && view.cursor < 5")
+    page.locator("#play").click()
+    stopped = page.evaluate("view.cursor")
+    page.wait_for_timeout(50)
+    assert page.evaluate("view.cursor") == stopped
+    box = page.locator("canvas").first.bounding_box()
+    middle = box["y"] + box["height"] / 2
+    page.mouse.move(box["x"] + box["width"] * 0.4, middle)
+    page.mouse.down()
+    page.mouse.move(box["x"] + box["width"] * 0.6, middle, steps=3)
+    page.mouse.up()
+    low, high = page.evaluate("view.range")
+    assert 0.5 < low < high < 4.5
+    page.locator("canvas").first.dblclick()
+    assert page.evaluate("view.range") is None
+    page.locator("#reset").click()
+    window.wait("document.body.dataset.shown > 2")
+    assert page.evaluate("location.hash + python()").count("kp") == 0
+    assert not window.complaints
+
+
 def python_block():
     diagram = Diagram("python")
     diagram.add(ball=PythonBall())
