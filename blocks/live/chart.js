@@ -54,6 +54,11 @@ function element(tag, className = "", text = "") {
   return made;
 }
 
+/** Write a text if it is new: each change costs a layout. */
+function write(node, text) {
+  if (node.textContent !== text) node.textContent = text;
+}
+
 /** Chart of curves over one variable.
 
  * `view` is shared by charts of one variable: {label, unit, log, range, cursor, changed()}. A curve has a label and
@@ -101,8 +106,9 @@ class Chart {
   }
 
   place(value) {
-    const [low, high] = this.ends, f = this.view.log ? Math.log : (v) => v;
-    return 58 + ((f(value) - f(low)) / (f(high) - f(low))) * (this.width - 70);
+    const low = this.ends[0], high = this.ends[1], log = this.view.log;
+    const share = log ? Math.log(value / low) / Math.log(high / low) : (value - low) / (high - low);
+    return 58 + share * (this.width - 70);
   }
 
   inverse(pixel) {
@@ -154,7 +160,7 @@ class Chart {
       g.globalAlpha = n ? 0.6 : 1;
       g.setLineDash(n ? [5, 4] : []);
       g.beginPath();
-      line.points.forEach(([px, v]) => g.lineTo(px, y(v)));
+      for (let k = 0; k < line.points.length; k += 2) g.lineTo(line.points[k], y(line.points[k + 1]));
       g.stroke();
     }));
     g.restore();
@@ -172,29 +178,29 @@ class Chart {
       g.stroke();
     }
     const row = cursor == null ? time.length - 1 : indexOf(time, cursor);
-    this.readouts.forEach((readout, i) => { readout.textContent = quantity(this.curves[i].values(run)[row], this.unit); });
+    this.readouts.forEach((readout, i) => write(readout, quantity(this.curves[i].values(run)[row], this.unit)));
   }
 
   /** Return the points of a curve, at most a least and a largest one in each pixel, and its ends. */
   line(time, values) {
     const points = [], [from, to] = this.ends;
     const first = Math.max(0, indexOf(time, from)), last = Math.min(time.length - 1, indexOf(time, to) + 1);
-    let low = Infinity, high = -Infinity, pixel = -1, least = null, most = null;
+    let low = Infinity, high = -Infinity, pixel = NaN, least = 0, most = 0;
     const flush = () => {
-      if (least === null) return;
-      points.push(...(least === most ? [least] : least[2] < most[2] ? [least, most] : [most, least]));
+      if (Number.isNaN(pixel)) return;
+      for (const i of least === most ? [least] : least < most ? [least, most] : [most, least]) points.push(this.place(time[i]), values[i]);
     };
     for (let i = first; i <= last; ++i) {
-      const v = values[i], px = this.place(time[i]);
+      const v = values[i], here = Math.floor(this.place(time[i]));
       if (!Number.isFinite(v)) continue;
       if (v < low) low = v;
       if (v > high) high = v;
-      if (Math.floor(px) !== pixel) {
+      if (here !== pixel) {
         flush();
-        pixel = Math.floor(px);
-        least = most = [px, v, i];
-      } else if (v < least[1]) least = [px, v, i];
-      else if (v > most[1]) most = [px, v, i];
+        pixel = here;
+        least = most = i;
+      } else if (v < values[least]) least = i;
+      else if (v > values[most]) most = i;
     }
     flush();
     return { points, low, high };

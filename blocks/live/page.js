@@ -10,9 +10,13 @@ const live = (window.trussflowLive = { redraws: 0, run: null, data, p });
 let steps = data.steps, kept = null, asked = 0, playing = 0, planned = false;
 const view = { label: "time", unit: "s", cursor: null, range: null, changed: redraw, pick: (time) => { view.cursor = time; redraw(); } };
 
+/** Return the function of a run that gives a column of its log. */
 const column = (index) => (run) => {
   run.columns ??= [];
-  return (run.columns[index] ??= Float64Array.from({ length: run.time.length }, (_, i) => run.log[i * data.width + index]));
+  if (run.columns[index]) return run.columns[index];
+  const values = (run.columns[index] = new Float64Array(run.time.length));
+  for (let i = 0; i < values.length; ++i) values[i] = run.log[i * data.width + index];
+  return values;
 };
 const charts = data.charts.map(({ title, unit, scalar, curves }) => {
   const drawn = curves.map((curve) => ({ ...curve, unit, scalar, values: column(curve.column) }));
@@ -43,7 +47,7 @@ worker.onmessage = ({ data: message }) => {
   live.run = message;
   view.end = steps * seconds;
   trouble(message.fault && `${message.fault}. The charts end there; try other values.`);
-  if (!partial) $("status").textContent = `${steps} steps of ${quantity(seconds, "s")} in ${quantity(message.seconds, "s")}`;
+  if (!partial) write($("status"), `${steps} steps of ${quantity(seconds, "s")} in ${quantity(message.seconds, "s")}`);
   redraw();
 };
 
@@ -63,7 +67,7 @@ function redraw() {
     for (const chart of charts) chart.show(live.run, kept);
     if (live.run.progress === undefined) table();
     const now = Math.min(view.hover ?? view.cursor ?? Infinity, live.run.time[live.run.time.length - 1]);
-    $("now").textContent = `${short(now)} s`;
+    write($("now"), `${short(now)} s`);
     $("cursor").value = now / (steps * seconds);
     update(now);
     live.redraws += 1;
@@ -75,12 +79,18 @@ function redraw() {
 /** Step metrics: last value, rise time from 10 to 90 %, overshoot, settling time to 2 %; without a settled end only the first. */
 function metrics(time, values) {
   const last = values.length - 1, first = values[0], steady = values[last], span = steady - first;
-  const share = Array.from(values, (v) => (v - first) / span), reach = (level) => time[share.findIndex((s) => s >= level)];
-  const settled = share.findLastIndex((s) => !(Math.abs(s - 1) <= 0.02)) + 1;
-  const settles = settled < 0.9 * last && Math.abs(span) > 1e-9 * share.reduce((a, _, i) => Math.max(a, Math.abs(values[i])), 0);
+  let ten = -1, ninety = -1, settled = 0, peak = 1, size = 0;
+  for (let i = 0; i <= last; ++i) {
+    const share = (values[i] - first) / span;
+    if (ten < 0 && share >= 0.1) ten = i;
+    if (ninety < 0 && share >= 0.9) ninety = i;
+    if (!(Math.abs(share - 1) <= 0.02)) settled = i + 1;
+    if (share > peak) peak = share;
+    size = Math.max(size, Math.abs(values[i]));
+  }
+  const settles = settled < 0.9 * last && Math.abs(span) > 1e-9 * size;
   if (!settles) return { steady, rise: NaN, overshoot: NaN, settling: NaN };
-  const overshoot = 100 * (share.reduce((a, b) => Math.max(a, b), 1) - 1);
-  return { steady, rise: reach(0.9) - reach(0.1), overshoot, settling: time[settled] - time[0] };
+  return { steady, rise: time[ninety] - time[ten], overshoot: 100 * (peak - 1), settling: time[settled] - time[0] };
 }
 live.metrics = metrics;
 
@@ -97,9 +107,7 @@ function table() {
   curves.forEach(({ unit, values }, i) => {
     const [now, before] = [live.run, kept].map((run) => run && (run.metrics ??= {}) && (run.metrics[i] ??= metrics(run.time, values(run))));
     [["steady", unit], ["rise", "s"], ["overshoot", "%"], ["settling", "s"]].forEach(([name, of], k) => {
-      const cell = rows[i][1][k];
-      cell.textContent = quantity(now[name], of);
-      if (before) cell.append(" ", element("small", "", `(${quantity(before[name], of)})`));
+      write(rows[i][1][k], quantity(now[name], of) + (before ? ` (${quantity(before[name], of)})` : ""));
     });
   });
 }
