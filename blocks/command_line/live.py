@@ -7,7 +7,6 @@ from pathlib import Path
 
 from trussflow.blocks.errors import DiagramError
 from trussflow.blocks.framework.diagram import Diagram
-from trussflow.blocks.simulation.solver import FIXED_STEP
 from trussflow.blocks.support.progress import status_line
 from trussflow.command_arguments import Outcome, block_of, main_of, parser_of
 
@@ -47,10 +46,6 @@ def parser(prog: str) -> argparse.ArgumentParser:
     found.add_argument(
         "--step", type=float, help="step [s]; default: from the fastest mode"
     )
-    found.add_argument("--solver", choices=FIXED_STEP, default="rk4")
-    found.add_argument(
-        "--log-step", type=float, help="time between logged instants [s]"
-    )
     return found
 
 
@@ -63,10 +58,10 @@ def live(options: argparse.Namespace) -> Outcome:
         )
     settings = {
         name: getattr(options, name)
-        for name in ("parameters", "signals", "at", "duration", "step", "solver")
+        for name in ("parameters", "signals", "at", "duration", "step")
     }
     with status_line("writing the page"):
-        page = diagram.live(options.save, log_step=options.log_step, **settings)
+        page = diagram.live(options.save, **settings)
     return Outcome({"page": page}, f"open {page} in a browser")
 
 

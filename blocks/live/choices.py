@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping, Sequence
 from fractions import Fraction
-from itertools import groupby
+from math import ceil, floor, log10
 from typing import Any
 
 import numpy as np
@@ -104,7 +104,7 @@ def controls(
             raise NameLookupError(f"parameter '{reference}': {error}") from None
         for place in places.tolist():
             low, high, is_log = _range(reference, float(p[place]), declared, ends)
-            if _starts_in_python(plan, p, place, high):
+            if _starts_in_python(plan, p, entry.path, place, high):
                 if chosen is None:
                     continue
                 raise SimulationError(
@@ -148,9 +148,10 @@ def _usual(plan: Plan, p: Vector) -> list[str]:
     return found
 
 
-def _starts_in_python(plan: Plan, p: Vector, place: int, value: float) -> bool:
-    """Return whether initial states, which blocks compute in Python, depend on the number at a `place` in p."""
-    path = next(e.path for e in plan.p if e.start <= place < e.stop)
+def _starts_in_python(
+    plan: Plan, p: Vector, path: str, place: int, value: float
+) -> bool:
+    """Return whether a block computes initial states in Python from the number at a `place` in p."""
     block, changed = plan.system.blocks[path], p.copy()
     changed[place] = value
     if type(block).initial is Block.initial:
@@ -237,8 +238,8 @@ def charts(channels: Sequence[Channel]) -> list[dict[str, Any]]:
             shared.setdefault((own, readable(unit or "")), []).append(curve)
     found = []
     for (own, unit), curves in shared.items():
-        for _, part in groupby(enumerate(curves), lambda one: one[0] // MAX_CURVES):
-            members = [curve for _, curve in part]
+        for first in range(0, len(curves), MAX_CURVES):
+            members = curves[first : first + MAX_CURVES]
             title = own or ", ".join(curve["label"] for curve in members)
             found.append(
                 {"title": title, "unit": unit, "scalar": not own, "curves": members}
@@ -274,17 +275,8 @@ def usual_step(
         fastest = np.abs(np.linalg.eigvals(matrix)).max()
         if fastest > 0.0:
             limit = min(limit, Fraction(1.0 / (STEPS_PER_RADIAN * fastest)))
-    clocks = plan.system.clocks
-    if clocks:
+    if clocks := plan.system.clocks:
         tick = common_tick([t for c in clocks for t in (c.period, c.offset)])
-        return tick / _round(tick / limit, up=True) if tick > limit else tick
-    return _round(limit, up=False)
-
-
-def _round(number: Fraction, *, up: bool) -> Fraction:
-    """Return the next 1, 2 or 5 times a power of ten above or below a positive number."""
-    power = Fraction(10) ** int(np.floor(np.log10(float(number))))
-    steps = [factor * power for factor in (1, 2, 5, 10)]
-    if up:
-        return next(step for step in steps if step >= number)
-    return max(step for step in steps if step <= number)
+        return tick / max(1, ceil(tick / limit))
+    power = Fraction(10) ** floor(log10(limit))
+    return max(n * power for n in (1, 2, 5) if n * power <= limit)

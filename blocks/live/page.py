@@ -34,6 +34,7 @@ from trussflow.blocks.results.channels import Chosen, chosen_channels
 from trussflow.blocks.simulation.prepared import Prepared
 from trussflow.blocks.simulation.solver import FIXED_STEP, Solver
 from trussflow.blocks.support.files import replaced
+from trussflow.blocks.support.types import Vector
 from trussflow.blocks.support.validation import as_path, positive, positive_if_given
 from trussflow.blocks.tracing.codegen import c_sources, content
 from trussflow.blocks.tracing.compiler import compile_web_module
@@ -145,35 +146,16 @@ def live_page(
     )
     programs = [*prepared.programs, *([loop.program] if loop else [])]
     steps = prepared.ticks(length, "the duration")
-    clocks = plan.system.clocks
+    every = -(-steps // MAX_ROWS)
+    if log_step is not None:
+        every = prepared.ticks(exact(log_step), "log_step")
     data = {
         "name": diagram.name,
-        "tick": [tick.numerator, tick.denominator],
         "steps": steps,
-        "every": -(-steps // MAX_ROWS)
-        if log_step is None
-        else prepared.ticks(exact(log_step), "log_step"),
+        "every": every,
         "solver": solver,
-        "method": [*FIXED_STEP].index(solver),
         "programs": [program.name for program in programs],
-        "sizes": [plan.p.size, plan.x.size, plan.d_size],
-        "numbers": base64.b64encode(
-            np.concatenate([p, x, d]).astype("<f8").tobytes()
-        ).decode(),
-        "modes": plan.modes.span.stop,
-        "stored": plan.memory.span.stop,
-        "width": sum(c.port.size for c in channels),
-        "kinds": plan.kinds.tolist(),
-        "sides": plan.sides.span.start,
-        "clocks": [
-            [ticks(time, tick, "a sample time") for time in (c.period, c.offset)]
-            for c in clocks
-        ],
-        "sets": [
-            str(sum(1 << i for i, c in enumerate(clocks) if c in active))
-            for active in prepared.schedule.sets
-        ],
-        "places": [_places(plan.x), _places(*plan.layouts[1:-1])],
+        **_simulation(prepared, p, x, d),
         "controls": controls(plan, p, parameters),
         "arrays": {f"{e.path}.{e.name}": [e.start, *e.shape] for e in plan.p},
         "logged": [channel.name for channel in channels],
@@ -196,6 +178,34 @@ def live_page(
     except OSError as error:
         raise DiagramError(f"{cannot} in '{path}': {error}") from error
     return file
+
+
+def _simulation(prepared: Prepared, p: Vector, x: Vector, d: Vector) -> dict[str, Any]:
+    """Return the data of the step algorithm; `p`, `x` and `d` are initial values [as declared]."""
+    plan, tick, clocks = prepared.plan, prepared.tick, prepared.plan.system.clocks
+    numbers = np.concatenate([p, x, d]).astype("<f8").tobytes()
+    return {
+        "tick": [tick.numerator, tick.denominator],
+        "method": [*FIXED_STEP].index(prepared.solver.solver),
+        "sizes": [plan.p.size, plan.x.size, plan.d_size],
+        # Base64, as JSON has no infinity.
+        "numbers": base64.b64encode(numbers).decode(),
+        "modes": plan.modes.span.stop,
+        "stored": plan.memory.span.stop,
+        "width": sum(c.port.size for c in prepared.channels),
+        "kinds": plan.kinds.tolist(),
+        "sides": plan.sides.span.start,
+        "clocks": [
+            [ticks(time, tick, "a sample time") for time in (c.period, c.offset)]
+            for c in clocks
+        ],
+        # Each set as bits of its clocks; text, as JavaScript's numbers have 53 bits.
+        "sets": [
+            str(sum(1 << i for i, c in enumerate(clocks) if c in active))
+            for active in prepared.schedule.sets
+        ],
+        "places": [_places(plan.x), _places(*plan.layouts[1:-1])],
+    }
 
 
 def _places(*layouts: Layout) -> list[tuple[str, int, int]]:
