@@ -210,10 +210,10 @@ def compare(window, unfused, tmp_path, make):
         parameters=[name],
         duration=9.5,
         step=0.01,
-        log_step=0.02,
+        log_step=0.03,
     )
     window.open(file)
-    yield window.rows(), unfused(diagram, 9.5, **settings, log_step=0.02)
+    yield window.rows(), unfused(diagram, 9.5, **settings, log_step=0.03)
     window.set(name, value)
     if "[" in name:
         name, _, index = name.rstrip("]").partition("[")
@@ -222,7 +222,7 @@ def compare(window, unfused, tmp_path, make):
         value = values
     yield (
         window.rows(),
-        unfused(diagram, 9.5, **settings, log_step=0.02, parameters={name: value}),
+        unfused(diagram, 9.5, **settings, log_step=0.03, parameters={name: value}),
     )
     assert not window.complaints
     assert not window.trouble()

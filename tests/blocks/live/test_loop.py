@@ -54,11 +54,25 @@ def resonant():
 
 
 def pendulum():
-    """Return a nonlinear loop; its wire has a value that depends on the state."""
+    """Return a loop that is nonlinear in the state and in the signal of the wire."""
     diagram = Diagram("pendulum")
-    gain, plant = diagram.add(gain=Gain(-3.0), plant=DrivenPendulum())
+    gain, cube, plant = diagram.add(
+        gain=Gain(-3.0),
+        cube=Function(lambda u: u + u**3, {"u": Input()}, {"y": Output(unit="N*m")}),
+        plant=DrivenPendulum(),
+    )
     diagram.ground(plant.wind)
-    plant.measured >> gain >> plant.drive
+    plant.measured >> gain >> cube >> plant.drive
+    return diagram, "gain.y", "gain.gain"
+
+
+def balanced():
+    """Return a loop with a lower limit of its gain: the plant alone is unstable."""
+    diagram = Diagram("balanced")
+    gain, plant = diagram.add(
+        gain=Gain(-3.0), plant=TransferFunction([1.0], [0.01, 0.99, -1.0])
+    )
+    plant >> gain >> plant
     return diagram, "gain.y", "gain.gain"
 
 
@@ -97,7 +111,7 @@ def check(found, model):
     assert found["stable"] == bool((closed.real < 1e-9 * scale).all())
 
 
-@pytest.mark.parametrize("make", [pid, resonant, pendulum])
+@pytest.mark.parametrize("make", [pid, resonant, pendulum, balanced])
 def test_loop_is_that_of_python_control(make, window, tmp_path):
     diagram, port, parameter = make()
     file = diagram.live(
