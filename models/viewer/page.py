@@ -6,7 +6,6 @@ import json
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cache
 from html import escape, unescape
 from importlib.resources import files
 from pathlib import Path
@@ -20,13 +19,16 @@ from trussflow.blocks.support.files import replaced
 from trussflow.models.errors import ModelError
 from trussflow.models.plant.space_truss import SpaceTruss
 from trussflow.models.viewer.motion import Motion, opened
-from trussflow.models.viewer.packing import Packer, compressed
+from trussflow.models.viewer.packing import Packer
 from trussflow.models.viewer.scene import plant_of, scene_of
 
 if TYPE_CHECKING:
     import xarray as xr
 
+SCRIPTS = ("scene3d.js", "charts.js", "page.js")
 SHOWN = (
+    "position",
+    "task_position",
     "position_error",
     "error",
     "base_force",
@@ -36,7 +38,7 @@ SHOWN = (
 )
 """Signals of the initial charts, if logged."""
 INITIAL_CHARTS = 4
-MAX_PAGE_BYTES = 8_000_000
+MAX_PAGE_BYTES = 4_000_000
 """Largest size of a page [byte]."""
 NO_ROOM = 1e-9
 """Share of numbers per page with only the first and the last instant [-]."""
@@ -185,13 +187,6 @@ def replay(
     return Path(path)
 
 
-@cache
-def _library() -> str:
-    from plotly.offline import get_plotlyjs
-
-    return compressed(get_plotlyjs().encode("utf-8"))
-
-
 def _note(runs: list[dict[str, Any]]) -> str:
     """Return a note on the numbers of logged and shown instants."""
     parts = [
@@ -217,7 +212,9 @@ def _text(
         title=escape(title),
         note=escape(_note(head["runs"])),
         style=own.joinpath("page.css").read_text(encoding="utf-8"),
-        script=own.joinpath("page.js").read_text(encoding="utf-8"),
+        script="\n".join(
+            own.joinpath(name).read_text(encoding="utf-8") for name in SCRIPTS
+        ),
         sections="".join(
             f"<section><h2>{escape(s.title)}</h2>{s.content}</section>\n"
             for s in sections
@@ -227,5 +224,4 @@ def _text(
             "</", "<\\/"
         ),
         blob=packer.blob(),
-        plotly=_library(),
     )

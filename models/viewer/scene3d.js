@@ -1,0 +1,586 @@
+// A space truss and its robots, drawn by WebGL 2 without a library: light, shadows and a ground grid.
+// The script uses nothing of its page. `posed` computes positions by the equations of models/dynamics.
+"use strict";
+
+const Scene3d = (() => {
+  // Okabe and Ito (2008), and two that are visible on light and on dark ground; also used by charts.
+  const COLOURS = ["#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#8a8a8a", "#a16207"];
+  const RODS = [["#8795a5", "#c3ced9"], ["#e0803c", "#fdba74"]]; // of either run, on light and on dark
+  const THEMES = [
+    { back: "#eef2f6", grid: "#64748b", ghost: "#16a34a", text: "#334155", joint: "#334155" },
+    { back: "#0d1420", grid: "#94a3b8", ghost: "#4ade80", text: "#cbd5e1", joint: "#94a3b8" },
+  ];
+  const ARROWS = [["force", "thrust", "N", 1, "#dc2626"], ["torque", "torque", "N·m", 2, "#a855f7"]];
+  const CAMERAS = { // azimuth and elevation of the eye [rad]
+    oblique: [-2.08, 0.42], front: [-Math.PI / 2, 0.06], side: [0, 0.06], top: [-Math.PI / 2, Math.PI / 2],
+  };
+  const LONGEST = 2.5; // longest arrow [m]
+  const MARGIN = 1.2; // around everything visible [m]
+  const CLOSE = 1.1; // half of the visible width at a followed robot [m]
+  const FAR = 30; // a motion of more truss sizes than this would shrink the truss to a dot [-]
+  const LOST = 1e5; // points farther away are not drawn [m]
+  const SHADOW = 2048; // width of the shadow map [pixel]
+  const VIEW = 0.55; // vertical field of view [rad]
+  const SUN = [0.36, -0.3, 0.88]; // direction to the light
+
+  // ---- kinematics: matrices are lists of nine numbers, row by row --------------------------------------
+
+  const times = (A, B) =>
+    [0, 3, 6].flatMap((i) => [0, 1, 2].map((j) => A[i] * B[j] + A[i + 1] * B[j + 3] + A[i + 2] * B[j + 6]));
+  const turned = (A, v) => [0, 3, 6].map((i) => A[i] * v[0] + A[i + 1] * v[1] + A[i + 2] * v[2]);
+  const sum = (a, b, scale = 1) => [a[0] + scale * b[0], a[1] + scale * b[1], a[2] + scale * b[2]];
+  const dot = (a, b) => a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
+  const cross = (a, b) => [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]];
+  const mean = (points) => points.reduce((a, b) => sum(a, b)).map((a) => a / points.length);
+  const near = (point) => point.every((a) => Math.abs(a) < LOST);
+
+  function aboutZ(angle) {
+    const c = Math.cos(angle), s = Math.sin(angle);
+    return [c, -s, 0, s, c, 0, 0, 0, 1];
+  }
+
+  function attitude(numbers) { // a quaternion, scalar first, or R_z(psi) R_x(phi) R_y(theta)
+    if (numbers.length === 4) return quaternion(numbers);
+    const [phi, theta, psi] = numbers;
+    const c = Math.cos(phi), s = Math.sin(phi), C = Math.cos(theta), S = Math.sin(theta);
+    return times(aboutZ(psi), times([1, 0, 0, 0, c, -s, 0, s, c], [C, 0, S, 0, 1, 0, -S, 0, C]));
+  }
+
+  function quaternion([w, x, y, z]) {
+    const s = 2 / (w * w + x * x + y * y + z * z);
+    return [
+      1 - s * (y * y + z * z), s * (x * y - w * z), s * (x * z + w * y),
+      s * (x * y + w * z), 1 - s * (x * x + z * z), s * (y * z - w * x),
+      s * (x * z - w * y), s * (y * z + w * x), 1 - s * (x * x + y * y),
+    ];
+  }
+
+  function cayley([x, y, z]) {
+    const q = (x * x + y * y + z * z) / 4, a = 1 - q, b = 1 + q;
+    return [
+      a + (x * x) / 2, (x * y) / 2 - z, (x * z) / 2 + y,
+      (x * y) / 2 + z, a + (y * y) / 2, (y * z) / 2 - x,
+      (x * z) / 2 - y, (y * z) / 2 + x, a + (z * z) / 2,
+    ].map((value) => value / b);
+  }
+
+  // Modal displacement of one point; `shape` has the modes of its x, then of its y, then of its z.
+  function modal(shape, modes, scale) {
+    const h = modes.length, found = [0, 0, 0];
+    for (let axis = 0; axis < 3; axis++)
+      for (let k = 0; k < h; k++) found[axis] += shape[axis * h + k] * modes[k] * scale;
+    return found;
+  }
+
+  // Positions of all bodies for root [m] and attitude, all joints [rad or m], modal coordinates times `scale`.
+  function posed(truss, { root, joints, modes }, scale = 1) {
+    const R = attitude(root.slice(3)), place = (v) => sum(root, turned(R, v));
+    const points = truss.points.map((r, i) => place(sum(r, modal(truss.shapes[i], modes, scale))));
+    let next = 0;
+    const arms = truss.arms.map((arm) => {
+      let p = sum(arm.grasp, modal(arm.translation, modes, scale));
+      let A = times(cayley(modal(arm.rotation, modes, scale)), arm.hand);
+      const chain = [p], bodies = [[p, A]];
+      arm.origins.forEach((origin, j) => {
+        p = sum(p, turned(A, origin));
+        A = times(A, arm.rotations[j]);
+        const moved = joints[next++];
+        if (arm.sliding[j]) p = sum(p, turned(A, [0, 0, moved]));
+        else A = times(A, aboutZ(moved));
+        chain.push(p);
+        bodies.push([p, A]);
+      });
+      const centre = place(sum(p, turned(A, arm.basePosition)));
+      const axes = times(R, times(A, arm.baseRotation));
+      const placed = bodies.map(([at, turn]) => [place(at), times(R, turn)]);
+      const corners = arm.solid.points.map((point, k) => {
+        const [at, turn] = placed[arm.solid.bodies[k]];
+        return sum(at, turned(turn, point));
+      });
+      return { chain: [...chain.map(place), centre], centre, axes, corners };
+    });
+    return { root: root.slice(0, 3), points, arms };
+  }
+
+  // ---- parts: capsules are [one end, its radius, other end, its radius, roundness of the ends, colour] ---
+
+  const lengthsOf = (points) => points.slice(1).map((b, k) => Math.hypot(...sum(b, points[k], -1)));
+  const ball = (place, radius, colour) => [place, radius, place, radius, 1, colour];
+
+  // Radii of rods, nodes and links that are visible beside the whole truss [m].
+  function radiiOf(truss) {
+    const spans = [0, 1, 2].map((k) => truss.points.map((point) => point[k]));
+    const half = spans.map((at) => (Math.max(...at) - Math.min(...at)) / 2);
+    const rod = Math.min(0.05, Math.max(0.005, Math.max(...half) / 220));
+    const degree = truss.points.map(() => 0);
+    for (const pair of truss.rods) for (const end of pair) degree[end]++;
+    return { half, rod, nodes: truss.points.map((_, k) => k).filter((k) => degree[k] > 2) };
+  }
+
+  function trussOf(truss, { points }, { rod, nodes }) {
+    return [
+      ...truss.rods.map(([a, b]) => [points[a], rod, points[b], rod, 0]),
+      ...nodes.map((k) => ball(points[k], 1.7 * rod)),
+    ];
+  }
+
+  function armOf(arm, { chain }, joint) { // links, with its joints in another colour
+    const reach = lengthsOf(chain).reduce((a, b) => a + b, 0), radius = arm.solid.drawn ? 0.004 : 0.035 * reach;
+    const links = chain.slice(1).map((b, k) => [chain[k], radius, b, radius, 1]);
+    return arm.solid.drawn ? links : [...links, ...chain.slice(0, -1).map((at) => ball(at, 1.35 * radius, joint))];
+  }
+
+  function edgesOf(corners) { // of a box, whose corners are numbered by the signs of z, y and x
+    const pairs = [1, 2, 4].flatMap((bit) => [0, 1, 2, 3, 4, 5, 6, 7].filter((k) => !(k & bit)).map((k) => [k, k | bit]));
+    return pairs.map(([a, b]) => [corners[a], 0.014, corners[b], 0.014, 1]);
+  }
+
+  function arrowOf(from, along, heads) { // one head for a force, two for a torque
+    const size = Math.hypot(...along);
+    if (!(size > 1e-3 * LONGEST)) return [];
+    const unit = along.map((a) => a / size), tip = sum(from, along), head = Math.min(size / (1 + heads), 0.34);
+    const thick = Math.min(0.035, head / 6), cones = [];
+    for (let k = heads - 1; k >= 0; k--)
+      cones.push([sum(tip, unit, -head * (1 + 0.8 * k)), 2.6 * thick, sum(tip, unit, -0.8 * k * head), 0, 0]);
+    return [[from, thick, cones[0][0], thick, 0], ...cones];
+  }
+
+  // ---- programs of the graphics processor ----------------------------------------------------------------
+
+  const PLACED = `#version 300 es
+    precision highp float;
+    uniform mat4 clip;
+    out vec3 place, normal; out vec4 tint;`;
+  const CAPSULES = `${PLACED}
+    layout(location=0) in vec4 corner; // angle around, elevation [rad], end, whether it is of the side
+    layout(location=1) in vec4 first;  // one end and its radius
+    layout(location=2) in vec4 last;
+    layout(location=3) in vec4 colour;
+    layout(location=4) in float roundness;
+    void main() {
+      vec3 axis = last.xyz - first.xyz; float size = length(axis);
+      axis = size > 1e-7 ? axis / size : vec3(0, 0, 1);
+      vec3 side = normalize(cross(axis, abs(axis.z) < 0.9 ? vec3(0, 0, 1) : vec3(1, 0, 0)));
+      vec3 ring = cos(corner.x) * side + sin(corner.x) * cross(axis, side);
+      vec4 end = mix(first, last, corner.z);
+      float up = sin(corner.y), out_ = cos(corner.y);
+      place = end.xyz + end.w * (out_ * ring + roundness * up * axis);
+      vec3 cap = mix((corner.z * 2.0 - 1.0) * axis, out_ * ring + up * axis, roundness);
+      normal = corner.w > 0.5 ? ring + axis * (first.w - last.w) / max(size, 1e-7) : cap;
+      tint = colour;
+      gl_Position = clip * vec4(place, 1);
+    }`;
+  const MESHES = `${PLACED}
+    layout(location=0) in vec3 corner; layout(location=1) in vec4 colour;
+    void main() { place = corner; normal = vec3(0); tint = colour; gl_Position = clip * vec4(place, 1); }`;
+  const LIT = `#version 300 es
+    precision highp float; precision highp sampler2DShadow;
+    in vec3 place, normal; in vec4 tint; out vec4 shown;
+    uniform sampler2DShadow depths; uniform mat4 sun; uniform vec3 light, eye, grid; uniform vec2 origin;
+    uniform float reach, size; uniform int ground;
+    float lit(vec3 at) { // share of the light that arrives, filtered over nine texels
+      vec3 seen = (sun * vec4(at, 1)).xyz * 0.5 + 0.5; float found = 0.0;
+      if (any(greaterThan(abs(seen - 0.5), vec3(0.5)))) return 1.0;
+      for (int i = -1; i < 2; i++) for (int j = -1; j < 2; j++)
+        found += texture(depths, vec3(seen.xy + vec2(i, j) / ${SHADOW}.0, seen.z));
+      return found / 9.0;
+    }
+    float lines(vec2 at, float cell) {
+      vec2 part = at / cell, wide = fwidth(part), off = abs(fract(part - 0.5) - 0.5) / max(wide, 1e-6);
+      return (1.0 - min(min(off.x, off.y), 1.0)) * clamp(1.2 - 2.5 * max(wide.x, wide.y), 0.0, 1.0);
+    }
+    void main() {
+      if (ground == 1) {
+        float fade = 1.0 - smoothstep(0.35, 1.0, length(place.xy) / reach);
+        vec2 at = place.xy + origin;
+        float mark = max(0.22 * lines(at, size), 0.5 * lines(at, 5.0 * size)), dark = 0.3 * (1.0 - lit(place));
+        vec3 colour = mix(grid, vec3(0), dark / max(mark + dark, 1e-4));
+        shown = vec4(colour, fade * max(mark, dark) * (gl_FrontFacing ? 1.0 : 0.3));
+        return;
+      }
+      vec3 n = normal == vec3(0) ? cross(dFdx(place), dFdy(place)) : normal, view = normalize(eye - place);
+      n = normalize(n);
+      if (dot(n, view) < 0.0) n = -n;
+      float key = max(dot(n, light), 0.0) * lit(place + n * 0.004 * reach / 20.0);
+      float gloss = pow(max(dot(n, normalize(light + view)), 0.0), 48.0) * key;
+      float rim = 0.18 * pow(1.0 - dot(n, view), 3.0), sky = 0.36 + 0.2 * n.z;
+      vec3 base = pow(tint.rgb, vec3(2.2)), colour = base * (sky + 0.78 * key) + 0.22 * gloss + rim * (base + 0.15);
+      shown = vec4(pow(colour, vec3(1.0 / 2.2)), tint.a);
+    }`;
+  const EMPTY = `#version 300 es
+    precision highp float;
+    void main() {}`;
+
+  function programOf(gl, vertex, fragment) {
+    const program = gl.createProgram();
+    for (const [kind, text] of [[gl.VERTEX_SHADER, vertex], [gl.FRAGMENT_SHADER, fragment]]) {
+      const shader = gl.createShader(kind);
+      gl.shaderSource(shader, text);
+      gl.compileShader(shader);
+      if (!gl.getShaderParameter(shader, gl.COMPILE_STATUS)) throw new Error(gl.getShaderInfoLog(shader));
+      gl.attachShader(program, shader);
+    }
+    gl.linkProgram(program);
+    const places = {}, count = gl.getProgramParameter(program, gl.ACTIVE_UNIFORMS);
+    for (let k = 0; k < count; k++) {
+      const { name } = gl.getActiveUniform(program, k);
+      places[name] = gl.getUniformLocation(program, name);
+    }
+    return { program, places };
+  }
+
+  function capsuleMesh(sides = 14) { // rows from one pole to the other; rows at the rims are double
+    const corners = [], faces = [], up = Math.PI / 2;
+    const rows = [[-up, 0, 0], [-up / 2, 0, 0], [0, 0, 0], [0, 0, 1], [0, 1, 1], [0, 1, 0], [up / 2, 1, 0], [up, 1, 0]];
+    rows.forEach((row, r) => {
+      for (let s = 0; s <= sides; s++) {
+        corners.push((2 * Math.PI * s) / sides, ...row);
+        const k = r * (sides + 1) + s;
+        if (r && s) faces.push(k - sides - 2, k - sides - 1, k, k - sides - 2, k, k - 1);
+      }
+    });
+    return [new Float32Array(corners), new Uint16Array(faces)];
+  }
+
+  // ---- matrices of the camera: sixteen numbers, column by column -----------------------------------------
+
+  const product = (A, B) => Float32Array.from({ length: 16 }, (_, k) =>
+    [0, 1, 2, 3].reduce((found, i) => found + A[(k % 4) + 4 * i] * B[(k - (k % 4)) + i], 0));
+  const seenFrom = ([right, up, back], eye) => [
+    ...[0, 1, 2].flatMap((k) => [right[k], up[k], back[k], 0]), -dot(right, eye), -dot(up, eye), -dot(back, eye), 1];
+  const axesOf = (azimuth, elevation) => {
+    const c = Math.cos(elevation), back = [c * Math.cos(azimuth), c * Math.sin(azimuth), Math.sin(elevation)];
+    const right = [-Math.sin(azimuth), Math.cos(azimuth), 0];
+    return [right, cross(back, right), back];
+  };
+  const numbers = (colour, alpha = 1) => [...[1, 3, 5].map((k) => parseInt(colour.slice(k, k + 2), 16) / 255), alpha];
+
+  class Scene {
+    // `runs` have a name and a truss, `states` their first state (see `posed`; with force and torque of the bases);
+    // `bounds` are the extent of the motion [m], `paths` those of the roots, `longest` the largest force and torque.
+    constructor(element, runs, states, { target, bounds, paths = [], longest = {}, camera = "oblique", dark = false }) {
+      this.element = element;
+      this.canvas = element.appendChild(document.createElement("canvas"));
+      this.over = element.appendChild(document.createElement("canvas")); // axes, and text of films
+      element.style.position = "relative";
+      for (const canvas of [this.canvas, this.over]) canvas.style.cssText = "position:absolute;inset:0;width:100%;height:100%";
+      this.over.style.pointerEvents = "none";
+      this.gl = this.canvas.getContext("webgl2", { antialias: true });
+      if (!this.gl) throw new Error("the browser has no WebGL 2; allow hardware or software rendering");
+      Object.assign(this, { runs, paths, longest, dark, scale: 1, followed: "nothing", hidden: new Set(), zoom: 1 });
+      this.moved = [0, 0, 0]; // of the camera's target, by the reader [m]
+      this.sizes = runs.map(({ truss }) => radiiOf(truss));
+      this.goal = target && posed(runs[0].truss, target, 0);
+      this.half = this.sizes[0].half.map((a) => a + MARGIN);
+      this.poses = runs.map(({ truss }, k) => posed(truss, states[k], 1));
+      const middle = mean(this.poses[0].points);
+      this.bounds = bounds ?? middle.map((a, k) => [a - 1.6 * this.half[k], a + 1.6 * this.half[k]]);
+      this.prepare();
+      this.states = states;
+      this.look(camera);
+      this.listen();
+    }
+
+    get far() { // whether the motion is too long for a picture of all of it
+      const size = Math.max(...this.half);
+      return this.bounds.some(([low, high]) => !(high - low < FAR * 2 * size));
+    }
+
+    prepare() {
+      const { gl } = this, [corners, faces] = capsuleMesh();
+      const [capsules, meshes, shadowCapsules, shadowMeshes] =
+        [[CAPSULES, LIT], [MESHES, LIT], [CAPSULES, EMPTY], [MESHES, EMPTY]].map((pair) => programOf(gl, ...pair));
+      this.programs = { capsules, meshes, shadowCapsules, shadowMeshes };
+      this.faces = faces.length;
+      this.buffers = Object.fromEntries(["instances", "corners", "triangles"].map((name) => [name, gl.createBuffer()]));
+      const array = (kind, data) => {
+        gl.bindBuffer(kind, gl.createBuffer());
+        gl.bufferData(kind, data, gl.STATIC_DRAW);
+      };
+      const pointer = (place, size, stride, offset, divisor) => {
+        gl.enableVertexAttribArray(place);
+        gl.vertexAttribPointer(place, size, gl.FLOAT, false, 4 * stride, 4 * offset);
+        gl.vertexAttribDivisor(place, divisor);
+      };
+      this.arrays = [gl.createVertexArray(), gl.createVertexArray()];
+      gl.bindVertexArray(this.arrays[0]);
+      array(gl.ARRAY_BUFFER, corners);
+      pointer(0, 4, 4, 0, 0);
+      array(gl.ELEMENT_ARRAY_BUFFER, faces);
+      gl.bindBuffer(gl.ARRAY_BUFFER, this.buffers.instances);
+      this.point = (first) => [[1, 4, 0], [2, 4, 4], [3, 4, 8], [4, 1, 12]].forEach(([place, size, offset]) =>
+        pointer(place, size, 13, 13 * first + offset, 1)); // WebGL has no first instance
+      this.point(0);
+      gl.bindVertexArray(this.arrays[1]);
+      gl.bindBuffer(gl.ARRAY_BUFFER, this.buffers.corners);
+      pointer(0, 3, 7, 0, 0);
+      pointer(1, 4, 7, 3, 0);
+      gl.bindBuffer(gl.ELEMENT_ARRAY_BUFFER, this.buffers.triangles);
+      gl.bindTexture(gl.TEXTURE_2D, gl.createTexture());
+      gl.texStorage2D(gl.TEXTURE_2D, 1, gl.DEPTH_COMPONENT24, SHADOW, SHADOW);
+      for (const [name, value] of [
+        [gl.TEXTURE_COMPARE_MODE, gl.COMPARE_REF_TO_TEXTURE], [gl.TEXTURE_MIN_FILTER, gl.LINEAR],
+        [gl.TEXTURE_MAG_FILTER, gl.LINEAR], [gl.TEXTURE_WRAP_S, gl.CLAMP_TO_EDGE], [gl.TEXTURE_WRAP_T, gl.CLAMP_TO_EDGE],
+      ]) gl.texParameteri(gl.TEXTURE_2D, name, value);
+      const texture = gl.getParameter(gl.TEXTURE_BINDING_2D);
+      gl.bindFramebuffer(gl.FRAMEBUFFER, this.shadow = gl.createFramebuffer());
+      gl.framebufferTexture2D(gl.FRAMEBUFFER, gl.DEPTH_ATTACHMENT, gl.TEXTURE_2D, texture, 0);
+      gl.drawBuffers([gl.NONE]);
+    }
+
+    listen() {
+      const { canvas } = this, pointers = new Map();
+      canvas.style.touchAction = "none";
+      canvas.addEventListener("contextmenu", (event) => event.preventDefault());
+      canvas.addEventListener("pointerdown", (event) => {
+        canvas.setPointerCapture(event.pointerId);
+        pointers.set(event.pointerId, event);
+      });
+      for (const end of ["pointerup", "pointercancel"])
+        canvas.addEventListener(end, (event) => pointers.delete(event.pointerId));
+      canvas.addEventListener("pointermove", (event) => {
+        const last = pointers.get(event.pointerId);
+        if (!last) return;
+        const [x, y] = [event.clientX - last.clientX, event.clientY - last.clientY];
+        const others = [...pointers.values()].filter((one) => one.pointerId !== event.pointerId);
+        pointers.set(event.pointerId, event);
+        if (others.length) { // two fingers
+          const apart = (one) => Math.hypot(one.clientX - others[0].clientX, one.clientY - others[0].clientY);
+          this.zoom *= apart(last) / Math.max(1, apart(event));
+        }
+        if (others.length || event.buttons > 1 || event.shiftKey) {
+          const [right, up] = axesOf(...this.angles), unit = (this.distance * 2 * Math.tan(VIEW / 2)) / canvas.clientHeight;
+          this.moved = sum(sum(this.moved, right, -x * unit), up, y * unit);
+        } else {
+          const [azimuth, elevation] = this.angles;
+          this.angles = [azimuth - 0.008 * x, Math.min(Math.PI / 2, Math.max(-Math.PI / 2, elevation + 0.008 * y))];
+        }
+        this.redraw();
+      });
+      canvas.addEventListener("wheel", (event) => {
+        event.preventDefault();
+        this.zoom = Math.min(20, Math.max(0.02, this.zoom * Math.exp(0.001 * event.deltaY)));
+        this.redraw();
+      }, { passive: false });
+      canvas.addEventListener("dblclick", () => this.look(this.camera));
+      new ResizeObserver(() => this.redraw()).observe(this.element);
+    }
+
+    redraw() { // once per frame of the screen
+      this.asked ??= requestAnimationFrame(() => { this.asked = undefined; this.draw(); });
+    }
+
+    look(camera) {
+      Object.assign(this, { camera, angles: CAMERAS[camera], zoom: 1, moved: [0, 0, 0] });
+      this.redraw();
+    }
+
+    follow(followed) { // "nothing", "truss" or the index of a robot
+      Object.assign(this, { followed, zoom: 1, moved: [0, 0, 0] });
+      this.draw();
+    }
+
+    show(states, scale = 1) {
+      Object.assign(this, { states, scale });
+      this.poses = this.runs.map(({ truss }, k) => posed(truss, states[k], scale));
+      this.draw();
+    }
+
+    // All parts by name: capsules, or corners and triangles; `layer` 0 is opaque, higher ones are transparent.
+    parts() {
+      const parts = [], { ghost, joint } = THEMES[+this.dark], several = this.runs.length > 1;
+      const part = (name, colour, capsules, more = {}) =>
+        parts.push({ name, legend: name, colour, alpha: 1, layer: 0, capsules, faces: [], ...more });
+      this.runs.forEach(({ name, truss }, number) => {
+        const pose = this.poses[number], state = this.states[number], look = number ? { alpha: 0.45, layer: 3 } : {};
+        part(`truss${several ? `, ${name}` : ""}`, RODS[number][+this.dark], trussOf(truss, pose, this.sizes[number]), look);
+        truss.arms.forEach((arm, k) => {
+          const robot = `robot ${k + 1}`, colour = COLOURS[k % COLOURS.length], { corners } = pose.arms[k];
+          part(robot, colour, armOf(arm, pose.arms[k], joint), look);
+          const glass = arm.solid.drawn ? look : number ? { alpha: 0.25, layer: 3 } : { alpha: 0.5, layer: 1 };
+          part(`base ${k + 1}`, colour, [], { ...glass, legend: robot, corners, faces: arm.solid.faces });
+          if (!arm.solid.drawn) part(`edges ${k + 1}`, colour, edgesOf(corners), { ...look, legend: robot });
+        });
+        for (const [key, what, unit, heads, colour] of ARROWS) {
+          if (!this.longest[key] || !state[key]?.length) continue;
+          const each = pose.arms.map((arm, k) => {
+            const push = state[key].slice(3 * k, 3 * k + 3).map((a) => (a * LONGEST) / this.longest[key]);
+            return arrowOf(arm.centre, turned(arm.axes, push), heads);
+          });
+          part(`${what}, at most ${Number(this.longest[key].toPrecision(3))} ${unit}`, colour, each.flat(), look);
+        }
+        const path = this.paths[number] ?? [], radius = 0.6 * this.sizes[number].rod;
+        part("path of the root", number ? RODS[1][0] : joint, path.slice(1).map((b, k) => [path[k], radius, b, radius, 1]));
+      });
+      if (this.goal) {
+        const { truss } = this.runs[0], look = { alpha: 0.3, layer: 2 };
+        const arms = this.goal.arms.flatMap((arm, k) => [...armOf(truss.arms[k], arm), ...edgesOf(arm.corners)]);
+        part("target", ghost, [...trussOf(truss, this.goal, this.sizes[0]), ...arms], look);
+      }
+      return parts;
+    }
+
+    legend() { // names and colours in the order of their first part
+      const found = new Map();
+      for (const { legend, colour, capsules } of this.parts())
+        if (!found.has(legend) && (capsules.length || legend !== "path of the root")) found.set(legend, colour);
+      return [...found];
+    }
+
+    toggle(name) {
+      if (!this.hidden.delete(name)) this.hidden.add(name);
+      this.draw();
+    }
+
+    // Centre and half sides of the box that the camera shows at zoom 1 [m].
+    box() {
+      const whole = this.bounds.map(([low, high]) => [(low + high) / 2, (high - low) / 2]);
+      if (this.followed === "nothing") return [whole.map(([a]) => a), whole.map(([, a]) => a)];
+      const { points, arms } = this.poses[0], truss = this.followed === "truss";
+      const centre = mean(truss ? points : arms[Number(this.followed)].chain);
+      if (near(centre)) this.seen = centre;
+      return [this.seen ?? whole.map(([a]) => a), truss ? this.half : [CLOSE, CLOSE, CLOSE]];
+    }
+
+    // Coordinates on the screen are relative to the target of the camera: single precision suffices far away.
+    upload(parts, origin) {
+      const { gl } = this, instances = [], corners = [], triangles = [], layers = [];
+      for (const layer of [0, 1, 2, 3]) {
+        const start = { instances: instances.length / 13, triangles: triangles.length };
+        for (const part of parts) {
+          if (part.layer !== layer || this.hidden.has(part.legend)) continue;
+          for (const [a, first, b, last, roundness, colour] of part.capsules)
+            if (near(a) && near(b)) instances.push(
+              ...sum(a, origin, -1), first, ...sum(b, origin, -1), last, ...numbers(colour ?? part.colour, part.alpha), roundness);
+          if (!part.faces.length || !part.corners.every(near)) continue;
+          const base = corners.length / 7, [I, J, K] = part.faces, tint = numbers(part.colour, part.alpha);
+          for (const corner of part.corners) corners.push(...sum(corner, origin, -1), ...tint);
+          for (let k = 0; k < I.length; k++) triangles.push(base + I[k], base + J[k], base + K[k]);
+        }
+        layers.push({ start, instances: instances.length / 13 - start.instances, triangles: triangles.length - start.triangles });
+      }
+      const ground = corners.length / 7; // two triangles more
+      for (const [x, y] of [[-1, -1], [1, -1], [1, 1], [-1, 1]])
+        corners.push(x * this.reach, y * this.reach, this.floor - origin[2], 0, 0, 0, 1);
+      triangles.push(ground, ground + 1, ground + 2, ground, ground + 2, ground + 3);
+      gl.bindVertexArray(null);
+      const send = (kind, buffer, data) => { gl.bindBuffer(kind, buffer); gl.bufferData(kind, data, gl.DYNAMIC_DRAW); };
+      send(gl.ARRAY_BUFFER, this.buffers.instances, new Float32Array(instances));
+      send(gl.ARRAY_BUFFER, this.buffers.corners, new Float32Array(corners));
+      send(gl.ELEMENT_ARRAY_BUFFER, this.buffers.triangles, new Uint32Array(triangles));
+      return { layers, ground: triangles.length - 6 };
+    }
+
+    draw(width = this.element.clientWidth, height = this.element.clientHeight, density = Math.min(2, devicePixelRatio)) {
+      if (!(width && height)) return;
+      const { gl, canvas } = this, theme = THEMES[+this.dark];
+      for (const one of [canvas, this.over]) [one.width, one.height] = [Math.round(width * density), Math.round(height * density)];
+      const [centre, half] = this.box(), target = sum(centre, this.moved), axes = axesOf(...this.angles);
+      const tangents = [(Math.tan(VIEW / 2) * width) / height, Math.tan(VIEW / 2)];
+      let fit = 0; // distance from which all corners of the box are visible
+      for (let k = 0; k < 8; k++) {
+        const corner = half.map((a, axis) => (k & (1 << axis) ? a : -a)), z = dot(axes[2], corner);
+        fit = Math.max(fit, ...[0, 1].map((i) => z + Math.abs(dot(axes[i], corner)) / tangents[i]));
+      }
+      this.distance = fit * this.zoom;
+      const size = Math.hypot(...half), eye = axes[2].map((a) => a * this.distance);
+      this.floor = Math.max(this.bounds[2][0], centre[2] - 3 * size);
+      this.reach = 4 * size;
+      const low = this.distance / 100, high = this.distance + 2.2 * this.reach, depth = low - high;
+      const lens = [1 / tangents[0], 0, 0, 0, 0, 1 / tangents[1], 0, 0, 0, 0, (low + high) / depth, -1, 0, 0, (2 * low * high) / depth, 0];
+      const clip = product(lens, seenFrom(axes, eye));
+      const light = SUN.map((a) => a / Math.hypot(...SUN)), wide = 1.5 * size;
+      const flat = [1 / wide, 0, 0, 0, 0, 1 / wide, 0, 0, 0, 0, -1 / (5 * size), 0, 0, 0, 0, 1];
+      const sun = product(flat, seenFrom(axesOf(Math.atan2(light[1], light[0]), Math.asin(light[2])), [0, 0, 0]));
+      const { layers, ground } = this.upload(this.parts(), target);
+      const cell = 10 ** Math.max(0, Math.round(Math.log10(size / 12))), wrapped = [0, 1].map((k) => target[k] % (5 * cell));
+      const start = (name, matrix) => {
+        const { program, places } = this.programs[name];
+        gl.useProgram(program);
+        gl.uniformMatrix4fv(places.clip, false, matrix);
+        if (!places.light) return places;
+        gl.uniformMatrix4fv(places.sun, false, sun);
+        for (const [key, value] of Object.entries({ light, eye, grid: numbers(theme.grid).slice(0, 3) }))
+          if (places[key]) gl.uniform3fv(places[key], value);
+        gl.uniform2fv(places.origin, wrapped);
+        gl.uniform1f(places.reach, this.reach);
+        gl.uniform1f(places.size, cell);
+        gl.uniform1i(places.ground, 0);
+        return places;
+      };
+      const bodies = ({ start: from, instances, triangles }, prefix, matrix) => {
+        const name = (kind) => (prefix ? `shadow${kind}` : kind.toLowerCase());
+        if (instances) {
+          start(name("Capsules"), matrix);
+          gl.bindVertexArray(this.arrays[0]);
+          gl.bindBuffer(gl.ARRAY_BUFFER, this.buffers.instances);
+          this.point(from.instances);
+          gl.drawElementsInstanced(gl.TRIANGLES, this.faces, gl.UNSIGNED_SHORT, 0, instances);
+        }
+        if (triangles) {
+          start(name("Meshes"), matrix);
+          gl.bindVertexArray(this.arrays[1]);
+          gl.drawElements(gl.TRIANGLES, triangles, gl.UNSIGNED_INT, 4 * from.triangles);
+        }
+      };
+      gl.bindFramebuffer(gl.FRAMEBUFFER, this.shadow);
+      gl.viewport(0, 0, SHADOW, SHADOW);
+      gl.enable(gl.DEPTH_TEST);
+      gl.depthFunc(gl.LEQUAL);
+      gl.disable(gl.BLEND);
+      gl.enable(gl.POLYGON_OFFSET_FILL);
+      gl.polygonOffset(2, 4);
+      gl.clear(gl.DEPTH_BUFFER_BIT);
+      for (const layer of layers.slice(0, 2)) bodies(layer, "shadow", sun);
+      gl.disable(gl.POLYGON_OFFSET_FILL);
+      gl.bindFramebuffer(gl.FRAMEBUFFER, null);
+      gl.viewport(0, 0, canvas.width, canvas.height);
+      gl.clearColor(...numbers(theme.back));
+      gl.clear(gl.COLOR_BUFFER_BIT | gl.DEPTH_BUFFER_BIT);
+      bodies(layers[0], "", clip);
+      gl.enable(gl.BLEND);
+      gl.blendFuncSeparate(gl.SRC_ALPHA, gl.ONE_MINUS_SRC_ALPHA, gl.ONE, gl.ONE_MINUS_SRC_ALPHA);
+      gl.depthMask(false);
+      gl.uniform1i(start("meshes", clip).ground, 1);
+      gl.bindVertexArray(this.arrays[1]);
+      gl.drawElements(gl.TRIANGLES, 6, gl.UNSIGNED_INT, 4 * ground);
+      gl.depthMask(true);
+      for (const layer of layers.slice(1)) // first the depths alone, so that only the nearest surface is blended
+        for (const visible of [false, true]) {
+          gl.colorMask(visible, visible, visible, visible);
+          bodies(layer, "", clip);
+        }
+      this.annotate(axes, cell, density);
+    }
+
+    annotate(axes, cell, density) { // directions of the axes and size of the grid
+      const context = this.over.getContext("2d"), high = this.over.height / density, { text } = THEMES[+this.dark];
+      context.setTransform(density, 0, 0, density, 0, 0);
+      context.clearRect(0, 0, this.over.width, this.over.height);
+      context.font = "12px system-ui, sans-serif";
+      context.fillStyle = text;
+      context.fillText(`grid ${cell} m`, 74, high - 14);
+      if (this.caption) context.fillText(this.caption, 14, 22);
+      ["#dc2626", "#16a34a", "#2563eb"].forEach((colour, k) => {
+        const [x, y] = [38 + 22 * axes[0][k], high - 38 - 22 * axes[1][k]];
+        context.strokeStyle = colour;
+        context.lineWidth = 2;
+        context.beginPath();
+        context.moveTo(38, high - 38);
+        context.lineTo(x, y);
+        context.stroke();
+        context.fillText("xyz"[k], 35 + 32 * axes[0][k], high - 34 - 32 * axes[1][k]);
+      });
+    }
+
+    // Picture of so many pixels as a data URL: the scene with its annotation.
+    picture(width, height) {
+      this.draw(width, height, 1);
+      const whole = Object.assign(document.createElement("canvas"), { width, height }), context = whole.getContext("2d");
+      for (const canvas of [this.canvas, this.over]) context.drawImage(canvas, 0, 0);
+      return whole.toDataURL("image/png");
+    }
+  }
+
+  return { Scene, posed, CAMERAS, COLOURS, ARROWS, LOST, MARGIN, near };
+})();
