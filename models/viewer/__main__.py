@@ -1,4 +1,4 @@
-"""``python -m trussflow.models.viewer``: write the page of a run, and still pictures."""
+"""``python -m trussflow.models.viewer``: write the page of a run, pictures and films."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ from trussflow.blocks.support.progress import status_line
 from trussflow.command_arguments import Outcome, ended, parser_of
 from trussflow.models.errors import ModelError
 from trussflow.models.plant.space_truss import STRUCTURES
+from trussflow.models.viewer.movie import movie
 from trussflow.models.viewer.page import replay
 from trussflow.models.viewer.still import CAMERAS, still
 
@@ -25,9 +26,12 @@ def parser(prog: str = PROG) -> argparse.ArgumentParser:
         "results/case1/result.nc smc/result.nc --names ismc smc      # two runs in one page",
         "results/case1/result.nc --frame 30 --png truss.png  # page and picture",
         "results/case1/index.html --png truss.png            # picture of an existing page",
+        "results/case1/index.html --movie truss.gif          # film of eight seconds",
     )
     found.add_argument(
-        "result", type=Path, help="netCDF file of a run, or existing page for --png"
+        "result",
+        type=Path,
+        help="netCDF file of a run, or existing page for --png or --movie",
     )
     found.add_argument(
         "other", type=Path, nargs="?", help="second run, in the same picture"
@@ -51,22 +55,30 @@ def parser(prog: str = PROG) -> argparse.ArgumentParser:
         "--png", type=Path, help="picture to write; needs Chromium or Chrome"
     )
     found.add_argument(
+        "--movie",
+        type=Path,
+        help="film to write, .gif, .mp4 or .webm; needs Chromium or Chrome, and ffmpeg unless it is a .gif",
+    )
+    found.add_argument(
         "--frame",
         type=float,
         help="time of the picture [s]; default: the first instant",
     )
     found.add_argument(
-        "--camera", choices=CAMERAS, default="oblique", help="view of the picture"
+        "--camera",
+        choices=CAMERAS,
+        default="oblique",
+        help="view of the picture and of the film",
     )
     return found
 
 
 def view(options: argparse.Namespace) -> Outcome:
-    """Write page and picture of the `options`."""
+    """Write page, picture and film of the `options`."""
     page, lines = options.result, []
-    if page.suffix == ".html" and options.png is None:
+    if page.suffix == ".html" and options.png is None and options.movie is None:
         raise ModelError(
-            f"'{page}' is a page: open it in a browser, or set --png for a picture of it"
+            f"'{page}' is a page: open it in a browser, or set --png or --movie for a picture or a film of it"
         )
     if page.suffix != ".html":
         with status_line("writing the page"):
@@ -84,7 +96,12 @@ def view(options: argparse.Namespace) -> Outcome:
         with status_line("taking the picture"):
             still(page, options.png, time=options.frame, camera=options.camera)
         lines.append(f"written: {options.png}")
-    return Outcome({"page": page, "picture": options.png}, "\n".join(lines))
+    if options.movie is not None:
+        with status_line("taking the film"):
+            movie(page, options.movie, camera=options.camera)
+        lines.append(f"written: {options.movie}")
+    files = {"page": page, "picture": options.png, "film": options.movie}
+    return Outcome(files, "\n".join(lines))
 
 
 def main(words: list[str] | None = None, prog: str = PROG) -> int:

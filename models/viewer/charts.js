@@ -5,7 +5,7 @@ const Charts = (() => {
   const PREFIXES = { "-12": "p", "-9": "n", "-6": "µ", "-3": "m", 3: "k", 6: "M", 9: "G", 12: "T" };
   const PREFIXED = /^(m|s|N|rad|J|W|Pa|Hz|V|A)(?![A-Za-z^²³⁴0-9])/; // the unit at the start may have a prefix
   const ONLY_SMALL = /^(s|rad)/;
-  const DASHES = [[], [7, 3], [2, 2.5], [8, 3, 2, 3]]; // of the second axis of a signal
+  const DASHES = [[], [7, 3], [2, 2.5], [8, 3, 2, 3]]; // of curves that have one colour
   const SPACE = { left: 52, right: 10, top: 18, bottom: 32 }; // around the axes [px]
   const PIECE = 9; // of each curve in a line that several curves share [px]
 
@@ -13,7 +13,7 @@ const Charts = (() => {
   function scaled(units, largest) {
     if (!(largest > 0) || (largest >= 0.1 && largest < 1e4)) return { power: 0, units };
     const power = 3 * Math.floor(Math.log10(largest) / 3 + 1e-9);
-    const prefix = PREFIXES[power], fits = PREFIXED.test(units) && !(power > 0 && ONLY_SMALL.test(units));
+    const prefix = PREFIXES[power], fits = PREFIXED.test(units) && !units.includes(",") && !(power > 0 && ONLY_SMALL.test(units));
     if (prefix && fits) return { power, units: prefix + units };
     const raised = [...String(power)].map((c) => (c === "-" ? "⁻" : "⁰¹²³⁴⁵⁶⁷⁸⁹"[c])).join("");
     return { power, units: `10${raised} ${units}`.trim() };
@@ -68,13 +68,17 @@ const Charts = (() => {
       new ResizeObserver(() => this.draw()).observe(this.axes);
     }
 
-    // Curves have a name, x, y, colour, alpha, and the number of their dash.
+    // Curves have a name, x, y, colour and alpha.
     show(curves, units, range) {
       const largest = curves.reduce((found, { y }) => y.reduce((a, b) => Math.max(a, Math.abs(b) || 0), found), 0);
       Object.assign(this, { curves, range, ...scaled(units, largest) });
       const spans = curves.map(({ y }) => [Math.min(...y), Math.max(...y)]);
       const span = Math.max(...spans.map(([, b]) => b)) - Math.min(...spans.map(([a]) => a));
       this.groups = equalGroups(curves, span / 400);
+      this.groups.forEach((group, k) => { // early curves are wide: late ones that run close by do not cover them
+        const before = this.groups.slice(0, k).filter(([one, ...more]) => !more.length && one.colour === group[0].colour);
+        Object.assign(group, { dash: DASHES[before.length % DASHES.length], width: 2.6 - (1.4 * k) / this.groups.length });
+      });
       this.legend.textContent = "";
       if (curves.length > 1)
         for (const group of this.groups.filter(([one]) => one.alpha === curves[0].alpha)) {
@@ -87,10 +91,10 @@ const Charts = (() => {
     }
 
     stroke(context, group, density, path) { // curves that share a line alternate along it
-      group.forEach(({ colour, alpha, dash }, k) => {
+      group.forEach(({ colour, alpha }, k) => {
         context.setTransform(density, 0, 0, density, 0, 0);
-        Object.assign(context, { strokeStyle: colour, globalAlpha: alpha, lineWidth: 1.4, lineDashOffset: -k * PIECE });
-        context.setLineDash(group.length > 1 ? [PIECE, PIECE * (group.length - 1)] : DASHES[dash % DASHES.length]);
+        Object.assign(context, { strokeStyle: colour, globalAlpha: alpha, lineWidth: group.width, lineDashOffset: -k * PIECE });
+        context.setLineDash(group.length > 1 ? [PIECE, PIECE * (group.length - 1)] : group.dash);
         context.beginPath();
         path(context);
         context.stroke();
@@ -137,7 +141,7 @@ const Charts = (() => {
       Object.assign(context, { fillStyle: colour, strokeStyle: colour, font: "11px system-ui, sans-serif" });
       const line = (x, y, X, Y) => { context.beginPath(); context.moveTo(x, y); context.lineTo(X, Y); context.stroke(); };
       context.globalAlpha = 0.16;
-      const across = ticksOf(...this.range, Math.max(2, this.wide / 80)), along = ticksOf(low / unit, high / unit, 4);
+      const across = ticksOf(...this.range, Math.max(2, this.wide / 60)), along = ticksOf(low / unit, high / unit, 6);
       for (const [t] of across) line(this.at(t), SPACE.top, this.at(t), bottom);
       for (const [value] of along) line(SPACE.left, up(value * unit), width - SPACE.right, up(value * unit));
       context.globalAlpha = 1;
@@ -152,7 +156,7 @@ const Charts = (() => {
       context.beginPath();
       context.rect(SPACE.left, SPACE.top - 2, this.wide, tall + 4);
       context.clip();
-      for (const group of [...this.groups].reverse())
+      for (const group of this.groups)
         this.stroke(context, group, density, () => {
           const { x, y } = group[0], end = Math.min(x.length - 1, placed(x, this.range[1]) + 1);
           for (let k = placed(x, this.range[0]); k <= end; k++) context.lineTo(this.at(x[k]), up(y[k]));

@@ -60,10 +60,10 @@ class Page {
     this.t = this.start;
     this.theme = matchMedia("(prefers-color-scheme: dark)");
     const longest = Object.fromEntries(["force", "torque"].map((name) => [name, this.peak(name)]));
-    const { truss, root } = this.runs[0], count = root.length;
+    const count = this.runs[0].root.length, cloud = this.poses();
     const target = this.target && { root: this.target.slice(0, count), joints: this.target.slice(count), modes: [] };
     const paths = this.runs.map((run) => this.path(run)), dark = this.theme.matches;
-    const options = { target, longest, paths, camera, dark, bounds: this.extent(truss, target) };
+    const options = { target, longest, paths, camera, dark, cloud };
     this.scene = new Scene3d.Scene(at("picture"), this.runs, this.states(this.t), options);
   }
 
@@ -90,17 +90,9 @@ class Page {
     return found;
   }
 
-  extent(truss, target) { // of all runs, at some instants [m]
-    const low = [Infinity, Infinity, Infinity], high = [-Infinity, -Infinity, -Infinity];
+  poses() { // of all runs at some instants
     const instants = Array.from({ length: 21 }, (_, k) => this.start + ((this.end - this.start) * k) / 20);
-    const poses = this.runs.flatMap((run) => instants.map((t) => Scene3d.posed(run.truss, stateOf(run, t))));
-    if (target) poses.push(Scene3d.posed(truss, target));
-    for (const pose of poses)
-      for (const point of [...pose.points, ...pose.arms.flatMap((arm) => arm.corners)]) {
-        if (!Scene3d.near(point)) this.lost = true;
-        else point.forEach((a, k) => { [low[k], high[k]] = [Math.min(low[k], a), Math.max(high[k], a)]; });
-      }
-    return low.map((a, k) => [a - Scene3d.MARGIN, high[k] + Scene3d.MARGIN]);
+    return this.runs.flatMap((run) => instants.map((t) => Scene3d.posed(run.truss, stateOf(run, t))));
   }
 
   legend() {
@@ -172,10 +164,10 @@ class Page {
       const signal = run.signals.find((one) => one.name === name);
       if (!signal) return;
       units = signal.units;
-      const { inner, components } = signal, many = Scene3d.COLOURS.length;
+      const { inner, components } = signal, { COLOURS } = Scene3d;
       signal.values.forEach((y, k) => found.push({
         name: components[k] + (number ? `, ${run.name}` : ""), x: run.signalTime[0], y, alpha: number ? 0.45 : 1,
-        colour: Scene3d.COLOURS[Math.floor(k / inner) % many], dash: inner > 1 ? k % inner : Math.floor(k / many),
+        colour: COLOURS[Math.floor(k / inner) % COLOURS.length],
       }));
     });
     return [found, units];
@@ -257,13 +249,15 @@ async function begin() {
     throw new Error(`there is no t = ${asked.get(name)} s, the run is from ${page.start} to ${page.end} s`);
   };
   page.t = time("t", page.start);
-  at("follow").value = asked.get("follow") ?? (page.lost || page.scene.far ? "truss" : "nothing");
+  at("follow").value = asked.get("follow") ?? (page.scene.far ? "truss" : "nothing");
   page.scene.followed = at("follow").value;
   [at("time").min, at("time").max] = page.range;
   if (page.runs.length > 1) at("second").textContent = `faint curves: ${page.runs[1].name}`;
   page.legend();
-  if (asked.has("film")) page.film(...asked.get("film").split(",").map(Number).toSpliced(1, 0, time("end", page.end)));
-  else if (!asked.has("still")) chartsOf(page);
+  if (asked.has("film")) {
+    const [count, width, height] = asked.get("film").split(",").map(Number);
+    page.film(count, time("end", page.end), width, height);
+  } else if (!asked.has("still")) chartsOf(page);
   listen(page);
   page.show(page.t);
   window.page = page;

@@ -7,16 +7,16 @@ const Scene3d = (() => {
   const COLOURS = ["#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#8a8a8a", "#a16207"];
   const RODS = [["#8795a5", "#c3ced9"], ["#e0803c", "#fdba74"]]; // of either run, on light and on dark
   const THEMES = [
-    { back: "#eef2f6", grid: "#64748b", ghost: "#16a34a", text: "#334155", joint: "#334155" },
-    { back: "#0d1420", grid: "#94a3b8", ghost: "#4ade80", text: "#cbd5e1", joint: "#94a3b8" },
+    { back: "#eef2f6", grid: "#64748b", ghost: "#16a34a", text: "#334155", path: "#334155", link: "#dfe5ec" },
+    { back: "#0d1420", grid: "#94a3b8", ghost: "#4ade80", text: "#cbd5e1", path: "#94a3b8", link: "#e8edf3" },
   ];
   const ARROWS = [["force", "thrust", "N", 1, "#dc2626"], ["torque", "torque", "N·m", 2, "#a855f7"]];
   const CAMERAS = { // azimuth and elevation of the eye [rad]
     oblique: [-2.08, 0.42], front: [-Math.PI / 2, 0.06], side: [0, 0.06], top: [-Math.PI / 2, Math.PI / 2],
   };
   const LONGEST = 2.5; // longest arrow [m]
-  const MARGIN = 1.2; // around everything visible [m]
-  const CLOSE = 1.1; // half of the visible width at a followed robot [m]
+  const MARGIN = 0.5; // around everything visible [m]
+  const CLOSE = 0.8; // half of the visible width at a followed robot [m]
   const FAR = 30; // a motion of more truss sizes than this would shrink the truss to a dot [-]
   const LOST = 1e5; // points farther away are not drawn [m]
   const SHADOW = 2048; // width of the shadow map [pixel]
@@ -104,6 +104,7 @@ const Scene3d = (() => {
 
   // ---- parts: capsules are [one end, its radius, other end, its radius, roundness of the ends, colour] ---
 
+  const cornersOf = ({ points, arms }) => [...points, ...arms.flatMap((arm) => arm.corners)];
   const lengthsOf = (points) => points.slice(1).map((b, k) => Math.hypot(...sum(b, points[k], -1)));
   const ball = (place, radius, colour) => [place, radius, place, radius, 1, colour];
 
@@ -111,7 +112,7 @@ const Scene3d = (() => {
   function radiiOf(truss) {
     const spans = [0, 1, 2].map((k) => truss.points.map((point) => point[k]));
     const half = spans.map((at) => (Math.max(...at) - Math.min(...at)) / 2);
-    const rod = Math.min(0.05, Math.max(0.005, Math.max(...half) / 220));
+    const rod = Math.min(0.05, Math.max(0.005, Math.max(...half) / 180));
     const degree = truss.points.map(() => 0);
     for (const pair of truss.rods) for (const end of pair) degree[end]++;
     return { half, rod, nodes: truss.points.map((_, k) => k).filter((k) => degree[k] > 2) };
@@ -124,10 +125,10 @@ const Scene3d = (() => {
     ];
   }
 
-  function armOf(arm, { chain }, joint) { // links, with its joints in another colour
+  function armOf(arm, { chain }, link) { // links have a colour of their own
     const reach = lengthsOf(chain).reduce((a, b) => a + b, 0), radius = arm.solid.drawn ? 0.004 : 0.035 * reach;
-    const links = chain.slice(1).map((b, k) => [chain[k], radius, b, radius, 1]);
-    return arm.solid.drawn ? links : [...links, ...chain.slice(0, -1).map((at) => ball(at, 1.35 * radius, joint))];
+    const links = chain.slice(1).map((b, k) => [chain[k], radius, b, radius, 1, link]);
+    return arm.solid.drawn ? links : [...links, ...chain.slice(0, -1).map((at) => ball(at, 1.35 * radius))];
   }
 
   function edgesOf(corners) { // of a box, whose corners are numbered by the signs of z, y and x
@@ -193,7 +194,7 @@ const Scene3d = (() => {
       if (ground == 1) {
         float fade = 1.0 - smoothstep(0.35, 1.0, length(place.xy) / reach);
         vec2 at = place.xy + origin;
-        float mark = max(0.22 * lines(at, size), 0.5 * lines(at, 5.0 * size)), dark = 0.3 * (1.0 - lit(place));
+        float mark = max(0.06, max(0.22 * lines(at, size), 0.5 * lines(at, 5.0 * size))), dark = 0.3 * (1.0 - lit(place));
         vec3 colour = mix(grid, vec3(0), dark / max(mark + dark, 1e-4));
         shown = vec4(colour, fade * max(mark, dark) * (gl_FrontFacing ? 1.0 : 0.3));
         return;
@@ -257,8 +258,8 @@ const Scene3d = (() => {
 
   class Scene {
     // `runs` have a name and a truss, `states` their first state (see `posed`; with force and torque of the bases);
-    // `bounds` are the extent of the motion [m], `paths` those of the roots, `longest` the largest force and torque.
-    constructor(element, runs, states, { target, bounds, paths = [], longest = {}, camera = "oblique", dark = false }) {
+    // `cloud` are points that the picture shows [m], `paths` those of the roots, `longest` the largest force and torque.
+    constructor(element, runs, states, { target, cloud = [], paths = [], longest = {}, camera = "oblique", dark = false }) {
       this.element = element;
       this.canvas = element.appendChild(document.createElement("canvas"));
       this.over = element.appendChild(document.createElement("canvas")); // axes, and text of films
@@ -271,10 +272,10 @@ const Scene3d = (() => {
       this.moved = [0, 0, 0]; // of the camera's target, by the reader [m]
       this.sizes = runs.map(({ truss }) => radiiOf(truss));
       this.goal = target && posed(runs[0].truss, target, 0);
-      this.half = this.sizes[0].half.map((a) => a + MARGIN);
+      this.half = this.sizes[0].half.map((a) => a + 2 * MARGIN);
       this.poses = runs.map(({ truss }, k) => posed(truss, states[k], 1));
-      const middle = mean(this.poses[0].points);
-      this.bounds = bounds ?? middle.map((a, k) => [a - 1.6 * this.half[k], a + 1.6 * this.half[k]]);
+      this.cloud = [...cloud, ...this.poses, this.goal].flatMap((pose) => (pose ? cornersOf(pose).filter(near) : []));
+      this.bounds = [0, 1, 2].map((k) => this.cloud.reduce(([a, b], p) => [Math.min(a, p[k]), Math.max(b, p[k])], [Infinity, -Infinity]));
       this.prepare();
       this.states = states;
       this.look(camera);
@@ -388,7 +389,7 @@ const Scene3d = (() => {
 
     // All parts by name: capsules, or corners and triangles; `layer` 0 is opaque, higher ones are transparent.
     parts() {
-      const parts = [], { ghost, joint } = THEMES[+this.dark], several = this.runs.length > 1;
+      const parts = [], { ghost, path: trail, link } = THEMES[+this.dark], several = this.runs.length > 1;
       const part = (name, colour, capsules, more = {}) =>
         parts.push({ name, legend: name, colour, alpha: 1, layer: 0, capsules, faces: [], ...more });
       this.runs.forEach(({ name, truss }, number) => {
@@ -396,8 +397,8 @@ const Scene3d = (() => {
         part(`truss${several ? `, ${name}` : ""}`, RODS[number][+this.dark], trussOf(truss, pose, this.sizes[number]), look);
         truss.arms.forEach((arm, k) => {
           const robot = `robot ${k + 1}`, colour = COLOURS[k % COLOURS.length], { corners } = pose.arms[k];
-          part(robot, colour, armOf(arm, pose.arms[k], joint), look);
-          const glass = arm.solid.drawn ? look : number ? { alpha: 0.25, layer: 3 } : { alpha: 0.5, layer: 1 };
+          part(robot, colour, armOf(arm, pose.arms[k], link), look);
+          const glass = arm.solid.drawn ? look : number ? { alpha: 0.2, layer: 3 } : { alpha: 0.32, layer: 1 };
           part(`base ${k + 1}`, colour, [], { ...glass, legend: robot, corners, faces: arm.solid.faces });
           if (!arm.solid.drawn) part(`edges ${k + 1}`, colour, edgesOf(corners), { ...look, legend: robot });
         });
@@ -410,7 +411,7 @@ const Scene3d = (() => {
           part(`${what}, at most ${Number(this.longest[key].toPrecision(3))} ${unit}`, colour, each.flat(), look);
         }
         const path = this.paths[number] ?? [], radius = 0.6 * this.sizes[number].rod;
-        part("path of the root", number ? RODS[1][0] : joint, path.slice(1).map((b, k) => [path[k], radius, b, radius, 1]));
+        part("path of the root", number ? RODS[1][0] : trail, path.slice(1).map((b, k) => [path[k], radius, b, radius, 1]));
       });
       if (this.goal) {
         const { truss } = this.runs[0], look = { alpha: 0.3, layer: 2 };
@@ -432,14 +433,15 @@ const Scene3d = (() => {
       this.draw();
     }
 
-    // Centre and half sides of the box that the camera shows at zoom 1 [m].
-    box() {
-      const whole = this.bounds.map(([low, high]) => [(low + high) / 2, (high - low) / 2]);
-      if (this.followed === "nothing") return [whole.map(([a]) => a), whole.map(([, a]) => a)];
+    // Centre and relative positions of the points that the camera shows at zoom 1 [m].
+    around() {
+      const middle = this.bounds.map(([low, high]) => (low + high) / 2);
+      if (this.followed === "nothing") return [middle, this.cloud.map((point) => sum(point, middle, -1))];
       const { points, arms } = this.poses[0], truss = this.followed === "truss";
       const centre = mean(truss ? points : arms[Number(this.followed)].chain);
       if (near(centre)) this.seen = centre;
-      return [this.seen ?? whole.map(([a]) => a), truss ? this.half : [CLOSE, CLOSE, CLOSE]];
+      const half = truss ? this.half : [CLOSE, CLOSE, CLOSE];
+      return [this.seen ?? middle, [0, 1, 2, 3, 4, 5, 6, 7].map((k) => half.map((a, axis) => (k & (1 << axis) ? a : -a)))];
     }
 
     // Coordinates on the screen are relative to the target of the camera: single precision suffices far away.
@@ -475,16 +477,17 @@ const Scene3d = (() => {
       if (!(width && height)) return;
       const { gl, canvas } = this, theme = THEMES[+this.dark];
       for (const one of [canvas, this.over]) [one.width, one.height] = [Math.round(width * density), Math.round(height * density)];
-      const [centre, half] = this.box(), target = sum(centre, this.moved), axes = axesOf(...this.angles);
+      const [centre, offsets] = this.around(), target = sum(centre, this.moved), axes = axesOf(...this.angles);
       const tangents = [(Math.tan(VIEW / 2) * width) / height, Math.tan(VIEW / 2)];
-      let fit = 0; // distance from which all corners of the box are visible
-      for (let k = 0; k < 8; k++) {
-        const corner = half.map((a, axis) => (k & (1 << axis) ? a : -a)), z = dot(axes[2], corner);
-        fit = Math.max(fit, ...[0, 1].map((i) => z + Math.abs(dot(axes[i], corner)) / tangents[i]));
+      let fit = 0, size = MARGIN; // distance from which all points are visible, and the radius around them
+      for (const offset of offsets) {
+        const z = dot(axes[2], offset);
+        for (const i of [0, 1]) fit = Math.max(fit, z + (Math.abs(dot(axes[i], offset)) + MARGIN) / tangents[i]);
+        size = Math.max(size, Math.hypot(...offset));
       }
       this.distance = fit * this.zoom;
-      const size = Math.hypot(...half), eye = axes[2].map((a) => a * this.distance);
-      this.floor = Math.max(this.bounds[2][0], centre[2] - 3 * size);
+      const eye = axes[2].map((a) => a * this.distance);
+      this.floor = Math.max(this.bounds[2][0] - MARGIN, centre[2] - 3 * size);
       this.reach = 4 * size;
       const low = this.distance / 100, high = this.distance + 2.2 * this.reach, depth = low - high;
       const lens = [1 / tangents[0], 0, 0, 0, 0, 1 / tangents[1], 0, 0, 0, 0, (low + high) / depth, -1, 0, 0, (2 * low * high) / depth, 0];
@@ -562,6 +565,7 @@ const Scene3d = (() => {
       context.fillText(`grid ${cell} m`, 74, high - 14);
       if (this.caption) context.fillText(this.caption, 14, 22);
       ["#dc2626", "#16a34a", "#2563eb"].forEach((colour, k) => {
+        if (Math.hypot(axes[0][k], axes[1][k]) < 0.15) return; // it points to the eye
         const [x, y] = [38 + 22 * axes[0][k], high - 38 - 22 * axes[1][k]];
         context.strokeStyle = colour;
         context.lineWidth = 2;
@@ -582,5 +586,5 @@ const Scene3d = (() => {
     }
   }
 
-  return { Scene, posed, CAMERAS, COLOURS, ARROWS, LOST, MARGIN, near };
+  return { Scene, posed, CAMERAS, COLOURS, near };
 })();

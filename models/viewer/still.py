@@ -82,7 +82,45 @@ def still(
     ModelError
         If there is no such page, camera or instant, no Chromium or Chrome, or it cannot show the page.
     """
-    check_choice("camera", camera, CAMERAS)
+    asked = {
+        "t": time,
+        "camera": camera,
+        "still": size[1],
+        "exaggeration": exaggeration,
+    }
+    with replaced(picture) as partial:
+        done = browsed(
+            page, asked, size, "--hide-scrollbars", f"--screenshot={partial}"
+        )
+        if not partial.is_file():
+            raise ModelError(
+                f"cannot take a picture of '{page}': {done.stderr.strip()[-500:]}"
+            )
+    return Path(picture)
+
+
+def browsed(
+    page: str | Path, asked: dict[str, object], size: tuple[int, int], *options: str
+) -> subprocess.CompletedProcess[str]:
+    """Show a page in a headless browser, and return the output of the browser.
+
+    Parameters
+    ----------
+    page : str or pathlib.Path
+        Page to show.
+    asked : dict
+        Settings of the page by name; those that are None are omitted.
+    size : tuple of int
+        Width and height of the window [pixel].
+    *options : str
+        Further options of the browser.
+
+    Raises
+    ------
+    ModelError
+        If there is no such page or camera, no Chromium or Chrome, or it cannot show the page.
+    """
+    check_choice("camera", str(asked["camera"]), CAMERAS)
     program, source = browser(), Path(page).resolve()
     if not source.is_file():
         raise ModelError(
@@ -93,43 +131,32 @@ def still(
             "cannot take a picture: no Chromium or Chrome is found; install one (package chromium), or set "
             "BROWSER_PATH to its program"
         )
-    asked = {
-        "t": time,
-        "camera": camera,
-        "still": size[1],
-        "exaggeration": exaggeration,
-    }
     words = urlencode({key: value for key, value in asked.items() if value is not None})
     try:
-        with replaced(picture) as partial, tempfile.TemporaryDirectory() as profile:
+        with tempfile.TemporaryDirectory() as profile:
             command = [
                 program,
                 "--headless",
                 *launch_options(),
-                "--hide-scrollbars",
                 f"--user-data-dir={profile}",
                 f"--window-size={size[0]},{size[1]}",
                 "--virtual-time-budget=60000",
                 "--enable-logging=stderr",
-                f"--screenshot={partial}",
+                *options,
                 f"{source.as_uri()}#{words}",
             ]
             done = subprocess.run(
                 command, capture_output=True, text=True, timeout=TIME_LIMIT, check=False
             )
-            said = PAGE_STATUS.search(done.stderr)
-            if said is None or said[1]:
-                # a browser also takes pictures of its error pages
-                why = (
-                    "replay did not write it, or the browser failed"
-                    if said is None
-                    else f"it {said[1]}"
-                )
-                raise ModelError(f"cannot take a picture of '{page}': {why}")
-            if not partial.is_file():
-                raise ModelError(
-                    f"cannot take a picture with '{program}': {done.stderr.strip()[-500:]}"
-                )
     except (OSError, subprocess.SubprocessError) as error:
         raise ModelError(f"cannot take a picture with '{program}': {error}") from error
-    return Path(picture)
+    status = PAGE_STATUS.search(done.stderr)
+    if status is None or status[1]:
+        # a browser also takes pictures of its error pages
+        why = (
+            "replay did not write it, or the browser failed"
+            if status is None
+            else f"it {status[1]}"
+        )
+        raise ModelError(f"cannot take a picture of '{page}': {why}")
+    return done

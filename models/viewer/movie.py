@@ -1,0 +1,138 @@
+"""Films of a page, from frames by a headless browser."""
+
+from __future__ import annotations
+
+import base64
+import io
+import re
+import shutil
+import subprocess
+from pathlib import Path
+
+from trussflow.blocks.support.files import replaced
+from trussflow.models.errors import ModelError
+from trussflow.models.validation import check_number
+from trussflow.models.viewer.still import browsed
+
+VIDEO_OPTIONS = {
+    ".mp4": ("-pix_fmt", "yuv420p", "-movflags", "+faststart"),
+    ".webm": ("-c:v", "libvpx-vp9", "-crf", "30", "-b:v", "0"),
+}
+"""Options of ffmpeg, keyed by the suffix of the file."""
+FRAME_RATE = 15.0  # 1/s
+GIF_COLOURS = 128
+"""Number of colours of an animated GIF [-]."""
+FRAME = re.compile(r"data:image/png;base64,([A-Za-z0-9+/=]+)")
+
+
+def movie(
+    page: str | Path,
+    path: str | Path,
+    *,
+    start: float | None = None,
+    end: float | None = None,
+    duration: float = 8.0,
+    camera: str = "oblique",
+    follow: str | None = None,
+    exaggeration: float | None = None,
+    size: tuple[int, int] = (960, 540),
+) -> Path:
+    """Write a film of the truss from a page by `replay`.
+
+    Parameters
+    ----------
+    page : str or pathlib.Path
+        Page to show.
+    path : str or pathlib.Path
+        File to write: ``.gif``, or ``.mp4`` or ``.webm``, which need the program ffmpeg.
+    start, end : float, optional
+        First and last instant of the run; by default those of the page [s].
+    duration : float
+        Duration of the film, at 15 frames per second [s].
+    camera : str
+        One of `CAMERAS`.
+    follow : str, optional
+        ``"nothing"``, ``"truss"`` or the number of a robot, counted from 0; by default that of the page.
+    exaggeration : float, optional
+        Exaggeration of the deformation, 1 to 500; by default that of the page [-].
+    size : tuple of int
+        Width and height, even numbers [pixel].
+
+    Returns
+    -------
+    pathlib.Path
+        Path of the film.
+
+    Raises
+    ------
+    ModelError
+        If the file has another suffix or ffmpeg is missing, or `still` would raise.
+    """
+    suffix, program = Path(path).suffix.lower(), shutil.which("ffmpeg")
+    if suffix != ".gif" and suffix not in VIDEO_OPTIONS:
+        raise ModelError(
+            f"cannot write the film '{path}': its name must end in .gif, .mp4 or .webm"
+        )
+    if suffix != ".gif" and program is None:
+        raise ModelError(
+            f"cannot write the film '{path}': the program ffmpeg is not found; install it, or write a .gif file"
+        )
+    check_number("movie", duration=duration)
+    count = max(2, round(duration * FRAME_RATE))
+    asked = {
+        "t": start,
+        "end": end,
+        "camera": camera,
+        "follow": follow,
+        "exaggeration": exaggeration,
+        "film": f"{count},{size[0]},{size[1]}",
+    }
+    text = browsed(page, asked, size, "--dump-dom").stdout
+    frames = [base64.b64decode(found[1]) for found in FRAME.finditer(text)]
+    if len(frames) != count:
+        raise ModelError(
+            f"cannot write the film '{path}': the browser returned {len(frames)} of {count} frames"
+        )
+    with replaced(path) as partial:
+        if suffix == ".gif":
+            partial.write_bytes(_animated(frames))
+        else:
+            _encoded(str(program), frames, partial, suffix)
+    return Path(path)
+
+
+def _animated(frames: list[bytes]) -> bytes:
+    """Return frames as an animated GIF; all have the colours of the middle one."""
+    from PIL import Image
+
+    images = [Image.open(io.BytesIO(frame)).convert("RGB") for frame in frames]
+    palette = images[len(images) // 2].quantize(GIF_COLOURS)
+    first, *others = [
+        image.quantize(palette=palette, dither=Image.Dither.NONE) for image in images
+    ]
+    raw, pause = io.BytesIO(), round(1000.0 / FRAME_RATE)
+    first.save(raw, "gif", save_all=True, append_images=others, duration=pause, loop=0)
+    return raw.getvalue()
+
+
+def _encoded(program: str, frames: list[bytes], path: Path, suffix: str) -> None:
+    """Write frames as a video by ffmpeg."""
+    source = ("-f", "image2pipe", "-framerate", str(FRAME_RATE), "-c:v", "png")
+    command = [
+        program,
+        "-loglevel",
+        "error",
+        *source,
+        "-i",
+        "-",
+        *VIDEO_OPTIONS[suffix],
+    ]
+    done = subprocess.run(
+        [*command, "-f", suffix[1:], "-y", str(path)],
+        input=b"".join(frames),
+        capture_output=True,
+        check=False,
+    )
+    if done.returncode:
+        why = done.stderr.decode(errors="replace").strip()[-500:]
+        raise ModelError(f"cannot write the film: ffmpeg failed: {why}")
