@@ -35,7 +35,7 @@ def movie(
     camera: str = "oblique",
     follow: str | None = None,
     exaggeration: float | None = None,
-    size: tuple[int, int] = (960, 540),
+    size: tuple[int, int] = (800, 450),
 ) -> Path:
     """Write a film of the truss from a page by `replay`.
 
@@ -106,7 +106,8 @@ def _animated(frames: list[bytes]) -> bytes:
     from PIL import Image
 
     images = [Image.open(io.BytesIO(frame)).convert("RGB") for frame in frames]
-    palette = images[len(images) // 2].quantize(GIF_COLOURS)
+    # a median cut would mix the colours of robots
+    palette = images[len(images) // 2].quantize(GIF_COLOURS, Image.Quantize.FASTOCTREE)
     first, *others = [
         image.quantize(palette=palette, dither=Image.Dither.NONE) for image in images
     ]

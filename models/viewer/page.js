@@ -81,11 +81,11 @@ class Page {
     return longest;
   }
 
-  path({ time, root }) { // of the root, as points a centimetre apart
-    const found = [], every = Math.max(1, Math.ceil(time[0].length / 300));
+  path({ time, root }) { // of the root, as points some centimetres apart
+    const found = [], every = Math.max(1, Math.ceil(time[0].length / 400));
     for (let i = 0; i < time[0].length; i += every) {
       const point = row(root.slice(0, 3), i), last = found.at(-1);
-      if (Scene3d.near(point) && (!last || Math.hypot(...point.map((a, k) => a - last[k])) > 0.01)) found.push(point);
+      if (Scene3d.near(point) && (!last || Math.hypot(...point.map((a, k) => a - last[k])) > 0.1)) found.push(point);
     }
     return found;
   }

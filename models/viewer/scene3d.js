@@ -151,6 +151,7 @@ const Scene3d = (() => {
   const PLACED = `#version 300 es
     precision highp float;
     uniform mat4 clip;
+    invariant gl_Position; // depths are equal in all programs
     out vec3 place, normal; out vec4 tint;`;
   const CAPSULES = `${PLACED}
     layout(location=0) in vec4 corner; // angle around, elevation [rad], end, whether it is of the side
@@ -179,12 +180,12 @@ const Scene3d = (() => {
     in vec3 place, normal; in vec4 tint; out vec4 shown;
     uniform sampler2DShadow depths; uniform mat4 sun; uniform vec3 light, eye, grid; uniform vec2 origin;
     uniform float reach, size; uniform int ground;
-    float lit(vec3 at) { // share of the light that arrives, filtered over nine texels
+    float lit(vec3 at) { // share of the light that arrives, filtered over some texels
       vec3 seen = (sun * vec4(at, 1)).xyz * 0.5 + 0.5; float found = 0.0;
       if (any(greaterThan(abs(seen - 0.5), vec3(0.5)))) return 1.0;
-      for (int i = -1; i < 2; i++) for (int j = -1; j < 2; j++)
+      for (float i = -0.75; i < 1.0; i += 1.5) for (float j = -0.75; j < 1.0; j += 1.5)
         found += texture(depths, vec3(seen.xy + vec2(i, j) / ${SHADOW}.0, seen.z));
-      return found / 9.0;
+      return mix(found / 4.0, 1.0, smoothstep(0.35, 0.5, length(seen.xy - 0.5)));
     }
     float lines(vec2 at, float cell) {
       vec2 part = at / cell, wide = fwidth(part), off = abs(fract(part - 0.5) - 0.5) / max(wide, 1e-6);
@@ -202,7 +203,8 @@ const Scene3d = (() => {
       vec3 n = normal == vec3(0) ? cross(dFdx(place), dFdy(place)) : normal, view = normalize(eye - place);
       n = normalize(n);
       if (dot(n, view) < 0.0) n = -n;
-      float key = max(dot(n, light), 0.0) * lit(place + n * 0.004 * reach / 20.0);
+      float key = max(dot(n, light), 0.0);
+      if (key > 0.0) key *= lit(place + n * 0.0002 * reach);
       float gloss = pow(max(dot(n, normalize(light + view)), 0.0), 48.0) * key;
       float rim = 0.18 * pow(1.0 - dot(n, view), 3.0), sky = 0.36 + 0.2 * n.z;
       vec3 base = pow(tint.rgb, vec3(2.2)), colour = base * (sky + 0.78 * key) + 0.22 * gloss + rim * (base + 0.15);
@@ -230,14 +232,14 @@ const Scene3d = (() => {
     return { program, places };
   }
 
-  function capsuleMesh(sides = 14) { // rows from one pole to the other; rows at the rims are double
+  function capsuleMesh(sides = 12) { // rows from one pole to the other; rows at the rims are double
     const corners = [], faces = [], up = Math.PI / 2;
     const rows = [[-up, 0, 0], [-up / 2, 0, 0], [0, 0, 0], [0, 0, 1], [0, 1, 1], [0, 1, 0], [up / 2, 1, 0], [up, 1, 0]];
     rows.forEach((row, r) => {
       for (let s = 0; s <= sides; s++) {
         corners.push((2 * Math.PI * s) / sides, ...row);
         const k = r * (sides + 1) + s;
-        if (r && s) faces.push(k - sides - 2, k - sides - 1, k, k - sides - 2, k, k - 1);
+        if (s && r && r !== 3 && r !== 5) faces.push(k - sides - 2, k - sides - 1, k, k - sides - 2, k, k - 1);
       }
     });
     return [new Float32Array(corners), new Uint16Array(faces)];
@@ -492,7 +494,7 @@ const Scene3d = (() => {
       const low = this.distance / 100, high = this.distance + 2.2 * this.reach, depth = low - high;
       const lens = [1 / tangents[0], 0, 0, 0, 0, 1 / tangents[1], 0, 0, 0, 0, (low + high) / depth, -1, 0, 0, (2 * low * high) / depth, 0];
       const clip = product(lens, seenFrom(axes, eye));
-      const light = SUN.map((a) => a / Math.hypot(...SUN)), wide = 1.5 * size;
+      const light = SUN.map((a) => a / Math.hypot(...SUN)), wide = 2.2 * size;
       const flat = [1 / wide, 0, 0, 0, 0, 1 / wide, 0, 0, 0, 0, -1 / (5 * size), 0, 0, 0, 0, 1];
       const sun = product(flat, seenFrom(axesOf(Math.atan2(light[1], light[0]), Math.asin(light[2])), [0, 0, 0]));
       const { layers, ground } = this.upload(this.parts(), target);
@@ -548,11 +550,12 @@ const Scene3d = (() => {
       gl.bindVertexArray(this.arrays[1]);
       gl.drawElements(gl.TRIANGLES, 6, gl.UNSIGNED_INT, 4 * ground);
       gl.depthMask(true);
-      for (const layer of layers.slice(1)) // first the depths alone, so that only the nearest surface is blended
-        for (const visible of [false, true]) {
-          gl.colorMask(visible, visible, visible, visible);
-          bodies(layer, "", clip);
-        }
+      for (const layer of layers.slice(1)) { // first the depths alone, so that only the nearest surface is blended
+        gl.colorMask(false, false, false, false);
+        bodies(layer, "shadow", clip);
+        gl.colorMask(true, true, true, true);
+        bodies(layer, "", clip);
+      }
       this.annotate(axes, cell, density);
     }
 
