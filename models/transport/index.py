@@ -5,9 +5,9 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from trussflow.blocks.framework.units import readable
 from trussflow.models.parameter_files import ParameterTable
 from trussflow.models.plant.space_truss import ARMS, STRUCTURES
+from trussflow.models.reporting.quantities import shortened
 from trussflow.models.reporting.tables import html_table
 from trussflow.models.transport.figures import DRAWINGS
 from trussflow.models.transport.mission_file import MissionFile
@@ -104,6 +104,6 @@ def _parameters(mission_file: MissionFile, result: xr.Dataset) -> list[tuple[str
         (where, f"{value} {unit}", source) for where, value, unit, source in listed
     ]
     return [
-        (where, readable(value.removesuffix(" 1")), source)
+        (where, shortened(value.removesuffix(" 1")), source)
         for where, value, source in rows
     ]

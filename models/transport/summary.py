@@ -6,12 +6,12 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from trussflow.blocks.framework.units import readable
 from trussflow.models.reporting.metrics import (
     largest_component,
     largest_norm,
     tracking_metrics,
 )
+from trussflow.models.reporting.quantities import prefixed
 from trussflow.models.reporting.tables import text_table
 from trussflow.models.transport.mission import Mission
 
@@ -94,7 +94,7 @@ TITLES = ("figure (largest component)", "value", "unit")
 
 def cells(figures: list[FigureOfMerit]) -> list[tuple[str, ...]]:
     """Return the figures as rows of a table under `TITLES`."""
-    return [(f.name, f"{f.value:.3e}", readable(f.unit)) for f in figures]
+    return [(f.name, *prefixed(f.value, f.unit)) for f in figures]
 
 
 def table(figures: list[FigureOfMerit]) -> str:

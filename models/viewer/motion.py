@@ -24,6 +24,8 @@ FRAME_TIME = 0.02
 """Least time between instants of the picture [s]."""
 PICTURE_NUMBERS, CHART_NUMBERS = 800_000, 1_700_000
 """Numbers per page if they compress well; longer runs are shown at fewer instants [-]."""
+PICTURE_PRIORITY = 3.0
+"""Factor by which charts lose instants before the picture does [-]."""
 MIN_INSTANTS = 50
 """Instants of a short run in the picture, if logged [-]."""
 FLOAT32_JOINT_LIMIT = 4.0
@@ -186,7 +188,8 @@ class Motion:
             for port in ("base_force", "base_torque")
         )
         shown = self._instants(
-            len(self.coordinates) + 2 * size, share * PICTURE_NUMBERS
+            len(self.coordinates) + 2 * size,
+            min(1.0, PICTURE_PRIORITY * share) * PICTURE_NUMBERS,
         )
         root, joints, modes = np.split(
             self.coordinates[:, shown],

@@ -487,7 +487,7 @@ const Scene3d = (() => {
         for (const i of [0, 1]) fit = Math.max(fit, z + (Math.abs(dot(axes[i], offset)) + MARGIN) / tangents[i]);
         size = Math.max(size, Math.hypot(...offset));
       }
-      this.distance = fit * this.zoom;
+      Object.assign(this, { target, distance: fit * this.zoom });
       const eye = axes[2].map((a) => a * this.distance);
       this.floor = Math.max(this.bounds[2][0] - MARGIN, centre[2] - 3 * size);
       this.reach = 4 * size;

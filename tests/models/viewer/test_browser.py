@@ -1,7 +1,6 @@
 """Pages as a browser shows them: positions, what is visible, what moves, what the controls do."""
 
 import io
-from collections import defaultdict
 from dataclasses import replace
 from itertools import product
 
@@ -27,18 +26,18 @@ LONGEST = 2.5  # m; of the arrows
 ARROWS = {"base_force": "thrust", "base_torque": "torque"}
 
 DRAWN = """(t) => {
-  const points = ({ x, y, z }) => x.map((_, i) => [x[i], y[i], z[i]]);
-  const value = (trace) => ({ name: trace.name, type: trace.type, points: points(trace) });
-  return page.show(t).then(() => document.getElementById("picture").data.map(value));
+  page.show(t);
+  const ends = ([a, , b]) => [a, b];
+  return page.scene.parts().map(({ name, capsules, corners }) =>
+    [name, capsules.map(ends), (corners ?? []).map((point) => Array.from(point))]);
 }"""
 
 
 def drawn(page, t):
-    """Return the points of what the page draws at an instant, by name; meshes are bases."""
-    found = defaultdict(list)
-    for trace in page.evaluate(DRAWN, t):
-        name = "base" if trace["type"] == "mesh3d" else trace["name"]
-        found[name].append(np.array(trace["points"], dtype=float))
+    """Return the ends of the capsules, or the corners of the triangles, that the page draws at an instant, by name."""
+    found = {}
+    for name, capsules, corners in page.evaluate(DRAWN, t):
+        found.setdefault(name, np.array(capsules or corners, dtype=float))
     return found
 
 
@@ -76,10 +75,8 @@ def check_positions(page, truss, rods, run):
                 points, q[:3] + expected @ rotation.T, rtol=0, atol=TOLERANCE
             )
 
-        (segments,) = shown["truss"]
         check(
-            segments.reshape(-1, 3, 3)[:, :2],
-            (modes.positions + modes.shapes @ modal)[rods],
+            shown["truss"][: len(rods)], (modes.positions + modes.shapes @ modal)[rods]
         )
         first = end
         for k, arm in enumerate(dynamics.arms):
@@ -88,7 +85,9 @@ def check_positions(page, truss, rods, run):
             terms = arm_terms(
                 arm, angles, 0.0 * angles, hand.rotation, hand.position, rigid, rigid
             )
-            (chain,) = shown[f"robot {k + 1}"]
+            links = shown[f"robot {k + 1}"][: arm.joints + 1]
+            assert_allclose(links[1:, 0], links[:-1, 1])
+            chain = np.concatenate([links[:1, 0], links[:, 1]])
             check(chain[[0, -1]], np.stack([hand.position, terms.base_position]))
             # A joint that turns lies on its axis: the screw is (p x axis, axis) for each of its points p.
             turns = ~np.array(arm.sliding, dtype=bool)
@@ -103,17 +102,17 @@ def check_positions(page, truss, rods, run):
                 corners = seen(
                     arm, angles, hand.rotation @ arm.hand_rotation, hand.position
                 )
-            check(shown["base"][k], corners)
+            check(shown[f"base {k + 1}"], corners)
             for name, longest in pushes.items():
                 push = run[f"truss.{name}"].values[i, k] * LONGEST / longest
-                (arrow,) = (
-                    points
-                    for part, (points, *_) in shown.items()
+                (arrow,) = (  # its last capsule ends at the tip
+                    capsules
+                    for part, capsules in shown.items()
                     if part.startswith(ARROWS[name])
                 )
                 each = len(arrow) // len(dynamics.arms)
                 check(
-                    arrow[each * k + 1],
+                    arrow[each * (k + 1) - 1, 1],
                     terms.base_position + terms.base_rotation @ push,
                 )
             first += arm.joints
@@ -163,15 +162,15 @@ def changes(first, second):
     return (np.abs(first - second).max(axis=2) > 40.0).sum()
 
 
-def count(picture, colour, distance=40.0):
-    """Return how many pixels have about a colour."""
-    wanted = np.array([int(colour[k : k + 2], 16) for k in (1, 3, 5)])
-    return (np.abs(picture - wanted).max(axis=2) < distance).sum()
-
-
-RODS = {"light": "#5a6b7b", "dark": "#b8c6d4"}
-THRUST, TORQUE = "#dc2626", "#a855f7"
-ROBOTS = "#0072B2", "#D55E00", "#009E73", "#CC79A7"
+def without(page, name):
+    """Return which pixels show a part: those that change when its entry of the legend is clicked."""
+    entry = page.locator("#legend .entry", has_text=name)
+    before = pixels(page)
+    entry.click()
+    change = np.abs(pixels(page) - before).max(axis=2) > 20.0
+    entry.click()
+    assert changes(pixels(page), before) == 0
+    return change
 
 
 @pytest.mark.parametrize("scheme", ["light", pytest.param("dark", marks=campaign)])
@@ -183,22 +182,94 @@ def test_all_of_it_is_seen_and_moves(window, scheme):
     assert page.evaluate("getComputedStyle(document.body).backgroundColor") == (
         "rgb(17, 24, 39)" if scheme == "dark" else "rgb(255, 255, 255)"
     )
-    # Without the legend: what is counted is the picture.
-    page.evaluate("Plotly.relayout('picture', { showlegend: false })")
     before = pixels(page)
-    for colour, least in ((RODS[scheme], 1500), (THRUST, 100), (TORQUE, 100)):
-        assert count(before, colour) > least, colour
-    for colour in ROBOTS:
-        assert count(before, colour, 60.0) > 60, colour
-    still_there = pixels(page)
+    names = [f"robot {k}" for k in range(1, 5)]
+    for name in ("truss", *names, "thrust", "torque", "path of the root", "target"):
+        least = 1500 if name == "truss" else 60
+        assert without(page, name).sum() > least, name
     page.evaluate("page.show(5)")
     after = pixels(page)
-    assert changes(still_there, before) == 0
     assert changes(after, before) > 2000
     page.locator("#exaggeration").fill("500")
     assert changes(pixels(page), after) > 1000
-    for chart in page.locator(".chart .plot").all():
-        assert len(chart.locator(".scatterlayer .trace").all()) >= 1
+    for axes in page.locator(".chart .axes").all():
+        raw = axes.screenshot()
+        image = imread(io.BytesIO(raw), format="png")[..., :3]
+        assert (np.ptp(image, axis=2) > 0.3).sum() > 100  # coloured curves
+    assert window.complaints == []
+
+
+@pytest.mark.parametrize("camera", ["oblique", pytest.param("side", marks=campaign)])
+def test_bodies_are_where_a_pinhole_camera_sees_them(opened, page_file, camera):
+    """The pixels of a base are those of the projections of its corners."""
+    window = opened(900, 700)
+    page = window.open(page_file, t=3, camera=camera, exaggeration=1)
+    for name in ("truss", "thrust", "torque", "path of the root", "target"):
+        page.locator("#legend .entry", has_text=name).click()
+    (azimuth, elevation), distance, target = page.evaluate(
+        "[page.scene.angles, page.scene.distance, page.scene.target]"
+    )
+    turn = fixed_rotation(np.array([0.0, 0.0, azimuth])) @ fixed_rotation(
+        np.array([0.0, -elevation, 0.0])
+    )
+    back, right, up = turn.T
+    box = page.locator("#picture").bounding_box()
+    for k in (1, 4):
+        arm = drawn(page, 3.0)[f"base {k}"] - target
+        depth = distance - arm @ back
+        unit = box["height"] / 2.0 / np.tan(0.55 / 2.0) / depth
+        x, y = (
+            box["width"] / 2.0 + unit * (arm @ right),
+            box["height"] / 2.0 - unit * (arm @ up),
+        )
+        rows, columns = np.nonzero(without(page, f"robot {k}"))
+        # The arm and a shadow may stick out: the corners themselves are compared.
+        for i in np.flatnonzero(depth < depth.mean()):
+            near = np.hypot(columns - x[i], rows - y[i]).min()
+            assert near < 4.0, (k, i)
+    assert window.complaints == []
+
+
+def test_equal_curves_are_told_apart(opened, truss, run, tmp_path):
+    """They share one line and one entry of the legend; curves of other values have their own."""
+    values = run["truss.base_torque"].values.copy()
+    values[:, 1] = values[:, 0]
+    values[:, 2, 0] = values[:, 2, 1]
+    equal = run.assign(
+        {"truss.base_torque": run["truss.base_torque"].copy(data=values)}
+    )
+    window = opened()
+    page = window.open(replay(equal, truss, tmp_path / "equal.html"))
+    entries = page.locator(".chart").nth(2).locator(".entry").all_inner_texts()
+    assert sorted(entries) == sorted(
+        [f"robot 1 {a} = robot 2 {a}" for a in "xyz"]
+        + ["robot 3 x = robot 3 y", "robot 3 z"]
+        + [f"robot 4 {a}" for a in "xyz"]
+    )
+    widths = page.evaluate(
+        "[...document.querySelectorAll('.legend')].map((l) => l.scrollWidth - l.clientWidth)"
+    )
+    assert max(widths) <= 0
+    assert window.complaints == []
+
+
+def test_axes_have_prefixes(opened, truss, run, tmp_path):
+    """Values in the unit of the axis, times its prefix, are those of the result."""
+    scales = {"truss.energy": (2e-6, "µJ"), "law.error": (1.0, "10⁻³ m, rad")}
+    scaled = run.assign({name: run[name] * size for name, (size, _) in scales.items()})
+    for name in scales:
+        scaled[name].attrs = run[name].attrs
+    window = opened()
+    page = window.open(replay(scaled, truss, tmp_path / "small.html"))
+    for name, (_, unit) in scales.items():
+        shown = page.evaluate(
+            "(name) => { const c = page.charts[0]; c.show(...page.curves(name), page.range);"
+            " return [c.units, c.power, Math.max(...c.curves.map(({ y }) => Math.max(...y)))]; }",
+            name,
+        )
+        assert shown[0] == unit
+        assert 10.0 ** shown[1] == (1e-6 if name == "truss.energy" else 1e-3)
+        assert shown[2] == pytest.approx(scaled[name].values.max(), rel=1e-4)
     assert window.complaints == []
 
 
@@ -219,37 +290,53 @@ def test_controls(window):
     # A chart: its middle is the middle of the run, a click goes there, and so does the line in all charts.
     chart = page.locator(".chart .plot").nth(1)
     box = chart.bounding_box()
-    page.mouse.move(box["x"] + 62 + (box["width"] - 174) / 2, box["y"] + 70)
+    middle = box["x"] + 52 + (box["width"] - 62) / 2
+    page.mouse.move(middle, box["y"] + 70)
     page.mouse.down()
     page.mouse.up()
     page.wait_for_function("Math.abs(page.t - 4) < 0.05")
     lines = [line.bounding_box()["x"] for line in page.locator(".cursor").all()]
     assert max(lines) - min(lines) < 1.0
-    assert abs(lines[0] - box["x"] - 62 - (box["width"] - 174) / 2) < 3.0
-    # Zooming one zooms all; another signal can be had.
-    page.evaluate(
-        "Plotly.relayout(page.charts[0].place, { 'xaxis.range[0]': 2, 'xaxis.range[1]': 3 })"
-    )
-    page.wait_for_function(
-        "page.charts.every((chart) => chart.place.layout.xaxis.range[1] === 3)"
-    )
+    assert abs(lines[0] - middle) < 3.0
+    assert page.locator(".values").nth(1).inner_text().startswith("4 s")
+    # A dragged part is shown by all charts, a double click shows all again; another signal can be had.
+    page.mouse.down()
+    page.mouse.move(middle + (box["width"] - 62) / 8, box["y"] + 70)
+    page.mouse.up()
+    ranges = np.array(page.evaluate("page.charts.map((chart) => chart.range)"))
+    assert_allclose(ranges, np.tile([4.0, 5.0], (len(ranges), 1)), atol=0.05)
+    page.evaluate("page.show(6)")
     assert page.locator(".cursor").first.is_hidden()
+    page.mouse.dblclick(middle, box["y"] + 70)
+    assert page.evaluate("page.charts[0].range") == [0, 8]
     page.locator(".chart select").first.select_option("truss.energy")
-    page.wait_for_function("page.charts[0].place.data.length === 1")
+    page.wait_for_function("page.charts[0].curves.length === 1")
     # The camera: presets, and what it follows; a metre is as long along every axis.
     for camera in ("front", "side", "top"):
         before = pixels(page)
         page.locator("#camera").select_option(camera)
         page.wait_for_timeout(200)
         assert changes(pixels(page), before) > 1000, camera
-    for follow, width in (("truss", 16.0), ("2", 4.0)):
+    for follow in ("truss", "2"):
         page.locator("#follow").select_option(follow)
         page.evaluate("page.show(1)")
-        scene = page.evaluate("picture.layout.scene")
-        axes = [(scene[f"{a}axis"]["range"], scene["aspectratio"][a]) for a in "xyz"]
-        lengths = [(high - low) / side for (low, high), side in axes]
-        assert_allclose(lengths, lengths[0], rtol=1e-9)
-        assert axes[0][0][1] - axes[0][0][0] == pytest.approx(width)
+        shown = drawn(page, 1.0)
+        seen = shown["truss"] if follow == "truss" else shown["robot 3"][:8]
+        target, distance = page.evaluate("[page.scene.target, page.scene.distance]")
+        assert np.abs(seen.reshape(-1, 3).mean(axis=0) - target).max() < 1.0
+        assert 2.0 < distance < (40.0 if follow == "truss" else 6.0)
+    # The reader turns and approaches; a double click brings the view back.
+    box = page.locator("#picture").bounding_box()
+    angles = page.evaluate("page.scene.angles")
+    page.mouse.move(box["x"] + 200, box["y"] + 200)
+    page.mouse.down()
+    page.mouse.move(box["x"] + 260, box["y"] + 180)
+    page.mouse.up()
+    page.mouse.wheel(0, -300)
+    page.wait_for_function(f"page.scene.distance < 0.9 * {distance}")
+    assert page.evaluate("page.scene.angles") != angles
+    page.mouse.dblclick(box["x"] + 200, box["y"] + 200)
+    assert page.evaluate("page.scene.angles") == angles
     assert window.complaints == []
 
 
@@ -267,23 +354,21 @@ def test_two_runs_lie_over_each_other(opened, truss, run, make_run, tmp_path):
     )
     window = opened()
     page = window.open(file, t=3)
-    page.evaluate("Plotly.relayout('picture', { showlegend: false })")
-    picture = pixels(page)
-    assert count(picture, "#5a6b7b") > 1000
-    assert count(picture, "#c2410c") > 1000
+    assert without(page, "truss, first").sum() > 1000
+    assert without(page, "truss, second").sum() > 1000
     shown = drawn(page, 3.0)
     assert {"truss, first", "truss, second", "target"} <= set(shown)
     place = second["truss.coordinates"].values[150, :3]
-    assert_allclose(shown["truss, second"][0][0], place, rtol=0, atol=TOLERANCE)
+    assert_allclose(shown["truss, second"][0, 0], place, rtol=0, atol=TOLERANCE)
     assert page.locator("#second").inner_text() == "faint curves: second"
-    assert page.evaluate("page.charts.map((chart) => chart.place.data.length)") == [
+    assert page.evaluate("page.charts.map((chart) => chart.curves.length)") == [
         68,
         24,
         24,
         2,
         24,
     ]
-    faint = page.evaluate("page.charts[0].place.data.map((curve) => curve.opacity < 1)")
+    faint = page.evaluate("page.charts[0].curves.map((curve) => curve.alpha < 1)")
     assert faint == [False] * 34 + [True] * 34
     assert window.complaints == []
 
@@ -320,8 +405,7 @@ def test_a_run_that_went_far_is_still_seen(opened, truss, run, tmp_path):
     window = opened()
     page = window.open(replay(far, truss, tmp_path / "far.html"), t=3)
     assert page.locator("#follow").input_value() == "truss"
-    page.evaluate("Plotly.relayout('picture', { showlegend: false })")
-    assert count(pixels(page), "#5a6b7b") > 1500
+    assert without(page, "truss").sum() > 1500
     page.evaluate("page.show(8)")
     assert page.evaluate("page.t") == 8
     assert window.complaints == []
@@ -361,7 +445,6 @@ def test_a_still_picture_shows_its_instant(opened, page_file, tmp_path):
     file = still(page_file, tmp_path / "5.png", time=5.0, size=(640, 480))
     picture = imread(file)[..., :3] * 255.0
     assert picture.shape == (480, 640, 3)
-    assert count(picture, "#5a6b7b") > 500
     assert changes(picture, pixels(page)) > 1000
     page.evaluate("page.show(5)")
     assert changes(picture, pixels(page)) < 1000
