@@ -22,6 +22,8 @@ VIDEO_OPTIONS = {
 FRAME_RATE = 15.0  # 1/s
 GIF_COLOURS = 128
 """Number of colours of an animated GIF [-]."""
+WINDOW = 1200, 700
+"""Size of the window of the browser; the frames have their own [pixel]."""
 FRAME = re.compile(r"data:image/png;base64,([A-Za-z0-9+/=]+)")
 
 
@@ -87,7 +89,7 @@ def movie(
         "exaggeration": exaggeration,
         "film": f"{count},{size[0]},{size[1]}",
     }
-    text = browsed(page, asked, size, "--dump-dom").stdout
+    text = browsed(page, asked, WINDOW, "--dump-dom").stdout
     frames = [base64.b64decode(found[1]) for found in FRAME.finditer(text)]
     if len(frames) != count:
         raise ModelError(

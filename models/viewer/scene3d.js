@@ -589,5 +589,32 @@ const Scene3d = (() => {
     }
   }
 
-  return { Scene, posed, CAMERAS, COLOURS, near };
+  // Panel of a page that simulates. `names` are the signals of coordinates, forces and torques; `ends` those of the
+  // root and of the joints in the coordinates.
+  function panel({ truss, names, ends, start, target }) {
+    const longest = { force: 0, torque: 0 }, theme = matchMedia("(prefers-color-scheme: dark)");
+    const stateOf = (q, force = [], torque = []) =>
+      ({ root: q.slice(0, ends[0]), joints: q.slice(ends[0], ends[1]), modes: q.slice(ends[1]), force, torque });
+    let scene;
+    return {
+      mount(element) {
+        element.style.height = "26rem";
+        const goal = target && stateOf(target);
+        scene = new Scene(element, [{ name: "run", truss }], [stateOf(start)], { target: goal, longest, dark: theme.matches });
+        scene.followed = "truss";
+        theme.addEventListener("change", () => { scene.dark = theme.matches; scene.redraw(); });
+      },
+      update(time, signals) {
+        const [coordinates, force, torque] = names.map((name) => Array.from(signals[name] ?? []));
+        for (const [name, values] of [["force", force], ["torque", torque]])
+          for (let k = 0; k < values.length; k += 3)
+            longest[name] = Math.max(longest[name], Math.hypot(...values.slice(k, k + 3)));
+        scene.caption = `${time.toFixed(2)} s`;
+        scene.show([stateOf(coordinates, force, torque)]);
+      },
+      get scene() { return scene; },
+    };
+  }
+
+  return { Scene, panel, posed, CAMERAS, COLOURS, near };
 })();

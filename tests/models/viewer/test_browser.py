@@ -1,22 +1,25 @@
 """Pages as a browser shows them: positions, what is visible, what moves, what the controls do."""
 
 import io
+import shutil
 from dataclasses import replace
-from itertools import product
+from itertools import pairwise, product
 
 import numpy as np
 import pytest
 from matplotlib.image import imread
 from numpy.testing import assert_allclose
+from PIL import Image, ImageSequence
 
 from trussflow.models import EULER, QUATERNION, ModelError, SpaceTruss, arm_terms
 from trussflow.models.geometry.rotation import fixed_rotation, rotation_about_z
 from trussflow.models.robots.hand_motion import hand_motion
 from trussflow.models.robots.urdf_reading import Pose
 from trussflow.models.robots.visuals import Visual
-from trussflow.models.viewer import Section, replay, still
+from trussflow.models.viewer import Section, movie, replay, scene_panel, still
 from trussflow.models.viewer.scene import frame_rods
 from trussflow.models.viewer.solids import box_of
+from trussflow.models.viewer.still import browser
 
 campaign = pytest.mark.campaign
 
@@ -289,6 +292,7 @@ def test_controls(window):
     page.wait_for_function("page.t === 8 && !page.playing")
     # A chart: its middle is the middle of the run, a click goes there, and so does the line in all charts.
     chart = page.locator(".chart .plot").nth(1)
+    chart.scroll_into_view_if_needed()
     box = chart.bounding_box()
     middle = box["x"] + 52 + (box["width"] - 62) / 2
     page.mouse.move(middle, box["y"] + 70)
@@ -326,6 +330,7 @@ def test_controls(window):
         assert np.abs(seen.reshape(-1, 3).mean(axis=0) - target).max() < 1.0
         assert 2.0 < distance < (40.0 if follow == "truss" else 6.0)
     # The reader turns and approaches; a double click brings the view back.
+    page.locator("#picture").scroll_into_view_if_needed()
     box = page.locator("#picture").bounding_box()
     angles = page.evaluate("page.scene.angles")
     page.mouse.move(box["x"] + 200, box["y"] + 200)
@@ -333,7 +338,7 @@ def test_controls(window):
     page.mouse.move(box["x"] + 260, box["y"] + 180)
     page.mouse.up()
     page.mouse.wheel(0, -300)
-    page.wait_for_function(f"page.scene.distance < 0.9 * {distance}")
+    page.wait_for_function("page.scene.zoom < 0.8")
     assert page.evaluate("page.scene.angles") != angles
     page.mouse.dblclick(box["x"] + 200, box["y"] + 200)
     assert page.evaluate("page.scene.angles") == angles
@@ -448,3 +453,69 @@ def test_a_still_picture_shows_its_instant(opened, page_file, tmp_path):
     assert changes(picture, pixels(page)) > 1000
     page.evaluate("page.show(5)")
     assert changes(picture, pixels(page)) < 1000
+
+
+def test_a_panel_shows_the_state_that_it_is_given(opened, truss, run, tmp_path):
+    """Its positions are those of the page of the run; it needs no log, and no script of the page."""
+    panel = scene_panel(truss, target=run.attrs["target"])
+    text = f"<p>Panel<div id=here></div><script>window.trussflowPanels = [];</script><script>{panel.script}</script>"
+    (tmp_path / "panel.html").write_text(
+        f"<!DOCTYPE html><meta charset=utf-8><body data-state=ready>{text}",
+        encoding="utf-8",
+    )
+    window = opened()
+    page = window.open(tmp_path / "panel.html")
+    page.evaluate("window.panel = trussflowPanels[0]; panel.mount(here)")
+    before = pixels(page, "#here")
+    signals = {name: run[name].values[150].ravel().tolist() for name in panel.signals}
+    page.evaluate("(signals) => panel.update(3, signals)", signals)
+    assert changes(pixels(page, "#here"), before) > 1000
+    page.evaluate(
+        "window.page = { show() {}, scene: panel.scene }; Array.from(panel.scene.runs)"
+    )
+    shown = drawn(page, 3.0)
+    q = run["truss.coordinates"].values[150]
+    modes = truss.dynamics.modes
+    rotation = truss.dynamics.attitude.rotation(q[3:6])
+    expected = q[:3] + (modes.positions + modes.shapes @ q[-6:]) @ rotation.T
+    rods = frame_rods(modes)
+    assert_allclose(shown["truss"][: len(rods)], expected[rods], rtol=0, atol=TOLERANCE)
+    assert len(shown["target"]) > len(rods)
+    assert any(name.startswith("thrust") for name in shown)
+    assert window.complaints == []
+
+
+@pytest.mark.usefixtures("chromium")
+def test_a_film_shows_the_run_from_start_to_end(page_file, tmp_path):
+    file = movie(
+        page_file, tmp_path / "run.gif", duration=0.2, size=(240, 160), end=4.0
+    )
+    with Image.open(file) as film:
+        assert (film.n_frames, film.size) == (3, (240, 160))
+        frames = [
+            np.asarray(film.convert("RGB"), dtype=float)
+            for _ in ImageSequence.Iterator(film)
+        ]
+    assert all(changes(a, b) > 200 for a, b in pairwise(frames))
+    shown = imread(still(page_file, tmp_path / "4.png", time=4.0, size=(240, 160)))
+    # The frame of the film has a caption and fewer colours.
+    assert changes(shown[..., :3] * 255.0, frames[-1]) < 600
+
+
+@pytest.mark.usefixtures("chromium")
+def test_films_that_cannot_be_written(page_file, tmp_path, monkeypatch):
+    with pytest.raises(ModelError, match=r"must end in \.gif, \.mp4 or \.webm"):
+        movie(page_file, tmp_path / "run.avi")
+    with pytest.raises(ModelError, match=r"no t = 9\.0 s, the run is from 0 to 8 s"):
+        movie(page_file, tmp_path / "run.gif", end=9.0)
+    ffmpeg = tmp_path / "ffmpeg"
+    ffmpeg.write_text("#!/bin/sh\necho no codec >&2; exit 1\n", encoding="utf-8")
+    ffmpeg.chmod(0o755)
+    monkeypatch.setenv("BROWSER_PATH", browser() or "")
+    monkeypatch.setattr(shutil, "which", lambda _: None)
+    with pytest.raises(ModelError, match="program ffmpeg is not found; install it"):
+        movie(page_file, tmp_path / "run.mp4")
+    monkeypatch.setattr(shutil, "which", lambda _: str(ffmpeg))
+    with pytest.raises(ModelError, match="ffmpeg failed: no codec"):
+        movie(page_file, tmp_path / "run.mp4", duration=0.1, size=(64, 48))
+    assert sorted(tmp_path.iterdir()) == [ffmpeg]

@@ -1,0 +1,87 @@
+"""The scene as a panel of a page that simulates."""
+
+from __future__ import annotations
+
+import json
+from importlib.resources import files
+from typing import Any, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from trussflow.models.plant.space_truss import SpaceTruss
+from trussflow.models.validation import frozen_array
+from trussflow.models.viewer.packing import Packer
+from trussflow.models.viewer.scene import scene_of
+
+
+class Panel(NamedTuple):
+    """Panel of a page that simulates.
+
+    Attributes
+    ----------
+    script : str
+        JavaScript that appends an object with ``mount(element)`` and ``update(time, signals)`` to
+        ``window.trussflowPanels``.
+    signals : tuple of str
+        Names of the signals that ``update`` uses.
+    """
+
+    script: str
+    signals: tuple[str, ...]
+
+
+class _Lists(Packer):
+    """Packer that leaves arrays in the description of the scene."""
+
+    def pack(self, values: npt.ArrayLike, *, width: int = 8, bits: int = 52) -> Any:
+        """Return an array as lists."""
+        return np.asarray(values).tolist()
+
+
+def scene_panel(
+    truss: SpaceTruss,
+    path: str = "truss",
+    *,
+    rods: npt.ArrayLike | None = None,
+    target: npt.ArrayLike | None = None,
+) -> Panel:
+    """Return the scene of a truss as a panel.
+
+    Parameters
+    ----------
+    truss : SpaceTruss
+        Plant.
+    path : str
+        Path of its block in the diagram.
+    rods : array_like, shape (k, 2), optional
+        Pairs of point masses connected by a rod [-]; required except for the shipped trusses.
+    target : array_like, optional
+        Task coordinates of the target pose, drawn transparently [m, rad].
+
+    Raises
+    ------
+    ModelError
+        If rods are required but not given, or the target has another size.
+    """
+    goal = (
+        None
+        if target is None
+        else list(frozen_array("target", target, (truss.rigid_q,)))
+    )
+    names = [f"{path}.{port}" for port in ("coordinates", "base_force", "base_torque")]
+    data = {
+        "truss": scene_of(truss, rods, _Lists()),
+        "names": names,
+        "ends": [truss.dynamics.attitude.end, truss.rigid_q],
+        "start": truss.parameters["initial_coordinates"].tolist(),
+        "target": goal,
+    }
+    scene = files("trussflow.models.viewer").joinpath("scene3d.js")
+    text = json.dumps(data, separators=(",", ":"), allow_nan=False)
+    return Panel(
+        scene.read_text(encoding="utf-8")
+        # "<" could end the script
+        + f"\nwindow.trussflowPanels.push(Scene3d.panel({text.replace('<', chr(92) + 'u003c')}));\n",
+        tuple(names),
+    )
