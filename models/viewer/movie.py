@@ -81,15 +81,17 @@ def movie(
         )
     check_number("movie", duration=duration)
     count = max(2, round(duration * FRAME_RATE))
-    asked = {
-        "t": start,
-        "end": end,
-        "camera": camera,
-        "follow": follow,
-        "exaggeration": exaggeration,
-        "film": f"{count},{size[0]},{size[1]}",
-    }
-    text = browsed(page, asked, WINDOW, "--dump-dom").stdout
+    text = browsed(
+        page,
+        WINDOW,
+        ["--dump-dom"],
+        t=start,
+        end=end,
+        camera=camera,
+        follow=follow,
+        exaggeration=exaggeration,
+        film=f"{count},{size[0]},{size[1]}",
+    ).stdout
     frames = [base64.b64decode(found[1]) for found in FRAME.finditer(text)]
     if len(frames) != count:
         raise ModelError(

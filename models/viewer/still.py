@@ -7,6 +7,7 @@ import re
 import shutil
 import subprocess
 import tempfile
+from collections.abc import Sequence
 from pathlib import Path
 from urllib.parse import urlencode
 
@@ -82,16 +83,10 @@ def still(
     ModelError
         If there is no such page, camera or instant, no Chromium or Chrome, or it cannot show the page.
     """
-    asked = {
-        "t": time,
-        "camera": camera,
-        "still": size[1],
-        "exaggeration": exaggeration,
-    }
     with replaced(picture) as partial:
-        done = browsed(
-            page, asked, size, "--hide-scrollbars", f"--screenshot={partial}"
-        )
+        options = ("--hide-scrollbars", f"--screenshot={partial}")
+        asked = {"t": time, "exaggeration": exaggeration, "still": size[1]}
+        done = browsed(page, size, options, camera=camera, **asked)
         if not partial.is_file():
             raise ModelError(
                 f"cannot take a picture of '{page}': {done.stderr.strip()[-500:]}"
@@ -100,7 +95,12 @@ def still(
 
 
 def browsed(
-    page: str | Path, asked: dict[str, object], size: tuple[int, int], *options: str
+    page: str | Path,
+    size: tuple[int, int],
+    options: Sequence[str],
+    *,
+    camera: str,
+    **asked: object,
 ) -> subprocess.CompletedProcess[str]:
     """Show a page in a headless browser, and return the output of the browser.
 
@@ -108,19 +108,21 @@ def browsed(
     ----------
     page : str or pathlib.Path
         Page to show.
-    asked : dict
-        Settings of the page by name; those that are None are omitted.
     size : tuple of int
         Width and height of the window [pixel].
-    *options : str
+    options : sequence of str
         Further options of the browser.
+    camera : str
+        One of `CAMERAS`.
+    **asked : object
+        Settings of the page; those that are None are omitted.
 
     Raises
     ------
     ModelError
         If there is no such page or camera, no Chromium or Chrome, or it cannot show the page.
     """
-    check_choice("camera", str(asked["camera"]), CAMERAS)
+    check_choice("camera", camera, CAMERAS)
     program, source = browser(), Path(page).resolve()
     if not source.is_file():
         raise ModelError(
@@ -131,7 +133,10 @@ def browsed(
             "cannot take a picture: no Chromium or Chrome is found; install one (package chromium), or set "
             "BROWSER_PATH to its program"
         )
-    words = urlencode({key: value for key, value in asked.items() if value is not None})
+    settings = {"camera": camera, **asked}
+    words = urlencode(
+        {key: value for key, value in settings.items() if value is not None}
+    )
     try:
         with tempfile.TemporaryDirectory() as profile:
             command = [
