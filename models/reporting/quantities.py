@@ -24,7 +24,7 @@ _QUANTITY = re.compile(
 
 def rounded(value: float, digits: int) -> str:
     """Return a number as text with a number of significant `digits`, without zeros at the end."""
-    return f"{float(f'{value:.{digits}g}'):.{max(digits, 6)}g}"
+    return f"{float(f'{value:.{digits}g}'):.{max(digits, 7)}g}"
 
 
 def prefixed(value: float, unit: str, digits: int = 3) -> tuple[str, str]:
@@ -54,7 +54,7 @@ def prefixed(value: float, unit: str, digits: int = 3) -> tuple[str, str]:
     return rounded(value / 10.0**power, digits), PREFIXES[power] + unit
 
 
-def shortened(text: str, digits: int = 6) -> str:
+def shortened(text: str, digits: int = 7) -> str:
     """Return the text of a value in a parameter file with few digits, scalars with an SI prefix.
 
     Parameters
@@ -67,7 +67,7 @@ def shortened(text: str, digits: int = 6) -> str:
     Examples
     --------
     >>> shortened("70000000000.0 Pa"), shortened("[0.16666666666666666, 2.0] kg*m^2")
-    ('70 GPa', '[0.166667, 2] kg·m²')
+    ('70 GPa', '[0.1666667, 2] kg·m²')
     """
     found = _QUANTITY.fullmatch(text)
     if found is None:

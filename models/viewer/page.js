@@ -236,7 +236,7 @@ async function begin() {
   if (!cameras.includes(camera)) throw new Error(`no camera '${camera}', but ${cameras.join(", ")}`);
   if (asked.has("still")) { // a picture of so many pixels height, and nothing else
     document.body.className = "still";
-    at("picture").style.height = `${asked.get("still")}px`;
+    at("left").style.height = `${asked.get("still")}px`;
   }
   choices(at("camera"), cameras.map((name) => [name, name]));
   choices(at("follow"), [["nothing", "nothing"], ["truss", "truss"]]);

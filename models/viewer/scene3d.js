@@ -400,7 +400,7 @@ const Scene3d = (() => {
         truss.arms.forEach((arm, k) => {
           const robot = `robot ${k + 1}`, colour = COLOURS[k % COLOURS.length], { corners } = pose.arms[k];
           part(robot, colour, armOf(arm, pose.arms[k], link), look);
-          const glass = arm.solid.drawn ? look : number ? { alpha: 0.2, layer: 3 } : { alpha: 0.32, layer: 1 };
+          const glass = arm.solid.drawn ? look : number ? { alpha: 0.2, layer: 3 } : { alpha: this.dark ? 0.5 : 0.32, layer: 1 };
           part(`base ${k + 1}`, colour, [], { ...glass, legend: robot, corners, faces: arm.solid.faces });
           if (!arm.solid.drawn) part(`edges ${k + 1}`, colour, edgesOf(corners), { ...look, legend: robot });
         });
@@ -416,7 +416,7 @@ const Scene3d = (() => {
         part("path of the root", number ? RODS[1][0] : trail, path.slice(1).map((b, k) => [path[k], radius, b, radius, 1]));
       });
       if (this.goal) {
-        const { truss } = this.runs[0], look = { alpha: 0.3, layer: 2 };
+        const { truss } = this.runs[0], look = { alpha: this.dark ? 0.5 : 0.3, layer: 2 };
         const arms = this.goal.arms.flatMap((arm, k) => [...armOf(truss.arms[k], arm), ...edgesOf(arm.corners)]);
         part("target", ghost, [...trussOf(truss, this.goal, this.sizes[0]), ...arms], look);
       }
