@@ -22,7 +22,7 @@ _QUANTITY = re.compile(
 )
 
 
-def rounded(value: float, digits: int) -> str:
+def _rounded(value: float, digits: int) -> str:
     """Return a number as text with a number of significant `digits`, without zeros at the end."""
     return f"{float(f'{value:.{digits}g}'):.{max(digits, 7)}g}"
 
@@ -51,7 +51,7 @@ def prefixed(value: float, unit: str, digits: int = 3) -> tuple[str, str]:
             power = 3 * math.floor(math.log10(size) / 3.0 + 1e-9)
         if power not in PREFIXES or (power > 0 and SMALL_ONLY.match(unit)):
             power = 0
-    return rounded(value / 10.0**power, digits), PREFIXES[power] + unit
+    return _rounded(value / 10.0**power, digits), PREFIXES[power] + unit
 
 
 def shortened(text: str, digits: int = 7) -> str:
@@ -76,5 +76,5 @@ def shortened(text: str, digits: int = 7) -> str:
     if not number.startswith("["):
         number, unit = prefixed(float(number), unit, digits)
     else:
-        number = _NUMBER.sub(lambda each: rounded(float(each[0]), digits), number)
+        number = _NUMBER.sub(lambda each: _rounded(float(each[0]), digits), number)
     return f"{number} {readable(unit)}".strip()
