@@ -15,8 +15,8 @@ from trussflow.models.validation import check_number
 from trussflow.models.viewer.still import browsed
 
 VIDEO_OPTIONS = {
-    ".mp4": ("-pix_fmt", "yuv420p", "-movflags", "+faststart"),
-    ".webm": ("-c:v", "libvpx-vp9", "-crf", "30", "-b:v", "0"),
+    ".mp4": "-movflags +faststart",
+    ".webm": "-c:v libvpx-vp9 -crf 30 -b:v 0",
 }
 """Options of ffmpeg, keyed by the suffix of the file."""
 FRAME_RATE = 15.0  # 1/s
@@ -122,18 +122,12 @@ def _animated(frames: list[bytes]) -> bytes:
 
 def _encoded(program: str, frames: list[bytes], path: Path, suffix: str) -> None:
     """Write frames as a video by ffmpeg."""
-    source = ("-f", "image2pipe", "-framerate", str(FRAME_RATE), "-c:v", "png")
-    command = [
-        program,
-        "-loglevel",
-        "error",
-        *source,
-        "-i",
-        "-",
-        *VIDEO_OPTIONS[suffix],
-    ]
+    words = (
+        f"-loglevel error -f image2pipe -framerate {FRAME_RATE:g} -c:v png -i - "
+        f"-pix_fmt yuv420p {VIDEO_OPTIONS[suffix]} -f {suffix[1:]} -y"
+    )
     done = subprocess.run(
-        [*command, "-f", suffix[1:], "-y", str(path)],
+        [program, *words.split(), str(path)],
         input=b"".join(frames),
         capture_output=True,
         check=False,

@@ -106,6 +106,10 @@ const Scene3d = (() => {
 
   const cornersOf = ({ points, arms }) => [...points, ...arms.flatMap((arm) => arm.corners)];
   const lengthsOf = (points) => points.slice(1).map((b, k) => Math.hypot(...sum(b, points[k], -1)));
+  const quantity = (value, unit) => { // with three digits and a prefix
+    const power = [0, 1, 2, 3].find((k) => value * 1000 ** k >= 0.1) ?? 0;
+    return `${Number((value * 1000 ** power).toPrecision(3))} ${["", "m", "µ", "n"][power]}${unit}`;
+  };
   const ball = (place, radius, colour) => [place, radius, place, radius, 1, colour];
 
   // Radii of rods, nodes and links that are visible beside the whole truss [m].
@@ -410,15 +414,19 @@ const Scene3d = (() => {
             const push = state[key].slice(3 * k, 3 * k + 3).map((a) => (a * LONGEST) / this.longest[key]);
             return arrowOf(arm.centre, turned(arm.axes, push), heads);
           });
-          part(`${what}, at most ${Number(this.longest[key].toPrecision(3))} ${unit}`, colour, each.flat(), look);
+          part(`${what}, at most ${quantity(this.longest[key], unit)}`, colour, each.flat(), look);
         }
         const path = this.paths[number] ?? [], radius = 0.6 * this.sizes[number].rod;
         part("path of the root", number ? RODS[1][0] : trail, path.slice(1).map((b, k) => [path[k], radius, b, radius, 1]));
       });
       if (this.goal) {
         const { truss } = this.runs[0], look = { alpha: this.dark ? 0.5 : 0.3, layer: 2 };
-        const arms = this.goal.arms.flatMap((arm, k) => [...armOf(truss.arms[k], arm), ...edgesOf(arm.corners)]);
-        part("target", ghost, [...trussOf(truss, this.goal, this.sizes[0]), ...arms], look);
+        part("target", ghost, trussOf(truss, this.goal, this.sizes[0]), look);
+        truss.arms.forEach((arm, k) => {
+          const pose = this.goal.arms[k], { drawn, faces } = arm.solid, mesh = drawn ? { corners: pose.corners, faces } : {};
+          const lines = drawn ? [] : [...armOf(arm, pose), ...edgesOf(pose.corners)];
+          part(`target of robot ${k + 1}`, ghost, lines, { ...look, ...mesh, legend: "target" });
+        });
       }
       return parts;
     }
